@@ -1,4 +1,4 @@
-"""Run all benches, or only the named ones."""
+"""Run all benches, or only the benches that are named."""
 
 import argparse
 import importlib

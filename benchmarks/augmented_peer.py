@@ -2,9 +2,9 @@
 
     x = (η, ν, d, κ, β);   g: Runge and Kutta, then d and κ in first order;   h: specific force and turning, with β
 
-The gain is Kalman's, without a gate and without rest, which neither library has. filterpy gets the Jacobian of Runge
-and Kutta stage by stage, with disturbance and scales to the first order; dynamax differentiates by itself. Of our code
-only the numbers of the model are used here.
+The gain is Kalman's, without gate and detection of rest, which both libraries lack. For filterpy the Jacobian of Runge
+and Kutta is computed stage by stage, with disturbance and scales to the first order. The library dynamax differentiates
+automatically. Only the numbers of the model are from our code.
 """
 
 from typing import Any
@@ -17,13 +17,13 @@ MASS, DRAG = np.array([*M, I]), np.array([ALONG, ACROSS, SPIN])
 
 
 def nu_dot(nu, u, np=np):
-    """Return ν̇ (3,) without a disturbance."""
+    """Return the acceleration ν̇ (3,) of the model without a disturbance."""
     turning = np.array([nu[1] * nu[2], -nu[0] * nu[2], 0.0])
     return (np.array([PUSH * u[0], 0.0, TWIST * u[2]]) - DRAG * nu) / MASS + turning
 
 
 def next_state(x, u, keep, np=np):
-    """Return g (13,); `keep` (2,) is the factor by which a disturbance decays in a tick."""
+    """Return g (13,), the state after a tick; `keep` (2,) is the factor by which a disturbance decays in a tick."""
 
     def rate(pose, nu):
         c, s = np.cos(pose[2]), np.sin(pose[2])
@@ -44,14 +44,14 @@ def next_state(x, u, keep, np=np):
 
 
 def imu_readings(x, u, np=np):
-    """Return h (3,)."""
+    """Return h (3,), the predicted readings of the IMU."""
     nu = x[3:6]
     rate = nu_dot(nu, u, np)
     return np.array([rate[0] - nu[2] * nu[1] + x[6] + x[10], rate[1] + nu[2] * nu[0] + x[11], nu[2] + x[12]])
 
 
 class Filterpy:
-    """The filter in filterpy, tick by tick."""
+    """The augmented filter in filterpy, tick by tick."""
 
     def __init__(self, keep, P0, R, Q) -> None:
         from filterpy.kalman import ExtendedKalmanFilter
@@ -61,10 +61,10 @@ class Filterpy:
                 self.x = next_state(self.x, u, keep)
 
         self.ekf, self.keep = AugmentedEkf(dim_x=13, dim_z=3), keep
-        self.ekf.x, self.ekf.P, self.ekf.Q, self.ekf.R = np.zeros(13), P0.copy(), R, Q  # it swaps the letters
+        self.ekf.x, self.ekf.P, self.ekf.Q, self.ekf.R = np.zeros(13), P0.copy(), R, Q  # Q and R are swapped
 
     def step(self, u, z):
-        """Return the state after a tick (13,)."""
+        """Return the state (13,) after a tick with the command `u` and the reading `z`."""
         self.predicted(u)
         self.ekf.update(z, self._of_readings, lambda x: imu_readings(x, u))
         return self.ekf.x
@@ -120,7 +120,7 @@ def dynamax(u, z, keep, P0, R, Q) -> Any:
     from dynamax.nonlinear_gaussian_ssm import ParamsNLGSSM, extended_kalman_filter
 
     jax.config.update("jax_enable_x64", True)
-    first = Filterpy(keep, P0, R, Q).predicted(u[0])  # it begins with a measurement
+    first = Filterpy(keep, P0, R, Q).predicted(u[0])  # dynamax begins with a measurement
     params = ParamsNLGSSM(
         initial_mean=jnp.asarray(first.x), initial_covariance=jnp.asarray(first.P), dynamics_covariance=jnp.asarray(R),
         dynamics_function=lambda x, u: next_state(x, u, jnp.asarray(keep), jnp),

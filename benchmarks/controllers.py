@@ -1,6 +1,6 @@
-"""Compare a step of the predictive controller with its solver's call, to find the cost of the rest.
+"""Compare a step of the predictive controller with the call of its solver, to measure the cost of the other code.
 
-Any code around the solver has to pay for its call: new P and q, factors, iterations, solution.
+Any such controller must pay for the call of the solver: new P and q, factors, iterations, solution.
 """
 
 from time import process_time
@@ -14,11 +14,11 @@ from baqueano.vehicle_file import load
 from benchmarks.harness import Bench, Case, LeftOut, measured
 
 HZ = 50.0
-HALF = 0.5  # least share of a step's time for the solver
+HALF = 0.5  # the solver must use at least this share of a step's time
 
 
 def benches(smallest: bool) -> list[Bench] | list[LeftOut]:
-    """Return the benches of a robot and a car."""
+    """Return the benches of a robot and a car, or an entry for the missing solver."""
     try:
         import osqp  # noqa: F401
     except ImportError:
@@ -27,7 +27,7 @@ def benches(smallest: bool) -> list[Bench] | list[LeftOut]:
 
 
 def predictive(name: str, speed_m_s: float) -> Bench:
-    """Return the bench: drive beside a route, tick by tick, and solve the program of the last tick again."""
+    """Return the bench: steps of a drive beside a route, against repeated calls of the solver with one program."""
     file, route = load(name), sinuous_circle(0.6, 0.06, 5, speed_m_s)
     law = Mpc(file.vehicle, limit=file.command.limit, rate_hz=HZ)
     state, tick = law.init(), 0

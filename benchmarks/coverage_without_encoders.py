@@ -1,16 +1,17 @@
 """Fit vehicles of the independent truth by commands and IMU only, and count how often 95 % intervals cover the truth.
 
-    python -m benchmarks.coverage_without_encoders --seeds 20      (--smallest: that it runs)
+    python -m benchmarks.coverage_without_encoders --seeds 20      (--smallest: a short trial)
 
-One row per case: the coverage over all parameters with a true value and an estimate inside its bounds; the error over
-the standard error, rms over the runs, of the median and of the worst parameter; the largest mean error over its
-scatter, of which 1/√seeds is chance; the median standard error, relative to the truth, of parameters that are not 0.
+One row per case. "holds" is the coverage over all parameters with a true value and an estimate inside its bounds. The
+next two columns are error over standard error, rms over the runs, for the median and for the worst parameter. "drawn"
+is the largest ratio of mean error to scatter (1/√seeds by chance). "sd" is the median standard error relative to the
+truth, without parameters that are 0.
 
     shaken            a car whose IMU vibrates more at higher speed
     shaken, floor     the same on a floor that disturbs it, as in the garage's file
     steady, floor     noise independent of the speed
     ± scales          as "shaken, floor", with random scale errors of the IMU within ± 1 % (gyro), ± 2 %
-    robot             two wheels with dead zones, lag and delay, fitted from the gyro; plain: by the simulation
+    robot             two wheels with dead zones, lag and delay, fitted from the gyro; "plain": by the simulation
 """
 
 import argparse
@@ -27,16 +28,16 @@ from baqueano.study.counterpart import (
     FREE_ROBOT,
     car_file,
     car_values,
-    driven,
-    recorded,
+    drive_group,
     robot_file,
     robot_values,
+    run_of_vehicle,
 )
 from baqueano.study.identification.trials import as_sent, car, robot
 from baqueano.vehicle_file import load
 
 SECONDS, SMALLEST_S = 60.0, 10.0
-REST_S = 3.0  # of a car first, which shows the zero of its gyro
+REST_S = 3.0  # of a car at the start, to measure the zero of its gyro
 DRIVE = ("throttle_gain", "linear_drag", "coulomb_m_s2", "cornering_drag")
 YAW = ("steering_gain", "steering_offset_rad", "yaw_lag_s")
 FREE = tuple(f"model.{name}" for name in DRIVE + YAW)
@@ -50,7 +51,7 @@ CASES = ("shaken", "shaken, floor", "steady, floor", "± scales", "robot", "robo
 def steps(
     rng: np.random.Generator, low: float, high: float, hold_s: float, rate_hz: float, duration_s: float
 ) -> np.ndarray:
-    """Return a command (N,) that jumps every `hold_s`."""
+    """Return a command (N,) of random steps, uniform from `low` to `high`, each `hold_s` long."""
     count = int(np.ceil(duration_s / hold_s))
     return np.repeat(rng.uniform(low, high, count), int(hold_s * rate_hz))[: int(duration_s * rate_hz)]
 
@@ -59,13 +60,13 @@ Made = tuple[Run, Any, dict[str, np.ndarray]]  # a run, its file, and the true v
 
 
 def of_cars(case: str, seeds: range, duration_s: float) -> list[Made]:
-    """Return the cars of these seeds, simulated in one batch."""
+    """Return run, file and true values of a car for each seed; all cars are simulated in one batch."""
     cars = [car(seed, "matched") for seed in seeds]
     if case != "shaken":
         floor = np.asarray(load("car").value("model.process_noise_std"))[None]
-        cars = [q.changed(floor=floor) for q in cars]
+        cars = [q.with_parameters(floor=floor) for q in cars]
     if "steady" not in case:
-        cars = [q.changed(imu=q.imu.changed(noise=0.0 * q.imu.noise)) for q in cars]
+        cars = [q.with_parameters(imu=q.imu.with_parameters(noise=0.0 * q.imu.noise)) for q in cars]
     draws = [np.random.default_rng([seed, 50]) for seed in seeds]
     files = [car_file(q) for q in cars]
     kinds = ((0.1, 0.55, 2.0), (-LOCK, LOCK, 1.2))
@@ -86,7 +87,7 @@ def of_cars(case: str, seeds: range, duration_s: float) -> list[Made]:
 
 
 def of_robots(seeds: range, duration_s: float) -> list[Made]:
-    """Return the robots of these seeds, simulated in one batch."""
+    """Return run, file and true values of a robot for each seed; all robots are simulated in one batch."""
     robots = [robot(seed) for seed in seeds]
     files, us = [robot_file(q) for q in robots], []
     for seed, file in zip(seeds, files, strict=True):
@@ -100,16 +101,16 @@ def of_robots(seeds: range, duration_s: float) -> list[Made]:
 def _drive_cars(
     vehicles: list[Any], files: list[Any], us: list[np.ndarray], seeds: range
 ) -> list[tuple[Run, Any]]:
-    group, t_ns = vehicles[0].joined(vehicles[1:]), times(len(us[0]), files[0].rate_hz)
-    motion = driven(group, np.stack(us, axis=1), seeds, t_ns)
+    group, t_ns = vehicles[0].merge(vehicles[1:]), times(len(us[0]), files[0].rate_hz)
+    motion = drive_group(group, np.stack(us, axis=1), seeds, t_ns)
     return [
-        (recorded(motion, k, u, file, f"seed {seed}", seed), file)
+        (run_of_vehicle(motion, k, u, file, f"seed {seed}", seed), file)
         for k, (u, file, seed) in enumerate(zip(us, files, seeds, strict=True))
     ]
 
 
 def fitted(case: str, run: Run, file: Any) -> Any:
-    """Return the fit of a run."""
+    """Return the fit of a run with the options of the case."""
     if "robot" not in case:
         return fit_imu_only(run, file, FREE, tolerance=SCALES if case == "± scales" else EXACT)
     if "plain" in case:
@@ -118,7 +119,7 @@ def fitted(case: str, run: Run, file: Any) -> Any:
 
 
 def covered(case: str, seeds: range, duration_s: float) -> str:
-    """Return one row of the table."""
+    """Return the row of the table for a case, as text."""
     errors, sds, truths = [], [], []
     runs_of_case = of_robots(seeds, duration_s) if "robot" in case else of_cars(case, seeds, duration_s)
     for run, file, true in runs_of_case:
@@ -140,7 +141,7 @@ def covered(case: str, seeds: range, duration_s: float) -> str:
 
 
 def main() -> None:
-    """Print the table."""
+    """Print the table, one row per case."""
     parser = argparse.ArgumentParser(
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )

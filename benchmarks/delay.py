@@ -1,12 +1,12 @@
 """Measure the delay that a controller tolerates: robots of the second simulator, wrong models, disturbed wheels.
 
-    python -m benchmarks.delay --controller pd_feedforward      (--smallest: that it runs)
+    python -m benchmarks.delay --controller pd_feedforward      (--smallest: a short trial)
 
-The tolerated delay is the total delay, from a command to the motor, that doubles the distance beside the path. That
-distance is the rms, median of the robots, with their delay of 4 to 17 ms. The added delay is unknown to the controller.
-Pose and velocity are known, gains are the defaults. The model is the robot's with errors, uniform within ± these:
-actuator matrix 2 %, dry friction and dead zones 5 %, lag 10 %. The duty of each wheel is off by 3 % (1 sd), changing
-over 2 s. The paper's PD cannot correct an error beside its path; its row shows the result of this measure in that case.
+The tolerated delay is the total delay, from a command to the motor, that doubles the distance beside the path. The
+distance is rms over time, and the median of the robots; without added delay they have 4 to 17 ms. The controller's
+model does not include the added delay. Pose and velocity are known, gains are the defaults. The model has uniform
+errors: actuator matrix ± 2 %, dry friction and dead zones ± 5 %, lag ± 10 %. The duty of each wheel has an error of 3 %
+(1 sd) that varies within 2 s. The paper's PD cannot correct an error beside its path; its row shows the effect.
 """
 
 import argparse
@@ -34,7 +34,7 @@ SIDES = np.array([[1.0, 0.0, -1.0], [1.0, 0.0, 1.0]])  # duty of the wheels (2,)
 
 
 def model_of(robot, seed):
-    """Return the file of a robot, with a wrong model."""
+    """Return the vehicle file of a robot, with random errors of the model."""
     draw, file = np.random.default_rng([seed, 31]), robot_file(robot)
     values = {}
     for path, true in robot_values(robot).items():
@@ -55,7 +55,7 @@ def disturbances(seed, ticks, rate_hz):
 
 
 def errors_beside(loops, robots, seeds, seconds):
-    """Return the distance beside the path of each robot, rms [m]."""
+    """Return the distance (robots,) [m] of each robot beside the path, rms over time after the start."""
     rate_hz, n = loops[0].file.rate_hz, len(loops)
     t_ns, guide = times(int(seconds * rate_hz), rate_hz), Repeat.along(ROUTE)
     world = TruthWorld(robots, seeds, np.tile(ROUTE.eta[0], (n, 1)))
@@ -102,7 +102,9 @@ def main():
     )
     rows = []
     for late in extra:
-        rows.append(errors_beside(loops, robots.changed(delay_s=robots.delay_s + late), seeds, seconds))
+        rows.append(
+            errors_beside(loops, robots.with_parameters(delay_s=robots.delay_s + late), seeds, seconds)
+        )
         middle, worst = 1e3 * np.median(rows[-1]), 1e3 * np.max(rows[-1])
         print(f"  {1e3 * (own + late):6.0f} {middle:8.2f} {worst:8.2f}", flush=True)
     medians = np.array([np.median(d) for d in rows])

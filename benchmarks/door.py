@@ -1,9 +1,9 @@
-"""Measure the door under load: the delay from STOP to a zero command, that of a message, and the service's memory.
+"""Measure the door (the vehicle's socket) under load: delays of a stop and of a message, and the service's memory.
 
-The service of a simulated vehicle drives at 100 Hz in a separate process. The flooding guests run in a second one: they
-send `runs` without end, and read the answers. All times are of the clock that the processes of a machine share. Quiet
-and flooded are measured in turn, so that other work of the machine slows both. A stop waits for the next tick, up to
-10 ms, before it becomes a zero command.
+The service of a simulated vehicle drives at 100 Hz in a separate process. The flooding guests run in a second process:
+they send `runs` continuously, and read the answers. All processes use the same clock. The times with and without guests
+are measured in turn, so that other work of the machine slows both. A stop waits for the next tick, up to 10 ms, before
+it becomes a zero command.
 """
 
 import json
@@ -34,7 +34,7 @@ EVERY = 2  # ticks between two messages of the loop with the time
 
 
 def benches(smallest: bool) -> list[Bench | LeftOut]:
-    """Return the delays of a stop and of a message, quiet and flooded, and the memory of the service with guests."""
+    """Return the delays of a stop and of a message, with and without guests, and the memory of the service."""
     if not hasattr(socket, "AF_UNIX"):
         return [LeftOut("the door", "it is a socket of Unix")]
     with before_others() as share, serve_vehicle(2 if smallest else RUNS) as (service, guest, door):
@@ -44,7 +44,7 @@ def benches(smallest: bool) -> list[Bench | LeftOut]:
 
 @contextmanager
 def serve_vehicle(runs: int = RUNS) -> Iterator[tuple[int, "Teacher", Path]]:
-    """Yield the process of a service with this number of runs, a client, and the door."""
+    """Yield the process id of a service with this number of runs, a client, and the path of the socket."""
     with ExitStack() as open_things:
         folder = Path(open_things.enter_context(tempfile.TemporaryDirectory(ignore_cleanup_errors=True)))
         for k in range(runs):
@@ -54,9 +54,9 @@ def serve_vehicle(runs: int = RUNS) -> Iterator[tuple[int, "Teacher", Path]]:
 
 
 class Times(NamedTuple):
-    """Times of the same service in turn [ms]: from STOP to a zero command, and the delays of the loop's messages.
+    """Times [ms] of one service: from STOP to a zero command, and the delays of the loop's messages.
 
-    Those of messages come in rounds of half a second.
+    The delays of messages are in one list per round of half a second.
     """
 
     quiet: list[float]
@@ -66,7 +66,7 @@ class Times(NamedTuple):
 
 
 def in_turn(guest: "Teacher", door: Path, rounds: int) -> Times:
-    """Begin and stop drives, without other guests and with FLOODING guests that flood the door; return the times."""
+    """Begin and stop drives, in turn without guests and with FLOODING guests; return the times."""
     times = Times([], [], [], [])
     for _ in range(rounds):
         guest.begin()
@@ -115,7 +115,7 @@ def _memory(service: int, guest: "Teacher", door: Path, seconds: float) -> Bench
 
 
 def grown_mb(service: int, guest: "Teacher", door: Path, seconds: float) -> tuple[float, float]:
-    """Return the memory of the service before MANY guests request the runs, and its largest growth [MB]."""
+    """Return the memory [MB] of the service before MANY guests request the runs, and its largest growth [MB]."""
     guest.begin()
     before = resident_mb(service)
     forget_most(service)
@@ -129,11 +129,11 @@ class Teacher:
     """A client that begins a drive, receives its messages, and stops it."""
 
     def __init__(self, door: Path) -> None:
-        from baqueano.drive.mission import Mission, packed
+        from baqueano.drive.mission import Mission, pack
         from baqueano.vehicle_file import load
 
         self._door = door
-        self._mission = packed(
+        self._mission = pack(
             Mission("experiment", u=np.tile([0.5, 0.0, 0.1], (2000, 1))), load("small")
         ).json()
         self._line = socket.socket(socket.AF_UNIX)
@@ -150,7 +150,7 @@ class Teacher:
         self._line.close()
 
     def begin(self) -> None:
-        """Begin a drive."""
+        """Begin a drive, and wait until it has begun."""
         from baqueano.door import VERSION
 
         self._say(do="clear")
@@ -159,7 +159,7 @@ class Teacher:
         self._hear("tick")
 
     def message_delays_ms(self, seconds: float) -> list[float]:
-        """Return the delay of each message of the loop in the next seconds [ms]."""
+        """Return the delay [ms] of each message of the loop in the next `seconds`."""
         begun_ns, times_ms = time.monotonic_ns(), []
         while time.monotonic_ns() < begun_ns + 1e9 * seconds:
             word = self._hear("tick")
@@ -169,7 +169,7 @@ class Teacher:
         return times_ms
 
     def stop(self) -> float:
-        """Return the time from a STOP to the first command that is zero [ms]."""
+        """Return the time [ms] from a STOP to the first zero command."""
         begun_ns = time.monotonic_ns()
         self._say(do="stop", why="it nears the stairs")
         zero = self._hear("zero")
@@ -190,7 +190,7 @@ class Teacher:
 
 
 def serve(folder: str) -> None:
-    """Run a service whose loop sends the time of its ticks, and of the first zero command after others."""
+    """Run a service; its loop sends the time of each tick, and of the first zero command after others."""
     from baqueano.door.simulated.missions import StoredRoutes
     from baqueano.door.simulated.service import SimulatedService
     from baqueano.door.sockets import Door
@@ -201,7 +201,7 @@ def serve(folder: str) -> None:
     place, file = Path(folder), load("small")
     service = SimulatedService(file, file, place, StoredRoutes(place))
     door = Door(place / "door", service.operator, place, service.words())
-    service.tell, service.frames = door.tell, door.frames
+    service.broadcast, service.frames = door.broadcast, door.frames
     request_realtime()
     first, write, moves, ticks = bool(os.sched_getscheduler(0) & os.SCHED_FIFO), ShakenWorld.write, False, 0
 
@@ -210,7 +210,7 @@ def serve(folder: str) -> None:
         write(self, command)
         zero, ticks = not np.any(command.u), ticks + 1
         if (zero and moves) or ticks % EVERY == 0:
-            door.tell(
+            door.broadcast(
                 {"is": "zero" if zero and moves else "tick", "t_ns": time.monotonic_ns(), "first": first}
             )
         moves = not zero
@@ -222,7 +222,7 @@ def serve(folder: str) -> None:
 
 
 def flooding(door: str, number: str) -> None:
-    """Send `runs` without end; of more than FLOODING guests every second one does not read."""
+    """Send `runs` continuously from `number` guests; above FLOODING guests, every second guest does not read."""
     words, look = b'{"do": "runs"}\n' * 1000, selectors.DefaultSelector()
     for k in range(int(number)):
         _connect_guest(look, door, reads=int(number) <= FLOODING or k % 2 == 0)
@@ -252,7 +252,7 @@ def _connect_guest(look: selectors.BaseSelector, door: str, reads: bool) -> None
 
 @contextmanager
 def flood(door: Path, number: int) -> Iterator[None]:
-    """Let this number of guests flood a door, from a separate process."""
+    """Run `number` guests that flood the socket, in a separate process, within the context."""
     with _program("flooding", str(door), str(number)) as program:
         assert program.stdout is not None
         program.stdout.readline()

@@ -12,7 +12,7 @@ R = np.diag([1e-6, 1e-6, 1e-8, 1e-4, 1e-4, 1e-6])
 
 
 def benches(smallest: bool) -> list[Bench]:
-    """Return the bench in the paper's mode, whose velocities filterpy must share, and in the default mode."""
+    """Return the benches in the paper's mode, in which filterpy must find the same velocities, and the default mode."""
     duration_s = 2.0 if smallest else 600.0
     u, vehicle, sensors = paper.signal(duration_s), paper.vehicle(), paper.sensors()
     theta, m, I = peers.parameters()

@@ -1,14 +1,14 @@
 """Fit 15 parameters from 60 s of IMU at 100 Hz: identify() against SciPy's least_squares with Huber's loss, and JAX.
 
 All begin with friction and forces at half of the truth and zero cross-talk, and use the known noise. All must end at
-the same cost (checked). SciPy takes its Jacobian by finite differences over the NumPy loop, as is usual. With
---smallest its evaluations are counted on our simulation of the same model, and one of them is timed on the loop. JAX,
-of the extra `bench`, is omitted if it is not installed. It is measured twice: as a fit with error bars beside
-identify(), which also reads, checks and reports a run; and as the function for the optimiser, against our kernel.
-identify() also diagnoses the model here, as by default; a separate row shows the time without that. The other benches
-omit it.
+the same cost (checked). SciPy computes its Jacobian by finite differences over the NumPy loop, as is usual. With
+--smallest its evaluations are counted on our simulation of the same model, and one evaluation is timed on the loop.
+JAX, of the extra `bench`, is omitted if it is not installed. It is measured twice. Its fit with error bars is compared
+with identify(), which also reads, checks and reports a run. Its function for the optimiser is compared with our kernel.
+identify() also diagnoses the model here, as by default; a separate row shows the time without diagnosis. The other
+benches omit the diagnosis.
 
-A run of ten times the length, and several runs on one processor and on all of them, follow.
+Two more benches fit a run of ten times the length, and several runs on one processor and on all processors.
 """
 
 import os
@@ -26,7 +26,7 @@ from baqueano.identify.estimation.search import FINE
 from baqueano.identify.residuals.block_arrow import Evaluation
 from baqueano.runs import Run
 from baqueano.simulate import simulate
-from baqueano.simulate.system import System, varied
+from baqueano.simulate.system import System, with_parameters
 from baqueano.symbolic import scan
 from baqueano.vehicle_file import load
 from benchmarks import paper, peers
@@ -38,7 +38,7 @@ FILE = load("case-study-1").with_values({"command.limit": [20.0, 20.0, 60.0]})
 
 
 def benches(smallest: bool) -> list[Bench | LeftOut]:
-    """Return the benches against peers, over time, over processors."""
+    """Return the benches against peers, with a longer run, and on several processors."""
     one_s, several_s = (10.0, 20.0) if smallest else (60.0, 1440.0)
     jax = against_jax(one_s) if find_spec("jax") else LeftOut("fit in JAX", "pip install jax")
     several = [] if _processors() < 2 else [several_runs(several_s)]
@@ -112,7 +112,7 @@ def against_jax(duration_s: float) -> Bench:
 def _in_jax(
     u: np.ndarray, z: np.ndarray, estimate: np.ndarray, sd: np.ndarray | None
 ) -> tuple[Callable, Callable]:
-    """Return the search in JAX, and the fit with error bars, both compiled; they must end at our results."""
+    """Return the search in JAX, and the fit with error bars, both compiled and checked against our results."""
     from benchmarks import jax_peer
 
     truth, m, I = peers.parameters()
@@ -125,7 +125,7 @@ def _in_jax(
 
 
 def ten_times(duration_s: float) -> Bench:
-    """Return the bench of one run, and of one of ten times its length."""
+    """Return the bench of a run, and of a run of ten times its length."""
     runs = [_record_run(duration_s * k, 3)[0] for k in (1, 10)]
     cases = [Case(f"{run.duration_s:.0f} s", lambda run=run: _fitted(run)) for run in runs]
     return measured(
@@ -134,7 +134,7 @@ def ten_times(duration_s: float) -> Bench:
 
 
 def several_runs(duration_s: float) -> Bench:
-    """Return the bench of four runs on all processors, and on one without a second worker, which would wait there."""
+    """Return the bench of four runs on all processors, and on one processor with one worker."""
     runs = [_record_run(duration_s / 4.0, seed)[0] for seed in range(4)]
     everywhere = os.sched_getaffinity(0)
 
@@ -186,12 +186,12 @@ def _processors() -> int:
 
 
 def _kernel(vehicle, whitened=False):
-    """Return a scan: θ (15,) and the signal → the readings of the paper's IMU, or with measurements (z − h)/σ."""
+    """Return a scan from θ (15,) and the signal to the readings h of the paper's IMU; if `whitened`, to (z − h)/σ."""
     zero = np.zeros(3)
 
     def step(theta, state, row):
         uk, z = row if whitened else (row, None)
-        model = varied(System(vehicle, None), PATHS, theta).model
+        model = with_parameters(System(vehicle, None), PATHS, theta).model
         state, motion = model.step(state, uk, peers.DT, zero)
         h = np.array([motion.nu_dot[0], motion.nu_dot[1], motion.nu[2]])
         return state, (z - h) / SIGMA if whitened else h

@@ -1,9 +1,9 @@
-"""Time several ways to do the same task, interleaved, and report medians as ratios.
+"""Time several methods for the same task, interleaved, and report medians as ratios.
 
-A B C, A B C, … in one process with the garbage collector off: other work of the machine slows all alike. A quick case
-is repeated until a round of it takes LEAST_S, and gets more rounds. Short rounds are seldom interrupted, so the median
-is one of an undisturbed round. First calls (tracing, compiling) do not count. A case on one processor may be measured
-by its processor time, independent of other work of the machine.
+The order is A B C, A B C, … in one process without the garbage collector. So other work of the machine slows all
+methods equally. A quick case is repeated until a round takes LEAST_S, and has more rounds. Short rounds are seldom
+interrupted, so the median is from an undisturbed round. First calls (tracing, compiling) do not count. A case on one
+processor may be measured by its processor time, independent of other work of the machine.
 """
 
 import gc
@@ -18,7 +18,7 @@ ENOUGH_S = 0.2  # of one case
 
 
 class Case(NamedTuple):
-    """One way to do the task."""
+    """One method for the task: its name and its function."""
 
     name: str
     call: Callable[[], Any]
@@ -26,19 +26,19 @@ class Case(NamedTuple):
 
 
 class Row(NamedTuple):
-    """One line of a table of ratios."""
+    """One row of a table of ratios."""
 
     name: str
     seconds: float  # median
-    ratio: float  # how many times as long as the first case takes
-    target: float = 0.0  # the least that the ratio should be; 0 for none
+    ratio: float  # time over the time of the first case
+    target: float = 0.0  # least allowed ratio; 0 for none
     note: str = ""
     missed: bool = False
-    most: float = 0.0  # the most that the ratio should be; 0 for none
+    most: float = 0.0  # largest allowed ratio; 0 for none
 
 
 class Bench(NamedTuple):
-    """The result of one comparison."""
+    """The result of one comparison: a title and a row per case."""
 
     title: str
     rows: tuple[Row, ...]
@@ -66,23 +66,23 @@ class Bench(NamedTuple):
 
 
 class LeftOut(NamedTuple):
-    """A bench that this machine cannot run, and the command that changes it."""
+    """A bench that this machine cannot run, and the command that makes it possible."""
 
     title: str
     command: str
     met: bool = True
 
     def table(self) -> str:
-        """Return a line with that command."""
+        """Return a line of text with the title and the command."""
         return f"{self.title}: left out. Type: {self.command}"
 
     def as_rows(self) -> list[dict[str, Any]]:
-        """Return an empty list."""
+        """Return an empty list: nothing was measured."""
         return []
 
 
 def interleaved(cases: Sequence[Case], clock: Callable[[], float] = time.perf_counter) -> list[float]:
-    """Return the median seconds of each case."""
+    """Return the median time [s] of a call of each case, measured in interleaved rounds."""
     plans = [_plan(case, clock) for case in cases]
     seconds_of_cases: list[list[float]] = [[] for _ in cases]
     gc.disable()
@@ -97,7 +97,7 @@ def interleaved(cases: Sequence[Case], clock: Callable[[], float] = time.perf_co
 
 
 def timed(call: Callable[[], Any], repeat: int = 1, clock: Callable[[], float] = time.perf_counter) -> float:
-    """Return the seconds of one call, the mean of `repeat`."""
+    """Return the time [s] of one call, as the mean of `repeat` calls."""
     start = clock()
     for _ in range(repeat):
         call()
@@ -112,9 +112,9 @@ def measured(
     most: dict[str, float] | None = None,
     clock: Callable[[], float] = time.perf_counter,
 ) -> Bench:
-    """Return the bench of `cases`, of which the first one is ours.
+    """Return the bench of `cases`; the first case is ours.
 
-    `targets` are the least ratios by the names of the others, `most` the greatest.
+    `targets` are the least allowed ratios by the names of the other cases, `most` the largest allowed ratios.
     """
     seconds = interleaved(cases, clock)
     rows = [
@@ -132,14 +132,14 @@ def row(
     notes: dict[str, str],
     most: dict[str, float] | None = None,
 ) -> Row:
-    """Return the row of one case beside ours."""
+    """Return the row of one case, with its ratio to our time `own_seconds`."""
     target, limit, ratio = targets.get(name, 0.0), (most or {}).get(name, 0.0), seconds / own_seconds
     is_missed = ratio < target or bool(limit and ratio > limit)
     return Row(name, seconds, ratio, target, notes.get(name, ""), is_missed, limit)
 
 
 def in_units(seconds: float) -> str:
-    """Return a time with three digits and a unit, eleven letters wide."""
+    """Return a time as text with three digits and a unit (s, ms, µs), eleven letters wide."""
     for factor, unit in ((1.0, "s"), (1e3, "ms"), (1e6, "µs")):
         if seconds * factor >= 1.0 or unit == "µs":
             return f"{seconds * factor:8.3g} {unit:<2}"

@@ -1,8 +1,8 @@
 """Measure the cost of the IMU's driver and its recovery, on the emulated chip: `python -m benchmarks.imu [--smallest]`.
 
-CPU time of a call is this machine's and includes all but the kernel's transfer, which returns numbers prepared
-beforehand. All other figures are in the time of the emulated bench, at 400 kHz with a call each 10 ms. They are the
-same on every machine.
+The CPU time of a call is of this machine. It does not include the transfer by the kernel, which returns prepared
+numbers. All other figures are in the time of the emulated bench, at 400 kHz with a call each 10 ms. They are the same
+on every machine.
 """
 
 import argparse
@@ -26,7 +26,7 @@ class Patch:
 
 
 def bench(ppm: float = 8000.0, **settings):
-    """Return a bench and an IMU that has run for 1 s on it."""
+    """Return an emulated bench, and an IMU that has run for 1 s on it."""
     b = Bench(Patch(), Path(tempfile.mkdtemp()), clock_ppm=ppm)
     device = start(b, **settings)
     drive(b, device, 1.0)
@@ -34,7 +34,7 @@ def bench(ppm: float = 8000.0, **settings):
 
 
 def drive(b, device, seconds: float, until=lambda samples, events: False):
-    """Call the device each 10 ms; return the samples with the time of their call, the events, the longest call [ns]."""
+    """Call the device each 10 ms; return the samples with the times of their calls, events, and longest call [ns]."""
     samples, events, longest, due = [], [], 0, b.clock.now
     end = b.clock.now + seconds * 1e9
     while due < end and not until(samples, events):
@@ -76,7 +76,7 @@ def cost(mode: str, calls: int) -> np.ndarray:
 
 
 def recoveries(moments: int) -> None:
-    """Print the recovery from each fault."""
+    """Print the recovery from each fault of the bus or the chip."""
     for mode in ("fifo", "burst"):
         waits = []
         for moment in np.linspace(0.05, 1.0, moments):

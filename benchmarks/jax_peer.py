@@ -1,8 +1,8 @@
 """Implement the same fit in JAX: the model in jax.numpy, `lax.scan`, forward derivatives, jit.
 
-All that depends on θ is one compiled function in 64 bit: simulation, sensitivities (`jacfwd`), Huber's weights, normal
-equations. A second one computes the standard errors at the end. The state is only the velocity, which is enough for an
-IMU. The optimiser is ours, with this function; compiling is not counted.
+One compiled function in 64 bit computes all that depends on θ: simulation, sensitivities (`jacfwd`), Huber's weights,
+normal equations. A second function computes the standard errors at the end. The state is only the velocity, which is
+enough for an IMU. The optimiser is ours, with this function; compiling is not counted.
 """
 
 from collections.abc import Callable
@@ -15,7 +15,7 @@ from baqueano.identify.residuals.block_arrow import Evaluation
 from benchmarks import peers
 
 BEND = 1.345
-UNROLL = 1  # ticks written out in the loop: of 1, 4 and 16 the fastest by far
+UNROLL = 1  # ticks per pass of the loop: 1 is much faster than 4 and 16
 
 
 def of(

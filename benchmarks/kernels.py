@@ -1,7 +1,7 @@
 """Compare the uses of `scan` with the same functions written by hand in C (kernels.c).
 
-The ratio is the time of careful code by hand over the time of the compiled step. The aim is 0.77 or more, 1.3 times its
-time. It is judged for the fit, of which one evaluation is one call.
+The ratio is the time of careful code by hand over the time of the compiled step. The target is at least 0.77: the
+compiled step takes at most 1.3 times as long. It is judged only for the fit, in which one evaluation is one call.
 """
 
 import ctypes
@@ -21,7 +21,7 @@ from benchmarks import paper, peers
 from benchmarks.harness import Bench, Case, LeftOut, measured
 
 Libraries: TypeAlias = dict[str, ctypes.CDLL]
-HANDS = {  # find_vectors, operations: the usual flags, and those that suit our code
+HANDS = {  # find_vectors, operations: the usual flags, and the flags for our code
     "by hand in C, -O3": (True, compile.SCHEDULED_BELOW),
     "by hand in C, our flags": (False, 0),
 }
@@ -31,7 +31,7 @@ THETA, MASS, INERTIA = peers.parameters()
 ALL = np.array([*THETA, MASS, INERTIA])
 Q, R = np.diag([0.0025, 0.0025, 0.000025]), np.diag([1e-6, 1e-6, 1e-6, 1e-4, 1e-4, 1e-4])
 MOTORS = np.array([*THETA[:6], *THETA[6:].reshape(3, 3)[:, [0, 2]].ravel(), 0.045, 0.013, 0.002])
-BEGUN = np.zeros(3), np.zeros((2, 2)), np.ones(2), np.zeros(2)  # ν, commands of the past and how long, effort
+BEGUN = np.zeros(3), np.zeros((2, 2)), np.ones(2), np.zeros(2)  # ν, past commands and their durations, effort
 WEIGHT, BEND = np.array([20.0, 20.0, 200.0]), 1.345
 
 
@@ -49,7 +49,7 @@ def benches(smallest: bool) -> list[Bench] | list[LeftOut]:
 
 
 def runge_kutta(theta, x, u):
-    """Return x after one tick; θ (17,) ends with mass and inertia."""
+    """Return the state x after one tick; θ (17,) ends with mass and inertia."""
 
     def f(x):
         return peers.right_hand_side(x, u, theta[:15], theta[15], theta[16])
@@ -100,7 +100,7 @@ def filtering(libraries: Libraries, u: np.ndarray) -> Bench:
 
 
 def kalman(joseph: bool):
-    """Return the step of the filter."""
+    """Return the step of the filter, with Joseph's form of the covariance if `joseph`."""
 
     def f(x, u):
         return x + peers.DT * peers.right_hand_side(x, u, THETA, MASS, INERTIA)
@@ -158,7 +158,7 @@ def fitting(libraries: Libraries, u: np.ndarray) -> Bench:
 
 
 def late(theta, state, row):
-    """Return one tick of a robot with delay and lag of its motors, as our vehicles step; θ as in kernels.c."""
+    """Return a tick of a robot with delay and lag of its motors, computed as in our vehicles; θ as in kernels.c."""
     nu, past, steps_s, lagged = state
     dt_s, u, z, inverse_mass = row[0], row[1:3], row[3:], np.array([1.0 / MASS, 1.0 / MASS, 1.0 / INERTIA])
     T = theta[6:12].reshape(3, 2)
@@ -176,12 +176,12 @@ def late(theta, state, row):
 
 
 def parts(rows):
-    """Return dt, u and z (…, q) of rows."""
+    """Return dt (…, 1), u (…, 2) and z of rows of inputs."""
     return rows[..., :1], rows[..., 1:3], rows[..., 3:]
 
 
 def fleet(libraries: Libraries, u: np.ndarray) -> Bench:
-    """Return the bench of 32 vehicles, each with its 17 parameters: few enough for one processor."""
+    """Return the bench of 32 vehicles, each with 17 parameters: few enough for one processor."""
     theta = ALL * np.random.default_rng(0).uniform(0.9, 1.1, (32, 17))
     expected = np.empty((32, 6))
     by_hand = compiled_cases(libraries, "fleet", 32, len(u), theta, u, expected)
@@ -197,7 +197,7 @@ def fleet(libraries: Libraries, u: np.ndarray) -> Bench:
 
 
 def compiled_cases(libraries: Libraries, name: str, *arguments) -> list[Case]:
-    """Return the function of each library on these arguments, after one call that fills them."""
+    """Return a case per library: its function `name` on these arguments, after one call that fills the outputs."""
     kinds = {int: ctypes.c_int64, float: ctypes.c_double}
     pointers = [
         a.ctypes.data_as(ctypes.c_void_p) if isinstance(a, np.ndarray) else kinds[type(a)](a)

@@ -16,7 +16,7 @@ ROUTE = circle(0.3, 0.25)
 
 
 def benches(smallest: bool) -> list[Bench]:
-    """Return the time of all laps, after a check that the costs agree."""
+    """Return the bench of the time of all laps, after a check that the costs agree."""
     file, count = load("case-study-1"), 16 if smallest else 10_000
     laps = simulated_laps(file, ROUTE)
     low, high = laps.space.low, np.minimum(laps.space.high, [200.0, 200.0, 20.0])

@@ -1,11 +1,12 @@
 """Check filters on drives of the model that they assume: their consistency, and their distance to the Cramér-Rao bound.
 
-    python -m benchmarks.limit --plot limit.svg      (--smallest: that it runs)
+    python -m benchmarks.limit --plot limit.svg      (--smallest: a short trial)
 
-Two models of matched.py: one with known biases and scales, as `ekf` assumes, and one that draws them as `augmented_ekf`
-assumes. One row per filter: NEES of pose and velocity and NIS, as means of the whole drive, then NEES of single states.
-Each is divided by its dimension, so that it is 1 for a correct filter. In brackets: the share of ticks at which the
-mean of all drives lies in its 99 % band. Last: the error of the speed over the bound, rms from SETTLED_S on.
+Two models of matched.py are used: in one, biases and scales are known, as `ekf` assumes; in the other they are drawn as
+`augmented_ekf` assumes. A row per filter has NEES of pose and velocity and NIS, as means of the whole drive, then NEES
+of single states. Each is divided by its dimension, so that it is 1 for a correct filter. The share of ticks at which
+the mean of all drives is in its 99 % band is in brackets. The last figure is the error of the speed over the bound, rms
+from SETTLED_S on.
 """
 
 import argparse
@@ -42,7 +43,7 @@ ACCELEROMETERS = ("imu[0]", "imu[1]")
 SETTLED_S, HOLD = 1.0, 50  # ticks of a command
 TOGETHER = 100  # drives that are compared at once
 BAND = 2.576  # 99 %
-LEAST_SD = 1e-5  # for variances that the paper's filter needs above 0
+LEAST_SD = 1e-5  # for variances that must be above 0 in the paper's filter
 
 
 class Case(NamedTuple):
@@ -54,7 +55,7 @@ class Case(NamedTuple):
 
 
 class Accuracy(NamedTuple):
-    """The accuracy of one case."""
+    """The accuracy of one case: normalised errors over time, their bands, and the error of the speed."""
 
     name: str
     t_s: np.ndarray  # (N,)
@@ -64,7 +65,7 @@ class Accuracy(NamedTuple):
 
 
 def cases() -> list[Case]:
-    """Return both filters with the assumptions of `ekf`, then the recommended one with errors of the sensors."""
+    """Return both filters with the assumptions of `ekf`, then the recommended filter with errors of the sensors."""
     case_list = [Case(f"ekf, {' + '.join(use)}", *_white(use)) for use in (IMU_ALONE, BOTH)]
     exact, errors = (
         (EXACT, replace(ODOMETER, scale_std=0.0), "sensors exact"),
@@ -85,7 +86,7 @@ def cases() -> list[Case]:
 
 
 def simulated(assumed: matched.AssumedNoise, drives: int, seconds: float, seed: int = 0) -> matched.Drives:
-    """Return drives under commands that are held for HOLD ticks."""
+    """Return simulated drives under random commands, each constant for HOLD ticks."""
     n, rng = round(seconds / matched.DT), np.random.default_rng([seed, 1])
     blocks = -(-n // HOLD)
     levels = np.stack(
@@ -95,7 +96,7 @@ def simulated(assumed: matched.AssumedNoise, drives: int, seconds: float, seed: 
 
 
 def accuracy(case: Case, simulated_drives: matched.Drives) -> Accuracy:
-    """Run the filter on the drives and compare it with the truth and the bound."""
+    """Return the accuracy of the filter on the drives, compared with the truth and the bound."""
     n, drives = simulated_drives.x.shape[:2]
     bound = matched.bound(case.assumed, simulated_drives, 2 + 1 + (case.block.use == BOTH))
     kernel, sums, squares, settled = kernel_of(case.block), {}, 0.0, round(SETTLED_S / matched.DT)
@@ -169,7 +170,7 @@ def assumed_by(block: AugmentedEkf, imu: Imu) -> matched.AssumedNoise:
 def _white(use: tuple[str, ...]) -> tuple[Ekf, matched.AssumedNoise]:
     """Return the filter with the paper's state, and its assumed noise.
 
-    For R: in a tick ν gains half of the gain of d, and ν̇ = f(ν) + d.
+    R assumes that in a tick ν changes by half of the change of d, and that ν̇ = f(ν) + d.
     """
     walk, d, fade_s = np.array([0.03, 0.01, 0.1]), np.array([0.3, 3.0]), 0.5
     A = -np.diag([matched.ALONG / matched.M[0], matched.ACROSS / matched.M[1], matched.SPIN / matched.I])
@@ -189,7 +190,7 @@ def _white(use: tuple[str, ...]) -> tuple[Ekf, matched.AssumedNoise]:
 
 
 def kernel_of(block: Any) -> Any:
-    """Return the filter as a scan: η, ν, covariance, innovation and its covariance of each tick."""
+    """Return the filter as a scan with the outputs η, ν, covariance, innovation, and covariance of the innovation."""
     use = block.use
     example = Tick(1, np.zeros(3), sensor_slots(use)(*(Slot(1.0, np.zeros(m)) for m in (3, 1)[: len(use)])))
 
@@ -210,7 +211,7 @@ def ticks_of(simulated_drives: matched.Drives, k: int, use: tuple[str, ...]) -> 
 
 
 def _square(cov: np.ndarray, e: np.ndarray) -> np.ndarray:
-    """Return eᵀ P⁻¹ e, (L, N)."""
+    """Return eᵀ P⁻¹ e (L, N) for errors e (L, N, n) with covariances P (L, N, n, n)."""
     return np.sum(e * np.linalg.solve(cov, e[..., None])[..., 0], axis=-1)
 
 

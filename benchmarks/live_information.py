@@ -1,7 +1,7 @@
-"""Measure the cost to update the information of a drive: window by window, against the batch over all of it again.
+"""Measure the cost to update the information of a drive: window by window, against the batch over the whole drive.
 
-A page that shows how errors shrink requests F ten times a second. The batch costs as much as the whole drive so far,
-each time; a window always costs the same.
+A page that shows how errors decrease requests F ten times a second. Each time, the batch costs as much as the whole
+drive so far; a window always costs the same.
 """
 
 import numpy as np
@@ -17,7 +17,7 @@ TIMES = 5.0  # a window must cost less than the batch over a minute by at least 
 
 
 def benches(smallest: bool) -> list[Bench]:
-    """Return the cost of a window beside that of the batch, on `small`."""
+    """Return the bench of a window against the batch, on the vehicle `small`."""
     file = load("small")
     u = excitation(
         "random_steps", file.command.limit, SMALLEST_S if smallest else SECONDS, file.rate_hz, seed=0

@@ -12,7 +12,7 @@ PATHS = ("model.friction.linear", "model.friction.quadratic", "model.actuator_ma
 
 
 def benches(smallest: bool) -> list[Bench]:
-    """Return the bench of all processors against one, since NumPy uses only one."""
+    """Return the benches against NumPy, on all processors and on one, because NumPy uses only one."""
     vehicles, duration_s = (40, 2.0) if smallest else (10_000, 60.0)
     theta, m, I = peers.parameters()
     thetas = theta * np.random.default_rng(1).uniform(0.8, 1.2, (vehicles, 15))

@@ -35,7 +35,7 @@ class AssumedNoise(NamedTuple):
 
 
 class Drives(NamedTuple):
-    """N ticks of n vehicles under the same commands."""
+    """Simulated drives: N ticks of n vehicles under the same commands."""
 
     u: np.ndarray  # (N, 3)
     x: np.ndarray  # (N, n, 13)
@@ -63,7 +63,7 @@ def readings(x: np.ndarray, u: np.ndarray) -> np.ndarray:
 
 
 def drive_matched(assumed: AssumedNoise, u: np.ndarray, n: int, seed: int) -> Drives:
-    """Return n drives under u (N, 3).  (1)-(3)"""
+    """Return n simulated drives under the commands u (N, 3).  (1)-(3)"""
     rng, h = np.random.default_rng(seed), DT / STEPS
     x, xs, zs = assumed.start * rng.standard_normal((n, 13)), [], []
     x[:, D] = assumed.disturbance * rng.standard_normal((n, 2))
@@ -118,13 +118,13 @@ def bound(assumed: AssumedNoise, drives: Drives, m: int) -> np.ndarray:
 
 
 def _slopes(x: np.ndarray, u: np.ndarray) -> np.ndarray:
-    """Return H (n, 4, 13), by central differences of (3), which is at most of the second degree."""
+    """Return H (n, 4, 13) by central differences of (3); they are exact, as (3) is of the second degree at most."""
     slopes = [(readings(x + step, u) - readings(x - step, u)) / 2e-3 for step in 1e-3 * np.eye(x.shape[1])]
     return np.stack(slopes, axis=2)
 
 
 def _transition(x: np.ndarray, noise: np.ndarray, fade_s: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return F, Q (n, 8, 8) of s over a tick, to the fourth order and by steps of h."""
+    """Return F (n, 8, 8) of s over a tick, to the fourth order, and Q (n, 8, 8), summed over steps of h."""
     n, h = len(x), DT / STEPS
     (vx, vy, r), A = x[:, NU].T, np.zeros((len(x), 8, 8))
     A[:, 0, 0], A[:, 0, 1], A[:, 0, 2], A[:, 0, 3] = -ALONG / M[0], r, vy, 1.0

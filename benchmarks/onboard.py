@@ -1,13 +1,14 @@
 """Measure the onboard service as a process: memory, start, ticks, with an estimate for a Pi 3.
 
-The process is that of systemd, with the unit's OPENBLAS_NUM_THREADS. The firmware is behind a pty and an MPU-6050
-behind umockdev, so the calls of I2C cost more than a kernel's. The work of a tick is measured in lock-step, minus that
-of the emulators. No Pi was available. The estimate is processor time here × the ratio of one published figure of a Pi 3
-to the same figure here: Python without site (`-S`) prints hello. It takes 110.02 ms on "Raspberry Pi 3 (arm64), Debian
-buster", Python 3.6.4 (github.com/bdrung/startup-time, README of 2018-02-10). With Python 3.6 on both sides the ratio
-was within a tenth of that with 3.11. Waiting times do not scale. While the IMU starts the program is loaded, which
-takes longer on a Pi. The boot-loader of a real Uno takes BOOT_S (Optiboot, emulated) from the opening of its line,
-after EARLY of the start's computing; a pty does not have a boot-loader.
+The process is started as by systemd, with the unit's OPENBLAS_NUM_THREADS. The firmware is emulated behind a pty, the
+MPU-6050 behind umockdev, so calls of I2C cost more than with a kernel driver. The work of a tick is measured in
+lock-step, minus the work of the emulators. No Pi was available. The estimate is processor time here × the ratio of one
+published figure of a Pi 3 to the same figure here: Python without site (`-S`) prints hello. It takes 110.02 ms on
+"Raspberry Pi 3 (arm64), Debian buster", Python 3.6.4 (github.com/bdrung/startup-time, README of 2018-02-10). With
+Python 3.6 on both sides the ratio was within 10 % of the ratio with 3.11. Waiting times do not scale. While the IMU
+starts, the program is loaded; loading takes longer on a Pi. A pty does not have a boot-loader. The boot-loader of a
+real Uno needs BOOT_S (Optiboot, emulated) after its line is opened. This happens after the share EARLY of the start's
+computing.
 """
 
 import os
@@ -24,8 +25,8 @@ from typing import Any
 import numpy as np
 
 from baqueano import vehicle_file
-from baqueano.door.remote import reached
-from baqueano.drive.mission import Mission, packed
+from baqueano.door.remote import connect
+from baqueano.drive.mission import Mission, pack
 from baqueano.drive.recording import CLOCK_SOURCE
 from baqueano.symbolic.c_code.compile import user_cache
 from benchmarks.harness import LeftOut
@@ -45,19 +46,19 @@ HELLO = [sys.executable, "-S", "-c", "print('Hello World!')"]
 
 @dataclass(frozen=True)
 class Figures:
-    """The measured figures; only the memory is judged, since the rest is an estimate."""
+    """The measured figures; only the memory is judged, because the other figures are estimates."""
 
     resident_mb: dict[str, float]
     start_s: float
     start_cpu_s: float
-    loading_s: float  # the part of it while the IMU starts
+    loading_s: float  # the part of start_cpu_s while the IMU starts
     tick_s: float
     kept: str
     ratio: float
 
     @property
     def pi_start_s(self) -> float:
-        """Return the estimated start on a Pi 3 with the boot-loader [s]."""
+        """Return the estimated duration [s] of a start on a Pi 3 with the boot-loader."""
         computing_s, loading_s = self.start_cpu_s * self.ratio, self.loading_s * self.ratio
         waiting_s = self.start_s - self.start_cpu_s + self.loading_s  # for the IMU, hidden by loading or not
         return max(computing_s - loading_s, EARLY * computing_s + BOOT_S) + max(loading_s, waiting_s)
@@ -88,7 +89,7 @@ class Figures:
 
 
 def benches(smallest: bool) -> list[Figures] | list[LeftOut]:
-    """Return the quickest of five starts, and a drive of 30 s; with `smallest` one start, and a drive of 1 s."""
+    """Return the figures of the fastest of five starts and a drive of 30 s; if `smallest`, of one start and 1 s."""
     if lacking := rig.missing():
         return [LeftOut("onboard service", f"sudo apt-get install {' '.join(lacking)}")]
     build = rig.build(user_cache() / "emulated")
@@ -102,7 +103,7 @@ def benches(smallest: bool) -> list[Figures] | list[LeftOut]:
 
 
 def loading_s(times: int) -> float:
-    """Return the processor time [s] of the modules loaded while the IMU starts: the least of `times`."""
+    """Return the processor time [s] to load the modules that are loaded while the IMU starts: the least of `times`."""
     code = (
         "import importlib, time, baqueano.cli.robot.robot, baqueano.robot.service.onboard as o; "
         "import baqueano.vehicle_file as v; "
@@ -118,7 +119,7 @@ def loading_s(times: int) -> float:
 
 
 def start_service(build: Any) -> tuple[float, float]:
-    """Return the seconds until READY=1, and the processor time [s]."""
+    """Return the time [s] until READY=1, and the processor time [s], of a start."""
     with (
         tempfile.TemporaryDirectory() as folder,
         running(build, Path(folder), environment=AS_INSTALLED) as service,
@@ -129,11 +130,11 @@ def start_service(build: Any) -> tuple[float, float]:
 def drive_service(
     build: Any, folder: Path, seconds: float
 ) -> tuple[dict[str, float], str, tuple[float, float]]:
-    """Return the memory [MB] before, in and after a drive and its maximum, the ticks' line, the times of the start."""
+    """Return the memory [MB] around a drive and its maximum, a text about the ticks, and the times [s] of the start."""
     resident: dict[str, float] = {}
-    with running(build, folder, environment=AS_INSTALLED) as service, reached(str(service.door)) as remote:
+    with running(build, folder, environment=AS_INSTALLED) as service, connect(str(service.door)) as remote:
         while remote.state["state"] != "READY":
-            remote.hear(("state",), 60.0)
+            remote.receive(("state",), 60.0)
         resident["READY"] = service.memory_mb()["VmRSS"]
 
         def look(t_s: float) -> None:
@@ -141,7 +142,7 @@ def drive_service(
 
         u = np.tile([0.25, 0.0, 0.35], (round(seconds * service.file.rate_hz), 1))
         run = remote.perform(
-            packed(Mission("experiment", u=u), service.file), folder / "run.mcap", progress=look
+            pack(Mission("experiment", u=u), service.file), folder / "run.mcap", progress=look
         )
         after = service.memory_mb()
     resident |= {"after": after["VmRSS"], "most ever": after["VmHWM"]}
@@ -150,7 +151,7 @@ def drive_service(
 
 
 def computing(build: Any, seconds: float) -> float:
-    """Return the processor time [s] of a tick: the median, in lock-step, minus that of the emulators."""
+    """Return the median processor time [s] of a tick, in lock-step, minus the time of the emulators."""
     robot = EmulatedRobot(build, vehicle_file.load("small"))
     with tempfile.TemporaryDirectory() as folder:
         service = serve(robot, vehicle_file.load("small"), Path(folder))
@@ -169,7 +170,7 @@ def computing(build: Any, seconds: float) -> float:
 
 
 def hello_s(times: int) -> float:
-    """Return the median processor time [s] of HELLO."""
+    """Return the median processor time [s] of the command HELLO over `times` runs."""
     cpu_times = []
     environment = {k: v for k, v in os.environ.items() if not k.startswith("PYTHON")}
     for _ in range(times):

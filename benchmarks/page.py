@@ -1,8 +1,8 @@
 """Measure the cost of the page: its process with viewers, the loop beside it, and the time to a first picture.
 
-The service of a simulated vehicle drives at 100 Hz in a separate process. The page process connects to it over its
-socket, as on a robot. Processor time is that of the page process only; a waiting time also depends on other work of the
-machine. Two ways are measured in turn, so that other work slows both.
+The service of a simulated vehicle drives at 100 Hz in a separate process. The page process connects to its socket, as
+on a robot. Processor time is of the page process only; a waiting time also depends on other work of the machine. The
+two cases of a comparison are measured in turn, so that other work slows both.
 """
 
 import asyncio
@@ -32,7 +32,7 @@ STARTS_S = 120.0
 
 
 def benches(smallest: bool) -> list[Bench | LeftOut]:
-    """Return the cost of viewers, of a visitor who requests history, and the waiting times of a browser."""
+    """Return the costs of viewers, of a visitor who requests history, and of stalled tabs, and the browser's times."""
     if not hasattr(socket, "AF_UNIX"):
         return [LeftOut("the page", "it speaks to a service through a socket of Unix")]
     with ExitStack() as open_things:
@@ -47,7 +47,7 @@ def benches(smallest: bool) -> list[Bench | LeftOut]:
             asyncio.run(_history(service, guest, port, rounds, seconds)),
             asyncio.run(_stalled(service, page, guest, port, rounds, seconds)),
         ]
-        guest.say("end")
+        guest.send("end")
         return [*benches_of_room, *_browser(smallest)]
 
 
@@ -123,7 +123,7 @@ async def _stalled(service: int, page: int, guest: "_Guest", port: int, rounds: 
 
 
 def _browser(smallest: bool) -> list[Bench | LeftOut]:
-    """Return first picture, key to command and the cost of a drawing, in Chromium without a window."""
+    """Return the times to the first picture and from key to command, and the cost of drawing, in headless Chromium."""
     from tests.web.chromium import CHROMIUM, Chromium
 
     if CHROMIUM is None:
@@ -168,7 +168,7 @@ def _browser(smallest: bool) -> list[Bench | LeftOut]:
 
 
 def _drive(tab: Any) -> None:
-    """Take control and drive by hand, again if a slow machine has lost it."""
+    """Take control and drive by hand; repeat this if a slow machine lost the control."""
     end = time.monotonic() + STARTS_S
     while not tab.js("baqueano.page.state.state === 'MANUAL' && baqueano.page.record.length > 20"):
         assert time.monotonic() < end, tab.js("baqueano.page.state.sentence")
@@ -191,7 +191,7 @@ requestAnimationFrame(looked);
 
 
 def _key_to_command(tab: Any, guest: "_Guest") -> float:
-    """Return the time from a key of the browser to the tick whose command it is [ms]."""
+    """Return the time [ms] from a key in the browser to the first tick with its command."""
     offset_s = guest.offset_s(1.0)
     start_s = time.monotonic()
     tab.down("w", "KeyW")
@@ -214,10 +214,10 @@ class _Guest:
 
     def __enter__(self) -> "_Guest":
         if self._begin:
-            self.say("mission", id="bench", kind="experiment", seconds=3600, attended=False, door=2)
+            self.send("mission", id="bench", kind="experiment", seconds=3600, attended=False, door=2)
             while self._word()["state"] != "MISSION":
                 pass
-        self.say("watch", hz=50)
+        self.send("watch", hz=50)
         return self
 
     def __exit__(self, *_: object) -> None:
@@ -225,24 +225,24 @@ class _Guest:
             self._file.close()
             self._line.close()
 
-    def say(self, do: str, **words: object) -> None:
-        """Send a request."""
+    def send(self, do: str, **words: object) -> None:
+        """Send the request `do` to the service."""
         self._line.sendall(json.dumps({"do": do, **words}).encode() + b"\n")
 
     def late_ms(self, seconds: float) -> list[float]:
-        """Return the delay of each tick of the next seconds [ms]."""
+        """Return the delay [ms] of each tick in the next `seconds`."""
         end, times_ms = time.monotonic() + seconds, []
         for rows in self._frames(end):
             times_ms += [row[self._at["late_ms"]] for row in rows]
         return times_ms
 
     def offset_s(self, seconds: float) -> float:
-        """Return the time of the monotonic clock at 0 s of the drive, by the frame with the shortest delay."""
+        """Return the monotonic clock [s] at 0 s of the drive, estimated from the frame with the shortest delay."""
         end = time.monotonic() + seconds
         return min(time.monotonic() - rows[-1][self._at["t"]] for rows in self._frames(end))
 
     def first_s(self, column: str, true: Any) -> float:
-        """Return the time in the drive of the next tick at which a column fulfils the condition."""
+        """Return the time [s] in the drive of the next tick in which the column satisfies the condition `true`."""
         for rows in self._frames(time.monotonic() + STARTS_S):
             for row in rows:
                 if true(row[self._at[column]]):
@@ -299,7 +299,7 @@ def _page(folder: Path, door: Path) -> Iterator[tuple[int, int]]:
 
 @asynccontextmanager
 async def _connect_guests(port: int, number: int) -> Any:
-    """Connect browsers that send hello, as many of them as are admitted."""
+    """Connect browsers that send hello; yield as many as the page admits."""
     from websockets.asyncio.client import connect
     from websockets.exceptions import InvalidStatus
 
@@ -325,7 +325,7 @@ async def _looking(port: int, number: int) -> Any:
     """Connect browsers that read all messages."""
     async with _connect_guests(port, number) as lines:
         reading = [asyncio.create_task(_read_all(line)) for line in lines]
-        await asyncio.sleep(1.0)  # hello, history and list of runs are done with
+        await asyncio.sleep(1.0)  # until hello, history and list of runs are received
         try:
             yield lines
         finally:

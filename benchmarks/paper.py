@@ -23,7 +23,7 @@ def sensors():
 
 
 def signal(duration_s: float, sideways: float = 0.0) -> np.ndarray:
-    """Return random steps (N, 3) held 1 s: u_x ± 20, u_y ± `sideways`, u_ψ ± 60."""
+    """Return random steps (N, 3), each 1 s long: u_x within ± 20, u_y within ± `sideways`, u_ψ within ± 60."""
     rng = np.random.default_rng(7)
     steps = rng.uniform(-1.0, 1.0, (int(np.ceil(duration_s)), 3)) * [20.0, sideways, 60.0]
     return np.repeat(steps, round(RATE_HZ), axis=0)[: round(duration_s * RATE_HZ)]

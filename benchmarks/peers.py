@@ -2,7 +2,7 @@
 
     M ν̇ = T u − C(ν)ν − D(ν)ν,   η̇ = J(ψ) ν,   RK4 at a fixed step                                      (1)
 
-It is written as a careful student would: small matrices, without tricks and without needless waste.
+It is written as a careful student would write it: small matrices, without tricks and unnecessary work.
 """
 
 import numpy as np
@@ -115,7 +115,7 @@ def filtered(u, z, theta, m, I, Q, R, P0):
 
 
 def drive_loop(gains, route_t, route_eta, limit, theta, m, I, ticks, weight, huber):
-    """Return the paper's cost of a drive with its PD, in a loop."""
+    """Return the paper's cost of a drive with its PD controller, simulated in a Python loop."""
     x, u, last, cost = np.zeros(6), np.zeros(3), None, 0.0
     for k in range(ticks):
         k1 = right_hand_side(x, u, theta, m, I)

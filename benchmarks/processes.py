@@ -10,7 +10,7 @@ SESSION = Path("/proc/self/autogroup")
 
 
 def resident_mb(process: int, most: bool = False) -> float:
-    """Return the resident memory of a process [MB], or its maximum since `forget_most`."""
+    """Return the resident memory [MB] of a process, or, if `most`, its maximum since `forget_most`."""
     text = Path(f"/proc/{process}/status").read_text()
     match = re.search(rf"{'VmHWM' if most else 'VmRSS'}:\s+(\d+)", text)
     assert match is not None
@@ -23,7 +23,7 @@ def forget_most(process: int) -> None:
 
 
 def first_of_all(process: int) -> bool:
-    """Run the main thread of a process, and all that it starts later, before others; return False if not allowed."""
+    """Set real-time priority for a process and all that it starts later; return False if this is not allowed."""
     try:
         os.sched_setscheduler(process, os.SCHED_FIFO, os.sched_param(50))
     except (OSError, AttributeError):
@@ -33,9 +33,9 @@ def first_of_all(process: int) -> bool:
 
 @contextmanager
 def before_others() -> Iterator[str]:
-    """Give this process and those that it starts priority over other work; yield in words if that is allowed.
+    """Run this process, and those that it starts, with the highest priority; yield a text with the success.
 
-    Linux shares first between sessions, then in each.
+    Linux divides its time first between sessions, then within each session, so the priority is set for both.
     """
     try:
         nice = os.getpriority(os.PRIO_PROCESS, 0)
@@ -53,12 +53,12 @@ def before_others() -> Iterator[str]:
 
 
 def p99(values: Sequence[float]) -> float:
-    """Return the value that one of a hundred exceeds."""
+    """Return the 99 % quantile: one value of a hundred exceeds it."""
     return quantile(values, 0.99)
 
 
 def quantile(values: Sequence[float], q: float) -> float:
-    """Return the value below which the share `q` of all lies."""
+    """Return the `q` quantile: the share `q` of all values is below it."""
     ordered = sorted(values)
     return ordered[min(len(ordered) - 1, int(q * len(ordered)))]
 

@@ -1,9 +1,9 @@
-"""Measure the recommended filter: ten minutes of log in one run, a tick on line, compilation, and a drive's tick.
+"""Measure the recommended filter: ten minutes of log in one run, a single tick, compilation, and a tick of a drive.
 
-The tick of a drive includes all blocks, health and log, with a simulated vehicle in place of wires. It is estimated for
-a Pi 3 as in onboard.py. The peers estimate 13 of its 15 states, without course and bend, by the same g and h
-(augmented_peer.py) and Kalman's gain. Ours also has rest, gate and the choice of correcting sensors. tests/estimators
-checks that both are the same filter in their common core; here the yaw rates must agree within AGREE.
+The tick of a drive includes all blocks, health and log, with a simulated vehicle. Its time is estimated for a Pi 3 as
+in onboard.py. The peers estimate 13 of its 15 states, without course and bend, by the same g and h (augmented_peer.py)
+and Kalman's gain. Our filter also has rest, gate and the choice of correcting sensors. The tests in tests/estimators
+check that both filters are equal in their common part. Here the yaw rates must agree within AGREE.
 """
 
 import os
@@ -22,7 +22,7 @@ from baqueano.estimators import AugmentedEkf
 from baqueano.guides.shapes import sinuous_circle
 from baqueano.loop import Record
 from baqueano.signals import Slot, Tick, sensor_slots
-from baqueano.symbolic import compiled, put, scan
+from baqueano.symbolic import compile_block, put, scan
 from baqueano.vehicle_file import load
 from benchmarks import augmented_peer, matched
 from benchmarks.harness import Bench, Case, LeftOut, Row, measured
@@ -65,7 +65,7 @@ def _log(block: AugmentedEkf, n: int) -> tuple[np.ndarray, np.ndarray]:
 
 
 def _peer(block: AugmentedEkf) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-    """Return the decay of a disturbance per tick, P₀, R and Q for the peers."""
+    """Return the decay factor of a disturbance per tick (2,), and P₀, R and Q for the peers."""
     keep = np.exp(-matched.DT / block.disturbance_fade_s)
     fresh = block.disturbance_std**2 * (1.0 - keep**2)
     R = np.diag([*np.full(3, 1e-12), *block.velocity_walk_std**2 * matched.DT, *fresh, *np.full(5, 1e-12)])
@@ -116,7 +116,7 @@ def _of_a_log(block: AugmentedEkf, u: np.ndarray, z: np.ndarray, smallest: bool)
 
 
 def _of_a_tick(block: AugmentedEkf, u: np.ndarray, z: np.ndarray) -> Bench:
-    """Return the bench of one tick at a time, through `step` of the contract."""
+    """Return the bench of single ticks, each by a call of the block's `step`."""
 
     def online(estimator):
         state = [estimator.init(), 0]
@@ -136,7 +136,7 @@ def _of_a_tick(block: AugmentedEkf, u: np.ndarray, z: np.ndarray) -> Bench:
         peer_filter.step(u[k], z[k])
         at[0] += 1
 
-    quick, slow = online(compiled(block)), online(compiled(block, "python"))
+    quick, slow = online(compile_block(block)), online(compile_block(block, "python"))
     cases = [
         Case("compiled", quick),
         Case("Python code (no compiler)", slow),
@@ -152,7 +152,10 @@ def _of_a_tick(block: AugmentedEkf, u: np.ndarray, z: np.ndarray) -> Bench:
 
 
 def _of_compiling(smallest: bool) -> Bench:
-    """Return the bench in separate processes with an empty cache; the gradient is by the noise of the filter."""
+    """Return the bench of compilation in separate processes with an empty cache.
+
+    The gradient is with respect to the noise parameters of the filter.
+    """
     rows = []
     for name, most in MOST_S.items():
         compile_times = []
@@ -198,10 +201,10 @@ def _of_a_drive(seconds: float) -> Bench:
 
 
 def _compile(name: str) -> float:
-    """Return the seconds until the first result."""
+    """Return the time [s] until the first result of the case `name`."""
     block, start_s = _filter(), time.perf_counter()
     if name == "compiled on an empty cache":
-        compiled_block = compiled(block)
+        compiled_block = compile_block(block)
         compiled_block.step(compiled_block.init(), EXAMPLE)
         return time.perf_counter() - start_s
 

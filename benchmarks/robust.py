@@ -1,11 +1,12 @@
 """Tune gains for many vehicles: the paper's PD tuned on the vehicle of the file, and over draws of the fit.
 
-    python -m benchmarks.robust --jerk 0      (--smallest: that it runs)
+    python -m benchmarks.robust --jerk 0      (--smallest: a short trial)
 
 The small vehicle has the errors of a fit of a minute: actuator matrix and gains of the motors 2 %, dry friction 5 %,
-lag 10 % (1 sd), delay ± 10 ms. Both gains are judged on 200 vehicles that were in neither search: the median, the 95 %
-quantile and the worst of their distances beside the path. All begin on the route, as this PD corrects no error beside
-it. The nominal search begins from up to 24 points: with the paper's cost it needs 40 % of the drives of the other.
+lag 10 % (1 sd), delay ± 10 ms. Both gains are tested on 200 vehicles that the searches did not use: the median, the
+95 % quantile and the largest of their distances beside the path. All begin on the route, because this PD does not
+correct an error beside it. The nominal search begins from up to 24 points. With the paper's cost it needs 40 % of the
+drives of the search over draws.
 """
 
 import argparse
@@ -29,7 +30,7 @@ DURATION_S = 10.0  # of a drive
 
 
 def vehicle():
-    """Return the small vehicle with the paper's PD and the errors of a fit."""
+    """Return the file of the small vehicle with the paper's PD and the covariance ERRORS of a fit."""
     text = load("small").text.replace(
         'kind = "pd_feedforward"', 'kind = "pd"\nalpha = 4.0\nbeta = 1.0\ngamma = 0.1'
     )
@@ -39,7 +40,7 @@ def vehicle():
 
 
 def judge_gains(file, gains, count, **options):
-    """Return cost and distance beside the path, rms [mm], of each of `count` other vehicles."""
+    """Return cost (count,) and distance from the reference (count,), rms [mm], of `count` other vehicles."""
     drives = rehearse(file, ROUTE, draws=1, **options)
     vehicles = drawn_vehicles(file, drives.legs[0].system, count, OTHER)[1][1:]
     drives = replace(drives, vehicles=vehicles)
@@ -49,7 +50,7 @@ def judge_gains(file, gains, count, **options):
 
 
 def main():
-    """Print a row for each way to tune."""
+    """Print a row for each method of tuning."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--smallest", action="store_true")
     parser.add_argument("--jerk", type=float, default=0.1, help="price of jerks; 0: the paper's cost")

@@ -42,7 +42,7 @@ def vehicle_alone(u: np.ndarray) -> Bench:
 
 
 def whole_run(u: np.ndarray) -> Bench:
-    """Return the bench of simulate(): process noise and an IMU, with drawn noise and a Run as result."""
+    """Return the bench of simulate() with process noise and an IMU, including the draw of the noise and the Run."""
     vehicle = paper.vehicle()
     file = SimpleNamespace(
         envelope=None,

@@ -1,4 +1,4 @@
-"""Measure the start of the command line, compared with a Python that does nothing."""
+"""Measure the start of the command line, compared with an empty Python program."""
 
 import subprocess
 import sys
@@ -11,7 +11,7 @@ MOST_MS = 100.0  # of --help, over bare Python
 
 
 def benches(smallest: bool) -> list[Bench]:
-    """Return the time of `baqueano --help` and of its imports, minus bare Python."""
+    """Return the bench of `baqueano --help` and of its imports, minus the start of Python."""
     commands = {
         "bare Python": ["-c", "pass"],
         "import baqueano": ["-c", "import baqueano"],

@@ -1,8 +1,8 @@
 """Tune the three gains of the paper's PD over a drive of 60 s: exact gradients against methods without gradients.
 
 One peer is differential evolution with 200 times the evaluations: our cost must be at most 1 % above its cost. The
-other is Nelder-Mead over a NumPy loop, which takes a minute or more. One evaluation of it is measured, and multiplied
-by the evaluations that the same search needs on our cost. That cost is the same function (checked).
+other peer is Nelder-Mead over a NumPy loop, which takes a minute or more. One evaluation of this loop is measured. It
+is multiplied by the evaluations that the same search needs on our cost, which is the same function (checked).
 """
 
 import numpy as np
@@ -22,7 +22,7 @@ ROUTE = sinuous_circle(2.0, 0.2, 6, 0.25)
 
 
 def benches(smallest: bool) -> list[Bench]:
-    """Return the times, and the costs that are reached."""
+    """Return the bench of the times of all methods, with the costs that they reach."""
     duration_s = 2.0 if smallest else 60.0
     from scipy.optimize import minimize
 
@@ -67,7 +67,7 @@ def benches(smallest: bool) -> list[Bench]:
 
 
 def evolution(rehearsal, bounds, evaluations):
-    """Run differential evolution over this number of evaluations, a generation at a time in lanes."""
+    """Run differential evolution for this number of evaluations; each generation runs in parallel lanes."""
     from scipy.optimize import differential_evolution
 
     members = POPULATION * len(bounds)

@@ -1,12 +1,13 @@
-"""Count how often the verdict on a filter's consistency is wrong, and how often it is given. The truth is known.
+"""Count how often the verdict on a filter's consistency is wrong, and how often it is absent. The truth is known.
 
-    python -m benchmarks.verdicts --drives 720      (--smallest: that it runs)
+    python -m benchmarks.verdicts --drives 720      (--smallest: a short trial)
 
-The model of matched.py has all its variances κ times those that the recommended filter assumes, κ of 1/4 to 4: its
-errors are √κ times the reported ones. "Too sure" is right for κ > 1, "too cautious" for κ < 1, "consistent" for κ = 1,
-and "cannot tell" is never wrong. Once with sensors whose biases and scales are known, once with those that the filter
-models: they are drawn once for a whole drive of any length. Each drive lasts 10 to 60 s. Every other one is judged only
-by its innovations, as without a camera. A drive with 100 independent samples should get a verdict.
+All variances of the model of matched.py are κ times the variances that the recommended filter assumes, κ from 1/4 to 4.
+So its errors are √κ times the reported errors. "Too sure" is correct for κ > 1, "too cautious" for κ < 1, "consistent"
+for κ = 1, and "cannot tell" is never wrong. The benchmark runs twice: with sensors whose biases and scales are known,
+and with biases and scales that are drawn once per drive, as the filter assumes. Each drive lasts 10 to 60 s. Every
+second drive is judged only by its innovations, as without a camera. A drive with 100 independent samples should have a
+verdict.
 """
 
 import argparse
@@ -31,11 +32,11 @@ RIGHT = {"too sure": lambda k: k > 1.0, "too cautious": lambda k: k < 1.0, "cons
 
 
 class JudgedDrive(NamedTuple):
-    """The verdict on one drive."""
+    """The verdict on one drive, with κ and the number of independent samples."""
 
     kappa: float  # true variances over those that the filter assumes
     verdict: str
-    samples: float  # independent ones of the best known figure
+    samples: float  # largest number of independent samples of a figure
 
 
 def logged(
@@ -58,7 +59,7 @@ def logged(
 
 
 def judge_filters(imu: Imu, odometer: Odometer, drives: int, longest_s: float) -> list[JudgedDrive]:
-    """Return the verdicts on drives with only an IMU, and with both sensors."""
+    """Return the verdicts on drives with only an IMU, and on drives with IMU and odometer."""
     out, rng = [], np.random.default_rng(0)
     for use in (limit.IMU_ALONE, limit.BOTH):
         sensors = sensor_slots(use)(*(imu, odometer)[: len(use)])
@@ -83,7 +84,7 @@ def judge_filters(imu: Imu, odometer: Odometer, drives: int, longest_s: float) -
 
 
 def main() -> int:
-    """Print the shares; return 1 if a limit is missed."""
+    """Print the shares of wrong and absent verdicts; return 1 if a limit is missed, else 0."""
     parser = argparse.ArgumentParser(prog="python -m benchmarks.verdicts", description=__doc__)
     parser.add_argument("--drives", type=int, default=720)
     parser.add_argument("--smallest", action="store_true", help="a size that shows in seconds that it runs")

@@ -37,7 +37,7 @@ class OmniRobot(FromAcceleration):
     )  # fmt: skip
 
     def nu_dot(self, nu: np.ndarray, effort: np.ndarray, psi: float = 0.0) -> np.ndarray:
-        """Return ν̇ (3,)."""
+        """Return ν̇ (3,) [m/s², m/s², rad/s²] at ν (3,) with the duties `effort` (3,)."""
         w = nu[:2] @ SIDE + self.radius_m * nu[2]
         F = self.push * effort - self.drag * w - self.rollers * np.tanh(w / 0.05)
         a = SIDE @ F / self.mass_kg + nu[2] * np.array([nu[1], -nu[0]])

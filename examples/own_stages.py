@@ -1,4 +1,4 @@
-"""Replace the residual and the solver of `identify` by own ones.
+"""Replace the residual and the solver of `identify` by other classes and functions.
 
 identify(run, file, residuals=Compressed, solver=by_scipy)
 """
@@ -12,7 +12,7 @@ SHOCK = 0.3  # m/s² or rad/s: larger errors count as their logarithm
 
 
 class Compressed(Residuals):
-    """A residual r = k asinh((z − h)/k): a wheel that hits the edge of a tile has little weight."""
+    """The residual r = k asinh((z − h)/k): large errors, as of a wheel at the edge of a tile, have little weight."""
 
     @staticmethod
     def difference(sensor, z, h):
@@ -22,7 +22,7 @@ class Compressed(Residuals):
 
 
 def by_scipy(evaluate, theta, low, high, *, fixed, tolerance, most, damping):
-    """Minimise with SciPy's L-BFGS-B and the exact gradient; each entry of θ (p,) is in units of its curvature."""
+    """Minimise with SciPy's L-BFGS-B and the exact gradient; each entry of θ (p,) is scaled by its curvature."""
     moving = np.ones(len(theta), bool) if fixed is None else ~fixed
     start, unit = evaluate(theta), np.ones(len(theta))
     unit[moving] = 1.0 / np.sqrt(np.maximum(np.diagonal(np.asarray(start.hessian))[moving], 1e-12))

@@ -14,7 +14,7 @@ from baqueano.vehicles import FromAcceleration
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ServoAxis(FromAcceleration):
-    """A servo axis: u = (volts,), all per kilogram of the moving mass."""
+    """A servo axis: u = (volts,); all parameters are per kilogram of the moving mass."""
 
     commands: ClassVar[int] = 1
     axes: ClassVar[tuple[int, ...]] = (0,)
@@ -33,6 +33,6 @@ class ServoAxis(FromAcceleration):
     )  # fmt: skip
 
     def nu_dot(self, nu: np.ndarray, effort: np.ndarray, psi: float = 0.0) -> np.ndarray:
-        """Return ν̇ (3,)."""
+        """Return ν̇ (3,) [m/s², m/s², rad/s²] at ν (3,) with the voltage `effort` (1,)."""
         v = nu[0]
         return np.array([self.gain * effort[0] - self.damping * v - self.rail * np.tanh(v / 0.003), 0.0, 0.0])

@@ -1,8 +1,8 @@
-"""The catalogues of other languages, for gettext: what is to be translated, and whether all of it is.
+"""The catalogues of other languages, for gettext: the texts to translate, and a check that all are translated.
 
-`make catalogues` reads the templates of messages, the help of the command line, the words of click, and what stands in
-`_(…)`, or in `N_(…)` for later, in the source; it brings src/baqueano/locale/*/LC_MESSAGES/baqueano.po up to date and
-compiles it. An entry is fuzzy where its English changed: translate it again and take the mark away.
+`make catalogues` reads the templates of messages, the help of the command line, the texts of click, and the texts in
+`_(…)` and `N_(…)` of the source. It updates src/baqueano/locale/*/LC_MESSAGES/baqueano.po and compiles it. An entry is
+fuzzy if its English text changed: translate it again and remove the mark.
 """
 
 import ast
@@ -31,7 +31,7 @@ COMMENT = re.compile(r'# (.*)|^about = "(.*)"', re.MULTILINE)
 CODE = re.compile(
     rf"`[^`\n]+`|--[a-z][a-z-]+|baqueano (?:{'|'.join(VERBS)})\b|\[[a-z_]{{3,}}(?:\.[a-z_]+)*\](?!\()"
 )
-MARKED = {"_": 0, "N_": 0, "parameter": 1}  # function → which argument is words
+MARKED = {"_": 0, "N_": 0, "parameter": 1}  # function → argument that contains text
 
 
 def places(language: str) -> tuple[Path, Path]:
@@ -41,7 +41,7 @@ def places(language: str) -> tuple[Path, Path]:
 
 
 def required_catalogue() -> Catalog:
-    """Return all that is to be translated."""
+    """Return all texts that must be translated."""
     catalogue = Catalog(
         project="baqueano", charset="utf-8", copyright_holder="The baqueano developers", fuzzy=False
     )
@@ -103,7 +103,7 @@ def help_of(command: click.Command) -> Iterator[str]:
 
 
 def read_catalogue(language: str) -> Catalog:
-    """Return the catalogue of a language as it stands in its file."""
+    """Return the catalogue of a language as its file contains it."""
     path, _ = places(language)
     if not path.exists():
         return Catalog(locale=language, charset="utf-8", fuzzy=False)
@@ -118,9 +118,9 @@ def compiled(catalogue: Catalog) -> bytes:
 
 
 def update(language: str) -> Catalog:
-    """Write the catalogue of a language anew, with all that is to be translated now."""
+    """Write the catalogue of a language again, with all texts that must be translated at present."""
     catalogue = read_catalogue(language)
-    created = catalogue.creation_date  # a file whose entries are the same stays the same, byte by byte
+    created = catalogue.creation_date  # a file with equal entries is not changed
     catalogue.update(required_catalogue(), no_fuzzy_matching=False, update_header_comment=False)
     catalogue.creation_date = created
     catalogue.obsolete.clear()
@@ -134,7 +134,7 @@ def update(language: str) -> Catalog:
 
 
 def faults(catalogue: Catalog) -> list[str]:
-    """Return what is missing, fuzzy, or has other placeholders than the English."""
+    """Return the entries that are missing, fuzzy, or have other placeholders than the English text."""
     failures = []
     for message in required_catalogue():
         if not message.id:

@@ -1,4 +1,4 @@
-"""Assert errors by their code and figures; their sentences are in messages.golden."""
+"""Check errors by their code and figures; the file messages.golden contains their sentences."""
 
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
@@ -16,7 +16,7 @@ def of_code(code: str, **figures: Any) -> Callable[[Any], bool]:
 
 
 def within(diagnostic: Diagnostic) -> Iterator[Diagnostic]:
-    """A diagnostic, and its causes."""
+    """Return a diagnostic and its causes."""
     yield diagnostic
     for figure in diagnostic.figures.values():
         if isinstance(figure, Diagnostic):
@@ -27,10 +27,18 @@ def within(diagnostic: Diagnostic) -> Iterator[Diagnostic]:
 def refused(
     code: str, kind: type[Exception] = DiagnosticError, /, **figures: object
 ) -> Iterator[pytest.ExceptionInfo[Exception]]:
-    """What is done raises an error of this kind, code and figures, or one that has it for a cause."""
+    """Check that the block raises an error of this type, code and figures, or an error with such a cause."""
     with pytest.raises(kind) as error_info:
         yield error_info
     assert isinstance(error_info.value, DiagnosticError), str(error_info.value)
     causes = {cause.code: cause for cause in within(error_info.value.diagnostic)}
     assert code in causes, str(error_info.value)
     assert {name: causes[code].figures[name] for name in figures} == figures
+
+
+def includes(diagnostic: Diagnostic, code: str, /, **figures: object) -> bool:
+    """Return True if the diagnostic, or one of its causes, has this code and at least these figures."""
+    return any(
+        cause.code == code and {name: cause.figures.get(name) for name in figures} == figures
+        for cause in within(diagnostic)
+    )

@@ -11,7 +11,7 @@ R = {  # per tick
 
 
 def with_ekf(file: VehicleFile, name: str = "small") -> VehicleFile:
-    """The file of a vehicle of the garage with kind = "ekf" in [estimator], and R."""
+    """Return the file of a vehicle of the garage with kind = "ekf" in [estimator], and R."""
     rows = ", ".join(str([x if i == j else 0.0 for j in range(6)]) for i, x in enumerate(R[name]))
     use = ", ".join(f'"{sensor}"' for sensor in file.estimator().use)
     table = f'[estimator]\nkind = "ekf"\nuse = [{use}]\nprocess_noise_cov = [{rows}]\n\n'

@@ -1,4 +1,4 @@
-"""Q and R as the paper prints them: no covariance matrices."""
+"""Q and R as the paper prints them; they are not covariance matrices."""
 
 PAPER_Q = [[2.852, -0.006, -0.018], [-0.006, 0.0, 0.0], [-0.018, 0.0, 0.008]]
 PAPER_R = [

@@ -1,4 +1,4 @@
-"""A vehicle file of the garage with the paper's PD as its controller, for the tests that speak of that one."""
+"""A vehicle file of the garage with the PD controller of the paper, for the tests of this controller."""
 
 from baqueano.vehicle_file import VehicleFile, load, parse
 

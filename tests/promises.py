@@ -1,7 +1,8 @@
-"""Print what the package promises, the tests that keep each promise, and how they end: `make promises`.
+"""Print what the package promises, the tests of each promise, and their results: `make promises`.
 
-A test begins with the numbers that it keeps: `test_r4_fw1_…` keeps R4 and FW-1. R1 to R29 are the requirements of
-firmware/uno/README.md. A row tells the figure that its tests hold, where another one was once aimed at too.
+The name of a test begins with the numbers of its promises: `test_r4_fw1_…` tests R4 and FW-1. R1 to R29 are the
+requirements of firmware/uno/README.md. A row states the figure that its tests check, and the original aim if that
+was different.
 """
 
 import re
@@ -101,18 +102,18 @@ WORDS = {
     "SU-3": "the firmware in the wheel is what its sources build to (no audit yet)",
     "SU-4": "the wheel is built and installed without a download",
 }
-WHY_NOT = {  # of those that no test keeps
+WHY_NOT = {  # of promises without a test
     "RT-17": "the temperature is read and stops a drive; low voltage of the computer is not read",
     "ES-9": "a fit names what a drive does not show; while driving nothing announces it",
     "LG-2": "it needs cut images of a block device, as root; kill -9 is tested instead (LG-1)",
     "LG-8": "an hour with estimates takes 5.9 s and 233 MB here, measured once",
 }
-# of several ends of one test the last one counts
+# the last of several results of a test counts
 RESULTS = "no test", "not run", "skipped", "kept", "not kept"
 
 
 def promises() -> dict[str, str]:
-    """Return the words of each promise, by its number."""
+    """Return the sentence of each promise, by its number."""
     firmware = (ROOT / "firmware/uno/README.md").read_text(encoding="utf-8")
     return dict(re.findall(r"^\| (R\d+) \| (.*) \|$", firmware, re.MULTILINE)) | WORDS
 
@@ -129,7 +130,7 @@ def keepers() -> dict[str, list[str]]:
 
 
 class Ends:
-    """Note how each test ended, the cases of one test together."""
+    """Record the result of each test; the cases of one parametrised test count together."""
 
     def __init__(self) -> None:
         self.of: dict[str, str] = {}
@@ -137,14 +138,14 @@ class Ends:
     def pytest_runtest_logreport(self, report: pytest.TestReport) -> None:
         test = report.nodeid.partition("[")[0]
         end = {"passed": "kept", "skipped": "skipped", "failed": "not kept"}.get(report.outcome)
-        if end is None:  # it runs again: the last end counts
+        if end is None:  # the test is repeated: the last result counts
             return
         if report.when == "call" or end != "kept":
             self.of[test] = max(self.of.get(test, "skipped"), end, key=RESULTS.index)
 
 
 def main(arguments: list[str]) -> int:
-    """Run the tests that name a promise, with options for pytest, and print the table; 1 where one is not kept."""
+    """Run the tests that name a promise, with options for pytest, and print the table; return 1 if one fails."""
     by_number, ends = keepers(), Ends()
     tests = sorted({test for several in by_number.values() for test in several})
     exit_code = pytest.main(["-q", "-p", "no:randomly", *arguments, *tests], plugins=[ends])

@@ -1,5 +1,7 @@
-"""Windows and macOS laptops, as far as Linux can play them: no POSIX modules, a home folder with accents and a
-space, a terminal in cp1252, no compiler."""
+"""Windows and macOS laptops, as far as Linux can simulate them.
+
+POSIX modules and the compiler are absent, the home folder has accents and a space, and the terminal uses cp1252.
+"""
 
 import ast
 import json
@@ -14,7 +16,7 @@ from pathlib import Path
 
 import pytest
 
-from baqueano.printable import typed
+from baqueano.printable import baqueano_command
 
 ROOT = Path(__file__).parents[1]
 
@@ -31,7 +33,7 @@ for name in ("fdatasync", "fork", "sched_setscheduler", "getuid"):
 
 @pytest.fixture
 def laptop(tmp_path: Path):
-    """Run `baqueano ...` as on such a laptop; gives the finished process, its text decoded from cp1252."""
+    """Run `baqueano ...` as on such a laptop and return the finished process, with its text decoded from cp1252."""
     home = tmp_path / "José Núñez"
     home.mkdir()
     site = tmp_path / "site"
@@ -75,7 +77,7 @@ def laptop(tmp_path: Path):
     return run
 
 
-def test_the_posix_modules_are_unavailable_on_such_a_laptop(laptop):
+def test_the_simulated_laptop_has_no_posix_modules(laptop):
     code = "import importlib.util, os, sys; print([m for m in sys.modules if sys.modules[m] is None])"
     site = laptop.home.parent / "site"
     process = subprocess.run(
@@ -88,8 +90,8 @@ def test_the_posix_modules_are_unavailable_on_such_a_laptop(laptop):
     assert "fcntl" in process.stdout
 
 
-def test_the_commands_of_the_demo_run_on_such_a_laptop(laptop):
-    """Experiment, identify, teach, repeat, replay, report, in a project of one's own."""
+def test_the_commands_of_the_demo_run_without_posix_modules(laptop):
+    """The commands are experiment, identify, teach, repeat, replay and report, in a new project."""
 
     def reply(*args: str) -> dict:
         return json.loads(laptop(*args, "--json").stdout.decode("cp1252"))
@@ -113,14 +115,14 @@ def test_the_commands_of_the_demo_run_on_such_a_laptop(laptop):
 
 
 @pytest.mark.long
-def test_the_complete_demo_runs_on_such_a_laptop(laptop):
+def test_the_complete_demo_runs_without_posix_modules(laptop):
     reply = json.loads(laptop("demo", "--json").stdout.decode("cp1252"))
     assert reply["verdict"] == "USABLE"
     assert "https://" not in (laptop.home / "demo" / "report.html").read_text(encoding="utf-8")
 
 
-def test_a_page_of_a_simulated_vehicle_drives_on_such_a_laptop(laptop):
-    """The service is a child of the page, over pipes; the browser is played here."""
+def test_the_page_drives_a_simulated_vehicle_without_posix_modules(laptop):
+    """The service is a child process of the page, over pipes; the test replaces the browser."""
     from websockets.sync.client import connect
 
     def first(line, kind, true=lambda word: True):
@@ -148,14 +150,14 @@ def test_a_page_of_a_simulated_vehicle_drives_on_such_a_laptop(laptop):
     assert list((laptop.home / "corridas").glob("*.mcap"))
 
 
-def test_lg11_runs_are_written_listed_and_exported_on_such_a_laptop(laptop):
+def test_lg11_runs_are_written_listed_and_exported_without_posix_modules(laptop):
     laptop("simulate", "--vehicle", "small", "--seconds", "5", "-o", "mi corrida.mcap")
     laptop("runs", "show", "mi corrida.mcap")
     laptop("runs", "export", "mi corrida.mcap", "--to", "csv", "-o", "exportación.csv")
     assert (laptop.home / "exportación.csv").stat().st_size > 1000
 
 
-def test_errors_are_one_paragraph_on_such_a_laptop(laptop):
+def test_errors_have_one_paragraph_without_posix_modules(laptop):
     done = laptop("identify", "no existe.mcap", "--vehicle", "small", code=3)
     errors = done.stderr.decode("cp1252").strip()
     assert "no existe.mcap" in errors
@@ -177,10 +179,10 @@ def test_errors_are_one_paragraph_on_such_a_laptop(laptop):
 )
 def test_advised_command_lines_are_quoted_for_powershell(monkeypatch, word, typed_there):
     monkeypatch.setattr("baqueano.printable.os.name", "nt")
-    assert typed("report", word) == f"baqueano report {typed_there}"
+    assert baqueano_command("report", word) == f"baqueano report {typed_there}"
 
 
-def test_the_fast_tests_can_be_collected_without_posix(laptop):
+def test_pytest_collects_the_fast_tests_without_posix_modules(laptop):
     """Only slow tests may need POSIX: Windows and macOS run the fast part."""
     done = subprocess.run(
         [sys.executable, "-m", "pytest", "-q", "-p", "no:cacheprovider", "-m", "not slow", "--collect-only"],

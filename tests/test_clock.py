@@ -1,4 +1,4 @@
-"""Where time comes from."""
+"""The clocks of the loop: simulated, recorded and real-time."""
 
 import time
 
@@ -10,23 +10,23 @@ from baqueano.signals import Tick
 
 
 def test_a_simulated_clock_ends_each_tick_on_a_whole_nanosecond():
-    assert list(clock.simulated(100.0, 0.03)) == [10_000_000, 20_000_000, 30_000_000]
-    thirds = list(clock.simulated(3.0, 1.0))
+    assert list(clock.simulated_ticks(100.0, 0.03)) == [10_000_000, 20_000_000, 30_000_000]
+    thirds = list(clock.simulated_ticks(3.0, 1.0))
     assert thirds == [333_333_333, 666_666_667, 1_000_000_000]
 
 
 def test_a_clock_without_a_duration_is_endless():
-    ticking = clock.simulated(100.0)
+    ticking = clock.simulated_ticks(100.0)
     assert [next(ticking) for _ in range(500)][-1] == 5_000_000_000
 
 
-def test_the_clock_of_a_run_is_that_of_its_ticks():
+def test_the_clock_of_a_run_returns_its_tick_times():
     ticks = [Tick(t, np.zeros(3), None) for t in (5, 8, 11)]
     assert list(clock.of_run(ticks)) == [5, 8, 11]
 
 
 class FakeTime:
-    """A wall whose hands are moved by sleeping and by working."""
+    """A clock that sleeping and working advance."""
 
     def __init__(self):
         self.ns = 1_000
@@ -51,7 +51,7 @@ class FakeTime:
         ([300, 1, 1, 1], [10, 310, 320, 330], 29),
     ],
 )
-def test_rt1_a_late_loop_skips_and_counts_ticks(work_ms, ticks_ms, misses):
+def test_rt1_an_overloaded_loop_skips_and_counts_ticks(work_ms, ticks_ms, misses):
     fake, tick_times = FakeTime(), []
     wall = clock.Wall(100.0, None, now_ns=fake.now, sleep=fake.sleep)
     for t_ns, work in zip(wall, work_ms, strict=False):
@@ -63,10 +63,10 @@ def test_rt1_a_late_loop_skips_and_counts_ticks(work_ms, ticks_ms, misses):
     assert wall.missed == misses
 
 
-def test_the_real_time_clock_has_its_rate():
+def test_the_real_time_clock_ticks_at_its_rate():
     wall, start_ns = clock.wall(200.0, 0.05), time.monotonic_ns()
     times = list(wall)
-    took = time.monotonic_ns() - start_ns  # on a busy machine longer, by ticks that are missed
+    took = time.monotonic_ns() - start_ns  # longer on a busy machine, because ticks are skipped
     assert 10 <= len(times) + wall.missed <= took / 5e6 + 1
     assert all(step % 5_000_000 == 0 and step > 0 for step in np.diff(times))
 

@@ -88,7 +88,7 @@ def test_the_page_on_python_lists_every_public_name_and_plot(page):
 
 
 def options_of(command):
-    """All options of a verb and of the verbs below it."""
+    """Return all options of a command and of its subcommands."""
     own = {option for param in command.params for option in (*param.opts, *param.secondary_opts)}
     return own.union(*(options_of(subcommand) for subcommand in getattr(command, "commands", {}).values()))
 
@@ -169,7 +169,7 @@ def test_every_erratum_named_in_the_code_is_listed_in_the_errata():
 
 
 def anchors(page):
-    """What a link may name behind #, for each heading."""
+    """Return the anchor of each heading, which a link may name after #."""
     heads = re.findall(r"^#+ (.*)$", page.read_text(encoding="utf-8"), re.MULTILINE)
     return {re.sub(r"[^\w\- ]", "", head.lower()).replace(" ", "-") for head in heads}
 

@@ -1,6 +1,6 @@
 """A public name has a docstring that numpydoc can read: parameters, results, errors, source, and an example.
 
-Public is what stands in `__all__` of a room below. Other rooms are private: they do not have `__all__`.
+A name is public if `__all__` of a package below contains it. Other packages are private: they do not have `__all__`.
 """
 
 import ast
@@ -63,7 +63,7 @@ def module_of(room: str) -> ModuleType:
 
 
 def public() -> dict[str, object]:
-    """Return the public names and what they are, each once, under the first room that offers it."""
+    """Return the public names and their objects, each once, under the first package that offers it."""
     objects, once = {}, set()
     for room in ROOMS:
         module = module_of(room)
@@ -79,7 +79,7 @@ PUBLIC = public()
 
 
 def documented_here(value: object) -> bool:
-    """Return True where the object is a class or a function of ours."""
+    """Return True if the object is a class or a function of baqueano."""
     return callable(value) and (getattr(value, "__module__", "") or "").startswith("baqueano")
 
 
@@ -129,7 +129,7 @@ def in_a_class(cls: type, doc: NumpyDocString) -> list[str]:
 
 
 def entries(expected: list[tuple[str, object]], doc: NumpyDocString) -> list[str]:
-    """Return what is amiss with the entries of these parameters: absent, without type, shape or unit."""
+    """Return the faults in the entries of these parameters: absent, without type, shape or unit."""
     entries_documented = {
         name.strip(): entry
         for entry in [*doc["Parameters"], *doc["Attributes"], *doc["Other Parameters"]]
@@ -152,7 +152,7 @@ def entries(expected: list[tuple[str, object]], doc: NumpyDocString) -> list[str
 
 
 def errors_raised(function: ast.AST) -> set[str]:
-    """Return the names of the errors that stand in a `raise` of the function itself."""
+    """Return the names of the errors in the `raise` statements of the function itself."""
     return {
         ast.unparse(node.exc.func).rpartition(".")[2]
         for node in ast.walk(function)
@@ -161,7 +161,7 @@ def errors_raised(function: ast.AST) -> set[str]:
 
 
 def source(doc: NumpyDocString) -> list[str]:
-    """Return what is amiss where a docstring cites an equation by its number."""
+    """Return the faults of a docstring that cites an equation by its number."""
     text = " ".join([*doc["Summary"], *doc["Extended Summary"]])
     return (
         ["References or Notes"]

@@ -28,21 +28,21 @@ TEXTS = {
 HAVE_ONE = """
     compare.comparison: compare
     drive.first_drive: first_drive
-    drive.mission: Mission packed perform
+    drive.mission: Mission pack perform
     drive.verbs: experiment repeat replay teach
-    identify.design.plan: designed
-    identify.design.room: contained room_of
+    identify.design.plan: design_plan
+    identify.design.room: contain room_of
     identify.fit: identify
     identify.noise.allan: allan
     identify.noise.at_rest: at_rest
     identify.noise.covariances: measure_noise
     identify.noise.held_out: compare_noise
     identify.design.signals: excitation
-    robot.emulated: emulated
+    robot.emulated: emulate_vehicle
     robot.imu.driver: open
     robot.uno.link: Uno
-    door.remote: reached
-    robot.uno.serial_port: connected
+    door.remote: connect
+    robot.uno.serial_port: open_uno
     project.folder: new
     report.fit_report: report
     vehicle_file.checked: check
@@ -91,7 +91,7 @@ def test_every_docstring_example_is_executed():
 
 
 def examples_of(module: str) -> list[doctest.DocTest]:
-    """The docstrings of a module that have examples, which run among the names of that module, np and bq."""
+    """Return the docstrings with examples of a module; they run with the names of this module, np and bq."""
     names = {"np": numpy, "bq": baqueano, **vars(importlib.import_module(module))}
     parse = doctest.DocTestParser().get_doctest
     return [
@@ -102,7 +102,7 @@ def examples_of(module: str) -> list[doctest.DocTest]:
 
 
 def docstrings(node: ast.AST, name: str) -> Iterator[tuple[str, str, int]]:
-    """(qualified name, docstring, line) of what is below a node."""
+    """Return (qualified name, docstring, line) of the definitions below a node."""
     for below in ast.iter_child_nodes(node):
         if isinstance(below, ast.FunctionDef | ast.ClassDef):
             if text := ast.get_docstring(below):
@@ -112,13 +112,13 @@ def docstrings(node: ast.AST, name: str) -> Iterator[tuple[str, str, int]]:
 
 @contextmanager
 def none(request, monkeypatch):
-    """No hardware."""
+    """Use no hardware."""
     yield
 
 
 @contextmanager
 def an_imu_on_the_bus(request, monkeypatch):
-    """An MPU-6050 answers at /dev/i2c-1."""
+    """Let an emulated MPU-6050 answer at /dev/i2c-1."""
     pytest.importorskip("smbus2", reason="I2C needs Linux and smbus2")
     from baqueano.robot.imu import driver as imu
     from baqueano.robot.imu import mpu6050
@@ -135,7 +135,7 @@ def an_imu_on_the_bus(request, monkeypatch):
 
 
 def with_emulator(request) -> rig.Built:
-    """The firmware and its emulator; a test that lacks them is skipped by name, or fails where CI is set."""
+    """Return firmware and emulator; a test that lacks them is skipped by name, or fails if CI is set."""
     if (lacking := rig.missing()) and not os.environ.get("CI"):
         pytest.skip(f"{request.node.name}: sudo apt-get install {' '.join(lacking)}")
     return rig.build(Path(request.config.cache.mkdir("emulated")))
@@ -143,7 +143,7 @@ def with_emulator(request) -> rig.Built:
 
 @contextmanager
 def an_uno_on_the_line(request, monkeypatch):
-    """The firmware answers at the only serial line."""
+    """Let the emulated firmware answer at the only serial line."""
     build = with_emulator(request)
     from baqueano.robot.uno import serial_port
     from tests.emulated.realtime import on_pty
@@ -155,7 +155,7 @@ def an_uno_on_the_line(request, monkeypatch):
 
 @contextmanager
 def an_emulated_vehicle(request, monkeypatch):
-    """simavr is there; what `emulated` puts in place of the bus is taken away again."""
+    """Check that simavr is installed; undo afterwards what `emulated` replaces at the bus."""
     with_emulator(request)
     import fcntl
 
@@ -168,7 +168,7 @@ def an_emulated_vehicle(request, monkeypatch):
 
 @contextmanager
 def a_service_on_this_vehicle(request, monkeypatch):
-    """A door at which a vehicle that is ready answers, with one run in its folder."""
+    """Provide a door at which a READY vehicle answers, with one run in its folder."""
     if sys.platform == "win32":
         pytest.skip("this system has no sockets in files")
     import tempfile
@@ -181,11 +181,11 @@ def a_service_on_this_vehicle(request, monkeypatch):
     (folder / "0001-experiment.mcap").touch()
     door, done = Door(folder / "door", Operator(), folder), threading.Event()
 
-    def tell() -> None:
+    def broadcast_state() -> None:
         while not done.wait(0.02):
-            door.tell({"is": "state", "state": "READY"})
+            door.broadcast({"is": "state", "state": "READY"})
 
-    telling = threading.Thread(target=tell)
+    telling = threading.Thread(target=broadcast_state)
     telling.start()
     monkeypatch.setattr(remote, "SOCKET", door.path)
     try:

@@ -15,13 +15,13 @@ NUMBER = re.compile(r"[-+]?\d+(?:\.\d+)?(?:e[-+]?\d+)?")
 
 
 def shape(line):
-    """Return a line without its figures and the widths of its columns: those depend on the machine."""
+    """Return a line without its figures and column widths, which depend on the machine."""
     return " ".join(NUMBER.sub("0", line).split())
 
 
 @pytest.fixture(scope="module")
 def evening(tmp_path_factory):
-    """Type all commands of the page, in their order; gives the folder, and (what was printed, what is shown)."""
+    """Type all commands of the page in their order; return the folder, and (printed text, text on the page)."""
     folder, printed, pairs = tmp_path_factory.mktemp("evening"), "", []
     fences = re.findall(r"^```(\w+)\n(.*?)^```$", PAGE.read_text(encoding="utf-8"), re.MULTILINE | re.DOTALL)
     environment = {**os.environ, "PYTHONIOENCODING": "utf-8"}
@@ -47,14 +47,14 @@ def evening(tmp_path_factory):
     return folder, pairs
 
 
-def test_every_command_of_the_evening_runs_and_writes_its_files(evening):
+def test_every_command_of_the_first_evening_page_runs_and_writes_its_files(evening):
     folder, _ = evening
     assert len(list((folder / "runs").glob("*.mcap"))) == 6
     assert {"fit.html", "vehicle.toml", "first_evening.ipynb"} <= {path.name for path in folder.iterdir()}
     assert (folder / "routes" / "lap.csv").exists()
 
 
-def test_the_output_on_the_page_is_that_of_the_commands(evening):
+def test_the_page_shows_the_output_of_the_commands(evening):
     _, pairs = evening
     assert len(pairs) > 2
     for printed, text in pairs:

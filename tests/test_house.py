@@ -1,4 +1,4 @@
-"""The house rules that a machine can check: the same commands as the pre-commit hooks."""
+"""The rules for the code that a machine can check, with the same commands as the pre-commit hooks."""
 
 import ast
 import re
@@ -21,7 +21,7 @@ BLOCK_ROOMS = ("vehicles", "sensors", "estimators", "guides", "controllers")
 FUNCTIONS = ast.FunctionDef, ast.AsyncFunctionDef
 MODULES, NAMES = 12, 20  # of a folder
 FRONT_DOOR = 26  # names of `import baqueano as bq`
-AROUND_BLOCKS = {  # the supervisor, and what wraps or watches the block of any room
+AROUND_BLOCKS = {  # the supervisor, and modules that wrap or watch any block
     "Supervisor", "GuardedBlock", "Off", "BudgetedBlock", "Watchdog", "Agreement", "Adjustable", "MyEstimator",
     "MyGuide", "MyController", "PacedGuide",
 }  # fmt: skip
@@ -129,7 +129,7 @@ def test_blocks_import_no_module_with_external_access(room):
 
 
 def test_no_module_tests_for_a_specific_vehicle_class():
-    """Protocol and parameter metadata describe a vehicle completely, so that a user's vehicle is served like a built-in
+    """Protocol and parameter metadata describe a vehicle completely, so a user vehicle is treated like a built-in
     one."""
     offenders = {
         str(path.relative_to(SOURCE))
@@ -144,7 +144,7 @@ def test_no_module_tests_for_a_specific_vehicle_class():
 
 SNIFFED = 15  # calls of hasattr: what a system offers, and what the author of a block wrote
 UNTYPED = 500  # mentions of Any; asked for: 500
-SAME_NAME = 3  # names that two classes have
+SAME_NAME = 3  # names of two classes
 
 
 def sources() -> dict[Path, str]:
@@ -200,8 +200,8 @@ def test_no_file_has_more_than_400_lines():
 
 
 @pytest.mark.parametrize("room", SEEN_AT_ONCE)
-def test_other_packages_import_few_names_from_a_package(room):
-    """At most NAMES. Rooms are added here one by one."""
+def test_each_package_exports_few_names_to_other_packages(room):
+    """At most NAMES. Packages are added here one by one."""
     package = f"baqueano.{room.replace('/', '.')}"
     modules = {package, *(f"{package}.{path.stem}" for path in modules_in(SOURCE / room))}
     names = {
@@ -232,7 +232,8 @@ def test_every_public_object_has_a_docstring():
 
 
 def without_docstring(inside: ast.AST, prefix: str, inherited: set[str], members: dict[str, set[str]]):
-    """Names of what is public and does not say what it is. What a base class says, or `help=` of a verb, is enough."""
+    """Return the public names without a docstring. A docstring of a base class, or the `help=` of a command, is
+    enough."""
     if isinstance(inside, ast.Module) and not ast.get_docstring(inside):
         yield "the module"
     for node in ast.iter_child_nodes(inside):
@@ -250,7 +251,7 @@ def without_docstring(inside: ast.AST, prefix: str, inherited: set[str], members
             yield from without_docstring(node, f"{prefix}{node.name}.", inherited_names, members)
 
 
-def test_each_result_with_table_and_verdict_has_rows():
+def test_each_result_class_with_table_and_verdict_has_rows():
     mute = [
         f"{path.relative_to(ROOT)}: {node.name}"
         for path in SOURCE.rglob("*.py")
@@ -272,7 +273,7 @@ def test_importing_the_package_loads_neither_scipy_nor_matplotlib():
 
 def test_each_promise_named_by_a_test_exists():
     assert not keepers().keys() - promises().keys()
-    assert promises().keys() - keepers().keys() == WHY_NOT.keys()  # a promise that is not kept has a reason
+    assert promises().keys() - keepers().keys() == WHY_NOT.keys()  # a promise without a test has a reason
 
 
 def calls():
@@ -283,17 +284,17 @@ def calls():
                 yield path.relative_to(SOURCE).as_posix(), node
 
 
-def test_ne1_no_port_is_opened_to_the_network():
+def test_ne1_only_the_page_server_opens_network_ports():
     for file, call in calls():
         name = ast.unparse(call.func).rpartition(".")[2]
-        if file != "web/server.py":  # tests/web: on loopback alone, if it is not shared
+        if file != "web/server.py":  # tests/web: only on loopback, unless shared
             assert name not in {"create_server", "start_server", "HTTPServer", "TCPServer"}, file
         if ast.unparse(call.func) == "socket.socket" and file != "web/share.py":  # sends nothing
             assert ast.unparse(call.args[0]) == "socket.AF_UNIX", file
 
 
 def test_lg7_fi5_no_file_content_is_executed_as_code():
-    """A block of the user is code and is run; a study reads back what it pickled itself."""
+    """A user block is code and is executed; a study reads only files that it pickled itself."""
     risky = re.compile(r"(pickle|marshal|shelve|yaml)\.\w+|eval|exec|read_pickle")
     offenders = {file for file, call in calls() if risky.fullmatch(ast.unparse(call.func))}
     engine = {"symbolic/packing.py", "symbolic/python_code/python.py"}
@@ -317,7 +318,7 @@ def test_su2_each_package_of_a_lock_has_its_hash(lock):
 SIMULATED = {
     "demo.py",
     "paper",
-}  # a demo of ours, and the simulation that the paper describes
+}  # the demo, and the simulation that the paper describes
 HARMLESS = {
     "times",
     "KnownState",
@@ -335,8 +336,8 @@ HARMLESS = {
 }
 
 
-def test_no_study_simulates_data_with_the_fitted_model_step():
-    """A mirror always agrees: data come from study/truth or from recordings."""
+def test_no_study_simulates_data_with_the_fitted_model():
+    """Data of the fitted model always agree with it, so data come from study/truth or from recordings."""
     for path in (SOURCE / "study").rglob("*.py"):
         modules = {
             name.name
@@ -357,7 +358,7 @@ def test_no_study_simulates_data_with_the_fitted_model_step():
 FITTED_STEP = {"simulate", "simulate_loop", "simulate_many", "experiment", "case_run"}
 
 
-def test_no_test_judges_coverage_on_data_of_the_fitted_step():
+def test_no_test_measures_coverage_on_data_of_the_fitted_model():
     """Tests and benchmarks count the 95 % intervals that contain the truth only on data from study/truth."""
     for path in (*(ROOT / "tests").rglob("*.py"), *(ROOT / "benchmarks").glob("*.py")):
         functions = {node.name: node for node in nodes_of(path) if isinstance(node, FUNCTIONS)}

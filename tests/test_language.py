@@ -8,7 +8,7 @@ import pytest
 
 from baqueano import language
 from baqueano.diagnostics import Diagnostic, fault
-from baqueano.language import LANGUAGES, current, number, translated
+from baqueano.language import LANGUAGES, current, number, translate
 from baqueano.messages import text
 from tests.catalogues import compiled, differs, faults, places, read_catalogue
 
@@ -75,8 +75,8 @@ def test_numbers_are_written_as_in_spanish(value, spec, text_written):
 
 def test_a_text_without_a_translation_stays_english():
     language.choose("es")
-    assert translated("a sentence of tomorrow", "no.code") == "a sentence of tomorrow"
-    assert translated("") == ""
+    assert translate("a sentence of tomorrow", "no.code") == "a sentence of tomorrow"
+    assert translate("") == ""
 
 
 def test_the_command_line_prints_spanish():

@@ -19,7 +19,7 @@ from baqueano.loop import Blocks
 from baqueano.runs import Channel, Run
 from baqueano.signals import Command, Reference, Slot, sensor_slots
 from baqueano.supervisor import Supervisor
-from baqueano.symbolic import compiled
+from baqueano.symbolic import compile_block
 from baqueano.worlds import ReplayedWorld, SimulatedWorld
 from tests.light_robot import LIMIT, SENSORS, VEHICLE, R
 
@@ -29,7 +29,7 @@ PLAIN = Blocks(
     controller=Pd(alpha=4.0, beta=2.0, gamma=0.05),
     supervisor=Supervisor(LIMIT, imu_timeout_s=5.0),
 )
-BLOCKS = Blocks(*(compiled(block) for block in PLAIN))
+BLOCKS = Blocks(*(compile_block(block) for block in PLAIN))
 
 
 def drive(blocks=BLOCKS, duration_s=3.0, world=None, **options):
@@ -38,7 +38,7 @@ def drive(blocks=BLOCKS, duration_s=3.0, world=None, **options):
     outcome = loop.run(
         blocks,
         world,
-        clock.simulated(100.0, duration_s),
+        clock.simulated_ticks(100.0, duration_s),
         records.append,
         lambda t_ns, text: events.append((t_ns, text)),
         **options,
@@ -84,8 +84,8 @@ def test_the_command_of_one_tick_acts_in_the_next_tick():
 
 
 @pytest.mark.parametrize("backend", ["auto", "python", "numpy"])
-def test_es12_replay_through_the_same_blocks_is_the_same_bit_for_bit(backend):
-    blocks = PLAIN if backend == "numpy" else Blocks(*(compiled(block, backend) for block in PLAIN))
+def test_es12_a_replay_with_the_same_blocks_is_bit_identical(backend):
+    blocks = PLAIN if backend == "numpy" else Blocks(*(compile_block(block, backend) for block in PLAIN))
     records, _, _ = drive(blocks, duration_s=0.5 if backend == "numpy" else 4.0)
     world, replayed_records = replay_of(records), []
     loop.run(blocks, world, world.times, replayed_records.append)
@@ -93,7 +93,7 @@ def test_es12_replay_through_the_same_blocks_is_the_same_bit_for_bit(backend):
     assert all(identical(a, b) for a, b in zip(records, replayed_records, strict=True))
 
 
-def test_replay_does_not_depend_on_the_grouping_of_ticks():
+def test_a_replay_does_not_depend_on_the_number_of_ticks_per_read():
     records, _, _ = drive(duration_s=1.0)
     world, replayed_records = replay_of(records), []
     loop.run(BLOCKS, world, world.times[6::7] + world.times[-1:], replayed_records.append)
@@ -109,7 +109,7 @@ def test_the_pure_step_equals_the_clocked_loop():
 
 
 class Deaf:
-    """A world whose IMU is silent from one time to another, and which remembers what the motors got."""
+    """A world whose IMU is silent during an interval, and which records the motor commands."""
 
     def __init__(self, world, from_s, to_s):
         self.world, self.commands, self.motors = world, world.commands, []
@@ -125,8 +125,8 @@ class Deaf:
         self.world.write(command)
 
 
-def test_the_estimate_uses_applied_commands_without_an_imu():
-    faster_than_it_can = compiled(SinuousCircle(radius_m=0.5, amplitude_m=0.05, speed_m_s=1.2, laps=0))
+def test_during_imu_silence_the_estimate_uses_the_applied_commands():
+    faster_than_it_can = compile_block(SinuousCircle(radius_m=0.5, amplitude_m=0.05, speed_m_s=1.2, laps=0))
     eager = BLOCKS._replace(guide=faster_than_it_can)
     world = Deaf(SimulatedWorld(VEHICLE, SENSORS, seed=4), 1.0, 3.0)
     records, _, outcome = drive(eager, duration_s=4.0, world=world)
@@ -135,7 +135,7 @@ def test_the_estimate_uses_applied_commands_without_an_imu():
     assert all(r.tick.sensors.imu.has == 0.0 for r in silent)
     saturated = [np.any(np.abs(r.requested.u) > LIMIT + 1e-9) for r in silent]
     assert np.mean(saturated) > 0.5
-    # what the estimator used is what the motors got
+    # the estimator used the commands that the motors received
     for k, record in enumerate(records[1:]):
         assert np.array_equal(record.tick.u, world.motors[k])
         assert np.all(np.abs(record.tick.u) <= LIMIT)
@@ -144,7 +144,7 @@ def test_the_estimate_uses_applied_commands_without_an_imu():
         belief, estimate = eager.estimator.step(belief, record.tick)
         assert identical(estimate, record.estimate)
         assert np.array_equal(belief.effort, record.tick.u)
-    # the covariance grows, the predictions go on
+    # the covariance grows, and the predictions continue
     spread = [np.linalg.eigvalsh(r.estimate.cov[:3, :3])[-1] for r in records[99:300]]
     assert np.all(np.diff(spread) > 0.0)
     assert all(not np.array_equal(a.estimate.eta, b.estimate.eta) for a, b in pairwise(silent))
@@ -157,7 +157,7 @@ class Count(NamedTuple):
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Failing:
-    """The PD of the paper that fails at tick `at` in the way of `how`."""
+    """The PD controller of the paper that fails at tick `at` in the manner `how`."""
 
     how: str
     at: int = 20
@@ -220,10 +220,10 @@ def test_rt3_a_failing_controller_stops_the_vehicle_and_logging_continues(failur
     if is_raise:
         assert f"{HERE}:{FAILING_LINE})" in block
     assert events == [(210_000_000, outcome.stopped)]
-    assert len(records) == 121  # twenty good ones, the fault, and a second after it
+    assert len(records) == 121  # twenty good ticks, the fault, and one second after it
     assert np.any(world.motors[19] != 0.0)
     assert all(np.array_equal(u, np.zeros(3)) for u in world.motors[20:])
-    assert all(np.isfinite(r.estimate.eta).all() for r in records)  # the estimator goes on
+    assert all(np.isfinite(r.estimate.eta).all() for r in records)  # the estimator continues
     assert np.all(np.diff([r.tick.t_ns for r in records]) == 10_000_000)
 
 
@@ -252,7 +252,7 @@ def test_rt3_a_failure_of_each_block_kind_stops_the_vehicle(room):
 
 
 class Odd(BaseException):
-    """What no `except Exception` holds."""
+    """An exception that `except Exception` does not catch."""
 
 
 @pytest.mark.parametrize("verb", ["init", "step"])
@@ -287,7 +287,7 @@ def test_two_failing_blocks_do_not_end_the_loop():
     assert len(records) == 101
 
 
-def test_a_block_that_fails_before_the_start_moves_nothing():
+def test_a_block_that_fails_in_init_prevents_the_drive():
     class NoStart(BrokenBlock):
         def init(self, *start):
             raise KeyError("route")
@@ -315,7 +315,7 @@ def test_a_nan_estimate_is_attributed_to_the_estimator():
     assert outcome.stopped.figures["found"] == "Estimate.nu = [nan, nan, nan]"
 
 
-def test_a_stop_of_the_supervisor_is_reported_and_recorded_for_a_second():
+def test_after_a_supervisor_stop_one_more_second_is_recorded():
     records, events, outcome = drive(BLOCKS._replace(supervisor=Supervisor(LIMIT, max_speed_m_s=0.2)), 9.0)
     assert outcome.stopped.code == StopReason.SPEED
     stop = next(k for k, r in enumerate(records) if np.hypot(*r.estimate.nu[:2]) > 0.2)
@@ -338,7 +338,7 @@ def test_the_motors_receive_zero_at_every_end_of_the_loop(error):
     world = Deaf(SimulatedWorld(VEHICLE, SENSORS, seed=4), 1e9, 1e9)
 
     def interrupted():
-        yield from clock.simulated(100.0, 0.3)
+        yield from clock.simulated_ticks(100.0, 0.3)
         raise error
 
     def go():
@@ -361,11 +361,11 @@ def test_the_estimator_receives_the_start_pose():
     assert isinstance(records[0].reference, Reference)
 
 
-def test_the_back_ends_agree_over_a_loop():
+def test_all_back_ends_give_the_same_loop_records():
     ticks = [r.tick for r in drive(duration_s=0.2)[0]]
     estimates = {}
     for backend in ("auto", "python", "numpy"):
-        blocks = PLAIN if backend == "numpy" else Blocks(*(compiled(block, backend) for block in PLAIN))
+        blocks = PLAIN if backend == "numpy" else Blocks(*(compile_block(block, backend) for block in PLAIN))
         states, estimates[backend] = loop.init(blocks), []
         for tick in ticks:
             states, record = loop.step(blocks, states, tick)
@@ -379,7 +379,7 @@ def test_the_loop_can_be_written_in_eight_lines():
     estimator, guide, controller, supervisor = BLOCKS
     world, commands = SimulatedWorld(VEHICLE, SENSORS, seed=4), []
     belief, g, c, s = estimator.init(), guide.init(), controller.init(), supervisor.init()
-    for t in clock.simulated(100.0, 1.0):
+    for t in clock.simulated_ticks(100.0, 1.0):
         for tick in world.read(t):
             belief, estimate = estimator.step(belief, tick)
         g, reference = guide.step(g, estimate)

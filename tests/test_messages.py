@@ -1,6 +1,6 @@
 """Messages are data: each code has one sentence, each sentence has its figures, and no code reads a sentence.
 
-`make golden` writes messages.golden anew; its diff is what a person reads.
+`make golden` writes messages.golden again; a person reads its diff.
 """
 
 import ast
@@ -18,17 +18,17 @@ from baqueano.messages import ROOMS, templates, text
 
 SOURCE = Path(__file__).parents[1] / "src" / "baqueano"
 GOLDEN = Path(__file__).with_name("messages.golden")
-ROOMS_OF_CODE = sorted(  # all but the one that makes the sentences
+ROOMS_OF_CODE = sorted(  # all files except the one that makes the sentences
     path.name
     for path in SOURCE.iterdir()
     if path.suffix == ".py" or ((path / "__init__.py").exists() and path.name != "messages")
 )
 MACHINES_WORDS = {
-    "Raspberry Pi", "calibrate imu",  # in files, by which a machine names itself
+    "Raspberry Pi", "calibrate imu",  # words in files by which a machine names itself
     "arrays used as ind", "field limit",  # of errors of NumPy and of csv, which have no codes
 }  # fmt: skip
-NAMES = {  # with a blank: cases of studies, verdicts on a filter
-    "cannot tell", "not reported", "too sure", "too cautious", "at its limit", "all read", "wrong start",
+NAMES = {  # with a space: cases of studies, verdicts on a filter
+    "cannot tell", "not reported", "too sure", "too cautious", "at its limit", "no reading lost", "wrong start",
     "left inverted", "right inverted", "sound, other start",
 }  # fmt: skip
 LISTS_OF_NAMES = {"SOUND", "MENDED", "NOT_FOR_CARS", "SUMS", "BATTERY", "KINDS", "FANCY_INDEX"}
@@ -41,7 +41,7 @@ WORDS = re.compile(r"[A-Za-z]{2,} [A-Za-z]{2,}")
 
 
 def name_of(node):
-    """The last name of an expression; text(…) and the str(…) of an error are sentences."""
+    """Return the last name of an expression; text(…) and the str(…) of an error are sentences."""
     if isinstance(node, ast.Call) and isinstance(node.func, ast.Name) and node.args:
         of_error = node.func.id == "str" and name_of(node.args[0]) in ("error", "value", "why", "damage")
         return "text" if of_error or node.func.id == "text" else ""
@@ -62,7 +62,7 @@ def prose(node, constants):
 
 
 def readers(tree):
-    """The lines on which a sentence is read."""
+    """Return the lines on which the code reads a sentence."""
     constants = {
         target.id
         for node in tree.body
@@ -119,11 +119,99 @@ def test_code_that_reads_codes_and_names_is_accepted(line):
     assert not list(readers(ast.parse(line)))
 
 
+OF_PROGRAMMERS = {"ValueError", "TypeError"}  # of Python: caught within the room, or for a programmer
+OF_PYTHON = {"on_demand.py"}  # the AttributeError of a module, in Python's words
+
+
+def literal_raises(tree):
+    """The lines on which an error is raised with a sentence in place of a code."""
+    for node in ast.walk(tree):
+        if not (isinstance(node, ast.Raise) and isinstance(node.exc, ast.Call)):
+            continue
+        kind, arguments = ast.unparse(node.exc.func).rpartition(".")[2], node.exc.args
+        of_class = kind[:1].isupper()  # self.wrong(place, …) makes an error with a code
+        if kind in OF_PROGRAMMERS or not of_class:
+            continue
+        translated = any(isinstance(arg, ast.Call) and ast.unparse(arg.func) == "_" for arg in arguments)
+        if translated or any(isinstance(arg, ast.JoinedStr) or prose(arg, set()) for arg in arguments):
+            yield node.lineno
+
+
+def test_each_error_is_raised_with_a_code():
+    offenders = [
+        f"{path.relative_to(SOURCE)} line {line}"
+        for path in sorted(SOURCE.rglob("*.py"))
+        if path.relative_to(SOURCE).as_posix() not in OF_PYTHON
+        for line in literal_raises(ast.parse(path.read_text(encoding="utf-8")))
+    ]
+    assert not offenders, f"raise it with fault(code, …), and write a template: {offenders}"
+
+
+LITERAL = 'raise UsageError("no such run")', 'raise OSError(5, f"{x} is shut")', 'raise AnswerNo(_("no"))'
+
+
+@pytest.mark.parametrize("line", LITERAL)
+def test_an_error_with_a_literal_sentence_is_detected(line):
+    assert list(literal_raises(ast.parse(line)))
+
+
+TESTS = Path(__file__).parent
+QUOTED = 94  # assertions that repeat a message: of tables, pages and terminals, whose subject is the text
+
+
+def triples(sentence):
+    """Each three words in a row of a sentence."""
+    for part in re.split(r"\{[^{}]*\}|[.;:,!?()\"]+(?=\s|$)", sentence.replace("\\", "")):
+        words = part.lower().split()
+        threes = zip(words, words[1:], words[2:], strict=False)
+        yield from (three for three in threes if "".join(three).isalpha())
+
+
+def quotations(tree, phrases):
+    """The lines on which an assertion has a literal with three words in a row of a message."""
+
+    def quotes(node):
+        literals = [part.value for part in ast.walk(node) if isinstance(part, ast.Constant)]
+        return any(phrases.intersection(triples(text)) for text in literals if isinstance(text, str))
+
+    lines = {
+        key.value.lineno
+        for key in ast.walk(tree)
+        if isinstance(key, ast.keyword) and key.arg == "match" and quotes(key.value)
+    }
+    checks = [node.test for node in ast.walk(tree) if isinstance(node, ast.Assert)]
+    for node in (part for check in checks for part in ast.walk(check)):
+        if isinstance(node, ast.Compare) and ".code" not in ast.unparse(node):
+            sides = [side for side in (node.left, *node.comparators) if not isinstance(side, ast.Call)]
+            lines |= {node.lineno} if any(map(quotes, sides)) else set()
+        if isinstance(node, ast.Call) and isinstance(node.func, ast.Attribute):
+            reads = node.func.attr in READING | MATCHING | {"count"} and any(map(quotes, node.args))
+            lines |= {node.lineno} if reads else set()
+    return lines
+
+
+def test_tests_assert_codes_and_rarely_quote_a_message():
+    phrases = {three for template in templates().values() for three in triples(template)}
+    places = [
+        f"{path.relative_to(TESTS)} line {line}"
+        for path in sorted(TESTS.rglob("*.py"))
+        for line in sorted(quotations(ast.parse(path.read_text(encoding="utf-8")), phrases))
+    ]
+    assert len(places) <= QUOTED, f"assert code and figures (tests/codes.py): {places}"
+
+
+def test_an_assertion_that_quotes_a_message_is_detected():
+    phrases = set(triples("the {name} bus is stuck low"))
+    assert quotations(ast.parse('assert "bus is stuck" in words'), phrases) == {1}
+    assert quotations(ast.parse('with refused(kind, match="bus is stuck low"):\n    pass'), phrases) == {1}
+    assert quotations(ast.parse('assert reason.code == "bus.stuck"'), phrases) == set()
+
+
 def sentences():
     return "".join(f"{code}\n    {template}\n" for code, template in sorted(templates().items()))
 
 
-def test_the_sentences_equal_the_golden_file():
+def test_all_message_sentences_equal_the_golden_file():
     if os.environ.get("REGENERATE"):
         GOLDEN.write_text(sentences(), encoding="utf-8")
     assert GOLDEN.read_text(encoding="utf-8") == sentences(), "type: make golden, and read the diff"
@@ -141,7 +229,7 @@ def test_each_reason_to_stop_has_a_sentence():
 
 
 def said_in_the_code():
-    """Code and names of the figures of each diagnostic that the source makes with literal names."""
+    """Return code and figure names of each diagnostic that the source makes with literal names."""
     for path in SOURCE.rglob("*.py"):
         for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
             if not (isinstance(node, ast.Call) and isinstance(node.func, ast.Name) and node.args):
@@ -159,7 +247,7 @@ def said_in_the_code():
                 yield path.relative_to(SOURCE), code, figures
 
 
-def test_each_diagnostic_brings_the_figures_of_its_template():
+def test_each_diagnostic_contains_the_figures_that_its_template_needs():
     diagnostics = list(said_in_the_code())
     assert len(diagnostics) > 250
     for path, code, figures in diagnostics:
@@ -172,7 +260,7 @@ def test_each_diagnostic_brings_the_figures_of_its_template():
 
 
 def codes_in_the_code():
-    """Literals of the source, and patterns of those with parts that are made."""
+    """Return the literals of the source, and patterns of those with computed parts."""
     literals, patterns = set(), set()
     for path in SOURCE.rglob("*.py"):
         if "english" in path.parts:
@@ -188,7 +276,7 @@ def codes_in_the_code():
     return literals, re.compile("|".join(patterns))
 
 
-def test_each_template_has_its_code():
+def test_each_template_is_used_by_a_code():
     literals, pattern = codes_in_the_code()
     of_errors = {f"error.{error.__name__}" for error in (BaqueanoError, *BaqueanoError.__subclasses__())}
     unused = set(templates()) - literals - of_errors
@@ -232,7 +320,7 @@ def test_invalid_diagnostic_data_are_refused(data):
         ("clock.not-believed", "clock.unreliable"), ("residual.coloured", "residual.autocorrelated"),
     ],
 )  # fmt: skip
-def test_a_message_of_an_older_run_gets_its_present_code(then, now):
+def test_the_code_of_an_old_message_is_replaced_by_its_new_code(then, now):
     outer = {"code": "run.event", "severity": "warning", "subject": "", "fix": "", "figures": {}}
     words = outer | {"figures": {"cause": outer | {"code": then}}}
     assert Diagnostic.of_json(words).figures["cause"].code == now

@@ -12,7 +12,7 @@ SAVED = '\nmine = bq.repeat(robot, route, controller=Mine, duration_s=0.5, path=
 
 @pytest.fixture(scope="module")
 def executed_notebooks(tmp_path_factory):
-    """The folder of a new project, and its notebook after all of its cells."""
+    """Return the folder of a new project, and its notebook after all cells were executed."""
     folder = new(tmp_path_factory.mktemp("notebook") / "mi lab")
     notebook = nbformat.read(folder / "first_evening.ipynb", as_version=4)
     nbformat.validate(notebook)
@@ -44,7 +44,7 @@ def test_notebook_results_are_cards_with_short_texts_and_figures_are_images(exec
     cards = outputs_of(notebook, "text/html")
     assert any("Fit of small" in card and "friction.linear[0]" in card for card in cards)
     assert any("Fit of small" in card and "USABLE" in card for card in cards), (
-        "though its file began as a guess"
+        "the file was a guess at the beginning"
     )
     assert any("Gains of small" in card for card in cards)
     assert all(text.count("\n") < 12 for text in outputs_of(notebook, "text/plain"))

@@ -17,11 +17,11 @@ PACKAGES = sorted(
     path
     for path in ROOT.rglob("__init__.py")
     if any(maker in path.read_text(encoding="utf-8") for maker in ("on_demand(", "front_door("))
-)  # that of the front door is the first
+)  # the top-level package is the first
 
 
 def read_by_a_type_checker(path: Path) -> dict[str, tuple[str, str]]:
-    """Name → (module, its name there), of the imports under `if TYPE_CHECKING`."""
+    """Return {name: (module, its name there)} of the imports under `if TYPE_CHECKING`."""
     tree = ast.parse(path.read_text(encoding="utf-8"))
     branches = [
         branch_node
@@ -35,7 +35,7 @@ def read_by_a_type_checker(path: Path) -> dict[str, tuple[str, str]]:
 
 
 def package_of(path: Path):
-    """The package of an `__init__.py`."""
+    """Return the package of an `__init__.py`."""
     return import_module(".".join(["baqueano", *path.parent.relative_to(ROOT).parts]))
 
 
@@ -55,22 +55,22 @@ def test_no_lazy_name_is_hidden_by_a_submodule(path):
     assert not {entry.stem for entry in path.parent.iterdir()} & read_by_a_type_checker(path).keys()
 
 
-def test_a_name_absent_from_every_module_is_an_attribute_error():
+def test_an_unknown_name_of_a_package_raises_an_attribute_error():
     get = on_demand("baqueano.runs", {"folder": ("find",)})
     with pytest.raises(AttributeError, match=r"module 'baqueano\.runs' does not have attribute 'fnid'"):
         get("fnid")
 
 
 def fresh(code: str) -> str:
-    """What a new Python prints."""
+    """Return the output of a new Python process."""
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     return done.stdout.strip()
 
 
-VERBS = ["compare", "identify", "report", "simulate", "tune"]  # called as the rooms in which they stand
+VERBS = ["compare", "identify", "report", "simulate", "tune"]  # functions with the names of their packages
 
 
-def test_a_top_level_function_stays_callable_after_importing_its_package():
+def test_importing_a_package_does_not_hide_the_function_of_the_same_name():
     rooms = "; ".join(f"import baqueano.{verb}" for verb in VERBS)
     printed = fresh(f"import baqueano as bq; {rooms}; print([getattr(bq, v).__name__ for v in {VERBS}])")
     assert printed == str(VERBS)

@@ -1,4 +1,4 @@
-"""The documents as a site, in two languages: every student's page exists in both, with the same code."""
+"""The documents as a site in two languages: every page for students exists in both, with the same code."""
 
 import re
 import subprocess
@@ -29,7 +29,7 @@ def blocks(page):
 
 
 def without_comments(text):
-    """Return what a machine reads."""
+    """Return the code without its comments."""
     return [line for line in (re.sub(r"(^|\s+)#.*", "", line).rstrip() for line in text.splitlines()) if line]
 
 
@@ -83,7 +83,7 @@ def test_the_glossaries_have_the_same_terms():
 
 @pytest.fixture(scope="module")
 def site(tmp_path_factory):
-    """The whole site; a warning fails."""
+    """Build the whole site; a warning is an error."""
     if find_spec("sphinx") is None:
         pytest.skip("the site needs the extra docs: pip install '.[docs]'")
     out = tmp_path_factory.mktemp("site") / "site"
@@ -96,7 +96,7 @@ def site(tmp_path_factory):
 
 
 class AddressReader(HTMLParser):
-    """Collect what a browser fetches by itself, and where links lead."""
+    """Collects the addresses that a browser loads without a click, and the targets of links."""
 
     def __init__(self):
         super().__init__()

@@ -1,4 +1,4 @@
-"""The last word before the motors."""
+"""The supervisor, the last stage before the motors."""
 
 import numpy as np
 import pytest
@@ -84,7 +84,7 @@ def test_an_imu_without_any_reading_stops_the_vehicle():
     assert (state.stopped, out.u[0]) == (1.0, 0.0)
 
 
-def test_a_vehicle_without_the_monitored_sensor_is_not_stopped():
+def test_a_vehicle_without_an_imu_is_not_stopped_for_imu_silence():
     bare = Tick(9_000_000_000, np.zeros(3), sensor_slots(("odometer",))(Slot(0.0, np.zeros(1))))
     state, _ = answer(command(1, 0, 0), t=tick(1.0))
     state, out = answer(command(1, 0, 0), t=bare, state=state)
@@ -101,7 +101,7 @@ def test_a_stop_is_latched_with_its_first_reason():
 
 @example([0.0, 0.0, 0.0], [1.3e308, 1.3e308, 0.0])
 @given(st.lists(st.floats(), min_size=3, max_size=3), st.lists(st.floats(), min_size=3, max_size=3))
-def test_rt4_no_command_ever_leaves_the_limits(u, nu):
+def test_rt4_no_command_exceeds_the_limits_for_any_input(u, nu):
     _, out = answer(command(*u), estimate(nu=nu))
     assert np.all(np.abs(out.u) <= LIMIT)
     if not np.all(np.isfinite(u)):

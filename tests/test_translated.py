@@ -8,7 +8,7 @@ from pathlib import Path
 
 SOURCE = Path(__file__).parents[1] / "src" / "baqueano"
 SENTENCE = re.compile(r"(?:[A-Za-z']+,? ){3,}[A-Za-z']+")  # four words in a row
-MARKS = {"_", "N_", "parameter", "translated", "marked"}
+MARKS = {"_", "N_", "parameter", "translate", "mark"}
 HELP = {"help", "epilog", "short_help", "metavar"}
 ELSEWHERE = {"messages", "project"}  # the templates; files that `new` writes, which their own test reads
 OF_DEVELOPERS = {
@@ -24,7 +24,7 @@ OF_DEVELOPERS = {
 TYPED = re.compile(  # lines to type, code, words of NumPy
     r"^(exec )?baqueano |^sudo |^pip |\.__class__ |^\(\w+, \w+\(t_ns"
 )
-OTHER_TEXT = {  # with text that people read elsewhere, or not at all
+OTHER_TEXT = {  # with text that users read elsewhere, or never
     "cli/__init__.py", "cli/blocks.py", "cli/modelling/runs.py", "cli/robot/settings.py",  # constants: help
     "drive/verbs.py", "study/paper/case_study.py", "web/lab/identification.py",  # names of files, and units
     "identify/data/added_channels.py", "runs/importing/sources.py", "study/faults/judged.py",  # in the catalogue
@@ -35,7 +35,7 @@ OTHER_TEXT = {  # with text that people read elsewhere, or not at all
 
 
 def sentences(tree: ast.AST) -> Iterator[tuple[int, str]]:
-    """Yield line and text of each sentence that nothing translates."""
+    """Yield line and text of each sentence that is not translated."""
     for node in ast.iter_child_nodes(tree):
         if isinstance(node, ast.Call):
             name = ast.unparse(node.func).rpartition(".")[2]

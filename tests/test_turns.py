@@ -1,4 +1,4 @@
-"""A test that judges milliseconds runs while no other process of the run does."""
+"""A test that judges milliseconds runs while no other process of the test run is active."""
 
 import os
 import subprocess
@@ -27,7 +27,7 @@ with turn(sys.argv[2] == "alone", sys.argv[1]) as alone:
 
 @pytest.fixture
 def start(tmp_path, monkeypatch):
-    """Start a process that takes its turn until a line comes."""
+    """Start a process that takes its turn until it receives a line."""
     monkeypatch.setenv("TMPDIR", str(tmp_path))
     running = []
 
@@ -47,7 +47,7 @@ def start(tmp_path, monkeypatch):
 
 
 def waiting(process):
-    """Return the thread that waits for its turn, after a second in which it has none, and what it will read."""
+    """Return the thread that waits for its turn after a second without one, and the text that it will read."""
     line = []
     reading = threading.Thread(target=lambda: line.append(process.stdout.readline()), daemon=True)
     reading.start()
@@ -62,13 +62,13 @@ def test_an_exclusive_test_waits_for_running_tests_and_blocks_new_tests(start):
     assert int(second.stdout.readline())  # both at once
     exclusive = start("alone")
     waits, _ = waiting(exclusive)
-    kept_out, came = waiting(start("beside"))  # though those who run would let it in
+    kept_out, came = waiting(start("beside"))  # although the running tests would let it in
     for process in (first, second):
         end(process)
     waits.join(20.0)
     assert not waits.is_alive()
     assert kept_out.is_alive()
-    exclusive.kill()  # a process that dies leaves its turn
+    exclusive.kill()  # a killed process releases its turn
     kept_out.join(20.0)
     assert int(came[0])
 

@@ -1,4 +1,4 @@
-"""One wheel that installs with pip alone, with all its data, and answers."""
+"""One wheel that pip installs without other files, with all its data, and that works."""
 
 import subprocess
 import sys
@@ -29,7 +29,7 @@ def test_the_wheel_contains_every_data_file_and_no_test(wheel):
 
 
 def test_su4_the_wheel_installs_offline_and_works_outside_the_repository(wheel, tmp_path):
-    """The dependencies come from this environment (no network in a test); the package from the wheel alone."""
+    """The test has only the dependencies of this environment, not a network; the package comes from the wheel."""
     venv.create(tmp_path / "env", system_site_packages=False, with_pip=False)
     scripts = tmp_path / "env" / ("Scripts" if sys.platform == "win32" else "bin")
     python = next(scripts.glob("python*"))

@@ -1,4 +1,4 @@
-"""Sentences and names that people read are plain: at most 25 words, and the words of the field."""
+"""Sentences and names for users are plain: at most 25 words, and the terms of the field."""
 
 import ast
 import re
@@ -28,7 +28,7 @@ def test_a_message_is_in_plain_language():
 
 
 DOCS = Path(__file__).parents[1]
-PAGES = (  # but those that the code writes
+PAGES = (  # except those that the code writes
     "README.md",
     *(
         path.relative_to(DOCS).as_posix()
@@ -72,7 +72,7 @@ def test_a_page_is_in_plain_language(page):
 
 
 def nodes(*folders: Path):
-    """Return the nodes of all rooms, or of these folders, with their file."""
+    """Return the nodes of all packages, or of these folders, with their file."""
     for folder in folders or (SOURCE,):
         for path in sorted(folder.rglob("*.py")):
             file = path.relative_to(SOURCE if folder == SOURCE else DOCS).as_posix()
@@ -80,7 +80,7 @@ def nodes(*folders: Path):
                 yield file, node
 
 
-def test_a_docstring_begins_with_a_verb_or_a_noun():
+def test_no_docstring_begins_with_a_question_word():
     riddles = [
         f"{file}: {text}"
         for file, node in nodes()
@@ -130,7 +130,7 @@ def test_a_docstring_is_in_plain_language():
         ("Return a sentence\nof two lines.\n\n>>> one.two. three\n", 1),
     ],
 )
-def test_sentences_of_a_docstring_are_counted_correctly(docstring, count):
+def test_docstring_sentences_are_counted_without_tables_and_examples(docstring, count):
     assert len(sentences(docstring)) == count
 
 
@@ -153,7 +153,7 @@ def defined_names(node: ast.AST) -> list[str]:
     ]
 
 
-def test_no_defined_name_is_a_verb_of_saying():
+def test_no_name_in_the_code_is_a_verb_of_saying():
     names = {
         f"{file}: {name}"
         for file, node in nodes(*NAMED)
@@ -161,6 +161,35 @@ def test_no_defined_name_is_a_verb_of_saying():
         if name.lstrip("_") in VERBS and not isinstance(node, ast.keyword | ast.alias)
     }
     assert not names, f"name what it holds: {sorted(names)}"
+
+
+SPEECH = {"say", "tell", "ask", "hear", "want", "know", "believe", "feel"}  # of a function or an argument
+
+
+def test_no_function_or_argument_is_a_verb_of_saying():
+    names = {
+        f"{file}: {name}"
+        for file, node in nodes()
+        if isinstance(node, ast.FunctionDef | ast.AsyncFunctionDef | ast.arg)
+        for name in defined_names(node)
+        if name in SPEECH
+    }
+    assert not names, f"name what it does: {sorted(names)}"
+
+
+PAST = re.compile(r"[a-z]+ed")  # a participle alone, which lacks its verb or its noun
+VERBS_IN_ED = {"feed", "speed", "embed", "exceed"}
+
+
+def test_a_function_name_is_not_a_participle():
+    participles = {
+        f"{file}: {node.name}"
+        for file, node in nodes()
+        if isinstance(node, ast.FunctionDef | ast.AsyncFunctionDef)
+        and PAST.fullmatch(node.name)
+        and node.name not in VERBS_IN_ED
+    }
+    assert not participles, f"a verb, or the quantity that is returned: {participles}"
 
 
 PARTICIPLE = re.compile(r"_?[A-Z][a-z]+(ed|aught|old|eld|een|own|awn)")  # a word alone, which lacks its noun

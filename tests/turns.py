@@ -1,11 +1,11 @@
-"""Turns among the processes of one run of pytest: a test runs beside those of the others, or alone.
+"""Turns among the processes of one run of pytest: a test runs beside tests of other processes, or exclusively.
 
-`turn` yields a function: from its call on, this process runs alone.
+`turn` yields a function: from its call on, this process runs exclusively.
 
-    room    shared by the tests that run beside each other; of one alone                                      (1)
-    queue   of whoever enters the room: one alone who waits in it lets nobody pass                            (2)
+    room    shared by tests that run beside each other, or held by one exclusive test                          (1)
+    queue   held while entering the room; a waiting exclusive test keeps it, so no other test enters           (2)
 
-The locks belong to processes, so that one that dies leaves them. On Windows, and without pytest-xdist, nobody waits.
+The locks belong to processes, so a killed process releases them. On Windows, and without pytest-xdist, no test waits.
 """
 
 import os
@@ -22,7 +22,7 @@ with suppress(ImportError):
 def turn(
     alone: bool, run: str = os.environ.get("PYTEST_XDIST_TESTRUNUID", "")
 ) -> Iterator[Callable[[], None]]:
-    """Run something in its turn among the processes of this run."""
+    """Run a block in its turn among the processes of this test run."""
     if not run or os.name == "nt":
         yield lambda: None
         return
@@ -30,7 +30,7 @@ def turn(
     with places[0].open("a+") as queue, places[1].open("a+") as room:
 
         def enter(lock: int) -> None:
-            fcntl.lockf(room, fcntl.LOCK_UN)  # two who wait for each other to leave would wait for ever
+            fcntl.lockf(room, fcntl.LOCK_UN)  # two processes that wait for each other would never continue
             fcntl.lockf(queue, fcntl.LOCK_EX)
             fcntl.lockf(room, lock)
             fcntl.lockf(queue, fcntl.LOCK_UN)

@@ -7,8 +7,8 @@
     fit = bq.identify(run, robot)
     fit.plot()
 
-The functions have the names of the command line's verbs; each is imported at its first use. The six rooms of blocks are
-`vehicles`, `sensors`, `estimators`, `guides`, `controllers` and `worlds`; `routes` prepares routes.
+The functions have the names of the commands of the command line; each is imported at its first use. The six packages of
+blocks are `vehicles`, `sensors`, `estimators`, `guides`, `controllers` and `worlds`; `routes` prepares routes.
 """
 
 from baqueano.on_demand import front_door

@@ -1,9 +1,10 @@
-"""Find the block of a `kind` in the vehicle file: one of ours by its short name, or one of yours as "file.py:Class".
+"""Find the block of a `kind` in the vehicle file: ours by a short name, yours as "file.py:Class".
 
 Code that a vehicle file or a run names is executed if it is in the same folder, or if the user named it. Code from
 elsewhere is executed only if the user allows it, as it runs with all rights of the user.
 
-block_checks checks the contracts of the six rooms, for the author of a block.
+A room is a category of blocks, such as "sensor". block_checks checks the contract of each room, for the author of a
+block.
 """
 
 import importlib
@@ -18,7 +19,7 @@ from types import ModuleType
 
 from baqueano.block_checks.source import place as place_of
 from baqueano.diagnostics import Diagnostic, fault, nearest, note
-from baqueano.errors import USERS, FileError, UsageError, from_outside, in_users_file, named
+from baqueano.errors import USERS, FileError, UsageError, error_text, from_outside, in_users_file
 
 __all__ = ["kinds", "resolve"]
 
@@ -67,7 +68,7 @@ ROOMS: dict[str, dict[str, str]] = {
 LOOP = ("estimator", "guide", "controller", "supervisor")  # the rooms of a drive
 OWN_FILE = "vehicle.toml"  # of the project in the working directory
 _trusted_files: set[Path] = set()  # files of blocks that the user named or allowed in this process
-_allowing = [False]  # True if the user allows code that files of others name
+_allowing = [False]  # True if the user allows code that files of other people name
 _modules: dict[tuple[str, str], ModuleType] = {}  # a user's file as it was when it was read
 
 
@@ -107,9 +108,9 @@ def resolve(room: str, kind: str, folder: Path | str | None = None) -> type:
     room : str
         "vehicle", "sensor", "estimator", "guide", "controller" or "supervisor".
     kind : str
-        A short name of ours, or "file.py:Class".
+        Short name of one of our blocks, or "file.py:Class".
     folder : path, optional
-        Folder to search first for a relative file; the working directory is the second.
+        Folder to search first for a relative file; the working directory is searched second.
 
     Returns
     -------
@@ -119,7 +120,7 @@ def resolve(room: str, kind: str, folder: Path | str | None = None) -> type:
     Raises
     ------
     FileError
-        If it does not exist, with the nearest names.
+        If the file or the class does not exist; the message contains the nearest names.
 
     Examples
     --------
@@ -139,8 +140,8 @@ def resolve(room: str, kind: str, folder: Path | str | None = None) -> type:
 
 
 @contextmanager
-def allowed(allow: bool = True) -> Iterator[None]:
-    """Permit, within the context, the code of blocks from vehicle files and runs of others, if `allow` is true."""
+def permit_blocks(allow: bool = True) -> Iterator[None]:
+    """Permit, within the context, blocks that vehicle files and runs of other people name, if `allow` is true."""
     before = _allowing[0]
     _allowing[0] = before or allow
     try:
@@ -150,9 +151,10 @@ def allowed(allow: bool = True) -> Iterator[None]:
 
 
 def resolve_named(room: str, kind: str, folder: Path | str | None = None) -> type:
-    """Return the class of a `kind` that a vehicle file in `folder` names, or, if `folder` is None, a run.
+    """Return the class of a `kind` that a vehicle file in `folder` names; if `folder` is None, a run names it.
 
-    FileError for code elsewhere, unless the user named it or allows it; for such a path in a run always.
+    FileError for code in another folder that the user neither named nor allowed. FileError always for a run with
+    a path outside the working directory.
     """
     file = kind if kind.endswith(".py") else kind.rpartition(":")[0]
     path = _path_of(file, folder) if file.endswith(".py") else None
@@ -192,7 +194,7 @@ def _is_in_own_file(kind: str) -> bool:
 
 
 def room_of(kind: type) -> str:
-    """Return the room that a class of the user fits, by the arguments of its `step`. FileError if none fits."""
+    """Return the room of a class of the user, from the arguments of its `step`. FileError if none matches."""
     step = getattr(kind, "step", None)
     if step is None:
         raise FileError(fault("block.no-step", place=place_of(kind), block=kind.__name__))
@@ -215,7 +217,7 @@ def room_of(kind: type) -> str:
 def check_room(room: str, block: object) -> None:
     """Raise UsageError if a class or block of the user does not fit `room`.
 
-    It lacks init or step, or has those of another room.
+    It does not fit without `init` or `step`, or if its `step` has the arguments of another room.
     """
     kind = block if isinstance(block, type) else type(block)
     if not all(callable(getattr(kind, verb, None)) for verb in ("init", "step")):
@@ -240,7 +242,7 @@ def _find(file: str, folder: Path | str | None) -> Path:
 
 
 def _path_of(file: str, folder: Path | str | None) -> Path | None:
-    """Return the file, if it exists in one of the folders to search; else None."""
+    """Return the path of the file in the first folder to search that contains it; None if none does."""
     places = _places(Path(file).expanduser(), folder)
     return next((place.resolve() for place in places if place.is_file()), None)
 
@@ -254,12 +256,12 @@ def _own(module: ModuleType) -> list[str]:
 
 
 def read(file: str, folder: Path | str | None = None) -> ModuleType:
-    """Return a user's file as a module, run once for each content; FileError, with its line, if it raises anything."""
+    """Return a user's file as a module; it runs once for each content. FileError, with the line, if it raises."""
     return _module(_find(file, folder))
 
 
 def classes_in(file: str, folder: Path | str | None = None) -> Diagnostic:
-    """Return a suggestion for a "file.py" without its class; FileError if the file cannot be read."""
+    """Return a message that lists the blocks "file.py:Class" of a file; FileError if the file cannot be read."""
     own = [f"{file}:{name}" for name in _own(read(file, folder))]
     return note("block.classes", file=file, classes=own) if own else note("block.no-classes", file=file)
 
@@ -304,7 +306,9 @@ def _module(path: Path) -> ModuleType:
             raise
         ends = "" if isinstance(error, Exception) else "-and-ends"
         place = in_users_file(error) or path.name
-        raise FileError(fault(f"block.raised-while-read{ends}", place=place, error=named(error))) from error
+        raise FileError(
+            fault(f"block.raised-while-read{ends}", place=place, error=error_text(error))
+        ) from error
     finally:
         sys.path.remove(str(path.parent))
     _modules[key] = module

@@ -1,6 +1,7 @@
 """Provide sources of time: a simulation, real time, or a run. Each clock yields strictly increasing integers t_ns.
 
-A missed tick is skipped, not executed later: the next one comes on the grid, and `missed` counts.
+A missed tick is skipped and not executed later: the next tick is again on the grid, and `missed` counts the skipped
+ticks.
 """
 
 import time
@@ -10,7 +11,7 @@ from dataclasses import dataclass, field
 from baqueano.signals import NANOSECONDS, Tick
 
 
-def simulated(rate_hz: float, duration_s: float | None = None) -> Iterator[int]:
+def simulated_ticks(rate_hz: float, duration_s: float | None = None) -> Iterator[int]:
     """Yield the ends of the ticks from 0 to `duration_s`, as fast as the machine runs; endless if None."""
     k = 1
     while duration_s is None or k <= round(duration_s * rate_hz):
@@ -20,7 +21,7 @@ def simulated(rate_hz: float, duration_s: float | None = None) -> Iterator[int]:
 
 @dataclass
 class Wall:
-    """Real time on a steady grid, in the nanoseconds of a monotonic clock: without a jump when the date is set."""
+    """A clock of real time on a steady grid [ns]; it is monotonic, so it does not jump when the date is set."""
 
     rate_hz: float
     duration_s: float | None = None
@@ -49,6 +50,6 @@ def wall(rate_hz: float, duration_s: float | None = None) -> Wall:
 
 
 def of_run(ticks: Iterable[Tick]) -> Iterator[int]:
-    """Yield the times of a run's ticks."""
+    """Yield the time [ns] of each tick of a run."""
     for tick in ticks:
         yield tick.t_ns

@@ -1,7 +1,7 @@
-"""Define diagnostics: messages as data, with code, severity, subject, figures, and a line to type.
+"""Define diagnostics: messages as data, with code, severity, subject, figures, and a command to type.
 
-Code decides only by codes and figures. The sentence is made once, for the reader (messages/), from the template of the
-code. Diagnostics are sent to the laptop, into runs, into --json.
+Programs decide only by codes and figures. The sentence for the reader is made at one place (messages/), from the
+template of the code. Diagnostics are sent to the laptop and written into runs and --json.
 """
 
 import math
@@ -13,7 +13,7 @@ from typing import Any
 
 
 class Severity(StrEnum):
-    """The severity of a message. UNKNOWN means that this machine cannot check it."""
+    """The severity of a message. UNKNOWN means that this machine cannot check the subject."""
 
     OK = "ok"
     INFO = "info"
@@ -38,7 +38,7 @@ class Verdict(StrEnum):
 
     @classmethod
     def of(cls, reasons: "Iterable[Diagnostic]") -> "Verdict":
-        """Return the verdict of the most severe of `reasons`: USABLE without an error, a warning or an unknown one.
+        """Return the verdict of the most severe of `reasons`; USABLE if all reasons are only information.
 
         >>> Verdict.of([note("gyro.unit", Severity.ERROR)])
         <Verdict.REFUSED: 'REFUSED'>
@@ -57,7 +57,7 @@ class StopReason(StrEnum):
     YAW_RATE = "supervisor.yaw-rate"
     POSITION_UNCERTAIN = "supervisor.position-uncertain"
     SENSOR_SILENT = "supervisor.sensor-silent"
-    OWN_REASON = "supervisor.own-reason"  # of a supervisor of the user's
+    OWN_REASON = "supervisor.own-reason"  # of a supervisor of the user
     BLOCK_RAISED = "block.raised"
     BLOCK_RAISED_IN_INIT = "block.raised-in-init"
     BLOCK_RETURNED = "block.returned"
@@ -68,7 +68,7 @@ class StopReason(StrEnum):
     TERMINAL_SILENT = "driver.terminal-silent"
     PROGRAM_ENDED = "driver.program-ended"
     HOLDER_SILENT = "operator.silent"
-    STOPPED_BY = "operator.stopped"  # by anyone, in their own words
+    STOPPED_BY = "operator.stopped"  # with the words of the person who stopped it
     STOPPED_FROM_LAPTOP = "operator.stopped-from-laptop"
     STOPPED_BY_COMMAND = "operator.stopped-by-command"
     UNO_LATCHED = "uno.stop-latched"
@@ -95,7 +95,7 @@ class StopReason(StrEnum):
     IMU_BUS_STILL_HELD = "imu.bus-still-held"
     SERVICE_ENDED = "service.told-to-end"
     MISSION_UNFINISHED = "service.mission-unfinished"
-    MISSION_UNFINISHED_AT = "service.mission-unfinished-at"  # the line of a block is known
+    MISSION_UNFINISHED_AT = "service.mission-unfinished-at"  # with the line of the block's file
     NOT_CHECKED = "service.not-checked"
     CHECKED_AGAIN = "service.checked-again"
     RECORDED = "recorded.stop"  # of a run without a code: its words
@@ -108,7 +108,7 @@ FORMER = (  # beginning of a code in older runs → its present one
 
 
 def code_of_today(code: str) -> str:
-    """Return the present code of a message in an older run.
+    """Return the present code of a message whose code in an older run is `code`.
 
     >>> code_of_today("seen.tied"), code_of_today("sensor.agrees-again")
     ('identifiability.tied', 'sensor.agrees-again')
@@ -118,9 +118,9 @@ def code_of_today(code: str) -> str:
 
 @dataclass(frozen=True, slots=True)
 class Diagnostic:
-    """A message as data. The names of `figures` end with their unit, and a figure may be another diagnostic, the cause.
+    """A message as data. Names of `figures` end with their unit; a figure may be another diagnostic, the cause.
 
-    `fix` is a line to type, or empty.
+    `fix` is a command to type, or empty.
     """
 
     code: str
@@ -133,7 +133,7 @@ class Diagnostic:
         return hash((self.code, self.severity, self.subject, self.fix, frozenset(self.figures.items())))
 
     def to_json(self) -> dict[str, object]:
-        """Return the diagnostic as JSON; a figure that is not finite becomes null."""
+        """Return the diagnostic as a dict for JSON; a figure that is not finite becomes null."""
         figures = {name: _to_json(value) for name, value in self.figures.items()}
         return {
             "code": str(self.code), "severity": str(self.severity), "subject": self.subject, "figures": figures,
@@ -162,7 +162,7 @@ def _to_json(value: object) -> object:
 
 
 def stop(reason: StopReason, fix: str = "", **figures: "str | float | Diagnostic | None") -> Diagnostic:
-    """Return the diagnostic of a stop."""
+    """Return the diagnostic of a stop, an error with the code `reason`."""
     return Diagnostic(reason, Severity.ERROR, reason.partition(".")[0], figures, fix)
 
 
@@ -181,12 +181,12 @@ def note(
 
 
 def fault(code: str, fix: str = "", subject: str = "", **figures: object) -> Diagnostic:
-    """Return the diagnostic of an error."""
+    """Return a diagnostic with the severity ERROR."""
     return note(code, Severity.ERROR, fix, subject, **figures)
 
 
-def joined(messages: Iterable[Diagnostic]) -> Diagnostic | None:
-    """Return several messages as one; None for an empty list."""
+def merge(messages: Iterable[Diagnostic]) -> Diagnostic | None:
+    """Return several messages as one diagnostic; None for an empty list."""
     first, *rest = (*messages, None)
     for then in rest[:-1]:
         first = fault("messages.then", first=first, then=then)
@@ -219,7 +219,7 @@ def _figure(value: object) -> "str | float | Diagnostic | None":
 
 
 def nearest(name: str, allowed: Iterable[str], cutoff: float = 0.6) -> Diagnostic:
-    """Return a suggestion for an unknown name, if a known one is near, and the known names."""
+    """Return a message with the known names and, if one of them is similar to `name`, a suggestion."""
     import difflib
 
     names = list(allowed)

@@ -1,7 +1,7 @@
 """Define the errors of baqueano, each one paragraph: the fault, the value, the expected value, and the next step.
 
-The exit code of the command line is part of the error: 1 the answer is no, 2 usage, 3 bad file, 4 robot
-unreachable, 5 safety stop, 130 Ctrl-C.
+Each error has an exit code of the command line: 1 the answer is no, 2 usage, 3 bad file, 4 robot unreachable, 5 safety
+stop, 130 Ctrl-C.
 """
 
 import traceback
@@ -18,7 +18,7 @@ USERS = "baqueano_user_"  # begins the name of a module that is a file of the us
 class DiagnosticError(Exception):
     """An exception that carries a diagnostic. Its text is for the reader.
 
-    `message`: a diagnostic, or a text from other code. `about`: the diagnostic that it passes on.
+    `message` is a diagnostic, or a text from other code. `about` is the diagnostic for programs; by default `message`.
     """
 
     def __init__(self, message: Diagnostic | str = "", about: Diagnostic | None = None) -> None:
@@ -28,18 +28,22 @@ class DiagnosticError(Exception):
 
     @property
     def diagnostic(self) -> Diagnostic:
-        """Return the diagnostic; for a text its code is that of the error's class."""
+        """Return the diagnostic; for a text its code is "error." and the name of the error's class."""
         if self._about is not None:
             return self._about
         return Diagnostic(f"error.{type(self).__name__}", Severity.ERROR, "error", {"words": str(self)})
 
 
 class Invalid(DiagnosticError, ValueError):
-    """A number, name or shape that a block or a function of ours does not accept."""
+    """The error of a number, name or shape that one of our blocks or functions does not accept."""
 
 
 class Misuse(DiagnosticError, TypeError):
-    """A call, or a type of argument, that a function of ours does not accept."""
+    """The error of a call, or of a type of argument, that one of our functions does not accept."""
+
+
+class MissingMethod(DiagnosticError, NotImplementedError):
+    """The error of a base class whose subclass lacks a method that it has to define."""
 
 
 class BaqueanoError(DiagnosticError):
@@ -49,19 +53,19 @@ class BaqueanoError(DiagnosticError):
 
 
 class AnswerNo(BaqueanoError):
-    """The error of a task that ran without fault, with the answer no."""
+    """The error of a task that ran correctly and whose answer is no."""
 
     exit_code = 1
 
 
 class UsageError(BaqueanoError):
-    """A request that is not valid."""
+    """The error of a request that is not valid."""
 
     exit_code = 2
 
 
 class FileError(BaqueanoError):
-    """A file that cannot be used."""
+    """The error of a file that cannot be used."""
 
     exit_code = 3
 
@@ -79,14 +83,14 @@ class SafetyStop(BaqueanoError):
 
 
 class FromOutside(BaseException):
-    """An exception that our code raises inside a block without its fault: an alarm, the end of a manual drive."""
+    """An exception inside a block that is not a fault of the block: an alarm, the end of a manual drive."""
 
 
 def from_outside(error: BaseException) -> bool:
     """Return True for an interruption from outside: FromOutside, or Ctrl-C.
 
-    Ctrl-C comes between two instructions. A KeyboardInterrupt from a `raise` in the code is the code's error, as are
-    SystemExit and GeneratorExit: a guard against faults of a block catches every error except those from outside.
+    Ctrl-C arrives between two instructions. A KeyboardInterrupt from a `raise` in the code is an error of the code, as
+    are SystemExit and GeneratorExit. A guard of a block catches every error except interruptions from outside.
     """
     if not isinstance(error, KeyboardInterrupt):
         return isinstance(error, FromOutside)
@@ -98,11 +102,11 @@ def from_outside(error: BaseException) -> bool:
 
 
 def cause_of(error: BaseException) -> Diagnostic | str:
-    """Return an error as the figure of another: its diagnostic, or its text."""
+    """Return an error as a figure of another diagnostic: its diagnostic, or its text."""
     return error.diagnostic if isinstance(error, DiagnosticError) and error._about is not None else str(error)
 
 
-def named(error: BaseException) -> str:
+def error_text(error: BaseException) -> str:
     """Return the kind of an error and its text: "ZeroDivisionError: division by zero", "SystemExit"."""
     try:
         text = str(error)
@@ -112,7 +116,7 @@ def named(error: BaseException) -> str:
 
 
 def in_users_file(error: BaseException) -> str:
-    """Return the last line of a file of the user's blocks in an error's traceback, "mine.py line 12"; "" without one.
+    """Return file and line of the last frame of a traceback in the user's code, "mine.py line 12", or "" if none.
 
     >>> in_users_file(ValueError("raised by nobody"))
     ''
@@ -127,6 +131,6 @@ def in_users_file(error: BaseException) -> str:
 def of_code(
     code: int, reason: Diagnostic | str, otherwise: type[BaqueanoError] = BaqueanoError
 ) -> BaqueanoError:
-    """Return the error of an exit code at the other end of a line; `otherwise` for a code without an error of ours."""
+    """Return the error for the exit code of a remote command; an `otherwise` if our errors do not have this code."""
     kinds = (AnswerNo, UsageError, FileError, RobotUnreachable, SafetyStop)
     return {kind.exit_code: kind for kind in kinds}.get(code, otherwise)(reason)

@@ -23,7 +23,7 @@ def wrap(angle: Value) -> Value:
     Returns
     -------
     float or ndarray [rad]
-        The same shape.
+        Angle in [−π, π), in the same shape.
 
     Examples
     --------
@@ -34,7 +34,7 @@ def wrap(angle: Value) -> Value:
 
 
 def map_from_body(psi: Value) -> np.ndarray:
-    """Return the matrix that turns a velocity of the body frame into one of the map frame.
+    """Return the matrix that transforms a velocity from the body frame to the map frame.
 
     Parameters
     ----------
@@ -60,7 +60,7 @@ def map_from_body(psi: Value) -> np.ndarray:
 
 
 def pose_error(eta_ref: np.ndarray, eta: np.ndarray) -> np.ndarray:
-    """Return the error of the pose in the body frame: e = J(ψ)⁻¹ (η_ref − η), the difference of heading wrapped.
+    """Return the error of the pose in the body frame: e = J(ψ)⁻¹ (η_ref − η); the heading error is wrapped.
 
     Parameters
     ----------
@@ -72,7 +72,7 @@ def pose_error(eta_ref: np.ndarray, eta: np.ndarray) -> np.ndarray:
     Returns
     -------
     ndarray (3,) [m, m, rad]
-        The error ahead, to the left, and of the heading.
+        Error ahead, error to the left, and error of the heading.
 
     Examples
     --------
@@ -85,7 +85,7 @@ def pose_error(eta_ref: np.ndarray, eta: np.ndarray) -> np.ndarray:
 
 
 def compose(eta_a: np.ndarray, eta_b: np.ndarray) -> np.ndarray:
-    """Return pose b in the map, given in the frame of pose a: map_from_a ∘ a_from_b.
+    """Return pose b in the map; `eta_b` gives it in the frame of pose a: map_from_a ∘ a_from_b.
 
     Parameters
     ----------
@@ -109,7 +109,7 @@ def compose(eta_a: np.ndarray, eta_b: np.ndarray) -> np.ndarray:
 
 
 def align(xy_from: np.ndarray, xy_to: np.ndarray) -> tuple[float, np.ndarray]:
-    """Return the rotation and the shift that move points onto others in least squares, without scale.
+    """Return the rotation and the shift, without scale, that fit points to other points by least squares.
 
     Parameters
     ----------

@@ -1,7 +1,7 @@
 """Choose the language of messages, help and tables: by `--lang`, BAQUEANO_LANG or the locale, in this order.
 
-The code contains English. Each other language is a gettext catalogue, locale/<language>/LC_MESSAGES/baqueano.mo, which
-`make catalogues` writes.
+The texts in the code are English. Each other language has a gettext catalogue,
+locale/<language>/LC_MESSAGES/baqueano.mo, which `make catalogues` writes.
 """
 
 import gettext
@@ -24,7 +24,7 @@ _reader: ContextVar[str] = ContextVar("reader", default="")  # the language of t
 
 
 def choose(language: str) -> None:
-    """Choose one of LANGUAGES for this process, also for the help of its command line; "" undoes it."""
+    """Choose one of LANGUAGES for this process and for the help of its command line; "" cancels the choice."""
     global _language
     _language = language
     os.environ["LANGUAGE"] = current()
@@ -58,12 +58,12 @@ def current() -> str:
     return language if language in LANGUAGES else "en"
 
 
-def translated(words: str, context: str = "", /, **figures: object) -> str:
-    """Return words of the code in the current language, with `figures` in their fields.
+def translate(words: str, context: str = "", /, **figures: object) -> str:
+    """Return the text `words` in the current language, with `figures` in its fields.
 
-    Words without a translation stay English.
+    A text without a translation stays English.
 
-    >>> translated("{laps} laps in {t_s:.1f} s", laps=3, t_s=12.0)
+    >>> translate("{laps} laps in {t_s:.1f} s", laps=3, t_s=12.0)
     '3 laps in 12.0 s'
     """
     language = current()
@@ -73,13 +73,13 @@ def translated(words: str, context: str = "", /, **figures: object) -> str:
     return words.format_map({name: number(value) for name, value in figures.items()}) if figures else words
 
 
-def marked(words: str) -> str:
-    """Return words unchanged, marked for the catalogue; `translated` translates them where they are shown."""
+def mark(words: str) -> str:
+    """Return a text unchanged, marked for the catalogue; `translate` translates it before it is shown."""
     return words
 
 
 def number(value: Shown) -> Shown:
-    """Return a number that is formatted as in the current language; anything else unchanged.
+    """Return a number that formats itself as the current language does; return any other value unchanged.
 
     >>> f"{number(0.25):.1f}"
     '0.2'
@@ -96,7 +96,7 @@ def number(value: Shown) -> Shown:
     return cast("Shown", shown_value)
 
 
-N_ = marked
+N_ = mark
 _OF_UNITS = (N_("unit of u"), N_(" per "))
 
 
@@ -108,7 +108,7 @@ def shown_unit(words: str) -> str:
     N por unidad de u
     """
     for unit_word in _OF_UNITS:
-        words = words.replace(unit_word, translated(unit_word))
+        words = words.replace(unit_word, translate(unit_word))
     return words
 
 

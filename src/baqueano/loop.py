@@ -1,7 +1,7 @@
 """Run the loop: measure → estimate → guide → control → supervise → act.
 
-`step` is pure: it takes blocks, their states and a tick, and returns new states and a record. The clocked loop below, a
-simulation in one kernel and the tuning of gains all call it, so that a second version does not exist.
+`step` is pure: from the blocks, their states and a tick it computes new states and a record. The clocked loop below, a
+simulation in one kernel and the tuning of gains all call this same function.
 """
 
 from collections.abc import Callable, Iterable, Iterator
@@ -14,11 +14,11 @@ from baqueano.contracts.values import Tree
 from baqueano.diagnostics import Diagnostic, StopReason, stop
 from baqueano.monitor.findings import Finding
 from baqueano.signals import Command, Estimate, Reference, Tick, seconds
-from baqueano.supervisor import BlockFault, Off, guarded, stop_reason
+from baqueano.supervisor import BlockFault, Off, guard_block, stop_reason
 
 
 class Blocks(NamedTuple):
-    """The four blocks of a loop."""
+    """The four blocks of a loop: estimator, guide, controller and supervisor."""
 
     estimator: Estimator
     guide: Guide
@@ -27,7 +27,7 @@ class Blocks(NamedTuple):
 
 
 class States(NamedTuple):
-    """The states of the blocks, in the same order."""
+    """The states of the four blocks, in the order of `Blocks`."""
 
     estimator: Tree
     guide: Tree
@@ -36,7 +36,7 @@ class States(NamedTuple):
 
 
 class Record(NamedTuple):
-    """The record of one tick. `tick.u` is the command in force before it, `command` the one after it."""
+    """The record of one tick. `tick.u` is the command in force before the tick, `command` the command after it."""
 
     tick: Tick
     requested: Command  # by the controller
@@ -44,18 +44,18 @@ class Record(NamedTuple):
     estimate: Estimate
     reference: Reference
     degraded: tuple[Finding, ...] = ()  # the sensors that have been off for long: monitor.Finding
-    states: States | None = None  # of the blocks after it, in the clocked loop; a run does not hold them
+    states: States | None = None  # of the blocks after the tick, in the clocked loop; not in a run
 
 
 def init(blocks: Blocks, eta: np.ndarray | None = None) -> States:
-    """Return the states at the start; `eta` is the estimator's start: pose (3,), or pose and velocity (6,), or None."""
+    """Return the states at the start; `eta` starts the estimator: pose (3,), pose and velocity (6,), or None."""
     start = () if eta is None else (eta,) if len(eta) == 3 else (eta[:3], eta[3:])
     belief = blocks.estimator.init(*start)
     return States(belief, blocks.guide.init(), blocks.controller.init(), blocks.supervisor.init())
 
 
 def step(blocks: Blocks, states: States, tick: Tick) -> tuple[States, Record]:
-    """Run one tick through all blocks."""
+    """Return the states after a tick through all blocks, and the record of the tick."""
     belief, estimate = blocks.estimator.step(states.estimator, tick)
     guide, reference = blocks.guide.step(states.guide, estimate)
     controller, requested = blocks.controller.step(states.controller, reference, estimate)
@@ -66,7 +66,7 @@ def step(blocks: Blocks, states: States, tick: Tick) -> tuple[States, Record]:
 
 
 class Outcome(NamedTuple):
-    """The end of a run of the loop, and its reason."""
+    """The end of a run of the loop: the reason of a stop, the guide's end, and the number of ticks."""
 
     stopped: Diagnostic | None  # why the motors were stopped; None if nothing stopped them
     done: bool  # True if the guide reached its end
@@ -86,11 +86,11 @@ def run(
 ) -> Outcome:
     """Run the clocked loop over a world. It always ends with a zero command.
 
-    A fault of a block, which is named, sets the motors to zero from then on; so does a stop by the supervisor. Both are
-    still recorded for AFTER_STOP_S. `eta` (3,) is the pose at the start.
+    After a fault of a block or a stop by the supervisor the command stays zero; the reason names a faulty block. The
+    loop still records for AFTER_STOP_S, then it ends. `eta` (3,) is the pose at the start.
     """
     n = world.commands
-    blocks = Blocks(*(guarded(room, b, n) for room, b in zip(Blocks._fields, blocks, strict=True)))
+    blocks = Blocks(*(guard_block(room, b, n) for room, b in zip(Blocks._fields, blocks, strict=True)))
     end_reason: Diagnostic | None = None
     since_ns, done, ticks, t_ns = 0, False, 0, 0
     try:
@@ -117,7 +117,7 @@ def run(
 def _records(
     blocks: Blocks, world: World, clock: Iterable[int], eta: np.ndarray | None
 ) -> Iterator[tuple[Record, Diagnostic | None]]:
-    """Yield the record of every tick, and the reason for stopped motors, None while they may run."""
+    """Yield the record of every tick, and the reason why the motors are stopped; None while they may run."""
     states = init(blocks, eta)
     for t_ns in clock:
         records = []
@@ -132,10 +132,10 @@ def _records(
 def careful_step(
     blocks: Blocks, states: States, tick: Tick
 ) -> tuple[Blocks, States, Record, Diagnostic | None]:
-    """Return the `step` of guarded blocks, and why the motors are stopped, None if they are not.
+    """Return the blocks, the result of their `step`, and why the motors are stopped; None if they may run.
 
-    After a fault the blocks that drive are replaced by ones that do nothing. The estimator continues, unless it caused
-    the fault.
+    After a fault, blocks with a zero command replace guide, controller and supervisor. The estimator is replaced only
+    if it caused the fault.
     """
     try:
         states, record = step(blocks, states, tick)

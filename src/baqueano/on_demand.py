@@ -1,8 +1,8 @@
 """Import names of a package at their first use: a vehicle starts without modules that only a laptop needs.
 
-A package with a submodule of the same name imports that name at once: otherwise the submodule would replace it. The
-package baqueano has functions with the names of their subpackages: there `front_door` keeps the name for the function.
-This module imports nothing at its start, so that `import baqueano` takes no time.
+A package imports a name at once if a submodule has the same name: otherwise the submodule would replace it. In the
+package baqueano some functions and subpackages have the same name; there `front_door` keeps the name for the function.
+This module imports only `sys` at its start, so that `import baqueano` is fast.
 """
 
 import sys
@@ -15,9 +15,9 @@ if TYPE_CHECKING:
 def on_demand(
     package: str, names: dict[str, tuple[str, ...]], rooms: tuple[str, ...] = ()
 ) -> "Callable[[str], object]":
-    """Return the `__getattr__` of a package with names of its modules, and with its subpackages `rooms`.
+    """Return the `__getattr__` of a package: it imports names of its modules and its subpackages `rooms`.
 
-    "name as other" gives a name another one. It raises AttributeError for any other name.
+    "name as other" exports `name` under the name `other`. The function raises AttributeError for an unknown name.
     """
     module_of = {name: f"{package}.{module}" for module, exports in names.items() for name in exports}
     places = {name.partition(" as ")[2] or name: (module, name) for name, module in module_of.items()}
@@ -38,9 +38,9 @@ def on_demand(
 def front_door(
     package: str, names: dict[str, tuple[str, ...]], rooms: tuple[str, ...]
 ) -> "Callable[[str], object]":
-    """Return `on_demand` for a package with submodules of the same names as functions.
+    """Return the `__getattr__` of `on_demand` for a package in which submodules and functions have the same names.
 
-    Such a name is always the function, also after an import of the submodule.
+    The name always refers to the function, also after an import of the submodule.
     """
     verbs = {name.partition(" as ")[2] or name for exports in names.values() for name in exports}
     module = type(sys)

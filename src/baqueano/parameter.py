@@ -1,12 +1,12 @@
 """Define a field of a block that is a parameter: with its unit, its bounds, its meaning and its physics.
 
 The vehicle file, the bounds of a fit, its free parameters, its advice and the labels of a report all use this data. So
-your own vehicle works as ours do. `role` states what a default fit does with a parameter:
+your vehicle works as ours do. `role` states whether a default fit estimates a parameter or keeps its value:
 
-    fitted   estimates it                               term    estimates it if it is not neutral
-    gain     estimates it; the effect of a command      known   keeps it: it was measured by hand
-    offset   estimates it; it acts without a command    scale   keeps it; a sensor's, known by its data sheet
-                                                        noise   keeps it; it has no effect on the motion
+    fitted   estimates                                   term    estimates if the value is not neutral
+    gain     estimates: the effect of a command          known   keeps: measured by hand
+    offset   estimates: it acts without a command        scale   keeps: of a sensor, known from its data sheet
+                                                         noise   keeps: it does not act on the motion
 """
 
 import dataclasses
@@ -22,7 +22,7 @@ from baqueano.contracts.values import Tree
 from baqueano.diagnostics import fault
 from baqueano.errors import Invalid
 
-__all__ = ["Parameter", "documented", "parameter", "parameters"]
+__all__ = ["Parameter", "document", "parameter", "parameters"]
 
 INF = float("inf")
 Kind = TypeVar("Kind", bound=type)
@@ -39,33 +39,33 @@ class Parameter(NamedTuple):
     Attributes
     ----------
     unit : str
-        SI, "1" for none; one for all entries, or one per entry separated by ", ".
+        SI unit, "1" for none; one unit for all entries, or one per entry separated by ", ".
     low, high : float
         Smallest and largest value that any entry may have.
     meaning : str
-        One line.
+        Meaning of the parameter, in one line.
     shape : tuple of int or None
-        Of the array; () for a number; None if it depends on the vehicle.
+        Shape of the array; () for a number; None if it depends on the vehicle.
     role : str
-        One of ROLES; its use in a default fit.
+        One of ROLES: its use in a default fit.
     neutral : float or None
-        Value at which the effect vanishes; None if it never does.
+        Value at which the effect vanishes; None if no value does this.
     term : str or tuple of str
-        Name of the term that `choose` may add; entries and fields of one name are one term.
+        Name of the term that `choose` may add; entries and fields with the same name belong to one term.
     start : tuple of float
         Values from which a search begins.
     shown_by : str or tuple of str
         The motion that makes it identifiable.
     measured_by : str
-        The way in which a user measures it.
+        Method by which a user measures it.
     symbol : str or tuple of str
         Its letter, in LaTeX.
     label : str or tuple of str
-        Its short name for the reader; of a matrix, that of the diagonal entries; "": the line of meaning.
+        Its short name for the reader; for a matrix, the name of the diagonal entries. If "", `meaning` is used.
     std : str
-        Field with its standard deviation; a filter may take it into its state.
+        Field with its standard deviation; a filter may include the parameter in its state.
     walk : str
-        Field with its random walk in 1 s: a bias; "" for a constant.
+        For a bias, the field with its random walk in 1 s; "" for a constant.
     slip : str
         Field with the standard deviation of its slow variation; "" for a constant.
     fade : str
@@ -117,17 +117,17 @@ def parameter(
     Parameters
     ----------
     unit : str
-        SI, "1" for none; one for all entries, or one per entry separated by ", ".
+        SI unit, "1" for none; one unit for all entries, or one per entry separated by ", ".
     meaning : str
-        One line.
+        Meaning of the parameter, in one line.
     low, high : float
         Smallest and largest value that any entry may have.
     default : object
         Value of the field; arrays are given as lists or tuples.
     shape : tuple of int or None
-        Of the array; () for a number; None if it depends on the vehicle.
+        Shape of the array; () for a number; None if it depends on the vehicle.
     role : str
-        One of ROLES; its use in a default fit.
+        One of ROLES: its use in a default fit.
     **physics : object
         The other fields of `Parameter`.
 
@@ -187,9 +187,10 @@ def parameters(block: Tree) -> Iterator[tuple[str, Parameter]]:
 
 
 def all_parameters(block: Tree, path: str) -> Iterator[tuple[str, Parameter]]:
-    """Yield (path, Parameter) of a block at `path`, first those of blocks within it, without fields that are None.
+    """Yield (path, Parameter) of each parameter of a block at `path`; fields that are None are excluded.
 
-    A field with a block may give its parameters other roles: metadata={"roles": {name: role}}.
+    Parameters of blocks within the block are first. A field that contains a block may change the roles of its
+    parameters: metadata={"roles": {name: role}}.
     """
     if not dataclasses.is_dataclass(block):
         return
@@ -202,11 +203,11 @@ def all_parameters(block: Tree, path: str) -> Iterator[tuple[str, Parameter]]:
             yield f"{path}.{name}", p
 
 
-def documented(block: Kind) -> Kind:
+def document(block: Kind) -> Kind:
     """Complete the section Parameters in the docstring of a block's class from the metadata of its fields.
 
-    The meaning of a field then stands in one place. The section itself describes the fields without metadata; a
-    field that is inherited is described as in the base class.
+    So the meaning of a field is written in one place. The section itself describes the fields without metadata; an
+    inherited field has the description of the base class.
 
     Parameters
     ----------
@@ -221,7 +222,7 @@ def documented(block: Kind) -> Kind:
     Examples
     --------
     >>> from dataclasses import dataclass
-    >>> @documented
+    >>> @document
     ... @dataclass
     ... class Wheel:
     ...     radius_m: float = parameter("m", "radius of the wheel", low=0.0, default=0.03)
@@ -252,7 +253,7 @@ def documented(block: Kind) -> Kind:
 
 
 def _section(doc: str) -> str:
-    """Return the entries of the section Parameters."""
+    """Return the entries of the section Parameters of a docstring; "" without this section."""
     sections = list(SECTION.finditer(doc))
     for section, following in pairwise([*sections, None]):
         if section is not None and section[1] == "Parameters":
@@ -261,7 +262,7 @@ def _section(doc: str) -> str:
 
 
 def _entry(field: "dataclasses.Field[object]") -> str:
-    """Return the entry of a field in a docstring."""
+    """Return the entry of a field in the section Parameters: name, unit, meaning, bounds and default."""
     p: Parameter = field.metadata["parameter"]
     of_shape = p.shape or ("" if re.search(r"\(\w+,[ \w]*\)", p.meaning) else "(k,)")
     kind = "float" if p.shape == () else f"ndarray {of_shape}".rstrip()

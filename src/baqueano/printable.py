@@ -1,7 +1,7 @@
-"""Quote lines to type, and make texts of a robot or a file safe for a terminal by codes such as \\x1b.
+"""Quote commands for a shell, and make texts of a robot or a file safe for a terminal by codes such as \\x1b.
 
-A control character (C0, C1, DEL) moves the cursor, overwrites lines, renames the window, or answers in place of the
-user. A mark of direction reverses letters (bidi). A line separator begins a line.
+A control character (C0, C1, DEL) can move the cursor, overwrite lines, rename the window, or type in place of the user.
+A mark of direction reverses letters (bidi). A line separator begins a new line.
 """
 
 import os
@@ -12,19 +12,19 @@ from collections.abc import Iterable
 from typing import Any
 
 
-def typed(*words: object) -> str:
-    """Return a command of baqueano as a line to type.
+def baqueano_command(*words: object) -> str:
+    """Return a baqueano command with these arguments, quoted for the shell of this machine.
 
-    >>> typed("runs", "show", "my runs/0001.mcap")
+    >>> baqueano_command("runs", "show", "my runs/0001.mcap")
     "baqueano runs show 'my runs/0001.mcap'"
     """
-    return quoted("baqueano", *words)
+    return shell_command("baqueano", *words)
 
 
-def quoted(*words: object) -> str:
-    """Return words quoted for the shell of this machine.
+def shell_command(*words: object) -> str:
+    """Return a command of these words, quoted for the shell of this machine.
 
-    >>> quoted("cd", "my lab")
+    >>> shell_command("cd", "my lab")
     "cd 'my lab'"
     """
     line = list(map(str, words))
@@ -41,7 +41,7 @@ def _for_powershell(word: str) -> str:
 
 
 def printable(text: str) -> str:
-    r"""Return a text of several lines with a code for each character that does not print, except newline and tab.
+    r"""Return a text in which codes replace all characters that do not print, except newline and tab.
 
     >>> printable("safe \x1b[2J \u202e gnp.exe")
     'safe \\x1b[2J \\u202e gnp.exe'

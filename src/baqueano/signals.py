@@ -2,7 +2,7 @@
 
 Map frame: right-handed, ψ counter-clockwise. Body frame: x forward, y left (REP 103).
 Letters (Fossen): η = (x, y, ψ) pose in the map, ν = (ν_x, ν_y, ν_ψ) velocity in the body frame.
-Time is an integer count of nanoseconds of the run's clock; only `seconds` converts it to seconds.
+Time is an integer [ns] of the run's clock; only `seconds` converts it to seconds.
 """
 
 from collections import namedtuple
@@ -22,19 +22,19 @@ STANDARD_GRAVITY = 9.80665  # m/s², by definition: accelerometers are calibrate
 
 
 def seconds(t_ns: Value, since_ns: Value = 0) -> Value:
-    """Return the time from `since_ns` to `t_ns` in seconds; the difference is taken before it is rounded.
+    """Return the time from `since_ns` to `t_ns` [s]; the difference is computed in integers, so it is exact.
 
     Parameters
     ----------
     t_ns : int or ndarray
-        Time of the clock of the run.
+        Time of the run's clock.
     since_ns : int or ndarray
         Time to count from.
 
     Returns
     -------
     float or ndarray [s]
-        The same shape.
+        The duration, in the same shape.
 
     Examples
     --------
@@ -45,7 +45,7 @@ def seconds(t_ns: Value, since_ns: Value = 0) -> Value:
 
 
 class ByName(Protocol[Entry]):
-    """A NamedTuple whose names are those of the sensors of a vehicle: `slots.imu`, `getattr(slots, name)`."""
+    """A NamedTuple with a field for each sensor of a vehicle: `slots.imu`, `getattr(slots, name)`."""
 
     @property
     def _fields(self) -> tuple[str, ...]: ...
@@ -58,14 +58,14 @@ class ByName(Protocol[Entry]):
 
 
 class Command(NamedTuple):
-    """The command of a controller, and the one that the supervisor passes on.
+    """The command of a controller or of the supervisor.
 
     Attributes
     ----------
     t_ns : int
         Time of the estimate for which it was computed.
     u : ndarray (n,)
-        In the unit of the vehicle file; [-1, 1] on a real robot.
+        Command of each channel, in the unit of the vehicle file; in [-1, 1] on a real robot.
 
     Examples
     --------
@@ -108,14 +108,14 @@ class Motion(NamedTuple):
 
 
 class Slot(NamedTuple):
-    """The reading of a sensor in a tick; z is zero if `has` is 0.
+    """The reading of a sensor in a tick; `z` is zero if `has` is 0.
 
     Attributes
     ----------
     has : float
         1.0 if a measurement arrived since the previous tick, else 0.0.
     z : ndarray (m,)
-        The measurement, in the sensor's own units (SI).
+        The measurement, in the SI units of the sensor.
     age_s : float
         Age of its timestamp at the tick.
 
@@ -168,11 +168,11 @@ class Estimate(NamedTuple):
     cov : ndarray (6, 6)
         Covariance of (η, ν).
     innovation : ndarray (m,), optional
-        z − h(μ̄); NaN if no measurement arrived; None: not reported.
+        z − h(μ̄); NaN for a sensor without a measurement; None if the estimator does not report it.
     innovation_cov : ndarray (m, m), optional
         S = H Σ̄ Hᵀ + Q.
     weight : ndarray (m,), optional
-        Weight of each innovation: 1 in full, below ½ refused, NaN without a measurement.
+        Weight of each innovation: 1 is full weight, below ½ is refused, NaN is without a measurement.
 
     Examples
     --------
@@ -202,7 +202,7 @@ class Reference(NamedTuple):
     nu : ndarray (3,) [m/s, m/s, rad/s]
         Velocity along the route, in the body frame of the route.
     done : float
-        1.0 if the guide is at its end, else 0.0.
+        1.0 if the guide has reached its end, else 0.0.
 
     Examples
     --------
@@ -217,13 +217,13 @@ class Reference(NamedTuple):
 
 
 def measured_ns(t_ns: int, slot: Slot) -> int:
-    """Return the time of measurement [ns] of a slot of the tick at `t_ns`."""
+    """Return the time of measurement [ns] of the reading `slot` in the tick at `t_ns`."""
     return t_ns - round(slot.age_s * NANOSECONDS)
 
 
 @cache
 def sensor_slots(names: tuple[str, ...]) -> Callable[..., ByName[Tree]]:
-    """Return the NamedTuple class with one Slot per sensor name; the same names give the same class."""
+    """Return the NamedTuple class with one Slot per sensor name; equal names return the same class."""
     slots_class: Tree = namedtuple("Sensors", names)
     return slots_class
 

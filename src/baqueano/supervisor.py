@@ -1,10 +1,10 @@
 """Check every command before the motors: limits, health, stop.
 
-`Supervisor` is a block like the others, pure and traceable. It clips every command to its limits, and answers any of
-its `REASONS` with a zero command. A stop is latched until the operator starts the vehicle again.
+`Supervisor` is a block like the others, pure and traceable. It clips every command to its limits, and sends a zero
+command for any of its `REASONS`. A stop is latched until the operator starts the vehicle again.
 
-`guarded` protects against faults of a block that arithmetic cannot show: an exception, or a wrong output. The clocked
-loop wraps every block in it; `BlockFault` then names the block and the line.
+`guard_block` protects against faults of a block that the supervisor cannot detect: an exception, or a wrong output. The
+clocked loop wraps every block in `guard_block`; `BlockFault` then names the block and the line.
 """
 
 import inspect
@@ -19,9 +19,9 @@ from baqueano.contracts import optional
 from baqueano.contracts.blocks import Block
 from baqueano.contracts.values import Tree, Value
 from baqueano.diagnostics import Diagnostic, StopReason, stop
-from baqueano.errors import from_outside, named
-from baqueano.language import translated as _
-from baqueano.parameter import INF, documented, parameter
+from baqueano.errors import error_text, from_outside
+from baqueano.language import translate as _
+from baqueano.parameter import INF, document, parameter
 from baqueano.signals import Command, Estimate, Reference, Tick, seconds
 from baqueano.vehicles.bounds import check_bounds
 
@@ -38,30 +38,33 @@ REASONS = (
 
 
 class SupervisorState(NamedTuple):
-    """The state on which a stop and a silence depend."""
+    """The state of a supervisor: the latched stop, its reason, and the time of the IMU's last measurement."""
 
-    stopped: float  # 1.0 for good, once there was a reason
+    stopped: float  # 1.0 after the first reason, and from then on
     reason: float  # index into REASONS
     imu_ns: int  # time of the IMU's last measurement; -1 before the first tick
 
 
-@documented
+@document
 @dataclass(frozen=True, slots=True, eq=False)
 class Supervisor:
-    """A supervisor that clips the command to `limit` and stops for the reasons above. A limit not given is infinite."""
+    """A supervisor that clips the command to `limit` and stops the vehicle for each of `REASONS`.
+
+    The defaults of the speeds and of the standard deviation are infinite, so that they never stop the vehicle.
+    """
 
     limit: np.ndarray = parameter("unit of u", "largest command, one per channel, (n,)", low=0.0, shape=None)
     max_speed_m_s: float = parameter(
         "m/s", "estimated speed above which the vehicle is stopped", low=0.0, default=INF
     )
     max_yaw_rate_rad_s: float = parameter(
-        "rad/s", "estimated yaw rate above which it is stopped", low=0.0, default=INF
+        "rad/s", "estimated yaw rate above which the vehicle is stopped", low=0.0, default=INF
     )
     max_position_std_m: float = parameter(
-        "m", "standard deviation of the position above which it is stopped", low=0.0, default=INF
+        "m", "standard deviation of the position above which the vehicle is stopped", low=0.0, default=INF
     )
     imu_timeout_s: float = parameter(
-        "s", "time without data from the IMU after which it is stopped", low=0.0, default=0.5
+        "s", "time without data from the IMU after which the vehicle is stopped", low=0.0, default=0.5
     )
     watch: str = "imu"  # the sensor that must not be silent; a vehicle without it is not watched
 
@@ -100,7 +103,7 @@ class Supervisor:
 
 
 def position_std(cov: Value) -> Value:
-    """Return the standard deviation [m] of the position along its longest axis, of a covariance (6, 6)."""
+    """Return the standard deviation [m] of the position along its longest axis, from the covariance (6, 6)."""
     p = np.where(np.isfinite(cov[:2, :2]), cov[:2, :2], 0.0)
     spread = np.hypot(0.5 * (p[0, 0] - p[1, 1]), p[0, 1])
     return np.sqrt(np.maximum(0.5 * (p[0, 0] + p[1, 1]) + spread, 0.0))
@@ -116,11 +119,11 @@ def stop_reason(state: Tree) -> Diagnostic | None:
         return reason
     if isinstance(reason, str):
         return stop(StopReason.OWN_REASON, words=reason)
-    return numbered(int(reason)) if getattr(state, "stopped", 0.0) > 0.0 else None
+    return diagnostic_of(int(reason)) if getattr(state, "stopped", 0.0) > 0.0 else None
 
 
-def numbered(reason: int) -> Diagnostic:
-    """Return the diagnostic of an index into REASONS, a general one for an index that a user's supervisor added."""
+def diagnostic_of(reason: int) -> Diagnostic:
+    """Return the diagnostic of an index into REASONS; a general diagnostic for an index of a user's supervisor."""
     stop_code = REASONS[reason] if 0 < reason < len(REASONS) else None
     if stop_code is None:
         return stop(
@@ -140,7 +143,7 @@ class BlockFault(Exception):
 
 @dataclass(frozen=True, slots=True, eq=False)
 class GuardedBlock:
-    """A block whose `step` raises only BlockFault or interruptions from outside, and returns the output of its room."""
+    """A block whose `step` checks its output, and raises only BlockFault or interruptions from outside."""
 
     room: str  # "controller"
     block: Block
@@ -175,7 +178,7 @@ class GuardedBlock:
         return getattr(object.__getattribute__(self, "block"), name)
 
     def _ask_parts(self, state: Tree, inputs: tuple[Tree, ...]) -> None:
-        """Raise the fault of the part that caused it, if there is one: parts of a compiled block are unguarded."""
+        """Raise the fault of the part that caused it, if any: repeat a compiled step with guarded parts."""
         if optional.of(text := _as_written(self.block), "goes_around") and text is not self.block:
             commands = len(self.zeros.get("u", ()))
             replace(self, block=_with_guarded_parts(self.room, text, commands)).step(state, *inputs)
@@ -185,14 +188,14 @@ class GuardedBlock:
         return BlockFault(self.room, reason)
 
     def _fault(self, error: BaseException, reason: StopReason = StopReason.BLOCK_RAISED) -> BlockFault:
-        """Return the fault of an exception of the block, also of sys.exit(); raise interruptions from outside again."""
+        """Return the fault of an exception of the block, also of sys.exit(). Raise an interruption from outside."""
         if from_outside(error):
             raise error
-        return BlockFault(self.room, stop(reason, block=_place(self, error), error=named(error)))
+        return BlockFault(self.room, stop(reason, block=_place(self, error), error=error_text(error)))
 
 
-def guarded(room: str, block: Block, commands: int = 0) -> GuardedBlock:
-    """Return `block` of a room of the loop, guarded with its parts, for a vehicle with `commands` channels."""
+def guard_block(room: str, block: Block, commands: int = 0) -> GuardedBlock:
+    """Return a guard around `block` of `room` and around its parts, for a vehicle with `commands` channels."""
     pose = {"eta": np.zeros(3), "nu": np.zeros(3)}
     command = {"u": np.zeros(commands)}
     contract: dict[str, tuple[type, dict[str, np.ndarray]]] = {
@@ -205,9 +208,9 @@ def guarded(room: str, block: Block, commands: int = 0) -> GuardedBlock:
 
 
 def _with_guarded_parts(room: str, block: Tree, commands: int) -> Tree:
-    """Return the block with guarded parts; a compiled one, or one that is not a dataclass, unchanged."""
+    """Return the block with guarded parts; a block that is compiled or not a dataclass is returned unchanged."""
     names = [name for name in optional.of(block, "goes_around") if optional.has_field(block, name)]
-    inside = {name: guarded(room, getattr(block, name), commands) for name in names}
+    inside = {name: guard_block(room, getattr(block, name), commands) for name in names}
     return replace(block, **inside) if inside else block
 
 
@@ -219,10 +222,10 @@ class Off:
     commands: int
 
     def init(self, *start: np.ndarray) -> None:
-        """Return an empty state."""
+        """Return None: this block does not have a state."""
 
     def step(self, state: None, *inputs: Tree) -> tuple[None, Tree]:
-        """Return the output of the room that moves nothing."""
+        """Return the output of the room for a vehicle at rest: zero command or velocity, or an estimate of NaN."""
         t_ns = inputs[-1].t_ns
         if self.room == "estimator":
             return None, Estimate(t_ns, np.full(3, np.nan), np.full(3, np.nan), np.full((6, 6), np.nan))
@@ -232,7 +235,7 @@ class Off:
 
 
 def _wrong(output: Tree, kind: type, zeros: dict[str, np.ndarray]) -> tuple[str, str] | None:
-    """Return the fault of `output` and the expected value; None without a fault."""
+    """Return a description of the fault of `output` and the expected value; None without a fault."""
     if not isinstance(output, kind):
         fields = ", ".join(f for f in kind.__annotations__ if not f.startswith(("innovation", "weight")))
         return f"{_text_of(output)} as its output", f"{kind.__name__}({fields})"
@@ -262,7 +265,7 @@ def _text_of(value: object) -> str:
 
 
 def _place(guard: GuardedBlock, error: BaseException | None = None) -> str:
-    """Return the block and the line of its file: where it raised, or where its step begins."""
+    """Return the block, its file, and the line in which it raised or, without an error, its `step` begins."""
     frames = traceback.extract_tb(error.__traceback__) if error is not None else []
     block = _to_blame(guard.block, {frame.filename for frame in frames})
     kind: Tree = type(block)
@@ -275,21 +278,21 @@ def _place(guard: GuardedBlock, error: BaseException | None = None) -> str:
 
 
 def _as_written(block: Tree) -> Tree:
-    """Return the block inside one that is timed, limited or compiled: each has it as `block`."""
+    """Return the block inside a timed, limited or compiled block, which contains it as `block`."""
     while (inner := getattr(block, "block", None)) is not None:
         block = inner
     return block
 
 
 def _to_blame(block: Tree, files: Container[str | None]) -> Tree:
-    """Return the innermost part of a block with one of `files` of a traceback, or the block without such a part."""
+    """Return the innermost part of a block that is written in one of `files`; the block if no part is."""
     block = _as_written(block)
     inside = [_to_blame(getattr(block, name), files) for name in optional.of(block, "goes_around")]
     return next((part for part in inside if _file_of(part) in files), block)
 
 
 def _file_of(block: Tree) -> str | None:
-    """Return the file of the block's step; None if it is not Python code."""
+    """Return the path of the file with the block's `step`; None if `step` is not Python code."""
     try:
         step: Tree = type(block).step
         return inspect.getfile(step) if step.__code__ else None

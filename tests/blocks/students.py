@@ -1,4 +1,4 @@
-"""A good block for every room, as a student writes it: the tests break them, one way each."""
+"""A good block for every package, as a student writes it. The tests break these blocks, each in one place."""
 
 from baqueano.block_checks import check
 from baqueano.blocks import resolve
@@ -149,7 +149,7 @@ GOOD = {
 
 
 def findings_about(tmp_path, room, text):
-    """Diagnostics of the checks about the class Block of a file with this text."""
+    """Return the diagnostics of the block check about the class Block in a file with this text."""
     (tmp_path / "mine.py").write_text(text, encoding="utf-8")
     kind = resolve(room, "mine.py:Block", tmp_path)
     return check(room, kind())

@@ -1,4 +1,4 @@
-"""Text that a vehicle file or a run of others names is executed only where the user allows it."""
+"""Code that a vehicle file or a run of another user names is executed only with the permission of the user."""
 
 from pathlib import Path
 
@@ -40,7 +40,7 @@ def mark(tmp_path) -> Path:
 
 
 def text_at(path: Path, mark: Path) -> Path:
-    """Write a block that leaves a mark where it is executed."""
+    """Write a block that creates the file `mark` when the block is executed."""
     path.parent.mkdir(parents=True, exist_ok=True)
     path.write_text(TEXT.format(mark=str(mark)), encoding="utf-8")
     return path
@@ -73,7 +73,7 @@ def causes(error: FileError) -> list[str]:
     return causes
 
 
-def test_a_block_file_beside_the_own_vehicle_file_is_executed(tmp_path, mark):
+def test_a_block_file_beside_the_users_vehicle_file_is_executed(tmp_path, mark):
     text_at(tmp_path / "lab" / "mine.py", mark)
     load(vehicle_at(tmp_path / "lab" / "vehicle.toml", "mine.py:Mine")).controller()
     assert mark.exists()
@@ -99,12 +99,12 @@ def test_a_block_outside_the_folder_needs_permission(tmp_path, mark, monkeypatch
     with pytest.raises(FileError) as error_info:
         load(file)
     assert "block.elsewhere" in causes(error_info.value)
-    assert not mark.exists(), "nothing of it was executed"
+    assert not mark.exists(), "no line of the file was executed"
     load(file, allow_blocks=True).controller()
     assert mark.exists()
 
 
-def test_a_file_without_its_class_is_not_executed_to_list_its_classes(tmp_path, mark, monkeypatch):
+def test_a_forbidden_block_file_is_not_executed_to_list_its_classes(tmp_path, mark, monkeypatch):
     outside_file = text_at(tmp_path / "elsewhere" / "theirs.py", mark)
     file = vehicle_at(tmp_path / "lab" / "vehicle.toml", str(outside_file))
     monkeypatch.chdir(file.parent)
@@ -125,7 +125,7 @@ def test_a_block_named_by_a_run_needs_permission(tmp_path, mark):
     assert mark.exists()
 
 
-def test_blocks_named_by_the_own_vehicle_file_need_no_permission(tmp_path, mark):
+def test_blocks_named_by_the_users_vehicle_file_need_no_permission(tmp_path, mark):
     text_at(tmp_path / "mine.py", mark)
     vehicle_at(tmp_path / "vehicle.toml", "mine.py:Mine")
     replay(read_run(run_that_names("mine.py:Mine", tmp_path / "own.mcap")))
@@ -135,7 +135,7 @@ def test_blocks_named_by_the_own_vehicle_file_need_no_permission(tmp_path, mark)
 @pytest.mark.parametrize(
     "kind", ["{theirs}:Mine", "../elsewhere/theirs.py:Mine", "~/theirs.py:Mine", "~/no.py:Mine"]
 )
-def test_a_block_path_of_a_run_outside_the_folder_is_never_executed(tmp_path, mark, monkeypatch, kind):
+def test_a_block_outside_the_folder_named_by_a_run_is_never_executed(tmp_path, mark, monkeypatch, kind):
     outside_file = text_at(tmp_path / "elsewhere" / "theirs.py", mark)
     monkeypatch.setenv("HOME", str(outside_file.parent))
     lab = tmp_path / "lab"
@@ -172,7 +172,7 @@ def test_a_block_typed_by_the_user_is_executed(tmp_path, mark):
     assert mark.exists()
 
 
-def test_the_command_line_advises_the_permission_option_and_accepts_the_option(tmp_path, mark, capsys):
+def test_a_refused_block_runs_only_with_the_advised_permission_option(tmp_path, mark, capsys):
     text_at(tmp_path / "mine.py", mark)
     run_that_names("mine.py:Mine", tmp_path / "sent.mcap")
     line = ["replay", "sent.mcap"]
@@ -207,7 +207,7 @@ def test_a_simulated_truth_outside_the_folder_is_refused(tmp_path):
 
 
 @pytest.mark.parametrize("checksum", ["0", "wrong"])
-def test_a_vehicle_text_with_a_wrong_checksum_is_discarded(tmp_path, checksum):
+def test_a_vehicle_file_in_a_run_with_a_wrong_checksum_is_discarded(tmp_path, checksum):
     path = write_run(experiment(load("small"), np.zeros((5, 3))), tmp_path / "run.mcap")
     data = bytearray(path.read_bytes())
     at = data.index(b"max_yaw_rate_rad_s = 15.0") + len("max_yaw_rate_rad_s = 15.0\nimu_timeout_s = 0.5\n")
@@ -216,4 +216,4 @@ def test_a_vehicle_text_with_a_wrong_checksum_is_discarded(tmp_path, checksum):
     run = read_run(path)
     assert run.vehicle_text == ""
     assert "run.vehicle-file-lost" in [note.code for note in run.notes]
-    assert len(run.t_ns) == 6, "the rest is whole"
+    assert len(run.t_ns) == 6, "the other data are unchanged"

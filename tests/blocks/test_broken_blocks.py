@@ -1,4 +1,4 @@
-"""Blocks that are broken on purpose, one way each, and the codes and figures that their author reads."""
+"""Each broken block has one deliberate fault; the block check must report its codes and figures."""
 
 import pytest
 
@@ -285,7 +285,7 @@ BROKEN = {
 
 
 @pytest.mark.parametrize("case", BROKEN)
-def test_id12_each_broken_block_gives_its_diagnostic_codes(tmp_path, case):
+def test_id12_each_broken_block_gives_the_expected_diagnostic_codes(tmp_path, case):
     room, old, new, expected = BROKEN[case]
     assert GOOD[room].count(old) >= 1
     findings = findings_about(tmp_path, room, GOOD[room].replace(old, new, 1))

@@ -21,12 +21,12 @@ def test_the_kind_of_a_block_is_detected_from_its_class(tmp_path, room):
 
 
 @pytest.mark.parametrize("room", GOOD)
-def test_a_block_in_plain_numpy_text_can_be_compiled(tmp_path, room):
+def test_a_block_of_plain_numpy_code_can_be_compiled(tmp_path, room):
     (tmp_path / "mine.py").write_text(GOOD[room], encoding="utf-8")
     assert notes(room, resolve(room, "mine.py:Block", tmp_path)()) == []
 
 
-def test_a_block_with_an_if_works_and_gets_a_speed_note(tmp_path):
+def test_a_block_with_an_if_statement_works_with_a_speed_note(tmp_path):
     text = CONTROLLER.replace(
         "        u = np", "        if e[0] > 0.5:\n            e = 0.5 * e\n        u = np"
     )
@@ -37,7 +37,7 @@ def test_a_block_with_an_if_works_and_gets_a_speed_note(tmp_path):
     assert note.figures["cause"].code == "trace.decides"
 
 
-def test_a_block_with_different_compiled_output_is_reported(tmp_path):
+def test_a_block_whose_compiled_output_differs_is_reported(tmp_path):
     text = CONTROLLER.replace("return state + 1.0,", "return str(e[0]),")
     assert findings_about(tmp_path, "controller", text) == []
     (note,) = notes("controller", resolve("controller", "mine.py:Block", tmp_path)())

@@ -6,7 +6,7 @@ from baqueano.errors import FileError, UsageError
 from tests.codes import refused
 
 
-def test_a_class_that_is_no_block_is_refused_with_its_arguments(tmp_path):
+def test_a_class_with_unknown_step_arguments_is_not_a_block(tmp_path):
     (tmp_path / "mine.py").write_text(
         "class Block:\n    def step(self, state, world):\n        pass\n", encoding="utf-8"
     )

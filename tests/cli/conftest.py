@@ -1,4 +1,4 @@
-"""The command line in this process: quick, and with the exit code and both streams apart."""
+"""Run the command line in this process: it is fast, and exit code and both streams are available separately."""
 
 import json
 from collections.abc import Callable
@@ -12,7 +12,7 @@ from baqueano.diagnostics import Diagnostic
 
 
 class DriveEnded(NamedTuple):
-    """How a command ended."""
+    """The exit code, the output and the error of a command that has ended."""
 
     code: int
     out: str
@@ -21,21 +21,21 @@ class DriveEnded(NamedTuple):
 
     @property
     def reason(self) -> Diagnostic:
-        """The diagnostic of the error."""
+        """Return the diagnostic of the error."""
         assert self.paragraph
         assert self.ending is not None
         return self.ending.reason
 
     @property
     def cause(self) -> Diagnostic:
-        """What lies behind the error."""
+        """Return the cause of the error."""
         cause = self.reason.figures["cause"]
         assert isinstance(cause, Diagnostic)
         return cause
 
     @property
     def fix(self) -> str:
-        """What to type next."""
+        """Return the command that the error advises."""
         assert self.ending is not None
         reason = self.ending.next or self.reason
         assert reason.fix in self.paragraph
@@ -43,7 +43,7 @@ class DriveEnded(NamedTuple):
 
     @property
     def paragraph(self) -> str:
-        """The paragraph of an error, without earlier output."""
+        """Return the paragraph of an error, without earlier output."""
         message = self.err[self.err.index("baqueano: ") :]
         assert "Traceback" not in self.err
         assert "\n\n" not in message.strip()
@@ -52,7 +52,7 @@ class DriveEnded(NamedTuple):
 
     @property
     def reply(self) -> dict[str, Any]:
-        """stdout holds one JSON object and nothing else."""
+        """Return the JSON object on stdout; stdout must not contain anything else."""
         reply = json.loads(self.out)
         assert set(reply) - {"reasons", "forecast", "findings", "laps"} == {"rows", "verdict"}
         return reply
@@ -60,7 +60,7 @@ class DriveEnded(NamedTuple):
 
 @pytest.fixture
 def baqueano(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys) -> Callable[..., DriveEnded]:
-    """`baqueano("runs", "ls")` in an empty folder."""
+    """Return a function such as `baqueano("runs", "ls")` that runs a command in an empty folder."""
     monkeypatch.chdir(tmp_path)
     endings: list[errors.CommandError] = []
 
@@ -85,7 +85,7 @@ def baqueano(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys) -> Callabl
 
 @pytest.fixture(scope="session")
 def lab(tmp_path_factory) -> Path:
-    """A folder with a run of 3 s, and a taught route."""
+    """Return a folder with a run of 3 s and a taught route."""
     folder = tmp_path_factory.mktemp("lab with a space, Núñez")
     with pytest.MonkeyPatch.context() as patch:
         patch.chdir(folder)

@@ -1,4 +1,4 @@
-"""Each line that baqueano advises is one that its own parser takes, quoted, with all that it needs."""
+"""Each command line that baqueano advises is quoted and complete, and the parser of baqueano accepts it."""
 
 import ast
 import re
@@ -13,16 +13,16 @@ import baqueano as package
 from baqueano.cli import VERBS, command_of
 from baqueano.diagnostics import nearest
 from baqueano.messages import templates, text
-from baqueano.printable import typed
+from baqueano.printable import baqueano_command
 
 SOURCE = Path(package.__file__).parent
-WORD = r"\{[^}]*\}|[A-Z][A-Z_]*(?:\.[a-z]+)?|--[a-z-]+"  # of a line within a sentence
+WORD = r"\{[^}]*\}|[A-Z][A-Z_]*(?:\.[a-z]+)?|--[a-z-]+"  # a command line within a sentence
 LINE = re.compile(rf"baqueano ((?:{'|'.join(VERBS)})\b(?: [a-z-]+(?=[ ,.;:)]|$))?(?: (?:{WORD}))*)")
-OPEN = "1"  # in the place of a word that is known when the line is made
+OPEN = "1"  # replaces a word that is known only at run time
 
 
 def of_call(node):
-    """The words of typed(…), several at once taken as one and as none."""
+    """Return the words of a call of baqueano_command(…), with optional words once present and once absent."""
     several = any(isinstance(argument, ast.Starred) for argument in node.args)
     for prefix in ([OPEN], []) if several else ([],):
         words = []
@@ -36,7 +36,7 @@ def of_call(node):
 
 
 def verb_of(node):
-    """Whether a call of typed(…) begins with a verb that is known here."""
+    """Return True if a call of baqueano_command(…) begins with a known command."""
     return bool(node.args) and isinstance(node.args[0], ast.Constant)
 
 
@@ -45,7 +45,7 @@ def advised():
     for path in sorted(SOURCE.rglob("*.py")):
         place = path.relative_to(SOURCE)
         for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
-            if isinstance(node, ast.Call) and ast.unparse(node.func) == "typed" and verb_of(node):
+            if isinstance(node, ast.Call) and ast.unparse(node.func) == "baqueano_command" and verb_of(node):
                 yield f"{place}:{node.lineno}", list(of_call(node))
             if isinstance(node, ast.Constant) and isinstance(node.value, str):
                 command = re.fullmatch(
@@ -68,7 +68,7 @@ def parse_line(words):
         command, rest = command.commands[rest[0]], rest[1:]
     if "--help" in rest:
         return None
-    return command.make_context("baqueano", rest, help_option_names=["-h", "--help"])  # click keeps them
+    return command.make_context("baqueano", rest, help_option_names=["-h", "--help"])  # click stores them
 
 
 LINES = list(advised())
@@ -90,7 +90,7 @@ def test_each_advised_command_line_can_be_parsed(place, readings):
     raise AssertionError(f"{place}: baqueano {' '.join(map(str, readings[0]))}: {wrong[0]!r}")
 
 
-def test_every_advised_line_is_built_with_quoting():
+def test_the_source_quotes_every_argument_of_an_advised_line():
     unquoted = re.compile(rf"f\"baqueano (?:{'|'.join(VERBS)}) [^\"]*\{{")
     offenders = [
         path.name for path in SOURCE.rglob("*.py") if unquoted.search(path.read_text(encoding="utf-8"))
@@ -99,9 +99,9 @@ def test_every_advised_line_is_built_with_quoting():
 
 
 def test_a_command_line_is_quoted_for_the_shell_of_the_system(monkeypatch):
-    assert typed("runs", "show", "my runs/1.mcap") == "baqueano runs show 'my runs/1.mcap'"
+    assert baqueano_command("runs", "show", "my runs/1.mcap") == "baqueano runs show 'my runs/1.mcap'"
     monkeypatch.setattr("os.name", "nt")
-    assert typed("runs", "show", "my runs/1.mcap") == 'baqueano runs show "my runs/1.mcap"'
+    assert baqueano_command("runs", "show", "my runs/1.mcap") == 'baqueano runs show "my runs/1.mcap"'
 
 
 def test_the_advised_lines_of_a_new_project_can_be_parsed(baqueano, tmp_path):
@@ -147,13 +147,13 @@ def test_an_unknown_block_is_refused_with_the_list_of_blocks(baqueano, lab):
     assert baqueano(*shlex.split(end.fix)[1:]).code == 0
 
 
-def test_an_empty_list_of_names_is_reported():
+def test_a_name_error_reports_an_empty_list_of_names():
     near = nearest("lap", [])
     assert near.code == "name.none"
     assert "–" not in text(near)
 
 
-def test_a_width_without_figures_is_refused(baqueano, lab):
+def test_the_width_option_is_refused_without_the_figures_option(baqueano, lab):
     run = str(next((lab / "runs").glob("0001*")))
     assert baqueano("report", run, "--width", "nine").reason.code == "front.width-unknown"
     end = baqueano("report", run, "--width", "column")
@@ -161,7 +161,7 @@ def test_a_width_without_figures_is_refused(baqueano, lab):
     assert parse_line(shlex.split(end.fix)[1:]).params["figures"] == Path("figures")
 
 
-def test_update_on_a_file_without_an_estimator_writes_the_noise(baqueano, lab, tmp_path):
+def test_the_update_option_adds_noise_and_an_estimator_to_a_file(baqueano, lab, tmp_path):
     run = str(next((lab / "runs").glob("0001*")))
     small = (SOURCE / "garage" / "small.toml").read_text(encoding="utf-8")
     (tmp_path / "mine.toml").write_text(re.sub(r"\[estimator\](.|\n)*?(?=\n\[)", "", small), encoding="utf-8")

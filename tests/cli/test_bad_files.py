@@ -34,7 +34,7 @@ def test_a_wrong_vehicle_file_is_reported_by_file_line_and_key(
     assert f'"code": "{code}"' in json.dumps(end.reason.to_json())
     assert "mine.toml" in end.paragraph
     assert place in end.paragraph
-    assert "baqueano experiment" not in end.fix, "the line that failed goes no further"
+    assert "baqueano experiment" not in end.fix, "the failed command is not advised again"
     assert not list(tmp_path.rglob("*.mcap*"))
 
 
@@ -88,7 +88,7 @@ def test_a_truncated_run_is_read_to_its_end_with_a_warning(baqueano, lab, tmp_pa
     assert recovery.code == 0
     assert "cut-recovered.mcap" in recovery.out
     assert "not closed" not in baqueano("runs", "show", "cut-recovered.mcap").err
-    assert len((tmp_path / "cut.mcap").read_bytes()) == 2 * len(whole) // 3, "the original stays as it is"
+    assert len((tmp_path / "cut.mcap").read_bytes()) == 2 * len(whole) // 3, "the original is unchanged"
 
 
 def test_an_unrecoverable_run_is_reported(baqueano, lab, tmp_path):

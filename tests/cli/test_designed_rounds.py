@@ -14,14 +14,14 @@ NAME = "model.actuator_matrix[0,0]"
 
 @pytest.fixture
 def quick(monkeypatch):
-    """A smaller search: what it finds is no matter here."""
+    """Make the search smaller, because its result does not matter here."""
     for name, number in (("FIRST", 40), ("ROUNDS", 1), ("EACH", 10), ("FINAL", 30), ("VEHICLES", 32)):
         monkeypatch.setattr(planning, name, number)
 
 
 @pytest.fixture
 def one_noise(monkeypatch):
-    """Error bars that take the noise for the same all along the run."""
+    """Use error bars that assume the same noise along the whole run."""
     monkeypatch.setattr(summary, "no_smaller", lambda problem, cov, pieces, k, by_segment: cov)
 
 

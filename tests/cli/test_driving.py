@@ -1,4 +1,4 @@
-"""`baqueano drive` as a process of its own, on a terminal whose other end is this test."""
+"""`baqueano drive` as a separate process, on a pseudo terminal that this test controls."""
 
 import contextlib
 import os
@@ -22,7 +22,7 @@ from tests.drive.test_closure import drive_of_turns
 
 pty = pytest.importorskip("pty", reason="a terminal of Unix")
 
-CHILD = (  # the slave becomes the terminal that controls it, as ssh does it
+CHILD = (  # the slave becomes the controlling terminal, as with ssh
     "import fcntl, sys, termios; fcntl.ioctl(0, termios.TIOCSCTTY, 0)\n"
     "from baqueano.drive.by_hand import cockpit, terminal_heartbeat\n"
     "terminal_heartbeat.GONE_S = cockpit.START_S = float(sys.argv.pop(1))\n"
@@ -33,8 +33,8 @@ W_DOWN, W_UP = b"\x1b[119;1:1u", b"\x1b[119;1:3u"
 
 
 class Terminal:
-    """Answers what a terminal of kitty's kind answers, while it is `there`. The drive takes it for gone after `gone_s`
-    without an answer: long, as a busy machine may hold up whoever answers here."""
+    """A terminal that answers like kitty while it is `there`. The drive ends after `gone_s` without an answer. This
+    time is long, because a busy machine may delay the answers."""
 
     def __init__(self, folder, *words, kitty=True, there=True, gone_s=15.0):
         import termios
@@ -51,11 +51,11 @@ class Terminal:
         self._thread.start()
 
     def until(self, pattern, within_s=40.0):
-        """Waits until the screen has shown this."""
+        """Wait until the screen has shown this pattern."""
         assert self.shows(pattern, within_s), self.output[-2000:].decode(errors="replace")
 
     def shows(self, pattern, within_s):
-        """Whether the screen shows this within the time, of a process that lives or whose end was waited for."""
+        """Return True if the screen shows this pattern within the time."""
         end = time.monotonic() + within_s
         while not re.search(pattern, self.output):
             if time.monotonic() > end or not (self.over or self.process.poll() is None):
@@ -67,7 +67,7 @@ class Terminal:
         os.write(self.master, keys)
 
     def ends(self, within_s=40.0):
-        """The exit code."""
+        """Wait for the end of the process and return its exit code."""
         code, self.over = self.process.wait(within_s), True
         return code
 
@@ -75,7 +75,7 @@ class Terminal:
         self.there = False
         os.close(self.slave)
         master, self.master, self.slave = self.master, -1, -1
-        self._thread.join()  # or it reads from whatever gets the number of this line next
+        self._thread.join()  # otherwise it reads from the next file with this number
         os.close(master)
 
     def close(self):
@@ -117,7 +117,7 @@ def terminal(tmp_path):
 
 
 def moving(run):
-    """When the motors ran [s]."""
+    """Return the times at which the motors ran [s]."""
     return run.t_s[np.abs(run.applied[:, 0]) > 0.0]
 
 
@@ -139,7 +139,7 @@ def test_a_drive_by_keys_writes_a_run_and_restores_the_terminal(terminal, tmp_pa
     assert np.max(run.applied[:, 0]) == pytest.approx(0.5)
     assert run.applied[-1, 0] == 0.0
     assert termios.tcgetattr(screen.slave) == screen.before
-    screen.until(rb"(?s)\x1b\[<u.*\x1b\[\?25h|\x1b\[\?25h.*\x1b\[<u")  # its last words are on their way still
+    screen.until(rb"(?s)\x1b\[<u.*\x1b\[\?25h|\x1b\[\?25h.*\x1b\[<u")  # its last output may still arrive
     assert screen.output.count(b"\x1b[>11u") == screen.output.count(b"\x1b[<u") == 1
     assert screen.output.rindex(b"\x1b[?25h") > screen.output.rindex(b"\x1b[?25l")
 
@@ -181,17 +181,17 @@ def test_rt12_a_closed_terminal_stops_the_vehicle_and_the_run_is_complete(termin
     assert len(moving(run)) > 0
 
 
-def test_a_terminal_that_never_answers_is_driven_by_single_keys(terminal, tmp_path):
+def test_single_keys_drive_at_a_terminal_that_never_answers(terminal, tmp_path):
     screen = terminal(*DRIVE, there=False, gone_s=START_S)
     screen.until(rb"does not confirm that it is alive")
-    for _ in range(20):  # a key counts for 0.75 s, for which a machine that is busy may show nothing
+    for _ in range(20):  # a key counts for 0.75 s; a busy machine may show nothing
         screen.type(b"w")
         if screen.shows(rb"u_x +\S+ \+0\.15", 2.0):
             break
     screen.until(rb"(?s)u_x +\S+ \+0\.15.*u_x +\S+ \+0\.00")
     screen.type(b"q")
     assert screen.ends() == 0
-    run = read_run(tmp_path / "run.mcap")  # for how long it moved: tests/emulated/test_driving.py
+    run = read_run(tmp_path / "run.mcap")  # duration of the motion: tests/emulated/test_driving.py
     assert run.metadata["kind"] == "drive"
     assert len(moving(run)) > 0
     assert np.max(run.applied[:, 0]) == pytest.approx(0.15)
@@ -251,7 +251,7 @@ def test_a_drive_without_marks_explains_the_purpose_of_marks(baqueano, monkeypat
     assert "press m on the mark" in baqueano("drive", "--vehicle", "small").err
 
 
-def test_a_program_that_answers_for_the_terminal_is_named(monkeypatch, baqueano, capsys):
+def test_a_program_such_as_tmux_that_hides_the_terminal_is_named(monkeypatch, baqueano, capsys):
     monkeypatch.setenv("SSH_CONNECTION", "1.2.3.4 5 6.7.8.9 22")
     monkeypatch.setattr(
         "baqueano.drive.by_hand.tty._parents", lambda: ["python3", "bash", "tmux: server", "systemd"]
@@ -261,7 +261,7 @@ def test_a_program_that_answers_for_the_terminal_is_named(monkeypatch, baqueano,
     assert end.code == 2
 
 
-def test_heading_control_is_on_unless_the_user_disables_heading_control(terminal, tmp_path):
+def test_heading_control_is_enabled_by_default_and_can_be_disabled(terminal, tmp_path):
     text = vehicle_file.override(vehicle_file.load("small"), ("model.drivetrain.gain=[1.1,0.9]",)).text
     (tmp_path / "unequal.toml").write_text(text, encoding="utf-8")
     for words, pattern in (((), rb"heading hold [+-]0\.0[1-9]"), (("--no-hold",), rb"heading not corrected")):
@@ -276,7 +276,7 @@ def test_heading_control_is_on_unless_the_user_disables_heading_control(terminal
         assert np.any(read_run(tmp_path / out).requested[:, 2]) == (not words)
 
 
-def test_the_heading_option_needs_a_driver_at_keys(baqueano):
+def test_the_heading_option_is_refused_without_driving_by_keys(baqueano):
     end = baqueano("teach", "lab", "--driver", "circle", "--no-hold")
     assert end.code == 2
     assert (end.reason.code, end.reason.figures["driver"]) == ("cli.hand-options", "circle")

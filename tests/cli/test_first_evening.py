@@ -15,12 +15,12 @@ from baqueano.runs.folder import find
 from baqueano.vehicle_file import Provenance, garage_names, load, parse
 
 
-def test_the_demo_prints_the_program_name_of_this_shell(tmp_path, monkeypatch):
+def test_the_demo_prints_a_program_name_that_the_shell_can_run(tmp_path, monkeypatch):
     program = tmp_path / "baqueano"
     program.touch(mode=0o755)
     monkeypatch.setattr(sys, "argv", [str(program), "demo"])
     monkeypatch.setenv("PATH", "")
-    assert demo.typed_here() == str(program), "make has put it into .venv, which no shell looks into"
+    assert demo.typed_here() == str(program), "make installs it in .venv, which is not in the path"
     monkeypatch.setenv("PATH", str(tmp_path))
     assert demo.typed_here() == "baqueano"
 
@@ -33,7 +33,7 @@ def test_a_second_demo_uses_a_new_folder(tmp_path, monkeypatch):
     assert demo.free_folder() == Path("demo-3")
 
 
-def test_tune_has_the_same_cost_in_python_and_on_the_command_line(baqueano):
+def test_tune_reports_the_same_cost_in_python_and_on_the_command_line(baqueano):
     from baqueano.tune.rehearsal import rehearse
 
     defaults = {param.name: param.default for param in tune.params}
@@ -41,7 +41,7 @@ def test_tune_has_the_same_cost_in_python_and_on_the_command_line(baqueano):
         assert defaults[name] == signature(rehearse).parameters[name].default == 0.1
 
 
-def test_a_new_vehicle_gets_measuring_advice_until_a_fit(baqueano, tmp_path, monkeypatch):
+def test_measuring_advice_for_a_new_vehicle_ends_with_its_first_fit(baqueano, tmp_path, monkeypatch):
     advice = "Measure it first: baqueano experiment, then baqueano identify last --update"
     assert "guesses" in baqueano("new", "mylab").err
     monkeypatch.chdir(tmp_path / "mylab")
@@ -49,7 +49,7 @@ def test_a_new_vehicle_gets_measuring_advice_until_a_fit(baqueano, tmp_path, mon
     lesson = baqueano("teach", "lab", "--driver", "circle", "--size", "0.3", "--speed", "0.4")
     for end in (lesson, baqueano("repeat", "lab")):
         assert end.code == 0
-        assert end.err.count(advice) == 1, "no refusal, one sentence"
+        assert end.err.count(advice) == 1, "the advice is one sentence and not a refusal"
     assert baqueano("experiment", "--seconds", "20").code == 0
     assert (
         baqueano("identify", "last", "--free", "model.actuator_matrix[0,0]", "--no-noise", "--update").code
@@ -57,21 +57,21 @@ def test_a_new_vehicle_gets_measuring_advice_until_a_fit(baqueano, tmp_path, mon
     )
     assert advice not in baqueano("repeat", "lab").err
     assert 'verdict = "GUESS"' in Path("vehicle.toml").read_text(encoding="utf-8"), (
-        "what was not fitted is still one"
+        "a table without a fit is still a guess"
     )
 
 
-def test_a_new_project_drives_another_vehicle_than_its_file_describes(baqueano, tmp_path, monkeypatch):
+def test_a_new_project_drives_a_vehicle_that_differs_from_its_file(baqueano, tmp_path, monkeypatch):
     for name in garage_names():
         baqueano("new", name, "--vehicle", name)
         guess = load(tmp_path / name / "vehicle.toml")
-        assert guess.guessed
+        assert guess.is_guess
         assert guess.truth.layers == (f"garage: {name}",)
         key = "model.friction.linear" if name != "car" else "model.linear_drag"
         guesses, true = guess.value(key), guess.truth.value(key)
         assert np.all(np.abs(guesses - true) > 0.1 * np.abs(true)), f"{name}: a guess is off"
         sds = [origin.sd for origin in guess.provenance.values() if origin.sd is not None]
-        assert sds, "a guess states its possible error"
+        assert sds, "a guess must state its possible error"
     guess, u = load(tmp_path / "small" / "vehicle.toml"), np.tile([0.6, 0.0, 0.1], (100, 1))
     assert experiment(guess, u) == experiment(guess, u, truth=load("small"))
     assert experiment(guess, u) != experiment(guess, u, truth=guess)
@@ -113,8 +113,8 @@ kind = "imu"
 
 
 @pytest.mark.parametrize("kind", ["augmented_ekf", "ekf", "unscented", "dead_reckoning", "complementary"])
-def test_a_file_before_any_fit_replays_a_run_with_any_estimator(baqueano, kind):
-    """It names no noise, no covariances and no gains."""
+def test_an_unfitted_vehicle_file_replays_a_run_with_any_estimator(baqueano, kind):
+    """The file contains no noise, no covariances and no gains."""
     Path("bare.toml").write_text(BARE, encoding="utf-8")
     baqueano("experiment", "--vehicle", "small", "--seconds", "2")
     end = baqueano("replay", "1", "--vehicle", "bare.toml", "--estimator", kind)
@@ -130,7 +130,7 @@ def test_noise_stated_in_the_file_is_used_unchanged():
     half = parse(BARE + "accel_noise_std = [0.2, 0.0]\ngyro_noise_std = 0.01\n", "half.toml")
     assert half.noiseless == ("imu",)
     np.testing.assert_allclose(np.diag(half.estimator().sensors.imu.cov), [0.04, 0.01, 0.0001])
-    assert not half.sensors.imu.cov[1, 1], "the simulated vehicle is that of the file"
+    assert not half.sensors.imu.cov[1, 1], "the simulated vehicle equals the file"
     whole = parse(BARE + "accel_noise_std = [0.2, 0.1]\ngyro_noise_std = 0.01\n", "whole.toml")
     assert (whole.noiseless, whole.estimator().sensors is whole.sensors) == ((), True)
 
@@ -139,7 +139,7 @@ def test_measuring_advice_names_the_vehicle_and_its_path(capsys, tmp_path, monke
     monkeypatch.chdir(tmp_path)
     load("small").save(tmp_path / "my vehicle.toml")
     options.advise_to_measure(load("my vehicle.toml"), "simulated:small")
-    load("small").save(tmp_path / "vehicle.toml")  # beside it a name of the garage has to be said
+    load("small").save(tmp_path / "vehicle.toml")  # in this case the user must name a garage vehicle
     options.advise_to_measure(load("small"), "pilot@rover.local")
     printed = capsys.readouterr().err
     assert "baqueano experiment --vehicle 'my vehicle.toml' --robot simulated:small, then" in printed
@@ -191,7 +191,7 @@ def test_simulate_uses_the_project_truth_or_the_model_on_request(baqueano, tmp_p
     )
 
 
-def test_a_shape_too_fast_to_follow_is_refused_with_a_speed(baqueano, tmp_path):
+def test_a_shape_too_fast_to_follow_is_refused_with_a_proposed_speed(baqueano, tmp_path):
     end = baqueano("teach", "r", "--vehicle", "small", "--driver", "circle", "--size", "0.3", "--speed", "3")
     assert end.code == 1
     assert (end.reason.code, end.reason.figures["speed_m_s"]) == ("cli.not-followed", 3.0)
@@ -203,7 +203,7 @@ def test_comparing_a_run_without_an_estimate_advises_a_replay(baqueano):
     baqueano("simulate", "--vehicle", "small", "--seconds", "1")
     end = baqueano("compare", "1")
     assert end.code == 0
-    line = "baqueano replay runs/0001-simulation.mcap"  # the run holds its vehicle file
+    line = "baqueano replay runs/0001-simulation.mcap"  # the run contains its vehicle file
     assert end.err.replace("\\", "/").endswith(f": {line}\n")
     second = baqueano(*line.split()[1:])
     assert second.code == 0, second.err

@@ -71,7 +71,7 @@ def test_one_imported_run_is_written_to_the_reported_folder(baqueano, tmp_path):
         rows = "".join(f"{20 * k},{k},{2 * k}\n" for k in range(20))
         (tmp_path / f"{name}.csv").write_text("time_ms,pwm_left,pwm_right\n" + rows, encoding="utf-8")
     several = baqueano("runs", "import", "rover.toml", "first.csv", "second.csv", "-o", "my runs")
-    assert several.out == "nothing was doubtful\n"
+    assert several.out == "nothing in the data was doubtful\n"
     (line,) = re.findall(r"^next: (.*)   \(", several.err, re.MULTILINE)
     ends = [str(Path("my runs") / f"{name}.mcap") for name in ("first", "second")]
     assert shlex.split(line) == [
@@ -120,7 +120,7 @@ def test_a_draft_of_a_map_is_a_valid_map(baqueano, tmp_path):
         True,
     )
     assert [entry.unit for entry in signal_map.sensors["imu"].entries] == ["g", "g", "deg/s"]
-    assert "columns without a place: note" in (tmp_path / "log.toml").read_text(encoding="utf-8")
+    assert "columns that are not used: note" in (tmp_path / "log.toml").read_text(encoding="utf-8")
     assert baqueano("runs", "import", "log.csv", "--draft", "log.toml").reason.code == "cli.file-exists"
 
 

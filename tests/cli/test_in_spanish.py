@@ -27,7 +27,7 @@ TYPED = re.compile(
     r"baqueano \d[^\n]*|baqueano [a-z][^.;,:\n]*(\.[a-z]+[^.;,:\n]*)*|--[\w-]+( \S+)?|\[[\w. ]+\]"
 )
 INFINITIVE = re.compile(r"\w+(ar|er|ir)(lo|la|los|las)?\b")
-OTHER_DEFAULT = re.compile(r"\b(si falta|por defecto|de manera predeterminada)\b", re.IGNORECASE)
+OTHER_DEFAULT = re.compile(r"\b(si falta|por defecto|por omisión|de manera predeterminada)\b", re.IGNORECASE)
 TUTEO = re.compile(r"\b(tú|dale|tienes|puedes|quieres|tu|tus|tenés|podés)\b", re.IGNORECASE)
 FIELD = re.compile(r"(\{(?:[^{}]|\{[^{}]*\})*\}|%\([^)]*\)[a-z]|%[sd])")
 POINT = re.compile(r"(?<![\w./=-])\d+\.\d+(?![\w.]*[./]\w)(?!\w)")
@@ -89,7 +89,7 @@ def strange(words: str) -> str:
 
 @pytest.fixture
 def in_strange_letters(monkeypatch):
-    """Lets `--lang es` speak in letters of no language."""
+    """Make `--lang es` print a catalogue in letters of no language."""
     real = gettext.translation(language.DOMAIN, language.CATALOGUES, ["es"])
     renamed = copy(real)
     renamed._catalog = {  # pyright: ignore[reportAttributeAccessIssue]
@@ -109,7 +109,7 @@ def words_of(command: click.Command) -> list[str]:
 
 
 def said_by(line: str, capsys) -> str:
-    """Return both streams of a command."""
+    """Return both output streams of a command."""
     capsys.readouterr()
     with pytest.raises(SystemExit):
         main(["--lang", "es", *line.split()])
@@ -118,13 +118,13 @@ def said_by(line: str, capsys) -> str:
 
 
 def english_in(text: str) -> list[str]:
-    """Return the lines that hold English words outside of what is typed."""
+    """Return the lines that contain English words outside of command lines, names and keys."""
     return [line for line in text.splitlines() if WORD.search(TYPED.sub("", line))]
 
 
 @pytest.fixture
 def in_lab(lab: Path, tmp_path: Path, monkeypatch) -> None:
-    """A folder of its own with the runs and the route of the lab."""
+    """Return a separate folder with the runs and the route of the lab."""
     for path in lab.rglob("*"):
         target = tmp_path / path.relative_to(lab)
         target.mkdir(exist_ok=True) if path.is_dir() else target.write_bytes(path.read_bytes())
@@ -148,7 +148,7 @@ def test_help_is_translated_after_an_earlier_english_call(in_strange_letters, ca
 
 
 def helps():
-    """Yield each command that has help, and its words."""
+    """Yield each command that has a help, with the text of this help."""
     below = [("baqueano", baqueano), *((name, command_of(name)) for name in ALL)]
     for name, command in below:
         yield name, command
@@ -176,7 +176,7 @@ def test_spanish_help_uses_the_third_person_and_one_default_wording():
         language.choose("")
     assert len(wordings) > 250
     assert [wording for wording in wordings if INFINITIVE.match(wording[1])] == [], "Guarda, not Guardar"
-    assert [wording for wording in wordings if OTHER_DEFAULT.search(wording[1])] == [], "por omisión"
+    assert [wording for wording in wordings if OTHER_DEFAULT.search(wording[1])] == [], "predeterminado"
     assert [wording for wording in wordings if TUTEO.search(wording[1])] == [], "usted"
 
 
@@ -274,5 +274,5 @@ def test_files_of_a_new_project_have_spanish_comments(in_lab, capsys):
     texts = {path.name: path.read_text(encoding="utf-8") for path in Path("proyecto").iterdir()}
     assert "Ejecute las celdas" in texts["first_evening.ipynb"]
     for name in ("my_estimator.py", "my_guide.py", "my_controller.py"):
-        assert "Funciona así como está." in texts[name]
+        assert "Funciona sin cambios." in texts[name]
         compile(texts[name], name, "exec")

@@ -22,7 +22,7 @@ def test_an_argument_is_formatted_for_python_or_for_the_shell(name, value, pytho
     assert (format(Argument(name), value), format(Option(name), value)) == (python, line)
 
 
-def test_every_option_for_an_argument_belongs_to_its_command():
+def test_each_advised_option_for_an_argument_is_an_option_of_the_command():
     options = {option for param in command.params for option in param.opts}
     assert {option for option, _ in OPTIONS.values()} <= options
 
@@ -52,11 +52,11 @@ def test_help_advice_of_a_subcommand_names_the_subcommand(baqueano):
     assert (end.code, end.reason.code, end.fix) == (2, "cli.one-radio", "baqueano robot card --help")
 
 
-def test_a_missing_run_leads_to_the_list_of_runs(baqueano):
+def test_the_error_about_a_missing_run_advises_to_list_the_runs(baqueano):
     assert baqueano("identify", "77").fix == "baqueano runs ls"
 
 
-def test_a_missing_path_is_answered_with_existing_files(tmp_path, monkeypatch):
+def test_an_error_about_a_missing_path_lists_existing_files(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     args, cause = ["runs", "import", "map.toml", "trials.csv"], fault("table.not-read", missing="trials.csv")
     advice = next_line(cause, 3, args)
@@ -70,7 +70,7 @@ def test_a_missing_path_is_answered_with_existing_files(tmp_path, monkeypatch):
     assert (figures["files"], figures["more"]) == ("a.csv, b.csv, c.csv, d.csv, e.csv", 1)
 
 
-def test_a_damaged_file_does_not_advise_the_same_command():
+def test_the_error_about_a_damaged_file_does_not_advise_the_same_command():
     assert (
         next_line(fault("toml.syntax", file="mine.toml"), 3, ["experiment", "--vehicle", "mine.toml"]) is None
     )
@@ -93,12 +93,12 @@ def test_a_decimal_comma_is_reported_and_corrected(baqueano, line, right):
     assert end.fix.startswith(f"baqueano {right}")
 
 
-def test_the_two_numbers_of_a_bound_are_not_a_decimal_comma():
+def test_two_numbers_of_a_bound_are_not_read_as_a_decimal_comma():
     args = ["identify", "1", "--bound", "model.mass_kg=0,10"]
     assert next_line(fault("cli.usage"), 2, args).code == "next.options"
 
 
-def test_an_error_with_its_own_advice_gets_no_second_advice():
+def test_an_error_that_contains_advice_gets_no_second_advice():
     inside = fault("cli.own-block", cause=fault("block.unknown", "baqueano blocks ls"))
     assert next_line(fault("cli.hand-options", "--driver keys"), 2, ["teach"]) is None
     assert next_line(inside, 3, ["repeat"]) is None

@@ -1,4 +1,4 @@
-"""A block of the user's that is broken stops the vehicle, is named by file and line, and costs no data."""
+"""A broken user block stops the vehicle and loses no data; the error names its file and line."""
 
 import json
 import shutil
@@ -85,7 +85,7 @@ class Mine:
 """
 
 
-def test_a_guide_of_a_plain_class_is_repeated_for_its_laps(project, tmp_path):
+def test_a_guide_of_a_plain_class_drives_the_requested_laps(project, tmp_path):
     (tmp_path / "mine.py").write_text(PLAIN_GUIDE)
     end = project("repeat", "lab", *SMALL, "--guide", "mine.py:Mine", "--laps", "2", "--json")
     assert end.code == 0, end.err
@@ -95,7 +95,7 @@ def test_a_guide_of_a_plain_class_is_repeated_for_its_laps(project, tmp_path):
 
 
 def own_controller(folder, k):
-    """A vehicle file whose controller is the user's, with its gain in the code alone."""
+    """Write a vehicle file with a user controller whose gain is only in its code."""
     (folder / "mine.py").write_text(TUNABLE.format(k=k))
     text = load("small").text
     start, end = text.index("[controller]"), text.index("[guide]")
@@ -131,11 +131,11 @@ def test_a_controller_without_declared_gains_is_refused_before_tuning(project, t
     own_file = own_controller(tmp_path, "0.5")
     end = project("tune", "--vehicle", str(own_file), "--route", "lab")
     assert end.code == 2
-    assert "Mine does not declare a gain to tune" in end.paragraph
+    assert (end.reason.code, end.reason.figures["kind"]) == ("tune.no-gains", "Mine")
     assert "k: float = parameter(" in end.paragraph
 
 
-def test_a_block_path_without_a_class_is_answered_with_class_names(project, tmp_path):
+def test_an_error_about_a_block_path_without_a_class_lists_the_classes(project, tmp_path):
     (tmp_path / "mine.py").write_text(CONTROLLER.format(line="pass", u="np.zeros(3)"))
     for line in ("blocks check mine.py", "repeat lab --vehicle small --controller mine.py"):
         end = project(*line.split())
@@ -179,12 +179,12 @@ def test_rt3_a_broken_block_stops_the_vehicle_and_the_run_is_complete(
     assert len(end.reply["rows"]) == 1
     run = read_run(tmp_path / "runs" / "0001-repeat.mcap")
     assert run.notes == ()
-    assert run.duration_s == pytest.approx(1.0, abs=0.05)  # it is recorded how it rolls out
+    assert run.duration_s == pytest.approx(1.0, abs=0.05)  # the coasting is recorded
     assert run.sent is not None
     assert not run.sent[1:].any()
 
 
-def test_a_late_block_failure_does_not_lose_recorded_data(project, tmp_path):
+def test_a_block_failure_after_one_second_loses_no_recorded_data(project, tmp_path):
     line = "assert estimate.t_ns < 1_000_000_000, 'late'"
     (tmp_path / "mine.py").write_text(CONTROLLER.format(line=line, u="np.zeros(3)"), encoding="utf-8")
     end = project("repeat", "lab", "--controller", "mine.py:Mine", *SMALL)
@@ -201,7 +201,7 @@ def test_a_block_whose_init_raises_writes_no_run(project, tmp_path):
     end = project("repeat", "lab", "--controller", "mine.py:Mine", *SMALL)
     assert end.code == 5
     assert "mine.py:6) raised OSError: no port" in end.paragraph
-    assert "the vehicle did not move" in end.paragraph
+    assert end.reason.code == "drive.never-began"
     assert not list(tmp_path.rglob("*.mcap*"))
 
 

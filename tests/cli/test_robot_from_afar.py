@@ -20,7 +20,7 @@ class Stoppable(Operator):
 
     def stop(self, why):
         super().stop(why)
-        self.door.tell({"is": "state", "state": "STOPPED", "why": why})
+        self.door.broadcast({"is": "state", "state": "STOPPED", "why": why})
 
 
 @pytest.fixture(params=[Operator])
@@ -33,8 +33,8 @@ def door(request, tmp_path):
 
 
 @pytest.mark.parametrize("door", [Stoppable], indirect=True)
-def test_a_vehicle_that_reached_stopped_is_reported_as_stopped(baqueano, door):
-    door.tell({"is": "state", "state": "MISSION", "why": None})
+def test_a_confirmed_stop_is_reported_as_stopped(baqueano, door):
+    door.broadcast({"is": "state", "state": "MISSION", "why": None})
     end = baqueano("robot", "stop", str(door.path))
     assert (end.code, end.out) == (0, f"{door.path}: STOPPED\n")
 
@@ -44,11 +44,11 @@ def test_a_vehicle_that_reached_stopped_is_reported_as_stopped(baqueano, door):
 )
 def test_an_unconfirmed_stop_is_not_reported_as_stopped(baqueano, door, last, monkeypatch):
     monkeypatch.setattr(remote, "STOP_S", 0.0)
-    door.tell(last)
+    door.broadcast(last)
     end = baqueano("robot", "stop", str(door.path))
     assert door.operator.stop_reason(attended=False).code == StopReason.STOPPED_BY_COMMAND
     assert end.code == 1
-    assert "confirmed the stop, but did not reach the state STOPPED" in end.paragraph
+    assert (end.reason.code, end.reason.figures["within_s"]) == ("remote.stop-not-seen", 0.0)
     assert f"baqueano robot status {door.path}" in end.paragraph
 
 
@@ -57,10 +57,10 @@ def test_an_empty_run_file_does_not_stop_the_fetch(baqueano, door, tmp_path):
     (tmp_path / "1.mcap").touch()
     (tmp_path / "2.mcap").write_bytes(b"whole")
     (tmp_path / "3.mcap").write_bytes(b"ha")
-    door.tell({"is": "state", "state": "MISSION", "why": None, "run": "3.mcap"})
+    door.broadcast({"is": "state", "state": "MISSION", "why": None, "run": "3.mcap"})
     assert baqueano("robot", "runs", str(door.path), "--fetch", "--runs", str(folder)).code == 0
     assert {p.name: p.read_bytes() for p in folder.iterdir()} == {"1.mcap": b"", "2.mcap": b"whole"}
     (tmp_path / "3.mcap").write_bytes(b"half, and the other half")
-    door.tell({"is": "state", "state": "READY", "why": None, "run": None})
+    door.broadcast({"is": "state", "state": "READY", "why": None, "run": None})
     assert baqueano("robot", "runs", str(door.path), "--fetch", "--runs", str(folder)).code == 0
     assert (folder / "3.mcap").read_bytes() == b"half, and the other half"

@@ -12,6 +12,7 @@ from baqueano.door import remote
 from baqueano.door.operator import Operator
 from baqueano.door.sockets import Door
 from baqueano.runs.folder import is_name
+from tests.codes import refused
 
 pytestmark = pytest.mark.skipif(not hasattr(socket, "AF_UNIX"), reason="this system has no sockets in files")
 READY = {"is": "state", "state": "READY", "why": ""}
@@ -26,7 +27,7 @@ NAMES = (
 
 @pytest.fixture
 def liar(tmp_path):
-    """`liar(runs=…, file=…)`: the path of a socket that answers each word with these messages."""
+    """Return `liar(runs=…, file=…)`, which gives the path of a socket that answers each request with these messages."""
     listener, path = socket.socket(socket.AF_UNIX), tmp_path / "liar"
     listener.bind(str(path))
     listener.listen(1)
@@ -77,7 +78,7 @@ def test_ne6_invalid_run_names_are_refused_and_the_others_are_fetched(baqueano, 
 
 
 @pytest.mark.parametrize("name", NAMES)
-def test_an_invalid_name_is_not_a_run_name(name):
+def test_an_invalid_run_name_is_not_accepted(name):
     assert not is_name(name)
 
 
@@ -85,7 +86,7 @@ def test_an_invalid_name_is_not_a_run_name(name):
     "name",
     ["20260314-101500-first drive.mcap", "20260314-101500-repeat-2.mcap", "0001-Núñez.mcap", "console.mcap"],
 )
-def test_valid_names_are_run_names(name):
+def test_valid_run_names_are_accepted(name):
     assert is_name(name)
 
 
@@ -96,13 +97,13 @@ def test_ne6_a_door_lists_and_serves_only_names_of_runs(baqueano, tmp_path):
         (tmp_path / name).write_bytes(b"run")
     door = Door(tmp_path / "s", Operator(), tmp_path)
     try:
-        door.tell(READY)
+        door.broadcast(READY)
         assert baqueano("robot", "runs", str(door.path)).out == "ok.mcap\n"
         for name in ("link.mcap", ".hidden.mcap", "../" + tmp_path.name + "/ok.mcap"):
-            with remote.reached(str(door.path)) as client:
-                client.say(do="fetch", run=name)
-                with pytest.raises(Exception, match="does not exist"):
-                    client.hear(("file",), 10.0)
+            with remote.connect(str(door.path)) as client:
+                client.send(do="fetch", run=name)
+                with refused("door.no-run", Exception):
+                    client.receive(("file",), 10.0)
     finally:
         door.close()
 

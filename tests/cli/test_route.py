@@ -86,7 +86,7 @@ def test_the_anyway_option_permits_a_fast_route(lab):
         "route.columns": ("import", "routes/wrong.csv", "box"),
     }.items(),
 )
-def test_bad_route_input_gives_one_paragraph(lab, tmp_path, code, line):
+def test_bad_route_input_gives_an_error_of_one_paragraph(lab, tmp_path, code, line):
     (tmp_path / "routes" / "wrong.csv").write_text("a,b\n1,2\n", encoding="utf-8")
     end = lab("route", *line)
     assert end.code != 0

@@ -1,4 +1,4 @@
-"""`runs noise` and `runs wear` as they are typed."""
+"""The commands `runs noise` and `runs wear` on recorded runs."""
 
 import numpy as np
 import pytest
@@ -11,7 +11,7 @@ from baqueano.vehicle_file import load
 
 @pytest.fixture(scope="module")
 def folder(tmp_path_factory):
-    """A rest of a minute and three drives."""
+    """Return a folder with a run at rest of one minute and three drives."""
     path, small = tmp_path_factory.mktemp("runs"), load("small")
     write_run(simulate(small, np.zeros((6000, 3)), 0, name="still"), path / "still.mcap")
     for k in range(3):
@@ -54,7 +54,7 @@ def test_the_wear_command_lists_changed_parameters(baqueano, folder, tmp_path):
     assert "Run by run" in (tmp_path / "wear.html").read_text(encoding="utf-8")
 
 
-def test_the_wear_of_one_run_is_refused(baqueano, folder):
+def test_the_wear_command_refuses_a_single_run(baqueano, folder):
     end = baqueano("runs", "wear", str(folder / "drive0.mcap"), "--vehicle", "small")
     assert end.code == 2
-    assert "needs two runs or more" in end.err
+    assert (end.reason.code, end.reason.figures["count"]) == ("over-time.few-runs", 1)

@@ -6,7 +6,7 @@ from baqueano.runs import read_run
 from baqueano.worlds.faults.fault import faults_in
 
 
-def test_a_fault_given_on_the_command_line_is_logged_and_judged(baqueano):
+def test_a_fault_given_on_the_command_line_is_logged_and_detected(baqueano):
     line = ("experiment", "--vehicle", "small", "--seconds", "4", "-o", "run.mcap",
             "--shake", "2 s: push 0.3 N s left", "--shake", "3 s: sag 84 %")  # fmt: skip
     done = baqueano(*line)

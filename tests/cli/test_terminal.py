@@ -1,4 +1,4 @@
-"""Terminals, pipes and keys: bars only where a person looks, any encoding, early ends, Ctrl-C."""
+"""Terminals, pipes and keys: progress bars only on a terminal, any encoding, early ends, Ctrl-C."""
 
 import errno
 import os
@@ -14,6 +14,7 @@ import pytest
 
 from baqueano.cli import terminal
 from baqueano.cli.terminal import busy, steps
+from baqueano.diagnostics import StopReason
 from baqueano.runs import read_run
 
 COMMAND = [sys.executable, "-m", "baqueano"]
@@ -61,9 +62,9 @@ def test_a_disconnected_terminal_does_not_end_the_work(monkeypatch):
     master, slave = pty.openpty()
     with open(slave, "w") as stream:
         monkeypatch.setattr(sys, "stderr", stream)
-        terminal.talk("somebody reads this")
+        terminal.print_message("somebody reads this")
         os.close(master)
-        terminal.talk("nobody reads this")
+        terminal.print_message("nobody reads this")
         assert os.path.samestat(os.fstat(stream.fileno()), os.stat(os.devnull))
 
 
@@ -75,7 +76,7 @@ def test_a_disk_error_is_not_mistaken_for_a_closed_pipe(monkeypatch, tmp_path):
     with (tmp_path / "out").open("w") as stream:
         monkeypatch.setattr(sys, "stdout", stream)
         with pytest.raises(OSError, match="Input/output error"):
-            terminal.tell("a result")
+            terminal.print_result("a result")
 
 
 @pytest.mark.skipif(os.name == "nt", reason="SIGINT is sent to a process in another way there")
@@ -96,16 +97,17 @@ def test_ctrl_c_ends_an_endless_repeat_with_a_complete_run(project):
     assert process.returncode == 130, err
     assert "stopped from the keyboard. The run is complete: forever.mcap" in err
     assert "Traceback" not in err
-    assert "vehicle across its reference" in out
+    assert "true cross-track error of the vehicle" in out
     whole = read_run(path)
     assert whole.notes == ()
     assert whole.estimate is not None
-    assert len(whole.estimate.t_ns) == len(whole.t_ns), "no tick is half"
-    texts = [event.text for event in whole.events if event.source != "refused"]
-    assert texts == ["interrupted from the keyboard"]
+    assert len(whole.estimate.t_ns) == len(whole.t_ns), "every tick is complete"
+    reasons = [event.diagnostic for event in whole.events if event.source != "refused"]
+    assert [reason.code for reason in reasons if reason is not None] == [StopReason.INTERRUPTED]
+    assert len(reasons) == 1
 
 
-def test_a_program_that_is_killed_loses_at_most_its_last_second(project):
+def test_a_killed_program_leaves_a_readable_run(project):
     command = [*COMMAND, "repeat", "lab", "--vehicle", "small", "--laps", "0", "-o", "killed.mcap"]
     process = subprocess.Popen(command, cwd=project, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
     path = project / "killed.mcap"
@@ -173,13 +175,13 @@ def test_driving_by_keys_without_a_terminal_is_refused(project):
     assert "driving by keys needs a terminal" in done.stderr
 
 
-def test_ctrl_c_ends_silent_work_at_once_and_reporting_work_with_results():
+def test_ctrl_c_ends_work_at_once_or_at_its_next_progress_report():
     with pytest.raises(KeyboardInterrupt), busy("thinking"):
         signal.raise_signal(signal.SIGINT)
-    with busy("thinking") as say:
-        assert say("round 1") is False
+    with busy("thinking") as status:
+        assert status("round 1") is False
         signal.raise_signal(signal.SIGINT)
-        assert say("round 2") is True
+        assert status("round 2") is True
         with pytest.raises(KeyboardInterrupt):
             signal.raise_signal(signal.SIGINT)
     assert signal.getsignal(signal.SIGINT) is signal.default_int_handler
@@ -196,10 +198,10 @@ def progress_lines(capsys, pattern, times=1):
 
 
 def test_progress_is_shown_on_one_line(monkeypatch, capsys):
-    monkeypatch.setattr(terminal, "watched", lambda: True)
+    monkeypatch.setattr(terminal, "is_terminal", lambda: True)
     with steps() as begin:
-        say = begin("fitting")
-        say("round 3: 20 evaluations")
+        status = begin("fitting")
+        status("round 3: 20 evaluations")
         err = progress_lines(capsys, r"fitting  \d+ s  round 3: 20 evaluations")
         begin("drawing")
     err += capsys.readouterr().err
@@ -211,8 +213,8 @@ def test_without_a_terminal_progress_lines_are_rare(monkeypatch, capsys):
     monkeypatch.setattr(terminal, "EVERY_S", 0.2)
     began = time.monotonic()
     with steps() as begin:
-        say = begin("fitting")
-        say("round 3")
+        status = begin("fitting")
+        status("round 3")
         err = progress_lines(capsys, "round 3", times=2)
     took_s = time.monotonic() - began
     err += capsys.readouterr().err

@@ -64,7 +64,7 @@ def test_a_mistyped_command_ends_in_one_paragraph_and_code_2(baqueano, tmp_path,
     assert (end.code, end.out, end.reason.code) == (2, "", code)
     assert message in f"{end.reason.to_json()} {end.fix}"
     assert end.fix
-    assert not list(tmp_path.rglob("*.mcap*")), "no number of a run was taken"
+    assert not list(tmp_path.rglob("*.mcap*")), "no run number was used"
 
 
 def test_every_command_has_help(baqueano):
@@ -78,8 +78,8 @@ def test_every_command_has_help(baqueano):
         assert help_end.out.startswith(f"Usage: baqueano {verb}")
 
 
-def test_a_separately_called_command_retains_its_short_help_option(baqueano):
-    """click keeps the help option of the first call, also of one without the group."""
+def test_a_command_called_without_its_group_accepts_the_short_help_option(baqueano):
+    """click stores the help option of the first call, even of a call without the group."""
     import_module("baqueano.cli.demo").command.main(["--help"], standalone_mode=False)
     assert baqueano("demo", "-h").code == 0
 
@@ -181,17 +181,18 @@ def test_a_missing_c_compiler_is_reported_with_the_other_back_end(baqueano, monk
     assert end.reason.figures["error"].code == "compiler.absent"
 
 
-def test_an_unreachable_vehicle_gives_one_paragraph_and_code_4(baqueano):
+def test_an_unreachable_vehicle_gives_an_error_of_one_paragraph_and_code_4(baqueano):
     end = baqueano("experiment", "--vehicle", "small", "--robot", "nobody@127.0.0.1:1")
     assert end.code == 4, end.err
-    assert "nobody@127.0.0.1:1 cannot be reached: " in end.err
-    assert ". To see why: ssh nobody@127.0.0.1:1 baqueano robot status" in end.err
+    assert (end.reason.code, end.reason.figures["host"]) == ("remote.unreachable", "nobody@127.0.0.1:1")
+    assert end.reason.figures["command"] == "ssh nobody@127.0.0.1:1 baqueano robot status"
 
 
 def test_a_local_robot_command_on_a_laptop_advises_a_host_name(baqueano):
     end = baqueano("robot", "status")
     assert end.code == 4
-    assert "from a laptop name the vehicle, as pilot@rover.local" in end.err
+    assert end.reason.code == "door.nobody"
+    assert "pilot@rover.local" in end.err
 
 
 @pytest.mark.parametrize("group", ["robot", "runs", "study", "blocks"])

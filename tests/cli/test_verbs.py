@@ -1,4 +1,4 @@
-"""Every verb in the order in which a newcomer types them; figures on stdout, talk on stderr."""
+"""Every command in the order in which a new user types it: figures are on stdout, messages on stderr."""
 
 import html
 import shlex
@@ -13,7 +13,7 @@ from baqueano.runs import read_run
 
 @pytest.fixture
 def project(baqueano, lab, tmp_path):
-    """The commands, in a folder that holds the lab's runs and routes."""
+    """Run commands in a folder that contains the runs and routes of the lab."""
     for name in ("runs", "routes"):
         shutil.copytree(lab / name, tmp_path / name)
     return baqueano
@@ -55,10 +55,10 @@ def test_a_simulation_writes_a_run_without_a_control_loop(baqueano):
     assert {row["topic"] for row in end.reply["rows"]} == {"command applied", "sensor imu", "truth"}
 
 
-def test_many_simulated_vehicles_need_a_covariance(baqueano):
+def test_simulating_many_vehicles_needs_a_parameter_covariance(baqueano):
     end = baqueano("simulate", "--vehicle", "small", "--seconds", "1", "--vehicles", "1000")
     assert end.code == 2
-    assert "no parameter has a covariance yet" in end.paragraph
+    assert (end.reason.code, end.reason.figures["name"]) == ("simulate.no-covariance", "small")
     assert "baqueano identify" in end.paragraph
 
 
@@ -97,7 +97,7 @@ def test_a_replay_gives_the_same_estimates(project):
     assert second["nis"] == first["nis"]
 
 
-def test_a_replay_needs_a_model_and_an_estimator_alone(project, tmp_path):
+def test_a_replay_needs_only_a_model_and_an_estimator(project, tmp_path):
     (tmp_path / "mine.py").write_text(
         files("baqueano.project").joinpath("my_estimator.py").read_text(encoding="utf-8"),
         encoding="utf-8",
@@ -125,10 +125,10 @@ def test_a_smoothed_replay_has_a_smaller_error(project, tmp_path):
     assert len(replayed_run.estimate.t_ns) == len(replayed_run.t_ns)
 
 
-def test_an_estimator_that_is_no_kalman_filter_cannot_be_smoothed(project, tmp_path):
+def test_an_estimator_that_is_not_a_kalman_filter_cannot_be_smoothed(project, tmp_path):
     end = project("replay", "1", "--smooth", "--estimator", "dead_reckoning")
     assert end.code == 2
-    assert "DeadReckoning cannot be smoothed" in end.paragraph
+    assert (end.reason.code, end.reason.figures["who"]) == ("smooth.not-kalman", "DeadReckoning")
     assert "--estimator ekf" in end.paragraph
     assert not list((tmp_path / "runs").glob("0003*"))
 
@@ -149,7 +149,7 @@ def test_runs_are_listed_shown_cut_and_exported(project, tmp_path):
     assert (tmp_path / "one.html").read_text(encoding="utf-8").startswith("<!")
 
 
-def test_blocks_are_listed_by_room(baqueano):
+def test_blocks_are_listed_with_their_package_and_kind(baqueano):
     rows = baqueano("blocks", "ls", "--json").reply["rows"]
     assert {"room": "controller", "kind": "pd"} in rows
 
@@ -174,7 +174,7 @@ def test_an_unknown_run_is_reported_with_the_newest_runs(project):
         ("--vehicle small --free model.nope", "model.nope is not a parameter"),
     ],
 )
-def test_a_meaningless_fit_is_refused(project, options, expected):
+def test_unsuitable_options_of_identify_are_refused(project, options, expected):
     end = project("identify", "1", *options.split())
     assert end.code == 2
     assert expected in end.paragraph
@@ -195,7 +195,7 @@ def test_a_report_is_advised_only_if_no_report_was_written(baqueano, tmp_path):
     assert (tmp_path / "page.html").exists()
 
 
-def test_a_report_contains_the_command_line_that_reproduces_its_figures(baqueano, tmp_path, monkeypatch):
+def test_a_report_contains_the_command_line_that_reproduces_its_numbers(baqueano, tmp_path, monkeypatch):
     baqueano("simulate", "--vehicle", "small", "--seconds", "0.3", "-o", "tiny.mcap")
     line = (
         "identify",
@@ -211,14 +211,14 @@ def test_a_report_contains_the_command_line_that_reproduces_its_figures(baqueano
     monkeypatch.setattr(sys, "argv", ["baqueano", *line])
     baqueano(*line)
     page = html.unescape((tmp_path / "page.html").read_text(encoding="utf-8"))
-    assert f"To get these numbers again: <code>{shlex.join(['baqueano', *line])}</code>" in page
+    assert f"To reproduce these numbers: <code>{shlex.join(['baqueano', *line])}</code>" in page
 
 
 def test_json_of_a_fit_contains_the_reasons_of_its_verdict(baqueano):
     baqueano("simulate", "--vehicle", "small", "--seconds", "3", "-o", "short.mcap")
     fit = baqueano("identify", "short.mcap", "--vehicle", "small", "--no-noise", "--json").reply
     assert fit["verdict"] != "USABLE"
-    assert fit["reasons"], "three seconds are too few, and no reason is given"
+    assert fit["reasons"], "three seconds are too short, and the verdict needs a reason"
     assert all({"code", "figures", "text"} <= set(reason) for reason in (*fit["reasons"], *fit["findings"]))
 
 
@@ -239,11 +239,11 @@ def test_terms_are_not_chosen_for_a_car_with_only_an_imu(baqueano):
         ),
     ],
 )
-def test_one_line_names_the_estimator_that_suits_the_sensors(baqueano, vehicle, words):
+def test_one_line_recommends_an_estimator_for_the_sensors(baqueano, vehicle, words):
     assert words in baqueano("blocks", "ls", "--vehicle", vehicle).err
 
 
-def test_a_camera_leads_to_an_estimator_that_corrects_a_pose(baqueano, tmp_path):
+def test_an_estimator_that_uses_a_pose_is_recommended_for_a_camera(baqueano, tmp_path):
     from baqueano.vehicle_file import load
 
     text = load("small").text + '\n[sensors.camera]\nkind = "pose"\nnoise_std = [0.01, 0.01, 0.02]\n'

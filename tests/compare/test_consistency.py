@@ -1,4 +1,4 @@
-"""Squared, normalised errors lie in their χ² bands when the covariance is right, else outside."""
+"""Normalised squared errors lie in their χ² bands if the covariance is correct, otherwise outside."""
 
 import numpy as np
 import pytest
@@ -16,12 +16,12 @@ def draws(n, cov=P, seed=1):
 
 
 def whitened(e, cov):
-    return consistency.whitened(e, np.tile(cov, (len(e), 1, 1)))
+    return consistency.whiten(e, np.tile(cov, (len(e), 1, 1)))
 
 
-def test_a_right_covariance_lies_in_the_band_at_the_nominal_rate():
-    """False alarm: 200 bands at 5 % leave 181 to 198 inside with probability 0.9987 (binomial); the band is the wider
-    of two, so all may be inside."""
+def test_a_correct_covariance_is_consistent_at_the_nominal_rate():
+    """Of 200 bands at 5 %, 181 to 198 contain the value with probability 0.9987 (binomial). The band is the wider of
+    two, so all may contain the value."""
     bands = [consistency.band(whitened(draws(300, seed=seed), P)) for seed in range(200)]
     assert sum(band.low < band.mean < band.high for band in bands) > 180
     assert np.mean([band.high - band.low for band in bands]) < 1.25 * 4 * np.sqrt(2 / 900)
@@ -35,8 +35,9 @@ def test_a_wrong_covariance_is_called_too_sure_or_too_cautious():
 
 
 def filtered(rng, few):
-    """Whitened errors and innovations of a steady Kalman filter of d copies of x_t = a x_{t−1} + w, z = x + v. It
-    believes in 1/κ of the variances: its gain is right. Also κ, and independent samples of the slower of both."""
+    """Return whitened errors and innovations of a steady Kalman filter of d copies of x_t = a x_{t−1} + w, z = x +
+    v. The filter assumes 1/κ of the variances, so its gain is correct. Also return κ and the number of independent
+    samples of the slower signal."""
     d, a, r = rng.integers(1, 4), rng.choice([0.0, 0.5, 0.9, 0.97, 0.99]), 10 ** rng.uniform(-2.0, 1.0)
     kappa, n = (
         rng.choice([0.25, 0.5, 1.0, 1.0, 1.0, 2.0, 4.0]),
@@ -57,7 +58,7 @@ def filtered(rng, few):
 
 
 def sentences(count, seed, few=False):
-    """Share of wrong verdicts, and of those that speak where 100 independent samples are."""
+    """Return the share of wrong verdicts, and the share with a verdict among cases with 100 independent samples."""
     rng, wrong, decisions = np.random.default_rng(seed), [], []
     right = {
         "too sure": lambda k: k > 1.0,
@@ -73,9 +74,9 @@ def sentences(count, seed, few=False):
     return float(np.mean(wrong)), float(np.mean(decisions))
 
 
-def test_the_verdict_is_seldom_wrong_and_is_given_with_enough_data():
-    """NEES and NIS of 250 filters. Of 6,000 such verdicts 0.95 % are wrong, and 99.9 % of those that can speak do; by
-    chance 500 have more than 2.2 % wrong once in 100."""
+def test_the_verdict_is_seldom_wrong_and_seldom_missing():
+    """NEES and NIS of 250 filters. Of 6,000 such verdicts 0.95 % are wrong, and 99.9 % of the possible verdicts are
+    given. By chance, 500 verdicts have more than 2.2 % wrong once in 100."""
     wrong, speaks = sentences(250, 1)
     assert wrong <= 0.03
     assert speaks >= 0.95
@@ -85,8 +86,8 @@ def test_short_runs_of_slow_errors_are_seldom_judged_wrongly():
     assert sentences(150, 2, few=True)[0] <= 0.05
 
 
-def test_a_pose_that_nothing_bounds_has_too_few_samples_to_be_judged():
-    """A random walk whose variance is right: a single draw of a slow error."""
+def test_a_random_walk_of_the_error_gives_no_verdict():
+    """A random walk with a correct variance is a single draw of a slow error."""
     words = []
     for seed in range(200):
         walk = np.cumsum(np.random.default_rng(seed).standard_normal((2000, 3)), axis=0)
@@ -97,22 +98,25 @@ def test_a_pose_that_nothing_bounds_has_too_few_samples_to_be_judged():
 def test_units_do_not_change_the_verdict():
     scale = np.diag([1e6, 1e-6, 1.0])
     e = draws(50)
-    a, b = (consistency.squared(pair) for pair in (whitened(e, P), whitened(e @ scale, scale @ P @ scale)))
+    a, b = (
+        consistency.normalised_squared_error(pair)
+        for pair in (whitened(e, P), whitened(e @ scale, scale @ P @ scale))
+    )
     np.testing.assert_allclose(a, b, rtol=1e-9)
 
 
 def test_a_singular_or_unknown_covariance_is_not_judged():
     cov = np.stack([P, np.zeros((3, 3)), np.full((3, 3), np.nan), -P])
-    squares = consistency.squared(consistency.whitened(np.ones((4, 3)), cov))
+    squares = consistency.normalised_squared_error(consistency.whiten(np.ones((4, 3)), cov))
     assert np.isfinite(squares).tolist() == [True, False, False, False]
 
 
-def test_a_silent_sensor_is_left_out_of_the_innovations():
+def test_a_silent_sensor_is_excluded_from_the_innovations():
     y, S = draws(400), np.tile(P, (400, 1, 1))
     y[::2, 2] = np.nan  # a sensor at half the rate
     y[5] = np.nan
-    w = consistency.whitened(y, S)
-    value = consistency.squared(w)
+    w = consistency.whiten(y, S)
+    value = consistency.normalised_squared_error(w)
     assert np.isnan(value[5])
     np.testing.assert_allclose(value[0], y[0, :2] @ np.linalg.solve(P[:2, :2], y[0, :2]))
     assert set(np.sum(np.isfinite(w), axis=1).tolist()) == {0, 2, 3}
@@ -129,16 +133,17 @@ def test_correlated_errors_have_a_lower_weight():
 
 
 def with_a_bias(rng, kappa, share):
-    """Errors (N, d) with κ times the variance that is claimed; a share of it is one draw for the whole drive."""
+    """Return errors (N, d) with κ times the claimed variance; a share of the variance is one draw for the whole
+    drive."""
     n, d = int(rng.integers(1000, 6000)), int(rng.integers(1, 4))
     return np.sqrt(kappa) * (
         np.sqrt(share) * rng.standard_normal(d) + np.sqrt(1.0 - share) * rng.standard_normal((n, d))
     )
 
 
-def test_a_random_bias_does_not_make_a_right_filter_inconsistent():
-    """400 right filters, half of whose variance is a bias; such a verdict is the false alarm of 5 %: more than 33 are
-    called so once in 1,000."""
+def test_a_random_bias_does_not_make_a_correct_filter_inconsistent():
+    """In 400 correct filters half of the variance is a bias. The false-alarm rate is 5 %: more than 33 alarms occur
+    once in 1,000."""
     rng = np.random.default_rng(5)
     words = [consistency.band(with_a_bias(rng, 1.0, 0.5)).verdict for _ in range(400)]
     assert words.count("too sure") + words.count("too cautious") <= 33

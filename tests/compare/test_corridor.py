@@ -26,7 +26,9 @@ def test_the_corridor_width_is_measured_across_the_heading():
     assert along_y.across_m == pytest.approx([0.392, 0.392])
     assert along_x.area_m2[0] == pytest.approx(np.pi * 5.991 * 0.2 * 0.1)
     assert along_x.heading_rad[0] == pytest.approx(1.96 * 0.05)
-    assert along_x.sentence == "after 1 s the position is known to ± 20 cm across, ± 5.6° (95 %)"
+    message, width = along_x.message, along_x.message.figures["within"]
+    assert (message.code, message.figures["t_s"], width.code) == ("corridor.after-time", 1.0, "corridor.cm")
+    assert width.figures == {"across_cm": pytest.approx(19.6), "heading_deg": pytest.approx(5.615, abs=0.001)}
 
 
 def test_the_corridor_is_invariant_under_rotation_of_the_map():
@@ -44,7 +46,7 @@ def test_the_corridor_ends_at_a_heading_error_of_half_a_radian(sd):
     P = [np.diag([0.01, 0.01, x**2]) for x in (0.1, 0.5, sd, 0.1)]
     corridor = straight(P)
     assert (corridor.lost_s, len(corridor.t_s)) == (2.0, 2)
-    assert corridor.sentence.startswith("lost after 2 s")
+    assert (corridor.message.code, corridor.message.figures) == ("corridor.lost", {"t_s": 2.0})
     assert np.isnan(corridor_row(corridor)["corridor_across_m"])
 
 
@@ -64,18 +66,18 @@ def test_run_and_comparison_report_the_corridor_after_each_lap():
     run = simulate_loop(load("small").with_values(SHARP), circle(0.3, 0.2), laps=2)
     corridor = corridor_of(run)
     assert corridor.lap_s == pytest.approx(2.0 * np.pi * 0.3 / 0.2, abs=0.1)
-    assert corridor.sentence.startswith("after 2 laps the position is known to ± ")
+    assert (corridor.message.code, corridor.message.figures["laps"]) == ("corridor.after-laps", 2)
     comparison = compare(run)
-    assert corridor.sentence in comparison.table()
+    assert corridor.sentence in " ".join(comparison.table().split())
     assert comparison.rows()[0]["corridor_across_m"] == corridor.across_m[-1]
 
 
-def test_an_eight_is_one_lap_although_it_crosses_its_start():
+def test_a_figure_eight_is_one_lap_although_its_path_crosses_the_start():
     run = simulate_loop(load("small").with_values(SHARP), eight(0.5, 0.2), laps=2)
     assert corridor_of(run).lap_s == pytest.approx(eight(0.5, 0.2).t_s[-1], abs=0.1)
 
 
-def test_the_forecast_and_the_corridor_claimed_afterwards_agree():
+def test_the_forecast_agrees_with_the_corridor_computed_after_the_drive():
     file, route = load("small"), sinuous_circle(0.6, 0.06, 5, 0.2)
     ahead = corridor_ahead(file, route, 2)
     for seed in (1, 2):
@@ -90,7 +92,7 @@ def test_a_forecast_reports_the_time_at_which_the_vehicle_is_lost():
     file = load("small").with_values({"sensors.imu.gyro_scale_std": 0.05})
     ahead = corridor_ahead(file, circle(0.6, 0.2), 3)
     assert ahead.verdict == "LOST"
-    assert "lost after" in ahead.table()
+    assert ahead.corridor.message.code in ("corridor.lost", "corridor.lost-in-lap")
     assert np.isnan([row["across_m"] for row in ahead.rows()]).tolist() == [False, True, True]
 
 

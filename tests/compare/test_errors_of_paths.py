@@ -1,4 +1,4 @@
-"""ATE, RPE and the distance across a path: against `evo` 1.38.1 and against a pencil.
+"""ATE, RPE and the distance across a path, against `evo` 1.38.1 and against hand calculations.
 
 The figures of evo were computed once from the same closed-form trajectories (APE and RPE, rmse; alignment by
 align_origin and align; RPE over 10 frames, all pairs).
@@ -37,9 +37,9 @@ def trajectories():
         ("rigid", 0.04466864600024149, 0.013999775774547899),
     ],
 )
-def test_absolute_errors_are_those_of_evo(alignment, position, heading):
+def test_absolute_errors_equal_the_results_of_evo(alignment, position, heading):
     _, eta, truth = trajectories()
-    off = errors.absolute(errors.aligned(eta, truth, alignment), truth)
+    off = errors.absolute(errors.align_trajectory(eta, truth, alignment), truth)
     assert errors.rms(off.position_m) == pytest.approx(position, rel=1e-9)
     assert errors.rms(off.heading_rad) == pytest.approx(heading, rel=1e-7)
 
@@ -53,7 +53,7 @@ def test_a_truth_without_heading_is_aligned_by_the_umeyama_method():
     U, _, Vt = np.linalg.svd(b.T @ a)
     R = U @ np.diag([1.0, np.linalg.det(U @ Vt)]) @ Vt  # Umeyama 1991, without scale
     errors_m = np.hypot(*(a @ R.T - b).T)
-    off = errors.absolute(errors.aligned(eta, truth, "rigid"), truth)
+    off = errors.absolute(errors.align_trajectory(eta, truth, "rigid"), truth)
     np.testing.assert_allclose(off.position_m[7:], errors_m, atol=1e-12)
     assert np.isnan(off.heading_rad).all()
 
@@ -62,10 +62,10 @@ def test_a_truth_without_heading_cannot_be_aligned_at_the_start():
     _, eta, truth = trajectories()
     truth[:, 2] = np.nan
     with refused("compare.no-first-heading", UsageError):
-        errors.aligned(eta, truth, "start")
+        errors.align_trajectory(eta, truth, "start")
 
 
-def test_relative_errors_are_those_of_evo():
+def test_relative_errors_equal_the_results_of_evo():
     t_ns, eta, truth = trajectories()
     drift = errors.relative(t_ns, eta, truth, over_s=1.0)
     assert len(drift.position_m) == 190
@@ -86,7 +86,7 @@ def test_truth_is_interpolated_but_not_extrapolated():
     poses = poses_at(np.array([-1, 50, 100, 1_000, 2_000, 2_001]) * 1_000_000, of_ns, eta)
     assert np.isnan(poses[[0, 3, 5]]).all()
     np.testing.assert_allclose(poses[1, 0], 0.5)
-    np.testing.assert_allclose(abs(poses[1, 2]), np.pi, atol=1e-12)  # the short way, across ±π
+    np.testing.assert_allclose(abs(poses[1, 2]), np.pi, atol=1e-12)  # the shorter direction, across ±π
     np.testing.assert_allclose(poses[4], eta[3])
 
 
@@ -94,11 +94,11 @@ def test_distance_across_a_straight_path_is_positive_to_the_left():
     t_ns = np.arange(101) * 10_000_000
     ref = np.column_stack([t_ns * 1e-9, np.zeros(101)])
     off = errors.cross_track(t_ns, ref + np.array([-0.2, 0.03]), t_ns, ref)
-    np.testing.assert_allclose(off[21:], 0.03, atol=1e-12)  # being late along the path does not count
+    np.testing.assert_allclose(off[21:], 0.03, atol=1e-12)  # a delay along the path does not count
     np.testing.assert_allclose(errors.cross_track(t_ns, ref - [0.0, 0.05], t_ns, ref), -0.05, atol=1e-12)
 
 
-def test_the_nearest_point_at_a_crossing_is_on_the_same_branch():
+def test_at_a_crossing_the_nearest_point_stays_on_the_same_branch():
     t_ns = np.arange(2000) * 10_000_000
     th = 2 * np.pi * np.arange(2000) / 2000
     eight = np.column_stack([np.sin(th), np.sin(th) * np.cos(th)])
@@ -133,7 +133,7 @@ def test_errors_are_invariant_under_rotation_of_the_world():
 
 def test_an_unknown_alignment_is_refused_with_the_valid_names():
     with refused("compare.alignment", UsageError, found="scaled", known="none, start, rigid"):
-        errors.aligned(np.zeros((2, 3)), np.zeros((2, 3)), "scaled")
+        errors.align_trajectory(np.zeros((2, 3)), np.zeros((2, 3)), "scaled")
 
 
 def test_a_path_needs_two_points():

@@ -20,7 +20,7 @@ def steady(value=0.2):
     return np.full(N, value)
 
 
-def test_a_constant_wrong_speed_is_an_error_but_even():
+def test_a_constant_speed_error_leaves_the_drive_even():
     pace = evenness.pace(T_NS, steady(0.23), steady())
     assert pace.error_m_s == pytest.approx(0.03)
     assert pace.error == pytest.approx(0.15)
@@ -33,7 +33,7 @@ def test_speed_ripple_is_measured_by_its_rms():
     assert pace.uneven == pytest.approx(0.5 / np.sqrt(2), rel=0.01)
 
 
-def test_a_slow_speed_variation_is_an_error_but_nearly_even():
+def test_a_slow_speed_error_hardly_changes_the_evenness():
     pace = evenness.pace(T_NS, 0.2 + 0.1 * np.sin(2 * np.pi * 0.1 * T_S), steady())
     assert pace.error == pytest.approx(0.5 / np.sqrt(2), rel=0.05)
     assert pace.uneven < 0.01
@@ -44,7 +44,7 @@ def test_speed_that_follows_a_changing_reference_is_even():
     assert evenness.pace(T_NS, requested, requested) == pytest.approx((0.0, 0.0, 0.0), abs=1e-12)
 
 
-def test_the_start_from_rest_is_left_out():
+def test_the_start_from_rest_is_excluded_from_the_evenness():
     speed = np.where(T_S < 0.9, 0.0, 0.2)
     assert evenness.pace(T_NS, speed, steady()).error == 0.0
     assert evenness.pace(T_NS, speed, steady(), after_s=0.0).error > 0.1
@@ -70,7 +70,7 @@ def test_gaps_in_the_speed_do_not_change_the_evenness():
     assert evenness.pace(T_NS, speed, steady()).uneven == pytest.approx(0.5 / np.sqrt(2), rel=0.02)
 
 
-def test_a_clock_that_begins_at_an_epoch_gives_the_same_figures():
+def test_timestamps_since_1970_give_the_same_evenness():
     speed = 0.2 + 0.1 * np.sin(2 * np.pi * 5 * T_S)
     late = T_NS + 1_700_000_000_000_000_000
     assert evenness.pace(late, speed, steady()) == evenness.pace(T_NS, speed, steady())
@@ -82,7 +82,7 @@ def test_changes_of_sign_are_counted_per_second():
     assert evenness.sign_changes(T_NS, u) == pytest.approx(1.0)
 
 
-def test_noise_around_zero_and_a_pause_are_not_a_change_of_sign():
+def test_noise_around_zero_and_a_pause_do_not_count_as_sign_changes():
     u = np.where(T_S < 15, 0.4, 0.0) + 1e-4 * np.random.default_rng(0).standard_normal(N)
     u[500:700] = 0.0
     assert evenness.sign_changes(T_NS, u) == 0.0
@@ -91,7 +91,7 @@ def test_noise_around_zero_and_a_pause_are_not_a_change_of_sign():
     assert evenness.sign_changes(T_NS, u) == pytest.approx(1 / 30)
 
 
-def test_a_wheel_at_its_limit_counts_where_both_commands_are_within_theirs():
+def test_a_wheel_at_its_limit_counts_although_both_commands_are_within_limits():
     u = np.tile([0.6, 0.0, 0.3], (4, 1))
     assert evenness.share_at_limit(u, WHEELS) == 0.0
     u[0] = [0.6, 0.0, 0.4]  # right wheel
@@ -100,7 +100,7 @@ def test_a_wheel_at_its_limit_counts_where_both_commands_are_within_theirs():
     assert evenness.share_at_limit(u, WHEELS._replace(mixing="none", channel=np.full(1, np.inf))) == 0.0
 
 
-def test_a_command_scaled_down_to_its_limit_counts_in_spite_of_rounding():
+def test_a_command_scaled_to_its_limit_counts_despite_rounding():
     u = np.array([[0.7, 0.0, 0.5]])
     u /= np.abs(u[0, 0]) + np.abs(u[0, 2])
     assert evenness.share_at_limit(u * (1 - 1e-15), WHEELS) == 1.0
@@ -134,7 +134,7 @@ def test_limits_are_read_from_the_vehicle_text(name):
     ["", "format = 1", "not toml", "command = 3", '[command]\nnames = ["a"]\nlimit = [1.0, 1.0]',
      '[command]\nnames = ["a"]\n[model.drivetrain]\nmixing = "two_wheels"'],
 )  # fmt: skip
-def test_a_vehicle_text_without_limits_gives_none(text):
+def test_a_vehicle_text_without_limits_returns_none(text):
     assert evenness.limits_of(text) is None
 
 
@@ -186,7 +186,7 @@ def test_without_a_vehicle_file_the_share_at_a_limit_is_nan():
     assert "at a limit" not in compare(run_with(vehicle_text="")).table()
 
 
-def test_the_vehicle_file_of_another_vehicle_gives_no_limits():
+def test_the_limits_of_another_vehicles_file_are_not_used():
     assert np.isnan(compare(run_with(vehicle_text=load("car").text)).rows()[0]["at_limit"])
 
 

@@ -1,4 +1,4 @@
-"""Laps of a drive are detected at the end of the route and nowhere else."""
+"""Laps of a drive end only at the end of the route."""
 
 import numpy as np
 import pytest
@@ -12,7 +12,7 @@ SMALL = load("small")
 
 
 @pytest.mark.parametrize("route", [circle(0.5, 0.2), eight(0.6, 0.2)], ids=["circle", "eight"])
-def test_each_lap_has_its_time_and_its_distance(route):
+def test_each_lap_has_a_duration_and_a_distance(route):
     run = simulate_loop(SMALL, route, laps=3, perfect=True)
     laps = laps_of(run)
     assert [lap.number for lap in laps] == [1, 2, 3]
@@ -23,7 +23,7 @@ def test_each_lap_has_its_time_and_its_distance(route):
     assert sum(lap.duration_s for lap in laps) == pytest.approx(run.duration_s, abs=0.03)
 
 
-def test_the_largest_distance_is_that_of_the_whole_drive():
+def test_the_largest_distance_is_taken_over_the_whole_drive():
     from baqueano.compare import compare
 
     run = simulate_loop(SMALL, circle(0.5, 0.2), laps=2)
@@ -46,7 +46,7 @@ def test_a_reference_that_returns_at_the_lap_end_counts_once():
     assert len(_passages(eta, True)) == 3  # begin, end of the first lap, end of the second
 
 
-def test_laps_of_a_lead_in_count_from_the_begin_of_the_drive():
+def test_the_end_of_each_lap_is_detected_after_a_lead_in():
     route = eight(0.6, 0.2)
     aside = route.eta[200:] + np.where(np.arange(1241)[:, None] < 100, [0.0, 0.1, 0.0], 0.0)
     assert _passages(np.concatenate([aside, route.eta[1:]]), True) == [1240, 2680]

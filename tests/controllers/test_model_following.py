@@ -1,4 +1,4 @@
-"""Controllers with a model: the model's own command, weak feedback, an even drive, for each law."""
+"""Controllers with a model: the command computed from the model, weak feedback, and an even drive with each law."""
 
 import numpy as np
 import pytest
@@ -13,10 +13,10 @@ from baqueano.geometry import compose, map_from_body
 from baqueano.guides.shapes import circle, eight, rectangle, sinuous_circle
 from baqueano.signals import Estimate, Reference
 from baqueano.simulate import simulate_loop
-from baqueano.simulate.closed_loop import as_run, closed, closed_loop, ticks_of
+from baqueano.simulate.closed_loop import as_run, close_loop, closed_loop, ticks_of
 from baqueano.simulate.open_loop import times
 from baqueano.simulate.system import Input, begin
-from baqueano.symbolic import compiled, function
+from baqueano.symbolic import compile_block, function
 from baqueano.vehicle_file import load
 from tests.codes import refused
 
@@ -39,7 +39,7 @@ def reference(eta, nu=(0.0, 0.0, 0.0), tick=0):
 
 
 def settled(controller, eta_r, nu_r, eta, nu, ticks=200):
-    """The command where reference and estimate have been like this for long."""
+    """Return the command after reference and estimate have been constant for a long time."""
     state = controller.init()
     step = function(controller.step, state, reference(eta_r, nu_r), estimate(eta, nu))
     for k in range(ticks):
@@ -55,10 +55,10 @@ def test_the_command_for_a_steady_circle_makes_the_model_follow_the_circle(name,
     file = load(name)
     controller = file.controller(law, k_i=0.0)
     late_s = controller.late_s
-    vehicle, nu_y = compiled(file.vehicle), 0.0
+    vehicle, nu_y = compile_block(file.vehicle), 0.0
     for _ in range(3):  # the sideslip of the model at this circle
         nu = np.array([v, nu_y, w])
-        pose = map_from_body(0.5 * w * late_s) @ (late_s * nu)  # where it is T from now
+        pose = map_from_body(0.5 * w * late_s) @ (late_s * nu)  # the position after T
         u = settled(controller, pose, nu, np.zeros(3), nu)
         state = vehicle.init()
         for _ in range(400):
@@ -68,15 +68,15 @@ def test_the_command_for_a_steady_circle_makes_the_model_follow_the_circle(name,
 
 
 @pytest.mark.parametrize("law", LAWS)
-def test_a_vehicle_at_rest_on_its_reference_gets_no_command(law):
+def test_the_command_is_zero_for_a_vehicle_at_rest_on_its_reference(law):
     at = [1.0, 2.0, 0.5]
     assert settled(SMALL.controller(law), at, [0, 0, 0], at, [0, 0, 0]) == pytest.approx(0.0)
 
 
 @pytest.mark.parametrize("law", LAWS)
 @pytest.mark.parametrize("v", [0.2, -0.2])
-def test_a_vehicle_beside_its_path_steers_back_forward_and_backward(law, v):
-    """Left of the path the turn is to the right where it drives forward, and to the left where backward."""
+def test_a_vehicle_beside_its_path_returns_when_driving_forward_or_backward(law, v):
+    """Left of the path, the vehicle turns right when driving forward and left when driving backward."""
     turn = [
         settled(SMALL.controller(law), [0.15 * v, 0, 0], [v, 0, 0], [0, aside, 0], [v, 0, 0], 20)[2]
         for aside in (0.05, 0.0, -0.05)
@@ -122,7 +122,7 @@ def test_commands_are_invariant_under_motions_of_the_world(law, move, x, y, psi,
 @pytest.mark.parametrize("shape", SHAPES)
 @pytest.mark.parametrize("perfect", [True, False])
 def test_the_garage_vehicle_drives_evenly(shape, perfect):
-    """The paper's PD with the gains of before: 51 to 124 % of speed error, 1 to 3 changes of sign a second."""
+    """The PD of the paper with its old gains had 51 to 124 % of speed error and 1 to 3 changes of sign a second."""
     run = simulate_loop(SMALL, SHAPES[shape](0.2), perfect=perfect)
     evenness = pace(run.t_ns, run.truth.nu[:, 0], run.reference.nu[:, 0])
     assert evenness.error < 0.05
@@ -135,7 +135,7 @@ def test_each_law_tolerates_an_unmodelled_delay_of_100_ms():
     route, across = SHAPES["sinuous"](0.2), []
     for delay_s in (0.01, 0.11):
         late = SMALL.with_values({"model.drivetrain.delay_s": delay_s})
-        system = closed(late, route, perfect=True, controller=SMALL.controller())
+        system = close_loop(late, route, perfect=True, controller=SMALL.controller())
         t_ns = times(ticks_of(system, SMALL.rate_hz) - 1, SMALL.rate_hz)
         kernel = closed_loop(system, SMALL.rate_hz, noise=False)
         run = as_run("late", t_ns, kernel.run(Input(t_ns, None), carry=begin(system, route.eta[0]))[1], {})
@@ -150,8 +150,8 @@ STARTS = [(0.0, 0.2, -0.5), (0.0, -0.2, -0.5), (-0.2, 0.2, 0.5), (0.2, -0.2, 0.5
 
 @pytest.mark.parametrize("law", LAWS)
 def test_a_vehicle_joins_its_route_from_all_sides_within_a_metre(law):
-    """20 cm beside, behind or in front, 30° off, on a circle of 1 m that has begun when it has not."""
-    system = closed(SMALL, circle(1.0, 0.2), perfect=True, controller=SMALL.controller(law))
+    """The vehicle is 20 cm beside, behind or in front, 30° off, on a circle of 1 m that has begun without it."""
+    system = close_loop(SMALL, circle(1.0, 0.2), perfect=True, controller=SMALL.controller(law))
     kernel, t_ns = closed_loop(system, SMALL.rate_hz, noise=False), times(1500, SMALL.rate_hz)
     for start in STARTS:
         run = as_run(
@@ -166,9 +166,9 @@ def test_a_vehicle_joins_its_route_from_all_sides_within_a_metre(law):
 @pytest.mark.parametrize("law", ["pd_feedforward", "lqr", "pure_pursuit"])
 @pytest.mark.parametrize("moving", [False, True], ids=["at rest", "moving"])
 def test_a_car_joins_its_route_within_a_metre(law, moving):
-    """20 cm beside, behind or in front and 30° off, on a circle of 3 m at 0.5 m/s: within 3 cm for good."""
+    """The car is 20 cm beside, behind or in front and 30° off. On a circle of 3 m at 0.5 m/s it stays within 3 cm."""
     car, speed, radius_m = load("car"), 0.5, 3.0
-    system = closed(car, circle(radius_m, speed), perfect=True, controller=car.controller(law))
+    system = close_loop(car, circle(radius_m, speed), perfect=True, controller=car.controller(law))
     kernel, t_ns = closed_loop(system, car.rate_hz, noise=False), times(220, car.rate_hz)
     nu = np.array([speed if moving else 0.0, 0.0, 0.0])
     x, y, psi = circle(radius_m, speed).eta[0]
@@ -193,7 +193,7 @@ def test_a_car_joins_its_route_within_a_metre(law, moving):
 
 
 def test_a_moving_vehicle_is_not_braked_at_controller_start():
-    """The reference without jumps begins with the velocity that the vehicle has; it began at rest once."""
+    """The smooth reference begins with the velocity of the vehicle; in an earlier version it began at rest."""
     moving = settled(SMALL.controller(), [0.03, 0, 0], [0.2, 0, 0], [0, 0, 0], [0.2, 0, 0], ticks=1)
     steady = settled(SMALL.controller(), [0.03, 0, 0], [0.2, 0, 0], [0, 0, 0], [0.2, 0, 0])
     assert moving[0] == pytest.approx(steady[0], rel=0.2)
@@ -215,11 +215,11 @@ def test_a_car_follows_a_circle_without_servo_saturation(law):
     run = simulate_loop(car, circle(3.0, 0.8), perfect=True, controller=car.controller(law))
     across = cross_track(run.t_ns, run.truth.eta[:, :2], run.t_ns, run.reference.eta[:, :2])
     assert rms(across) < 0.01
-    assert share_at_limit(run.sent, limits_of(car.text)) < 0.01  # the tick in which it starts
+    assert share_at_limit(run.sent, limits_of(car.text)) < 0.01  # the first tick
 
 
-def test_the_gain_of_the_regulator_solves_the_riccati_equation_of_scipy():
-    """At a steady speed the equation that goes forward ends where the algebraic one is solved."""
+def test_the_regulator_gain_equals_the_riccati_solution_of_scipy():
+    """At a steady speed the forward iteration of the equation converges to the solution of the algebraic equation."""
     from scipy.linalg import solve_discrete_are
 
     law, v, w, dt = SMALL.controller("lqr"), 0.25, 0.4, 0.01
@@ -240,13 +240,13 @@ def test_the_gain_of_the_regulator_solves_the_riccati_equation_of_scipy():
 
 
 class ByHeading(ModelFollower):
-    """A student's law in four lines."""
+    """A control law in four lines, as a student writes it."""
 
     def velocity_law(self, memory, now):
         return memory, (now.nu_f[0], now.nu_f[2] + 3.0 * now.e_chi)
 
 
-def test_a_custom_control_law_is_a_controller():
+def test_a_custom_control_law_can_be_used_as_a_controller():
     own = ByHeading(SMALL.vehicle, limit=np.ones(3))
     assert check_controller(own) == []
     run = simulate_loop(SMALL, circle(1.0, 0.2), perfect=True, controller=own, duration_s=5.0)
@@ -254,7 +254,7 @@ def test_a_custom_control_law_is_a_controller():
 
 
 def test_a_controller_without_a_law_names_the_missing_method():
-    with pytest.raises(NotImplementedError, match=r"write velocity_law\(memory, now\)"):
+    with refused("follower.no-law", NotImplementedError, block="ModelFollower"):
         settled(ModelFollower(SMALL.vehicle, limit=np.ones(3)), [0, 0, 0], [0, 0, 0], [0, 0, 0], [0, 0, 0])
 
 
@@ -263,8 +263,9 @@ def test_a_limit_of_wrong_length_is_refused():
         PdFeedforward(SMALL.vehicle, limit=np.ones(2))
 
 
-def test_a_saturated_wheel_turns_and_reduces_speed():
-    """At its limit a wheel turns the vehicle off its path; so no wheel gets there, and the turn is what it was."""
+def test_speed_is_reduced_to_retain_the_turn_at_the_wheel_limit():
+    """A saturated wheel turns the vehicle off its path. So the speed is reduced until no wheel saturates, and the
+    turn stays the same."""
     eased, limit = load("small").controller(), SMALL.vehicle.drivetrain.limit
     calm = settled(eased, np.zeros(3), (0.3, 0.0, 1.0), np.zeros(3), (0.3, 0.0, 1.0))
     hasty = settled(eased, np.array([0.3, 0.0, 0.0]), (1.5, 0.0, 1.0), np.zeros(3), (0.3, 0.0, 1.0))

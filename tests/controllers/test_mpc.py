@@ -1,4 +1,6 @@
-"""Model predictive control: onto its path from aside, within the limits of its motors and the walls of its room."""
+"""Model predictive control: it joins its path from beside, within the limits of its motors and the walls of its
+room.
+"""
 
 import sys
 from dataclasses import replace
@@ -16,7 +18,7 @@ from baqueano.guides.shapes import circle, line, sinuous_circle
 from baqueano.signals import Estimate, Reference
 from baqueano.simulate import simulate_loop
 from baqueano.study.driving import driving
-from baqueano.symbolic import compiled
+from baqueano.symbolic import compile_block
 from baqueano.tune import tune
 from baqueano.vehicle_file import load
 from tests.codes import refused
@@ -31,7 +33,7 @@ def law(file=SMALL, **changes):
 
 def drive(controller, file, route, start, seconds, speed=0.0):
     """Return poses (N, 3) and commands (N, n) of a vehicle whose pose is known, along an open route."""
-    vehicle, state = compiled(file.vehicle), controller.init()
+    vehicle, state = compile_block(file.vehicle), controller.init()
     motion = file.vehicle.init(eta=np.array(start), nu=np.array([speed, 0.0, 0.0]))
     poses, commands = [], []
     for k in range(round(seconds * HZ)):
@@ -55,7 +57,8 @@ PLACES = [(0.0, 0.2, 30), (0.0, 0.2, -30), (0.0, -0.2, 30), (0.0, -0.2, -30), (-
 )
 @pytest.mark.parametrize("moving", [False, True], ids=["at rest", "moving"])
 def test_mpc_joins_its_route_from_all_sides_within_a_metre(file, speed, radius_m, moving):
-    """20 cm beside, behind or in front, 30° off: within 3 cm of the path after one metre of route, for good."""
+    """The vehicle is 20 cm beside, behind or in front, 30° off. After one metre of route it stays within 3 cm of the
+    path."""
     route, controller = circle(radius_m, speed), law(file)
     x, y, psi = route.eta[0]
     centre = np.array([x - radius_m * np.sin(psi), y + radius_m * np.cos(psi)])
@@ -68,7 +71,7 @@ def test_mpc_joins_its_route_from_all_sides_within_a_metre(file, speed, radius_m
 
 
 def test_mpc_drives_a_custom_vehicle_class():
-    """The omni robot drives aside: it takes back 20 cm and 30° with its heading along the route."""
+    """The omni robot can drive sideways: it corrects 20 cm and 30° while its heading follows the route."""
     file = load("examples/omni_robot.toml")
     poses, u = drive(law(file), file, line(2.0, 0.2), (0.0, 0.2, 0.5), 6.0)
     assert np.max(np.abs(poses[100:, 1:])) < 0.02  # after 40 cm
@@ -80,11 +83,11 @@ def test_no_command_exceeds_the_limit_of_its_motor():
     _, u = drive(law(), SMALL, line(4.0, 2.0), (0.0, 0.1, 0.5), 2.0)
     wheels = np.abs(u[:, 0]) + np.abs(u[:, 2])
     assert np.max(wheels) <= 1.0 + 1e-9
-    assert np.median(wheels) > 0.9  # the route is too fast, and it uses what there is
+    assert np.median(wheels) > 0.9  # the route is too fast, so the full command is used
 
 
 def test_mpc_does_not_cross_a_wall():
-    """The route leads 0.5 m beyond the wall; without the wall it is followed."""
+    """The route leads 0.5 m beyond the wall; without the wall the vehicle follows it."""
     route = line(1.5, 0.25)
     free, _ = drive(law(), SMALL, route, (0.0, 0.0, 0.0), 6.0)
     eta, _ = drive(law(wall_high=np.array([1.0, np.inf])), SMALL, route, (0.0, 0.0, 0.0), 6.0)
@@ -93,7 +96,8 @@ def test_mpc_does_not_cross_a_wall():
 
 
 def test_mpc_stays_on_its_path_for_a_lap():
-    """At the file's own rate, with its estimator: nearer to the reference along the path than the feed-forward law."""
+    """At the rate of the file and with its estimator, MPC stays nearer to the reference along the path than the
+    feed-forward law."""
     run = repeat(SMALL, sinuous_circle(0.6, 0.08, 5, 0.2), controller=Mpc, duration_s=6.0)
     assert run.estimate is not None
     assert run.reference is not None
@@ -106,7 +110,7 @@ def test_mpc_stays_on_its_path_for_a_lap():
     assert np.sqrt(np.mean(along[200:] ** 2)) < 0.006
 
 
-def test_a_failing_solver_uses_the_old_plan_and_then_ends_the_drive(monkeypatch):
+def test_mpc_follows_its_old_plan_after_a_solver_failure_and_then_stops(monkeypatch):
     controller, standing = law(), Estimate(0, np.zeros(3), np.zeros(3), np.eye(6))
     ahead = Reference(0, np.array([0.3, 0.0, 0.0]), np.zeros(3), 0.0)
     state, first = controller.step(controller.init(), ahead, standing)

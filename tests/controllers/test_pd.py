@@ -1,4 +1,4 @@
-"""The paper's PD, with figures that a pencil gives."""
+"""The PD controller of the paper, compared with hand calculations."""
 
 import numpy as np
 import pytest
@@ -24,7 +24,7 @@ def reference(x, y, psi):
 PD = Pd(alpha=2.0, beta=3.0, gamma=0.5)
 
 
-def test_one_metre_ahead_gives_a_command_of_alpha():
+def test_a_reference_one_metre_ahead_gives_the_command_alpha():
     _, command = PD.step(PD.init(), reference(1.0, 0.0, 0.0), estimate(0.0, 0.0, 0.0))
     np.testing.assert_allclose(command.u, [2.0, 0.0, 0.0])
     assert command.t_ns == T0
@@ -58,7 +58,7 @@ def test_heading_error_crosses_pi_without_a_jump_of_the_command():
     assert abs(0.5 * e_dot) < 1.0
 
 
-def test_a_repeated_time_stamp_gives_no_derivative():
+def test_a_repeated_timestamp_gives_no_derivative_term():
     state, _ = PD.step(PD.init(), reference(0.0, 0.0, 0.2), estimate(0.0, 0.0, 0.0))
     _, command = PD.step(state, reference(0.0, 0.0, 0.3), estimate(0.0, 0.0, 0.0))
     assert command.u[2] == pytest.approx(0.9)
@@ -90,7 +90,7 @@ def test_commands_are_invariant_under_motions_of_the_world(x, y, psi, xr, yr, ps
     r2, e2 = compose(move, r) + full, compose(move, e)
     state, moved_command = PD.step(PD.init(), reference(*r2), estimate(*e2))
     _, there_next = PD.step(state, reference(*r2), estimate(*e2, t_s=0.01))
-    at_the_cut = abs(abs(command.u[2] / 3.0) - np.pi) < 1e-6  # ±π is one heading and two errors
+    at_the_cut = abs(abs(command.u[2] / 3.0) - np.pi) < 1e-6  # ±π is one heading but gives two errors
     if not at_the_cut:
         np.testing.assert_allclose(moved_command.u, command.u, atol=1e-9)
         np.testing.assert_allclose(there_next.u, here_next.u, atol=1e-9)

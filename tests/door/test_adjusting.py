@@ -1,4 +1,6 @@
-"""Gains set while the vehicle drives: by the holder alone, between two ticks, with an event in the run."""
+"""Gains that change while the vehicle drives: only its driver sets them, between two ticks, and the run logs an
+event.
+"""
 
 import numpy as np
 import pytest
@@ -14,7 +16,7 @@ from tests.codes import refused
 
 
 class Hand(Observer):
-    """Sets a gain at a tick, as its holder does from outside."""
+    """Set a gain at a given tick, as the driver does from outside."""
 
     def __init__(self, operator, at, *changes):
         self.operator, self.at, self.changes, self.ticks = operator, at, changes, 0
@@ -28,7 +30,7 @@ class Hand(Observer):
 
 def drive_with(*changes, at=100):
     file, operator, messages = load("small"), Operator(), []
-    operator.ask("me", "a mission")
+    operator.queue_mission("me", "a mission")
     observers = (Adjusting(operator, messages.append), Hand(operator, at, *changes))
     return file, repeat(file, shapes.circle(0.4, 0.3), observers=observers, duration_s=12.0), messages
 
@@ -77,12 +79,12 @@ def test_a_refused_change_does_not_end_the_drive():
     assert [message["level"] for message in messages] == ["warning", "warning"]
 
 
-def test_only_the_holder_of_a_drive_sets_gains():
+def test_only_the_client_that_drives_can_set_gains():
     operator = Operator()
     for person in ("me", "another"):
         with pytest.raises(SafetyStop):
             operator.change(person, "controller.k_x", 1.0)
-    operator.ask("me", "a mission")
+    operator.queue_mission("me", "a mission")
     with pytest.raises(SafetyStop):
         operator.change("another", "controller.k_x", 1.0)
     operator.change("me", "controller.k_x", 1.0)
@@ -94,13 +96,13 @@ def test_a_pace_of_zero_pauses_the_guide_and_is_logged():
     _, run, messages = drive_with(("guide.pace", 0.0), at=100)
     v = run.reference.nu[:, 0]
     assert v[100] == pytest.approx(0.3)
-    assert np.all(v[101 + 70 :] == 0.0)  # it brakes in 0.6 s, and waits until it is given up
+    assert np.all(v[101 + 70 :] == 0.0)  # it brakes in 0.6 s and waits until the drive is ended
     assert np.max(np.abs(np.diff(v))) < 0.3 / 0.6 * 0.011
     assert [message["said"].code for message in messages] == ["door.set"]
 
 
 @pytest.mark.parametrize("value", [1.5, -0.1, float("nan"), "slow", None])
-def test_a_wrong_pace_is_refused_and_the_drive_goes_on(value):
+def test_a_wrong_pace_is_refused_and_the_drive_continues(value):
     _, run, messages = drive_with(("guide.pace", value))
     assert [message["said"].code for message in messages] == ["door.guide-pace"]
     assert run.reference.done[-1] == 1.0

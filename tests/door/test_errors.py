@@ -17,7 +17,7 @@ def vehicle(**message):
 
 
 @pytest.mark.parametrize("kind", KINDS)
-def test_an_exit_code_gives_the_error_type_of_its_origin(kind):
+def test_an_exit_code_is_converted_back_to_its_error_type(kind):
     error = of_code(kind.exit_code, "why")
     assert (type(error), str(error)) == (kind, "why")
 
@@ -25,5 +25,5 @@ def test_an_exit_code_gives_the_error_type_of_its_origin(kind):
 @pytest.mark.parametrize("kind", KINDS)
 def test_an_error_of_the_vehicle_is_raised_on_the_laptop(kind):
     with pytest.raises(kind, match="why") as error_info:
-        vehicle(**{"is": "no", "why": "why", "code": kind.exit_code}).hear(("state",), 5.0)
+        vehicle(**{"is": "no", "why": "why", "code": kind.exit_code}).receive(("state",), 5.0)
     assert type(error_info.value) is kind

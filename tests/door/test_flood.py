@@ -1,4 +1,4 @@
-"""A door under a flood: a stop has priority; guests, lines and memory are limited for any input."""
+"""A door that is flooded with messages: a stop has priority, and guests, lines and memory are limited for any input."""
 
 import json
 import socket
@@ -43,7 +43,7 @@ def connect(door):
 
 @pytest.fixture
 def turns(door, monkeypatch):
-    """Counts the answers between the arrival of a stop in the socket and the stop."""
+    """Count the answers between the arrival of a stop in the socket and the stop of the vehicle."""
     answers, answer = [], door._answer
     monkeypatch.setattr(
         door, "_answer", lambda guest, line: answers.append(bytes(line)) or answer(guest, line)
@@ -52,7 +52,7 @@ def turns(door, monkeypatch):
 
 
 class Flood(threading.Thread):
-    """A guest that sends a word again and again, and reads the answers."""
+    """A guest that sends one message again and again, and reads the answers."""
 
     def __init__(self, person, word=RUNS):
         super().__init__(daemon=True)
@@ -81,11 +81,11 @@ def test_rt15_a_stop_has_priority_over_five_flooding_guests(door, connect, turns
     for _ in range(5):
         teacher, before = connect(), len(turns)
         teacher.line.sendall(STOP)
-        while (message := teacher.hear())["is"] == "state":
+        while (message := teacher.receive())["is"] == "state":
             pass
         assert message == {"is": "heard", "do": "stop"}
         at = next(k for k in range(before, len(turns)) if turns[k].startswith(b'{"do": "stop"'))
-        assert at - before <= 8 * SHARE  # of millions that are said meanwhile
+        assert at - before <= 8 * SHARE  # of millions of messages sent meanwhile
         door.operator.forget(door.operator.stop_reason(False))
     for flood in floods:
         flood.end()
@@ -100,10 +100,10 @@ def test_a_stop_has_priority_over_earlier_lines_of_its_guest(door, connect, turn
     assert door.operator.stop_reason(False).code == StopReason.STOPPED_BY
 
 
-def test_a_stop_inside_another_message_does_not_stop(door, connect):
+def test_a_stop_nested_in_another_message_does_not_stop_the_vehicle(door, connect):
     person = connect()
-    person.say(do="ping", token={"do": "stop"})
-    assert person.hear()["token"] == {"do": "stop"}
+    person.send(do="ping", token={"do": "stop"})
+    assert person.receive()["token"] == {"do": "stop"}
     assert door.operator.stop_reason(False) is None
 
 
@@ -119,12 +119,12 @@ def test_a_guest_that_sends_too_fast_receives_the_number_of_dropped_lines(door, 
         assert list(guest.receive()) == [STOP.rstrip()]
     person = connect()
     person.line.sendall(RUNS * (4 * BACKLOG))
-    while (message := person.hear())["is"] == "runs":
+    while (message := person.receive())["is"] == "runs":
         pass
     assert message["about"]["code"] == "door.too-many"
 
 
-def test_a_second_queued_mission_is_dropped_but_no_heartbeat():
+def test_a_second_queued_mission_is_dropped_but_heartbeats_are_not():
     near_end, far_end = socket.socketpair()
     with near_end, far_end:
         near_end.setblocking(False)
@@ -138,35 +138,35 @@ def test_a_second_queued_mission_is_dropped_but_no_heartbeat():
         assert [guest.next() for _ in range(201)] == [mission.rstrip(), *[BEAT.rstrip()] * 200]
         far_end.sendall(BEAT)
         assert list(guest.receive()) == []
-        assert guest.next() == BEAT.rstrip()  # its places are free again
+        assert guest.next() == BEAT.rstrip()  # its guest places are free again
 
 
-def test_all_guests_get_an_equal_share_of_answers(door, connect, turns):
+def test_all_guests_receive_an_equal_share_of_answers(door, connect, turns):
     flood, quiet = Flood(connect()), connect()
     until(lambda: len(turns) > 10 * SHARE)
     for k in range(20):
         before = len(turns)
-        quiet.say(do="ping", token=k)
-        assert quiet.hear()["token"] == k
+        quiet.send(do="ping", token=k)
+        assert quiet.receive()["token"] == k
         assert len(turns) - before <= 8 * SHARE
     flood.end()
 
 
 def test_a_stop_is_received_even_if_all_guest_places_are_taken(door, connect):
-    door.tell({"is": "state", "state": "MISSION"})
+    door.broadcast({"is": "state", "state": "MISSION"})
     for _ in range(MOST_GUESTS):
-        assert connect().hear()["is"] == "state"
+        assert connect().receive()["is"] == "state"
     late = connect()
-    late.say(do="runs")
-    assert late.hear()["about"]["code"] == "door.full"
+    late.send(do="runs")
+    assert late.receive()["about"]["code"] == "door.full"
     assert late.file.readline() == b""
-    more = [connect() for _ in range(FOR_STOPS + 2)]  # who say nothing
+    more = [connect() for _ in range(FOR_STOPS + 2)]  # guests that send nothing
     teacher = connect()
     teacher.line.sendall(STOP)
-    assert teacher.hear() == {"is": "heard", "do": "stop"}
+    assert teacher.receive() == {"is": "heard", "do": "stop"}
     assert len(door._guests) <= MOST_GUESTS + FOR_STOPS
-    door.tell({"is": "state", "state": "STOPPED"})
-    assert teacher.hear()["state"] == "STOPPED"
+    door.broadcast({"is": "state", "state": "STOPPED"})
+    assert teacher.receive()["state"] == "STOPPED"
     assert more[0].file.readline() == b""
 
 
@@ -177,7 +177,7 @@ def test_only_one_guest_at_a_time_may_send_an_endless_line(door, connect):
 
     def pour(person):
         try:
-            for _ in range(64):  # 4 MB each, 64 kB are kept of all but one
+            for _ in range(64):  # 4 MB each; at most 64 kB are stored of all but one
                 person.line.sendall(b"x" * LONG)
         except OSError:
             return
@@ -194,8 +194,8 @@ def test_only_one_guest_at_a_time_may_send_an_endless_line(door, connect):
 def test_a_long_line_is_refused_during_a_drive(door, connect):
     driver, second = connect(), connect()
     until(lambda: len(door._guests) == 2)
-    driver.say(do="mission", door=sockets.VERSION, mission="{}")
-    until(lambda: door.operator.taken)
+    driver.send(do="mission", door=sockets.VERSION, mission="{}")
+    until(lambda: door.operator.is_busy)
     with suppress(OSError):
         for _ in range(1000):
             second.line.sendall(b'{"do": "mission", "mission": "' + b"x" * LONG)
@@ -206,8 +206,8 @@ def test_a_page_has_a_shorter_timeout_than_ssh(door, connect):
     assert HIDDEN_S < SILENCE_S
     for k, (by, silence_s) in enumerate((("page", HIDDEN_S), ("ssh", SILENCE_S))):
         person = connect()
-        person.say(do="mission", door=sockets.VERSION, kind="drive", by=by, id=str(k))
-        until(lambda: door.operator.taken)
+        person.send(do="mission", door=sockets.VERSION, kind="drive", by=by, id=str(k))
+        until(lambda: door.operator.is_busy)
         assert door.operator._silence_s == silence_s
         door.operator.next()
         door.operator.free()

@@ -20,7 +20,7 @@ from tests.door.test_sockets import Person, until
 
 
 class Listening(Observer):
-    """Keeps the records of a drive, and the estimator."""
+    """Stores the records of a drive, and the estimator."""
 
     def __init__(self):
         self.records = []
@@ -95,7 +95,7 @@ def test_every_tick_is_sent_once_and_in_order(drive_of_service):
     np.testing.assert_allclose(np.ravel(rows), [r.tick.t_ns * 1e-9 for r in listening.records], rtol=1e-6)
 
 
-def test_rows_lost_by_the_ring_buffer_show_as_a_gap(drive_of_service):
+def test_rows_lost_by_the_ring_buffer_are_shown_as_a_gap(drive_of_service):
     file, listening, _ = drive_of_service
     drive, frames = DriveRows(file), Frames()
     frames._drive = drive
@@ -127,21 +127,21 @@ def test_at_most_one_frame_waits_for_a_guest_that_does_not_read(door, drive_of_s
     door.frames.begin(file, "simulated", estimator=listening.estimator)
     sleeper, healthy = Person(door.path), Person(door.path)
     for person in (sleeper, healthy):
-        person.say(do="watch", hz=50)
+        person.send(do="watch", hz=50)
     until(lambda: sum(guest.hz > 0 for guest in door._guests) == 2)
     count, most = 0, 0
     for _ in range(150):
         for record in listening.records[:40]:
             door.frames.look(record)
         while count < door.frames.drive()[0].tick_count:
-            message = healthy.hear()
+            message = healthy.receive()
             count = message["n"] + len(message["x"]) if message["is"] == "frame" else count
         most = max(most, *(guest.waiting for guest in door._guests))
     assert most < 2 * RING * 400  # of 6,000 rows of 300 bytes
     assert len(door._guests) == 2
     ends = []
     while not ends or ends[-1] < count:
-        message = sleeper.hear()
+        message = sleeper.receive()
         if message["is"] == "frame":
             assert message["n"] >= (ends[-1] if ends else 0)
             ends.append(message["n"] + len(message["x"]))
@@ -155,8 +155,8 @@ def test_the_last_rows_are_sent_before_the_end_of_the_drive(door, drive_of_servi
     file, listening, _ = drive_of_service
     door.frames.begin(file, "simulated", estimator=listening.estimator)
     person = Person(door.path)
-    person.say(do="watch", hz=1)
-    assert [person.hear()["is"] for _ in range(3)] == ["vehicle", "fields", "route"]
+    person.send(do="watch", hz=1)
+    assert [person.receive()["is"] for _ in range(3)] == ["vehicle", "fields", "route"]
     for turn in range(20):
         door.frames.begin(file, "simulated", estimator=listening.estimator)
         for record in listening.records:
@@ -165,7 +165,7 @@ def test_the_last_rows_are_sent_before_the_end_of_the_drive(door, drive_of_servi
         door._ring()
         messages = []
         while not messages or messages[-1]["is"] != "done":
-            messages.append(person.hear())
+            messages.append(person.receive())
         begin = next(k for k, m in enumerate(messages) if m["is"] == "fields")
         assert sum(len(m["x"]) for m in messages[begin:] if m["is"] == "frame") == len(listening.records)
     person.close()
@@ -176,45 +176,45 @@ def test_a_watcher_receives_the_vehicle_the_columns_and_then_every_tick(door, dr
     file, listening, _ = drive_of_service
     door.frames.begin(file, "simulated", estimator=listening.estimator)
     person, viewer = Person(door.path), Person(door.path)
-    person.say(do="watch", hz=50, fields=["t", "eta.x", "what there is not"])
-    viewer.say(do="watch", hz=5)
-    messages = [person.hear() for _ in range(3)]
+    person.send(do="watch", hz=50, fields=["t", "eta.x", "what there is not"])
+    viewer.send(do="watch", hz=5)
+    messages = [person.receive() for _ in range(3)]
     assert [m["is"] for m in messages] == ["vehicle", "fields", "route"]
     assert messages[1]["names"] == ["t", "eta.x"]
     assert messages[1]["units"] == ["s", "m"]
-    assert [viewer.hear()["is"] for _ in range(3)] == ["vehicle", "fields", "route"]
+    assert [viewer.receive()["is"] for _ in range(3)] == ["vehicle", "fields", "route"]
     for record in listening.records:
         door.frames.look(record)
     for client, width in ((person, 2), (viewer, len(DriveRows(file).columns))):
         rows = []
         while len(rows) < len(listening.records):
-            frame = client.hear()
+            frame = client.receive()
             assert (frame["is"], frame["n"]) == ("frame", len(rows))
             rows += frame["x"]
         assert {len(row) for row in rows} == {width}
     door.frames.begin(file, "simulated", estimator=listening.estimator)  # the next drive
     door.frames.look(listening.records[0])
-    assert [person.hear()["is"] for _ in range(4)] == ["vehicle", "fields", "route", "frame"]
-    person.say(do="watch", hz=0)
-    person.say(do="ping")
-    assert person.hear()["is"] == "pong"
+    assert [person.receive()["is"] for _ in range(4)] == ["vehicle", "fields", "route", "frame"]
+    person.send(do="watch", hz=0)
+    person.send(do="ping")
+    assert person.receive()["is"] == "pong"
     door.frames.look(listening.records[1])
-    person.say(do="ping")
-    assert person.hear()["is"] == "pong"
+    person.send(do="ping")
+    assert person.receive()["is"] == "pong"
     for client in (person, viewer):
         client.close()
 
 
 @pytest.mark.skipif(not hasattr(socket, "AF_UNIX"), reason="this system has no sockets in files")
 def test_a_message_wakes_the_door_and_is_encoded_once(door, monkeypatch):
-    encodings, encoded = [], sockets.encoded
-    monkeypatch.setattr(sockets, "encoded", lambda message: encodings.append(message) or encoded(message))
+    encodings, encoded = [], sockets.encode
+    monkeypatch.setattr(sockets, "encode", lambda message: encodings.append(message) or encoded(message))
     monkeypatch.setattr(sockets, "LOOK_S", 1e6)  # without a wake-up nothing arrives
     people = [Person(door.path) for _ in range(5)]
     until(lambda: len(door._guests) == 5)
     for k in range(20):
-        door.tell({"is": "event", "said": k})
-        assert [person.hear()["said"] for person in people] == [k] * 5
+        door.broadcast({"is": "event", "said": k})
+        assert [person.receive()["said"] for person in people] == [k] * 5
     assert len(encodings) == 20
     for person in people:
         person.close()
@@ -224,10 +224,10 @@ def test_a_message_wakes_the_door_and_is_encoded_once(door, monkeypatch):
 @pytest.mark.skipif(not hasattr(socket, "AF_UNIX"), reason="this system has no sockets in files")
 def test_a_watch_with_a_wrong_rate_does_not_end_the_connection(door, hz):
     person = Person(door.path)
-    person.say(do="watch", hz=hz)
-    person.say(do="ping", token=1)
-    message = person.hear()
+    person.send(do="watch", hz=hz)
+    person.send(do="ping", token=1)
+    message = person.receive()
     assert message["is"] in ("no", "pong")
     if message["is"] == "no":
-        assert person.hear()["token"] == 1
+        assert person.receive()["token"] == 1
     person.close()

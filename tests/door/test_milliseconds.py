@@ -1,6 +1,7 @@
-"""Bars of milliseconds at the door, of a service that drives at 100 Hz in a process of its own.
+"""Limits in milliseconds at the door of a service that drives at 100 Hz in a separate process.
 
-Quiet and flooded are measured in turn; a stall of the machine only adds, so the quieter rounds count.
+Quiet and flooded rounds are measured alternately. A stall of the machine only adds time, so the shorter rounds
+count.
 """
 
 import sys

@@ -11,10 +11,10 @@ from baqueano.errors import SafetyStop
 
 TEACHER = stop(StopReason.STOPPED_BY, words="the teacher stopped it")
 SILENT = stop(StopReason.IMU_SILENT)
-PATIENCE_S = 20.0  # until what does not come counts as hung
+PATIENCE_S = 20.0  # timeout of the test
 
 
-def test_a_stop_that_arrives_during_another_stop_remains():
+def test_clearing_one_stop_reason_does_not_clear_another():
     operator = Operator()
     operator.stop(TEACHER)
     operator.forget(SILENT)
@@ -25,9 +25,9 @@ def test_a_stop_that_arrives_during_another_stop_remains():
 
 @pytest.mark.skipif(not hasattr(signal, "setitimer"), reason="this system has no alarm")
 @pytest.mark.parametrize(
-    ("word", "args"), [("forget", (SILENT,)), ("stop", (TEACHER,)), ("hold", ("me",)), ("may_ask", ("me",))]
+    ("word", "args"), [("forget", (SILENT,)), ("stop", (TEACHER,)), ("hold", ("me",)), ("check_admission", ("me",))]
 )  # fmt: skip
-def test_a_signal_handler_waits_for_no_lock(word, args):
+def test_a_signal_handler_does_not_wait_for_a_lock(word, args):
     operator, rung = Operator(), []
 
     def on_alarm(number, frame):
@@ -58,15 +58,15 @@ def test_a_signal_handler_waits_for_no_lock(word, args):
 
 def test_the_busy_message_distinguishes_a_drive_from_a_rest_between_drives():
     operator = Operator()
-    operator.ask("me", "a mission")
+    operator.queue_mission("me", "a mission")
     with pytest.raises(SafetyStop) as error_info:
-        operator.ask("another", "a mission")
+        operator.queue_mission("another", "a mission")
     about = error_info.value.diagnostic
     assert (about.code, about.fix) == ("door.somebody", "baqueano robot stop")
     operator.next()
     operator.free()
     with pytest.raises(SafetyStop) as error_info:
-        operator.ask("another", "a mission")
+        operator.queue_mission("another", "a mission")
     assert error_info.value.diagnostic.code == "door.somebody-waits"
     operator.release("me")
-    operator.ask("another", "a mission")
+    operator.queue_mission("another", "a mission")

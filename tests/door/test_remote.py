@@ -1,4 +1,4 @@
-"""The vehicle as the laptop accesses it: the end of another drive does not end the own drive."""
+"""The connection from the laptop to the vehicle: the end of another client's drive does not end this client's drive."""
 
 import socket
 import threading
@@ -10,31 +10,31 @@ import pytest
 from baqueano import vehicle_file
 from baqueano.diagnostics import note
 from baqueano.door.operator import Operator
-from baqueano.door.remote import reached
+from baqueano.door.remote import connect
 from baqueano.door.sockets import Door
-from baqueano.drive.mission import Mission, packed
+from baqueano.drive.mission import Mission, pack
 from baqueano.errors import UsageError
 from baqueano.runs import Run, write_run
 
 pytestmark = pytest.mark.skipif(not hasattr(socket, "AF_UNIX"), reason="this system has no sockets in files")
 
-PATIENCE_S = 60.0  # until what does not come counts as hung
+PATIENCE_S = 60.0  # timeout of the test
 
 
 class Vehicle:
-    """A door, and behind it one who answers each mission with what `drives` makes of its id."""
+    """A door, and an operator that answers each mission with the result of `drives` for its id."""
 
     def __init__(self, folder):
         self.folder, self.operator = folder, Operator()
         self.door = Door(folder / "door", self.operator, folder)
-        self.door.tell({"is": "state", "state": "READY", "why": None})
+        self.door.broadcast({"is": "state", "state": "READY", "why": None})
         self.drives, self.requested = lambda name: [], threading.Event()
         self._done = threading.Event()
         self._thread = threading.Thread(target=self._work)
         self._thread.start()
 
     def run(self, name, ticks):
-        """A run in its folder."""
+        """Write a run in its folder."""
         write_run(Run(name, None, np.arange(ticks), np.zeros((ticks, 3))), self.folder / f"{name}.mcap")
         return f"{name}.mcap"
 
@@ -45,7 +45,7 @@ class Vehicle:
         while not self._done.wait(0.005):
             if (waiting := self.operator.next()) is not None:
                 for message in self.drives(waiting[2]):
-                    self.door.tell(message)
+                    self.door.broadcast(message)
 
     def close(self):
         self._done.set()
@@ -62,29 +62,29 @@ def vehicle(tmp_path):
 
 @pytest.fixture
 def mission():
-    return packed(Mission("experiment", u=np.zeros((100, 3))), vehicle_file.load("small"))
+    return pack(Mission("experiment", u=np.zeros((100, 3))), vehicle_file.load("small"))
 
 
-def test_the_end_of_another_drive_does_not_end_the_own_drive(vehicle, mission, tmp_path):
+def test_a_client_ignores_the_end_of_another_clients_drive(vehicle, mission, tmp_path):
     foreign, own = vehicle.run("theirs", 3), vehicle.run("mine", 5)
     vehicle.drives = lambda name: [vehicle.done(foreign, id="another"), vehicle.done(own, id=name)]
-    with reached(str(vehicle.door.path)) as remote:
-        vehicle.door.tell({"is": "event", "level": "info", "said": note("imu.found")})
-        vehicle.door.tell(vehicle.done(foreign, id="another"))  # while this one still designs
-        remote.say(do="ping", token=1)
+    with connect(str(vehicle.door.path)) as remote:
+        vehicle.door.broadcast({"is": "event", "level": "info", "said": note("imu.found")})
+        vehicle.door.broadcast(vehicle.done(foreign, id="another"))  # before this drive begins
+        remote.send(do="ping", token=1)
         end = time.monotonic() + PATIENCE_S
         while remote.inbox.qsize() < 3:
             assert time.monotonic() < end
             time.sleep(0.005)
         events = []
-        run = remote.perform(mission, tmp_path / "here.mcap", say=events.append)
+        run = remote.perform(mission, tmp_path / "here.mcap", on_event=events.append)
         assert len(run.t_ns) == 5
         assert events == []
 
 
 @pytest.mark.parametrize("version", [None, 1, 3])
 def test_a_vehicle_with_another_version_is_refused_before_the_drive(vehicle, mission, tmp_path, version):
-    with reached(str(vehicle.door.path)) as remote:
+    with connect(str(vehicle.door.path)) as remote:
         remote.state.pop("door")
         remote.state |= {} if version is None else {"door": version}
         with pytest.raises(UsageError) as error_info:

@@ -1,4 +1,4 @@
-"""The simulated service: the words of a robot, without hardware, over pipes and over a socket."""
+"""The simulated service: it answers like a robot, without hardware, over pipes and over a socket."""
 
 import json
 import queue
@@ -13,9 +13,9 @@ import pytest
 
 from baqueano.diagnostics import StopReason
 from baqueano.door import VERSION
-from baqueano.door.simulated.missions import StoredRoutes, planned
+from baqueano.door.simulated.missions import StoredRoutes, mission_plan
 from baqueano.door.simulated.pace import FASTEST, PacedClock
-from baqueano.drive.mission import Mission, packed
+from baqueano.drive.mission import Mission, pack
 from baqueano.errors import BaqueanoError, FileError, UsageError
 from baqueano.guides import shapes
 from baqueano.runs import read_run
@@ -23,11 +23,11 @@ from baqueano.runs.route_file import read_route
 from baqueano.vehicle_file import load
 from tests.codes import refused
 
-PATIENCE_S = 40.0  # until what does not come counts as hung
+PATIENCE_S = 40.0  # timeout of the test
 
 
 class Child:
-    """The service as the child of a page."""
+    """The service as a child process of a page."""
 
     def __init__(self, folder, *words):
         self.process = subprocess.Popen(
@@ -41,17 +41,17 @@ class Child:
         for line in self.process.stdout:
             self.output.put(json.loads(line))
 
-    def say(self, **words):
+    def send(self, **words):
         self.process.stdin.write(json.dumps(words).encode() + b"\n")
         self.process.stdin.flush()
 
     def until(self, true, beat=None):
-        """Return the messages until this one, it included."""
+        """Return the messages up to and including this message."""
         end, messages = time.monotonic() + PATIENCE_S, []
         while not messages or not true(messages[-1]):
             assert time.monotonic() < end
             if beat is not None:
-                self.say(**beat)
+                self.send(**beat)
             try:
                 messages.append(self.output.get(timeout=0.05))
             except queue.Empty:
@@ -59,7 +59,7 @@ class Child:
         return messages
 
     def drive(self, beat=None, **mission):
-        self.say(do="mission", door=VERSION, id="one", **mission)
+        self.send(do="mission", door=VERSION, id="one", **mission)
         messages = self.until(lambda m: m["is"] == "done", beat or {"do": "beat"})
         return messages[-1], messages
 
@@ -75,7 +75,7 @@ def folder(tmp_path_factory):
     return tmp_path_factory.mktemp("class")
 
 
-@pytest.fixture  # of its own: a pace or a pause of one test is not that of the next
+@pytest.fixture  # a new service for each test, because pace and pause persist
 def child(folder):
     child = Child(folder)
     yield child
@@ -83,12 +83,12 @@ def child(folder):
 
 
 def test_the_simulated_service_teaches_repeats_and_sends_each_tick(child, folder):
-    child.say(do="watch", hz=20)
+    child.send(do="watch", hz=20)
     names = child.until(lambda m: m["is"] == "fields")[-1]["names"]
     done, _ = child.drive(kind="teach", name="oval", shape="circle", size_m=0.4, speed_m_s=0.3)
     assert (done["code"], done["why"], done["route"]) == (0, None, "oval")
     assert read_route(folder / "routes/oval.csv").closed
-    child.say(do="routes")
+    child.send(do="routes")
     assert "oval" in [row["name"] for row in child.until(lambda m: m["is"] == "routes")[-1]["routes"]]
     done, messages = child.drive(kind="repeat", route="oval", laps=2)
     assert (done["code"], done["why"]) == (0, None)
@@ -96,10 +96,10 @@ def test_the_simulated_service_teaches_repeats_and_sends_each_tick(child, folder
     assert run.metadata["kind"] == "repeat"
     begin = next(
         k for k, m in enumerate(messages) if m["is"] == "fields"
-    )  # before it a frame is of the lesson
+    )  # earlier frames belong to the taught drive
     rows = [row for m in messages[begin:] if m["is"] == "frame" for row in m["x"]]
     x = {name: np.array([row[k] for row in rows], dtype=float) for k, name in enumerate(names)}
-    assert len(x["t"]) > 0.8 * len(run.t_ns)  # what was not read in time was replaced
+    assert len(x["t"]) > 0.8 * len(run.t_ns)  # unread frames were replaced
     at = np.searchsorted(run.t_ns, np.round(x["t"] * 1e9).astype(int) - 1000)
     np.testing.assert_allclose(x["eta.x"], run.estimate.eta[at, 0], atol=1e-6)
     np.testing.assert_allclose(x["truth.y"], run.truth.eta[at, 1], atol=1e-6)
@@ -111,42 +111,42 @@ def test_the_simulated_service_teaches_repeats_and_sends_each_tick(child, folder
 
 
 def test_a_drive_by_hand_records_a_route(child, folder):
-    child.say(do="pace", factor=4.0)
+    child.send(do="pace", factor=4.0)
     turns = {"do": "hand", "u": [0.6, 0.0, 0.1]}
-    child.say(do="mission", door=VERSION, id="one", kind="teach", name="by-hand", hold=False)
+    child.send(do="mission", door=VERSION, id="one", kind="teach", name="by-hand", hold=False)
     child.until(lambda m: m["is"] == "state" and (m["t_s"] or 0.0) > 2.0, turns)
-    child.say(do="mark")
-    child.say(do="end")
+    child.send(do="mark")
+    child.send(do="end")
     done = child.until(lambda m: m["is"] == "done", {"do": "beat"})[-1]
-    child.say(do="pace", factor=20.0)
+    child.send(do="pace", factor=20.0)
     assert (done["code"], done["route"]) == (0, "by-hand")
     assert read_run(folder / "runs" / done["run"]).applied[:, 0].max() > 0.3
 
 
 def test_silence_of_a_page_stops_the_vehicle_until_cleared(child):
-    child.say(do="mission", door=VERSION, id="one", kind="drive", by="page")
+    child.send(do="mission", door=VERSION, id="one", kind="drive", by="page")
     done = child.until(lambda m: m["is"] == "done")[-1]
     assert done["why"]["code"] == StopReason.HOLDER_SILENT
     assert 300.0 < done["why"]["figures"]["silent_ms"] < 10_000.0
     refusal, _ = child.drive(kind="drive")
     assert (refusal["run"], refusal["code"]) == (None, 5)
-    child.say(do="clear")
+    child.send(do="clear")
     child.until(lambda m: m["is"] == "state" and m["state"] == "READY")
 
 
 def test_paused_time_advances_by_single_ticks_and_accepts_a_stop(child):
-    child.say(do="mission", door=VERSION, id="one", kind="experiment", seconds=60.0, attended=False)
+    child.send(do="mission", door=VERSION, id="one", kind="experiment", seconds=60.0, attended=False)
     child.until(lambda m: m["is"] == "state" and (m["t_s"] or 0.0) > 0.0)
-    child.say(do="pause")
+    child.send(do="pause")
     before = child.until(lambda m: m["is"] == "state" and m["paused"])[-1]["t_s"]
     before = max(before, *(m["t_s"] for m in child.until(lambda m: m["is"] == "state", {"do": "ping"})
                            if m["is"] == "state"))  # fmt: skip
-    child.say(do="go", ticks=5)
-    child.say(do="stop", why="the teacher stops it")
+    child.send(do="go", ticks=5)
+    child.send(do="stop", why="the teacher stops it")
     done = child.until(lambda m: m["is"] == "done")[-1]
     assert done["why"]["code"] == StopReason.STOPPED_BY
-    child.say(do="go")
-    child.say(do="clear")
+    child.send(do="go")
+    child.send(do="clear")
     child.until(lambda m: m["is"] == "state" and m["state"] == "READY")
 
 
@@ -163,13 +163,13 @@ def test_paused_time_advances_by_single_ticks_and_accepts_a_stop(child):
     ],
 )
 def test_an_invalid_mission_is_refused(tmp_path, mission, code):
-    with refused(code), planned(json.dumps(mission), load("small"), StoredRoutes(tmp_path), 0):
+    with refused(code), mission_plan(json.dumps(mission), load("small"), StoredRoutes(tmp_path), 0):
         pass
 
 
-def test_a_whole_mission_brings_its_own_vehicle_file(tmp_path):
-    whole = packed(Mission("repeat", route=shapes.circle(0.4, 0.25), laps=3), load("small"))
-    with planned(whole.json(), load("car"), StoredRoutes(tmp_path), 7) as plan:
+def test_a_complete_mission_uses_the_vehicle_file_that_it_contains(tmp_path):
+    whole = pack(Mission("repeat", route=shapes.circle(0.4, 0.25), laps=3), load("small"))
+    with mission_plan(whole.json(), load("car"), StoredRoutes(tmp_path), 7) as plan:
         assert (plan.file.name, plan.mission.laps, plan.seed) == ("small", 3, 7)
 
 
@@ -186,7 +186,7 @@ def test_a_route_with_an_invalid_name_is_not_listed(tmp_path):
 
 
 class Time:
-    """A clock that moves by sleeping."""
+    """A clock that advances during each sleep."""
 
     def __init__(self):
         self.now_s, self.slept = 0.0, []
@@ -237,7 +237,7 @@ def test_a_pace_that_is_not_a_number_is_refused(factor):
         PacedClock().set(factor)
 
 
-def test_a_missing_vehicle_gives_an_error_of_one_paragraph(tmp_path):
+def test_an_unknown_vehicle_gives_an_error_of_one_paragraph(tmp_path):
     done = subprocess.run(
         [sys.executable, "-m", "baqueano.door.simulated", "what there is not"],
         capture_output=True, text=True, cwd=tmp_path, stdin=subprocess.DEVNULL,
@@ -248,32 +248,32 @@ def test_a_missing_vehicle_gives_an_error_of_one_paragraph(tmp_path):
 
 
 def truths(messages, names):
-    """Time [s] → true x, y of each row since the last drive began."""
+    """Return {time [s]: true x, y} of each row since the start of the last drive."""
     begin = max(k for k, m in enumerate(messages) if m["is"] == "fields")
     t, x, y = (names.index(n) for n in ("t", "truth.x", "truth.y"))
     return {row[t]: (row[x], row[y]) for m in messages[begin:] if m["is"] == "frame" for row in m["x"]}
 
 
-def test_a_fault_acts_at_once_and_not_in_the_fault_free_twin(child, folder):
-    child.say(do="watch", hz=20)
+def test_a_fault_acts_at_once_but_not_in_the_fault_free_simulation(child, folder):
+    child.send(do="watch", hz=20)
     names = child.until(lambda m: m["is"] == "fields")[-1]["names"]
-    child.say(do="mission", door=VERSION, id="one", kind="experiment", seconds=8.0, attended=False, seed=5)
+    child.send(do="mission", door=VERSION, id="one", kind="experiment", seconds=8.0, attended=False, seed=5)
     child.until(lambda m: m["is"] == "state" and (m["t_s"] or 0.0) > 1.0)
-    child.say(do="shake", kind="tilt", x=0.03)
-    child.say(do="shake", kind="push", y=0.4)
-    child.say(do="shake", kind="cut", of="gps")
+    child.send(do="shake", kind="tilt", x=0.03)
+    child.send(do="shake", kind="push", y=0.4)
+    child.send(do="shake", kind="cut", of="gps")
     refusal = child.until(lambda m: m["is"] == "no")[-1]
     assert refusal["about"]["code"] == "shake.of"
     messages = child.until(lambda m: m["is"] == "ledger" and len(m["rows"]) == 2 and m["rows"][1]["noticed"])
     tilt, push = messages[-1]["rows"]
     assert (tilt["fault"]["kind"], push["what"]["code"]) == ("tilt", "shake.push")
     assert push["noticed"][0]["who"]["code"] in ("ledger.who-nis", "ledger.who-gate")
-    child.say(do="shake", over=1)
+    child.send(do="shake", over=1)
     row = child.until(lambda m: m["is"] == "ledger" and m["rows"][0]["over"])[-1]["rows"][0]
     assert row["until_s"] > row["t_s"]
     done = child.until(lambda m: m["is"] == "done")[-1]
     shaken_run = read_run(folder / "runs" / done["run"])
-    child.say(do="again", from_s=push["t_s"], without=[2])
+    child.send(do="again", from_s=push["t_s"], without=[2])
     messages = child.until(lambda m: m["is"] == "done")
     assert (messages[-1]["id"], messages[-1]["code"]) == ("again", 0)
     twin = read_run(folder / "runs" / messages[-1]["run"])
@@ -287,21 +287,21 @@ def test_a_fault_acts_at_once_and_not_in_the_fault_free_twin(child, folder):
 
 def test_a_mission_with_faults_is_repeated_without_faults_on_request(child, folder):
     mission = {"kind": "experiment", "seconds": 30.0, "seed": 5, "shake": ["0.5 s: sag 80 %"]}
-    child.say(do="mission", door=VERSION, id="one", attended=False, **mission)
+    child.send(do="mission", door=VERSION, id="one", attended=False, **mission)
     child.until(lambda m: m["is"] == "ledger" and m["rows"])
     child.until(lambda m: m["is"] == "state" and (m["t_s"] or 0.0) > 1.0)
-    child.say(do="again", from_s=0.4)
+    child.send(do="again", from_s=0.4)
     first = child.until(lambda m: m["is"] == "done")[-1]
     assert first["id"] == "one"
     child.until(lambda m: m["is"] == "state" and (m["t_s"] or 0.0) > 1.0)
-    child.say(do="stop", why="enough")
+    child.send(do="stop", why="enough")
     twin = read_run(folder / "runs" / child.until(lambda m: m["is"] == "done")[-1]["run"])
     shaken_run = read_run(folder / "runs" / first["run"])
     assert not [e for e in twin.events if e.source == "shake"]
     n = min(len(twin.t_ns), len(shaken_run.t_ns))
     np.testing.assert_array_equal(twin.truth.eta[:50], shaken_run.truth.eta[:50])
     assert np.any(twin.truth.eta[50:n] != shaken_run.truth.eta[50:n])
-    child.say(do="clear")
+    child.send(do="clear")
     child.until(lambda m: m["is"] == "state" and m["state"] == "READY")
 
 
@@ -315,18 +315,18 @@ def test_a_mission_with_faults_is_repeated_without_faults_on_request(child, fold
     ],
 )
 def test_an_invalid_fault_is_refused(child, word, code):
-    child.say(**word, id="bad")
+    child.send(**word, id="bad")
     message = child.until(lambda m: m["is"] == "no" or (m["is"] == "done" and m["id"] == "bad"))[-1]
     assert (message.get("about") or message["why"])["code"] == code
 
 
 def test_a_drive_by_hand_is_not_repeated_without_faults(child):
-    child.say(do="mission", door=VERSION, id="one", kind="drive")
+    child.send(do="mission", door=VERSION, id="one", kind="drive")
     child.until(
         lambda m: m["is"] == "state" and (m["t_s"] or 0.0) > 0.1, {"do": "hand", "u": [0.3, 0.0, 0.0]}
     )
-    child.say(do="again")
+    child.send(do="again")
     message = child.until(lambda m: m["is"] == "no", {"do": "beat"})[-1]
     assert message["about"]["code"] == "shake.by-hand"
-    child.say(do="end")
+    child.send(do="end")
     child.until(lambda m: m["is"] == "done", {"do": "beat"})

@@ -1,5 +1,6 @@
-"""The door of the service: every message reaches the operator, an invalid message ends nothing, a slow guest delays no
-other."""
+"""The door of the service: every message reaches the operator, no invalid message ends the connection, and a slow
+guest delays no other guest.
+"""
 
 import base64
 import json
@@ -14,14 +15,14 @@ from baqueano.diagnostics import StopReason, stop
 from baqueano.door import VERSION
 from baqueano.door.operator import Operator
 from baqueano.door.sockets import LONG, Door
-from baqueano.drive.mission import Mission, packed
+from baqueano.drive.mission import Mission, pack
 from baqueano.errors import RobotUnreachable
 from tests.codes import refused
 
 pytestmark = pytest.mark.skipif(not hasattr(socket, "AF_UNIX"), reason="this system has no sockets in files")
 
 
-PATIENCE_S = 20.0  # until what does not come counts as hung
+PATIENCE_S = 20.0  # timeout of the test
 
 
 class Person:
@@ -31,14 +32,14 @@ class Person:
         self.line.settimeout(PATIENCE_S)
         self.file = self.line.makefile("rb")
 
-    def say(self, **words):
+    def send(self, **words):
         self.line.sendall(json.dumps(words).encode() + b"\n")
 
     def close(self):
         self.file.close()
         self.line.close()
 
-    def hear(self):
+    def receive(self):
         return json.loads(self.file.readline())
 
 
@@ -51,7 +52,7 @@ def door(tmp_path):
 
 @pytest.fixture
 def people(door):
-    """Calls one more person to the door."""
+    """Return a function that connects one more guest to the door."""
     group = []
 
     def add_person():
@@ -75,12 +76,12 @@ def until(true):
         time.sleep(0.005)
 
 
-def test_a_mission_and_a_hand_reach_the_operator(door, person):
+def test_missions_and_manual_commands_reach_the_operator(door, person):
     file = vehicle_file.load("small")
-    person.say(
+    person.send(
         do="mission",
         door=VERSION,
-        mission=packed(Mission("experiment", u=np.zeros((3, 3))), file).json(),
+        mission=pack(Mission("experiment", u=np.zeros((3, 3))), file).json(),
         attended=False,
     )
     requests = []
@@ -91,7 +92,7 @@ def test_a_mission_and_a_hand_reach_the_operator(door, person):
     commands = []
 
     def hand_arrives():  # sent repeatedly: a set-point is valid for 0.4 s only
-        person.say(do="hand", u=[0.1, 0.0, 0.2])
+        person.send(do="hand", u=[0.1, 0.0, 0.2])
         commands.append(door.operator.command(3))
         return commands[-1].any()
 
@@ -101,14 +102,14 @@ def test_a_mission_and_a_hand_reach_the_operator(door, person):
 
 def test_rt14_rt15_ne3_only_the_holder_drives_and_anyone_stops(door, person, people):
     file = vehicle_file.load("small")
-    mission = packed(Mission("experiment", u=np.zeros((3, 3))), file).json()
-    person.say(do="mission", door=VERSION, mission=mission)
+    mission = pack(Mission("experiment", u=np.zeros((3, 3))), file).json()
+    person.send(do="mission", door=VERSION, mission=mission)
     until(lambda: door.operator.next() is not None)
     second = people()
-    second.say(do="mission", door=VERSION, mission=mission)
-    assert second.hear()["about"]["code"] == "door.somebody"
-    second.say(do="hand", u=[1.0, 0.0, 0.0])
-    second.say(do="stop", why="it nears the stairs")
+    second.send(do="mission", door=VERSION, mission=mission)
+    assert second.receive()["about"]["code"] == "door.somebody"
+    second.send(do="hand", u=[1.0, 0.0, 0.0])
+    second.send(do="stop", why="it nears the stairs")
     until(lambda: door.operator.stop_reason(False) is not None)
     assert door.operator.stop_reason(False) == stop(StopReason.STOPPED_BY, words="it nears the stairs")
     assert not door.operator.command(3).any()
@@ -117,45 +118,45 @@ def test_rt14_rt15_ne3_only_the_holder_drives_and_anyone_stops(door, person, peo
 @pytest.mark.parametrize("ticks", [3, 3000])
 def test_a_refused_mission_is_not_decoded(door, person, people, monkeypatch, ticks):
     file, decoded_texts, loads = vehicle_file.load("small"), [], json.loads
-    person.say(
-        do="mission", door=VERSION, mission=packed(Mission("experiment", u=np.zeros((3, 3))), file).json()
+    person.send(
+        do="mission", door=VERSION, mission=pack(Mission("experiment", u=np.zeros((3, 3))), file).json()
     )
     until(lambda: door.operator.next() is not None)
-    large = packed(Mission("experiment", u=np.full((ticks, 3), 1.0 / 3.0)), file).json()
+    large = pack(Mission("experiment", u=np.full((ticks, 3), 1.0 / 3.0)), file).json()
     monkeypatch.setattr(json, "loads", lambda text: decoded_texts.append(len(text)) or loads(text))
     second = people()
-    second.say(do="mission", door=VERSION, mission=large)
+    second.send(do="mission", door=VERSION, mission=large)
     assert loads(second.file.readline())["about"]["code"] == "door.somebody"
-    assert all(n <= LONG for n in decoded_texts)  # a line at most, never the commands of a mission
+    assert all(n <= LONG for n in decoded_texts)  # at most one line, never the commands of a mission
     assert len(decoded_texts) == (len(large) < LONG)
 
 
 def test_several_messages_in_one_packet_are_all_received(door, person):
     person.line.sendall(b'{"do": "ping", "token": 1}\n{"do": "ping", "token": 2}\n{"do": "ping", ')
-    assert [person.hear()["token"] for _ in range(2)] == [1, 2]
+    assert [person.receive()["token"] for _ in range(2)] == [1, 2]
     person.line.sendall(b'"token": 3}\n')
-    assert person.hear()["token"] == 3
+    assert person.receive()["token"] == 3
 
 
 def test_rt14_a_mission_of_a_disconnected_guest_is_not_given_to_the_next(door, person, people):
-    mission = packed(Mission("experiment", u=np.zeros((3, 3))), vehicle_file.load("small")).json()
-    person.say(do="mission", door=VERSION, mission=mission)
+    mission = pack(Mission("experiment", u=np.zeros((3, 3))), vehicle_file.load("small")).json()
+    person.send(do="mission", door=VERSION, mission=mission)
     until(lambda: door.operator.next() is not None)
-    person.say(do="mission", door=VERSION, mission=mission)
-    assert person.hear()["about"]["code"] == "door.own-mission"
+    person.send(do="mission", door=VERSION, mission=mission)
+    assert person.receive()["about"]["code"] == "door.own-mission"
     person.close()
     second = people()
-    until(lambda: door.operator.stop_reason() is not None)  # no guest is received any more
-    second.say(do="mission", door=VERSION, mission=mission)
-    assert second.hear()["about"]["code"] == "door.mission"
-    second.say(do="beat")
-    second.say(do="hand", u=[1.0, 0.0, 0.0])
-    second.say(do="ping")
-    second.hear()
+    until(lambda: door.operator.stop_reason() is not None)  # the door accepts no more guests
+    second.send(do="mission", door=VERSION, mission=mission)
+    assert second.receive()["about"]["code"] == "door.mission"
+    second.send(do="beat")
+    second.send(do="hand", u=[1.0, 0.0, 0.0])
+    second.send(do="ping")
+    second.receive()
     assert door.operator.stop_reason().code == StopReason.HOLDER_SILENT
     assert not door.operator.command(3).any()
     door.operator.free()
-    second.say(do="mission", door=VERSION, mission=mission)
+    second.send(do="mission", door=VERSION, mission=mission)
     until(lambda: door.operator.next() is not None)
 
 
@@ -169,35 +170,35 @@ def test_rt14_a_mission_of_a_disconnected_guest_is_not_given_to_the_next(door, p
         b'{"do": "mission"}',
         b'{"do": "fetch", "run": "../x"}',
         b"\xff\xfe",
-        b'{"do": "hand", "u": [' + b"1" * 400 + b"]}",  # more than a double holds
+        b'{"do": "hand", "u": [' + b"1" * 400 + b"]}",  # beyond the range of a double
         b"[" * 100_000,
-        b'{"do": "fetch", "run": "' + b"x" * 300 + b'"}',  # longer than a file system's names
+        b'{"do": "fetch", "run": "' + b"x" * 300 + b'"}',  # longer than a file name may be
     ],
 )
-def test_fi6_a_wrong_line_is_answered_without_disconnecting(door, person, line):
-    door.operator.hold(next(iter(until_guest(door))))  # whose set-points are read
+def test_fi6_an_invalid_line_is_answered_without_disconnecting(door, person, line):
+    door.operator.hold(next(iter(until_guest(door))))  # the guest whose set-points are used
     person.line.sendall(line + b"\n")
-    assert person.hear()["is"] == "no"
-    person.say(do="runs")
-    assert person.hear() == {"is": "runs", "runs": []}
+    assert person.receive()["is"] == "no"
+    person.send(do="runs")
+    assert person.receive() == {"is": "runs", "runs": []}
 
 
 def test_a_new_guest_receives_the_last_state_at_once(door, people):
-    door.tell({"is": "state", "state": "READY"})
-    door.tell({"is": "state", "state": "MISSION"})
-    door.tell({"is": "event", "text": "nothing more is told while a mission is prepared"})
-    assert people().hear() == {"is": "state", "state": "MISSION", "door": VERSION}
+    door.broadcast({"is": "state", "state": "READY"})
+    door.broadcast({"is": "state", "state": "MISSION"})
+    door.broadcast({"is": "event", "text": "nothing more is told while a mission is prepared"})
+    assert people().receive() == {"is": "state", "state": "MISSION", "door": VERSION}
 
 
 def test_a_stop_is_acknowledged_after_the_operator_received_the_stop(door, person):
-    person.say(do="stop", why="it nears the stairs")
-    assert person.hear() == {"is": "heard", "do": "stop"}
+    person.send(do="stop", why="it nears the stairs")
+    assert person.receive() == {"is": "heard", "do": "stop"}
     assert door.operator.stop_reason(False) == stop(StopReason.STOPPED_BY, words="it nears the stairs")
 
 
 def test_a_mission_of_another_version_is_refused_with_a_readable_reason(door, person):
-    person.say(do="mission", mission="{}", id="one")
-    message = person.hear()
+    person.send(do="mission", mission="{}", id="one")
+    message = person.receive()
     assert (message["is"], message["code"], message["about"]["code"]) == ("no", 2, "door.version")
     assert isinstance(message["why"], str)
     assert door.operator.next() is None
@@ -207,50 +208,50 @@ def test_a_mission_of_another_version_is_refused_with_a_readable_reason(door, pe
     "reason", [None, 7, [], {}, {"code": 3}, {"code": "x", "figures": 1}, {"figures": {}}, "seen"]
 )
 def test_a_stop_is_accepted_with_any_reason(door, person, reason):
-    person.say(do="stop", why=reason)
-    assert person.hear() == {"is": "heard", "do": "stop"}
+    person.send(do="stop", why=reason)
+    assert person.receive() == {"is": "heard", "do": "stop"}
     assert door.operator.stop_reason(False).code == StopReason.STOPPED_BY
 
 
-def test_the_reason_of_a_stop_arrives_as_data(door, person):
-    person.say(do="stop", why=stop(StopReason.TERMINAL_SILENT, silent_ms=355.5).to_json())
-    person.hear()
+def test_the_reason_of_a_stop_is_received_as_data(door, person):
+    person.send(do="stop", why=stop(StopReason.TERMINAL_SILENT, silent_ms=355.5).to_json())
+    person.receive()
     assert door.operator.stop_reason(False) == stop(StopReason.TERMINAL_SILENT, silent_ms=355.5)
 
 
 def test_a_run_is_fetched_byte_for_byte(door, person, tmp_path):
     data = np.random.default_rng(0).bytes(1_000_000)
     (tmp_path / "a.mcap").write_bytes(data)
-    person.say(do="fetch", run="a.mcap")
+    person.send(do="fetch", run="a.mcap")
     content, remaining = b"", 1
     while remaining:
-        message = person.hear()
+        message = person.receive()
         content, remaining = content + base64.b64decode(message["data"]), message["left"]
     assert content == data
 
 
 def test_an_empty_run_of_a_power_cut_is_fetched(door, person, tmp_path):
     (tmp_path / "a.mcap").touch()
-    person.say(do="fetch", run="a.mcap")
-    assert person.hear() == {"is": "file", "run": "a.mcap", "data": "", "left": 0}
+    person.send(do="fetch", run="a.mcap")
+    assert person.receive() == {"is": "file", "run": "a.mcap", "data": "", "left": 0}
 
 
-def test_a_run_that_is_being_written_is_not_among_the_runs(door, person, tmp_path):
+def test_a_run_that_is_being_written_is_not_listed(door, person, tmp_path):
     for name in ("a.mcap", "b.mcap"):
         (tmp_path / name).touch()
     for open_file, names in (("b.mcap", ["a.mcap"]), (None, ["a.mcap", "b.mcap"])):
-        door.tell({"is": "state", "state": "MISSION", "run": open_file})
-        person.say(do="runs")
-        until(lambda: person.hear()["is"] == "state")
-        assert person.hear() == {"is": "runs", "runs": names}
+        door.broadcast({"is": "state", "state": "MISSION", "run": open_file})
+        person.send(do="runs")
+        until(lambda: person.receive()["is"] == "state")
+        assert person.receive() == {"is": "runs", "runs": names}
 
 
 def test_ne5_a_guest_that_does_not_read_is_disconnected(door, person, people):
     people()
     until(lambda: len(door._guests) == 2)
     for k in range(200):
-        door.tell({"is": "event", "text": "x" * 100_000, "k": k})
-        person.hear()
+        door.broadcast({"is": "event", "text": "x" * 100_000, "k": k})
+        person.receive()
     until(lambda: len(door._guests) == 1)
 
 
@@ -278,5 +279,5 @@ def test_a_second_service_is_refused_and_a_dead_socket_is_replaced(door, tmp_pat
 
 @pytest.mark.parametrize("word", ["shake", "again", "pace", "pause"])
 def test_a_robot_refuses_commands_of_a_simulation(person, word):
-    person.say(do=word, kind="sag", part=0.5)
-    assert person.hear()["about"]["code"] == "door.unknown-word"
+    person.send(do=word, kind="sag", part=0.5)
+    assert person.receive()["about"]["code"] == "door.unknown-word"

@@ -27,7 +27,7 @@ class Straight(NamedTuple):
 
 
 def as_fitted(file, key="model.actuator_matrix"):
-    """The same file, whose model comes from a fit."""
+    """Return the same file with the mark that its model comes from a fit."""
     provenance = Provenance("runs/0001-experiment.mcap", date(2026, 11, 21), None, "USABLE")
     return file.with_values({key: np.asarray(file.value(key)).tolist()}, {key: provenance})
 
@@ -64,7 +64,7 @@ def body(file, yaw_gain=1.0):
 
 
 def hand_for(seconds, u, rate_hz):
-    """A driver who commands `u` for this duration and then ends the drive."""
+    """Return a driver that commands `u` for this duration and then ends the drive."""
     ticks_to_go = [round(seconds * rate_hz)]
 
     def hand():
@@ -77,7 +77,7 @@ def hand_for(seconds, u, rate_hz):
 
 
 def straight(file, truth, ahead, speed_m_s, hold, seed=0):
-    """A drive of WAY_M with the command `ahead`, about that fast."""
+    """Drive WAY_M with the command `ahead`, at about this speed."""
     u = np.zeros(file.vehicle.commands)
     u[0] = ahead
     hand = hand_for(1.2 * WAY_M / speed_m_s, u, file.rate_hz)

@@ -49,7 +49,7 @@ class Mine:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Push:
-    """Pushes ahead."""
+    """A controller that always commands forward motion."""
 
     gain: float = 2.0
 
@@ -86,7 +86,7 @@ def in_a_cell(name="<cell 1>"):
     return cell["InACell"]
 
 
-def test_a_class_an_object_and_a_file_give_the_same_drive():
+def test_a_block_given_as_class_object_or_file_gives_the_same_drive():
     by_file = drive_with(controller=f"{__file__}:Push")
     for controller in (Push, Push()):
         assert np.array_equal(drive_with(controller=controller).applied, by_file.applied)
@@ -116,7 +116,7 @@ def test_a_run_stores_the_source_and_parameters_of_a_block(tmp_path):
     metadata = read_run(tmp_path / "run.mcap").metadata
     assert metadata["controller"] == run.metadata["controller"] == "Push(gain=4.0)"
     assert metadata["controller.text"] == Path(__file__).read_text(encoding="utf-8")
-    assert "estimator.text" not in metadata  # it is ours, and the version stands in the run
+    assert "estimator.text" not in metadata  # it is built in, and the run contains the version
 
 
 def test_a_run_stores_the_source_of_a_file_or_a_notebook_cell():
@@ -138,7 +138,7 @@ def test_a_run_stores_the_source_of_a_file_or_a_notebook_cell():
 def test_an_error_in_a_wrapped_guide_is_located_and_its_source_stored(
     tmp_path, returned, code, figure, backend, eta
 ):
-    """Guides of ours go around the one that is wrong: a pace, a way back and, beside its route, a lead-in."""
+    """Guides of the package wrap the faulty guide: a pace, a return path and, beside the route, a lead-in."""
     own_file, line = tmp_path / "mine.py", 8 if code == StopReason.BLOCK_RAISED else 7
     own_file.write_text(GUIDE_INSIDE.format(returned=returned), encoding="utf-8")
     options = {"way_back": True, "backend": backend, "duration_s": 0.3, "check": False}
@@ -153,13 +153,13 @@ def test_an_error_in_a_wrapped_guide_is_located_and_its_source_stored(
 
 
 class Telling(Repeat):
-    """A guide that reports in a diagnostic whether it received its own state."""
+    """A guide that reports in a diagnostic if it received its own state."""
 
     def diagnostic(self, state):
         return note("drive.on-mark") if isinstance(state, RepeatState) else None
 
 
-def test_diagnostics_of_a_wrapped_guide_reach_the_run():
+def test_diagnostics_of_a_wrapped_guide_are_stored_in_the_run():
     guide = Telling.along(ROUTE)
     run = repeat(SMALL, ROUTE, guide=guide, eta=ROUTE.eta[0] + (0.1, 0.3, 0.0), way_back=True, duration_s=0.1)
     codes = [event.diagnostic.code for event in run.events if event.source == "guide"]

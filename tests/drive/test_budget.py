@@ -1,4 +1,4 @@
-"""A block that hangs on a live vehicle ends by name and line, and the vehicle stops."""
+"""A block that hangs on a live vehicle is stopped and named with its line, and the vehicle stops."""
 
 import itertools
 import signal
@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from baqueano import vehicle_file
-from baqueano.clock import simulated
+from baqueano.clock import simulated_ticks
 from baqueano.controllers import Schedule
 from baqueano.diagnostics import StopReason, stop
 from baqueano.drive import budget, drive, stop_of
@@ -25,7 +25,7 @@ pytestmark = pytest.mark.skipif(not hasattr(signal, "setitimer"), reason="this s
 
 
 class Hangs:
-    """A controller that never comes back at its tenth step, and swallows what it can."""
+    """A controller that never returns from its tenth step, and catches every exception that it can."""
 
     def init(self):
         return 0
@@ -52,7 +52,7 @@ def test_a_hanging_block_is_stopped_and_its_line_is_named():
     file = vehicle_file.load("small")
     run = drive(
         blocks_of(file, Hangs()), file, kind="repeat", world=world_of(file),
-        ticking=simulated(file.rate_hz, 1.0), live=True,
+        ticking=simulated_ticks(file.rate_hz, 1.0), live=True,
     )  # fmt: skip
     reason = stop_of(run)
     assert reason.code == StopReason.BLOCK_RAISED
@@ -74,7 +74,7 @@ def test_an_external_stop_reason_is_latched_and_logged():
 
     run = drive(
         blocks_of(file, Schedule.at_rate(np.full((100, 3), 0.2), file.rate_hz)), file, kind="experiment",
-        world=world_of(file), ticking=simulated(file.rate_hz, 1.0), live=True, observers=[LiftWatch()],
+        world=world_of(file), ticking=simulated_ticks(file.rate_hz, 1.0), live=True, observers=[LiftWatch()],
     )  # fmt: skip
     assert stop_of(run) == lifted
     assert np.any(run.applied[:20] != 0.0)
@@ -90,7 +90,8 @@ def test_the_alarm_handler_is_restored_and_no_alarm_remains():
 
 
 class AlarmAtInstruction:
-    """Rings the alarm at the instruction number `at` of `within` and of what it calls, as long as the alarm is set."""
+    """Raise the alarm at instruction number `at` of `within` and of the functions that it calls, while the alarm is
+    set."""
 
     def __init__(self, at):
         self.left = at
@@ -107,7 +108,7 @@ class AlarmAtInstruction:
 
 
 def test_an_alarm_at_any_instruction_raises_a_timeout_or_has_no_effect():
-    """It may come after the block's end too, before its budget is taken away."""
+    """The alarm may also arrive after the end of the block, before its time budget is removed."""
     before, tracing, ends = signal.getsignal(signal.SIGALRM), sys.gettrace(), []
     # Python 3.12 reports instructions only if requested before `settrace`
     sys._getframe().f_trace_opcodes = True
@@ -127,14 +128,14 @@ def test_an_alarm_at_any_instruction_raises_a_timeout_or_has_no_effect():
     late = ends.index(7)
     assert ends == [None] * late + [7] * (len(ends) - late)
     assert late > 2
-    assert len(ends) - late > 2, "alarms came after the end of the block"
+    assert len(ends) - late > 2, "alarms arrived after the end of the block"
 
 
 def test_a_live_drive_does_not_read_its_run_file(tmp_path):
     file = vehicle_file.load("small")
     run = drive(
         blocks_of(file, Schedule.at_rate(np.full((100, 3), 0.2), file.rate_hz)), file, kind="experiment",
-        world=world_of(file), ticking=simulated(file.rate_hz, 1.0), live=True, path=tmp_path / "run.mcap",
+        world=world_of(file), ticking=simulated_ticks(file.rate_hz, 1.0), live=True, path=tmp_path / "run.mcap",
     )  # fmt: skip
     assert len(run.t_ns) == 0
     assert len(read_run(tmp_path / "run.mcap").t_ns) == 100

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from baqueano import vehicle_file
-from baqueano.clock import simulated
+from baqueano.clock import simulated_ticks
 from baqueano.drive import teach
 from baqueano.drive.closure import closure
 from baqueano.drive.observers import Observer
@@ -34,7 +34,7 @@ def file():
 
 
 class ByTruth(Observer):
-    """Commands of a driver who sees the vehicle itself: `turns` in place or `metres` ahead, then rest."""
+    """Commands of a driver who sees the true pose: `turns` in place or `metres` ahead, then a rest."""
 
     def __init__(self, world, rate_hz, turns, ahead):
         self.world, self.rate_hz, self.goals, self.ahead = world, rate_hz, turns, ahead
@@ -64,11 +64,14 @@ class ByTruth(Observer):
 
 
 def drive_of_turns(file, turns, seed=3, ahead=0.0, scale=TRUE):
-    """A run of turns to these headings [rad], with a mark standing at each; the gyro says `scale` of them."""
+    """Return a run of turns to these headings [rad], with a mark at each rest; the gyro measures `scale` times the
+    turn."""
     truth = override(file, (f"sensors.imu.gyro_scale={scale}",))
     world = SimulatedWorld(truth.vehicle, truth.sensors, truth.rate_hz, seed)
     driver = ByTruth(world, file.rate_hz, list(turns), ahead)
-    return teach(file, driver, world=world, ticking=simulated(file.rate_hz, 120.0), observers=[driver]).run
+    return teach(
+        file, driver, world=world, ticking=simulated_ticks(file.rate_hz, 120.0), observers=[driver]
+    ).run
 
 
 def test_whole_turns_on_a_mark_identify_the_gyro_scale(file):
@@ -112,7 +115,7 @@ def test_a_closure_needs_two_marks_and_a_gyro(file):
         closure(replace(run, sensors={}), file)
 
 
-def test_an_eight_is_refused_with_and_without_a_mark_at_its_crossing(file):
+def test_a_figure_eight_is_refused_as_a_closure(file):
     run = drive_of_turns(file, [2.0 * np.pi, 0.0], ahead=0.45)
     first, middle, last = (e for e in run.events if e.source == "mark")
     for events in ((first, middle, last), (first, last)):
@@ -136,7 +139,7 @@ def test_a_closure_does_not_identify_the_wheel_scale(tmp_path):
     assert f"of {length_m:g} m" in loop.table()
 
 
-def test_a_larger_loop_closes_equally_well():
+def test_scaling_the_velocities_of_a_loop_preserves_its_closure():
     shape = shapes.circle(1.0, 0.3)
     dt = np.diff(shape.t_s)
     for scale in (0.5, 1.0, 2.0):

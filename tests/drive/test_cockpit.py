@@ -1,4 +1,4 @@
-"""A driver at a terminal that is made of lists, in a time of its own."""
+"""A driver at a simulated terminal that is made of lists, with a simulated clock."""
 
 import math
 
@@ -15,7 +15,7 @@ LIMIT = np.array([1.0, 0.0, 0.8])
 
 
 class Terminal:
-    """Answers after `trip_s`, as long as it is `there`."""
+    """A terminal that answers after `trip_s` while it is `there`."""
 
     def __init__(self, *, kitty=False, answers=True, trip_s=0.02):
         self.kitty, self.answers, self.trip_s = kitty, answers, trip_s
@@ -60,7 +60,7 @@ def cockpit(terminal, **options):
 
 
 def wait(hand, terminal, seconds):
-    """The last command of so much driving."""
+    """Return the last command after this duration of driving."""
     u = hand()
     for _ in range(round(100 * seconds)):
         terminal.t_s += 0.01
@@ -123,7 +123,7 @@ def test_a_silent_terminal_drives_only_during_each_key_press():
     terminal = Terminal()
     terminal.there = False
     with cockpit(terminal, latched=True) as hand:
-        assert "does not confirm that it is alive" in hand.status.line
+        assert "does not confirm that it is active" in hand.status.line
         assert (RELEASES_ON, RELEASES_OFF) not in terminal.changes
         terminal.type("w")
         assert wait(hand, terminal, 0.2)[0] > 0.0
@@ -138,7 +138,7 @@ def test_a_terminal_behind_another_program_receives_no_query():
     with cockpit(terminal, trusted=False, latched=True) as hand:
         wait(hand, terminal, 1.0)
         assert ASK not in terminal.sent
-        assert hand.status.way.startswith("hold to drive, tap")
+        assert hand.status.way.startswith("hold to drive, press briefly")
 
 
 def test_a_closed_terminal_stops_the_vehicle_at_once():
@@ -244,12 +244,12 @@ def test_a_set_point_below_the_dead_zone_is_reported_until_motion_begins():
     terminal = Terminal()
     with cockpit(terminal, latched=True, share=0.4, drivetrain=MOTORS) as hand:
         hand()
-        assert hand.status.still == "", "nothing is wanted"
+        assert hand.status.still == "", "no motion is commanded"
         terminal.type("w", "w")
         assert wait(hand, terminal, 1.0)[0] == pytest.approx(0.08)
         message = "0.08 is below the dead zone of 0.14: nothing moves; that key again, or +"
         assert hand.status.still == message
-        assert message.encode() in terminal.sent, "and fits its line"
+        assert message.encode() in terminal.sent, "the warning must fit its line"
         terminal.type("w", "w")
         assert wait(hand, terminal, 1.0)[0] == pytest.approx(0.16)
         assert hand.status.still == "", "the left wheel turns"
@@ -262,7 +262,7 @@ def test_a_set_point_below_the_dead_zone_is_reported_until_motion_begins():
         assert b"dead zone" not in terminal.sent
 
 
-def test_the_dead_zone_warning_of_a_turn_is_computed_at_the_wheels():
+def test_the_dead_zone_warning_in_a_turn_depends_on_the_wheel_commands():
     terminal = Terminal(kitty=True)
     with cockpit(terminal, share=0.2, drivetrain=MOTORS) as hand:
         terminal.type("a")
@@ -271,7 +271,7 @@ def test_the_dead_zone_warning_of_a_turn_is_computed_at_the_wheels():
         terminal.type("d", kind=PRESS)
         terminal.type("a", kind=RELEASE)
         wait(hand, terminal, 1.0)
-        assert hand.status.still == "", "to the right the left wheel goes ahead"
+        assert hand.status.still == "", "in a right turn the left wheel moves forward"
 
 
 def test_a_short_key_press_gives_no_dead_zone_warning():

@@ -1,4 +1,4 @@
-"""experiment, teach, repeat, replay on a simulated vehicle."""
+"""The functions experiment, teach, repeat and replay on a simulated vehicle."""
 
 from dataclasses import replace
 from types import SimpleNamespace
@@ -14,7 +14,7 @@ from baqueano.drive.verbs import commands_of
 from baqueano.errors import AnswerNo, UsageError
 from baqueano.estimators import Ekf
 from baqueano.guides import Repeat, SinuousCircle
-from baqueano.guides.route import moved
+from baqueano.guides.route import move_route
 from baqueano.guides.shapes import circle
 from baqueano.loop import Blocks
 from baqueano.runs import Channel, read_run
@@ -30,7 +30,7 @@ FILE = SimpleNamespace(
     name="small",
     text="# small\n",
     path=None,
-    guessed=False,
+    is_guess=False,
     rate_hz=100.0,
     command=SimpleNamespace(names=("u_x", "u_y", "u_psi"), limit=LIMIT),
     vehicle=VEHICLE,
@@ -97,7 +97,7 @@ def test_teaching_accepts_a_list_of_commands():
     assert route.eta[-1, 2] > 0.2
 
 
-def test_teaching_by_hand_ends_when_the_hand_ends():
+def test_teaching_by_hand_ends_with_the_last_manual_command():
     hand_commands = iter([np.array([0.5, 0.0, 0.0])] * 150)
 
     def hand():
@@ -112,7 +112,7 @@ def test_teaching_by_hand_ends_when_the_hand_ends():
     assert route.eta[-1, 0] > 0.2
 
 
-def test_a_drive_that_does_not_come_back_is_not_a_closed_route():
+def test_a_drive_that_does_not_return_is_not_a_closed_route():
     with refused("route.open", AnswerNo):
         teach(FILE, [(2.0, (0.5, 0, 0))], closed=True)
 
@@ -143,23 +143,23 @@ def test_an_unknown_driver_is_refused_with_a_reason():
 
 def test_three_laps_are_repeated_from_the_start_of_the_route():
     start = np.array([1.0, -1.0, 0.4])
-    route = moved(ROUTE, start)
+    route = move_route(ROUTE, start)
     run = repeat(FILE, route, laps=3, seed=5)
     assert run.reference.done[-1] == 1.0
     assert run.duration_s == pytest.approx(3.0 * ROUTE.t_s[-1], abs=0.02)
     np.testing.assert_allclose(run.truth.eta[0], start, atol=0.01)
     error = np.hypot(*(run.reference.eta - run.estimate.eta)[:, :2].T)
-    assert np.median(error) < 0.3  # the paper's PD leaves e_y alone (errata 10)
+    assert np.median(error) < 0.3  # the PD of the paper does not correct e_y (errata 10)
 
 
-def test_an_endless_repetition_ends_with_the_clock():
+def test_an_endless_repetition_ends_when_the_clock_ends():
     run = repeat(FILE, ROUTE, laps=0, seed=5, duration_s=3.0)
     assert len(run.t_ns) == 300
     assert np.all(run.reference.done == 0.0)
 
 
 @pytest.mark.parametrize("verb", ["repeat", "experiment", "teach"])
-def test_es12_replay_through_the_same_blocks_gives_the_same_bits(verb, tmp_path):
+def test_es12_a_replay_with_the_same_blocks_is_bit_identical(verb, tmp_path):
     path = tmp_path / "José Núñez" / "run.mcap"
     path.parent.mkdir()
     options = {"seed": 9, "path": path}
@@ -177,7 +177,7 @@ def test_es12_replay_through_the_same_blocks_gives_the_same_bits(verb, tmp_path)
     assert np.array_equal(replayed_run.applied, run.applied)
 
 
-def test_a_run_in_memory_and_its_file_are_the_same(tmp_path):
+def test_a_run_in_memory_equals_its_file(tmp_path):
     in_memory = repeat(FILE, ROUTE, laps=1, seed=9)
     from_file = repeat(FILE, ROUTE, laps=1, seed=9, path=tmp_path / "run.mcap")
     assert in_memory.metadata.items() <= from_file.metadata.items()
@@ -212,7 +212,8 @@ def test_a_replay_over_a_gap_has_growing_uncertainty_and_is_reproducible():
         sensors={"imu": Channel(*(column[received] for column in imu))},
     )
     once = replay(torn, FILE)
-    assert once.events[0].text == "101 silent ticks were put where the recording has holes"
+    reason = once.events[0].diagnostic
+    assert (reason.code, reason.figures) == ("replay.holes", {"count": 101})
     hole = (once.t_ns >= 2_000_000_000) & (once.t_ns <= 3_000_000_000)
     spread = np.trace(once.estimate.cov[hole], axis1=1, axis2=2)
     assert np.all(np.diff(spread) > 0.0)
@@ -238,7 +239,7 @@ def test_a_sensor_absent_from_the_run_is_silent_in_its_replay():
     assert np.isnan(replayed_run.estimate.innovation[:, 3]).all()
 
 
-def test_own_timestamps_of_a_sensor_survive_a_replay(tmp_path):
+def test_a_replay_preserves_the_timestamps_of_a_sensor(tmp_path):
     run = repeat(FILE, ROUTE, laps=1, seed=9)
     imu = run.sensors["imu"]
     stamped_run = replace(run, sensors={"imu": imu._replace(t_ns=imu.t_ns - 3_000_000)})

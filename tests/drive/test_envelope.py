@@ -1,4 +1,4 @@
-"""Every function reports that a vehicle leaves the range of its fit: one table in the file, one rule."""
+"""Every function reports that a vehicle leaves the range of its fit. One table in the file states this range."""
 
 from dataclasses import replace
 
@@ -96,7 +96,7 @@ def test_the_envelope_refuses_a_run_with_other_commands(small):
 @pytest.mark.parametrize(
     "line", ["low = [1.0]", 'low = ["a", 2, 3]', "low = [3.0, 0.0, 0.0]", "low = [nan, 0.0, 0.0]"]
 )
-def test_a_table_without_a_range_for_each_name_is_refused(line):
+def test_an_envelope_without_a_range_for_each_name_is_refused(line):
     table = f'\n[envelope]\nnames = ["u_x", "u_y", "u_psi"]\n{line}\nhigh = [1.0, 1.0, 1.0]\n'
     with refused("vehicle.envelope-ranges", FileError):
         parse(load("small").text + table, "my.toml")

@@ -26,14 +26,14 @@ def small():
 
 @pytest.fixture(scope="module")
 def first(small):
-    """Of the vehicle of the file itself."""
+    """Return the first drive of the vehicle that the file describes."""
     return first_drive(small, seed=1)
 
 
 @pytest.mark.parametrize("seed", [1, 7])
 def test_an_unknown_vehicle_stays_near_its_start_and_its_wiring_is_identified(seed):
     drive = drive_one(seed)
-    assert drive.margin_m > 0.3  # of 0.68 m that are there
+    assert drive.margin_m > 0.3  # of the available 0.68 m
     assert drive.named
     assert drive.seconds < 120.0
 
@@ -48,7 +48,7 @@ def test_command_levels_begin_small_and_grow_in_small_steps(first):
         assert np.all(np.diff(levels) <= 0.06)
 
 
-def test_no_pulse_exceeds_its_longest_duration(first, small):
+def test_no_pulse_exceeds_the_longest_permitted_duration(first, small):
     on = np.any(first.run.applied != 0.0, axis=1)
     edges = np.flatnonzero(np.diff(on.astype(int), prepend=0, append=0))
     lengths, pauses = edges[1::2] - edges[::2], edges[2::2] - edges[1:-1:2]
@@ -56,14 +56,14 @@ def test_no_pulse_exceeds_its_longest_duration(first, small):
     assert np.min(pauses) >= round(PAUSE_S * small.rate_hz) - 1
 
 
-def test_each_wheel_shows_its_own_dead_zones(first, small):
+def test_the_dead_zones_of_each_wheel_are_identified(first, small):
     start = rough(first, small).vehicle.drivetrain
     np.testing.assert_allclose(start.dead_zone_forward, [0.32, 0.27], atol=0.03)
     np.testing.assert_allclose(start.dead_zone_backward, [0.34, 0.29], atol=0.03)
 
 
 @pytest.mark.parametrize("seed", [4])
-def test_the_rough_gain_has_the_right_magnitude(small, seed):
+def test_the_estimated_gain_is_within_40_percent_of_the_true_gain(small, seed):
     robot = unknown(seed)
     gain = gains(robot, small)
     first = first_drive(small, world=LoopWorld(robot, seed, small.rate_hz), seed=seed)
@@ -88,12 +88,12 @@ def test_an_immobile_vehicle_is_reported_after_full_command(small, monkeypatch):
     first = first_drive(small, truth=stuck_vehicle, seed=2)
     assert len(first.still) == 4
     assert first.still[0].figures["command"] == "the left wheel forward"
-    assert first.moved == 0
+    assert first.moving_pulses == 0
     with refused("first-drive.nothing-moved", AnswerNo):
         rough(first, small)
 
 
-def test_a_first_drive_ended_early_does_not_blame_the_motors(first, small):
+def test_a_first_drive_that_ends_early_reports_no_motor_fault(first, small):
     estimate = estimate_first_drive(first.run.cut(0.0, 10.0), small)
     assert estimate.still
     assert {finding.code for finding in estimate.still} == {"first-drive.ended-early"}
@@ -103,14 +103,14 @@ def test_a_first_drive_ended_early_does_not_blame_the_motors(first, small):
 
 @pytest.mark.parametrize("seed", [2, 19, 21, 22])
 def test_motion_of_a_car_is_detected_with_a_noisy_accelerometer(seed):
-    """Its noise of 0.6 m/s², summed up twice over a minute, is not taken for a way that it went."""
+    """Its noise of 0.6 m/s², integrated twice over a minute, is not mistaken for a distance."""
     first = first_drive(load("car"), seed=seed)
     assert first.still == ()
     assert 0.5 < first.gain_along < 2.0
     assert np.max(np.hypot(*first.run.truth.eta[:, :2].T)) < 0.6
 
 
-def test_unequal_dead_zones_of_a_car_do_not_move_the_car_away():
+def test_a_car_with_unequal_dead_zones_stays_near_its_start():
     car = load("car")
     zones = {
         "model.drivetrain.dead_zone_forward": [0.04, 0.0],
@@ -142,7 +142,7 @@ def test_a_vehicle_without_limit_is_refused(small):
         directions(endless)
 
 
-def test_a_run_without_estimates_is_not_a_first_drive(first):
+def test_a_run_without_estimates_is_refused_as_a_first_drive(first):
     from dataclasses import replace
 
     with refused("first-drive.no-estimates", UsageError):
@@ -168,7 +168,7 @@ def test_a_pulse_ends_at_once_when_the_vehicle_turns_too_fast():
         t_s += 0.01
         state, u, _ = pulses.advance(state, estimate(t_s))
     assert state.done[0]
-    assert u < 0.0  # it is the other direction's turn
+    assert u < 0.0  # the other direction is next
 
 
 def test_a_first_drive_ends_within_its_time_limit():
@@ -183,13 +183,13 @@ def test_a_first_drive_ends_within_its_time_limit():
 
 def test_inertial_motion_is_the_integral_of_the_unbiased_imu():
     slots = sensor_slots(("imu",))
-    rng, feel = np.random.default_rng(0), Inertial()
-    state, bias = feel.init(), np.array([0.3, 0.0, 0.05])
+    rng, estimator = np.random.default_rng(0), Inertial()
+    state, bias = estimator.init(), np.array([0.3, 0.0, 0.05])
     for k in range(400):
         moving = k >= 300
         z = bias + moving * np.array([0.5, 0.0, 0.8]) + 0.01 * rng.standard_normal(3)
         tick = Tick(round((k + 1) * 1e7), np.array([float(moving)]), slots(Slot(1.0, z)))
-        state, pose = feel.step(state, tick)
+        state, pose = estimator.step(state, tick)
     assert pose.nu[0] == pytest.approx(0.5, abs=5.0 * np.sqrt(pose.cov[3, 3]))
     assert pose.eta[2] == pytest.approx(0.8, abs=5.0 * np.sqrt(pose.cov[2, 2]))
     assert np.sqrt(pose.cov[3, 3]) == pytest.approx(0.01 * 0.01 * np.sqrt(100 + 100**2 / 300), rel=0.15)
@@ -199,12 +199,12 @@ def test_inertial_distance_error_matches_its_covariance():
     """Of a vehicle that stands, with and without a speed that is known to be noise afterwards."""
     slots, ends = sensor_slots(("imu",)), {False: [], True: []}
     for seed in range(300):
-        rng, feel = np.random.default_rng(seed), Inertial()
-        state = feel.init()
+        rng, estimator = np.random.default_rng(seed), Inertial()
+        state = estimator.init()
         for k in range(300):
             on = 200 <= k < 225
             tick = Tick(round((k + 1) * 1e7), np.array([float(on)]), slots(Slot(1.0, rng.standard_normal(3))))
-            state, pose = feel.step(state, tick)
+            state, pose = estimator.step(state, tick)
             if k in (283, 299):
                 ends[k == 299].append(pose.eta[0] / np.sqrt(pose.cov[0, 0]))
     for errors in ends.values():

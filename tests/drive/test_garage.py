@@ -1,4 +1,6 @@
-"""The vehicles of the garage drive through the same verbs: two wheels, the paper's, and a car."""
+"""All vehicles of the garage drive with the same commands: the two-wheeled vehicle, the vehicle of the paper, and a
+car.
+"""
 
 from dataclasses import replace
 
@@ -8,7 +10,7 @@ import pytest
 from baqueano.drive import experiment, repeat, replay, stop_of, teach
 from baqueano.drive.session import example_tick
 from baqueano.guides.shapes import circle
-from baqueano.symbolic import compiled, get, put
+from baqueano.symbolic import compile_block, get, put
 from baqueano.vehicle_file import load
 
 
@@ -22,7 +24,7 @@ def test_a_circle_is_taught_repeated_and_replayed(name, radius_m, speed_m_s):
     assert run.reference.done[-1] == 1.0
     assert (
         np.ptp(run.truth.eta[:, 1]) > 0.5 * radius_m
-    )  # it went round, as well as gains that nobody tuned can
+    )  # the lap was completed, although the gains are untuned
     replayed_run = replay(run, file)
     assert np.array_equal(replayed_run.estimate.eta, run.estimate.eta)
     assert np.array_equal(replayed_run.estimate.cov, run.estimate.cov)
@@ -38,7 +40,7 @@ WRONG = {
 @pytest.mark.parametrize("speed_from", [(), ("imu[0]", "imu[1]")], ids=["gyro", "accelerometers"])
 @pytest.mark.parametrize("name", WRONG)
 def test_the_filter_is_better_than_a_model_with_10_percent_error(name, speed_from):
-    """Speed and yaw rate over 20 s of random steps, against the same filter with its sensors off."""
+    """Speed and yaw rate over 20 s of random steps are compared with the same filter without its sensors."""
     file, rng = load(name), np.random.default_rng(5)
     steps = rng.uniform(-1, 1, (40, file.vehicle.commands)) * file.command.limit * 0.8
     run = experiment(file, np.repeat(steps, round(file.rate_hz / 2), axis=0), seed=6)
@@ -49,7 +51,7 @@ def test_the_filter_is_better_than_a_model_with_10_percent_error(name, speed_fro
     block = replace(
         file.estimator(), vehicle=vehicle, disturbance_std=np.array([0.3, 3.0]), speed_from=speed_from
     )
-    ekf = compiled(block)
+    ekf = compile_block(block)
     silent = example_tick(file).sensors
     with_sensors, blind = ekf.init(), ekf.init()
     errors = []

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from baqueano import vehicle_file
-from baqueano.controllers.heading_hold import AUTHORITY, SLOWER, Gyro, HeadingHold, placed
+from baqueano.controllers.heading_hold import AUTHORITY, SLOWER, Gyro, HeadingHold, place_poles
 from baqueano.drive import replay
 from baqueano.drive.by_hand.heading_gains import LINK_S, gains_of, holding
 from baqueano.drive.mission import Mission, perform
@@ -16,7 +16,7 @@ from baqueano.vehicle_file import override
 from tests.drive.straight import as_fitted, body, hand_for, random_vehicle, straight
 
 TICK_NS = 10_000_000
-GAINS = placed(6.0, 0.1, 0.1)
+GAINS = place_poles(6.0, 0.1, 0.1)
 
 
 class Says:
@@ -32,7 +32,7 @@ class Says:
 
 
 class Drive:
-    """One tick after the other of a hold of which only the estimate is known."""
+    """Heading control that receives one estimate at each tick."""
 
     def __init__(self, **options):
         self.hand, self.k = Says(), 0
@@ -54,7 +54,7 @@ class Drive:
 @pytest.mark.parametrize("tau_s", [0.01, 0.1, 0.5, 2.0])
 def test_the_closed_loop_has_the_placed_poles_and_nonnegative_gains(tau_s):
     k, late_s = 6.0, 0.1
-    gains, omega = placed(k, tau_s, late_s), 1.0 / (SLOWER * late_s)
+    gains, omega = place_poles(k, tau_s, late_s), 1.0 / (SLOWER * late_s)
     poles = np.roots([tau_s, 1.0 + k * gains.rate, k * gains.psi, k * gains.integral])
     third = max(omega, 1.0 / tau_s - 2.0 * omega)
     np.testing.assert_allclose(np.sort(-poles.real), np.sort([omega, omega, third]), rtol=1e-3)
@@ -64,17 +64,17 @@ def test_the_closed_loop_has_the_placed_poles_and_nonnegative_gains(tau_s):
 @pytest.mark.parametrize("tau_s", [0.0, 0.03, 0.1, 0.3, 0.5, 1.6, 5.0])
 @pytest.mark.parametrize("late_s", [0.03, 0.1, 0.3])
 def test_the_gain_margin_tolerates_a_yaw_gain_three_times_larger(tau_s, late_s):
-    gains = placed(1.0, tau_s, late_s)
+    gains = place_poles(1.0, tau_s, late_s)
     s = 1j * np.logspace(-2, 4, 60000)
     loop = np.exp(-s * late_s) / (tau_s * s + 1.0) / s * (gains.psi + gains.integral / s + gains.rate * s)
     phase = np.unwrap(np.angle(loop))
     crossings = np.flatnonzero((phase[:-1] + np.pi) * (phase[1:] + np.pi) < 0.0)
     margins = 1.0 / np.abs(loop[crossings])
     assert margins.min() > 3.3, "a larger gain; all of T taken as a pure delay"
-    assert np.all(margins > 1.0), "no smaller one makes it unstable"
+    assert np.all(margins > 1.0), "no smaller gain makes the loop unstable"
 
 
-def test_gain_and_time_are_those_of_the_model():
+def test_controller_gains_follow_from_the_yaw_gain_and_time_of_the_model():
     small = vehicle_file.load("small")
     values = {
         "model.friction.coulomb": [0.0, 0.0, 0.0], "model.friction.quadratic": [0.0, 0.0, 0.0],
@@ -83,7 +83,7 @@ def test_gain_and_time_are_those_of_the_model():
     file = as_fitted(small.with_values(values))
     late_s = 0.06 + 0.01 + 0.015 + LINK_S
     np.testing.assert_allclose(
-        gains_of(file)[:4], placed(0.9 * 0.203 / 0.0115, 0.001494 / 0.0115, late_s)[:4], rtol=0.05
+        gains_of(file)[:4], place_poles(0.9 * 0.203 / 0.0115, 0.001494 / 0.0115, late_s)[:4], rtol=0.05
     )
     np.testing.assert_allclose(gains_of(file)[0], 2.0 * gains_of(small.with_values(values))[0], rtol=1e-9)
 
@@ -93,7 +93,7 @@ def test_the_yaw_gain_of_a_car_depends_on_its_speed():
     gains, car = gains_of(file), file.vehicle
     k = gains.speed_m_s * car.steering_gain / car.wheelbase_m
     late_s = car.drivetrain.lag_s + car.drivetrain.delay_s + 1.5 / file.rate_hz + LINK_S
-    np.testing.assert_allclose(gains[:4], placed(k, car.yaw_lag_s, late_s)[:4], rtol=0.05)
+    np.testing.assert_allclose(gains[:4], place_poles(k, car.yaw_lag_s, late_s)[:4], rtol=0.05)
 
 
 @pytest.mark.parametrize("name", ["no gyro", "no turn"])
@@ -117,7 +117,7 @@ VEHICLES = {
 @pytest.mark.parametrize("yaw_gain", [1.0, 2.0, 0.5])
 @pytest.mark.parametrize("name", VEHICLES)
 def test_heading_control_drives_straight_with_wheels_differing_by_15_percent(name, yaw_gain):
-    """Of a fitted file that is right about the yaw gain, and of one that is twice or half as large as it is."""
+    """One fitted file has the correct yaw gain; in the others the yaw gain is twice or half the true value."""
     of, ahead, speed_m_s = VEHICLES[name]
     file = as_fitted(of())
     truth = body(file, yaw_gain)
@@ -130,7 +130,7 @@ def test_heading_control_drives_straight_with_wheels_differing_by_15_percent(nam
     limit = AUTHORITY * file.command.limit[2]
     assert np.all(np.abs(holding.run.applied[:, 2]) <= limit)
     late = np.convolve(holding.run.applied[len(holding.run.t_s) // 2 :, 2], np.full(30, 1.0 / 30.0), "valid")
-    assert np.ptp(late) < 0.05 * file.command.limit[2], "no swinging"
+    assert np.ptp(late) < 0.05 * file.command.limit[2], "the heading must not oscillate"
 
 
 @pytest.mark.parametrize("yaw_gain", [1.0, 2.0])
@@ -191,7 +191,7 @@ def test_heading_control_resets_at_rest_and_on_reversal(u):
     for _ in range(50):
         drive.tick(psi=0.1)
     assert drive.tick(u, psi=0.1).tolist() == list(u)
-    assert drive.tick((0.5, 0.0, 0.0), psi=0.1)[2] == 0.0, "the heading of now is the reference"
+    assert drive.tick((0.5, 0.0, 0.0), psi=0.1)[2] == 0.0, "the present heading is the reference"
 
 
 def test_the_reference_heading_is_set_after_the_turn_has_decayed():
@@ -222,10 +222,10 @@ def test_heading_control_is_limited_with_anti_windup():
     assert max(turns) == pytest.approx(0.15), "0.3 of 0.5 ahead"
     assert Drive().hold.limit * AUTHORITY == 0.25
     back = [drive.tick(psi=0.3)[2] for _ in range(200)]
-    assert back[0] < 0.0, "it was not wound up"
+    assert back[0] < 0.0, "the integrator must not wind up"
 
 
-def test_the_heading_may_cross_pi():
+def test_heading_control_works_across_pi():
     drive = Drive()
     drive.tick(psi=np.pi - 0.01)
     assert drive.tick(psi=-np.pi + 0.01)[2] == pytest.approx(-0.02 * GAINS.psi, rel=0.05)
@@ -241,7 +241,7 @@ def test_heading_control_uses_a_gyro_that_the_estimator_ignores():
     drive = Drive(gyro=Gyro(slice(0, 3), 0.5, 20.0))
     drive.tick()
     for _ in range(5):
-        assert drive.tick(innovation=[0.0, 0.0, 0.1])[2] == 0.0, "a spike is none"
+        assert drive.tick(innovation=[0.0, 0.0, 0.1])[2] == 0.0, "a spike is not a turn"
     for _ in range(50):
         turn = drive.tick(innovation=[0.0, 0.0, 0.1])[2]
     assert drive.state.left_out_rad == pytest.approx(50 * 0.01 * 0.2, abs=0.005)
@@ -258,7 +258,7 @@ def test_a_mission_uses_heading_control_by_default():
         assert np.any(run.requested[:, 2] != 0.0) == hold
 
 
-def test_a_driver_function_gets_no_heading_control():
+def test_heading_control_is_disabled_for_a_driver_function():
     small = vehicle_file.load("small")
     run = lesson(small, hand_for(1.0, [0.6, 0.0, 0.0], 100.0), truth=body(small))
     assert not np.any(run.requested[:, 2])

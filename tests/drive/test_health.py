@@ -40,7 +40,7 @@ def test_a_wrong_model_gives_one_warning():
     assert reason.figures["times"] == pytest.approx(2.4, abs=0.05)
 
 
-def test_a_few_outliers_do_not_indicate_a_wrong_model():
+def test_a_few_outliers_give_no_warning():
     health, rng = Health(), np.random.default_rng(0)
     for k in range(2000):
         y = rng.normal(size=3) + (1000.0 if k % 100 == 0 else 0.0)
@@ -57,20 +57,20 @@ def small():
     return load("small")
 
 
-def test_a_run_of_the_vehicle_that_was_identified_has_no_warning(small):
+def test_a_run_of_the_identified_vehicle_gives_no_warning(small):
     assert innovation_events(small) == []
 
 
 @pytest.mark.parametrize("signal", ["random_steps", "multisine", "prbs", "ramps"])
 @pytest.mark.parametrize("name", ["small", "case-study-1", "car"])
-def test_no_signal_gives_a_wear_warning_for_a_sound_vehicle(name, signal):
+def test_a_sound_vehicle_gives_no_warning_under_any_excitation_signal(name, signal):
     file = load(name)
     run = experiment(file, excitation(signal, file.command.limit, 8.0, file.rate_hz, 4), seed=4)
     assert [e for e in run.events if e.source in (SOURCE, SENSORS_SOURCE)] == []
 
 
 @pytest.mark.parametrize(("signal", "growth"), [("prbs", 1.1), ("random_steps", 1.3)])
-def test_increased_friction_is_detected_on_an_even_floor(signal, growth):
+def test_increased_friction_gives_one_warning(signal, growth):
     file = load("case-study-1")
     worn_file = file.with_values({"model.friction.linear": (growth * file.vehicle.friction.linear).tolist()})
     run = experiment(
@@ -80,8 +80,8 @@ def test_increased_friction_is_detected_on_an_even_floor(signal, growth):
     assert event.level == "warning"
 
 
-def test_a_loose_gyro_is_named_without_advice_to_fit(small):
-    small = small.with_values({"estimator.disturbance_std": [0.02, 0.05]})  # it was identified
+def test_a_loose_gyro_is_reported_without_advice_to_fit(small):
+    small = small.with_values({"estimator.disturbance_std": [0.02, 0.05]})  # the model is identified
     wrong_file = small.with_values({"sensors.imu.gyro_scale": 0.3})
     u = random_steps(0.6 * np.asarray(small.command.limit), 15.0, small.rate_hz, 3)
     run = experiment(small, u, truth=wrong_file, seed=3)

@@ -12,7 +12,7 @@ from baqueano.vehicle_file import load
 
 
 def circling(first_s, nu_known=False, psi=3.0):
-    """A run of 2 s under a camera that begins `first_s` after it: 1 m/s, 0.5 rad/s, across ±π."""
+    """Return a run of 2 s with a camera that begins `first_s` after it: 1 m/s, 0.5 rad/s, across ±π."""
     t_ns = (np.arange(100) * 0.02 * NANOSECONDS).astype(np.int64) + NANOSECONDS
     seen_ns = t_ns + int(first_s * NANOSECONDS)
     t = (seen_ns - t_ns[0]) / NANOSECONDS
@@ -37,28 +37,28 @@ def test_camera_velocity_is_wrapped_across_pi():
     assert initial_pose(circling(0.0, psi=np.pi - 0.01))[3:] == pytest.approx([1.0, 0.0, 0.5], abs=2e-3)
 
 
-def test_a_truth_whose_motion_begins_with_the_first_command_begins_at_rest():
+def test_a_recording_that_accelerates_from_rest_begins_at_rest():
     run = circling(0.0, nu_known=True)
-    run.truth.nu[:, 0] = np.minimum(0.08 + np.arange(100) / 10.0, 1.0)  # one row after it stood
+    run.truth.nu[:, 0] = np.minimum(0.08 + np.arange(100) / 10.0, 1.0)  # the first row after the rest
     run.truth.nu[:, 2] = 0.0
     assert initial_pose(run)[3:].tolist() == [0.0, 0.0, 0.0]
-    run.truth.nu[:, 2] = 0.5  # it turns already
+    run.truth.nu[:, 2] = 0.5  # it already turns
     assert initial_pose(run)[3:].tolist() == [0.08, 0.0, 0.5]
 
 
-def test_a_simulated_run_begins_where_the_simulation_did():
+def test_a_replay_begins_at_the_start_pose_of_the_simulation():
     small = load("small")
     run = simulate(small, np.ones((20, 3)) * [0.5, 0.0, 0.0], eta0=np.array([1.0, 2.0, 0.5]))
     assert initial_pose(run).tolist() == [1.0, 2.0, 0.5, 0.0, 0.0, 0.0]
 
 
-def test_a_run_with_a_stored_start_pose_begins_there():
+def test_a_replay_begins_at_the_stored_start_pose():
     run = circling(0.0)
     run.metadata["start"] = "1.0 2.0 0.5"
     assert initial_pose(run).tolist() == [1.0, 2.0, 0.5]
 
 
-def test_a_run_without_an_early_truth_begins_at_the_origin():
+def test_a_run_without_truth_at_its_start_begins_at_the_origin():
     run = circling(0.0)
     assert initial_pose(Run("blind", None, run.t_ns, run.applied)).tolist() == [0.0, 0.0, 0.0]
     assert initial_pose(circling(0.7)).tolist() == [0.0, 0.0, 0.0]

@@ -1,4 +1,4 @@
-"""Ctrl-C ends a drive between two ticks; a second one does not wait for that."""
+"""Ctrl-C ends a drive between two ticks; a second Ctrl-C ends the drive at once."""
 
 import signal
 import threading
@@ -17,7 +17,7 @@ def as_python_starts():
 
 
 def ticks_done(presses: int, at: int) -> list[int]:
-    """The ticks that were finished in a drive in which Ctrl-C came so many times in tick `at`."""
+    """Return the number of completed ticks of a drive with this number of Ctrl-C in tick `at`."""
     done = []
     with suppress(KeyboardInterrupt), between_ticks(range(10)) as ticking:
         for t_ns in ticking:

@@ -1,4 +1,4 @@
-"""The duration for which a key press counts."""
+"""The duration for which a key press commands the vehicle."""
 
 from itertools import pairwise
 
@@ -10,11 +10,11 @@ from baqueano.drive.by_hand.keys import LEFT_WINDOW, PRESS, RELEASE, KeyEvent
 
 
 def press(keys, key, t_s):
-    keys.hear(KeyEvent(PRESS, key), t_s)
+    keys.on_key(KeyEvent(PRESS, key), t_s)
 
 
 def hold(keys, key, from_s, to_s, delay_s=0.5, gap_s=0.033, jitter=lambda: 0.0):
-    """The letters that a held key sends."""
+    """Send the letters of a held key."""
     press(keys, key, from_s + jitter())
     t_s = from_s + delay_s
     while t_s < to_s:
@@ -22,21 +22,21 @@ def hold(keys, key, from_s, to_s, delay_s=0.5, gap_s=0.033, jitter=lambda: 0.0):
         t_s += gap_s
 
 
-def test_a_key_with_release_events_counts_until_its_release():
+def test_a_key_with_release_events_counts_as_pressed_until_its_release():
     keys = KeyHold(RELEASES)
     press(keys, "w", 0.0)
     assert keys.direction(0.0) == (1.0, 0.0)
     assert keys.direction(60.0) == (1.0, 0.0)
     press(keys, "left", 60.0)
     assert keys.direction(60.0) == (1.0, 1.0)
-    keys.hear(KeyEvent(RELEASE, "w"), 61.0)
+    keys.on_key(KeyEvent(RELEASE, "w"), 61.0)
     assert keys.direction(61.0) == (0.0, 1.0)
 
 
 def test_keys_are_released_when_the_window_loses_focus():
     keys = KeyHold(RELEASES)
     press(keys, "w", 0.0)
-    keys.hear(KeyEvent(LEFT_WINDOW), 1.0)
+    keys.on_key(KeyEvent(LEFT_WINDOW), 1.0)
     assert keys.direction(1.0) == (0.0, 0.0)
 
 
@@ -47,7 +47,7 @@ def test_a_short_key_press_gives_a_short_command():
     assert keys.direction(FIRST_S + 0.001) == (0.0, 0.0)
 
 
-def test_a_repeating_key_commands_fully_until_its_last_repeat():
+def test_a_repeating_key_gives_the_full_command_until_its_last_repeat():
     keys = KeyHold(REPEATS)
     press(keys, "w", 0.0)
     press(keys, "w", 0.5)
@@ -92,7 +92,7 @@ def test_a_pressed_key_over_wi_fi_is_not_interrupted(delay_s, rate_hz):
     assert breaks <= 2
 
 
-def test_an_older_pressed_key_ends_with_the_newer_key():
+def test_two_pressed_keys_end_together_after_the_last_repeat():
     keys = KeyHold(REPEATS)
     hold(keys, "w", 0.0, 1.0)
     hold(keys, "a", 1.0, 2.0)
@@ -100,14 +100,14 @@ def test_an_older_pressed_key_ends_with_the_newer_key():
     assert keys.direction(2.3) == (0.0, 0.0)
 
 
-def test_the_opposite_key_replaces_the_first():
+def test_the_opposite_key_replaces_the_pressed_key():
     keys = KeyHold(REPEATS)
     hold(keys, "w", 0.0, 1.0)
     press(keys, "s", 1.0)
     assert keys.direction(1.0) == (-NUDGE, 0.0)
 
 
-def test_latched_key_presses_move_a_lasting_set_point():
+def test_in_latched_mode_key_presses_change_a_lasting_set_point():
     keys = KeyHold(LATCHED)
     for _ in range(3):
         press(keys, "up", 0.0)

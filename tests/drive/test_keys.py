@@ -1,4 +1,4 @@
-"""From the bytes of a terminal to events."""
+"""The bytes of a terminal are decoded to key events."""
 
 import random
 
@@ -24,7 +24,7 @@ def press_events(*keys):
     return [KeyEvent(PRESS, key) for key in keys]
 
 
-def test_letters_and_arrows_of_a_plain_terminal_are_presses():
+def test_letters_and_arrows_of_a_plain_terminal_are_read_as_key_presses():
     assert events(b"wA\x1b[A\x1bOD q") == press_events("w", "a", "up", "left", " ", "q")
 
 
@@ -60,7 +60,7 @@ def test_a_sequence_that_is_not_a_key_gives_no_event(data):
     assert events(data) == []
 
 
-def test_a_sequence_may_be_cut_anywhere():
+def test_a_key_sequence_split_at_any_byte_gives_the_same_events():
     data = b"w\x1b[119;1:3u\x1b[0n\x1bOA\x1b[B "
     whole = events(data)
     for cut in range(len(data)):

@@ -1,11 +1,11 @@
-"""A mission travels as text and drives the same afterwards, bit for bit, with the user's own blocks."""
+"""A mission is sent as text and then drives the same, bit for bit, with the blocks of the user."""
 
 import numpy as np
 import pytest
 
 from baqueano import vehicle_file
 from baqueano.drive import experiment, repeat
-from baqueano.drive.mission import Mission, packed, perform, unpacked
+from baqueano.drive.mission import Mission, pack, perform, unpack
 from baqueano.errors import FileError, UsageError
 from baqueano.guides import shapes
 from tests.codes import refused
@@ -23,25 +23,25 @@ class Slow:
 
 
 def send(mission, tmp_path):
-    """What arrives on the other side: the mission and its vehicle file."""
+    """Return the mission and its vehicle file as the receiver decodes them."""
     mission_received = Mission.of_json(mission.json())
     tmp_path.mkdir(exist_ok=True)
-    return mission_received, unpacked(mission_received, tmp_path)
+    return mission_received, unpack(mission_received, tmp_path)
 
 
-def test_an_experiment_sent_as_text_is_the_same_experiment(tmp_path):
+def test_an_experiment_sent_as_text_gives_the_same_estimate(tmp_path):
     file = vehicle_file.load("small")
     u = np.random.default_rng(0).uniform(-1, 1, (50, 3)) * [1, 0, 1]
-    mission, file_received = send(packed(Mission("experiment", u=u), file), tmp_path)
+    mission, file_received = send(pack(Mission("experiment", u=u), file), tmp_path)
     np.testing.assert_array_equal(
         perform(mission, file_received).estimate.eta, experiment(file, u).estimate.eta
     )
 
 
-def test_a_repetition_sent_as_text_is_the_same_repetition(tmp_path):
+def test_a_repetition_sent_as_text_gives_the_same_estimate(tmp_path):
     file = vehicle_file.load("small")
     route = shapes.circle(0.3, 0.4)
-    mission, file_received = send(packed(Mission("repeat", route=route, laps=1), file), tmp_path)
+    mission, file_received = send(pack(Mission("repeat", route=route, laps=1), file), tmp_path)
     np.testing.assert_array_equal(
         perform(mission, file_received).estimate.eta, repeat(file, route, laps=1).estimate.eta
     )
@@ -50,7 +50,7 @@ def test_a_repetition_sent_as_text_is_the_same_repetition(tmp_path):
 def test_user_blocks_are_packed_into_the_mission(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     (tmp_path / "slow.py").write_text(CONTROLLER.format(size=0.5))
-    mission = packed(
+    mission = pack(
         Mission("repeat", route=shapes.circle(0.3, 3.0), blocks={"controller": "slow.py:Slow"}),
         vehicle_file.load("small"),
     )
@@ -67,7 +67,7 @@ def test_two_files_of_the_same_name_are_refused(tmp_path, monkeypatch):
     (tmp_path / "a" / "slow.py").write_text(CONTROLLER.format(size=0.6))
     own = {"controller": "slow.py:Slow", "guide": "a/slow.py:Slow"}
     with refused("mission.two-files", FileError):
-        packed(Mission("repeat", route=shapes.circle(0.3, 0.6), blocks=own), vehicle_file.load("small"))
+        pack(Mission("repeat", route=shapes.circle(0.3, 0.6), blocks=own), vehicle_file.load("small"))
 
 
 @pytest.mark.parametrize(
@@ -87,7 +87,7 @@ def test_an_invalid_mission_is_refused(text, fault):
 def test_a_mission_writes_nothing_outside_its_folder(tmp_path):
     mission = Mission("teach", vehicle=vehicle_file.load("small").text, texts={"../evil.py": "x = 1"})
     with refused("mission.file-name", UsageError):
-        unpacked(mission, tmp_path)
+        unpack(mission, tmp_path)
     with refused("mission.kind", UsageError):
         Mission("dance")
 

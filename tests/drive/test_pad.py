@@ -1,4 +1,4 @@
-"""A game pad, read from the bytes of the Linux kernel."""
+"""A game pad is decoded from the bytes of the Linux kernel."""
 
 import errno
 import sys
@@ -22,7 +22,7 @@ pytestmark = pytest.mark.skipif(sys.platform != "linux", reason="Linux's input l
 
 @pytest.fixture
 def plug(tmp_path, monkeypatch):
-    """`plugged(device, …)`: the folder in which they are event0, event1, …"""
+    """Return `plugged(device, …)`, which gives the folder in which the devices are event0, event1, …"""
 
     def plug(*devices):
         connect(monkeypatch, {tmp_path / f"event{k}": device for k, device in enumerate(devices)})
@@ -35,14 +35,14 @@ def open_pad(folder, name="event0"):
     return Pad(InputDevice(folder / name))
 
 
-def test_requests_are_those_of_the_kernels_headers():
+def test_ioctl_numbers_equal_the_constants_of_the_kernel_headers():
     assert request(0x40, 24) == 0x80184540  # EVIOCGABS(0)
     assert request(0x06, 256) == 0x81004506  # EVIOCGNAME(256)
     assert request(0x21, 96) == 0x80604521  # EVIOCGBIT(EV_KEY, 96)
 
 
 @pytest.mark.parametrize(("long_bytes", "size"), [(4, 16), (8, 24)])
-def test_events_are_read_by_the_layout_of_the_reading_program(plug, long_bytes, size):
+def test_events_are_decoded_with_32_bit_and_64_bit_layouts(plug, long_bytes, size):
     assert LAYOUTS[long_bytes].size == size
     kernel = pad(long_bytes=long_bytes)
     device = InputDevice(plug(kernel) / "event0", long_bytes)
@@ -94,7 +94,7 @@ def test_after_lost_events_the_pad_commands_zero_until_resynchronised(plug):
     kernel.change(AHEAD, (KEY, LEFT_FRONT, 1))
     game_pad.read()
     assert game_pad.direction()[0] == 1.0
-    for k in range(40):  # more than the kernel keeps
+    for k in range(40):  # more events than the kernel stores
         kernel.change((ABS, 0, 100 * k))
     kernel.change((ABS, 1, 0), (KEY, EAST, 1))
     whole, kernel.waiting = kernel.waiting, kernel.waiting[:1]
@@ -102,7 +102,7 @@ def test_after_lost_events_the_pad_commands_zero_until_resynchronised(plug):
     game_pad.read()
     assert not game_pad.holds
     kernel.waiting = whole[1:]
-    assert game_pad.read() == [EAST], "the stop that was pressed unseen"
+    assert game_pad.read() == [EAST], "the stop was pressed during the lost events"
     assert game_pad.holds
     assert game_pad.direction() == (0.0, 0.0)
 
@@ -136,10 +136,10 @@ def test_a_reconnected_pad_commands_zero_until_its_stick_is_centred(plug):
     kernel.waiting.clear()
     game_pad.read()
     assert not game_pad.holds
-    assert "let go" in game_pad.hint
+    assert "release" in game_pad.hint
     kernel.change((ABS, 1, 0))
     game_pad.read()
-    assert not game_pad.holds, "its front button is held still"
+    assert not game_pad.holds, "its front button is still pressed"
     kernel.change((KEY, LEFT_FRONT, 0))
     game_pad.read()
     kernel.change(AHEAD, (KEY, LEFT_FRONT, 1))

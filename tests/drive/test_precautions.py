@@ -1,4 +1,4 @@
-"""Precautions of a repetition: refused before it moves, led onto its route, slowed and stopped while it drives."""
+"""Precautions of a repetition: an impossible route is refused, the vehicle joins its route, slows down and stops."""
 
 import numpy as np
 import pytest
@@ -25,14 +25,14 @@ BESIDE = np.array([0.0, 0.2, np.radians(30.0)])
 
 
 def off_route(run, route):
-    """Distance of each true place from the route, and the way to it [m]."""
+    """Return the distance of each true position from the route, and the distance travelled until then [m]."""
     xy = run.truth.eta[::5, :2]
     away = np.array([np.min(np.hypot(*(route.eta[:, :2] - p).T)) for p in xy])
     return away, np.append(0.0, np.cumsum(np.hypot(*np.diff(xy, axis=0).T)))
 
 
 def record(t_s, eta=(0.0, 0.0, 0.0), nu=(0.0, 0.0, 0.0), cov=None, velocity=(0.0, 0.0, 0.0), degraded=()):
-    """A tick of a drive."""
+    """Return the record of one tick of a drive."""
     t_ns, zero = round(1e9 * t_s), np.zeros(3)
     cov = np.zeros((6, 6)) if cov is None else cov
     return Record(
@@ -62,13 +62,13 @@ def test_the_anyway_option_permits_high_speed_but_not_nan():
 def test_a_vehicle_beside_its_route_joins_the_route_by_a_lead_in():
     run = repeat(SMALL, LAP, eta=BESIDE)
     away, way = off_route(run, LAP)
-    assert np.max(away[way > 0.6]) < 0.01  # it joins ahead, some 0.4 m along the way
+    assert np.max(away[way > 0.6]) < 0.01  # it joins the route some 0.4 m ahead
     assert run.reference.eta[0] == pytest.approx(BESIDE, abs=1e-3)
-    assert run.duration_s < LAP.t_s[-1] + 1.5  # no part of the route twice
+    assert run.duration_s < LAP.t_s[-1] + 1.5  # no part of the route is driven twice
     assert run.reference.done[-1] == 1.0
 
 
-def test_without_a_lead_in_the_guide_is_that_of_the_file():
+def test_without_a_lead_in_the_guide_of_the_file_is_used():
     guide = SMALL.guide(LAP)
     for care, eta in ((Precautions(), LAP.eta[0]), (Precautions(lead_in=False), BESIDE)):
         assert care.around(guide, LAP, SMALL, eta, SMALL.estimator()) is guide
@@ -98,7 +98,7 @@ def doubtful(off):
 
 
 def watch_rows(caution, rows):
-    """Pace and stop after each (time, finding)."""
+    """Return pace and stop after each (time, finding)."""
     out = []
     for t_s, degraded in rows:
         reason = caution.stop_reason(round(1e9 * t_s))
@@ -127,7 +127,7 @@ def test_an_inconsistent_sensor_slows_and_stops_the_vehicle():
     assert [(level, event.code) for _, level, event in caution.events()] == [("warning", "caution.slow")]
 
 
-def test_an_unclear_misfit_slows_the_vehicle_and_model_wear_does_not():
+def test_only_a_misfit_of_unknown_cause_slows_the_vehicle():
     for off, pace in ((UNKNOWN, SLOW), (MODEL, 1.0)):
         rows = watch_rows(begin(), [(t, doubtful(off)) for t in np.arange(0.0, 9.0, 0.5)])
         assert rows == [(pace, None)] * 18
@@ -198,13 +198,13 @@ def test_endless_laps_by_imu_stop_before_a_wall():
     assert np.all(np.abs(run.truth.eta[:, :2] + [0.0, -0.4]) < room.free)
 
 
-def test_a_mission_carries_its_precautions_and_where_the_vehicle_stands():
+def test_a_mission_contains_its_precautions_and_the_start_pose():
     care = Precautions(room=PlainRoom((1.0, 2.0), (0.0, 0.5, 0.1)), lead_in=False, patience_s=7.0)
     mission = Mission("repeat", route=LAP, start=(0.0, 0.2, 0.5), precautions=care.to_json())
     mission_received = Mission.of_json(mission.json())
     assert mission_received.start == (0.0, 0.2, 0.5)
     assert Precautions.of_json(mission_received.precautions) == Precautions.of_json(mission.precautions)
-    assert "precautions" not in Mission("repeat", route=LAP).json()  # as robots of before read it
+    assert "precautions" not in Mission("repeat", route=LAP).json()  # as older robots expect
 
 
 @pytest.mark.parametrize(

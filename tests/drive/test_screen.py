@@ -52,7 +52,7 @@ def test_the_second_display_overwrites_the_first():
     assert "+0.30" in "".join(screen_lines)
 
 
-def test_a_terminal_that_is_too_low_shows_the_end_of_the_block():
+def test_a_terminal_with_few_lines_shows_the_last_lines_of_the_display():
     block = lines(Status("robot"))
     screen_lines, _ = terminal_screen(Screen().frame(block, height=5))
     assert screen_lines[:4] == block[-4:]

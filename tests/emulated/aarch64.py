@@ -2,8 +2,8 @@
 
     python -m tests.emulated.aarch64      makes both in build/aarch64, about 130 MB, once; `make aarch64` calls it
 
-qemu speaks the processor's language, not its timing: what runs here has all its wheels and no instruction that a
-Cortex-A53 lacks. How fast a Pi is, it does not tell.
+qemu emulates the instructions of the processor and not its timing. A program that runs here has all its wheels and no
+instruction that a Cortex-A53 lacks. The speed of a Pi remains unknown.
 """
 
 import shutil
@@ -24,7 +24,7 @@ QEMU, MAKER, COMPILER = "qemu-aarch64-static", "mmdebstrap", "aarch64-linux-gnu-
 
 
 def missing() -> str:
-    """What is not there, and what to type; "" if nothing."""
+    """Return the missing part and the command that installs it, or ""."""
     if not shutil.which(QEMU):
         return f"no {QEMU}: sudo apt-get install qemu-user-static"
     return "" if PACKAGES.exists() else f"no {PACKAGES.relative_to(ROOT)}: make aarch64"
@@ -52,7 +52,7 @@ def environment(compiler: bool, cache: Path) -> dict[str, str]:
 
 
 def make() -> None:
-    """System and packages, if they are not there."""
+    """Install the system and the packages if they are missing."""
     HOME.mkdir(parents=True, exist_ok=True)
     if not SYSTEM.exists():
         options = ["--arch=arm64", "--variant=extract", f"--include={','.join(DEBIAN)}"]

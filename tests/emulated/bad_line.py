@@ -6,8 +6,8 @@ from typing import Any
 
 
 class BadLine:
-    """A line that was pulled while `gone`; else each byte is another one with probability `noise`, each frame comes
-    twice with `twice`, and after the one behind it with `swapped`, both ways."""
+    """A line that is disconnected while `gone`. Otherwise each byte is changed with probability `noise`. With
+    `twice` a frame is sent twice, and with `swapped` after the next frame, in both directions."""
 
     def __init__(self, robot: Any, seed: int = 0) -> None:
         self.gone, self.noise, self.twice, self.swapped = False, 0.0, 0.0, 0.0
@@ -17,14 +17,14 @@ class BadLine:
         robot.write, robot.read = self.write, self.read
 
     def write(self, data: bytes) -> None:
-        """One frame towards the Uno; OSError where the line is gone."""
+        """Send one frame to the Uno; raise OSError if the line is disconnected."""
         if self.gone:
             raise OSError("the line is gone")
         for frame in self._passed("to", data):
             self._write(self._noisy(frame))
 
     def read(self) -> bytes:
-        """What came; OSError where the line is gone."""
+        """Return the received bytes; raise OSError if the line is disconnected."""
         data = self._read()
         if self.gone:
             raise OSError("the line is gone")

@@ -1,6 +1,6 @@
-"""`python -m tests.emulated.calibrating PORT`: calibrate motors as a process, with an IMU that stands still for ever.
+"""`python -m tests.emulated.calibrating PORT`: calibrate motors as a process, with an IMU that is always at rest.
 
-The vehicle never turns, so its first ramp, made slow here, goes on until somebody ends it.
+The vehicle never turns, so its first ramp, which is slow here, continues until the process is ended.
 """
 
 import sys
@@ -19,24 +19,24 @@ STEP_NS = 5_000_000
 
 
 class Still:
-    """An IMU on a level floor, 200 samples a second."""
+    """An IMU at rest on a level floor, with 200 samples a second."""
 
     def __init__(self, *arguments: Any, **options: Any) -> None:
         self._told_ns = time.monotonic_ns()
 
     def read(self) -> list[Sample]:
-        """Those since the last call."""
+        """Return the samples since the last call."""
         stamps = range(self._told_ns + STEP_NS, time.monotonic_ns(), STEP_NS)
         self._told_ns = stamps[-1] if stamps else self._told_ns
         return [Sample(t_ns, np.array([0.0, 0.0, STANDARD_GRAVITY]), np.zeros(3), 20.0) for t_ns in stamps]
 
     def close(self) -> None:
-        """Nothing is open."""
+        """Do nothing, because no device is open."""
 
 
 imu.open = Still
 calibrate_motors.RAMP_PER_S = 0.02
-floor_tests.SILENT_S = 30.0  # a machine that is busy with other things is no fault of the line
+floor_tests.SILENT_S = 30.0  # a busy machine is not a fault of the line
 main(
     ["robot", "calibrate", "motors", "--vehicle", "small", "--set", f"robot.port={sys.argv[1]}",
      "--set", "robot.dead_man_s=1"]

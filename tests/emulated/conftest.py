@@ -1,6 +1,6 @@
-"""The requirements of the emulated tests: fixtures by name, and the Debian packages of each.
+"""The fixtures of the emulated tests, and the Debian packages that each fixture needs.
 
-Where a package is missing the tests that need it are skipped, each by its name; where CI is set they fail.
+A test is skipped by name if a package is missing; it fails instead if the variable CI is set.
 """
 
 import os
@@ -19,11 +19,11 @@ from tests.emulated.uno import EmulatedUno
 
 
 def programs(**packages: str) -> Callable[[], list[str]]:
-    """The packages of those programs that are not installed."""
+    """Return the packages of those programs that are not installed."""
     return lambda: [package for name, package in packages.items() if not shutil.which(name.replace("_", "-"))]
 
 
-NEEDS = {  # fixture: what is missing for it
+NEEDS = {  # fixture: its missing packages
     "firmware": rig.missing,
     "new_uno": rig.missing,
     "uno": rig.missing,
@@ -50,14 +50,14 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
 
 @pytest.fixture(scope="session")
 def firmware(request: pytest.FixtureRequest) -> rig.Built:
-    """The firmware and the shim, built."""
+    """Return the built firmware and the emulator library."""
     assert not rig.missing(), f"apt-get install {' '.join(rig.missing())}"
     return rig.build(Path(request.config.cache.mkdir("emulated")))
 
 
 @pytest.fixture
 def new_uno(firmware: rig.Built) -> Iterator[Callable[..., EmulatedUno]]:
-    """`new_uno(ppm=…)`: an emulated Uno, freed at the end of the test."""
+    """Return `new_uno(ppm=…)`, which makes an emulated Uno that is freed at the end of the test."""
     unos: list[EmulatedUno] = []
 
     def make(**options) -> EmulatedUno:
@@ -71,13 +71,13 @@ def new_uno(firmware: rig.Built) -> Iterator[Callable[..., EmulatedUno]]:
 
 @pytest.fixture
 def uno(new_uno: Callable[..., EmulatedUno]) -> EmulatedUno:
-    """An emulated Uno as it comes: L298N, no encoders, nothing stored."""
+    """Return an emulated Uno with factory settings: L298N, no encoders, no stored settings."""
     return new_uno()
 
 
 @pytest.fixture
 def robot(firmware: rig.Built, monkeypatch: pytest.MonkeyPatch) -> Iterator[EmulatedRobot]:
-    """The small vehicle in lock-step: firmware, drivers, body."""
+    """Return the small vehicle in lock-step: firmware, drivers and body."""
     robot = EmulatedRobot(firmware, vehicle_file.load("small"), patches=monkeypatch)
     robot.wait(0.1)
     yield robot
@@ -86,19 +86,19 @@ def robot(firmware: rig.Built, monkeypatch: pytest.MonkeyPatch) -> Iterator[Emul
 
 @pytest.fixture
 def service(robot: EmulatedRobot, tmp_path: Path) -> Service:
-    """Its onboard service."""
+    """Return the onboard service of the robot."""
     return serve(robot, vehicle_file.load("small"), tmp_path)
 
 
 @pytest.fixture
 def optiboot() -> Path:
-    """The boot-loader of the Uno."""
+    """Return the boot-loader of the Uno."""
     assert OPTIBOOT.exists(), "apt-get install arduino-core-avr"
     return OPTIBOOT
 
 
 @pytest.fixture
 def arduino_core() -> Path:
-    """The sources that the Arduino IDE links to a sketch."""
+    """Return the sources that the Arduino IDE links to a sketch."""
     assert ARDUINO_CORE.exists(), "apt-get install arduino-core-avr"
     return ARDUINO_CORE.parent

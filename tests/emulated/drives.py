@@ -10,7 +10,7 @@ from baqueano import vehicle_file
 from baqueano.diagnostics import StopReason, stop
 from baqueano.door.operator import Operator
 from baqueano.door.states import DoorState
-from baqueano.drive.mission import Mission, packed
+from baqueano.drive.mission import Mission, pack
 from baqueano.robot.service.service import Service
 from baqueano.runs import read_run
 from tests.emulated.robot import EmulatedRobot
@@ -19,7 +19,7 @@ TEACHER = stop(StopReason.STOPPED_BY, words="the teacher stopped it")
 
 
 def serve(robot: EmulatedRobot, file: Any, folder: Path) -> Any:
-    """A service on this robot that has had a look at everything; its messages are in `messages`."""
+    """Return a service on this robot that has examined its hardware; its messages are in `messages`."""
     messages: list[dict[str, Any]] = []
     service: Any = Service(
         robot.uno, robot.imu, file.robot, folder, Operator(lambda: robot.now_ns), messages.append,
@@ -31,28 +31,28 @@ def serve(robot: EmulatedRobot, file: Any, folder: Path) -> Any:
 
 
 def look_around(service: Any, robot: EmulatedRobot, times: int) -> None:
-    """Lets it look, as it does while idle."""
+    """Let the service examine its hardware, as it does while idle."""
     for _ in range(times):
         service.idle()
         robot.wait(0.05)
 
 
 def spin(seconds: float = 1.0, turn: float = 0.6, file: Any = None) -> Mission:
-    """Turns on the spot, ready to be sent."""
+    """Return the text of a mission that turns in place."""
     file = file or vehicle_file.load("small")
     u = np.tile([0.0, 0.0, turn], (round(seconds * file.rate_hz), 1))
-    return packed(Mission("experiment", u=u), file)
+    return pack(Mission("experiment", u=u), file)
 
 
 def drive(service: Any, mission: Mission | str, attended: bool = False) -> tuple[dict[str, Any], Any]:
-    """Takes the mission; how it ended, and its run."""
+    """Perform the mission; return its end message and its run."""
     service.take(mission, attended)
     done = [m for m in service.messages if m["is"] == "done"][-1]
     return done, None if done["run"] is None else read_run(service.folder / done["run"])
 
 
 def during(service: Any, robot: EmulatedRobot, after_s: float, act: Callable[[], Any]) -> None:
-    """Calls `act` once, so long after the drive began."""
+    """Call `act` once, at this time after the start of the drive."""
     start: list[int] = []
 
     def healthy() -> None:

@@ -1,4 +1,4 @@
-"""A chip on its bus, and a hand that lifts and turns what it is glued to."""
+"""A simulated hand lifts and turns an IMU chip on its bus."""
 
 from pathlib import Path
 
@@ -13,8 +13,9 @@ TURN_S = 2.0
 
 
 class Hand:
-    """The chip's motion by hand. `axes` (3, 3): rows are the chip's axes that point ahead, left, up; `slope`
-    (2,) of the floor, towards its x and y [rad]; `heading_rad` of the vehicle on it."""
+    """The motion of the chip in a hand. `axes` (3, 3): the rows are the axes of the chip that point ahead, left and
+    up. `slope` (2,) is the slope of the floor towards its x and y [rad]; `heading_rad` is the heading of the vehicle
+    on it."""
 
     def __init__(
         self, robot, axes=None, slope=(0.0, 0.0), accel_bias=(0.0, 0.0, 0.0), gyro_bias=(0.0, 0.0, 0.0)
@@ -27,7 +28,7 @@ class Hand:
         robot.chip.motion = self.motion
 
     def moves(self, *, heading=None, lift=None, roll=None):
-        """Begins to move there, from now on."""
+        """Begin a motion to this heading, lift and roll at the present time."""
         self._before, self._since_ns = self._now(self.robot.now_ns)[0], self.robot.now_ns
         self.heading = self.heading if heading is None else heading
         self.lift = self.lift if lift is None else lift
@@ -40,7 +41,7 @@ class Hand:
         return np.asarray(self._before) + share * (target - self._before), rate
 
     def motion(self, t_ns):
-        """Force and rate along the chip's axes."""
+        """Return specific force and rate along the axes of the chip."""
         (heading, lift, roll), (turning, lifting, rolling) = self._now(t_ns)
         c, s = np.cos(heading), np.sin(heading)
         sx, sy = self.slope
@@ -53,7 +54,8 @@ class Hand:
 
 
 class OnBus:
-    """A chip on its bus, the driver, and a time that advances during each wait. `chip`: options of MpuEmulator."""
+    """A chip on its bus, its driver, and a clock that advances during each wait. `chip` contains options of
+    MpuEmulator."""
 
     def __init__(self, folder, patches, **chip):
         self.now_ns = 10**9
@@ -61,7 +63,7 @@ class OnBus:
         path = str(folder / "i2c-1")
         Path(path).touch()
         connect(patches, {path: EmulatedBus({0x68: self.chip}, self._pass)})
-        self.imu = imu.open(path, say=None, now_ns=lambda: self.now_ns, sleep=self.wait)
+        self.imu = imu.open(path, notify=None, now_ns=lambda: self.now_ns, sleep=self.wait)
 
     def _pass(self, ns):
         self.now_ns += ns

@@ -32,7 +32,7 @@ class Clock:
 
 
 class Bench:
-    """An emulated chip on an emulated bus behind `path`, in a time of its own."""
+    """An emulated chip on an emulated bus behind `path`, with a simulated clock."""
 
     def __init__(self, monkeypatch, folder: Path, **chip) -> None:
         self.clock = Clock()
@@ -44,7 +44,7 @@ class Bench:
 
 
 def connect(monkeypatch, buses: dict[str, EmulatedBus]) -> None:
-    """Until the test ends, ioctl on these files is answered by these buses, on all others by whom it was before."""
+    """Let these buses answer ioctl calls on these files until the end of the test; other files are unchanged."""
     import fcntl
 
     import smbus2.smbus2
@@ -82,7 +82,7 @@ def _combined(bus: EmulatedBus, messages: list) -> None:
 
 
 def _smbus(bus: EmulatedBus, address: int, arg) -> None:
-    """Byte data (2) and I2C block (8)."""
+    """Answer byte data (2) and I2C block (8)."""
     data = arg.data.contents
     if arg.size == 2 and arg.read_write:
         data.byte = bus.transfer(address, [(False, bytes([arg.command])), (True, 1)])[0][0]
@@ -97,7 +97,7 @@ def _smbus(bus: EmulatedBus, address: int, arg) -> None:
 
 
 def loop(bench: Bench, imu, seconds: float, period_s: float = 0.01) -> list:
-    """Read the IMU on a steady grid, as the onboard loop does; all samples."""
+    """Read the IMU at regular times, as the onboard loop does, and return all samples."""
     samples, due, end = [], bench.clock.now, bench.clock.now + round(seconds * 1e9)
     while due < end:
         due += round(period_s * 1e9)
@@ -107,7 +107,7 @@ def loop(bench: Bench, imu, seconds: float, period_s: float = 0.01) -> list:
 
 
 def start(bench: Bench, **settings):
-    """The IMU of the bench, running in the bench's time, silent."""
+    """Return the started IMU of the bench, with the clock of the bench and without messages."""
     from baqueano.robot.imu import driver as imu
     from baqueano.robot.imu.settings import ImuSettings
 
@@ -115,7 +115,7 @@ def start(bench: Bench, **settings):
     return imu.open(
         bench.path,
         settings=ImuSettings(**settings),
-        say=bench.printed.append,
+        notify=bench.printed.append,
         now_ns=bench.clock.now_ns,
         sleep=bench.clock.sleep,
     )

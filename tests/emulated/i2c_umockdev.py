@@ -1,7 +1,7 @@
 """The kernel's side of /dev/i2c-1 for other processes: umockdev hands their ioctl calls to an emulated bus.
 
-Runs in the system's Python, which has the bindings (python3-gi), and so uses nothing of the package. Prints the root
-of the test bed as one line of JSON, then obeys lines on its input, each a JSON list of a verb and its arguments:
+Runs in the Python of the system, which has the bindings (python3-gi), so it does not use the package. It prints the
+root of the test bed as one line of JSON. Then it executes lines of its input, each a JSON list of a verb and arguments:
 
     ["brown_out"]  ["freeze", true]  ["saturate", 5]  ["fail", errno, times]  ["hold", true]  ["quit"]
     ["reg", number]  ["timeout"]  ["taken"]     asked; the answer is a line of JSON
@@ -32,14 +32,14 @@ READS = 1
 
 
 class Kernel:
-    """Answers the ioctl calls of the clients."""
+    """Answer the ioctl calls of the clients."""
 
     def __init__(self, bus: EmulatedBus) -> None:
         self.bus = bus
         self.slave = 0x68
 
     def handle(self, _handler, client) -> bool:
-        """One call; the emulator's OSError becomes the client's errno."""
+        """Answer one call; an OSError of the emulator is sent to the client as its errno."""
         request, arg, done = client.get_request(), client.get_arg(), 0
         try:
             if request == I2C_FUNCS:
@@ -63,7 +63,7 @@ class Kernel:
         return True
 
     def combined(self, arg) -> int:
-        """I2C_RDWR; how many messages were sent."""
+        """Perform I2C_RDWR and return the number of messages."""
         head = arg.resolve(0, 16)
         _, count = struct.unpack("@PI4x", bytes(head.retrieve()))
         array = head.resolve(0, MESSAGE.size * count)
@@ -82,7 +82,7 @@ class Kernel:
         return count
 
     def smbus(self, arg) -> None:
-        """I2C_SMBUS: quick (0), byte (1), byte data (2), I2C block (8)."""
+        """Perform I2C_SMBUS: quick (0), byte (1), byte data (2), I2C block (8)."""
         head = arg.resolve(0, 16)
         reads, command, size = struct.unpack_from("@BB2xI", bytes(head.retrieve()))
         if size == 0:
@@ -105,12 +105,12 @@ class Kernel:
 
 
 def word(arg) -> int:
-    """An argument that is a number, not a pointer."""
+    """Return an argument that is a number and not a pointer."""
     return struct.unpack("@L", bytes(arg.retrieve()))[0]
 
 
 def obey(loop, bus: EmulatedBus, chip: MpuEmulator, line: str) -> None:
-    """One order from the test, answered by a line."""
+    """Perform one order of the test and answer with one line."""
     verb, *values = json.loads(line)
     answer = None
     if verb == "quit":

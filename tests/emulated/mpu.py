@@ -1,17 +1,17 @@
-"""An MPU-6050 as a program meets it on the bus: registers, FIFO, filter, clock, and the ways in which it fails.
+"""An emulated MPU-6050 on the bus: registers, FIFO, filter, clock, and faults.
 
-Plain Python without the package and without NumPy, because under umockdev it runs in the system's own interpreter.
-Written from the register map (RM-MPU-6000A 4.2), not from the driver: numbers that both need stand in both.
+Plain Python without the package and NumPy, because umockdev runs it in the interpreter of the system. Written from the
+register map (RM-MPU-6000A 4.2) and not from the driver, so both contain the common numbers.
 
-Time is told: `run_until(t_ns)`, or by itself before each transfer where `now_ns` was given. The inside runs at 1 kHz of
-the chip's own clock. Each channel passes a first-order lag and a pure delay, together as late as the map's table says;
-the lag is as wide as the table's filter where that width allows the delay, else as slow as the delay allows.
+Time advances by `run_until(t_ns)`, or before each transfer if `now_ns` is given. The chip runs at 1 kHz of its clock.
+Each channel passes a first-order lag and a pure delay with the total delay of the table in the map. The lag has the
+width of the filter if this width permits the delay, otherwise the largest time constant that the delay permits.
 
-What it takes from the real part because drivers trip over it:
-- 100 ms after a reset, writes are lost; after waking the gyro is wrong for 30 ms;
+These properties of the real chip cause errors in drivers:
+- for 100 ms after a reset, writes are lost; for 30 ms after waking, the gyro is wrong;
 - FIFO_RESET works only while FIFO_EN is 0; FIFO_R_W does not move the pointer; an empty FIFO repeats its last byte;
-- a full FIFO loses its oldest bytes, and 1024 is no multiple of 14;
-- data registers change only between transfers; FIFO_COUNT is held when its high byte is read.
+- a full FIFO loses its oldest bytes, and 1024 is not a multiple of 14;
+- data registers change only between transfers; reading the high byte of FIFO_COUNT freezes it.
 """
 
 import errno
@@ -68,17 +68,17 @@ class Channel:
         self.set(256.0, 1.0)
 
     def set(self, width_hz: float, delay_ms: float) -> None:
-        """A filter of this width and this delay at low frequencies."""
+        """Set a filter with this width and this delay at low frequencies."""
         lag_ms = min(1e3 / (2.0 * math.pi * width_hz), delay_ms)
         # y ← y + α (x - y) is late by (1 - α) / α steps at low frequencies
         self.alpha = 1.0 / (1.0 + lag_ms)
         rest_ms = delay_ms - lag_ms
         self.whole = int(rest_ms)
         self.part = rest_ms - self.whole
-        self.late = deque(self.late, maxlen=self.whole + 2)  # newest first; a longer delay fills up by and by
+        self.late = deque(self.late, maxlen=self.whole + 2)  # newest first; a longer delay fills gradually
 
     def step(self, x: float) -> float:
-        """The filter's output 1 ms later."""
+        """Return the output of the filter 1 ms later."""
         late, whole = self.late, self.whole
         self.y = x if self.y is None else self.y + self.alpha * (x - self.y)
         late.appendleft(self.y)
@@ -89,7 +89,8 @@ class Channel:
 
 
 class MpuEmulator:
-    """The chip. `motion(t_ns)` gives specific force (3,) [m/s²] and rate (3,) [rad/s] in the chip's own axes."""
+    """The emulated chip. `motion(t_ns)` returns specific force (3,) [m/s²] and rate (3,) [rad/s] in the axes of the
+    chip."""
 
     def __init__(
         self,
@@ -125,10 +126,10 @@ class MpuEmulator:
         self.lost_writes = 0
         self.power_on()
 
-    # what a test does to it
+    # set by a test
 
     def power_on(self) -> None:
-        """As after the supply comes: registers at their start, asleep."""
+        """Set the state after power-on: default registers, asleep."""
         self.regs = bytearray(128)
         self.regs[PWR_MGMT_1] = 0x40
         self.regs[WHO_AM_I] = self.who_am_i
@@ -147,22 +148,23 @@ class MpuEmulator:
     brown_out = power_on
 
     def freeze(self, on: bool = True) -> None:
-        """The sensors repeat their last values; bus, clock and FIFO go on."""
+        """Repeat the last values of the sensors; bus, clock and FIFO continue."""
         self.frozen = on
 
     def saturate(self, channel: int, raw: int = 32767) -> None:
-        """Channel 0..2 accelerometer, 3..5 gyro, stuck at `raw`."""
+        """Set a channel constant at `raw`: 0 to 2 are the accelerometer, 3 to 5 the gyro."""
         self.saturated[channel] = raw
 
     @property
     def temperature_c(self) -> float:
-        """The die warms by 6 °C over the air, in 40 s."""
+        """Return the temperature: the chip warms by 6 °C above the air within 40 s."""
         return self.ambient_c + 6.0 * (1.0 - math.exp(-(self.t_ns - self.on_since) / 40e9))
 
     # the bus
 
     def transfer(self, messages: list[tuple[bool, bytes | int]]) -> list[bytes]:
-        """Messages of one combined transfer, (False, bytes written) or (True, bytes wanted); what was read."""
+        """Perform the messages of one combined transfer, (False, bytes written) or (True, byte count); return the
+        bytes read."""
         if self.now_ns is not None:
             self.run_until(self.now_ns())
         answers = []
@@ -229,11 +231,11 @@ class MpuEmulator:
 
     @property
     def interrupt(self) -> bool:
-        """Level of the INT pin while it is latched: an enabled event has happened and has not been read."""
+        """Return the level of the INT pin: high after an enabled event that has not been read."""
         return bool(self.regs[INT_STATUS] & self.regs[INT_ENABLE])
 
     def run_until(self, t_ns: int) -> None:
-        """Go on to this time; one already passed is no error."""
+        """Advance to this time; a time in the past raises no error."""
         while self.next_ns <= t_ns:
             self.t_ns = int(self.next_ns)
             self.next_ns += self.period_ns
@@ -292,7 +294,7 @@ class MpuEmulator:
     # self-test
 
     def _trim(self) -> None:
-        """Factory codes: XA 15, YA 16, ZA 14 and XG 17, YG 12, ZG 20, or 120 + n for the 6500's family."""
+        """Return the factory codes: XA 15, YA 16, ZA 14 and XG 17, YG 12, ZG 20, or 120 + n for the 6500 family."""
         self.codes = [120 + n for n in range(6)] if self.is_6500 else [15, 16, 14, 17, 12, 20]
         if self.is_6500:
             self.regs[0x0D:0x10] = bytes(self.codes[:3])
@@ -304,7 +306,7 @@ class MpuEmulator:
         self.regs[0x10] = (a[0] & 3) << 4 | (a[1] & 3) << 2 | (a[2] & 3)
 
     def _self_test(self) -> list[float]:
-        """What the test bits add, in m/s² and rad/s: the factory's response, `self_test_error` too strong."""
+        """Return the response of the test bits in m/s² and rad/s: the factory response times 1 + `self_test_error`."""
         accel_bits, gyro_bits = self.regs[ACCEL_CONFIG] >> 5, self.regs[GYRO_CONFIG] >> 5
         if not accel_bits | gyro_bits:
             return []
@@ -325,21 +327,21 @@ class MpuEmulator:
 
 
 class EmulatedBus:
-    """/dev/i2c-N: an adapter with the rules of the Raspberry Pi's, the devices on it, and its own faults."""
+    """/dev/i2c-N: an adapter with the rules of the Raspberry Pi, its devices, and its own faults."""
 
     def __init__(self, devices: dict[int, MpuEmulator], spend: Callable[[int], None] | None = None) -> None:
         self.devices = devices
-        self.spend = spend  # told how many ns each transfer took, by a test whose clock is not the wall's
+        self.spend = spend  # receives the ns of each transfer, for a simulated clock
         self.bus_hz = 400_000.0
-        self.timeout_ns = 1_000_000_000  # the kernel's own, until I2C_TIMEOUT
+        self.timeout_ns = 1_000_000_000  # default of the kernel, until I2C_TIMEOUT
         self.sda_low = False  # SDA held low
-        self.faults: deque[int] = deque()  # errno of the transfers to come; 0 for a good one
+        self.faults: deque[int] = deque()  # errno of the next transfers; 0 means success
         self.cut: int | None = None  # the next read ends with an error after so many bytes
         self.transfers = 0
         self.opened = 0
 
     def fail(self, code: int, times: int = 1) -> None:
-        """The next `times` transfers end with this errno: EREMOTEIO is a NACK on the Pi, EIO a clock stretched."""
+        """Let the next `times` transfers fail with this errno: EREMOTEIO is a NACK on the Pi, EIO a stretched clock."""
         self.faults.extend([code] * times)
 
     def transfer(self, address: int, messages: list[tuple[bool, bytes | int]]) -> list[bytes]:
@@ -367,7 +369,7 @@ class EmulatedBus:
         return answers
 
     def control(self, request: int, value: int) -> None:
-        """I2C_TIMEOUT in 10 ms; other requests without data are taken and do nothing."""
+        """Accept I2C_TIMEOUT in units of 10 ms; other requests without data have no effect."""
         if request == 0x0702:
             self.timeout_ns = value * 10_000_000
 

@@ -1,4 +1,4 @@
-"""`baqueano robot run` as systemd starts it: a process of its own, the firmware on a pty, an MPU-6050 on /dev/i2c-1."""
+"""`baqueano robot run` as systemd starts it: a separate process, the firmware on a pty, an MPU-6050 on /dev/i2c-1."""
 
 import errno
 import os
@@ -17,12 +17,12 @@ from tests.emulated.realtime import OnPty, on_pty
 from tests.emulated.rig import Built
 from tests.emulated.test_imu_process import Machine
 
-PATIENCE_S = 120.0  # until a service that is not ready counts as hung
+PATIENCE_S = 120.0  # timeout of the start
 CLOCK_HZ = os.sysconf("SC_CLK_TCK")
 
 
 class Running:
-    """A service that has sent READY=1 to its systemd, and its figures from the system."""
+    """A service that has sent READY=1 to systemd, and its figures from the operating system."""
 
     def __init__(self, process: Any, door: Path, file: Any, live: OnPty, messages: list[str]) -> None:
         self.process, self.door, self.file, self.live, self.notifications = (
@@ -35,7 +35,7 @@ class Running:
         self.start_s = self.cpu_s = 0.0  # until READY=1
 
     def memory_mb(self) -> dict[str, float]:
-        """VmRSS, VmHWM, VmLck of its status, Pss of its maps [MB of 10⁶ bytes]."""
+        """Return VmRSS, VmHWM and VmLck of its status and Pss of its maps [MB of 10⁶ bytes]."""
         text = Path(f"/proc/{self.process.pid}/status").read_text()
         text += Path(f"/proc/{self.process.pid}/smaps_rollup").read_text()
         lines = (line.split() for line in text.splitlines())
@@ -56,13 +56,13 @@ class Running:
         return resident
 
     def used_s(self) -> float:
-        """Processor time of all its threads until now."""
+        """Return the processor time of all threads until now."""
         words = Path(f"/proc/{self.process.pid}/stat").read_text().rpartition(")")[2].split()
         return (int(words[11]) + int(words[12])) / CLOCK_HZ
 
 
 def vehicle_of(port: str, folder: Path) -> Any:
-    """The small vehicle with its default EKF, whose Uno is at `port`."""
+    """Return the file of the small vehicle with its default EKF and the Uno at `port`."""
     path = folder / "vehicle.toml"
     text = vehicle_file.load("small").text
     path.write_text(f'{text}\n[robot]\nport = "{port}"\nimu_bus = 1\n', encoding="utf-8")

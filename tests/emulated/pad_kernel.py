@@ -10,7 +10,8 @@ BUFFER = 64  # events that wait for a reader
 
 
 class KernelDevice:
-    """One device. `axes`: code → [value, low, high, fuzz, flat, resolution]; `long_bytes` of the reading program."""
+    """One emulated device. `axes`: code → [value, low, high, fuzz, flat, resolution]; `long_bytes` of the reading
+    program."""
 
     def __init__(self, name="Emulated pad", keys=(), axes=None, long_bytes=8):
         self.name, self.keys, self.there = name, set(keys), True
@@ -19,7 +20,7 @@ class KernelDevice:
         self.down, self.waiting = set(), []
 
     def ioctl(self, request):
-        """The bytes that this call reads."""
+        """Return the bytes that this ioctl call reads."""
         number, size = request & 0xFF, request >> 16 & 0x3FFF
         if not self.there:
             raise OSError(errno.ENODEV, "No such device")
@@ -36,7 +37,7 @@ class KernelDevice:
         raise OSError(errno.EINVAL, "Invalid argument")
 
     def read(self, size):
-        """As many whole events as fit."""
+        """Return as many whole events as fit into the buffer of the caller."""
         if not self.there:
             raise OSError(errno.ENODEV, "No such device")
         if size < self.layout.size:
@@ -48,7 +49,8 @@ class KernelDevice:
         return b"".join(self.layout.pack(1, 2, *event) for event in out)
 
     def change(self, *events):
-        """Keys [1, code, value] and axes [3, code, value] change at one time; a full buffer keeps the newest alone."""
+        """Change keys [1, code, value] and axes [3, code, value] at one time; a full buffer retains only the newest
+        events."""
         for kind, code, value in events:
             if kind == KEY:
                 (self.down.add if value else self.down.discard)(code)
@@ -60,12 +62,12 @@ class KernelDevice:
             self.waiting.append(event)
 
     def unplug(self):
-        """It is gone; its file stays open."""
+        """Remove the device; its file stays open."""
         self.there = False
 
 
 def bits(numbers, size):
-    """Numbers as a field of bits."""
+    """Return numbers as a bit field."""
     out = bytearray(size)
     for n in numbers:
         if n < 8 * size:
@@ -74,19 +76,19 @@ def bits(numbers, size):
 
 
 def pad(**options):
-    """One like most: sticks of 16 bits, ten buttons."""
+    """Return a common game pad: sticks of 16 bits, ten buttons."""
     axes = {code: [0, -32768, 32767, 16, 128, 0] for code in (0, 1, 3, 4)}
     return KernelDevice(**{"name": "Emulated pad", "keys": range(0x130, 0x13B), "axes": axes} | options)
 
 
 def bare_pad(**options):
-    """One whose sticks are bytes that the kernel takes for 0 until they move."""
+    """Return a pad whose sticks are bytes; the kernel reports them as 0 until they move."""
     axes = {code: [0, 0, 255, 0, 15, 0] for code in (0, 1)}
     return KernelDevice(**{"name": "Bare pad", "keys": range(0x120, 0x12C), "axes": axes} | options)
 
 
 def keyboard():
-    """No pad."""
+    """Return a keyboard, which the driver must not select as a game pad."""
     return KernelDevice("AT keyboard", range(1, 120))
 
 
@@ -96,7 +98,7 @@ def touchpad():
 
 
 def connect(patches, devices):
-    """Until the test ends, these files (path → device) are devices."""
+    """Let these files (path → device) be devices until the end of the test."""
     import fcntl
     import os
     from pathlib import Path

@@ -1,8 +1,8 @@
 """The kernel's side of /dev/input/event* for other processes: umockdev hands their calls to emulated devices.
 
-Runs in the system's Python, which has the bindings (python3-gi), and so uses nothing of the package. Takes a JSON list
-of devices by their names in pad_kernel.py; prints the root of the test bed as one line of
-JSON, then obeys lines on its input, each a JSON list, and answers each with a line of JSON:
+Runs in the Python of the system, which has the bindings (python3-gi), so it does not use the package. Its argument is
+a JSON list of devices by their names in pad_kernel.py. It prints the root of the test bed as one line of JSON. Then it
+executes lines of its input, each a JSON list, and answers each with a line of JSON:
 
     ["change", number, [kind, code, value], …]  ["plug", number, name]  ["unplug", number]  ["quit"]
     ["waiting", number]     how many events nobody has read yet

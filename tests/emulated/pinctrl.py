@@ -1,13 +1,13 @@
-"""`pinctrl` of Raspberry Pi OS as a program meets it, on two lines with a chip that was cut off in mid-byte.
+"""An emulated `pinctrl` of Raspberry Pi OS, on two lines with a chip that was interrupted in mid-byte.
 
-Written from its source (raspberrypi/utils, pinctrl.c and gpiochip_bcm2835.c), not from what calls it: where it refuses,
-what it says, how it ends. `set` ends with 0 whatever it could not do; an output gets its function before its level; a
-BCM2837 does not tell pull and drive. The lines live in a file of JSON, named by PINCTRL_LINES:
+Written from its source (raspberrypi/utils, pinctrl.c and gpiochip_bcm2835.c), not from its callers: refusals, output
+and exit codes. `set` exits with 0 even after a failure. An output receives its function before its level. A BCM2837
+does not report pull and drive. The lines are stored in a JSON file, named by PINCTRL_LINES:
 
-    bits      what the chip sends at the clocks to come; at a 0 it holds SDA. After the last it lets go for good
+    bits      the bits that the chip sends at the next clocks; at a 0 it holds SDA. After the last it releases SDA
     scl_held  a chip holds SCL
-    fault     what this program does at some calls of a verb: "root" (refuses), "crash", "hang", "deaf" (does nothing,
-              ends well)
+    fault     the fault at some calls of a verb: "root" (refuses), "crash", "hang", "deaf" (does nothing and exits
+              with 0)
 
 A falling SCL moves the chip to its next bit; a START or STOP (SDA moves while SCL is high) ends its byte.
 """
@@ -24,7 +24,7 @@ FUNCTIONS, LEVELS, PULLS = ("ip", "op", "a0", "a1", "a2", "a3", "a4", "a5"), ("d
 
 
 def new(bits: list[int], scl_held: bool = False) -> dict:
-    """Lines as the kernel's driver leaves them."""
+    """Return the lines as the driver of the kernel leaves them."""
     return {
         "function": {"2": "a0", "3": "a0"}, "level": {"2": 0, "3": 0}, "bits": bits, "scl_held": scl_held,
         "fault": None, "clocks": 0, "calls": [], "driven_high": 0, "starts": 0, "stops": 0,
@@ -39,7 +39,7 @@ def levels(lines: dict) -> tuple[int, int]:
 
 
 def change(lines: dict, pin: str, key: str, value: object) -> None:
-    """One register is written, and the chip sees what that does to the lines."""
+    """Write one register and let the chip react to the changed lines."""
     sda, scl = levels(lines)
     lines[key][pin] = value
     lines["driven_high"] += any(lines["function"][p] == "op" and lines["level"][p] for p in ("2", "3"))
@@ -53,7 +53,7 @@ def change(lines: dict, pin: str, key: str, value: object) -> None:
 
 
 def main(lines: dict, words: list[str]) -> int:
-    """What the command does with these words; its exit code."""
+    """Run the command with these words and return its exit code."""
     verb, pins, *options = [*words, "", ""][: max(2, len(words))]
     fault, number = lines["fault"], sum(call[0] == verb for call in lines["calls"])
     if fault and fault["verb"] == verb and fault["after"] < number <= fault["after"] + fault["times"]:
@@ -74,7 +74,7 @@ def main(lines: dict, words: list[str]) -> int:
     numbers = sorted({int(n) for n in pins.split(",")} & set(GPIO))
     if verb == "get":
         for n in numbers:
-            tell(lines, n)
+            print_states(lines, n)
         return 0
     if not options or not options[0]:
         print("Need a function or pull to set")
@@ -88,8 +88,8 @@ def main(lines: dict, words: list[str]) -> int:
     return 0
 
 
-def tell(lines: dict, n: int) -> None:
-    """The line of `get`."""
+def print_states(lines: dict, n: int) -> None:
+    """Print the line of `get`."""
     function = lines["function"][str(n)]
     name = NAMES.get(function, "-")
     level = "hi" if levels(lines)[n - 2] else "lo"
@@ -100,7 +100,7 @@ def tell(lines: dict, n: int) -> None:
 
 
 def put_pin(lines: dict, pin: str, options: list[str]) -> None:
-    """Function, then level, as do_gpio_set does it; pulls are weaker than a chip and count for nothing here."""
+    """Set function, then level, as do_gpio_set does; pulls are weaker than a chip and have no effect here."""
     for option in options:
         if option in FUNCTIONS:
             change(lines, pin, "function", option)
@@ -113,7 +113,7 @@ def put_pin(lines: dict, pin: str, options: list[str]) -> None:
 
 
 class Lines:
-    """The two lines, for a test: an emulated bus is `held` as long as this is true."""
+    """The two lines, for a test: an emulated bus is `held` as long as the object is true."""
 
     def __init__(self, path: Path, bits: list[int], scl_held: bool = False) -> None:
         self.path = path
@@ -132,11 +132,11 @@ class Lines:
         os.replace(part, self.path)
 
     def put(self, **values) -> None:
-        """Changes them from outside."""
+        """Change the lines from outside."""
         self.write({**self.read(), **values})
 
     def fails(self, kind: str, verb: str = "set", after: int = 0, times: int = 1) -> None:
-        """So many calls of this verb, after so many good ones."""
+        """Let this number of calls of the verb fail after `after` good calls."""
         self.put(fault={"kind": kind, "verb": verb, "after": after, "times": times})
 
     @property
@@ -145,7 +145,7 @@ class Lines:
 
 
 def on_path(folder: Path, patches, bits: list[int], scl_held: bool = False) -> Lines:
-    """Two lines, and a `pinctrl` in front of the path that works on them."""
+    """Return two lines, and put a `pinctrl` that works on them in front of the path."""
     lines = Lines(folder / "lines.json", bits, scl_held)
     (folder / "bin").mkdir()
     program = folder / "bin" / "pinctrl"

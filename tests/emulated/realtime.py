@@ -1,8 +1,8 @@
-"""An emulated Uno in the time of the machine, behind a pty: what a program opens as /dev/ttyACM0.
+"""An emulated Uno in real time, behind a pty: a program opens it as /dev/ttyACM0.
 
-A real Uno needs no processor of the machine. This one asks for the best that the machine grants; while it is kept from
-it all the same its time stands still, so what it did in its own time holds on a machine that is busy. `lost_s` tells
-how long it stood: a host may have judged it silent for that.
+A real Uno needs no processor of this machine. The emulated Uno requests the highest priority that the machine
+permits. While the machine does not run it, its time stops. So its behaviour in its own time is correct on a busy
+machine too. `lost_s` is the duration of these stops, in which a host may have judged it silent.
 """
 
 import contextlib
@@ -20,11 +20,11 @@ from tests.emulated.rig import Built
 from tests.emulated.uno import EmulatedUno
 
 STEP_S = 0.001
-LATE_S = 0.02  # between two of its steps; what is more is lost
+LATE_S = 0.02  # longest time between two steps; more is lost
 
 
 class OnPty:
-    """One Uno, its line and the thread in which it lives. Look at `uno` under `lock` alone."""
+    """One Uno, its line and the thread in which it runs. Access `uno` only under `lock`."""
 
     def __init__(self, build: Built, **options) -> None:
         self.lost_s, self._heard_s, self._decoder = 0.0, 0.0, Decoder()
@@ -32,28 +32,28 @@ class OnPty:
         self.master, slave = pty.openpty()
         tty.setraw(slave)
         os.set_blocking(self.master, False)
-        self.path, self._slave = os.ttyname(slave), slave  # held open: a pty without one forgets
+        self.path, self._slave = os.ttyname(slave), slave  # kept open: else a pty discards data
         self._done, self._begun = threading.Event(), time.monotonic() - self.uno.t_s
         self._thread = threading.Thread(target=self._live, daemon=True)
         self._thread.start()
 
     def now_s(self) -> float:
-        """Its own time."""
+        """Return the time of the Uno."""
         with self.lock:
             return self.uno.t_s
 
     def moving(self) -> bool:
-        """Whether a motor is driven now."""
+        """Return True if a motor is driven at present."""
         with self.lock:
             return self.uno.moving
 
     def off_since(self) -> float:
-        """Seconds since both motors are off."""
+        """Return the seconds since both motors are off."""
         with self.lock:
             return self.uno.t_s - self.uno.off_since()
 
     def off_after_s(self) -> float:
-        """From the last command that the Uno was sent until its motors were off, in its own time."""
+        """Return the time from the last command sent to the Uno until its motors were off, in its own time."""
         with self.lock:
             return self.uno.off_since() - self._heard_s
 
@@ -89,7 +89,7 @@ class OnPty:
 
 @contextmanager
 def on_pty(build: Built, **options) -> Iterator[OnPty]:
-    """An Uno that lives until the end of the block."""
+    """Run an Uno until the end of the block."""
     live = OnPty(build, **options)
     try:
         yield live

@@ -1,7 +1,7 @@
-"""Builds the firmware and the emulator's shim, and speaks to the shim through ctypes.
+"""Build the firmware and the emulator library, and call the library through ctypes.
 
-Both are built once into a folder that is named after their sources, so that tests, and anything else that wants an
-emulated Uno, share them.
+Both are built once into a folder that is named after their sources. So all tests and other users of an emulated Uno
+share them.
 """
 
 import ctypes
@@ -37,7 +37,7 @@ FILES = {
 
 
 class Level(ctypes.Structure):
-    """What the motor pins did from `cycle` on."""
+    """The levels of the motor pins from `cycle` on."""
 
     _fields_: ClassVar = [
         ("cycle", c_uint64),
@@ -57,7 +57,7 @@ class Sent(ctypes.Structure):
 
 
 class Built(NamedTuple):
-    """What an emulated Uno is made of."""
+    """The files from which an emulated Uno is made."""
 
     elf: Path
     hex: Path
@@ -65,13 +65,13 @@ class Built(NamedTuple):
 
 
 def missing() -> list[str]:
-    """The Debian packages without which there is no emulated Uno."""
+    """Return the Debian packages that an emulated Uno needs and that are not installed."""
     lacking = [package for program, package in PROGRAMS.items() if not shutil.which(program)]
     return lacking + [package for path, package in FILES.items() if not Path(path).exists()]
 
 
 def digest() -> str:
-    """Of everything that is built."""
+    """Return the digest of all sources."""
     sources = [
         SHIM,
         *sorted(p for p in FIRMWARE.iterdir() if p.suffix in (".c", ".h") or p.name == "Makefile"),
@@ -86,7 +86,7 @@ def call(*command: str | Path) -> None:
 
 
 def build(cache: Path) -> Built:
-    """The firmware and the shim in a folder of `cache`; built where they are not there yet."""
+    """Build the firmware and the library in a folder of `cache`, if they are not there yet."""
     folder = cache / digest()
     if not folder.exists():
         cache.mkdir(parents=True, exist_ok=True)
@@ -104,7 +104,7 @@ def build(cache: Path) -> Built:
 
 
 def with_types(library: ctypes.CDLL) -> ctypes.CDLL:
-    """The library with the signatures of rig.c."""
+    """Return the library with the signatures of rig.c."""
     buffer = (c_void_p, c_uint32, c_char_p, c_size_t)
     signatures: dict[str, tuple[object, tuple[object, ...]]] = {
         "rig_new": (c_void_p, (c_char_p,)),

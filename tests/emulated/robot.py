@@ -1,11 +1,11 @@
-"""The whole vehicle in one time of its own: the real firmware on an emulated Uno, the real drivers, a simulated body.
+"""The whole vehicle with one simulated clock: the real firmware on an emulated Uno, the real drivers, a simulated body.
 
-Each millisecond the Uno works on, what its motor pins do goes to the motors of the body, the body moves, and the IMU's
-chip feels that. The link and the IMU's driver are those that run on the vehicle; only the wire and the bus are ours.
-Nothing takes its time from the machine, so two runs are equal bit by bit.
+In each millisecond the Uno runs, its motor pins drive the motors of the body, the body moves, and the IMU chip measures
+this. The link and the driver of the IMU are those of the vehicle; only the serial line and the bus are emulated. The
+clock of the computer has no effect, so two runs are equal bit by bit.
 
-The chip shakes by VIBRATION times the noise that the vehicle file gives its IMU, white at 1 kHz: behind the chip's
-filter of 44 Hz (noise bandwidth 69 Hz of 500) that is the file's own figure. At rest it has the chip's noise alone.
+The chip vibrates by VIBRATION times the noise of the IMU in the vehicle file, white at 1 kHz. Behind the chip filter
+of 44 Hz (noise bandwidth 69 Hz of 500) this is the noise of the file. At rest only the noise of the chip remains.
 """
 
 import tempfile
@@ -37,7 +37,7 @@ STILL_M_S, STILL_RAD_S = 0.002, 0.01
 
 
 class Patches:
-    """What pytest's monkeypatch does, for whoever is no test."""
+    """A replacement for the monkeypatch of pytest outside of tests."""
 
     def setattr(self, place: Any, name: str, value: Any) -> None:
         setattr(place, name, value)
@@ -76,15 +76,15 @@ class EmulatedRobot:
         connect(patches or Patches(), {path: self.bus})
         self._force = ((0.0, 0.0, STANDARD_GRAVITY), (0.0, 0.0, 0.0))
         settings = ImuSettings(accel_range_g=4)
-        self.imu = imu_driver.open(path, settings=settings, say=None, now_ns=self._time, sleep=self.wait)
+        self.imu = imu_driver.open(path, settings=settings, notify=None, now_ns=self._time, sleep=self.wait)
 
     def close(self) -> None:
-        """Frees the core."""
+        """Free the core."""
         self.board.close()
         self._folder.cleanup()
 
     def put_back(self) -> None:
-        """The body is at rest at the origin again."""
+        """Put the body at rest at the origin."""
         self.state = self._rest
 
     # the wire
@@ -98,11 +98,11 @@ class EmulatedRobot:
     # time
 
     def wait(self, seconds: float) -> None:
-        """Lets so much time pass."""
+        """Advance the time by this duration."""
         self.run_until(self.now_ns + round(seconds * 1e9))
 
     def run_until(self, t_ns: int) -> None:
-        """The vehicle lives until then, in whole milliseconds."""
+        """Advance to this time, in whole milliseconds."""
         while self.now_ns < t_ns:
             self.now_ns += MS
             self.board.run_until(self.now_ns * self._true_s_per_ns)
@@ -113,16 +113,16 @@ class EmulatedRobot:
             self.uno.pump()  # as the listening thread does
 
     def _at_wheels(self) -> np.ndarray:
-        """The duties (2,) of the left and the right wheel."""
+        """Return the duties (2,) of the left and the right wheel."""
         return np.array([self.board.duty(0), self.board.duty(1)])
 
     def new_truths(self) -> list[tuple[int, Motion]]:
-        """Where the body is, at each time that was marked by `seen`."""
+        """Return the pose of the body at each time that `keep_truth` stored since the last call."""
         truths, self._truths = self._truths, []
         return truths
 
     def keep_truth(self, t_ns: int) -> None:
-        """Keeps the truth of now under the time `t_ns` of a run."""
+        """Store the present truth under the time `t_ns` of a run."""
         self._truths.append((t_ns, self.motion))
 
     def _time(self) -> int:
@@ -132,7 +132,8 @@ class EmulatedRobot:
         return self._force
 
     def _shaken(self, z: np.ndarray) -> Any:
-        """Specific force and rate of the chip: what the file's IMU measures without noise, and vibration."""
+        """Return specific force and rate of the chip: the noise-free measurement of the IMU in the file, and
+        vibration."""
         x, y, w = z.tolist()
         nu = self.motion.nu
         if abs(nu[0]) > STILL_M_S or abs(nu[2]) > STILL_RAD_S:
@@ -153,11 +154,11 @@ class EmulatedWorld(Robot):
 
     @property
     def truth(self) -> Motion:
-        """The motion of the body just now."""
+        """Return the present motion of the body."""
         return self.robot.motion
 
     def ticks(self, rate_hz: float) -> Iterator[int]:
-        """The clock of a drive after the vehicle was put back; the motors are armed at its start."""
+        """Return the clock of a drive after the vehicle was put back; the motors are armed at its start."""
         self.robot.put_back()
         start = self.robot.now_ns
         self.begin(start)
@@ -171,13 +172,13 @@ class EmulatedWorld(Robot):
             k += 1
 
     def new_truths(self) -> list[tuple[int, Motion]]:
-        """Where the body is."""
+        """Return the true poses since the last call."""
         return self.robot.new_truths()
 
 
 def world_of(
     build: Built, file: Any, truth: Any = None, seed: int = 0
 ) -> tuple[EmulatedWorld, Iterator[int]]:
-    """World and clock for `drive`, of the vehicle `truth`."""
+    """Return world and clock for `drive`, with the vehicle `truth`."""
     world = EmulatedWorld(EmulatedRobot(build, file if truth is None else truth, seed), file)
     return world, world.ticks(file.rate_hz)

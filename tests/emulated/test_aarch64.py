@@ -1,6 +1,6 @@
 """The onboard service on the instruction set of a Pi 3, under qemu: it starts, is READY, and drives with its EKF.
 
-qemu is many times slower than the machine, so ticks are left out, and nothing here says how long a thing takes.
+qemu is many times slower than the machine, so ticks are skipped, and no test here checks a duration.
 """
 
 import re
@@ -10,9 +10,9 @@ import subprocess
 import numpy as np
 import pytest
 
-from baqueano.door.remote import reached
+from baqueano.door.remote import connect
 from baqueano.drive import stop_of
-from baqueano.drive.mission import Mission, packed
+from baqueano.drive.mission import Mission, pack
 from baqueano.drive.recording import CLOCK_SOURCE
 from tests.emulated import aarch64
 from tests.emulated.onboard import running
@@ -45,14 +45,14 @@ def test_the_service_is_ready_and_drives_with_its_ekf_compiled(firmware, tmp_pat
     around = aarch64.environment(backend == "c", tmp_path / "cache")
     with running(firmware, tmp_path, aarch64.python(), around) as service:
         guest_mb = service.guest_mb("qemu-aarch64")
-        with reached(str(service.door)) as remote:
+        with connect(str(service.door)) as remote:
             ready(remote)
-            mission = packed(Mission("experiment", u=np.tile([0.0, 0.0, 0.3], (200, 1))), service.file)
-            for attempt in range(ATTEMPTS):  # a slow guest may hear the Uno too late
+            mission = pack(Mission("experiment", u=np.tile([0.0, 0.0, 0.3], (200, 1))), service.file)
+            for attempt in range(ATTEMPTS):  # a slow emulated Pi may receive the Uno too late
                 run = remote.perform(mission, tmp_path / f"{attempt}.mcap")
                 if not stop_of(run):
                     break
-                remote.say(do="clear")
+                remote.send(do="clear")
                 ready(remote)
         print(
             f"READY after {service.start_s:.1f} s, {service.cpu_s:.1f} s of a processor; resident without qemu's "

@@ -25,7 +25,7 @@ from tests.emulated.drives import TEACHER, drive, during, look_around, serve, sp
 
 @pytest.fixture
 def closing(monkeypatch):
-    """`closing(act)`: calls `act` before a run is closed."""
+    """Return `closing(act)`, which lets `act` run before a run is closed."""
 
     def begin(act):
         close = RunWriter.close
@@ -36,21 +36,21 @@ def closing(monkeypatch):
 
 @pytest.fixture
 def preparing(monkeypatch):
-    """`preparing(act)`: calls `act` before the file of a mission is loaded."""
+    """Return `preparing(act)`, which lets `act` run before the file of a mission is loaded."""
 
     def begin(act):
-        load = service_module.unpacked
-        monkeypatch.setattr(service_module, "unpacked", lambda *args: (act(), load(*args))[1])
+        load = service_module.unpack
+        monkeypatch.setattr(service_module, "unpack", lambda *args: (act(), load(*args))[1])
 
     return begin
 
 
-def test_closing_a_run_longer_than_the_command_timeout_causes_no_fault(service, robot, closing):
+def test_slow_closing_of_a_run_causes_no_command_timeout_fault(service, robot, closing):
     troubles = []
     closing(lambda: (robot.wait(0.5), troubles.append(robot.uno.trouble)))
     done, run = drive(service, spin())
     assert (done["why"], troubles) == (None, [None])
-    assert not [e.text for e in run.events if "received no command" in e.text]
+    assert StopReason.UNO_DEAD_MAN not in [e.diagnostic.code for e in run.events if e.diagnostic is not None]
     look_around(service, robot, 5)
     assert (service.machine.state, service.machine.reason) == (DoorState.READY, None)
 
@@ -97,13 +97,13 @@ def test_a_latch_from_before_the_service_start_can_be_cleared(service, robot):
     assert service.machine.state is DoorState.DISARMED
     assert service.machine.reason == stop(StopReason.UNO_LATCHED, "baqueano robot clear")
     look_around(service, robot, 5)
-    assert latched(robot), "only a person takes it away"
+    assert latched(robot), "only a person may clear the latch"
     clear_after(service, robot, 3)
     assert service.machine.state is DoorState.READY
     assert not latched(robot)
 
 
-def test_an_old_clear_request_does_not_clear_a_later_latch(service, robot):
+def test_an_earlier_clear_request_does_not_clear_a_later_latch(service, robot):
     clear_after(service, robot, 2)
     robot.uno.stop()
     look_around(service, robot, 5)
@@ -133,7 +133,7 @@ def test_a_reset_in_the_last_tick_of_a_drive_is_recovered(service, robot):
 def test_a_stop_during_closing_of_the_run_is_latched(service, robot, closing):
     closing(lambda: service.operator.stop(TEACHER))
     done, run = drive(service, spin())
-    assert (done["why"], done["code"]) == (None, 0), "the drive itself went well"
+    assert (done["why"], done["code"]) == (None, 0), "the drive had no fault"
     assert run.duration_s == pytest.approx(1.0, abs=0.03)
     assert (service.machine.state, service.machine.reason) == (DoorState.STOPPED, TEACHER)
     look_around(service, robot, 3)
@@ -206,7 +206,7 @@ def test_a_failed_mission_restores_the_systemd_timeout(service, robot, preparing
 
 
 def mission_of(*settings):
-    """A short one whose vehicle file has those."""
+    """Return a short mission whose vehicle file has these settings."""
     return spin(0.3, file=vehicle_file.override(vehicle_file.load("small"), settings))
 
 
@@ -220,13 +220,13 @@ def test_hardware_settings_of_a_mission_apply_until_its_end(service, robot):
     assert (service.machine.state, service.machine.reason) == (DoorState.READY, None)
 
 
-def test_mission_settings_are_restored_after_a_disconnected_line_returns(service, robot):
+def test_vehicle_settings_are_restored_after_the_line_reconnects(service, robot):
     line = BadLine(robot)
     during(service, robot, 0.2, lambda: setattr(line, "gone", True))
     drive(service, mission_of("robot.least_battery_v=7.9"))
     end_ns = robot.now_ns
     look_around(service, robot, 3)
-    assert robot.now_ns - end_ns == pytest.approx(0.15e9), "no look waits for an answer"
+    assert robot.now_ns - end_ns == pytest.approx(0.15e9), "the service must not wait for an answer"
     line.gone = False
     clear_after(service, robot, 60)
     assert (service.machine.state, service.machine.reason) == (DoorState.READY, None)
@@ -245,8 +245,8 @@ def test_a_reset_at_rest_restores_the_limits_of_the_vehicle(robot, tmp_path):
 
 
 def test_memory_does_not_grow_at_rest(service, robot):
-    service.tell = lambda message: None
-    filters = [  # the clocks keep windows of some seconds, which are not full yet
+    service.broadcast = lambda message: None
+    filters = [  # the clock estimates store windows of seconds, which are not full yet
         tracemalloc.Filter(True, f"*/baqueano/{part}.py")
         for part in ("worlds/robot", "robot/service/service", "robot/service/health", "robot/imu/watch")
     ]
@@ -266,6 +266,6 @@ def test_memory_does_not_grow_at_rest(service, robot):
 def test_a_hardware_fault_at_rest_is_reported_once(service, robot):
     robot.chip.brown_out()
     look_around(service, robot, 60)
-    texts = [text(m["said"]) for m in service.messages if m["is"] == "event"]
-    assert len([text for text in texts if "lost its supply" in text]) == 1
+    codes = [m["said"].code for m in service.messages if m["is"] == "event"]
+    assert codes.count("imu.lost-supply") == 1
     assert service.machine.state is DoorState.READY

@@ -1,4 +1,4 @@
-"""Three bridges on the same pins, each by its own truth table, and plugs that went in the other way (R13, R14)."""
+"""Three motor bridges on the same pins, each compared with its truth table, and reversed motor plugs (R13, R14)."""
 
 import pytest
 

@@ -1,4 +1,4 @@
-"""docs/build.md: its commands set up an Uno, and their output is that of the page."""
+"""The commands of docs/build.md set up an Uno, and the page shows their output."""
 
 import re
 import shlex
@@ -16,7 +16,7 @@ PAGE = (Path(__file__).parents[2] / "docs/build.md").read_text(encoding="utf-8")
 
 
 def shape(figure):
-    """A figure without its numbers."""
+    """Return the output without its numbers."""
     return re.sub(r"[-+]?\d+(\.\d+)*", "0", figure)
 
 
@@ -43,7 +43,7 @@ def test_the_commands_of_the_build_page_configure_bridge_and_encoders(
             with pytest.raises(SystemExit) as exit_info:
                 main([*shlex.split(line, comments=True)[1:], *(["1"] if "--watch" in line else [])])
             assert exit_info.value.code == 0
-        with serial_port.connected() as uno:
+        with serial_port.open_uno() as uno:
             settings = uno.settings()
     assert (settings.driver, settings.encoders) == (Driver.TB6612, Encoders.QUADRATURE)
     assert re.search(r"battery \d+\.\d\d V, counts left 0, right 0, marks 0", capsys.readouterr().err)

@@ -21,25 +21,25 @@ from tests.emulated.pinctrl import on_path
 
 @pytest.fixture
 def lines(tmp_path, monkeypatch):
-    """`lines(bits)`: a chip on two lines."""
+    """Return `lines(bits)`, which puts a chip on the two lines."""
     monkeypatch.setattr(bus_recovery, "CALL_S", 60.0)
     monkeypatch.setattr(bus_recovery, "ALL_S", 600.0)
     return lambda bits, **options: on_path(tmp_path, monkeypatch, bits, **options)
 
 
 def hold(robot, pins):
-    """From now on each transfer lasts until the timeout that the driver set in the kernel, until the lines are free."""
+    """Let each transfer last until the timeout of the driver, until the lines are free."""
     robot.bus.sda_low = pins
     robot.bus.spend = lambda ns: robot.wait(1e-9 * ns) if ns > 1e7 else None
 
 
 def recoveries():
-    """Those that run."""
+    """Return the running recoveries."""
     return [thread for thread in threading.enumerate() if thread.name == "bus recovery"]
 
 
 def looked_on(service, robot, seconds):
-    """As the service looks while idle; a recovery takes no time of the vehicle's."""
+    """Let the service examine its hardware while idle; a recovery takes no simulated time."""
     for _ in range(round(seconds / 0.05)):
         look_around(service, robot, 1)
         for thread in recoveries():
@@ -52,7 +52,7 @@ def last_state(service):
 
 def test_rt9_a_blocked_bus_stops_the_drive_and_is_freed_at_rest(service, robot, lines):
     pins, log, early = lines([]), [], []
-    service.say = log.append
+    service.log = log.append
 
     def hangs():
         pins.put(bits=[0] * 5)
@@ -66,13 +66,14 @@ def test_rt9_a_blocked_bus_stops_the_drive_and_is_freed_at_rest(service, robot, 
     assert done["why"].code == StopReason.SENSOR_SILENT
     assert stop_of(run) == done["why"]
     assert any("low" in e.text for e in run.events if e.source == HARDWARE_SOURCE)
-    assert early == [], "no pin is touched while it drives"
+    assert early == [], "no pin may change during a drive"
 
     looked_on(service, robot, 2.0)
     (message,) = log
-    assert "in the middle of a byte: freed after 5 clocks" in message
-    assert message in [text(m["said"]) for m in service.messages if m["is"] == "event"]
-    assert text(last_state(service)["imu_bus"]) == message
+    freed = note("bus.freed", Severity.WARNING, clocks=5)
+    assert message == text(freed)
+    assert freed in [m["said"] for m in service.messages if m["is"] == "event"]
+    assert last_state(service)["imu_bus"] == freed
     assert not pins
     assert pins.read()["driven_high"] == 0
     assert not robot.imu.silent
@@ -104,11 +105,11 @@ def test_a_bus_blocked_at_rest_is_freed_automatically(service, robot, lines):
 
 def test_an_unrecoverable_bus_is_reported_once_and_retried(service, robot, lines):
     pins, log = lines([0] * 3, scl_held=True), []
-    service.say = log.append
+    service.log = log.append
     hold(robot, pins)
     looked_on(service, robot, 12.0)
     assert len([call for call in pins.read()["calls"] if call[0] == "get"]) == 2 * 3, "two looks, each 5 s"
-    assert log == ["SCL (GPIO 3) is stuck low, so clocks cannot free the bus."]
+    assert log == [text(note("bus.scl-held"))]
     state = last_state(service)
     assert state["state"] == "DISARMED"
     assert state["why"].code == StopReason.IMU_BUS_STILL_HELD
@@ -128,7 +129,7 @@ def test_a_blocked_bus_without_pinctrl_is_reported_until_free(service, robot, mo
     assert service.machine.state is DoorState.READY
 
 
-def test_the_report_of_one_bus_fault_is_not_repeated_for_the_next(service, robot, lines):
+def test_a_second_bus_fault_gets_a_new_report(service, robot, lines):
     pins = lines([0] * 9)
     hold(robot, pins)
     looked_on(service, robot, 2.0)
@@ -152,7 +153,7 @@ def test_a_bus_recovery_is_reported_until_the_next_drive(service, robot, lines):
     assert last_state(service)["imu_bus"] is None
 
 
-def test_a_bus_that_frees_itself_is_not_reported_as_blocked(service, robot, lines):
+def test_a_bus_that_recovers_without_help_is_not_reported_as_blocked(service, robot, lines):
     pins = lines([0] * 3, scl_held=True)
     hold(robot, pins)
     looked_on(service, robot, 2.0)

@@ -1,4 +1,6 @@
-"""The cable of the Uno is pulled in a drive and put back: real pyserial, its thread, the firmware behind a pty."""
+"""The cable of the Uno is disconnected in a drive and connected again: real pyserial, its thread, the firmware on a
+pty.
+"""
 
 import os
 import pty
@@ -12,7 +14,7 @@ from baqueano.diagnostics import StopReason
 from baqueano.door.operator import Operator
 from baqueano.door.states import DoorState
 from baqueano.robot.service.service import Service
-from baqueano.robot.uno.serial_port import connected
+from baqueano.robot.uno.serial_port import open_uno
 from baqueano.runs import read_run
 from tests.emulated.drives import spin
 from tests.emulated.realtime import on_pty
@@ -25,7 +27,7 @@ PATIENCE_S = 60.0
 
 @pytest.fixture
 def plugged_uno(firmware, tmp_path):
-    """(the Uno, the name by which its line is known)."""
+    """Return the Uno and the name of its serial line."""
     with on_pty(firmware) as live:
         name = tmp_path / "uno"
         name.symlink_to(live.path)
@@ -33,7 +35,7 @@ def plugged_uno(firmware, tmp_path):
 
 
 def pull(live, name):
-    """The line is gone, and its name with it."""
+    """Remove the line and its name."""
     name.unlink()
     master, slave = pty.openpty()
     tty.setraw(slave)
@@ -45,14 +47,14 @@ def pull(live, name):
 
 
 def put_back(live, name):
-    """Another device, as the system has it, by the old name; opening it resets an Uno."""
+    """Add another device under the old name, as the operating system does; opening it resets an Uno."""
     with live.lock:
         live.uno.reset()
     name.symlink_to(os.ttyname(live._slave))
 
 
 def look_until(service, well):
-    """Looks as it does while idle, until `well()`."""
+    """Let the service examine its hardware while idle, until `well()` is true."""
     end = time.monotonic() + PATIENCE_S
     while not well():
         assert time.monotonic() < end, service.machine.reason
@@ -69,7 +71,7 @@ def test_rt10_a_disconnected_line_reopens_and_drives_after_a_clear(plugged_uno, 
         "wheels",
     )
     messages, ticks, pulls = [], [], []
-    with connected(str(name)) as uno:
+    with open_uno(str(name)) as uno:
         service = Service(uno, None, file.robot, tmp_path / "runs", Operator(), messages.append)
         (tmp_path / "runs").mkdir()
         look_until(service, lambda: service.machine.state is DoorState.READY)
@@ -88,7 +90,7 @@ def test_rt10_a_disconnected_line_reopens_and_drives_after_a_clear(plugged_uno, 
         assert done["why"].code in (
             StopReason.UNO_SILENT,
             StopReason.UNO_DEAD_MAN,
-        )  # the other by a stall of this machine
+        )  # another reason may follow a stall of this machine
         assert service.machine.state is DoorState.STOPPED
         end = time.monotonic() + PATIENCE_S
         while live.moving():

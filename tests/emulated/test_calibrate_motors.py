@@ -4,12 +4,14 @@ import numpy as np
 import pytest
 
 from baqueano import vehicle_file
+from baqueano.diagnostics import StopReason
 from baqueano.errors import AnswerNo, SafetyStop
 from baqueano.robot.uno.frames import Settings, Way, Wiring
-from baqueano.robot.uno.settings import changed
+from baqueano.robot.uno.settings import apply_changes
 from baqueano.robot.workshop import calibrate_motors
-from baqueano.robot.workshop.calibrate_motors import Sweep, calibrate, fitted, ways
+from baqueano.robot.workshop.calibrate_motors import Sweep, calibrate, fit_sweep, ways
 from baqueano.robot.workshop.floor_tests import FloorTests
+from tests.codes import refused
 from tests.emulated.robot import EmulatedRobot
 
 REVERSED_L, REVERSED_R, SWAPPED = (
@@ -18,7 +20,7 @@ REVERSED_L, REVERSED_R, SWAPPED = (
 
 
 class MiswiredLink(EmulatedRobot):
-    """`plugs`: the channel that each wheel hangs on, and its sign."""
+    """A link with wrong wiring. `plugs` states the channel and the sign of each wheel."""
 
     plugs = ((0, 1.0), (1, 1.0))
 
@@ -66,7 +68,7 @@ def test_swapped_and_reversed_motors_drive_straight_after_calibration(robot, ben
     assert not robot.board.moving
     before, x, y = robot.motion.eta[2], robot.motion.eta[0], robot.motion.eta[1]
     robot.uno.arm()
-    bench.hold(0.4, 0.4, 2.0)  # another request than that of the trim
+    bench.hold(0.4, 0.4, 2.0)  # a request that differs from the trim
     went = np.array([robot.motion.eta[0] - x, robot.motion.eta[1] - y]) @ [np.cos(before), np.sin(before)]
     assert went > 0.3  # forwards
     assert abs(robot.motion.eta[2] - before) < np.radians(10.0) * went
@@ -103,7 +105,7 @@ def test_a_disconnected_motor_is_named_and_old_settings_are_restored(robot, benc
     robot.plugs = ((0, 1.0), (1, 0.0))
     before = Settings(ways=(Way(100, 900, 0),) * 4, dither_permille=20)
     robot.uno.keep(before, robot.wait)
-    with pytest.raises(AnswerNo, match="motor right, forwards: the vehicle did not turn even at full duty"):
+    with refused("calibrate.motor-does-not-turn", AnswerNo, side="right", direction="forwards"):
         calibrate(bench)
     assert robot.uno.settings(robot.wait) == before
     assert not robot.board.moving
@@ -113,23 +115,25 @@ def test_without_accelerometer_signal_the_forward_direction_is_unknown(robot, be
     motion = robot.chip.motion
     robot.chip.motion = lambda t_ns: ((0.0, 0.0, 9.80665), motion(t_ns)[1])
     bench.uno.arm()
-    with pytest.raises(
-        AnswerNo, match=r"a change of speed of 0\.\d+ m/s .* too little to distinguish ahead from back"
-    ):
+    with refused("calibrate.no-push", AnswerNo) as error_info:
         calibrate_motors._wiring(bench, lambda text: None)
+    assert 0.0 <= error_info.value.diagnostic.figures["push_m_s"] < 1.0
 
 
 def test_unknown_imu_axes_require_an_imu_calibration_first(robot, bench):
     robot.chip.motion = lambda t_ns: ((9.80665, 0.0, 0.0), (0.0, 0.0, 0.0))
     robot.wait(0.1)
-    with pytest.raises(AnswerNo, match=r"measures \(9\.\d, 0\.\d, .*calibrate imu"):
+    with refused("floor.gravity", AnswerNo) as error_info:
         calibrate(bench)
+    reason = error_info.value.diagnostic
+    assert (reason.figures["x"], reason.figures["y"]) == pytest.approx((9.8, 0.0), abs=0.5)
+    assert reason.fix == "baqueano robot calibrate imu"
 
 
-def test_a_vehicle_in_hand_is_not_driven(robot, bench):
+def test_a_vehicle_that_moves_with_motors_off_is_not_calibrated(robot, bench):
     motion = robot.chip.motion
     robot.chip.motion = lambda t_ns: (motion(t_ns)[0], (0.0, 0.0, np.sin(1e-8 * t_ns)))
-    with pytest.raises(AnswerNo, match="does not stand still with its motors off"):
+    with refused("floor.not-still", AnswerNo):
         calibrate(bench)
 
 
@@ -141,9 +145,7 @@ def test_a_hardware_failure_ends_the_calibration_with_motors_off(robot, bench, f
         robot.chip.frozen = True
     else:
         robot.board.reset()
-    with pytest.raises(
-        SafetyStop, match="the IMU does not answer" if fault == "imu" else "the Uno was reset"
-    ):
+    with refused(StopReason.IMU_SILENT if fault == "imu" else StopReason.UNO_RESET, SafetyStop):
         bench.hold(0.6, -0.6, 5.0)
     robot.wait(0.05)
     assert not robot.board.moving
@@ -160,36 +162,36 @@ def test_an_interrupted_calibration_restores_the_uno_settings(robot, bench, end_
     robot.uno.keep(MINE, robot.wait)
     texts = []
 
-    def say(text):
+    def notify(text):
         texts.append(text)
-        if text.startswith("which motor"):
+        if len(texts) == 1:  # during the identification of the motors
             if end_by == "ctrl-c":
                 raise KeyboardInterrupt
             robot.board.reset() if end_by == "uno" else setattr(robot.chip, "frozen", True)
 
     with pytest.raises(KeyboardInterrupt if end_by == "ctrl-c" else SafetyStop):
-        calibrate(bench, say)
+        calibrate(bench, notify)
     assert robot.uno.settings(robot.wait) == MINE
     assert texts[-1] == "the Uno keeps its old settings"
     assert not robot.board.moving
 
 
-def test_a_disconnected_uno_is_reported_as_half_calibrated_with_a_remedy(robot, bench):
+def test_disconnecting_the_uno_during_calibration_is_reported_with_a_remedy(robot, bench):
     robot.uno.keep(MINE, robot.wait)
     texts, line = [], (robot.write, robot.read)
 
     def unplug(data=b""):
         raise OSError(5, "Input/output error")
 
-    def say(text):
+    def notify(text):
         texts.append(text)
-        if text.startswith("which motor"):
+        if len(texts) == 1:  # during the identification of the motors
             robot.write = robot.read = unplug
 
-    with pytest.raises(SafetyStop, match="the Uno does not answer: is its cable plugged in"):
-        calibrate(bench, say)
+    with refused(StopReason.UNO_ABSENT, SafetyStop):
+        calibrate(bench, notify)
     assert not robot.board.moving
-    assert "keeps settings of a calibration that was not finished" in texts[-1]
+    assert "keeps those of an unfinished calibration" in texts[-1]
     robot.write, robot.read = line
     assert robot.uno.settings(robot.wait) != MINE
     words = texts[-1].partition("baqueano robot settings --defaults ")[2].split()
@@ -197,7 +199,7 @@ def test_a_disconnected_uno_is_reported_as_half_calibrated_with_a_remedy(robot, 
     for word in words:
         name, _, text = word.removeprefix("--").partition("=")
         expected.setdefault(name, []).append(text)
-    assert changed(Settings(), expected) == MINE
+    assert apply_changes(Settings(), expected) == MINE
 
 
 def test_calibrated_slopes_equalise_the_wheels_to_the_weakest_wheel():
@@ -215,25 +217,24 @@ def test_calibrated_slopes_equalise_the_wheels_to_the_weakest_wheel():
 
 
 def test_a_sweep_without_motion_is_reported():
-    with pytest.raises(AnswerNo, match="left forwards: of 8 duties from 30% to 70% only 1 turned the wheel"):
-        fitted(0.4, np.linspace(0.7, 0.3, 8), np.array([3.0, 0, 0, 0, 0, 0, 0, 0]), "left forwards")
+    bounds = {"low": pytest.approx(0.3), "high": pytest.approx(0.7)}
+    with refused("calibrate.few-duties", AnswerNo, name="left forwards", duties=8, moved=1, **bounds):
+        fit_sweep(0.4, np.linspace(0.7, 0.3, 8), np.array([3.0, 0, 0, 0, 0, 0, 0, 0]), "left forwards")
 
 
 def test_a_dead_zone_too_large_for_the_firmware_is_reported():
     duties = np.linspace(1.0, 0.8, 8)
-    with pytest.raises(
-        AnswerNo, match="does not turn below a duty of 75%, and the firmware compensates 70 %"
-    ):
-        fitted(0.8, duties, 5.0 * (duties - 0.75), "right backwards")
+    with refused("calibrate.dead-zone", AnswerNo, name="right backwards", dead_zone=pytest.approx(0.75)):
+        fit_sweep(0.8, duties, 5.0 * (duties - 0.75), "right backwards")
 
 
-def test_a_vehicle_that_drives_crooked_gets_a_list_of_causes():
+def test_possible_causes_are_listed_if_a_vehicle_does_not_drive_straight():
     settings = Settings(ways=(Way(300, 700, 0),) * 4)
     motors = calibrate_motors.Motors(
         settings, (Sweep(0.5, 0.3, 5.0, 0.001),) * 4, (0.2, 0.0), (0.08, 0.01), (9.0, 1.0), (1.5, -0.2)
     )
     assert motors.verdict == "CROOKED"
-    assert "does one slip, or rub" in motors.table()
-    assert "(before the trim +20.0%); by the gyro +1.5° off after 1.5 s" in motors.table()
+    assert "does a wheel slip or rub" in motors.table()
+    assert "(before the trim +20.0%); heading error by the gyro +1.5° after 1.5 s" in motors.table()
     assert motors.rows()[0]["wheels_differ"] == (0.08, 0.01)
     assert calibrate_motors.Motors.of(motors.rows()).table() == motors.table()

@@ -8,7 +8,7 @@ import pytest
 
 from baqueano import vehicle_file
 from baqueano.door.states import DoorState
-from baqueano.drive.mission import Mission, packed
+from baqueano.drive.mission import Mission, pack
 from baqueano.guides import shapes
 from baqueano.runs.container import writer
 from tests.emulated.drives import drive, serve, spin
@@ -20,7 +20,8 @@ WHEELS = (
 
 
 class Stamps:
-    """At each tick of a drive: the error [ms] of the newest telemetry's stamp, in the time of the host, and of ε."""
+    """Record at each tick the error [ms] of the newest telemetry timestamp, in the time of the host, and the error
+    of ε."""
 
     def __init__(self, service, robot, ppm, host_ppm, room):
         self.service, self.robot = service, robot
@@ -38,7 +39,7 @@ class Stamps:
         self.n += 1
 
     def after(self, s, rate_hz):
-        """Greatest |error| of stamps [ms] and of ε from `s` on."""
+        """Return the largest |error| of timestamps [ms] and of ε from `s` on."""
         begin = round(s * rate_hz)
         return np.max(np.abs(self.late_ms[begin : self.n])), np.max(np.abs(self.skew_error[begin : self.n]))
 
@@ -58,7 +59,7 @@ def test_a_circle_is_repeated_with_correct_timestamps_despite_clock_errors(
     robot.wait(0.1)
     service = serve(robot, file, tmp_path)
     stamps = Stamps(service, robot, ppm, host_ppm, 2000)
-    done, run = drive(service, packed(Mission("repeat", route=shapes.circle(0.4, 0.25)), file))
+    done, run = drive(service, pack(Mission("repeat", route=shapes.circle(0.4, 0.25)), file))
     robot.close()
     assert done["why"] is None
     gap = run.estimate.eta[:, :2] - run.reference.eta[:, :2]
@@ -69,7 +70,7 @@ def test_a_circle_is_repeated_with_correct_timestamps_despite_clock_errors(
 
 
 class Bare(EmulatedRobot):
-    """Neither body nor IMU, and a look at the line each 2 ms: 20 times as fast as time."""
+    """A vehicle without body and IMU that reads the line every 2 ms; it runs 20 times faster than real time."""
 
     def run_until(self, t_ns):
         while self.now_ns < t_ns:
@@ -79,7 +80,7 @@ class Bare(EmulatedRobot):
 
 
 def test_rt18_memory_does_not_grow_in_five_minutes_with_a_fast_clock(firmware, monkeypatch, tmp_path):
-    monkeypatch.setattr(writer, "SYNC_S", 1e9)  # a chunk each 256 kB, not each half second of this machine
+    monkeypatch.setattr(writer, "SYNC_S", 1e9)  # a chunk every 256 kB instead of every half second
     head, rest = vehicle_file.load("small").text.split("[sensors.imu]")
     text = (head + WHEELS + rest.split("[estimator]")[1]).replace("rate_hz = 100.0\n", "rate_hz = 50.0\n", 1)
     file = vehicle_file.parse(text + "\n[robot]\ncounts_per_turn = 576.0\ntelemetry_hz = 50\n", "wheels")

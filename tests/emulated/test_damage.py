@@ -1,4 +1,6 @@
-"""Damaged frames move no motor: a million on the firmware's own code on a host, a noisy line on the binary (R18)."""
+"""Damaged frames move no motor: a million frames on the firmware code on a host, and a noisy line on the binary
+(R18).
+"""
 
 import json
 import os
@@ -19,7 +21,7 @@ SANITIZED = ("-fsanitize=address,undefined", "-fno-sanitize-recover=all")
 
 @pytest.fixture(scope="module")
 def host_firmware(tmp_path_factory) -> Path:
-    """The firmware but for board.c and main.c, as a program of this machine."""
+    """Return the firmware without board.c and main.c, as a program of this machine."""
     program = tmp_path_factory.mktemp("host") / "host_firmware"
     sources = [p for p in FIRMWARE.glob("*.c") if p.name not in ("board.c", "main.c")]
     warnings = ("-Wall", "-Wextra", "-Wno-address-of-packed-member")  # laid out so that each is aligned
@@ -56,12 +58,12 @@ def test_r18_fw4_a_million_damaged_frames_move_no_motor(host_firmware):
 
 
 def long_run(damages: int) -> bool:
-    """`LONG=1 make test-emulated`: as many as a minute of processor time allows."""
+    """`LONG=1 make test-emulated`: as many frames as a minute of processor time permits."""
     return time.process_time() > 60 and damages % 100 == 0 and not print(f"{damages} damaged frames")
 
 
 def noisy(chance: random.Random, wire: bytes, share: float) -> bytes:
-    """Each byte is another one with that probability."""
+    """Return the bytes, each replaced by another byte with this probability."""
     return bytes(chance.randrange(256) if chance.random() < share else byte for byte in wire)
 
 
@@ -87,7 +89,7 @@ def test_r18_damaged_commands_move_nothing_and_are_counted(uno):
     assert (uno.info().bad_crc - before) & 0xFFFF >= min(damages, 3000)  # counts mod 65 536
     uno.seq = seq
     uno.hold(900, -900, 0.1)
-    assert uno.duty(0) == pytest.approx(0.9), "what is right is still obeyed"
+    assert uno.duty(0) == pytest.approx(0.9), "valid commands are still executed"
 
 
 def test_r18_noise_alone_moves_no_motor_and_telemetry_continues(uno):
@@ -118,7 +120,8 @@ def test_r18_fw6_noise_before_a_frame_does_not_lose_the_frame(uno):
 
 
 def test_r18_the_vehicle_drives_with_5_percent_of_bytes_damaged(uno):
-    """A command of 16 bytes arrives whole with 0.95¹⁶ = 44 %: at 100 Hz the dead-man has 30 of them to wait for."""
+    """A command of 16 bytes arrives undamaged with 0.95¹⁶ = 44 %. At 100 Hz, 30 commands fall within the command
+    timeout."""
     chance = random.Random(11)
     uno.arm()
     uno.keep(500, 500, 0.1)

@@ -1,4 +1,4 @@
-"""`baqueano robot doctor` looks at the real firmware over the real serial driver, and at an IMU through its driver."""
+"""`baqueano robot doctor` checks the real firmware over the real serial driver, and an IMU through its driver."""
 
 import re
 from copy import copy
@@ -33,20 +33,20 @@ def by_name(checks):
 
 
 def counts_of(check):
-    """Numbers of the frames to the Uno: sent, damaged, not obeyed, bytes lost, damaged earlier."""
+    """Return the numbers of frames to the Uno: sent, damaged, not executed, bytes lost, damaged earlier."""
     return [int(n) for n in re.findall(r"(?<![\d.])\d+(?![\d.])", check.figure)]
 
 
 def test_the_doctor_reports_the_figures_of_an_uno(firmware):
     with on_pty(firmware) as live:
-        for _ in range(5):  # a machine that stalls loses frames, too
+        for _ in range(5):  # a stalled machine also loses frames
             checks = by_name(uno_checks.uno(live.path, 6.6, seconds=0.5))
             if checks["frames"].verdict == checks["frames to the Uno"].verdict == "ok":
                 break
     assert checks["serial line"].figure == live.path
     assert checks["firmware"].verdict == "ok"
     assert "ms, at most" in checks["link round trip"].figure
-    assert " came, 0 lost, 0 damaged" in checks["frames"].figure
+    assert " received, 0 lost, 0 damaged" in checks["frames"].figure
     count_sent, *rest = counts_of(checks["frames to the Uno"])
     assert count_sent >= 50, "half a second of commands"
     assert rest == [0, 0, 0, 0]
@@ -63,8 +63,8 @@ def test_an_uno_with_little_free_memory_is_reported(robot):
     assert "robot flash" in check.remedy
 
 
-def test_an_uno_without_a_reset_accepts_a_second_check(firmware):
-    """Its number of the last command is not that of a host that begins at 0."""
+def test_a_second_check_without_an_uno_reset_counts_no_bad_frames(firmware):
+    """The last sequence number of the Uno differs from the 0 with which the host begins."""
     with on_pty(firmware) as live:
         for _ in range(5):
             list(uno_checks.uno(live.path, 0.0, seconds=0.6))
@@ -107,7 +107,7 @@ def test_a_line_that_loses_frames_is_reported(robot):
 
 
 def looked_at(robot, seconds=2.0):
-    """The checks of the doctor on the Uno after this many seconds of commands."""
+    """Return the checks of the doctor on the Uno after this many seconds of commands."""
     before = copy(robot.uno.statistics)
     uno_checks.send_commands(robot.uno, seconds, robot.wait)
     return by_name(uno_checks.answers(robot.uno, 0.0, before, robot.wait))
@@ -121,19 +121,19 @@ def test_frames_damaged_on_the_way_to_the_uno_are_reported(robot):
     assert count_sent >= 800
     assert count_damaged / count_sent == pytest.approx(0.016, abs=0.008)  # 1 - 0.999¹⁶
     assert 0 <= robot.board.info().bad_crc - bad_before - count_damaged <= 1, (
-        "the last may be in no telemetry yet"
+        "telemetry may not contain the last command yet"
     )
     assert rest == [0, 0, 0]
     assert f"({100 * count_damaged / count_sent:.1f} %)" in check.figure
     assert check.verdict == "warn"
     assert "100 nF" in check.remedy
-    robot.uno.ask(AskInfo(), Info, robot.wait)
+    robot.uno.request(AskInfo(), Info, robot.wait)
     assert counts_of(looked_at(robot, 0.1)["frames to the Uno"])[-1] >= count_damaged, (
-        "those are of earlier now"
+        "these counts now belong to an earlier check"
     )
 
 
-def test_damaged_frames_are_counted_beyond_one_byte(robot):
+def test_the_count_of_damaged_frames_may_exceed_255(robot):
     write_line = robot.write
     robot.write = lambda data: write_line(data[:5] + bytes([data[5] ^ 1]) + data[6:])
     uno_checks.send_commands(robot.uno, 4.0, robot.wait)
@@ -168,24 +168,24 @@ def test_the_cause_of_the_last_uno_start_is_reported_with_a_remedy(robot, accide
     assert remedy in check.remedy
 
 
-def test_an_uno_without_identity_is_a_bad_check(robot):
+def test_a_missing_identity_of_the_uno_fails_the_check(robot):
     robot.uno.info = None
     (check,) = uno_checks.answers(robot.uno, 0.0, Statistics(), robot.wait)
     assert check.verdict == "bad"
 
 
-def test_the_reported_imu_figures_are_those_of_the_chip(on_bus):
+def test_the_reported_imu_figures_match_the_chip(on_bus):
     checks = by_name(doctor.imu_checks(on_bus.imu, on_bus.wait))
     assert "MPU-6050" in checks["IMU"].figure
     assert checks["IMU bus"][1:3] == ("ok", "14 bytes in 0.38 ms: 408 kHz or more")
     assert checks["IMU rate"].verdict == "ok"
     assert checks["IMU noise"].verdict == "ok"
     assert checks["IMU self-test"][1:3] == (
-        "ok", "6 of 6 axes answer as at the factory, which says nothing of 0"
+        "ok", "6 of 6 axes respond as in the factory, which did not store a code for 0"
     )  # fmt: skip
     assert "IMU scale" not in checks
     on_bus.chip.self_test_error = -0.3
-    weak = doctor.tested(on_bus.imu, on_bus.wait)
+    weak = doctor.self_test_check(on_bus.imu, on_bus.wait)
     assert weak.verdict == "warn"
     assert "0 of 6 axes" in weak.figure
     assert "gyro z" in weak.figure
@@ -233,7 +233,7 @@ def test_a_moving_or_silent_imu_and_a_wrong_scale_are_reported(on_bus):
     assert by_name(doctor.imu_checks(on_bus.imu, on_bus.wait, 0.1))["IMU rate"].figure == "no sample in 0.1 s"
 
 
-def test_a_missing_imu_is_bad_only_on_a_pi(tmp_path):
+def test_a_missing_imu_fails_the_check_only_on_a_raspberry_pi(tmp_path):
     hardware = vehicle_file.load("small").robot
     (laptop,) = doctor.imu(hardware, tmp_path)
     assert laptop[:3] == (

@@ -10,25 +10,25 @@ from baqueano import vehicle_file
 from baqueano.diagnostics import StopReason, stop
 from baqueano.door.sockets import Door
 from baqueano.door.states import DoorState
-from baqueano.drive.mission import Mission, packed
+from baqueano.drive.mission import Mission, pack
 from baqueano.guides import shapes
 from baqueano.robot.service.service import HANGING_S, PREPARING_S
 from tests.emulated.drives import drive, during, look_around, spin
 
-PATIENCE_S = 60.0  # until what does not come counts as hung
+PATIENCE_S = 60.0  # timeout of the test
 
 
 @pytest.fixture
 def door(service, tmp_path):
     """The door of the service."""
-    door, tell = Door(tmp_path / "door", service.operator, service.folder), service.tell
-    service.tell = lambda message: (door.tell(message), tell(message))
+    door, broadcast = Door(tmp_path / "door", service.operator, service.folder), service.broadcast
+    service.broadcast = lambda message: (door.broadcast(message), broadcast(message))
     yield door
     door.close()
 
 
 def answer_to(door, do):
-    """What the door answers."""
+    """Send a message and return the answer of the door."""
     with socket.socket(socket.AF_UNIX) as line:
         line.settimeout(PATIENCE_S)
         line.connect(str(door.path))
@@ -57,7 +57,7 @@ def test_a_stop_during_preparation_of_a_mission_prevents_motion(service, robot, 
     mission = Mission(
         "repeat", route=shapes.circle(0.4, 0.25), blocks={"controller": "slow.py:PdFeedforward"}
     )
-    done, run = drive(service, packed(mission, vehicle_file.load("small")))
+    done, run = drive(service, pack(mission, vehicle_file.load("small")))
     assert messages[0]["state"] == DoorState.MISSION
     assert messages[1] == {"is": "heard", "do": "stop"}
     assert done["why"] == stop(StopReason.STOPPED_BY, words="it nears the stairs")
@@ -89,4 +89,4 @@ def test_a_run_is_listed_only_after_it_is_complete(service, robot, door):
     assert [m["is"] for m in service.messages][-2:] == [
         "state",
         "done",
-    ]  # a client that fetches it then finds it
+    ]  # a client can fetch the run then

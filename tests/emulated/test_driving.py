@@ -1,4 +1,6 @@
-"""A person drives the real firmware through the service, all in one time: the stop after the terminal disappears."""
+"""A person drives the real firmware through the service, all on one simulated clock: the stop after the terminal
+disappears.
+"""
 
 import numpy as np
 import pytest
@@ -9,7 +11,7 @@ from baqueano.door.operator import Operator
 from baqueano.door.states import DoorState
 from baqueano.drive.by_hand.cockpit import Cockpit
 from baqueano.drive.by_hand.key_hold import FIRST_S
-from baqueano.drive.mission import Mission, packed
+from baqueano.drive.mission import Mission, pack
 from baqueano.drive.session import marks_of
 from baqueano.robot.service.service import Service
 from baqueano.runs import read_run
@@ -20,7 +22,7 @@ HAND_NS = 20_000_000  # between set-points, as door/remote.py sends them
 
 
 class Driver:
-    """A cockpit, and the door between it and the service, in the time of the vehicle."""
+    """A cockpit, and the door between the cockpit and the service, on the clock of the vehicle."""
 
     def __init__(self, robot, service, terminal, **options):
         self.robot, self.service, self.terminal = robot, service, terminal
@@ -48,7 +50,7 @@ class Driver:
         if now_ns - self.said_ns >= HAND_NS:
             self.said_ns = now_ns
             try:
-                self.service.operator.want(self, self.cockpit())
+                self.service.operator.set_command(self, self.cockpit())
             except KeyboardInterrupt:
                 self.service.operator.end(self)
             for word in self.cockpit.words():
@@ -58,12 +60,12 @@ class Driver:
                     self.service.operator.stop(word["why"])
 
     def drives(self, *script):
-        """The run of a drive in which these things are done at their times [s]."""
+        """Return the run of a drive in which these actions happen at their times [s]."""
         self.script = sorted(script, key=lambda step: step[0])
         self.service.operator.hold(self)
         self.service.healthy = self.each_tick
         with self.cockpit:
-            self.service.take(packed(Mission("teach"), vehicle_file.load("small")), True)
+            self.service.take(pack(Mission("teach"), vehicle_file.load("small")), True)
         done = [m for m in self.service.messages if m["is"] == "done"][-1]
         return done, read_run(self.service.folder / done["run"])
 

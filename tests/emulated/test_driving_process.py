@@ -5,7 +5,7 @@ import time
 
 import pytest
 
-from baqueano.door.remote import reached
+from baqueano.door.remote import connect
 from baqueano.drive.by_hand.terminal_heartbeat import GONE_S
 from baqueano.drive.session import marks_of
 from baqueano.runs import read_run
@@ -25,14 +25,14 @@ from tests.emulated.test_processes import (  # noqa: F401
 
 @pytest.fixture
 def screens(service, vehicle, live, tmp_path):  # noqa: F811
-    """`screens()`: the terminal of a drive, 0.mcap, 1.mcap …, whose key W moves the motors."""
+    """Return `screens()`, the terminal of a drive, 0.mcap, 1.mcap …, whose key W moves the motors."""
     _, door = service
     terminals = []
 
     def opens():
         end = time.monotonic() + 3.0 * PATIENCE_S
         while True:
-            with reached(str(door)) as remote:
+            with connect(str(door)) as remote:
                 ready(remote)
             screen = Terminal(
                 tmp_path, "drive", "--robot", str(door), "--vehicle", str(vehicle.path), "--share", "0.9", "-o",

@@ -14,7 +14,7 @@ from tests.emulated.robot import world_of
 
 @pytest.fixture(scope="module")
 def fitted_file(firmware):
-    """The vehicle file that 40 s of commands and IMU give."""
+    """Return the vehicle file identified from 40 s of commands and IMU data."""
     file = vehicle_file.load("small")
     u = excitation("random_steps", file.command.limit, 40.0, file.rate_hz, 3)
     world, ticking = world_of(firmware, file)

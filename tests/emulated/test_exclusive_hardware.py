@@ -16,9 +16,9 @@ from baqueano.robot.imu import driver as imu
 from baqueano.robot.imu.settings import ImuSettings
 from baqueano.robot.uno.frames import Settings as Kept
 from baqueano.robot.uno.frames import Way
-from baqueano.robot.uno.serial_port import connected
+from baqueano.robot.uno.serial_port import open_uno
 from baqueano.robot.workshop import doctor
-from baqueano.robot.workshop.exclusive_hardware import opened
+from baqueano.robot.workshop.exclusive_hardware import open_hardware
 from tests.emulated.hand import OnBus
 from tests.emulated.realtime import on_pty
 
@@ -31,14 +31,14 @@ def test_uno_and_imu_are_opened_from_the_vehicle_file_and_closed(firmware, monke
         def close(self):
             calls.append("closed")
 
-    def chip(bus, *, address, settings, say):
+    def chip(bus, *, address, settings, notify):
         calls.append((bus, address, settings.axes, settings.accel_range_g))
         return Chip()
 
     monkeypatch.setattr(imu, "open", chip)
     with on_pty(firmware) as live:
         hardware = replace(vehicle_file.load("small").robot, port=live.path, imu_axes=("-y", "x", "z"))
-        with opened(hardware, print, in_chip_axes=in_chip_axes) as bench:
+        with open_hardware(hardware, print, in_chip_axes=in_chip_axes) as bench:
             assert bench.uno.info.protocol == 1
             assert bench.uno.settings().driver == 1
         assert not live.moving()
@@ -46,14 +46,14 @@ def test_uno_and_imu_are_opened_from_the_vehicle_file_and_closed(firmware, monke
 
 
 def test_service_calibration_and_doctor_open_the_same_imu(tmp_path, monkeypatch):
-    """With the range and the filter that are driven, though they be others than the driver begins with."""
+    """Range and filter are those of the drive, although the driver has other defaults."""
     hardware = replace(
         vehicle_file.load("small").robot, imu_bus=7.0, imu_address=105.0, imu_axes=("-y", "x", "z"),
         imu_accel_range_g=16.0, imu_gyro_range_dps=500.0, imu_filter=5.0,
     )  # fmt: skip
     calls = []
 
-    def chip(bus, *, address, settings, say):
+    def chip(bus, *, address, settings, notify):
         calls.append((bus, address, settings))
         raise RobotUnreachable("it is only looked at")
 
@@ -63,7 +63,7 @@ def test_service_calibration_and_doctor_open_the_same_imu(tmp_path, monkeypatch)
     (check,) = doctor.imu(hardware, tmp_path)
     assert check.remedy == "it is only looked at"
     with pytest.raises(RobotUnreachable):
-        opened(hardware, print, motors=False).__enter__()
+        open_hardware(hardware, print, motors=False).__enter__()
     with pytest.raises(RobotUnreachable):
         imu.of(hardware, print)
     settings = ImuSettings(filter=5, accel_range_g=16, gyro_range_dps=500, axes=("-y", "x", "z"))
@@ -71,11 +71,11 @@ def test_service_calibration_and_doctor_open_the_same_imu(tmp_path, monkeypatch)
 
 
 def test_calibrated_axes_rotate_the_samples_into_the_vehicle_frame(tmp_path, monkeypatch):
-    """What `calibrate imu` writes is what the driver takes."""
+    """The driver uses the axes that `calibrate imu` writes."""
     bus = OnBus(tmp_path, monkeypatch)
     bus.chip.motion = lambda t_ns: ((0.0, -1.0, 9.8), (0.0, 0.0, 0.3))
     turned_imu = imu.open(
-        str(tmp_path / "i2c-1"), settings=ImuSettings(axes=("-y", "x", "z")), say=None,
+        str(tmp_path / "i2c-1"), settings=ImuSettings(axes=("-y", "x", "z")), notify=None,
         now_ns=lambda: bus.now_ns, sleep=bus.wait,
     )  # fmt: skip
     bus.wait(0.1)
@@ -85,7 +85,7 @@ def test_calibrated_axes_rotate_the_samples_into_the_vehicle_frame(tmp_path, mon
 
 
 class Calibrating:
-    """`calibrate motors` as a process that drives a motor, with signs of life from here, as ssh brings them."""
+    """`calibrate motors` as a process that drives a motor, with heartbeats from this test, as over ssh."""
 
     def __init__(self, live):
         self.over = threading.Event()
@@ -116,10 +116,10 @@ class Calibrating:
 
 
 @pytest.mark.parametrize("end_by", ["ssh ends", "Wi-Fi ends", signal.SIGHUP, signal.SIGTERM], ids=str)
-def test_an_abandoned_motor_calibration_stops_and_restores_the_settings(firmware, end_by):
+def test_an_abandoned_motor_calibration_stops_motors_and_restores_settings(firmware, end_by):
     settings = Kept(ways=(Way(110, 900, 50), Way(120, 800, 60)) * 2, dither_permille=33)
     with on_pty(firmware) as live:
-        with connected(live.path) as uno:
+        with open_uno(live.path) as uno:
             uno.keep(settings)
         work = Calibrating(live)
         try:
@@ -134,6 +134,6 @@ def test_an_abandoned_motor_calibration_stops_and_restores_the_settings(firmware
             work.close()
         assert not live.moving()
         assert "the Uno keeps its old settings" in output
-        assert ("the connection to the user is gone" in output) == (end_by in ("ssh ends", "Wi-Fi ends"))
-        with connected(live.path) as uno:
+        assert ("the connection to the user was lost" in output) == (end_by in ("ssh ends", "Wi-Fi ends"))
+        with open_uno(live.path) as uno:
             assert uno.settings() == settings

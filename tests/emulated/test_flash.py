@@ -12,7 +12,7 @@ from tests.emulated.uno import hex_chunks
 
 
 def reset_when_opened(live: OnPty) -> None:
-    """Opening the port pulls DTR, and that resets an Uno; a pty has no such line, so its first byte does."""
+    """Opening the port pulls DTR, which resets an Uno. A pty has no DTR, so its first byte causes the reset."""
     take = live.uno.write
 
     def first(data: bytes) -> float:
@@ -24,7 +24,7 @@ def reset_when_opened(live: OnPty) -> None:
 
 
 def first_state(path: str, seconds: float) -> State | None:
-    """Telemetry from the port, waited for so long."""
+    """Return telemetry from the port, or fail after this time."""
     port, decoder, end = os.open(path, os.O_RDONLY | os.O_NOCTTY), Decoder(), time.monotonic() + seconds
     try:
         while time.monotonic() < end:

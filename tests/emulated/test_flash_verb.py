@@ -6,7 +6,8 @@ import pytest
 
 from baqueano.errors import FileError, RobotUnreachable, UsageError
 from baqueano.robot.uno import flash as module
-from baqueano.robot.uno.flash import flash, program, shipped
+from baqueano.robot.uno.flash import flash, packaged_firmware, program
+from tests.codes import refused
 from tests.emulated.realtime import on_pty
 from tests.emulated.test_flash import reset_when_opened
 from tests.emulated.uno import hex_chunks
@@ -22,15 +23,15 @@ def test_su3_the_packaged_firmware_equals_the_build_of_its_sources(firmware):
         pytest.skip(
             f"avr-gcc {version} makes other bytes than {COMPILER}, with which the package's firmware is made"
         )
-    assert shipped().read_bytes() == firmware.hex.read_bytes(), "type: make firmware"
+    assert packaged_firmware().read_bytes() == firmware.hex.read_bytes(), "type: make firmware"
 
 
 def test_r28_the_flash_command_writes_the_firmware_and_prints_its_version(firmware, optiboot):
     texts = []
     with on_pty(firmware, boot_loader=optiboot, flashed=False) as live:
         reset_when_opened(live)
-        done = flash(live.path, say=texts.append)
-        program_written = program(shipped())
+        done = flash(live.path, notify=texts.append)
+        program_written = program(packaged_firmware())
         with live.lock:
             assert live.uno.flash(0, len(program_written)) == program_written
     assert done.bytes == len(program_written)
@@ -48,7 +49,7 @@ def test_a_hex_file_is_decoded_like_in_the_emulator(firmware):
 def test_a_line_without_a_boot_loader_is_reported(firmware, optiboot):
     with (
         on_pty(firmware) as live,
-        pytest.raises(RobotUnreachable, match=r"avrdude could not write it: .*own boot-loader"),
+        refused("flash.failed", RobotUnreachable, where=live.path),
     ):
         flash(live.path)
 
@@ -59,28 +60,28 @@ def test_a_hanging_avrdude_is_ended(monkeypatch, tmp_path):
     slow.chmod(0o755)
     monkeypatch.setenv("PATH", f"{tmp_path}:/usr/bin:/bin")
     monkeypatch.setattr(module, "SECONDS", 0.2)
-    with pytest.raises(RobotUnreachable, match=r"avrdude was not done after 0\.2 s"):
+    with refused("flash.too-slow", RobotUnreachable, where="/dev/null", within_s=0.2):
         flash("/dev/null")
 
 
 def test_a_missing_avrdude_is_reported_with_the_install_command(monkeypatch, tmp_path):
     monkeypatch.setenv("PATH", str(tmp_path))
-    with pytest.raises(UsageError, match="sudo apt-get install avrdude"):
+    with refused("flash.no-avrdude", UsageError):
         flash("/dev/null")
 
 
 @pytest.mark.parametrize(
-    ("text", "match"),
+    ("text", "code", "figures"),
     [
-        (":10000000FFFF", "line 1 is damaged, or is not from an Intel hex file"),
-        (":", "line 1 is damaged, or is not from an Intel hex file"),
-        (":00000001FF\n:00", "line 2 is damaged, or is not from an Intel hex file"),
-        ("hello", "cannot be read as an Intel hex file"),
-        (":00000001FF", "holds 0 bytes: expected 1 to 32256"),
+        (":10000000FFFF", "flash.bad-line", {"line": 1}),
+        (":", "flash.bad-line", {"line": 1}),
+        (":00000001FF\n:00", "flash.bad-line", {"line": 2}),
+        ("hello", "flash.not-hex", {}),
+        (":00000001FF", "flash.size", {"bytes": 0, "most_bytes": 32256}),
     ],
 )
-def test_a_file_that_is_not_a_firmware_is_refused(tmp_path, text, match):
+def test_a_file_that_is_not_a_firmware_is_refused(tmp_path, text, code, figures):
     path = tmp_path / "mine.hex"
     path.write_text(text)
-    with pytest.raises(FileError, match=match):
+    with refused(code, FileError, path=str(path), **figures):
         flash("/dev/null", path)

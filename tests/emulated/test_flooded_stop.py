@@ -1,6 +1,6 @@
 """A STOP among five guests that flood the onboard service, until the motors of the emulated Uno are off.
 
-Quiet and flooded in turn, in the time of the Uno: a stall of the machine slows both.
+Quiet and flooded rounds alternate, in the time of the Uno: a stall of the machine slows both.
 """
 
 import sys
@@ -11,8 +11,8 @@ import numpy as np
 import pytest
 
 from baqueano.door import VERSION
-from baqueano.door.remote import reached
-from baqueano.drive.mission import Mission, packed
+from baqueano.door.remote import connect
+from baqueano.drive.mission import Mission, pack
 from benchmarks.door import FLOODING, MOST_STOP_MS, flood
 from benchmarks.processes import before_others
 from tests.emulated.onboard import running
@@ -27,23 +27,23 @@ TICKS_MS = 20.0  # a stop waits for the next tick, and its command for the line
 def moving(service):
     """A guest at the door of a moving vehicle; the drive is repeated if the machine stalls before."""
     experiment = Mission("experiment", u=np.tile([0.0, 0.0, 0.6], (round(SECONDS * service.file.rate_hz), 1)))
-    mission, under_way = packed(experiment, service.file).json(), False
+    mission, under_way = pack(experiment, service.file).json(), False
     for _ in range(5):
-        with reached(str(service.door)) as remote:
+        with connect(str(service.door)) as remote:
             ready(remote)
-            remote.say(do="mission", door=VERSION, mission=mission, attended=False)
+            remote.send(do="mission", door=VERSION, mission=mission, attended=False)
             under_way = until(service.live.moving, PATIENCE_S / 4.0)
             if under_way:
                 yield remote
                 return
-            remote.say(do="stop", why="it does not move")
+            remote.send(do="stop", why="it does not move")
     assert under_way
 
 
 def off_ms(remote, live):
     """Return how long the motors turn on after a STOP, in the time of the Uno."""
     said_s = live.now_s()
-    remote.say(do="stop", why="it nears the stairs")
+    remote.send(do="stop", why="it nears the stairs")
     assert until(lambda: not live.moving(), PATIENCE_S)
     with live.lock:
         return 1e3 * (live.uno.off_since() - said_s)

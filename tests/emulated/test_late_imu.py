@@ -1,4 +1,4 @@
-"""An IMU that does not answer when the service starts: nothing drives until it does, and it is looked for.
+"""An IMU that does not answer when the service starts: the service looks for it and does not drive without it.
 
 On the real firmware and the real drivers in lock-step.
 """
@@ -12,30 +12,31 @@ from baqueano import vehicle_file
 from baqueano.diagnostics import StopReason
 from baqueano.door.operator import Operator
 from baqueano.door.states import DoorState
-from baqueano.drive.mission import Mission, packed
+from baqueano.drive.mission import Mission, pack
 from baqueano.messages import text
 from baqueano.robot.imu import driver as imu_driver
 from baqueano.robot.imu.settings import ImuSettings
 from baqueano.robot.service.service import AGAIN_S, FINDING_S, HANGING_S, Service
+from tests.codes import within
 from tests.emulated.drives import drive, look_around, spin
 
 
 @pytest.fixture
 def open_imu(robot):
-    """Opens its IMU as the service does."""
+    """Open the IMU as the service does."""
     return partial(
-        imu_driver.open, robot.imu.device.path, settings=ImuSettings(accel_range_g=4), say=None,
+        imu_driver.open, robot.imu.device.path, settings=ImuSettings(accel_range_g=4), notify=None,
         now_ns=lambda: robot.now_ns, sleep=robot.wait,
     )  # fmt: skip
 
 
 @pytest.fixture
 def service(robot, open_imu, tmp_path):
-    """One whose IMU did not answer at the start."""
+    """Return a service whose IMU did not answer at the start."""
     messages, texts = [], []
     service: Any = Service(
         robot.uno, None, vehicle_file.load("small").robot, tmp_path, Operator(lambda: robot.now_ns), messages.append,
-        now_ns=lambda: robot.now_ns, sleep=robot.wait, say=texts.append, find_imu=open_imu,
+        now_ns=lambda: robot.now_ns, sleep=robot.wait, log=texts.append, find_imu=open_imu,
     )  # fmt: skip
     service.messages, service.texts = messages, texts
     return service
@@ -46,12 +47,12 @@ def test_rt19_a_vehicle_without_its_imu_refuses_to_drive(service, robot):
     look_around(service, robot, 300)
     assert service.machine.state is DoorState.DISARMED
     assert service.machine.reason.code == StopReason.IMU_ABSENT
-    assert text(service.machine.reason).startswith("no IMU: No IMU answers at 0x68")
+    assert {cause.code for cause in within(service.machine.reason)} >= {"imu.no-answer"}
     assert [m["why"] for m in service.messages if m["is"] == "state"][-1] == service.machine.reason
-    assert service.texts == [text(service.machine.reason)], "reported once, however often it was looked for"
-    for mission in (spin(), packed(Mission("teach"), vehicle_file.load("small"))):
+    assert service.texts == [text(service.machine.reason)], "the missing IMU is reported only once"
+    for mission in (spin(), pack(Mission("teach"), vehicle_file.load("small"))):
         done, run = drive(service, mission)
-        assert "no IMU" in text(done["why"])
+        assert done["why"].code == StopReason.IMU_ABSENT
         assert run is None
     robot.bus.devices[0x68] = chip
 
@@ -63,8 +64,9 @@ def test_an_imu_that_answers_later_makes_the_vehicle_ready(service, robot):
     robot.bus.devices[0x68] = chip
     look_around(service, robot, round((AGAIN_S + 1.0) * 20))
     assert (service.machine.state, service.machine.reason) == (DoorState.READY, None)
-    assert service.texts[1:] == ["the IMU answers now"]
-    assert service.texts == [text(m["said"]) for m in service.messages if m["is"] == "event"]
+    events = [m["said"] for m in service.messages if m["is"] == "event"]
+    assert [event.code for event in events[1:]] == ["imu.found"]
+    assert service.texts == [text(event) for event in events]
     done, run = drive(service, spin())
     assert done["why"] is None
     assert len(run.sensors["imu"].t_ns) > 90
@@ -80,7 +82,7 @@ def test_systemd_waits_for_a_chip_without_samples(service, robot):
     assert service.machine.reason.code == StopReason.IMU_ABSENT
 
 
-def test_a_vehicle_file_without_an_imu_makes_a_ready_vehicle(service, robot):
+def test_a_vehicle_without_an_imu_in_its_file_is_ready(service, robot):
     service.find_imu = None
     look_around(service, robot, 3)
     assert service.machine.state is DoorState.READY

@@ -1,4 +1,6 @@
-"""The whole mission on the real firmware and the real drivers, experiment to repetition; equal bit by bit."""
+"""The whole mission on the real firmware and drivers, from experiment to repetition; two missions are equal bit by
+bit.
+"""
 
 import numpy as np
 import pytest
@@ -14,7 +16,7 @@ from tests.emulated.robot import world_of
 
 @pytest.fixture
 def world(firmware):
-    """Options of a drive on the emulated vehicle."""
+    """Return the options of a drive on the emulated vehicle."""
     worlds = []
 
     def make(seed=0):

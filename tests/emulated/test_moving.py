@@ -10,13 +10,13 @@ from baqueano.robot.uno.frames import Config, DriveFlag, Settings, State, StateF
 
 
 def settle(uno, **settings):
-    """Stores settings and waits until they are."""
+    """Store settings and wait until the firmware confirms them."""
     uno.send(Settings(**settings))
     assert uno.next_frame(Settings, 0.5) == Settings(**settings)
 
 
 def duties(uno, after_s=0.0):
-    """(time, left, right) at each change of the pins, in per mille."""
+    """Return (time, left, right) at each change of the pins, in per mille."""
     return [
         (out.t_s, *(1000 * out.terminal(k, uno.driver).duty for k in range(2)))
         for out in uno.outputs()
@@ -52,7 +52,7 @@ def test_r7_fw4_the_duty_follows_the_command_at_the_configured_slew(uno, slew):
     steps = [row for row in duties(uno, sent_s - 1e-3) if row[1] or row[2]]
     left = [row[1] for row in steps if row[1]]
     rises = [b - a for a, b in zip([0.0, *left], left, strict=False)]
-    assert max(rises) <= slew + 1, "the timer holds a duty to 1 / 1600"
+    assert max(rises) <= slew + 1, "the timer has a resolution of 1 / 1600"
     assert left[-1] == pytest.approx(600, abs=1)
     full = next(row[0] for row in steps if row[1] > 599)
     assert full - steps[0][0] == pytest.approx((600 / slew - 1) * 1e-3, abs=1.1e-3)
@@ -116,7 +116,7 @@ def test_r10_a_starting_wheel_gets_a_kick_of_the_set_duration(uno):
         assert rows[0][1] == pytest.approx(kicks[0], abs=1)
         end_s = next(row[0] for row in rows if abs(row[1]) < 201)
         assert end_s - rows[0][0] == pytest.approx(0.015, abs=2e-4)
-        assert {round(row[2]) for row in rows if row[2]} == {kicks[1]}, "less than the duty is no kick"
+        assert {round(row[2]) for row in rows if row[2]} == {kicks[1]}, "a kick must exceed the duty"
         uno.drive(0, 0)
         uno.run(0.05)
 
@@ -133,7 +133,7 @@ def test_r11_dither_is_a_square_wave_around_nonzero_duty(uno):
     uno.run(0.2)
     rows = duties(uno, start)
     assert {round(row[1]) for row in rows} == {240, 360}
-    assert {round(row[2]) for row in rows} == {0, 80}, "never across zero"
+    assert {round(row[2]) for row in rows} == {0, 80}, "the duty must not cross zero"
     changes = [b[0] for a, b in itertools.pairwise(rows) if round(a[1]) != round(b[1])]
     gaps = [b - a for a, b in itertools.pairwise(changes)]
     assert gaps
@@ -147,7 +147,7 @@ def test_r11_dither_is_a_square_wave_around_nonzero_duty(uno):
 
 
 def sums_of(rows):
-    """(times, integrals of left and right duty up to them) of the pins."""
+    """Return the times and the integrals of left and right duty at the pins until these times."""
     times, sums = [rows[0][0]], [(0.0, 0.0)]
     for this, after in itertools.pairwise(rows):
         dt = after[0] - this[0]
@@ -174,7 +174,7 @@ def test_r12_telemetry_contains_the_duty_at_the_pins_and_its_sum(uno):
     times, sums = sums_of(rows)
 
     def at(t_s):
-        """Duty and integral of the pins then."""
+        """Return duty and integral of the pins at this time."""
         k = bisect.bisect_right(times, t_s) - 1
         return rows[k][1:], [sums[k][c] + rows[k][1 + c] * (t_s - times[k]) for c in range(2)]
 
@@ -213,4 +213,4 @@ def test_braking_lasts_from_the_command_until_the_timeout(uno):
     uno.run(0.05)
     assert uno.output().terminal(0, uno.driver).state == "brake"
     uno.run(0.4)
-    assert uno.output().terminal(0, uno.driver).state == "coast", "the dead-man lets go"
+    assert uno.output().terminal(0, uno.driver).state == "coast", "the command timeout ends the braking"

@@ -1,4 +1,4 @@
-"""The emulated MPU-6050 follows the register map, above all in the properties that cause driver errors."""
+"""The emulated MPU-6050 follows the register map, especially where drivers make errors."""
 
 import errno
 import math
@@ -130,7 +130,7 @@ def test_data_ready_is_reported_once_and_interrupts_only_if_enabled(chip):
     assert chip.interrupt
 
 
-def test_the_rate_is_divided_and_follows_the_chips_own_clock():
+def test_the_sample_rate_is_divided_and_follows_the_clock_of_the_chip():
     for ppm in (-40_000, 0, 40_000):
         chip = MpuEmulator(noise=0.0, clock_ppm=ppm)
         awake(chip)
@@ -178,7 +178,7 @@ def test_a_narrower_filter_attenuates_a_sine_more():
     assert sizes == pytest.approx(lag, abs=0.03)
 
 
-def test_noise_at_the_default_filter_is_that_of_the_data_sheet():
+def test_noise_at_the_default_filter_equals_the_data_sheet_value():
     """400 µg/√Hz and 0.005 °/s/√Hz through a lag of 44 and 42 Hz, whose noise bandwidth is π/2 of that."""
     chip = MpuEmulator(seed=3)
     write(chip, PWR, 0x01)
@@ -211,7 +211,7 @@ def test_two_chips_with_the_same_seed_give_the_same_bytes():
 
 
 @pytest.mark.parametrize("who_am_i", sorted(CLONES))
-def test_a_clone_has_its_own_id_and_fifo_size(who_am_i):
+def test_a_clone_has_a_different_id_and_fifo_size(who_am_i):
     chip = MpuEmulator(who_am_i=who_am_i)
     assert read_register(chip, 0x75)[0] == who_am_i
     awake(chip)
@@ -243,7 +243,7 @@ def test_a_bus_transfer_consumes_time_up_to_its_timeout(chip):
     assert spent[-1] == 40_000_000
 
 
-def test_ioctl_on_another_file_is_passed_to_the_kernel(monkeypatch, tmp_path):
+def test_an_ioctl_call_on_another_file_is_passed_to_the_kernel(monkeypatch, tmp_path):
     fcntl = pytest.importorskip("fcntl", reason="this system has no ioctl")
     pytest.importorskip("smbus2", reason="I2C needs Linux and smbus2")
     from tests.emulated.i2c_ioctl import Bench

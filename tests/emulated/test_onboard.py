@@ -1,4 +1,4 @@
-"""The memory and the threads of the onboard service as a process: it uses no more than a Pi has."""
+"""Memory and threads of the onboard service as a process: it uses no more than a Raspberry Pi has."""
 
 import json
 import os
@@ -11,8 +11,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from baqueano.door.remote import reached
-from baqueano.drive.mission import Mission, packed
+from baqueano.door.remote import connect
+from baqueano.drive.mission import Mission, pack
 from baqueano.drive.recording import CLOCK_SOURCE
 from baqueano.guides.shapes import circle
 from benchmarks.onboard import BOOT_S, MOST_MB, Figures
@@ -21,7 +21,7 @@ from tests.emulated.test_imu_process import _installed, lacking  # noqa: F401
 from tests.emulated.test_processes import drive_whole, perform_mission
 
 WATCHED = Path(__file__).with_name("watched.py")
-NOT_AT_THE_START = (  # of a laptop, or of a drive that begins
+NOT_AT_THE_START = (  # modules of a laptop, or of the start of a drive
     "baqueano.simulate", "baqueano.runs.importing", "baqueano.runs.export",
     "baqueano.runs.route_file", "baqueano.vehicle_file.text.edit", "baqueano.identify", "baqueano.compare",
     "baqueano.report", "baqueano.study", "baqueano.tune", "scipy", "matplotlib", "mcap", "csv", "hashlib",
@@ -29,7 +29,7 @@ NOT_AT_THE_START = (  # of a laptop, or of a drive that begins
 
 
 @pytest.mark.parametrize("backend", ["c", "python"])
-def test_the_service_imports_no_laptop_module_at_start_and_none_in_drives(firmware, tmp_path, backend):
+def test_the_service_imports_no_laptop_module_at_start_or_in_drives(firmware, tmp_path, backend):
     log = tmp_path / "watched.jsonl"
     environment = {"WATCHED": str(log), "BAQUEANO_BACKEND": backend}
     with running(firmware, tmp_path, (sys.executable, str(WATCHED)), environment) as service:
@@ -40,14 +40,14 @@ def test_the_service_imports_no_laptop_module_at_start_and_none_in_drives(firmwa
             Mission("teach", route=ring),
             Mission("first drive"),
         ]
-        with reached(str(service.door)) as remote:
+        with connect(str(service.door)) as remote:
 
             def enough(t_s: float) -> None:
                 if t_s > 2.5:  # a first drive takes a minute
-                    remote.say(do="stop", why="enough was seen")
+                    remote.send(do="stop", why="enough was seen")
 
             for mission in missions:
-                packed_mission = packed(mission, service.file)
+                packed_mission = pack(mission, service.file)
                 perform_mission(remote, packed_mission, tmp_path / f"{mission.kind}.mcap", progress=enough)
     at_ready, *drives = map(json.loads, log.read_text(encoding="utf-8").splitlines())
     assert "baqueano.drive.session" in at_ready["ready"]
@@ -57,14 +57,14 @@ def test_the_service_imports_no_laptop_module_at_start_and_none_in_drives(firmwa
 
 
 def test_only_the_control_loop_and_the_serial_thread_have_real_time_priority(firmware, tmp_path):
-    chrt = ("chrt", "-f", "40")  # as the unit starts it: every thread begins with the loop's priority
+    chrt = ("chrt", "-f", "40")  # as the unit starts it: every thread begins with the priority of the loop
     if shutil.which("chrt") is None or subprocess.run([*chrt, "true"], capture_output=True).returncode:
         pytest.skip("this user may have no real-time priority")
     with running(firmware, tmp_path, (*chrt, sys.executable), {"BAQUEANO_BACKEND": "numpy"}) as service:
         idle = policies(service)
-        with reached(str(service.door)) as remote:
+        with connect(str(service.door)) as remote:
             driving = []
-            mission = packed(Mission("experiment", u=np.tile([0.0, 0.0, 0.3], (300, 1))), service.file)
+            mission = pack(Mission("experiment", u=np.tile([0.0, 0.0, 0.3], (300, 1))), service.file)
             path = tmp_path / "run.mcap"
             perform_mission(remote, mission, path, progress=lambda t_s: driving.append(policies(service)))
     most = max(driving, key=len)
@@ -73,7 +73,7 @@ def test_only_the_control_loop_and_the_serial_thread_have_real_time_priority(fir
 
 
 def policies(service):
-    """The policies of its threads; one may end meanwhile."""
+    """Return the scheduling policies of its threads; a thread may end meanwhile."""
     policies = []
     for task in Path(f"/proc/{service.process.pid}/task").iterdir():
         with suppress(ProcessLookupError):
@@ -86,8 +86,8 @@ def test_resident_memory_stays_below_80_mb_while_idle_driving_and_after(firmware
     with running(firmware, tmp_path) as service:
         printed = (tmp_path / "said.txt").read_text()
         idle = service.memory_mb()
-        with reached(str(service.door)) as remote:
-            mission = packed(Mission("experiment", u=np.tile([0.0, 0.0, 0.3], (300, 1))), service.file)
+        with connect(str(service.door)) as remote:
+            mission = pack(Mission("experiment", u=np.tile([0.0, 0.0, 0.3], (300, 1))), service.file)
             run = drive_whole(remote, mission, service.live, tmp_path / "here")
         after = service.memory_mb()
         assert "WATCHDOG=1" in service.notifications
@@ -99,9 +99,9 @@ def test_resident_memory_stays_below_80_mb_while_idle_driving_and_after(firmware
     assert any(event.source == CLOCK_SOURCE for event in run.events)
 
 
-def test_an_imu_without_an_answer_at_start_is_detected_later(firmware, tmp_path):
-    with running(firmware, tmp_path, unheard=4) as service, reached(str(service.door)) as remote:
-        mission = packed(Mission("experiment", u=np.tile([0.0, 0.0, 0.3], (300, 1))), service.file)
+def test_an_imu_that_does_not_answer_at_start_is_detected_later(firmware, tmp_path):
+    with running(firmware, tmp_path, unheard=4) as service, connect(str(service.door)) as remote:
+        mission = pack(Mission("experiment", u=np.tile([0.0, 0.0, 0.3], (300, 1))), service.file)
         run = drive_whole(remote, mission, service.live, tmp_path / "here")
     printed = (tmp_path / "said.txt").read_text()
     assert printed.count("no IMU: No IMU answers at 0x68") == 1

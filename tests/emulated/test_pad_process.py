@@ -1,7 +1,7 @@
 """Whole processes that look for a game pad in /dev/input and drive by it, with emulated devices behind umockdev.
 
-Nothing in the client is replaced: its open, ioctl and read go to libumockdev-preload, which answers for the kernel.
-Real time, so nothing here asserts how long a thing takes.
+Nothing in the client is replaced: its open, ioctl and read calls go to libumockdev-preload, which answers instead of
+the kernel. The tests run in real time, so none of them checks a duration.
 """
 
 import json
@@ -40,7 +40,7 @@ class Machine:
         return json.loads(self._server.stdout.readline())
 
     def run(self, *command):
-        """The output of a process that ends by itself."""
+        """Return the output of a process that ends without help."""
         return subprocess.run(
             [sys.executable, *command], env={**os.environ, **self.environment}, capture_output=True, text=True,
             timeout=60,
@@ -65,7 +65,7 @@ def machine():
 
 @pytest.fixture
 def drive(machine, tmp_path, monkeypatch):
-    """A drive by the pad of a machine that has others, too, and the machine."""
+    """Return a drive with the pad of a machine that also has other devices, and this machine."""
     from tests.cli.test_driving import Terminal
 
     screens = []
@@ -108,7 +108,7 @@ def test_a_pad_drives_marks_and_stops_the_vehicle_when_it_is_unplugged(drive, tm
     machine.order("plug", 3, "pad")
     machine.order("change", 3, AHEAD, PRESS)
     screen = begin(machine, "again.mcap")
-    screen.until(rb"(?s)(?:let go of its stick.*?){6}")  # of one that did not wait, the second would drive
+    screen.until(rb"(?s)(?:let go of its stick.*?){6}")  # without the wait, the second press would drive
     assert b"pad drives" not in screen.output
     machine.order("change", 3, MIDDLE, RELEASE)
     screen.until(rb"hold a front button to drive")

@@ -1,5 +1,8 @@
-"""The page of the emulated robot, from the key in a real browser to the pins of the Uno: the service as systemd starts
-it, the page process, Chromium. Whatever is lost between them, the motors are off within half a second."""
+"""The page of the emulated robot, from the key in a real browser to the pins of the Uno.
+
+The service runs as systemd starts it, with the page process and Chromium. After any lost connection between them the
+motors are off within half a second.
+"""
 
 import os
 import signal
@@ -27,7 +30,7 @@ class Wheel:
 
     def __init__(self, tab, port, live):
         self.tab, self.live = tab, live
-        tab.size(1280, 800)  # all buttons in sight
+        tab.size(1280, 800)  # all buttons are visible
         tab.goto(f"http://127.0.0.1:{port}/")
         tab.wait("globalThis.baqueano?.page.link?.up", START_S)
 
@@ -45,7 +48,7 @@ class Wheel:
         self.tab.mouse("mouseReleased", x, y)
 
     def ready(self):
-        """Take the wheel, and clear whatever stopped the vehicle."""
+        """Take control of the vehicle, and clear any stop."""
         end = time.monotonic() + START_S
         while not (self.state() == "READY" and self.tab.js("baqueano.page.hand.mine")):
             assert time.monotonic() < end, self.tab.js("baqueano.page.state.sentence")
@@ -81,7 +84,7 @@ class Wheel:
 
 
 def signalled(process, number):
-    """Send a signal to a process and to all that it started."""
+    """Send a signal to a process and to all its child processes."""
     children = [
         int(pid)
         for task in Path(f"/proc/{process}/task").glob("*/children")
@@ -92,7 +95,7 @@ def signalled(process, number):
         signalled(child, number)
 
 
-def test_rt13_rt15_any_loss_between_browser_and_motors_stops_the_motors(firmware, tmp_path):
+def test_rt13_rt15_any_lost_connection_from_browser_to_motors_stops_the_motors(firmware, tmp_path):
     with (
         running(firmware, tmp_path, environment={"BAQUEANO_BACKEND": "python"}) as service,
         Chromium() as chromium,

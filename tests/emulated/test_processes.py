@@ -1,8 +1,7 @@
-"""The service as a process of its own, in real time: pyserial on a pty, the firmware behind the pty, guests at the
-door.
+"""The service as a separate process in real time: pyserial on a pty, the firmware behind the pty, guests at the door.
 
-The machine may be busy. What is asserted of the vehicle is judged by the Uno's own time and pins; a drive that a stall
-of the machine ended is driven again, and its cause must be that stall.
+The machine may be busy. Assertions about the vehicle use the clock and the pins of the Uno. A drive that ended by a
+stall of the machine is repeated, if its cause is this stall.
 """
 
 import os
@@ -19,9 +18,9 @@ import pytest
 from baqueano import vehicle_file
 from baqueano.diagnostics import StopReason
 from baqueano.door import VERSION
-from baqueano.door.remote import reached
+from baqueano.door.remote import connect
 from baqueano.drive import stop_of
-from baqueano.drive.mission import Mission, packed
+from baqueano.drive.mission import Mission, pack
 from baqueano.drive.recording import CLOCK_SOURCE
 from baqueano.errors import RobotUnreachable, SafetyStop
 from baqueano.runs import read_run
@@ -29,8 +28,8 @@ from baqueano.runs.recover import recover
 from tests.emulated.realtime import on_pty
 from tests.emulated.test_ends_of_blocks import PLACES, repetition
 
-PATIENCE_S = 60.0  # until what does not come counts as hung
-STALL_S = 0.05  # of the machine: half of the silence that stops a drive
+PATIENCE_S = 60.0  # timeout of the test
+STALL_S = 0.05  # stall of the machine: half of the silence that stops a drive
 WHEELS = """
 [sensors.wheels]
 kind = "wheels"
@@ -59,16 +58,16 @@ def vehicle(live, tmp_path):
 
 @pytest.fixture
 def service(vehicle, tmp_path):
-    """(process, door) of a service that is ready."""
+    """Return (process, door) of a service that is ready."""
     with start_vehicle(vehicle, tmp_path) as (process, door):
         yield process, door
 
 
 @contextmanager
 def start_vehicle(vehicle, tmp_path):
-    """(process, door) of a service, as systemd starts it, again too."""
+    """Start a service as systemd does and return (process, door); it can be started again."""
     door = tmp_path / "door"
-    door.unlink(missing_ok=True)  # of one that was killed
+    door.unlink(missing_ok=True)  # of a killed service
     process = subprocess.Popen(
         [sys.executable, "-m", "baqueano", "robot", "run", "--vehicle", vehicle.path, "--door", door,
          "--runs", tmp_path / "there"],
@@ -85,25 +84,25 @@ def start_vehicle(vehicle, tmp_path):
 
 
 def answers(door):
-    """Whether a service listens there: its socket has its name before."""
-    with suppress(RobotUnreachable), reached(str(door)):
+    """Return True if a service listens at this socket; the socket file exists earlier."""
+    with suppress(RobotUnreachable), connect(str(door)):
         return True
     return False
 
 
 def spin(vehicle, seconds):
     u = np.tile([0.0, 0.0, 0.6], (round(seconds * vehicle.rate_hz), 1))
-    return packed(Mission("experiment", u=u), vehicle)
+    return pack(Mission("experiment", u=u), vehicle)
 
 
 def ready(remote):
-    """READY, whatever stopped it before."""
+    """Wait until the service is READY, after any earlier stop."""
     end = time.monotonic() + PATIENCE_S
     while remote.state.get("state") != "READY":
         assert time.monotonic() < end, remote.state
         if remote.state.get("state") == "STOPPED":
-            remote.say(do="clear")
-        remote.hear(("state",), PATIENCE_S)
+            remote.send(do="clear")
+        remote.receive(("state",), PATIENCE_S)
 
 
 def until(true, within_s):
@@ -116,7 +115,7 @@ def until(true, within_s):
 
 
 def stops(live, within_s):
-    """How soon the motors are off [s], in the Uno's time."""
+    """Return the time until the motors are off [s], on the clock of the Uno."""
     now_s = live.now_s()
     assert until(lambda: not live.moving(), PATIENCE_S)
     with live.lock:
@@ -126,20 +125,20 @@ def stops(live, within_s):
 
 
 def perform_mission(remote, mission, path, **options):
-    """Its run, however often it was refused: where this machine stalls, an Uno falls silent between two drives."""
+    """Return the run of a mission, also after refusals: a stall of this machine silences the Uno between two drives."""
     end = time.monotonic() + PATIENCE_S
     while True:
         ready(remote)
         try:
             return remote.perform(mission, path, **options)
         except SafetyStop:
-            if path.exists() or time.monotonic() > end:  # it began
+            if path.exists() or time.monotonic() > end:  # the drive has begun
                 raise
-            remote.hear(("state",), PATIENCE_S)
+            remote.receive(("state",), PATIENCE_S)
 
 
 def drive_whole(remote, mission, live, folder):
-    """The run of a mission; driven again where a stall of this machine ended it."""
+    """Return the run of a mission; repeat the mission if a stall of this machine ended it."""
     end = time.monotonic() + 3.0 * PATIENCE_S
     while True:
         lost_s, path = live.lost_s, folder / f"{time.monotonic_ns()}.mcap"
@@ -149,7 +148,7 @@ def drive_whole(remote, mission, live, folder):
 
 
 def stalled(run, lost_s):
-    """Whether this machine kept the emulated Uno from its time, or the loop from its ticks: that may end a drive."""
+    """Return True if this machine delayed the emulated Uno or the ticks of the loop, which may end a drive."""
     (text,) = [event.text for event in run.events if event.source == CLOCK_SOURCE]
     late = re.search(r"the latest started ([\d.]+) ms late", text)
     late_s = 1e-3 * float(late[1]) if late else 0.0
@@ -157,29 +156,29 @@ def stalled(run, lost_s):
 
 
 def end_of_drive(door, folder):
-    """Why the last drive ended, and its run in the folder of the service."""
-    with reached(str(door)) as remote:
+    """Return the reason for the end of the last drive, and its run in the folder of the service."""
+    with connect(str(door)) as remote:
         while remote.state["state"] == "MISSION":
-            remote.hear(("state",), PATIENCE_S)
+            remote.receive(("state",), PATIENCE_S)
         return remote.state["why"], read_run(max(folder.glob("*.mcap")))
 
 
 @contextmanager
 def driving(door, vehicle, live):
-    """A guest at the door whose mission moves the motors."""
+    """Start a mission of a guest at the door that moves the motors."""
     end, moves = time.monotonic() + 3.0 * PATIENCE_S, False
     while not moves:
         assert time.monotonic() < end
-        with reached(str(door)) as remote:
+        with connect(str(door)) as remote:
             ready(remote)
-            remote.say(do="mission", door=VERSION, mission=spin(vehicle, 300.0).json())
-            moves = until(lambda remote=remote: remote.say(do="beat") or live.moving(), PATIENCE_S / 4.0)
+            remote.send(do="mission", door=VERSION, mission=spin(vehicle, 300.0).json())
+            moves = until(lambda remote=remote: remote.send(do="beat") or live.moving(), PATIENCE_S / 4.0)
             if moves:
                 yield remote
 
 
 def lives(live, seconds, meanwhile=lambda: None):
-    """Until the Uno has lived for so long in its own time; whether a motor is driven then."""
+    """Wait until the Uno has run this long on its own clock; return True if a motor is driven then."""
     end_s = live.now_s() + seconds
     assert until(lambda: meanwhile() or live.now_s() > end_s, PATIENCE_S)
     return live.moving()
@@ -187,11 +186,11 @@ def lives(live, seconds, meanwhile=lambda: None):
 
 def test_a_mission_through_the_door_returns_its_run(service, vehicle, live, tmp_path):
     _, door = service
-    with reached(str(door)) as remote:
+    with connect(str(door)) as remote:
         run = drive_whole(remote, spin(vehicle, 1.0), live, tmp_path / "here")
     assert stop_of(run) is None
     (event_of_clock,) = [e for e in run.events if e.source == CLOCK_SOURCE]
-    left_out = int(re.search(r"(\d+) were left out", event_of_clock.text)[1])
+    left_out = int(re.search(r"(\d+) were skipped", event_of_clock.text)[1])
     assert left_out == np.sum(np.diff(run.t_ns) // 20_000_000 - 1)
     assert event_of_clock.level == ("warning" if left_out else "info")
     assert run.duration_s == 1.0 if left_out == 0 else run.duration_s >= 1.0
@@ -202,7 +201,7 @@ def test_a_mission_through_the_door_returns_its_run(service, vehicle, live, tmp_
         )
     assert np.min(duties, axis=0) == pytest.approx(
         [-0.6, 0.0], abs=0.002
-    )  # at the pins, whatever the host's clock did
+    )  # at the pins, independent of the clock of the host
     assert np.max(duties, axis=0) == pytest.approx([0.0, 0.6], abs=0.002)
     assert np.median(run.applied[run.t_s > 0.2, 2]) == pytest.approx(0.6, abs=0.002)
     stops(live, 1.0)
@@ -216,7 +215,7 @@ def test_rt5_rt13_a_disconnected_laptop_stops_the_vehicle(service, vehicle, live
         lost_s = live.lost_s
         with driving(door, vehicle, live):
             pass
-        stops(live, 2.0)  # in the vehicle's own time 0.5 s: test_service.py
+        stops(live, 2.0)  # 0.5 s on the clock of the vehicle: test_service.py
         reason, run = end_of_drive(door, tmp_path / "there")
         assert (reason is not None and reason.code == StopReason.HOLDER_SILENT) or (
             stalled(run, live.lost_s - lost_s) and time.monotonic() < end
@@ -229,10 +228,10 @@ def test_rt5_a_killed_service_leaves_a_stopped_vehicle_and_a_readable_run(servic
     while not moves:
         lost_s = live.lost_s
         with driving(door, vehicle, live) as remote:
-            lives(live, 2.0, lambda remote=remote: remote.say(do="beat"))
+            lives(live, 2.0, lambda remote=remote: remote.send(do="beat"))
             process.send_signal(signal.SIGSTOP)
             os.waitpid(process.pid, os.WUNTRACED)
-            moves = lives(live, 0.05)  # what was sent has arrived
+            moves = lives(live, 0.05)  # the last command has arrived
             process.send_signal(signal.SIGKILL if moves else signal.SIGCONT)
         if not moves:
             reason, run = end_of_drive(door, tmp_path / "there")
@@ -240,7 +239,7 @@ def test_rt5_a_killed_service_leaves_a_stopped_vehicle_and_a_readable_run(servic
             assert time.monotonic() < end, reason
     process.wait()
     assert until(lambda: not live.moving(), PATIENCE_S)
-    assert 0.25 < live.off_after_s() <= 0.32  # the firmware's dead man, in its own time
+    assert 0.25 < live.off_after_s() <= 0.32  # the command timeout of the firmware, on its clock
     damaged_file = max((tmp_path / "there").glob("*.mcap*"))
     whole = tmp_path / "whole.mcap"
     recover(damaged_file, whole)
@@ -249,7 +248,7 @@ def test_rt5_a_killed_service_leaves_a_stopped_vehicle_and_a_readable_run(servic
 
 def test_a_service_that_receives_sigterm_exits(service, vehicle, live):
     process, door = service
-    with reached(str(door)) as remote:
+    with connect(str(door)) as remote:
         ready(remote)
     process.send_signal(signal.SIGTERM)
     assert process.wait(PATIENCE_S) == 0
@@ -257,12 +256,12 @@ def test_a_service_that_receives_sigterm_exits(service, vehicle, live):
 
 
 def status(door):
-    """What a person reads in `robot status`."""
-    with reached(str(door)) as remote:
+    """Return the output of `robot status`."""
+    with connect(str(door)) as remote:
         end = time.monotonic() + PATIENCE_S
         while remote.state.get("state") not in ("STOPPED", "READY"):
             assert time.monotonic() < end, remote.state
-            remote.hear(("state",), PATIENCE_S)
+            remote.receive(("state",), PATIENCE_S)
         return remote.state
 
 
@@ -271,7 +270,7 @@ def status(door):
     [
         ("os._exit(0)", 0, 0),  # a success to systemd, which starts it again: Restart=always
         ("os.abort()", -signal.SIGABRT, PLACES["line"]),
-        ("hang()", -signal.SIGABRT, 9),  # systemd's watchdog ends it so
+        ("hang()", -signal.SIGABRT, 9),  # the watchdog of systemd ends the process this way
     ],
 )
 def test_a_block_that_kills_the_service_is_named_after_restart(vehicle, live, tmp_path, text, code, line):
@@ -284,12 +283,12 @@ def test_a_block_that_kills_the_service_is_named_after_restart(vehicle, live, tm
             "\npass\n", "\n" + "\n".join(lines) + "\n", 1
         )
     with start_vehicle(vehicle, tmp_path) as (process, door):
-        with suppress(RobotUnreachable), reached(str(door)) as remote:
+        with suppress(RobotUnreachable), connect(str(door)) as remote:
             ready(remote)
-            remote.say(do="mission", door=VERSION, mission=mission.json())
-            assert until(lambda: remote.say(do="beat") or live.moving(), PATIENCE_S)
+            remote.send(do="mission", door=VERSION, mission=mission.json())
+            assert until(lambda: remote.send(do="beat") or live.moving(), PATIENCE_S)
             if text == "hang()":
-                assert until(lambda: remote.say(do="beat") or mark_file.exists(), PATIENCE_S)
+                assert until(lambda: remote.send(do="beat") or mark_file.exists(), PATIENCE_S)
                 assert until(lambda: not live.moving(), PATIENCE_S)
                 process.send_signal(signal.SIGABRT)
         assert process.wait(PATIENCE_S) == code
@@ -304,8 +303,8 @@ def test_a_block_that_kills_the_service_is_named_after_restart(vehicle, live, tm
         file = "mine.py" if line else ""
         figures = {"kind": "repeat", "run": run, "blocks": "mine.py:Mine", "file": file, "line": line}
         assert reason.figures == figures
-        with reached(str(door)) as remote:
-            remote.say(do="clear")
+        with connect(str(door)) as remote:
+            remote.send(do="clear")
             ready(remote)
     with start_vehicle(vehicle, tmp_path) as (_, door):
         assert status(door)["state"] == "READY"

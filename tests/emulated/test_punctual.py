@@ -4,7 +4,7 @@ import numpy as np
 
 from baqueano import vehicle_file
 from baqueano.diagnostics import StopReason
-from baqueano.drive.mission import Mission, packed
+from baqueano.drive.mission import Mission, pack
 from baqueano.drive.recording import CLOCK_SOURCE
 from tests.emulated.drives import TEACHER, drive, during, spin
 
@@ -19,7 +19,7 @@ def test_a_punctual_drive_is_reported_in_its_run(service):
     _, run = drive(service, spin())
     assert punctuality(run).level == "info"
     assert punctuality(run).text.startswith(f"{len(run.t_ns)} ticks: ")
-    assert punctuality(run).text.endswith(" 0 were left out")
+    assert punctuality(run).text.endswith(" 0 were skipped")
 
 
 def test_rt1_omitted_ticks_are_counted_with_a_warning(service, robot):
@@ -29,7 +29,7 @@ def test_rt1_omitted_ticks_are_counted_with_a_warning(service, robot):
     missing = np.diff(run.t_ns) // 10_000_000 - 1
     assert missing.max() >= 4
     assert punctuality(run).level == "warning"
-    assert punctuality(run).text.endswith(f" {missing.sum()} were left out")
+    assert punctuality(run).text.endswith(f" {missing.sum()} were skipped")
     assert any(m["is"] == "event" and m["said"] == punctuality(run).diagnostic for m in service.messages)
 
 
@@ -56,7 +56,7 @@ def test_a_drive_ended_by_the_driver_reports_its_punctuality(service, robot):
 
 def test_a_first_drive_on_the_vehicle_writes_a_run(service):
     """Its result is computed on the laptop that receives the run."""
-    done, run = drive(service, packed(Mission("first drive"), vehicle_file.load("small")))
+    done, run = drive(service, pack(Mission("first drive"), vehicle_file.load("small")))
     assert done["code"] == 0
     assert run.metadata["kind"] == "first drive"
     assert len(run.t_ns) > 100

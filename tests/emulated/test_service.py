@@ -1,4 +1,4 @@
-"""The onboard service on the real firmware and the real drivers: it drives, and it stops for every reason there is."""
+"""The onboard service on the real firmware and the real drivers: it drives, and it stops for every stop reason."""
 
 import numpy as np
 import pytest
@@ -6,7 +6,7 @@ import pytest
 from baqueano import vehicle_file
 from baqueano.diagnostics import StopReason
 from baqueano.door.states import DoorState
-from baqueano.drive.mission import Mission, packed
+from baqueano.drive.mission import Mission, pack
 from baqueano.guides import shapes
 from tests.emulated.drives import TEACHER, drive, during, spin
 
@@ -86,7 +86,7 @@ def test_rt6_a_silent_imu_ends_the_drive_and_is_logged(service, robot):
 
 def test_a_repetition_runs_the_blocks_of_the_vehicle_file(service, robot):
     done, run = drive(
-        service, packed(Mission("repeat", route=shapes.circle(0.4, 0.25)), vehicle_file.load("small"))
+        service, pack(Mission("repeat", route=shapes.circle(0.4, 0.25)), vehicle_file.load("small"))
     )
     assert done["why"] is None
     gap = np.linalg.norm(run.estimate.eta[:, :2] - run.reference.eta[:, :2], axis=1)
@@ -100,7 +100,7 @@ def test_rt3_a_block_that_raises_on_board_is_named_with_its_line(service, tmp_pa
         "    def step(self, state, reference, estimate):\n        return 1 / 0\n"
     )
     mission = Mission("repeat", route=shapes.circle(0.4, 0.25), blocks={"controller": "mine.py:Mine"})
-    mission = packed(mission, vehicle_file.load("small"))
+    mission = pack(mission, vehicle_file.load("small"))
     done, _ = drive(service, mission)
     assert done["why"].code == StopReason.BLOCK_RAISED
     assert done["why"].figures["block"].startswith("controller Mine (")
@@ -117,13 +117,13 @@ def test_manual_commands_drive_only_while_they_are_fresh(service, robot):
         if service.machine.state is DoorState.MANUAL:
             starts_ns.append(robot.now_ns)
             if robot.now_ns - starts_ns[0] < 0.6e9:
-                service.operator.want(me, [0.0, 0.0, 0.5])
+                service.operator.set_command(me, [0.0, 0.0, 0.5])
             service.operator.sign_of_life(me)
             if robot.now_ns - starts_ns[0] > 1.5e9:
                 service.operator.end(me)
 
     service.healthy = healthy
-    done, run = drive(service, packed(Mission("teach"), vehicle_file.load("small")), attended=True)
+    done, run = drive(service, pack(Mission("teach"), vehicle_file.load("small")), attended=True)
     assert done["why"].code == StopReason.INTERRUPTED
     assert service.machine.state is DoorState.READY
     moving = run.t_ns[np.abs(run.applied[:, 2]) > 0.01] / 1e9

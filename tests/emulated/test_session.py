@@ -1,4 +1,6 @@
-"""The right to drive: the nonce of this boot, and only commands newer than the last executed one (R16, R17, R26)."""
+"""The permission to drive: the nonce of this boot, and only commands newer than the last executed one (R16, R17,
+R26).
+"""
 
 import itertools
 import random
@@ -109,7 +111,7 @@ def test_r17_fw5_the_newest_of_commands_out_of_order_is_executed(uno):
 
 @pytest.mark.parametrize("count_lost", [0, 126, 127, 200, 254, 255, 1000])
 def test_r17_within_129_commands_after_any_loss_a_command_is_executed(uno, count_lost):
-    """The price of eight bits: after a gap of 127 to 255 commands the next ones look old for a while."""
+    """A sequence number of eight bits has this cost: after a gap of 127 to 255 commands the next commands look old."""
     uno.arm()
     uno.seq += count_lost
     refusals = -1

@@ -46,8 +46,8 @@ def store(uno, settings=OURS):
 
 
 def unchecked(frame, seq=1):
-    """The bytes of a frame whose numbers the codec would refuse."""
-    return codec.framed(frames.KIND_OF[type(frame)], seq, frames.pack(frame))
+    """Return the bytes of a frame whose numbers the codec would refuse."""
+    return codec.encode_frame(frames.KIND_OF[type(frame)], seq, frames.pack(frame))
 
 
 def test_r15_an_uno_without_settings_uses_factory_settings_and_sets_a_flag(uno):
@@ -72,7 +72,7 @@ def test_r15_settings_survive_resets(uno, new_uno, end_by):
 
 
 def test_r15_settings_are_confirmed_only_after_verification(uno):
-    """One byte a millisecond at the most, so 35 bytes are not answered within 35 ms."""
+    """At most one byte is stored per millisecond, so 35 bytes are not confirmed within 35 ms."""
     sent_s = uno.send(OURS)
     uno.next_frame(Settings, 0.5)
     assert uno.t_s - sent_s >= 0.035
@@ -107,7 +107,7 @@ def test_r15_a_damaged_byte_in_eeprom_invalidates_all_settings(new_uno, uno, pla
 
 
 def test_r15_settings_of_an_interrupted_write_are_not_used(uno, new_uno):
-    """Cut after each few bytes: either nothing was begun, or the check does not fit, or all is stored."""
+    """The write is cut after every few bytes: nothing was begun, or the checksum is wrong, or all is stored."""
     first = OURS._replace(kick_ms=99, battery_permille=2999)
     store(uno, first)
     before = uno.eeprom()
@@ -163,7 +163,7 @@ def test_r19_settings_out_of_range_are_refused_as_a_whole(uno):
     for place, field in enumerate(frames.FIELDS[Settings]):
         for value in (field.within.least - 1, field.within.most + 1):
             if frames.width(field.code).least <= value <= frames.width(field.code).most:
-                uno.write(unchecked(frames.built(Settings, [*flat[:place], value, *flat[place + 1 :]])))
+                uno.write(unchecked(frames.unflatten(Settings, [*flat[:place], value, *flat[place + 1 :]])))
                 uno.run(0.01)
                 wrong += 1
     assert wrong > 20
@@ -203,5 +203,5 @@ def test_r15_settings_can_be_stored_thousands_of_times(uno):
         assert settings_of(uno) == settings
 
 
-def test_a_drive_flag_means_the_same_on_both_sides():
+def test_the_three_drive_flags_occupy_the_lowest_three_bits():
     assert DriveFlag.ARM | DriveFlag.CLEAR_STOP | DriveFlag.BRAKE == 7

@@ -15,7 +15,7 @@ from baqueano.cli.robot.settings import WAYS as OF_WAYS
 from baqueano.door import remote
 from baqueano.robot.uno import settings as uno_settings
 from baqueano.robot.uno.frames import DriveFlag, Driver, Encoders, Settings, Way, Wiring
-from baqueano.robot.uno.settings import StoredSettings, changed
+from baqueano.robot.uno.settings import StoredSettings, apply_changes
 from baqueano.robot.workshop import exclusive_hardware
 from tests.emulated.realtime import on_pty
 
@@ -28,7 +28,7 @@ def live(firmware):
 
 @pytest.fixture
 def verb(live, capsys):
-    """`verb("--bridge", "tb6612")`: exit code, stdout, stderr."""
+    """Return `verb("--bridge", "tb6612")`, which gives exit code, stdout and stderr."""
 
     def run_verb(*words, host=("--vehicle", "small", "--set")):
         more = [*host, f"robot.port={live.path}"] if "--set" in host else list(host)
@@ -41,12 +41,12 @@ def verb(live, capsys):
 
 
 def in_eeprom(live):
-    """What the Uno has after it was switched off and on."""
+    """Return the settings of the Uno after it was switched off and on."""
     with live.lock:
         live.uno.power_cycle()
         live.uno.run(0.02)
         live.uno.frames()
-    with exclusive_hardware.connected(live.path) as uno:
+    with exclusive_hardware.open_uno(live.path) as uno:
         return uno.settings()
 
 
@@ -56,7 +56,7 @@ def test_the_default_settings_of_an_uno_are_printed(verb):
     assert "bridge          l298n\nencoders        none\n" in out
     assert "mark            high over the tape\nbattery-ratio   3 V for 1 V at A0\n" in out
     assert "left-backwards      0.000  1.000  0.000\n" in out
-    assert out.endswith("DEFAULT: what the firmware begins with\n")
+    assert out.endswith("DEFAULT: initial value of the firmware\n")
 
 
 def test_new_settings_are_verified_and_survive_a_power_cut(verb, live):
@@ -67,7 +67,7 @@ def test_new_settings_are_verified_and_survive_a_power_cut(verb, live):
         "--dither", "0.03", "--dither-ms", "7",
     )  # fmt: skip
     assert code == 0
-    assert "right-backwards     0.140  1.000  0.500\nSET: kept in the Uno" in out
+    assert "right-backwards     0.140  1.000  0.500\nSET: stored in the Uno" in out
     settings = Settings(
         Wiring.RIGHT_MOTOR_REVERSED | Wiring.ENCODERS_SWAPPED | Wiring.MARK_ACTIVE_LOW, Driver.TB6612,
         Encoders.QUADRATURE, 20, 30, 7, 3127,
@@ -112,7 +112,7 @@ def test_the_watch_option_reports_a_turned_wheel_and_a_passed_mark(verb, live):
         (("--kick-ms", ""), "--kick-ms : expected a number from 0 to 100."),
         (("--slope", "all=nan"), "--slope all=nan: expected a number from 0.1 to 3."),
         (("--dead-zone", "left-forwards=11"), "--dead-zone left-forwards=11: expected a number from 0 to 0.7."),
-        (("--dead-zone", "0.1"), "--dead-zone 0.1: expected a wheel and direction with its number, as left-forw"),
+        (("--dead-zone", "0.1"), "--dead-zone 0.1: expected a wheel and direction with its number, such as left-forw"),
         (("--kick", "left=0.1"), "--kick left=0.1: expected a wheel and direction with its number"),
     ],
 )  # fmt: skip
@@ -149,7 +149,7 @@ def test_settings_are_not_stored_while_a_motor_runs(verb, live):
 
 @pytest.mark.parametrize("state", ["MISSION", "MANUAL", "READY"])
 def test_a_driving_service_is_not_stopped_for_settings(verb, tmp_path, monkeypatch, state):
-    """A real socket replaces that of the service, and a systemctl reports that the service runs."""
+    """A real socket replaces the socket of the service, and a fake systemctl reports that the service runs."""
     calls = tmp_path / "calls"
     for name, text in {"systemctl": "exit 0", "sudo": 'shift; exec "$@"'}.items():
         (tmp_path / name).write_text(f'#!/bin/sh\necho "{name} $*" >>{calls}\n{text}\n')
@@ -175,12 +175,12 @@ def test_a_driving_service_is_not_stopped_for_settings(verb, tmp_path, monkeypat
         assert "systemctl stop baqueano.service" in calls.read_text()
     else:
         assert code == 1
-        assert f"the vehicle drives ({state}), and this command needs the hardware for itself." in err
+        assert f"the vehicle is driving ({state}), and this command must use the hardware alone." in err
         assert "stop" not in calls.read_text()
 
 
 def test_settings_at_a_host_run_there_and_are_printed_locally(verb, live, tmp_path, monkeypatch):
-    """ssh is a shell here, which starts the real command line."""
+    """A shell replaces ssh and starts the real command line."""
     vehicle_toml = tmp_path / "vehicle.toml"
     vehicle_file.override(vehicle_file.load("small"), [f"robot.port={live.path}"]).save(vehicle_toml)
     monkeypatch.setattr("baqueano.robot.VEHICLE", str(vehicle_toml))
@@ -214,7 +214,7 @@ def test_option_names_match_the_settings_of_the_firmware():
 
 
 def test_settings_rows_contain_all_stored_settings():
-    whole = changed(
+    whole = apply_changes(
         Settings(),
         {name: [words[1]] for name, (_, words) in uno_settings.PLUGS.items()}
         | {"encoders": ["single"], "battery-ratio": ["4.001"], "dither-ms": ["50"], "kick": ["all=0.333"]},

@@ -1,4 +1,6 @@
-"""The folder builds as the Arduino IDE builds a sketch: its flags, its core in an archive, our `main` for its own."""
+"""The folder builds as the Arduino IDE builds a sketch: its flags, its core in an archive, our `main` in place of
+its own.
+"""
 
 import subprocess
 from pathlib import Path

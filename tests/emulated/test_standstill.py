@@ -1,6 +1,7 @@
-"""The computer freezes during a drive and the vehicle does not: afterwards the vehicle does not continue by itself.
+"""The computer freezes during a drive and the vehicle does not: afterwards the vehicle does not continue without a
+driver.
 
-Process, line and listening thread are frozen together; the firmware lives on. Times are those of the vehicle.
+Process, line and listening thread are frozen together; the firmware continues. Times are those of the vehicle.
 """
 
 import pytest
@@ -12,7 +13,7 @@ from baqueano.drive import stop_of
 from tests.emulated.drives import drive, look_around, serve, spin
 from tests.emulated.robot import EmulatedRobot
 
-BUFFER = 4095  # bytes that the kernel keeps of a line that nobody reads
+BUFFER = 4095  # bytes that the kernel stores of an unread line
 PHASES = ("before read", "after read", "before write", "between write and log", "after log")
 
 
@@ -25,7 +26,7 @@ def robot(firmware, monkeypatch):
 
 
 class Freeze:
-    """Stops the host once, at a phase of the tick that is `after_s` into the drive."""
+    """Stop the host once, at a phase of the tick that is `after_s` into the drive."""
 
     def __init__(self, robot, service, phase, seconds, after_s=0.5, keeps=BUFFER):
         self.robot, self.seconds, self.after_s, self.keeps = robot, seconds, after_s, keeps
@@ -89,11 +90,11 @@ def test_rt2_a_freeze_longer_than_the_command_timeout_ends_the_drive(robot, tmp_
     assert done["why"].figures["still_s"] == pytest.approx(seconds, abs=0.02)
     assert service.machine.state is DoorState.STOPPED
     look_around(service, robot, 5)
-    assert service.machine.state is DoorState.STOPPED, "it is latched"
+    assert service.machine.state is DoorState.STOPPED, "the stop is latched"
     service.operator.clear_requested = True
     look_around(service, robot, 20)
     done, _ = drive(service, spin(0.5))
-    assert done["why"] is None, "a person looked at it, and it drives again"
+    assert done["why"] is None, "after an inspection the vehicle drives again"
 
 
 @pytest.mark.parametrize("phase", ["after read", "in a block"])
@@ -112,7 +113,7 @@ def test_a_short_freeze_does_not_stop_the_drive(robot, tmp_path, phase):
 
 
 def test_a_freeze_during_a_write_moves_motors_for_one_tick_at_most(robot, tmp_path):
-    """The command is decided and not yet on the line; this one alone still leaves."""
+    """The command is computed but not yet sent; only this command is still sent."""
     service = serve(robot, vehicle_file.load("small"), tmp_path)
     freeze = Freeze(robot, service, "after log", 0.8)
     service.healthy = lambda: None

@@ -1,4 +1,4 @@
-"""Every reason for which the motors go off, with its time, on the real firmware (R1, R2, R4, R5, R6)."""
+"""Every reason that turns the motors off, with its time, on the real firmware (R1, R2, R4, R5, R6)."""
 
 import pytest
 
@@ -165,7 +165,7 @@ def test_r29_fw7_after_a_brown_out_old_commands_move_nothing(uno):
         uno.run(0.01)
     assert uno.first_time(lambda out: any(out.pwm)) is None
     info = uno.info()
-    assert 28 <= info.wrong_nonce <= 30  # the first arrive before the receiver is on
+    assert 28 <= info.wrong_nonce <= 30  # the first bytes arrive before the receiver is enabled
     assert info.reset_cause & ResetCause.BROWN_OUT
     uno.frames()
     uno.hold(800, 800, 0.1)

@@ -1,4 +1,6 @@
-"""Straight on by the gyro: the real firmware and drivers, a simulated body whose wheels differ by 15 %."""
+"""Straight driving with heading control: the real firmware and drivers, a simulated body whose wheels differ by 15
+%.
+"""
 
 import numpy as np
 import pytest

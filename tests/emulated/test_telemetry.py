@@ -50,7 +50,7 @@ def test_r20_fw8_two_seconds_of_low_battery_disarm_until_recovery(uno):
     uno.hold(500, 500, 0.2)
     uno.set_battery(6.3)
     uno.hold(500, 500, 1.9)
-    assert uno.moving, "a sag of less than 2 s is no empty battery"
+    assert uno.moving, "a sag of less than 2 s is not an empty battery"
     uno.set_battery(7.0)
     uno.hold(500, 500, 0.5)
     uno.set_battery(6.3)
@@ -65,7 +65,7 @@ def test_r20_fw8_two_seconds_of_low_battery_disarm_until_recovery(uno):
     assert not uno.moving, "less than 200 mV above the limit"
     uno.set_battery(6.9)
     uno.run(0.3)
-    assert not uno.moving, "it does not start by itself"
+    assert not uno.moving, "the motors must not start without a command"
     uno.hold(500, 500, 0.2)
     assert uno.moving
 
@@ -123,7 +123,7 @@ def test_r22_one_channel_counts_both_edges_with_the_sign_of_the_duty(uno):
     uno.run(0.3)
     uno.slots(0, 7, uno.t_s, uno.t_s + 0.05)
     uno.run(0.06)
-    assert counts(uno)[0] - zero[0] == 67, "a wheel that runs out keeps its sign"
+    assert counts(uno)[0] - zero[0] == 67, "a coasting wheel retains its sign"
     uno.hold(-300, -300, 0.05)
     uno.slots(0, 20, uno.t_s, uno.t_s + 0.05)
     uno.run(0.06)
@@ -138,7 +138,7 @@ def test_r22_a_silent_encoder_at_high_duty_is_a_fault(uno):
     uno.hold(600, 600, 0.4)
     assert not uno.state().flags & StateFlag.ENCODER_FAULT
     uno.keep(600, 600, 0.3)
-    assert uno.state().flags & StateFlag.ENCODER_FAULT, "the right one never counted"
+    assert uno.state().flags & StateFlag.ENCODER_FAULT, "the right encoder never counted"
     uno.hold(0, 0, 0.1)
     assert not uno.state().flags & StateFlag.ENCODER_FAULT
 
@@ -152,7 +152,7 @@ def test_r22_without_encoders_no_fault_and_no_count_is_reported(uno):
 
 
 def strip(uno, at_s, seconds, bounces=()):
-    """Tape under the sensor, with edges that bounce."""
+    """Simulate a tape under the sensor, with bouncing edges."""
     for dt in bounces:
         uno.set_mark(True, at_s + dt)
         uno.set_mark(False, at_s + dt + 20e-6)
@@ -223,7 +223,7 @@ def test_r23_the_polarity_of_the_mark_sensor_is_configurable(uno):
 
 @pytest.mark.parametrize("ppm", [0, 2000, -5000])
 def test_r24_pong_reveals_the_clock_error_of_the_resonator(new_uno, ppm):
-    """Two pings 2 s apart: the firmware's seconds are longer or shorter by just so much."""
+    """Two pings are sent 2 s apart: the seconds of the firmware differ by exactly the clock error."""
     uno = new_uno(ppm=ppm)
     uno.run(0.05)
     clocks = []
@@ -275,7 +275,7 @@ def test_r25_every_frame_is_intact_under_load(uno):
     frames = [r for _, r in uno.transcript[before:]]
     assert uno.decoder.bad_crc == uno.decoder.bad_shape == 0
     sequences = [r.seq for r in frames]
-    assert all((b - a) % 256 == 1 for a, b in itertools.pairwise(sequences)), "one lost on the way"
+    assert all((b - a) % 256 == 1 for a, b in itertools.pairwise(sequences)), "one frame was lost"
     assert [r.frame.token for r in frames if isinstance(r.frame, Pong)] == list(range(pings))
     assert len([r for r in frames if isinstance(r.frame, State)]) >= 100
     info = uno.info()

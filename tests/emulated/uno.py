@@ -1,10 +1,10 @@
-"""An Arduino Uno with the real firmware on it, in a time of its own: nothing happens but in `run_until`.
+"""An Arduino Uno with the real firmware and its own clock: time advances only in `run_until`.
 
-Times are true seconds since its power-up. With `ppm` its resonator is off by so much: the firmware then counts
-16 MHz · (1 + ppm·10⁻⁶) a second, and speaks at a baud rate off by as much.
+Times are true seconds since its power-up. With `ppm` its resonator has this error: the firmware then counts 16 MHz · (1
++ ppm·10⁻⁶) a second, and its baud rate has the same error.
 
-simavr takes eleven bit times for a byte where the part takes ten, so bytes towards the firmware are 10 % late; a
-byte from it is given out one byte time after it was written.
+simavr needs eleven bit times for a byte, the real chip ten, so bytes towards the firmware are 10 % late. A byte from
+the firmware is available one byte time after it was written.
 """
 
 import math
@@ -41,14 +41,14 @@ GRAY = (0b00, 0b01, 0b11, 0b10)  # B A, as a wheel turns forwards
 
 
 class Terminal(NamedTuple):
-    """What the bridge does to one motor."""
+    """The state of one motor output of the bridge."""
 
     state: str  # "drive", "brake", "coast"
     duty: float  # share of the supply, + for input 1
 
 
 class Output(NamedTuple):
-    """What the motor pins of both channels did from `t_s` on."""
+    """The state of the motor pins of both channels from `t_s` on."""
 
     t_s: float
     pwm: tuple[float, float]
@@ -56,7 +56,8 @@ class Output(NamedTuple):
     standby: int
 
     def terminal(self, channel: int, driver: Driver) -> Terminal:
-        """By the truth table of the driver; pulled-down pins while the firmware does not hold them."""
+        """Return the motor output by the truth table of the driver; the pins are pulled down while the firmware does
+        not drive them."""
         pwm, (in1, in2) = self.pwm[channel], self.inputs[channel]
         if driver == Driver.TB6612:
             if not self.standby:
@@ -131,7 +132,7 @@ class EmulatedUno:
             self.run_until(2e-3)
 
     def close(self) -> None:
-        """Frees the core. Nothing else may be called afterwards."""
+        """Free the core. Nothing else may be called afterwards."""
         self.lib.rig_free(self.rig)
 
     # Time
@@ -141,7 +142,7 @@ class EmulatedUno:
         return self.lib.rig_cycle(self.rig) / self.hz
 
     def run_until(self, t_s: float) -> None:
-        """Lets the core work until then; it ends within an instruction of it, never earlier."""
+        """Run the core until this time; it ends at most one instruction later and never earlier."""
         end_code = self.lib.rig_run_until(self.rig, max(0, math.ceil(t_s * self.hz - 1e-6)))
         assert not end_code, f"the core stopped at {self.t_s:.6f} s, pc 0x{self.lib.rig_pc(self.rig):04x}"
 
@@ -151,7 +152,8 @@ class EmulatedUno:
     # Bytes
 
     def write(self, data: bytes, at_s: float | None = None) -> float:
-        """Bytes on the wire from `at_s` (now) on, after those before them; when the last has arrived."""
+        """Put bytes on the wire from `at_s` (now) on, after earlier bytes; return the time at which the last byte
+        arrives."""
         t_s = max(self._line_free_s, self.t_s if at_s is None else at_s)
         for byte in data:
             self._put(BYTE, 0, byte, t_s)
@@ -160,11 +162,11 @@ class EmulatedUno:
         return t_s
 
     def read(self) -> bytes:
-        """The bytes that arrived at the host and were not read yet."""
+        """Return the bytes that arrived at the host and were not read yet."""
         return bytes(byte for _, byte in self.read_stamped())
 
     def read_stamped(self) -> list[tuple[float, int]]:
-        """The same with the times at which they arrived."""
+        """Return these bytes with the times at which they arrived."""
         out, n = self.lib.rig_out(self.rig), self.lib.rig_outs(self.rig)
         now, frames = self.t_s, []
         while self._read < n:
@@ -180,7 +182,7 @@ class EmulatedUno:
     # Frames
 
     def send(self, frame: Frame, seq: int | None = None, at_s: float | None = None) -> float:
-        """A frame as the host sends it; when it has arrived."""
+        """Send a frame as the host does and return the time of its arrival."""
         if seq is None:
             self.seq = seq = (self.seq + 1) & 0xFF
         return self.write(encode(frame, seq), at_s)
@@ -204,7 +206,7 @@ class EmulatedUno:
         raise AssertionError(f"no {kind.__name__} within {within_s} s")
 
     def state(self) -> State:
-        """Telemetry that was made after now."""
+        """Return telemetry that was made after this call."""
         now = self.t_s
         while True:
             frame = self.next_frame(State, 0.3)
@@ -219,7 +221,7 @@ class EmulatedUno:
         return self.next_frame(Info)  # pyright: ignore[reportReturnType]
 
     def drive(self, left: int, right: int, flags: int = DriveFlag.ARM, ttl_10ms: int = 0, **send) -> float:
-        """A command with the nonce of this session, the pins read at once."""
+        """Send a command with the nonce of this session; the pins are read at once."""
         return self.send(Drive(self.nonce(), left, right, flags, ttl_10ms), **send)
 
     def nonce(self) -> int:
@@ -232,12 +234,12 @@ class EmulatedUno:
         self.run_until(self.drive(0, 0) + 1e-3)
 
     def hold(self, left: int, right: int, seconds: float, period_s: float = 0.02) -> None:
-        """Arms from zero, then keeps a command."""
+        """Arm with a zero command, then repeat a command."""
         self.arm()
         self.keep(left, right, seconds, period_s)
 
     def keep(self, left: int, right: int, seconds: float, period_s: float = 0.02) -> None:
-        """Sends one command again and again, as a host that computes it each time."""
+        """Send one command again and again, as a host that computes it each time."""
         end = self.t_s + seconds
         while end - self.t_s > 1e-6:
             self.drive(left, right)
@@ -246,7 +248,7 @@ class EmulatedUno:
     # Pins
 
     def outputs(self) -> list[Output]:
-        """Everything the motor pins did since `forget_outputs`, first the state then."""
+        """Return all states of the motor pins since `forget_outputs`; the first entry is the state at that time."""
         n, levels = self.lib.rig_n_levels(self.rig), self.lib.rig_levels(self.rig)
         return [
             Output(
@@ -262,7 +264,7 @@ class EmulatedUno:
         self.lib.rig_clear_levels(self.rig)
 
     def output(self) -> Output:
-        """The motor pins now."""
+        """Return the present state of the motor pins."""
         n, levels = self.lib.rig_n_levels(self.rig), self.lib.rig_levels(self.rig)
         level = levels[n - 1]
         inputs = ((level.inputs[0][0], level.inputs[0][1]), (level.inputs[1][0], level.inputs[1][1]))
@@ -274,7 +276,7 @@ class EmulatedUno:
         )
 
     def duty(self, channel: int) -> float:
-        """Share of the supply at one motor now, by the truth table of the driver."""
+        """Return the present share of the supply at one motor, by the truth table of the driver."""
         return self.output().terminal(channel, self.driver).duty
 
     @property
@@ -282,11 +284,11 @@ class EmulatedUno:
         return bool(self.duty(0) or self.duty(1))
 
     def first_time(self, true: Callable[[Output], bool], after_s: float = 0.0) -> float | None:
-        """When the outputs first did so."""
+        """Return the first time at which the outputs satisfy the condition."""
         return next((out.t_s for out in self.outputs() if out.t_s >= after_s and true(out)), None)
 
     def off_since(self) -> float:
-        """Since when neither motor is driven."""
+        """Return the time since which neither motor is driven."""
         assert not self.moving
         since = self.t_s
         for out in reversed(self.outputs()):
@@ -302,7 +304,7 @@ class EmulatedUno:
         self._put(PIN, PORT_D | MARK_PIN, int(high), at_s)
 
     def encoder(self, plug: int, counts: int, start_s: float, end_s: float) -> None:
-        """So many counts of quadrature (negative: backwards), evenly between two times."""
+        """Simulate this number of quadrature counts (negative: backwards), evenly between two times."""
         for k in range(1, abs(counts) + 1):
             self._gray[plug] = (self._gray[plug] + (1 if counts > 0 else -1)) % 4
             now = GRAY[self._gray[plug]]
@@ -311,7 +313,7 @@ class EmulatedUno:
                 self._put(PIN, PORT_D | pin, now >> bit & 1, at_s)
 
     def slots(self, plug: int, edges: int, start_s: float, end_s: float) -> None:
-        """So many edges of a slot disc on channel A, evenly between two times."""
+        """Simulate this number of edges of a slot disc on channel A, evenly between two times."""
         for k in range(1, edges + 1):
             self._gray[plug] ^= 1
             self._put(
@@ -321,17 +323,17 @@ class EmulatedUno:
     # Accidents
 
     def reset(self, cause: ResetCause = ResetCause.EXTERNAL) -> None:
-        """The reset pin, or the brown-out detector: RAM stays."""
+        """Pull the reset pin or trigger the brown-out detector: RAM is preserved."""
         self.lib.rig_reset(self.rig, cause)
 
     def power_cycle(self, seed: int = 0) -> None:
-        """The supply was away: RAM is noise."""
+        """Switch the supply off and on: RAM contains noise afterwards."""
         chance = random.Random(seed)
         self.lib.rig_ram(self.rig, 0x100, chance.randbytes(2048), 2048)
         self.lib.rig_reset(self.rig, ResetCause.POWER)
 
     def hang(self, interrupts: bool = True) -> None:
-        """The program counter goes into a loop that leads nowhere."""
+        """Set the program counter into an endless loop."""
         self.lib.rig_flash(self.rig, IDLE_LOOP, b"\0\0\xfe\xcf", 4)  # nop, and back to it
         if not interrupts:
             self.lib.rig_interrupts_off(self.rig)
@@ -362,7 +364,7 @@ class EmulatedUno:
 
 
 def hex_chunks(path: Path) -> Iterator[tuple[int, bytes]]:
-    """(address, bytes) of each data record of an Intel hex file below 64 kB."""
+    """Return (address, bytes) of each data record of an Intel hex file below 64 kB."""
     for line in path.read_text(encoding="ascii").split():
         record = bytes.fromhex(line[1:])
         assert sum(record) & 0xFF == 0, f"{path}: the sum of {line} is wrong"
@@ -371,5 +373,5 @@ def hex_chunks(path: Path) -> Iterator[tuple[int, bytes]]:
 
 
 def states(frames: Iterable[Frame]) -> list[State]:
-    """The telemetry among frames."""
+    """Return the telemetry among these frames."""
     return [frame for frame in frames if isinstance(frame, State)]

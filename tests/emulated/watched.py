@@ -1,7 +1,7 @@
-"""`python watched.py -m baqueano …` is that process, and tells which modules it had when: into the file $WATCHED.
+"""`python watched.py -m baqueano …` runs this process and records its imported modules in the file $WATCHED.
 
-A line of JSON at READY=1 with those that are there, and one at the end of each drive with those that were imported
-between its first tick and its last.
+One JSON line at READY=1 lists all modules. One line at the end of each drive lists the modules that were imported
+between its first and its last tick.
 """
 
 import json
@@ -16,26 +16,26 @@ from baqueano.robot.service.realtime import Systemd
 
 
 def write_line(**modules: Any) -> None:
-    """A line."""
+    """Write a line."""
     with Path(os.environ["WATCHED"]).open("a", encoding="utf-8") as out:
         out.write(json.dumps({name: sorted(names) for name, names in modules.items()}) + "\n")
 
 
 def watch_start() -> None:
-    """Tells at READY=1, and from then on of drives."""
-    say = Systemd.say
+    """Record the modules at READY=1, and from then on those of each drive."""
+    notify = Systemd.notify
 
-    def say_and_watch(self: Systemd, words: str) -> None:
+    def notify_and_watch(self: Systemd, words: str) -> None:
         if words == "READY=1":
             write_line(ready=sys.modules)
             watch_ticks()
-        say(self, words)
+        notify(self, words)
 
-    Systemd.say = say_and_watch
+    Systemd.notify = notify_and_watch
 
 
 def watch_ticks() -> None:
-    """Tells at the end of each drive."""
+    """Record the modules at the end of each drive."""
     from baqueano.robot.service.service import Service
 
     ticks = Service._ticks
@@ -48,7 +48,7 @@ def watch_ticks() -> None:
                 late = set(sys.modules) - first
                 yield t_ns
         finally:
-            if first:  # it began
+            if first:  # the drive has begun
                 write_line(late=late)
 
     Service._ticks = ticks_and_watch

@@ -13,7 +13,7 @@ from baqueano.sensors import Imu, Odometer, Pose
 from baqueano.signals import Slot, Tick, sensor_slots
 from baqueano.study.driving import together
 from baqueano.study.truth import TruthWorld, draw_robots
-from baqueano.symbolic import compiled
+from baqueano.symbolic import compile_block
 from baqueano.vehicle_file import load
 from baqueano.vehicles import Drivetrain, Friction, Kinematic, Planar
 from tests.codes import refused
@@ -31,7 +31,7 @@ U = (0.3, 0.0, 0.1)
 
 @cache
 def filter_of(**options):
-    return compiled(AugmentedEkf(SMALL, BOTH(IMU, ODOMETER), **options), "c")
+    return compile_block(AugmentedEkf(SMALL, BOTH(IMU, ODOMETER), **options), "c")
 
 
 def tick(k, imu=None, speed=None, u=U):
@@ -57,14 +57,14 @@ def test_the_heading_follows_the_gyro_despite_a_wrong_turning_model(rate):
     assert estimate.nu[2] == pytest.approx(rate, rel=2e-3)
 
 
-def test_without_a_speed_sensor_the_speed_is_that_of_the_model():
+def test_without_a_speed_sensor_the_model_predicts_the_speed():
     silent, _ = run(filter_of(), (tick(k) for k in range(1, 200)))
     turning, _ = run(filter_of(), (tick(k, (3.0, -2.0, 4.0)) for k in range(1, 200)))
     assert turning.mean[3] == pytest.approx(silent.mean[3], rel=1e-9)
     assert silent.mean[3] > 0.2
 
 
-def test_trusted_accelerometers_move_the_speed():
+def test_trusted_accelerometers_correct_the_speed():
     trusted = filter_of(speed_from=("imu[1]",))
     plain, _ = run(filter_of(), (tick(k, (0.0, 1.5, 3.0)) for k in range(1, 200)))
     moving, _ = run(trusted, (tick(k, (0.0, 1.5, 3.0)) for k in range(1, 200)))
@@ -80,16 +80,16 @@ def test_an_odometer_determines_the_speed_and_the_gyro_the_heading():
 
 
 def test_sideways_process_noise_fades_within_one_tick():
-    """Sideways the tyres stop the vehicle within 15 ms, and a tick lasts 10: σ² τ/2 is what remains."""
+    """The tyres stop sideways motion within 15 ms, and a tick lasts 10 ms: the remaining variance is σ² τ/2."""
     belief, _ = run(filter_of(), (tick(k, u=(0.0, 0.0, 0.0)) for k in range(1, 45)))
     fade_s = SMALL.mass_kg / FRICTION.linear[1]
     assert belief.cov[4, 4] == pytest.approx(0.5 * fade_s * filter_of().velocity_walk_std[1] ** 2, rel=0.03)
 
 
-def test_a_gyro_correction_also_moves_the_sideways_velocity_of_a_car():
-    """ν_y = l ν_ψ of a car, also for the correction by its gyro; the covariance contains this correlation."""
+def test_a_gyro_reading_also_corrects_the_sideways_velocity_of_a_car():
+    """ν_y = l ν_ψ of a car also holds for a correction by its gyro; the covariance contains this correlation."""
     car = load("car")
-    block = compiled(car.estimator(use=("imu",)), "c")
+    block = compile_block(car.estimator(use=("imu",)), "c")
     resting = [Slot(0.0, np.zeros(sensor.size)) for sensor in car.sensors]
     slots, l = type(block.sensors), car.vehicle.rear_axle_m
     belief = block.init()
@@ -111,13 +111,13 @@ def test_a_bias_is_estimated_only_at_rest():
     assert resting.mean[:6] == pytest.approx(np.zeros(6), abs=2e-3)
 
 
-def test_a_vehicle_turned_by_hand_is_not_assumed_at_rest():
+def test_the_estimate_follows_the_gyro_of_a_vehicle_turned_by_hand():
     rest, _ = run(filter_of(), (tick(k, (0, 0, 0), u=(0, 0, 0)) for k in range(1, 200)))
     _, carried_estimate = run(filter_of(), (tick(k, (0, 0, 1.0), u=(0, 0, 0)) for k in range(200, 230)), rest)
     assert carried_estimate.nu[2] == pytest.approx(1.0, rel=0.02)
 
 
-def test_a_spike_is_rejected_and_a_lasting_turn_is_followed():
+def test_a_gyro_spike_is_rejected_and_a_lasting_turn_is_followed():
     belief, _ = run(filter_of(), (tick(k, (0, 0, 0.5)) for k in range(1, 100)))
     spike, _ = run(filter_of(), [tick(100, (0, 0, 17.0))], belief)
     silent, _ = run(filter_of(), [tick(100)], belief)
@@ -134,7 +134,7 @@ def test_an_impossible_yaw_rate_is_never_followed():
 
 def test_rt8_a_saturated_gyro_reading_is_not_used():
     ranged = replace(IMU, gyro_limit=4.0)
-    block = compiled(AugmentedEkf(SMALL, BOTH(ranged, ODOMETER)), "c")
+    block = compile_block(AugmentedEkf(SMALL, BOTH(ranged, ODOMETER)), "c")
     _, estimate = run(block, (tick(k, (0, 0, 4.0)) for k in range(1, 100)))
     assert np.isnan(estimate.innovation[2])
     assert estimate.nu[2] < 1.0
@@ -161,33 +161,33 @@ def test_scale_uncertainty_widens_the_heading_covariance_with_the_turned_angle()
 def test_a_pose_sensor_corrects_the_whole_state():
     sensors = sensor_slots(("imu", "pose"))(IMU, Pose(noise_std=np.array([0.01, 0.01, 0.02])))
     its = layout(AugmentedEkf(SMALL, sensors, use=("imu", "pose")))
-    assert np.all(np.delete(its.moving[3:], BEND, axis=1) == 1.0)  # the bend of a region is considered
+    assert np.all(np.delete(its.moving[3:], BEND, axis=1) == 1.0)  # the curvature of the region is considered
     assert not np.any(layout(AugmentedEkf(SMALL, sensors)).moving[:, SCALES:])
 
 
-def test_a_kinematic_vehicle_follows_its_sensors_too():
+def test_the_filter_of_a_kinematic_vehicle_follows_its_sensors():
     vehicle = Kinematic(velocity_matrix=np.diag([0.5, 0.0, 2.0]), drivetrain=Drivetrain(commands=3))
-    block = compiled(AugmentedEkf(vehicle, BOTH(IMU, ODOMETER), use=("imu[2]", "odometer")), "c")
+    block = compile_block(AugmentedEkf(vehicle, BOTH(IMU, ODOMETER), use=("imu[2]", "odometer")), "c")
     belief, estimate = run(block, (tick(k, (0.0, 0.0, 1.0), 0.4) for k in range(1, 200)))
     assert estimate.nu[[0, 2]] == pytest.approx([0.4, 1.0], rel=0.05)
     assert np.linalg.eigvalsh(belief.cov)[0] > 0.0
 
 
-def test_an_unknown_sensor_in_use_is_refused():
+def test_an_unknown_sensor_name_is_refused():
     with refused("field.use", ValueError, known="imu, odometer"):
         AugmentedEkf(SMALL, BOTH(IMU, ODOMETER), use=("camera[2]",))
 
 
 def test_heading_errors_match_their_covariance_on_the_independent_truth():
-    """40 robots, none of them the one of the file, with gyros whose scale is known to 3 % and whose bias is known to
-    0.002 rad/s. The mean of 40 NEES lies between 0.58 and 1.52 in 99 of 100 such studies, if the claim is true."""
+    """The 40 robots differ from the file; their gyro scale is known to 3 % and their bias to 0.002 rad/s. If the
+    claim is true, the mean of 40 NEES lies between 0.58 and 1.52 in 99 of 100 such studies."""
     seeds, ticks, rng = range(40), 1000, np.random.default_rng(7)
     robots = together([draw_robots(1, seed) for seed in seeds])
     scale, bias = 1.0 + 0.03 * rng.standard_normal(len(seeds)), 0.002 * rng.standard_normal(len(seeds))
     u = np.zeros((ticks, 3))
     u[:, 0], u[:, 2] = 0.5, np.repeat(rng.uniform(0.1, 0.5, ticks // 50), 50)
     file = load("small").with_values({"sensors.imu.gyro_bias": 0.0, "sensors.imu.gyro_scale_std": 0.03})
-    block = compiled(replace(file.estimator(), use=("imu[2]",)), "c")
+    block = compile_block(replace(file.estimator(), use=("imu[2]",)), "c")
     world, beliefs, sensors = TruthWorld(robots, seeds), [block.init() for _ in seeds], sensor_slots(("imu",))
     for k, row in enumerate(u):
         z = world.tick(np.tile(row, (len(seeds), 1)), 0.01)

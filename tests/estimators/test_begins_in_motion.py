@@ -39,7 +39,7 @@ def steady():
 
 
 def speeds(block, nu, first=U):
-    """The estimated speeds of 8 silent ticks, from the velocity `nu`."""
+    """Return the estimated speeds in 8 ticks without readings, from the velocity `nu`."""
     belief, out = block.init(np.zeros(3), nu), []
     for k in range(8):
         u = first if k == 0 else U

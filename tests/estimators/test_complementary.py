@@ -1,4 +1,6 @@
-"""The student's first filter: quick from the model, slow from the wheels, bias learned at rest."""
+"""The complementary filter, a first filter for students: fast changes by the model, slow changes by the wheels, bias
+at rest.
+"""
 
 import numpy as np
 import pytest
@@ -32,7 +34,7 @@ def blended(odometer=None, **options):
 
 
 def through(block, u, z, start=None):
-    """Estimates (N,) from commands (N, 3) and measurements {name: (N, m)}."""
+    """Return estimates (N,) from commands (N, 3) and measurements {name: (N, m)}."""
     names, n = block.sensors._fields, len(u)
     slots = type(block.sensors)(
         *(Slot(np.ones(n), np.asarray(z[k], dtype=float), np.zeros(n)) for k in names)
@@ -43,12 +45,13 @@ def through(block, u, z, start=None):
 
 
 def of_motion(nu, nu_dot):
-    """What the IMU shows (N, 3) of ν, ν̇ (N, 3)."""
+    """Return the IMU measurements (N, 3) of ν, ν̇ (N, 3)."""
     return np.array([IMU.h(Motion(np.zeros(3), a, b, np.zeros(2))) for a, b in zip(nu, nu_dot, strict=True)])
 
 
 def test_fast_speed_changes_follow_the_model_and_fade_with_the_blend_time():
-    """v answers the model like T s / (T s + 1): wheels that stand fast while a command says 0.5 m/s win after T."""
+    """The estimate responds to the model with T s / (T s + 1). Wheels that stay at rest while the command says 0.5
+    m/s dominate after T."""
     n, time_s, lag_s = 400, 0.5, 0.61 / 1.2
     u = np.tile([0.4, 0.0, 0.0], (n, 1))
     z = {"imu": of_motion(np.zeros((n, 3)), np.zeros((n, 3))), "odometer": np.zeros((n, 1))}
@@ -73,7 +76,7 @@ def test_wheels_correct_the_speed_only_at_ticks_with_a_reading():
     assert motion.nu[-1, 0] == pytest.approx(0.3, rel=0.01)
 
 
-def test_slow_speed_changes_follow_the_wheels_for_any_model():
+def test_slow_speed_changes_follow_the_wheels_with_any_model():
     n = 1000
     v = 0.3 * np.sin(0.2 * DT * np.arange(1, n + 1))
     z = {"imu": of_motion(np.zeros((n, 3)), np.zeros((n, 3))), "odometer": 1.02 * v[:, None]}
@@ -82,7 +85,7 @@ def test_slow_speed_changes_follow_the_wheels_for_any_model():
 
 
 def test_the_heading_is_correct_at_a_lower_tick_rate():
-    """A log at 10 Hz for a file of 100 Hz: 2 s at 0.5 rad/s are 1 rad."""
+    """A log at 10 Hz with a file of 100 Hz: 2 s at 0.5 rad/s are 1 rad."""
     block = blended()
     belief = block.init()
     for k in range(1, 22):
@@ -92,7 +95,7 @@ def test_the_heading_is_correct_at_a_lower_tick_rate():
     assert estimate.eta[2] == pytest.approx(1.0, rel=0.2)
 
 
-def test_without_wheels_the_speed_is_that_of_the_model():
+def test_without_wheel_speeds_the_model_predicts_the_speed():
     n = 800
     u = np.tile([0.4, 0.0, 0.0], (n, 1))
     _, motion = through(blended(), u, {"imu": of_motion(np.zeros((n, 3)), np.zeros((n, 3)))})
@@ -100,7 +103,7 @@ def test_without_wheels_the_speed_is_that_of_the_model():
     block, quiet = blended(), Tick(10_000_000, np.zeros(3), silent({"imu": 3}))
     _, estimate = block.step(
         block.init(np.zeros(3), np.array([0.5, 0.0, 0.0])), quiet
-    )  # it was driving before
+    )  # the vehicle was driving before
     assert estimate.nu[0] == pytest.approx(0.5, rel=0.03)
 
 
@@ -118,7 +121,7 @@ def test_the_gyro_bias_is_estimated_only_at_rest():
     assert float(turning_state.bias) == 0.0
 
 
-def test_the_estimate_moves_and_turns_with_the_map_across_pi():
+def test_shifting_and_rotating_the_map_moves_the_estimate_equally():
     n, start = 400, np.array([3.0, -2.0, 2.9])
     nu = np.tile([0.2, 0.0, 0.8], (n, 1))
     z = {"imu": of_motion(nu, 0.0 * nu), "odometer": 1.02 * nu[:, :1]}
@@ -132,10 +135,12 @@ def test_the_estimate_moves_and_turns_with_the_map_across_pi():
 
 
 def test_the_complementary_filter_halves_the_wheel_noise_on_the_independent_truth():
-    """Rms of speed over 8 s of 6 robots: less than half of what the wheels alone show, whose noise is white."""
+    """The rms of the speed error over 8 s of 6 robots is less than half of that of the wheels, whose noise is white."""
     n, ticks, rng = 6, 800, np.random.default_rng(41)
     physics = draw_robots(n, 6)
-    physics = physics.changed(imu=physics.imu.changed(bias=np.zeros((n, 3)), tilt_rad=np.zeros((n, 2))))
+    physics = physics.with_parameters(
+        imu=physics.imu.with_parameters(bias=np.zeros((n, 3)), tilt_rad=np.zeros((n, 2)))
+    )
     world, small = TruthWorld(physics, range(n)), load("small")
     imu = Imu(lever_arm_m=np.array([0.02, 0.005]), accel_noise_std=np.array([0.1, 0.1]), gyro_noise_std=0.004)
     block = Complementary(small.vehicle, type(blended(ODOMETER).sensors)(imu, Odometer(noise_std=0.05)))

@@ -1,7 +1,7 @@
 """Dead reckoning drifts, and its covariance equals that of a Monte Carlo simulation.
 
-False-alarm rates: each variance lies within the χ² band that a right one leaves once in 10,000 choices of the seed; the
-seeds are fixed.
+False-alarm rates: a correct variance lies outside its χ² band once in 10,000 choices of the seed; the seeds are
+fixed.
 """
 
 from dataclasses import replace
@@ -17,7 +17,7 @@ from baqueano.geometry import compose, map_from_body, wrap
 from baqueano.sensors import Imu, Odometer, Pose, Wheels
 from baqueano.signals import Slot, Tick, sensor_slots, silent
 from baqueano.study.truth import TruthWorld, draw_robots
-from baqueano.symbolic import compiled, scan
+from baqueano.symbolic import compile_block, scan
 from baqueano.vehicle_file import load
 from baqueano.vehicles import Car, Drivetrain, Friction, Kinematic, Planar
 from tests.codes import refused
@@ -48,7 +48,7 @@ def reckoning(vehicle=SMALL, **fields):
 
 
 def drive_truth(n, t_s):
-    """ν (N + 1, 3) of a slalom, and η (N + 1, 3) that 1 ms steps make of it."""
+    """Return ν (N + 1, 3) of a slalom, and η (N + 1, 3) integrated in steps of 1 ms."""
     fine = np.arange(n * 10 + 1) * 1e-3
     v, w = 0.3 * (1.0 - np.exp(-fine / 0.3)), 0.5 + 1.2 * np.sin(0.9 * fine)
     stopping = np.sin(0.5 * np.pi * np.clip((t_s - fine) / 0.3, 0.0, 1.0)) ** 2
@@ -62,7 +62,7 @@ def drive_truth(n, t_s):
 
 
 def ticks_of(reckon, readings, u=None):
-    """Ticks (N,) with readings {name: z (N, m)}, one of each per tick; NaN where there is none."""
+    """Return ticks (N,) with readings {name: z (N, m)}, one of each sensor per tick; NaN means no reading."""
     slots = []
     for name in reckon.sensors._fields:
         z = readings.get(
@@ -81,8 +81,8 @@ def kernel_of(reckon, start=None):
 
 
 @pytest.mark.parametrize("speed", [{"wheels": WHEELS}, {"odometer": ODOMETER}], ids=["wheels", "odometer"])
-def test_the_covariance_is_that_of_a_monte_carlo(speed):
-    """Bias, its walk, both scales, white noise and the start are drawn; nothing else is wrong."""
+def test_the_covariance_matches_a_monte_carlo_simulation(speed):
+    """Bias, bias walk, both scales, white noise and the start are random; everything else is exact."""
     runs, n = 400, 2000
     rng = np.random.default_rng(30)
     bias_std, gyro_std, speed_std = 6e-4, 2e-3, 4e-3
@@ -115,16 +115,16 @@ def test_the_covariance_is_that_of_a_monte_carlo(speed):
         assert low < variances[k] < high, f"{quantity}: {variances[k]:.3f} of the claimed variance"
 
 
-def test_without_wheels_speed_and_uncertainty_are_those_of_the_model():
-    """The effort's scale and the noise of every tick are drawn; the gyro and the start are perfect."""
+def test_without_wheel_speeds_the_model_predicts_speed_and_uncertainty():
+    """The scale of the effort and the noise of every tick are random; the gyro and the start are exact."""
     runs, n = 300, 1000
     rng, std = np.random.default_rng(31), ACCEL_SCALE_STD
     imu = replace(
         IMU, gyro_noise_std=1e-6, gyro_bias_std=0.0, gyro_scale_std=0.0
-    )  # so that the scale is the model's
+    )  # so that the scale belongs to the model
     reckon = reckoning(imu=imu, initial_std=np.full(6, 1e-6))
     u = np.column_stack([0.4 + 0.3 * np.sin(0.02 * np.arange(n)), np.zeros(n), np.zeros(n)])
-    level = np.column_stack([np.zeros((n, 2)), np.full(n, 0.02)])  # it never turns
+    level = np.column_stack([np.zeros((n, 2)), np.full(n, 0.02)])  # the vehicle never turns
     kernel, errors = kernel_of(reckon), []
     belief, _ = kernel.run(ticks_of(reckon, {"imu": level}, u))
     for _ in range(runs):
@@ -141,12 +141,12 @@ def test_without_wheels_speed_and_uncertainty_are_those_of_the_model():
 
 
 def test_pose_nees_lies_in_its_band_on_the_independent_truth():
-    """A dead zone, unequal motors, lag and slip that the model does not have; gyro and wheels as the block believes."""
+    """The truth has a dead zone, unequal motors, lag and slip that the model lacks; gyro and wheels are as modelled."""
     n, ticks, rng = 40, 800, np.random.default_rng(32)
     physics = draw_robots(n, 5)
     bias = np.zeros((n, 3))
     bias[:, 2] = 5e-4 * rng.standard_normal(n)
-    physics = physics.changed(imu=physics.imu.changed(bias=bias, tilt_rad=np.zeros((n, 2))))
+    physics = physics.with_parameters(imu=physics.imu.with_parameters(bias=bias, tilt_rad=np.zeros((n, 2))))
     world, small = TruthWorld(physics, range(n)), load("small")
     wheels = Wheels(track_m=0.12, noise_std=0.01)
     reckon = DeadReckoning(
@@ -176,7 +176,7 @@ def test_pose_nees_lies_in_its_band_on_the_independent_truth():
     "late", [{"delay_s": 0.03, "delay_slots": 3}, {"low_pass_hz": 5.0}], ids=["delay", "low-pass"]
 )
 def test_a_delayed_gyro_causes_no_heading_error_in_a_curve(late):
-    """On a curve that begins, swings and ends: the age costs no heading, neither on the way nor at its end."""
+    """On a curve that begins, oscillates and ends, the delay causes no heading error during or after the curve."""
     n = 600
     reckon = reckoning(WHEELED, imu=replace(IMU, **late), odometer=ODOMETER)
     nu, eta = drive_truth(n, 4.0)
@@ -195,7 +195,7 @@ def test_a_delayed_gyro_causes_no_heading_error_in_a_curve(late):
     assert np.max(np.hypot(*(estimates.eta[:, :2] - eta[1:, :2]).T)) < 3e-3
 
 
-def test_slow_readings_correct_the_model_error_between_readings():
+def test_slow_readings_correct_the_model_error_between_two_readings():
     """Under no command the model slows down: without the last term of (3) the heading would end 1 rad short."""
     n = 2000
     reckon = reckoning(imu=IMU, odometer=ODOMETER)
@@ -207,7 +207,7 @@ def test_slow_readings_correct_the_model_error_between_readings():
     assert abs(wrap(belief.mean[2] - eta[-1, 2])) < 0.15
 
 
-def test_sensor_rows_are_chosen_by_the_measurement_function():
+def test_sensor_rows_are_selected_by_their_measured_velocities():
     def rows_shown(**sensors_by_name):
         return [(r.name, r.rows, r.of) for r in reckoning(**sensors_by_name).readings]
 
@@ -224,7 +224,7 @@ def test_sensor_rows_are_chosen_by_the_measurement_function():
         reckoning(use=("gps",))
 
 
-def test_wheels_alone_determine_the_heading_too():
+def test_wheel_speeds_without_a_gyro_determine_the_heading():
     n = 500
     nu, eta = drive_truth(n, 1e9)
     z = WHEELS.radius_scale * np.stack([nu[1:, 0] - 0.06 * nu[1:, 2], nu[1:, 0] + 0.06 * nu[1:, 2]], 1)
@@ -252,7 +252,7 @@ def test_the_sideways_velocity_of_a_car_follows_from_its_rear_axle():
 
 
 @pytest.mark.parametrize("turn", [0.0, 2.9, -1.3])
-def test_the_estimate_moves_and_turns_with_the_map(turn):
+def test_shifting_and_rotating_the_map_moves_the_estimate_equally(turn):
     start, n = np.array([3.0, -2.0, turn]), 300
     reckon = reckoning(imu=IMU, odometer=ODOMETER, initial_std=np.full(6, 0.01))
     nu, _ = drive_truth(n, 1e9)
@@ -270,7 +270,7 @@ def test_the_estimate_moves_and_turns_with_the_map(turn):
 
 
 def test_heading_crosses_pi_between_two_ticks_without_a_jump():
-    reckon = compiled(reckoning(), "python")
+    reckon = compile_block(reckoning(), "python")
     belief, psi = reckon.init(eta=np.array([0.0, 0.0, 3.0])), [3.0]
     for k in range(1, 40):
         z = Slot(1.0, np.array([0.0, 0.0, 1.03 * 2.0 + 0.02]))
@@ -281,7 +281,7 @@ def test_heading_crosses_pi_between_two_ticks_without_a_jump():
 
 
 def test_position_uncertainty_after_a_pause_covers_the_possible_distance():
-    reckon = compiled(reckoning(imu=IMU, odometer=ODOMETER), "python")
+    reckon = compile_block(reckoning(imu=IMU, odometer=ODOMETER), "python")
     belief = reckon.init(nu=np.array([0.3, 0.0, 0.0]))
     slots = type(reckon.sensors)(Slot(1.0, np.array([0.0, 0.0, 0.02])), Slot(1.0, np.array([1.02 * 0.3])))
     belief, _ = reckon.step(belief, Tick(10_000_000, np.array([0.24, 0.0, 0.0]), slots))

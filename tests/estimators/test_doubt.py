@@ -10,10 +10,10 @@ from baqueano.geometry import wrap
 from baqueano.runs import Run
 from baqueano.signals import Slot, Tick
 from baqueano.simulate import simulate
-from baqueano.symbolic import compiled
+from baqueano.symbolic import compile_block
 from baqueano.vehicle_file import load
 
-SMALL = load("small").with_values(  # the model is the vehicle
+SMALL = load("small").with_values(  # the model equals the vehicle
     {"estimator.velocity_walk_std": [0.005, 0.002, 0.005], "estimator.disturbance_std": [0.02, 0.05]}
 )
 FAULT_S, END_S = (3.0, 8.0), 12.0
@@ -32,11 +32,11 @@ def run() -> Run:
 
 @cache
 def block():
-    return compiled(SMALL.estimator())
+    return compile_block(SMALL.estimator())
 
 
 def estimates(z: np.ndarray, has: np.ndarray | None = None):
-    """η, ν and covariance at each tick, with the readings z (N, 3) of an IMU that speaks where `has` (N,)."""
+    """Return η, ν and covariance at each tick, with the readings z (N, 3) of an IMU that answers if `has` (N,) is 1."""
     belief, out = block().init(), []
     for k, t_ns in enumerate(run().t_ns.tolist()):
         slot = Slot(1.0 if has is None else float(has[k]), z[k], 0.0)
@@ -79,8 +79,8 @@ def test_the_region_covers_the_truth_if_the_model_turns_half_as_much():
     assert np.mean(np.abs(e) <= REGION_95 * np.sqrt(cov[:, 2, 2])) >= 0.95
 
 
-def test_consistent_sensors_do_not_change_the_region():
-    """Bit by bit that of a filter whose doubt never begins."""
+def test_consistent_sensors_cause_no_lasting_disagreement():
+    """The duration of a disagreement stays below the threshold that widens the region."""
     belief = block().init()
     for k, t_ns in enumerate(run().t_ns.tolist()):
         slot = Slot(1.0, run().sensors["imu"].z[k], 0.0)
@@ -99,7 +99,7 @@ def test_a_frozen_imu_causes_a_speed_error_below_20_cm_s():
 
 @pytest.mark.parametrize("bad", [np.nan, np.inf, -np.inf])
 def test_a_single_nan_reading_has_no_effect(bad):
-    """Bit by bit the estimate of an IMU that was silent in that tick."""
+    """The estimate equals, bit by bit, the estimate of an IMU that was silent in this tick."""
     z, has = run().sensors["imu"].z.copy(), np.ones(len(t_s))
     z[500], has[500] = bad, 0.0
     for estimate, silent in zip(estimates(z), estimates(run().sensors["imu"].z, has), strict=True):

@@ -21,7 +21,7 @@ def small():
 
 @pytest.fixture(scope="module")
 def run(small):
-    """20 s of an IMU that is 10 ms late, as one behind a filter of 42 Hz whose samples are averaged over a tick."""
+    """Return 20 s of an IMU with 10 ms of delay, as behind a filter of 42 Hz whose samples are averaged over a tick."""
     u = excitation("random_steps", small.command.limit, 20.0, small.rate_hz)
     return experiment(small.with_values({"sensors.imu.delay_s": DELAY_S}), u)
 
@@ -36,19 +36,19 @@ def nees(run):
     return row["nees_velocity"]
 
 
-def test_a_filter_with_the_sensor_delay_does_not_lag(run, small):
+def test_a_filter_with_the_declared_sensor_delay_does_not_lag(run, small):
     assert yaw_rate_error(run) < 0.25 * yaw_rate_error(replay(run, small))
     assert nees(run) < 2.0
 
 
-def test_the_paper_filter_is_consistent_only_with_the_sensor_delay(run, small):
+def test_the_filter_of_the_paper_is_consistent_only_with_the_declared_delay(run, small):
     unaware = with_ekf(small)
     aware = replay(run, unaware.with_values({"sensors.imu.delay_s": DELAY_S}))
     assert yaw_rate_error(aware) < 0.25 * yaw_rate_error(replay(run, unaware))
     assert nees(aware) < 2.0 < 20.0 < nees(replay(run, unaware))
 
 
-def test_a_timestamp_compensates_the_delay_like_the_file(run, small):
+def test_a_sensor_timestamp_compensates_the_delay_like_the_declared_delay(run, small):
     channel = run.sensors["imu"]
     stamped_channel = channel._replace(t_ns=np.maximum(channel.arrival_ns - round(1e9 * DELAY_S), 0))
     replayed_run = replay(replace(run, sensors=run.sensors | {"imu": stamped_channel}), small)

@@ -1,4 +1,4 @@
-"""The paper's filter: the gain on (ν, ν̇) is that of the 6-state filter, with filterpy as the oracle."""
+"""The filter of the paper: its gain on (ν, ν̇) equals that of the 6-state filter, compared with filterpy."""
 
 import numpy as np
 import pytest
@@ -21,14 +21,14 @@ PLANAR = Planar(mass_kg=M, inertia_kg_m2=I, actuator_matrix=T, friction=Friction
 
 
 def paper_g(mu, u):
-    """g(u, μ) written out by hand, with the signs of errata 1."""
+    """Return g(u, μ), written by hand with the signs of errata 1."""
     x, y, r = mu[:3]
     force = T @ u - (D_L + D_C * np.abs(mu[:3])) * mu[:3]
     return np.concatenate([mu[:3] + mu[3:] * DT, [force[0] / M + y * r, force[1] / M - x * r, force[2] / I]])
 
 
 def paper_G(mu):
-    """Its Jacobian as printed, with the signs of errata 1 and the zeros of errata 2."""
+    """Return its Jacobian as printed, with the signs of errata 1 and the zeros of errata 2."""
     x, y, r = mu[:3]
     d = -(D_L + 2.0 * D_C * np.abs(mu[:3])) / np.array([M, M, I])
     lower = np.array([[d[0], r, y], [-r, d[1], -x], [0.0, 0.0, d[2]]])
@@ -46,7 +46,7 @@ def ticks(n, seed=0):
 
 
 @pytest.mark.parametrize("mixing", ["none"])
-def test_gain_on_velocity_is_that_of_the_papers_six_state_filter(mixing):
+def test_the_velocity_gain_equals_the_six_state_filter_of_the_paper(mixing):
     ekf = Ekf(PLANAR, SENSORS, R, mode="paper")
     belief = ekf.init()
     oracle = ExtendedKalmanFilter(dim_x=6, dim_z=3)
@@ -72,7 +72,7 @@ def test_the_paper_mode_does_not_gate_readings():
 
 
 @pytest.mark.parametrize("mode", ["paper", "default"])
-def test_kinematic_prediction_is_the_command_times_v(mode):
+def test_the_kinematic_model_predicts_the_command_times_its_matrix_v(mode):
     V = np.diag([0.3, 0.0, 2.0])
     ekf = Ekf(Kinematic(velocity_matrix=V, drivetrain=Drivetrain()), SENSORS, R, mode=mode)
     belief, quiet = ekf.init(), sensor_slots(("imu",))(Slot(0.0, np.zeros(3)))

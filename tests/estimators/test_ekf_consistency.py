@@ -1,9 +1,7 @@
-"""The filter is as sure as it should be: NEES and NIS inside χ² bands, when the world is the one it
-believes in.
+"""The covariance of the filter is correct: NEES and NIS lie in their χ² bands if the world equals the filter model.
 
-False-alarm rates: each band is left by a right filter once in 1,000 choices of the seed; three bands of
-NEES and one of NIS for each of two models, so a right filter fails this file once in 125 choices. The
-seed is fixed.
+False-alarm rates: a correct filter leaves each band once in 1,000 choices of the seed. There are three bands of NEES
+and one of NIS for each of two models. So a correct filter fails this file once in 125 choices; the seed is fixed.
 """
 
 from typing import NamedTuple
@@ -39,7 +37,7 @@ class Noise(NamedTuple):
 
 
 def lab(ekf):
-    """One tick of a world that is exactly what the filter believes, and of the filter in it."""
+    """Run one tick of a world that equals the filter model, and of the filter."""
 
     def step(carry, x):
         (truth, belief), (t_ns, u, noise) = carry, x
@@ -91,7 +89,8 @@ def test_es8_nees_and_nis_lie_in_their_bands(vehicle):
 
 @pytest.mark.parametrize("mode", ["default", "paper"])
 def test_es2_the_covariance_is_symmetric_and_positive_over_a_hundred_thousand_ticks(mode):
-    """With a pose 1e8 times less certain than the rest at the start, and an IMU that comes and goes."""
+    """At the start the pose is 1e8 times less certain than the other states; the readings of the IMU are
+    intermittent."""
     ekf = Ekf(SMALL, SENSORS, R, mode=mode, initial_std=np.array([10.0, 10.0, 1.0, *START[3:]]))
     n, rng = 100_000, np.random.default_rng(21)
 

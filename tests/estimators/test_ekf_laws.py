@@ -1,5 +1,6 @@
-"""Laws of every good filter: damaged data does not enter, missing readings increase the uncertainty, and frames do not
-change the result."""
+"""Properties of every good filter: invalid data have no effect, missing readings increase the uncertainty, and
+frames do not change the result.
+"""
 
 from functools import cache
 
@@ -11,7 +12,7 @@ from baqueano.estimators.readings.gate import gate
 from baqueano.geometry import compose, map_from_body, wrap
 from baqueano.sensors import Imu
 from baqueano.signals import Slot, Tick, sensor_slots
-from baqueano.symbolic import compiled
+from baqueano.symbolic import compile_block
 from baqueano.vehicles import Drivetrain, Friction, Kinematic, Planar, steady
 from tests.codes import refused
 
@@ -25,7 +26,7 @@ R = np.diag([1e-4, 1e-4, 1e-3, 0.05, 0.05, 0.5]) ** 2
 
 @cache
 def ekf(**options):
-    return compiled(Ekf(SMALL, Sensors(IMU), R, **options), "python")
+    return compile_block(Ekf(SMALL, Sensors(IMU), R, **options), "python")
 
 
 def tick(k, u=(0.4, 0.0, 0.1), z=None, dt_ns=10_000_000):
@@ -64,7 +65,7 @@ def test_es4_a_command_that_is_not_finite_does_not_enter_the_state():
     assert same(hit[:4], zero[:4])
 
 
-def test_a_spike_beyond_four_sigma_is_left_out_and_still_reported():
+def test_a_spike_beyond_four_sigma_is_rejected_and_reported():
     belief, _ = after(ekf(), GOOD)
     hit, estimate = ekf().step(belief, tick(6, z=(50.0, 0.0, 0.0)))
     silent, _ = ekf().step(belief, tick(6))
@@ -80,7 +81,7 @@ def test_the_gate_is_the_chi_square_quantile_of_four_sigma():
     assert gate(np.inf, 3) == np.inf
 
 
-def test_es11_a_tick_that_is_repeated_or_late_changes_nothing():
+def test_es11_a_repeated_or_delayed_tick_does_not_change_the_estimate():
     belief, _ = after(ekf(), GOOD)
     for t in (GOOD[-1], GOOD[2]):
         same_belief, estimate = ekf().step(belief, t)
@@ -101,7 +102,7 @@ def test_uncertainty_grows_and_motion_continues_during_two_seconds_without_readi
 
 
 @pytest.mark.parametrize("mode", ["paper", "default"])
-def test_the_estimate_moves_and_turns_with_the_map(mode):
+def test_shifting_and_rotating_the_map_moves_the_estimate_equally(mode):
     start = np.array([3.0, -2.0, 2.9])
     ticks = [tick(k, u=(0.5, 0.0, 0.6), z=(0.2, 0.1, 1.0)) for k in range(1, 80)]
     _, original = after(ekf(mode=mode), ticks)
@@ -111,7 +112,7 @@ def test_the_estimate_moves_and_turns_with_the_map(mode):
     np.testing.assert_allclose(wrap(moved_estimate.eta - moved_pose), 0.0, atol=1e-12)
     J = np.eye(6)
     J[:3, :3] = map_from_body(start[2])
-    # the standard deviation at the start is a circle, so the turned covariance is the covariance turned
+    # the start deviation is isotropic, so the covariance rotates with the map
     np.testing.assert_allclose(moved_estimate.cov, J @ original.cov @ J.T, atol=1e-12)
 
 
@@ -128,7 +129,7 @@ def test_es10_heading_crosses_pi_between_two_ticks_without_a_jump():
 
 
 @pytest.mark.parametrize(("mode", "order"), [("default", 4), ("paper", 1)])
-def test_the_prediction_error_has_the_right_order(mode, order):
+def test_the_prediction_error_has_order_four_or_order_one_in_paper_mode(mode, order):
     """Global error after 0.4 s against a fine integration, by the slope of its logarithm."""
     nu0 = np.array([0.3, 0.1, 1.5])
 
@@ -148,14 +149,14 @@ def test_the_prediction_error_has_the_right_order(mode, order):
     assert slope == pytest.approx(order, abs=0.25)
 
 
-def test_process_noise_is_per_second_for_any_tick():
+def test_the_process_noise_variance_is_proportional_to_time():
     flat = Ekf(Kinematic(velocity_matrix=np.eye(3)), Sensors(IMU), R)
     a = after(flat, [tick(k, dt_ns=20_000_000) for k in range(1, 3)])[0]
     b = after(flat, [tick(k, dt_ns=10_000_000) for k in range(1, 3)])[0]
     np.testing.assert_allclose(np.diag(a.cov)[3:6], 2.0 * np.diag(b.cov)[3:6], rtol=1e-12)
 
 
-def test_unexplained_acceleration_fades_with_its_time():
+def test_unexplained_acceleration_decays_with_its_time_constant():
     filter_ = ekf(disturbance_time_s=0.1)
     belief = filter_.init()
     belief = belief._replace(mean=np.array([0, 0, 0, 0, 0, 0, 1.0, 0, 0.0]))

@@ -9,7 +9,7 @@ from baqueano import vehicle_file
 from baqueano.estimators.pauses import silent_times, split
 from baqueano.identify.noise.most_likely import example_of
 from baqueano.signals import Slot, Tick, sensor_slots
-from baqueano.symbolic import compiled, scan
+from baqueano.symbolic import compile_block, scan
 from tests.ekf_file import with_ekf
 
 MS = 1_000_000
@@ -20,9 +20,9 @@ COMMANDS = {"small": (0.6, 0.0, 0.1), "car": (0.3, 0.2), "case-study-1": (3.0, 0
 
 @cache
 def ekf(name, backend="c"):
-    """The estimator of a vehicle of the garage; "small, ekf" and "car, ekf": with the paper's state."""
+    """Return the estimator of a vehicle of the garage; "small, ekf" and "car, ekf" use the state of the paper."""
     vehicle, _, kind = name.partition(", ")
-    return compiled((with_ekf(load(vehicle), vehicle) if kind else load(vehicle)).estimator(), backend)
+    return compile_block((with_ekf(load(vehicle), vehicle) if kind else load(vehicle)).estimator(), backend)
 
 
 @cache
@@ -52,13 +52,13 @@ def drive_ekf(name, times, belief=None, backend="c"):
 
 @cache
 def moving(name):
-    """A belief at 1 s of a vehicle under its command, and its period [ms]."""
+    """Return the state at 1 s of a vehicle under a command, and its period [ms]."""
     period = round(1e3 / load(name).rate_hz)
     return drive_ekf(name, range(period, 1001, period)), period
 
 
 def random_ticks(name, n, seed, shortest_s=0.0, longest_s=10.0):
-    """n ticks of any length, with damage of every kind."""
+    """Return n ticks of any length, with all kinds of invalid data."""
     file, rng = load(name), np.random.default_rng(seed)
     short, tiny = rng.uniform(0.0, 0.1, n), 10.0 ** rng.uniform(-9.0, 1.0, n)
     dt_s = np.choose(rng.integers(0, 4, n), [rng.uniform(0.0, longest_s, n), short, tiny, np.full(n, 0.01)])
@@ -87,7 +87,7 @@ def sound(mean, cov):
 
 @cache
 def kernel(name):
-    """(belief, row) → mean and covariance, in one kernel."""
+    """Return the function (belief, row) → mean and covariance, in one kernel."""
     block = ekf(name).block
 
     def step(belief, tick):
@@ -107,12 +107,12 @@ def test_a_pause_equals_the_same_number_of_ticks_without_readings(name, pause_ms
     ticked = drive_ekf(name, [*range(1000 + period, 1000 + pause_ms, period), 1000 + pause_ms], belief)
     np.testing.assert_allclose(paused.mean, ticked.mean, rtol=0.0, atol=2e-5)
     if pause_ms % period == 0 and backend == "c":
-        assert np.array_equal(paused.mean, ticked.mean), "the same rows, bit by bit"
+        assert np.array_equal(paused.mean, ticked.mean), "the rows must be equal bit by bit"
         assert np.array_equal(paused.cov, ticked.cov)
 
 
 @pytest.mark.parametrize("name", GARAGE)
-def test_a_measurement_after_a_pause_corrects_at_its_own_tick(name):
+def test_a_measurement_after_a_pause_corrects_the_state_at_its_tick(name):
     belief, period = moving(name)
     _, estimate = ekf(name).step(belief, tick(name, 1500, z=0.1))
     before = drive_ekf(name, range(1000 + period, 1500, period), belief)
@@ -127,7 +127,7 @@ def test_after_one_second_of_pause_only_the_covariance_grows(name, call):
     belief, _ = moving(name)
     step = getattr(
         ekf(name).block if name == "car" else ekf(name), call
-    )  # hundreds of rows: one as it is written
+    )  # hundreds of rows: one row of plain NumPy
     after_1_ms, two, ten = (step(belief, tick(name, 1000 + ms))[0] for ms in (1001, 2000, 10_000))
     np.testing.assert_array_equal(two.mean, after_1_ms.mean)
     np.testing.assert_array_equal(ten.mean, after_1_ms.mean)
@@ -135,7 +135,7 @@ def test_after_one_second_of_pause_only_the_covariance_grows(name, call):
     assert np.all(spread[1] > spread[0])
     assert np.all(spread[2] > spread[1])
     way = np.hypot(*ten.mean[3:5]) * 8.9
-    assert np.sqrt(ten.cov[0, 0]) > way, "it may have gone on as it went"
+    assert np.sqrt(ten.cov[0, 0]) > way, "the vehicle may have continued at its velocity"
     near = drive_ekf(name, range(1010, 2001, 10), belief) if call == "step" else after_1_ms
     np.testing.assert_allclose(after_1_ms.mean, near.mean, rtol=0.0, atol=1e-3)
 
@@ -151,7 +151,7 @@ def test_covariance_stays_positive_definite_over_a_million_rows_of_any_length(na
         last = int(ticks.t_ns[-1])
         assert sound(mean[::5], cov[::5])
         assert np.isfinite(mean).all()
-    assert np.sqrt(cov[:, 0, 0].max()) > 100.0, "its covariance shows that it is lost"
+    assert np.sqrt(cov[:, 0, 0].max()) > 100.0, "the covariance must show the lost position"
     assert np.sqrt(cov[:, 0, 0].max()) <= 2000.0
 
 
@@ -177,7 +177,7 @@ def test_es11_random_ticks_leave_every_back_end_finite_and_positive_definite(nam
 
 
 @pytest.mark.parametrize("name", GARAGE)
-def test_the_back_ends_agree_over_pauses(name):
+def test_all_back_ends_give_the_same_estimate_over_pauses(name):
     belief = ekf(name).init()
     for each_tick in each(random_ticks(name, 30, 5, 1e-3, 1.5)):
         belief, *beliefs = (
@@ -204,10 +204,10 @@ def test_a_scan_over_split_ticks_equals_single_steps(name):
         np.testing.assert_allclose(np.diag(cov[k]), np.diag(belief.cov), rtol=rtol)
 
 
-def test_jitter_is_not_split_and_a_pause_is_split_by_period():
+def test_a_pause_is_split_into_periods_and_jitter_is_not_split():
     assert silent_times(0, 20 * MS, 100.0) == []
     assert silent_times(0, 24 * MS, 50.0) == []
-    assert silent_times(-1, 900 * MS, 100.0) == [], "before the first tick was no pause"
+    assert silent_times(-1, 900 * MS, 100.0) == [], "no pause precedes the first tick"
     assert silent_times(5, 5 + 50 * MS, 100.0) == [5 + k * 10 * MS for k in (1, 2, 3, 4)]
     assert silent_times(0, 120 * MS + 1, 50.0) == [k * 20 * MS for k in range(1, 6)]
     assert max(np.diff([0, *silent_times(0, 990 * MS, 50.0), 990 * MS])) <= 25 * MS
@@ -216,7 +216,7 @@ def test_jitter_is_not_split_and_a_pause_is_split_by_period():
 
 
 def test_a_pause_does_not_change_the_command_delay():
-    """The car's 80 ms: a new command after a pause acts four periods later, as without a pause."""
+    """The delay of the car is 80 ms: after a pause a new command acts four periods later, as without a pause."""
     block = ekf("car, ekf").block
 
     def efforts(times):

@@ -1,7 +1,7 @@
-"""No reading is accepted by force after long rejection: a sensor broken for seconds moves no estimate, and a wrong
-model is reported at once.
+"""No reading is accepted by force after long rejection: a broken sensor moves no estimate, and a wrong model is
+reported at once.
 
-The small vehicle rests for 6 s, drives in turns, and stands again. What is broken is so from 8 s to 11 s.
+The small vehicle rests for 6 s, drives in turns, and rests again. The fault lasts from 8 s to 11 s.
 """
 
 from typing import Any, NamedTuple
@@ -19,7 +19,7 @@ from baqueano.vehicle_file import load
 
 REST_S, BROKEN_S, END_S, STILL_S = WINDOW_S + 1.0, (8.0, 11.0), 16.0, 2.0
 TOLD_S = 0.5
-SMALL = load("small").with_values(  # the model is the vehicle, and the floor is still
+SMALL = load("small").with_values(  # the model equals the vehicle, and the floor has no noise
     {"estimator.velocity_walk_std": [0.005, 0.002, 0.005], "estimator.disturbance_std": [0.02, 0.05]}
 )
 t_s = 0.01 * np.arange(round(100 * END_S))
@@ -28,23 +28,23 @@ U = np.outer(DRIVING, [0.5, 0.0, 0.0]) + np.outer(DRIVING * np.sign(np.sin(2.0 *
 
 
 class Consequence(NamedTuple):
-    """What a filter made of a run."""
+    """The results of a filter over one run."""
 
     error: np.ndarray  # (N, 3) of ν
     refused: np.ndarray  # (N,) bool
     refused_at_s: float  # the first time
-    told_at_s: float  # by Health; NaN: never
+    told_at_s: float  # reported by Health; NaN: never
 
 
 def turning(factor: float) -> Run:
-    """The run of a vehicle that turns so many times as hard as the filter believes."""
+    """Return the run of a vehicle whose turning gain is this many times that of the filter model."""
     gain = factor * SMALL.vehicle.actuator_matrix[2, 2]
     return simulate(SMALL.with_values({"model.actuator_matrix[2,2]": gain}), U, 0)
 
 
 @pytest.fixture(scope="module")
 def run() -> Run:
-    """The run of a vehicle as the filter believes it to be."""
+    """Return the run of a vehicle that equals the filter model."""
     return simulate(SMALL, U, 0)
 
 
@@ -56,7 +56,7 @@ def kernel():
 
 
 def consequence(kernel, run: Run, z: np.ndarray | None = None) -> Consequence:
-    """The filter over the commands of `run`, and over `z` (N, 3) instead of the readings of its IMU."""
+    """Run the filter over the commands of `run`, with z (N, 3) in place of the IMU readings if given."""
     imu, t_ns = run.sensors["imu"], run.t_ns
     has: Any = np.ones(len(t_ns))
     ticks: Any = t_ns
@@ -88,8 +88,8 @@ def broken_readings(run: Run, fault: str) -> np.ndarray:
 
 @pytest.mark.parametrize("fault", ["stuck", "shaken", "gyro", "ramp of 6 degrees"])
 def test_es7_a_sensor_broken_for_seconds_does_not_move_the_estimate(kernel, run, fault):
-    """The bounds are twice the largest errors of an IMU that is whole. The gyro's gate is wide, for real cars turn as
-    no model predicts: one that is shaken by 200 σ may move the yaw rate by 4."""
+    """The limits are twice the largest errors with an intact IMU. The gyro gate is wide, because real cars turn
+    differently from any model: 200 σ of vibration may change the yaw rate by 4."""
     whole, s = consequence(kernel, run), consequence(kernel, run, broken_readings(run, fault))
     at = (t_s >= BROKEN_S[0]) & (t_s < BROKEN_S[1])
     assert np.mean(s.refused[at]) > 0.5
@@ -115,7 +115,7 @@ def test_a_wrong_turning_gain_is_reported_and_the_estimate_recovers_at_rest(kern
     assert np.max(np.abs(s.error[late, 2])) < 0.03
 
 
-def test_es5_one_reading_in_ten_far_off_costs_a_tenth_at_most(kernel, run):
+def test_es5_ten_percent_outliers_increase_the_error_by_at_most_a_tenth(kernel, run):
     random = np.random.default_rng(5)
     z, sigma = run.sensors["imu"].z.copy(), np.sqrt(np.diag(SMALL.sensors.imu.cov))
     at = random.uniform(size=len(z)) < 0.1

@@ -1,4 +1,4 @@
-"""More than one sensor: each corrects when it speaks, and is gated by itself."""
+"""Several sensors: each corrects the state when it has a reading, and each has its own gate."""
 
 import numpy as np
 

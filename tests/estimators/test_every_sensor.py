@@ -1,4 +1,4 @@
-"""Every sensor of the room with every estimator that takes any sensor."""
+"""Every sensor of the package with every estimator that accepts any sensor."""
 
 import numpy as np
 import pytest

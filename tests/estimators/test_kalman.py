@@ -1,4 +1,4 @@
-"""The core against matrices written out, and against filterpy."""
+"""The Kalman core compared with explicit matrices and with filterpy."""
 
 import numpy as np
 import pytest
@@ -26,7 +26,7 @@ def test_sequential_corrections_equal_one_joint_correction(seed):
     assert np.sum(np.log(correction.s)) == pytest.approx(np.linalg.slogdet(S)[1], rel=1e-9, abs=1e-9)
 
 
-def test_prediction_and_correction_are_those_of_filterpy():
+def test_prediction_and_correction_equal_filterpy():
     filterpy = pytest.importorskip("filterpy.kalman")
     P, y, H, Q = _case(1)
     F, R = np.random.default_rng(2).normal(size=(6, 6)), 0.1 * np.eye(6)
@@ -58,8 +58,9 @@ def test_es3_covariance_stays_positive_where_a_measurement_is_almost_exact():
         assert np.linalg.eigvalsh(P)[0] > -1e-18
 
 
-def test_a_considered_state_does_not_move_but_its_uncertainty_counts():
-    """Schmidt: a scale of unknown size acts on what is measured. The covariance is that of many draws."""
+def test_a_considered_state_is_not_corrected_but_its_uncertainty_counts():
+    """Schmidt filter: a scale of unknown size affects the measurement. The covariance equals that of many random
+    draws."""
     P, H, Q = np.diag([1.0, 0.25]), np.array([[1.0, 2.0]]), np.array([0.5])
     estimated = np.array([1.0, 0.0])
     correction = correct(P, np.array([1.0]), H, Q, estimated)
@@ -73,7 +74,7 @@ def test_a_considered_state_does_not_move_but_its_uncertainty_counts():
     assert correction.cov == pytest.approx(np.cov(errors.T), abs=0.01)
 
 
-def test_a_smaller_weight_acts_as_more_noise():
+def test_a_smaller_weight_has_the_effect_of_more_noise():
     P, y, H, _ = _case(3)
     s = H[0] @ P @ H[0] + 0.3
     weighted = correct(P, y[:1], H[:1], np.array([0.3]), weight=lambda c, e, s: 0.25)
@@ -85,13 +86,13 @@ def test_a_smaller_weight_acts_as_more_noise():
     assert without_weight.cov == pytest.approx(P)
 
 
-def test_decorrelated_measurements_have_the_same_information():
+def test_decorrelation_preserves_the_information_of_measurements():
     _, y, H, Q = _case(4)
     v, rows, q = independent(y, H, Q)
     assert (rows.T / q) @ v == pytest.approx(H.T @ np.linalg.solve(Q, y))
     assert (rows.T / q) @ rows == pytest.approx(H.T @ np.linalg.solve(Q, H))
 
 
-def test_only_the_heading_is_wrapped():
+def test_boxplus_wraps_only_the_heading():
     x = boxplus(np.array([3.0, -4.0, 3.0, 5.0]), np.array([1.0, -1.0, 1.0, 1.0]))
     assert x == pytest.approx([4.0, -5.0, 4.0 - 2.0 * np.pi, 6.0])

@@ -1,4 +1,4 @@
-"""A model that turns wrongly through a whole bend does not pull the heading off the gyro."""
+"""A model with a wrong turning gain does not pull the heading away from the gyro in a long bend."""
 
 import numpy as np
 import pytest
@@ -53,4 +53,4 @@ def test_the_heading_follows_the_gyro_with_any_model(turning_gain):
     plain = DT_S * np.cumsum(readings - 1.0)
     late = slice(TICKS // 3, None)  # the misfit has lasted for 5 s
     drift = (error - plain)[late]
-    assert np.ptp(drift) < 0.003  # of 10 rad; a model that pulls for ever moves it by 0.008
+    assert np.ptp(drift) < 0.003  # of 10 rad; a permanent pull of the model moves the heading by 0.008

@@ -1,4 +1,4 @@
-"""Tags on the floor and a filter that is wrong: one reading is an outlier, two are not."""
+"""Tags on the floor and a wrong filter: one contradicting reading is an outlier, two are not."""
 
 from functools import cache
 
@@ -10,7 +10,7 @@ from baqueano.estimators.augmented.state import BIASES, SCALES
 from baqueano.estimators.readings.place_gate import AGAIN_S, TURN_STD, square
 from baqueano.sensors import Imu, Pose, Tags
 from baqueano.signals import Slot, Tick, sensor_slots
-from baqueano.symbolic import compiled
+from baqueano.symbolic import compile_block
 from baqueano.vehicles import Friction, Planar
 
 FRICTION = Friction(linear=np.array([3.0, 40.0, 0.012]))
@@ -21,16 +21,16 @@ IMU = Imu(accel_noise_std=np.array([0.05, 0.05]), gyro_noise_std=0.005)
 TAGS = Tags(points_m=np.array([[0.0, 0.0], [1.0, 0.0]]), noise_std=0.01)
 BOTH = sensor_slots(("imu", "tags"))
 SOON, LATER = 0.05, 1.5  # s
-OTHER = np.array([1.0, 0.0])  # the way from the first tag to the second
+OTHER = np.array([1.0, 0.0])  # the vector from the first tag to the second
 
 
 @cache
 def ekf():
-    return compiled(AugmentedEkf(SMALL, BOTH(IMU, TAGS), use=("imu", "tags")), "c")
+    return compile_block(AugmentedEkf(SMALL, BOTH(IMU, TAGS), use=("imu", "tags")), "c")
 
 
 def after(belief, seconds, place=None, u=(0.3, 0.0, 0.0)):
-    """The belief after a drive of `seconds`; at its end a tag is read `place` beside the belief."""
+    """Return the belief after a drive of `seconds`; at its end a tag is read `place` away from the estimate."""
     for k in range(round(100 * seconds)):
         last = k == round(100 * seconds) - 1 and place is not None
         t_ns = int(belief.t_ns) + 10_000_000 if belief.t_ns >= 0 else 10_000_000
@@ -40,13 +40,13 @@ def after(belief, seconds, place=None, u=(0.3, 0.0, 0.0)):
 
 
 def position(belief, t_ns, u):
-    """Return its belief one tick later."""
+    """Return the estimated position one tick later."""
     quiet = BOTH(Slot(1.0, np.zeros(3)), Slot(0.0, np.zeros(2)))
     return ekf().step(belief, Tick(t_ns, np.array(u), quiet))[0].mean
 
 
 def moved_by(belief, seconds, place):
-    """(2,) by which a reading moves the belief, and that belief."""
+    """Return the correction (2,) that a reading causes, and the belief after it."""
     posterior = after(belief, seconds, place)
     return posterior.mean[:2] - after(belief, seconds).mean[:2], posterior
 
@@ -69,7 +69,7 @@ def test_a_confused_tag_does_not_move_the_estimate_if_one_coordinate_agrees(driv
 
 
 def test_two_confused_tags_are_rejected_and_the_next_correct_tag_is_accepted(driving):
-    """The same tag taken for the same other one, twice: what a vehicle would show that was carried."""
+    """The same tag is confused with the same other tag twice, as if the vehicle had been carried."""
     once, twice = after(driving, LATER, OTHER), after(after(driving, LATER, OTHER), LATER, OTHER)
     silent = after(after(driving, LATER), LATER)
     for x in (twice, after(once, LATER, -OTHER)):
@@ -97,7 +97,7 @@ def test_four_equal_tag_readings_relocate_a_carried_vehicle(driving):
 
 
 def test_an_uncertain_estimate_accepts_the_likelier_tag():
-    """0.3 m of deviation: the other tag is 3.3 of them away, within the gate."""
+    """With 0.3 m of standard deviation the other tag is 3.3 deviations away, within the gate."""
     start = after(ekf().init(), 1.0, u=(0.0, 0.0, 0.0))
     wide = start._replace(cov=start.cov + np.diag([0.09, 0.09, *np.zeros(len(start.mean) - 2)]))
     correction_m, _ = moved_by(wide, SOON, np.array([0.01, 0.02]) + OTHER)
@@ -112,7 +112,7 @@ def test_the_second_consistent_tag_relocates_a_carried_vehicle(driving):
     assert correction_m == pytest.approx(np.zeros(2), abs=1e-3)
     correction_m, posterior = moved_by(doubting, LATER, carried_m + 0.01)
     assert correction_m == pytest.approx(carried_m, abs=0.05)
-    assert posterior.cov[2, 2] > 10.0 * doubting.cov[2, 2], "its heading may be off as well"
+    assert posterior.cov[2, 2] > 10.0 * doubting.cov[2, 2], "the heading may be wrong too"
     correction_m, _ = moved_by(posterior, LATER, np.array([0.01, 0.02]))
     assert np.all(np.abs(correction_m) > 0.005)
 
@@ -135,7 +135,7 @@ def test_two_contradicting_tags_widen_the_region_and_the_third_decides(driving):
     assert correction_m == pytest.approx([0.3, 0.1], abs=0.03)
 
 
-def test_a_doubt_does_not_widen_scales_or_biases_beyond_their_start(driving):
+def test_contradicting_tags_do_not_widen_scales_or_biases_beyond_their_prior(driving):
     wide = after(after(driving, LATER, np.array([50.0, 0.0])), LATER, np.array([-50.0, 0.0]))
     start = np.sqrt(np.diag(ekf().init().cov))
     sd = np.sqrt(np.diag(wide.cov))
@@ -145,7 +145,7 @@ def test_a_doubt_does_not_widen_scales_or_biases_beyond_their_start(driving):
     assert np.linalg.eigvalsh(wide.cov)[0] > 0.0
 
 
-def test_an_accepted_tag_ends_a_doubt(driving):
+def test_an_accepted_tag_resets_an_earlier_contradiction(driving):
     far, near = np.array([1.0, 0.3]), np.zeros(2)
     calm = after(after(driving, LATER, far), LATER, near)
     correction_m, _ = moved_by(calm, LATER, far)
@@ -153,9 +153,9 @@ def test_an_accepted_tag_ends_a_doubt(driving):
 
 
 def test_a_permanent_camera_jump_is_followed_after_one_second():
-    """25 poses a second, 1 m beside where it was from one to the next."""
+    """At 25 poses a second, the measured position jumps by 1 m and stays there."""
     sensors = sensor_slots(("imu", "pose"))
-    block = compiled(
+    block = compile_block(
         AugmentedEkf(SMALL, sensors(IMU, Pose(noise_std=np.full(3, 0.01))), use=("imu", "pose")), "c"
     )
     belief, at = block.init(), {}
@@ -170,7 +170,7 @@ def test_a_permanent_camera_jump_is_followed_after_one_second():
 
 
 @pytest.mark.parametrize("m", [1, 2, 3])
-def test_the_normalised_square_equals_that_of_the_inverse_matrix(m):
+def test_the_normalised_square_equals_the_result_with_the_inverse_matrix(m):
     rng = np.random.default_rng(m)
     L, y = rng.normal(size=(m, m)), rng.normal(size=m)
     S = L @ L.T + np.eye(m)

@@ -1,4 +1,4 @@
-"""Wheels that slip for a while: the stated uncertainty of the recommended filter."""
+"""Wheels that slip for a while: the covariance of the recommended filter covers the errors."""
 
 from dataclasses import replace
 
@@ -30,7 +30,7 @@ def filter_of(odometer):
 
 
 def errors_and_claims(odometer):
-    """Error of the way and of the speed, and the claimed variances, at the end of drives straight on: (DRIVES, 2)."""
+    """Return errors of distance and speed and their claimed variances at the end of straight drives: (DRIVES, 2)."""
     n, rng, block = round(SECONDS / DT), np.random.default_rng(7), filter_of(odometer)
     slots = type(block.sensors)
     example = Tick(1, np.zeros(3), slots(Slot(0.0, np.zeros(1))))
@@ -63,13 +63,13 @@ def with_slip():
 
 
 def test_distance_and_speed_errors_match_their_covariance_under_wheel_slip(with_slip):
-    """χ² of 60 drives over 60: between 0.55 and 1.6 in all but 1 of 1000."""
+    """χ² of 60 drives divided by 60 lies between 0.55 and 1.6 in all but 1 of 1000 cases."""
     error, claim = with_slip
     for nees in np.mean(error**2 / claim, axis=0):
         assert 0.55 < nees < 1.6
 
 
-def test_slip_modelled_as_white_noise_gives_too_small_a_covariance():
+def test_the_covariance_is_too_small_if_slip_is_modelled_as_white_noise():
     error, claim = errors_and_claims(replace(ODOMETER, slip_std=0.0))
     assert np.all(np.mean(error**2 / claim, axis=0) > 3.0)
 

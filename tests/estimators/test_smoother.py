@@ -1,4 +1,4 @@
-"""The smoother is the least-squares solution over the whole run, and better than the filter that it follows."""
+"""The smoother equals the least-squares solution over the whole run, and is better than the filter."""
 
 from dataclasses import dataclass
 from typing import NamedTuple
@@ -32,7 +32,7 @@ class Belief(NamedTuple):
 
 @dataclass(frozen=True)
 class Linear:
-    """x⁺ = A x + u, z = H x: the core alone. The third entry is a heading that never comes near ±π."""
+    """x⁺ = A x + u, z = H x: only the core. The third entry is a heading that stays away from ±π."""
 
     start: np.ndarray
     cov: np.ndarray
@@ -53,7 +53,7 @@ class Linear:
 
 
 def drive(n, seed, turn_rad=0.0):
-    """Commands, measurements with gaps, of a vehicle whose heading is `turn_rad` on."""
+    """Return commands and measurements with gaps of a vehicle with the heading `turn_rad`."""
     rng, x, u, z = np.random.default_rng(seed), np.array([0, 0, turn_rad, 0, 0, 0.0]), [], []
     for k in range(n):
         u.append(0.1 * np.array([np.sin(0.1 * k), 1.0, 0.02 * np.cos(0.1 * k), 0, 0, 0]))
@@ -65,7 +65,7 @@ def drive(n, seed, turn_rad=0.0):
 
 
 def batch(ticks, start, cov):
-    """Mean and covariance of x_1 … x_n by the normal equations of all residuals at once."""
+    """Return mean and covariance of x_1 … x_n by the normal equations of all residuals together."""
     n = len(ticks.t_ns)
     rows, right = [np.eye(N, N * (n + 1))], [start]
     weights = [np.linalg.inv(cov)]
@@ -96,8 +96,8 @@ def test_the_smoother_equals_the_least_squares_solution_over_the_whole_run():
     assert np.array_equal(cov, np.swapaxes(cov, 1, 2))
 
 
-def test_states_with_zero_variance_stay_certain():
-    """A start of which two entries are known and a process without noise in one of them: no inverse exists."""
+def test_states_with_zero_variance_retain_zero_variance():
+    """Two entries of the start are known, and one of them does not have process noise, so an inverse does not exist."""
     certain = P0.copy()
     certain[0, 0] = certain[3, 3] = 0.0
     ticks = drive(30, 62)
@@ -123,7 +123,7 @@ NOISE = np.diag([2e-3, 1e-3, 2e-2, 0.02, 0.01, 0.1]) ** 2
 
 
 def circle(n, seed, start):
-    """Truth (n, 9) of what the filter believes in, and its ticks: an IMU, and a camera at the end alone."""
+    """Return truth (n, 9) of the filter model, and its ticks: an IMU, and a camera only at the end."""
     rng = np.random.default_rng(seed)
     world = Ekf(SMALL, SENSORS, NOISE)
     belief, truth, z = world.init(eta=start), [], []
@@ -144,7 +144,7 @@ def circle(n, seed, start):
 
 
 @pytest.mark.parametrize("kind", [Ekf, Unscented])
-def test_a_camera_at_the_end_corrects_the_way_there_across_pi(kind):
+def test_a_camera_reading_at_the_end_corrects_the_earlier_path_across_pi(kind):
     start, n = np.array([1.0, 2.0, 2.5]), 300
     truth, ticks = circle(n, 63, start)
     block = kind(SMALL, SENSORS, NOISE, use=("imu", "pose"))
@@ -171,7 +171,7 @@ def blind(ticks):
     return ticks._replace(sensors=ticks.sensors._replace(pose=pose._replace(has=0.0 * pose.has)))
 
 
-def test_the_smoothed_estimate_moves_and_turns_with_the_map():
+def test_shifting_and_rotating_the_map_moves_the_smoothed_estimate_equally():
     _, ticks = circle(60, 64, np.zeros(3))
     block, start = Ekf(SMALL, SENSORS, NOISE), np.array([3.0, -2.0, 2.9])
     original, _ = smooth(block, block.init(), ticks, "python")

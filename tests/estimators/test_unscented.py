@@ -1,6 +1,6 @@
-"""The unscented filter: filterpy's numbers, exact where the textbook says so, consistent on the independent truth.
+"""The unscented filter: equal to filterpy, exact as in the textbook, and consistent on the independent truth.
 
-False-alarm rate of the band of NEES: once in 10,000 choices of the seed, which is fixed.
+False-alarm rate of the NEES band: once in 10,000 choices of the seed, which is fixed.
 """
 
 import numpy as np
@@ -18,7 +18,7 @@ from baqueano.sensors import Imu, Pose
 from baqueano.signals import Motion, Slot, Tick, sensor_slots, silent
 from baqueano.study.counterpart import robot_file
 from baqueano.study.truth import TruthWorld, draw_robots
-from baqueano.symbolic import compiled, scan
+from baqueano.symbolic import compile_block, scan
 from baqueano.vehicle_file import load
 from baqueano.vehicles import Friction, Kinematic, Planar, steady
 from tests.codes import refused
@@ -43,7 +43,7 @@ def circle(n, seed=50):
 
 
 def filterpys(x, P):
-    """filterpy's filter with the same points, and its g and h written out."""
+    """Return the filter of filterpy with the same points, and explicit g and h."""
     before = [np.zeros(3)]
 
     def g(x, dt, u):
@@ -73,7 +73,7 @@ def filterpys(x, P):
 
 
 def test_the_unscented_filter_equals_filterpy():
-    """Headings that differ by 0.01 rad at most, where filterpy's mean of them is that of this house."""
+    """The headings differ by 0.01 rad at most, so the mean of filterpy equals the mean of this package."""
     block = Unscented(SMALL, Sensors(IMU), R, gate_sigma=np.inf, initial_std=1e-2 * BROAD)
     belief = block.init()
     ukf, before = filterpys(belief.mean, belief.cov)
@@ -90,7 +90,7 @@ def test_the_unscented_filter_equals_filterpy():
         np.testing.assert_allclose(estimate.innovation_cov, ukf.S, rtol=1e-5, atol=1e-9)
 
 
-def test_the_transform_is_exact_for_linear_functions_and_means_of_squares():
+def test_the_transform_is_exact_for_linear_functions_and_the_mean_of_squares():
     rng = np.random.default_rng(51)
     A, G = rng.normal(size=(5, 5)), rng.normal(size=(3, 5))
     x = Gaussian(np.zeros(5), A @ A.T)
@@ -122,12 +122,12 @@ def test_the_square_root_of_a_singular_covariance_is_correct():
 
 
 def test_an_uncertain_heading_gives_a_more_accurate_pose_than_the_ekf():
-    """Straight on for 2 s from a heading known to 0.3 rad: the mean way ahead is shorter by e^(−σ²/2)."""
+    """Two seconds straight ahead from a heading known to 0.3 rad: the mean distance is shorter by e^(−σ²/2)."""
     sigma, quiet = 0.3, Sensors(Slot(0.0, np.zeros(3)))
     std = np.array([1e-3, 1e-3, sigma, *np.full(6, 1e-3)])
     poses = []
     for kind in (Ekf, Unscented):
-        block = compiled(kind(SMALL, Sensors(IMU), 1e-4 * R, initial_std=std), "python")
+        block = compile_block(kind(SMALL, Sensors(IMU), 1e-4 * R, initial_std=std), "python")
         belief = block.init(nu=np.array([0.4, 0.0, 0.0]))
         for k in range(1, 201):
             belief, estimate = block.step(belief, Tick(k * 10_000_000, np.array([0.5, 0.0, 0.0]), quiet))
@@ -136,7 +136,7 @@ def test_an_uncertain_heading_gives_a_more_accurate_pose_than_the_ekf():
 
 
 def test_nees_and_nis_lie_in_their_bands_on_the_independent_truth():
-    """R of ν is the truth's floor; that of ν̇ is small beside the accelerometer's noise."""
+    """R of ν equals the floor noise of the truth; R of ν̇ is small compared with the accelerometer noise."""
     n, ticks = 5, 400
     physics = draw_robots(n, 7)
     world, z = TruthWorld(physics, range(n)), np.zeros((n, ticks, 3))
@@ -164,14 +164,14 @@ def test_nees_and_nis_lie_in_their_bands_on_the_independent_truth():
     assert np.all(np.abs(np.mean(nis, axis=0) - 1.0) < 0.15), f"NIS {np.mean(nis, axis=0)}"
 
 
-def test_the_estimate_moves_and_turns_with_the_map_across_pi():
+def test_shifting_and_rotating_the_map_moves_the_estimate_equally():
     start = np.array([3.0, -2.0, 3.1])
-    block = compiled(Unscented(SMALL, Sensors(IMU), R), "python")
+    block = compile_block(Unscented(SMALL, Sensors(IMU), R), "python")
     original, moved_belief = block.init(), block.init(eta=start)
     for tick in circle(60):
         original, a = block.step(original, tick)
         moved_belief, b = block.step(moved_belief, tick)
-        np.testing.assert_allclose(b.nu, a.nu, atol=1e-4)  # the points turn with the map
+        np.testing.assert_allclose(b.nu, a.nu, atol=1e-4)  # the sigma points rotate with the map
         moved_pose = compose(start, a.eta)
         np.testing.assert_allclose(b.eta[:2], moved_pose[:2], atol=1e-5)
         assert abs(wrap(b.eta[2] - moved_pose[2])) < 1e-4

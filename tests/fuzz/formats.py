@@ -1,4 +1,4 @@
-"""The formats that are read from others: an original of each, its damaged inputs by number, and how they are read."""
+"""The external input formats: an original of each, its damaged inputs by number, and their readers."""
 
 import json
 import os
@@ -13,7 +13,7 @@ import numpy as np
 
 from baqueano.door.operator import Operator
 from baqueano.door.sockets import Door
-from baqueano.door.wire import decoded, encoded
+from baqueano.door.wire import decode, encode
 from baqueano.drive import experiment
 from baqueano.drive.mission import Mission
 from baqueano.guides.repeat import Repeat
@@ -81,7 +81,7 @@ class Format:
 
 
 def log(rows: int = 40) -> str:
-    """Return a recording of a vehicle that drives on and turns."""
+    """Return a recording of a vehicle that drives and turns."""
     lines = [COLUMNS]
     for k in range(rows):
         t, turn = 20 * k, 30.0 * np.sin(k / 7.0)
@@ -94,7 +94,7 @@ def log(rows: int = 40) -> str:
 
 @contextmanager
 def mcap(folder: Path) -> Iterator[Callable[[int], object]]:
-    """A run: its damage is reported, and everything else is unchanged."""
+    """A run: damage is reported, and all other data are unchanged."""
     small, paths = load("small"), [folder / "short.mcap", folder / "long.mcap"]
     runs = [
         write_run(experiment(small, np.tile([0.5, 0.0, 0.1], (n, 1))), p)
@@ -122,7 +122,7 @@ def mcap(folder: Path) -> Iterator[Callable[[int], object]]:
 
 @contextmanager
 def csv(folder: Path) -> Iterator[Callable[[int], object]]:
-    """A recording of others, by a map that is whole."""
+    """An external recording, imported with an undamaged map."""
     (folder / "log.toml").write_text(MAP, encoding="utf-8")
     original, path = log().encode(), folder / "log.csv"
 
@@ -139,7 +139,7 @@ def csv(folder: Path) -> Iterator[Callable[[int], object]]:
 
 @contextmanager
 def column_map(folder: Path) -> Iterator[Callable[[int], object]]:
-    """A hand-written map of a sound recording."""
+    """A hand-written map of an undamaged recording."""
     (folder / "log.csv").write_text(log(), encoding="utf-8")
     path = folder / "map.toml"
 
@@ -210,7 +210,7 @@ SAID = (
 
 @contextmanager
 def door(folder: Path) -> Iterator[Callable[[int], object]]:
-    """Words to a vehicle and of a vehicle, and missions. The vehicle answers the word after any of them."""
+    """Messages to a vehicle and from a vehicle, and missions. The vehicle answers the message after any of them."""
     path = folder / "door"
     listening = Door(path, Operator(), folder)
     route = Route(np.arange(2.0), np.zeros((2, 3)), np.zeros((2, 3)), False)
@@ -224,8 +224,8 @@ def door(folder: Path) -> Iterator[Callable[[int], object]]:
         generator = draw("door", number)
         match generator.randrange(3):
             case 0:
-                message = decoded(_line(encoded(dict(generator.choice(SAID))), generator))
-                return message and encoded(message)
+                message = decode(_line(encode(dict(generator.choice(SAID))), generator))
+                return message and encode(message)
             case 1:
                 mission = Mission.of_json(damaged_text(generator.choice(missions), generator, ","))
                 numbers = [mission.u] if mission.u is not None else []
@@ -244,7 +244,7 @@ def door(folder: Path) -> Iterator[Callable[[int], object]]:
 
 
 class _Guest:
-    """A connection to a door that may be let go at any word."""
+    """A connection to a door that may be closed at any message."""
 
     def __init__(self, path: Path) -> None:
         self.path, self.line = path, self._connected(path)
@@ -267,7 +267,7 @@ class _Guest:
                 answer += more
         except TimeoutError:
             raise Hang from None
-        except ConnectionError:  # it may let go of who says such a word, not of who comes next
+        except ConnectionError:  # it may disconnect the sender of this message, but not the next client
             self.close()
             self.line = self._connected(self.path)
         return answer

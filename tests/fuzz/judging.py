@@ -1,4 +1,4 @@
-"""The judge of an input: an error of ours with its code, or a value, within 10 s; all else is a finding."""
+"""The judge of an input: a baqueano error with its code, or a value, within 10 s; everything else is a finding."""
 
 import signal
 import threading
@@ -30,7 +30,7 @@ class Outcome:
 
     values: int = 0
     errors: Counter[str] = field(default_factory=Counter)  # by code
-    findings: dict[str, list[int]] = field(default_factory=dict)  # what, and the numbers of its inputs
+    findings: dict[str, list[int]] = field(default_factory=dict)  # the finding, and the numbers of its inputs
     slowest_s: float = 0.0
 
     @property
@@ -44,7 +44,7 @@ class Outcome:
 
 @contextmanager
 def within(limit_s: float) -> Iterator[None]:
-    """Raise Hang where what is done takes longer; only in a main thread of a system with such a timer."""
+    """Raise Hang if the block takes longer; only in a main thread of a system with such a timer."""
     if not hasattr(signal, "setitimer") or threading.current_thread() is not threading.main_thread():
         yield
         return
@@ -62,7 +62,7 @@ def within(limit_s: float) -> Iterator[None]:
 
 
 def judge(read_mutant: Callable[[int], object], numbers: Iterable[int]) -> Outcome:
-    """Return what becomes of the inputs of these numbers."""
+    """Return the outcome of the inputs with these numbers."""
     outcome = Outcome()
     for number in numbers:
         start_s = time.perf_counter()

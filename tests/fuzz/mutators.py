@@ -126,7 +126,7 @@ def _lines(text: str, draw: random.Random, end: str) -> str:
 
 
 def _runs(text: str, matches: Callable[[str], bool]) -> list[tuple[int, int]]:
-    """Return begin and end of the longest pieces of letters that are wanted."""
+    """Return start and end of each segment of consecutive matching letters."""
     spans, begin = [], None
     for k, letter in enumerate(text + "\n"):
         if k < len(text) and matches(letter):

@@ -1,8 +1,8 @@
 """Damaged inputs of every external format: each gives a baqueano error with its code, or a value.
 
-`make fuzz` judges 20,000 inputs a format (BAQUEANO_FUZZ=20000), otherwise as many as come in SHARE_S, and at least
-LEAST. The input of a number and a seed is always the same: a finding says what to type for it alone. The public service
-sets another seed each day (BAQUEANO_FUZZ_SEED).
+`make fuzz` judges 20,000 inputs per format (BAQUEANO_FUZZ=20000). Otherwise as many inputs are judged as SHARE_S
+permits, and at least LEAST. The input of a number and a seed is always the same, and a finding prints the command
+that repeats it. The public service sets another seed each day (BAQUEANO_FUZZ_SEED).
 """
 
 import os
@@ -15,7 +15,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from baqueano.door.wire import decoded
+from baqueano.door.wire import decode
 from baqueano.drive.mission import Mission
 from baqueano.errors import BaqueanoError
 from baqueano.runs import read_run
@@ -25,7 +25,7 @@ from baqueano.vehicle_file import load, parse
 from tests.fuzz.formats import FORMATS, SEED, draw
 from tests.fuzz.judging import Outcome, judge
 
-SHARE_S = 12.0 if os.environ.get("CI") else 3.0  # of each of six formats
+SHARE_S = 12.0 if os.environ.get("CI") else 3.0  # for each of six formats
 LEAST, MOST = 60, 20_000
 
 
@@ -52,7 +52,7 @@ def test_a_damaged_input_gives_a_baqueano_error_or_a_value(name, tmp_path, monke
 
 
 def repeat_line(name, outcome):
-    """Return the lines that judge the first input of each finding alone."""
+    """Return the command lines that judge only the first input of each finding."""
     test = f"pytest tests/fuzz/test_fuzz.py -k 'damaged and {name}'"
     return "\n".join(
         f"BAQUEANO_FUZZ_SEED={SEED} BAQUEANO_FUZZ={at[0]}:{at[0] + 1} {test}"
@@ -76,13 +76,13 @@ def ours_or_a_value(reader, *inputs):
 
 @settings(max_examples=40, derandomize=True)
 @given(noise=st.binary(max_size=200))
-def test_noise_gives_a_baqueano_error_or_a_value(noise, tmp_path_factory):
+def test_random_bytes_give_a_baqueano_error_or_a_value(noise, tmp_path_factory):
     folder = tmp_path_factory.getbasetemp()
     for name, reader in (("x.mcap", read_run), ("x.toml", load), ("m.toml", load_map), ("x.csv", read_route)):
         for data in (noise, b"\x89MCAP0\r\n" + noise):
             (folder / name).write_bytes(data)
             ours_or_a_value(reader, folder / name)
-    assert decoded(noise) is None
+    assert decode(noise) is None
 
 
 @settings(max_examples=40, derandomize=True)

@@ -1,4 +1,4 @@
-"""Faults that the fuzzer detected, each tested once."""
+"""Defects that the fuzzer detected; each has one test."""
 
 import json
 
@@ -27,7 +27,7 @@ def import_log(tmp_path):
     return import_texts
 
 
-def test_the_recording_of_the_fuzzer_is_sound(import_log):
+def test_the_undamaged_recording_of_the_fuzzer_is_imported(import_log):
     (imported_run,) = import_log()
     assert len(imported_run.run.t_ns) > 30
 
@@ -46,14 +46,14 @@ def test_an_absent_row_value_of_400_digits_is_refused(import_log):
 
 
 @pytest.mark.parametrize("name", ["x" * 5000 + ".csv", "**x/*.csv", "/*.csv/**"])
-def test_an_impossible_file_name_is_a_missing_file(import_log, name):
+def test_an_impossible_file_name_is_reported_as_a_missing_file(import_log, name):
     with refused("import.file-absent", FileError):
         import_log("log.csv", name)
 
 
 @pytest.mark.parametrize("time", ["1e305", "9223372036854775807", "-9223372036854775808", "9" * 300])
-def test_a_time_beyond_64_bits_is_refused_or_left_out(import_log, time):
-    """In milliseconds it became another time, without a word."""
+def test_a_time_beyond_64_bits_is_refused_or_ignored(import_log, time):
+    """In milliseconds it was converted to another time without a report."""
     try:
         runs = import_log(of_log=("\n20,", f"\n{time},"))
     except FileError:

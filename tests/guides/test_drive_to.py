@@ -20,7 +20,7 @@ def at(eta, tick=0, v=0.0):
 
 
 def followed(guide, start, ticks=1500):
-    """References of a vehicle that is where it is wanted, to the end."""
+    """Return the references of a vehicle that follows them exactly, until the end."""
     state, out, pose = guide.init(), [], np.array(start, float)
     for k in range(ticks):
         state, reference = guide.step(state, at(pose, k))
@@ -89,7 +89,7 @@ def test_the_guide_begins_at_the_vehicle_speed_and_ends_at_rest():
     assert v[-1] == 0.0
 
 
-def test_a_vehicle_at_its_goal_has_arrived():
+def test_the_guide_is_done_if_the_vehicle_is_at_its_goal():
     guide = DriveTo.join(eight(0.6, 0.2))
     state, reference = guide.step(guide.init(), at([0.004, 0.004, np.radians(1.0)]))
     assert reference.done == 1.0

@@ -1,4 +1,4 @@
-"""A lead-in and its route, a route and the way back."""
+"""A lead-in and its route, and a route with a return path."""
 
 import numpy as np
 import pytest
@@ -10,7 +10,7 @@ from tests.guides.test_drive_to import DT, at, followed
 
 @pytest.mark.parametrize("kind", [Repeat, RepeatByProgress])
 @pytest.mark.parametrize("start", [(0.1, 0.2, 0.5), (-0.5, -0.3, 1.5)])
-def test_lead_in_and_route_join_without_a_jump(kind, start):
+def test_the_reference_does_not_jump_between_lead_in_and_route(kind, start):
     route = eight(0.6, 0.2)
     guide = InTurn.led_in(kind.along(route), route)
     state, out = followed(guide, start)
@@ -23,16 +23,16 @@ def test_lead_in_and_route_join_without_a_jump(kind, start):
 
 @pytest.mark.parametrize("kind", [Repeat, RepeatByProgress])
 def test_a_lead_in_shorter_than_the_route_works(kind):
-    """From inside of a circle: it joins at a time of the route that is later than the time of the drive."""
+    """From inside a circle the vehicle joins the route at a route time later than the drive time."""
     route = circle(0.4, 0.25)
     state, out = followed(InTurn.led_in(kind.along(route), route, radius_m=0.15), (0.0, 0.2, 0.5))
     eta = np.array([r.eta for r in out])
     assert state.first.goal[0] > 1.5
     assert np.max(np.hypot(*np.diff(eta[:, :2], axis=0).T)) < 1.5 * 0.25 * DT
-    assert len(out) * DT < route.t_s[-1] + 1.5  # no part twice
+    assert len(out) * DT < route.t_s[-1] + 1.5  # no part is driven twice
 
 
-def test_a_lead_in_from_the_start_equals_the_route_exactly():
+def test_a_vehicle_at_the_route_start_needs_no_lead_in():
     route = circle(0.5, 0.2)
     plain, led = Repeat.along(route, 2), InTurn.led_in(Repeat.along(route, 2), route)
     state, led_state = plain.init(), led.init()
@@ -43,7 +43,7 @@ def test_a_lead_in_from_the_start_equals_the_route_exactly():
 
 
 class Counts:
-    """A custom guide without `joined`: it moves along x by the time since its first tick."""
+    """A custom guide without `entry_state`: it moves along x by the time since its first tick."""
 
     def init(self):
         return -1

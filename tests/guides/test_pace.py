@@ -1,4 +1,4 @@
-"""A guide at another pace: the same path, later."""
+"""A guide at another pace follows the same path in another time."""
 
 import numpy as np
 import pytest
@@ -15,7 +15,7 @@ def drive_guide(guide, ticks, requests=None):
     state, out, pose = guide.init(), [], ROUTE.eta[0]
     for k in range(ticks):
         if requests and k in requests:
-            guide.want("holder", requests[k])
+            guide.set_pace("holder", requests[k])
         state, reference = guide.step(state, at(pose, k))
         out.append(reference)
         pose = reference.eta
@@ -29,7 +29,7 @@ def test_at_full_pace_the_guide_is_unchanged(kind):
         assert all(np.array_equal(x, y) for x, y in zip(a, b, strict=True))
 
 
-def test_a_pause_brakes_and_later_continues_from_there():
+def test_a_pause_brakes_the_guide_and_then_continues_from_the_same_place():
     guide = PacedGuide(Repeat.along(ROUTE))
     out = drive_guide(guide, 400, {80: 0.0, 250: 1.0})
     v = np.array([r.nu[0] for r in out])
@@ -39,15 +39,15 @@ def test_a_pause_brakes_and_later_continues_from_there():
     assert np.ptp(way[100:250]) < 1e-9
     assert np.all(v[100:250] == 0.0)
     assert v[-1] == pytest.approx(0.2)
-    assert way[-1] == pytest.approx(0.2 * DT * (400 - 170), abs=0.2 * DT * 5)  # nothing is left out
+    assert way[-1] == pytest.approx(0.2 * DT * (400 - 170), abs=0.2 * DT * 5)  # no part is skipped
 
 
-def test_the_slowest_requested_pace_applies():
+def test_the_slowest_of_several_requested_paces_applies():
     guide = PacedGuide(Repeat.along(ROUTE))
-    guide.want("caution", 0.5)
-    guide.want("holder", 0.8)
+    guide.set_pace("caution", 0.5)
+    guide.set_pace("holder", 0.8)
     assert guide.pace == 0.5
-    guide.want("caution", 1.0)
+    guide.set_pace("caution", 1.0)
     assert guide.pace == 0.8
     with pytest.raises(ValueError, match="pace"):
-        guide.want("holder", 2.0)
+        guide.set_pace("holder", 2.0)

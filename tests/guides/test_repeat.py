@@ -1,4 +1,4 @@
-"""A route repeated in time."""
+"""A guide that repeats a route by time."""
 
 import numpy as np
 import pytest
@@ -7,7 +7,7 @@ from baqueano.errors import UsageError
 from baqueano.geometry import wrap
 from baqueano.guides import Repeat, Route, SinuousCircle
 from baqueano.guides.repeat import with_laps
-from baqueano.guides.route import closed_up, end_gap, moved
+from baqueano.guides.route import closed_up, end_gap, move_route
 from baqueano.guides.shapes import circle
 from baqueano.signals import Estimate
 from tests.codes import refused
@@ -79,10 +79,10 @@ def test_closing_a_route_distributes_the_drift_along_the_route():
 
 
 def test_a_route_is_placed_at_the_vehicle_pose():
-    route = moved(circle(0.5, 0.25), np.array([1.0, 2.0, np.pi / 2]))
+    route = move_route(circle(0.5, 0.25), np.array([1.0, 2.0, np.pi / 2]))
     np.testing.assert_allclose(route.eta[0], [1.0, 2.0, np.pi / 2])
     middle = route.eta[len(route.t_s) // 2]
-    np.testing.assert_allclose(middle[:2], [0.0, 2.0], atol=1e-9)  # it looks along y: to its left
+    np.testing.assert_allclose(middle[:2], [0.0, 2.0], atol=1e-9)  # the vehicle points along y: to its left
 
 
 @pytest.mark.parametrize(
@@ -101,7 +101,7 @@ def test_a_bad_route_is_refused_with_a_reason(change, words):
 
 
 class Plain:
-    """As a student writes it."""
+    """A guide as a student writes it."""
 
     def __init__(self, laps=1):
         self.laps = laps
@@ -123,13 +123,13 @@ class Without:
 
 
 @pytest.mark.parametrize("guide", [Plain(), SlottedGuide(), Repeat.along(LINE), SinuousCircle()])
-def test_setting_laps_copies_a_guide_of_any_class(guide):
+def test_setting_the_number_of_laps_copies_a_guide_of_any_class(guide):
     guide_of_laps = with_laps(guide, 3)
     assert (type(guide_of_laps), guide_of_laps.laps, guide.laps) == (type(guide), 3, 1)
     assert with_laps(guide, 1) is guide
 
 
-def test_a_guide_without_laps_is_unchanged():
+def test_setting_laps_does_not_change_a_guide_without_laps():
     guide = Without()
     assert with_laps(guide, 3) is guide
 

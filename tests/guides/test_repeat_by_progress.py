@@ -1,4 +1,4 @@
-"""A route that waits for its vehicle."""
+"""A guide that waits for its vehicle along the route."""
 
 import numpy as np
 import pytest
@@ -23,12 +23,12 @@ def at(eta, tick=0):
 
 
 def coarse(route, every):
-    """One point of the route in `every`: all points within reach are looked at, and stand in what is compiled."""
+    """Return the route with only one point in `every`."""
     return route._replace(t_s=route.t_s[::every], eta=route.eta[::every], nu=route.nu[::every])
 
 
 def drive_guide(guide, place, ticks):
-    """References to a vehicle whose pose is place(tick, reference before)."""
+    """Return the references to a vehicle whose pose is place(tick, previous reference)."""
     state, reference, out = guide.init(), None, []
     for k in range(ticks):
         state, reference = guide.step(state, at(place(k, reference), k))
@@ -79,7 +79,8 @@ def test_the_reference_advances_to_a_vehicle_placed_ahead():
 
 
 def test_the_reference_does_not_jump_at_the_crossing_of_an_eight():
-    """A vehicle that keeps up passes the crossing twice a lap; at each its reference is the branch that it came on."""
+    """A vehicle on schedule passes the crossing twice a lap; each time the reference stays on the branch of the
+    vehicle."""
     route = coarse(eight(0.6, 0.2), 20)
     run = simulate_loop(SMALL, RepeatByProgress.along(route), laps=2, perfect=True)
     heading = np.unwrap(run.reference.eta[:, 2])
@@ -87,7 +88,7 @@ def test_the_reference_does_not_jump_at_the_crossing_of_an_eight():
     assert np.abs(np.diff(heading)).max() < 0.05
 
 
-def test_a_lap_ends_and_the_guide_is_done():
+def test_the_guide_is_done_after_its_last_lap():
     route = rectangle(1.2, 0.8, 0.2, 0.2)
     last = drive_guide(RepeatByProgress.along(route), on_it, round(route.t_s[-1] / DT) + 5)[-1]
     assert last.done == 1.0
@@ -109,7 +110,7 @@ def test_compiled_and_uncompiled_guides_give_the_same_reference():
 
 
 class LookAtAll(RepeatByProgress):
-    """The same guide, which looks at every point of its route."""
+    """The same guide, which examines every point of its route."""
 
     __slots__ = ()
 

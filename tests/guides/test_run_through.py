@@ -1,4 +1,4 @@
-"""A taught lap that is driven again and again does not stop at its start."""
+"""A taught lap that is repeated does not stop at its start."""
 
 import numpy as np
 import pytest
@@ -16,8 +16,8 @@ def with_speed(v, psi):
     )
 
 
-def test_the_start_from_rest_is_replaced_by_the_end_speed():
-    v = np.minimum(T_S, 1.0) * 0.2  # a second to its speed
+def test_the_lap_starts_at_its_end_speed_instead_of_rest():
+    v = np.minimum(T_S, 1.0) * 0.2  # one second of acceleration
     way = np.append(0.0, np.cumsum(0.5 * (v[1:] + v[:-1]) * np.diff(T_S)))
     route = run_through(with_speed(v, 2.0 * np.pi * way / way[-1]))
     assert route.nu[:, 0] == pytest.approx(0.2)
@@ -38,7 +38,7 @@ def test_a_route_that_starts_turning_in_place_is_unchanged():
     assert run_through(route) is route
 
 
-def test_a_fast_end_does_not_shorten_the_whole_lap():
+def test_a_faster_last_part_does_not_change_the_duration_of_the_lap():
     v = np.where(T_S < 8.0, 0.2, 0.4)
     v[0] = 0.0
     route = run_through(with_speed(v, 0.1 * T_S))

@@ -45,11 +45,11 @@ def test_the_position_is_the_integral_of_heading_and_speed(name):
 @pytest.mark.parametrize(
     ("name", "turns"), [("circle", 1), ("sinuous circle", 1), ("eight", 0), ("rectangle", 1)]
 )
-def test_each_shape_has_its_net_turn_in_a_lap(name, turns):
+def test_each_shape_has_the_expected_net_turn_per_lap(name, turns):
     assert ROUTES[name].eta[-1, 2] == pytest.approx(2.0 * np.pi * turns, abs=1e-9)
 
 
-def test_the_circle_has_its_yaw_rate_and_the_rectangle_its_length():
+def test_circle_yaw_rate_and_rectangle_length_match_hand_calculations():
     np.testing.assert_allclose(ROUTES["circle"].nu[:, 2], 0.25 / 0.5)
     assert ROUTES["rectangle"].t_s[-1] * 0.25 == pytest.approx(2.0 * (1.6 + 0.6) + 2.0 * np.pi * 0.2)
 
@@ -62,7 +62,7 @@ def test_the_sinuous_circle_has_the_requested_waves_and_amplitude():
     assert curvature_waves == 6
 
 
-def test_the_sinuous_circle_is_a_guide():
+def test_the_sinuous_circle_can_be_used_as_a_guide():
     guide = SinuousCircle(radius_m=0.5, amplitude_m=0.05, speed_m_s=0.25, laps=2)
     state, reference = guide.step(guide.init(), Estimate(10, np.zeros(3), np.zeros(3), np.eye(6)))
     np.testing.assert_allclose(reference.eta, 0.0, atol=1e-12)

@@ -1,4 +1,4 @@
-"""Case study I and the small vehicle, driven by random steps."""
+"""Fixtures: case study I and the small vehicle, driven by random steps."""
 
 import numpy as np
 import pytest
@@ -10,13 +10,13 @@ from baqueano.vehicle_file import load
 
 @pytest.fixture(scope="session")
 def case():
-    """The vehicle file of the paper's case study I."""
+    """Return the vehicle file of case study I of the paper."""
     return load("case-study-1")
 
 
 @pytest.fixture(scope="session")
 def case_run(case):
-    """(seed, seconds) → a run of case study I."""
+    """Return the function (seed, seconds) → a run of case study I."""
 
     def drive(seed, duration_s=60.0, file=case, **options):
         u = random_steps(file.command.limit, duration_s, file.rate_hz, seed)
@@ -27,13 +27,13 @@ def case_run(case):
 
 @pytest.fixture(scope="session")
 def small():
-    """The garage's small vehicle."""
+    """Return the small vehicle of the garage."""
     return load("small")
 
 
 @pytest.fixture(scope="session")
 def off():
-    """(fit, file) → (estimate − truth) / sd of what was seen."""
+    """Return the function (fit, file) → (estimate − truth) / sd of the observable parameters."""
 
     def errors(fit, file):
         truth = np.array([file.value(name) for name in fit.names])

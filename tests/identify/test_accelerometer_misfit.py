@@ -22,7 +22,7 @@ def fading(rng, std, fade_s):
 
 
 def part_of(r_v, r_a, rate, seed=1, seconds=SECONDS):
-    """φ of a fit with these residuals, and noise, under that yaw rate."""
+    """Return φ of a fit with these residuals and noise under this yaw rate."""
     n, rng, ekf = round(seconds / DT), np.random.default_rng(seed), CAR.estimator(use=("imu", "odometer"))
     noisy = [r_v + ODOMETER * rng.standard_normal(N), r_a + ACCEL * rng.standard_normal(N), rate]
     numbers = zip((("odometer", 0), ("imu", 0), ("imu", 2)), noisy, (0.0, 0.0, rate), strict=True)
@@ -51,19 +51,20 @@ def test_a_disturbance_that_only_the_wheels_measure_is_slip(rate):
     assert part_of(slip, np.zeros(N), rate) < 0.1
 
 
-def test_slip_and_push_together_count_as_a_misfit_in_part(rate):
+def test_a_part_of_slip_with_a_simultaneous_push_counts_as_misfit(rate):
     push, slip = fading(np.random.default_rng(4), 1.0, 0.5), fading(np.random.default_rng(5), 0.1, 0.5)
     assert 0.2 < part_of(slip + np.cumsum(push) * DT, push, rate) <= 1.0
 
 
 def test_a_sloping_floor_is_not_counted_as_slip(rate):
-    """Gravity pushes according to the heading; model and accelerometer do not contain it, and drag lets it fade."""
+    """Gravity pushes the vehicle depending on its heading; model and accelerometer do not contain this force, and
+    drag damps it."""
     push = 0.8 * np.cos(np.cumsum(rate) * DT)
     r_v = lfilter([DT], [1.0, DT / 0.4 - 1.0], push)
     assert part_of(r_v, -r_v / 0.4, rate) > 0.9
 
 
-def test_a_short_or_consistent_run_does_not_separate_slip_from_misfit(rate):
+def test_slip_is_not_separated_from_misfit_in_a_short_or_consistent_run(rate):
     slip = fading(np.random.default_rng(3), 0.1, 0.5)
     assert part_of(slip, np.zeros(N), rate, seconds=8.0) == 1.0
     assert part_of(np.zeros(N), np.zeros(N), rate) > 10.0 * LEAST

@@ -29,7 +29,7 @@ def fit():
 
 @pytest.fixture(scope="module")
 def imu_filter(fit):
-    """The noise that the fitted run alone identifies."""
+    """Return the noise identified from the fitted run."""
     return measure_noise(*fit)
 
 
@@ -49,7 +49,7 @@ def test_noise_confirmed_by_an_unseen_run_is_written_unchanged(fit, imu_filter):
 
 
 def test_noise_contradicted_by_an_unseen_run_is_estimated_again_over_all_runs(fit, imu_filter):
-    """A gyro that scatters five times as far as on the day of the fit."""
+    """The gyro has five times as much noise as in the fitted run."""
     noisy = drive_fit(40.0, 2, **{"sensors.imu.gyro_noise_std": 5.0 * SMALL.sensors.imu.gyro_noise_std})
     noise = measure_noise(*fit, held_out=[noisy])
     assert noise.accepted is not None
@@ -70,7 +70,7 @@ def test_a_validation_run_of_six_seconds_is_too_short_for_the_noise(fit):
 
 
 def test_noise_is_rejected_if_the_filter_is_overconfident_in_simulation(fit, monkeypatch):
-    """A filter that claims a ninth of the variance of its heading, which no NIS shows."""
+    """The filter claims a ninth of the variance of its heading, which no NIS shows."""
 
     def surer(ekf, run, filtered):
         e, P = simulated_errors(ekf, run, filtered)
@@ -86,10 +86,10 @@ def test_noise_is_rejected_if_the_filter_is_overconfident_in_simulation(fit, mon
 
 @pytest.mark.parametrize(
     ("low", "high", "verdict"),
-    [(0.9, 1.1, "true"), (1.1, 1.5, "true"), (1.3, 1.5, "too sure"), (0.5, 0.8, "too careful"),
+    [(0.9, 1.1, "true"), (1.1, 1.5, "true"), (1.3, 1.5, "too sure"), (0.5, 0.8, "too cautious"),
      (np.nan, np.nan, "cannot tell")],
 )  # fmt: skip
-def test_a_normalised_square_disagrees_only_outside_its_interval(low, high, verdict):
+def test_a_normalised_square_disagrees_if_its_interval_is_far_from_one(low, high, verdict):
     square = NormalisedSquare("imu[2]", 1.0, low, high, 1.2)
     assert square.verdict == verdict
     assert square.disagrees == verdict.startswith("too")

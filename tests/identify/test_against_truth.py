@@ -1,7 +1,7 @@
 """An external truth identifies scales, bias, clock and mark within their error bars, without a vehicle model.
 
-False-alarm rates, for sound code: 42 numbers of six runs, of which 36 must lie inside their 95 % intervals:
-below 0.5 % even where one run's numbers are correlated; the seeds are fixed.
+False-alarm rates for correct code: 36 of 42 numbers of six runs must lie inside their 95 % intervals. The rate is
+below 0.5 % even if the numbers of one run are correlated; the seeds are fixed.
 """
 
 import json
@@ -35,18 +35,18 @@ TRUE = {
 
 
 def film(run, seed, late_s=TRUE["clock.truth"], turned_rad=TRUE["mark.heading_rad"]):
-    """The run with a camera's truth: 25 frames a second, noise, its clock `late_s` behind, its mark turned."""
+    """Return the run with the truth of a camera: 25 frames a second, noise, a clock `late_s` behind, a rotated mark."""
     rng, truth = np.random.default_rng(seed), run.truth
     eta = truth.eta[::2] + rng.normal(size=truth.eta[::2].shape) * [0.002, 0.002, 0.01] + [0, 0, turned_rad]
     nothing = np.full(eta.shape, np.nan)
     late = TruthLog(truth.t_ns[::2] - round(late_s * 1e9), eta, nothing, nothing)
-    first = np.searchsorted(late.t_ns, 0)  # a run on disk has no time before its own zero
+    first = np.searchsorted(late.t_ns, 0)  # a run on disk does not contain negative times
     return replace(run, truth=TruthLog(*(column[first:] for column in late)))
 
 
 @pytest.fixture(scope="module")
 def assumed_file():
-    """The car of the garage, with sensors that are assumed perfect."""
+    """Return the car of the garage with sensors that are assumed perfect."""
     return load("car").with_values(
         {"sensors.imu.gyro_scale": 1.0, "sensors.imu.gyro_bias": 0.0, "sensors.odometer.scale": 1.0}
     )
@@ -54,7 +54,7 @@ def assumed_file():
 
 @pytest.fixture(scope="module")
 def drive(assumed_file):
-    """seed → a filmed run of a car whose sensors are not."""
+    """Return the function seed → a filmed run of a car with imperfect sensors."""
     true = assumed_file.with_values(
         {name: value for name, value in TRUE.items() if name.startswith("sensors.")}
     )
@@ -84,18 +84,18 @@ def test_error_bars_of_the_calibration_are_narrow(assumed_file, drive):
     assert rows["clock.truth"]["sd"] < 0.003
 
 
-def test_the_scale_is_reported_in_both_conventions(assumed_file, drive):
+def test_the_gyro_scale_is_reported_as_a_value_and_as_its_inverse(assumed_file, drive):
     fit = calibrate(drive(0), assumed_file)
     row = fit.rows()[1]
     assert row["name"] == "sensors.imu.gyro_scale"
     assert row["text"] == f"the truth turns {1.0 / row['value']:.4f} times as much as the gyro"
-    assert "to be added to the truth's stamps" in fit.table()
+    assert "to be added to the truth's timestamps" in fit.table()
 
 
 def test_the_vehicle_file_receives_the_scales_and_their_provenance(assumed_file, drive):
     run = drive(0)
     fit = calibrate(run, assumed_file)
-    file = fit.updated(assumed_file)
+    file = fit.updated_file(assumed_file)
     assert file.value("sensors.imu.gyro_scale") == pytest.approx(1.04, abs=0.01)
     assert file.provenance["sensors.odometer.scale"].run == run.name
     second = {row["name"]: row for row in calibrate(run, file).rows()}
@@ -130,7 +130,7 @@ def test_a_run_without_a_truth_is_refused_with_a_remedy(assumed_file, drive):
         calibrate(replace(drive(0, 20.0), truth=None), assumed_file)
 
 
-def test_a_truth_without_heading_is_left_to_a_fit(assumed_file, drive):
+def test_a_truth_without_heading_is_refused_for_calibration(assumed_file, drive):
     run = drive(0, 20.0)
     eta = run.truth.eta * [1.0, 1.0, np.nan]
     with pytest.raises(UsageError, check=of_code("truth.no-heading")):
@@ -157,12 +157,12 @@ def test_a_silent_camera_is_refused(assumed_file, drive):
 @pytest.mark.parametrize(
     ("probability", "freedom", "quantile"), [(0.975, 7, 2.3646), (0.975, 20, 2.0860), (0.999, 11, 4.0247)]
 )
-def test_students_quantile_is_that_of_the_tables(probability, freedom, quantile):
+def test_the_quantile_of_students_t_equals_the_tables(probability, freedom, quantile):
     assert students(probability, freedom) == pytest.approx(quantile, abs=4e-3)
 
 
 def test_batch_error_bars_have_coverage_with_autocorrelated_residuals():
-    """400 fits; white-noise bars would cover 70 %. Outside 90 to 99 %: false alarm below 1e-4."""
+    """With 400 fits, error bars for white noise would cover 70 %. A false alarm outside 90 to 99 % is below 1e-4."""
     rng, n, batches, hits = np.random.default_rng(0), 400, 20, 0
     slopes = np.stack([np.ones(n), np.sin(np.arange(n) / 15.0)], axis=1)
     for _ in range(400):
@@ -177,7 +177,7 @@ def test_batch_error_bars_have_coverage_with_autocorrelated_residuals():
 
 @pytest.mark.parametrize(("name", "late_s"), [("cpm_run_a", 0.045), ("cpm_run_b", 0.040)])
 def test_a_real_gyro_and_its_camera_clock_are_calibrated(cpm_recordings, name, late_s):
-    run = import_run(name).run  # its map has the offset in it already
+    run = import_run(name).run  # its map already contains the offset
     fit = calibrate(run, load("car"))
     assert 1.0 / fit.value("sensors.imu.gyro_scale") == pytest.approx(0.966, abs=0.003)
     assert abs(fit.value("clock.truth")) < 0.010

@@ -1,7 +1,6 @@
-"""The Allan deviation against a public implementation, and its coefficients against synthetic noise.
+"""The Allan deviation compared with a public implementation, and its coefficients with synthetic noise.
 
-Seeds are fixed; a 95 % interval that is tried 8 × 40 times holds the truth 287 to 317 times at four standard
-deviations of the count.
+Seeds are fixed. Of 8 × 40 intervals of 95 %, 287 to 317 contain the truth, at four standard deviations of the count.
 """
 
 import numpy as np
@@ -16,7 +15,7 @@ RATE = 100.0
 
 
 def noise_of(white, flicker, walk, seed, n=60_000):
-    """White noise and a random walk per √Hz and s^1.5; flicker from shaped white noise."""
+    """Return white noise and a random walk per √Hz and s^1.5, and flicker from shaped white noise."""
     rng = np.random.default_rng(seed)
     y = white * np.sqrt(RATE) * rng.normal(size=n)
     y += walk / np.sqrt(RATE) * np.cumsum(rng.normal(size=n))
@@ -33,7 +32,7 @@ ALLANTOOLS = [
 ]  # fmt: skip
 
 
-def test_the_deviation_is_that_of_allantools():
+def test_the_allan_deviation_equals_the_result_of_allantools():
     k = np.arange(4096)
     y = ((k * k * 7919) % 10007) / 10007.0 + 1e-4 * k
     np.testing.assert_allclose(allan(y, RATE, 2 ** np.arange(11)).deviation, ALLANTOOLS, rtol=1e-10)
@@ -44,7 +43,7 @@ def test_a_bias_does_not_change_the_allan_deviation():
     np.testing.assert_allclose(allan(y + 7.0, RATE).deviation, allan(y, RATE).deviation, rtol=1e-9)
 
 
-def test_white_noise_falls_with_the_root_of_time_inside_its_interval():
+def test_intervals_of_the_allan_deviation_cover_white_noise():
     inside = 0
     for seed in range(40):
         curve = allan(noise_of(1e-3, 0.0, 0.0, seed, 4096), RATE)
@@ -63,12 +62,12 @@ def test_each_noise_coefficient_is_estimated_within_15_percent(truth, part):
     assert all(c.measurable[part] for c in fits)
 
 
-def test_absent_noise_is_seldom_reported_as_measurable():
+def test_noise_terms_that_are_absent_are_seldom_reported():
     fits = [coefficients(allan(noise_of(1e-3, 0.0, 0.0, seed), RATE)) for seed in range(10)]
     assert sum(c.measurable[1:].any() for c in fits) <= 2
 
 
-def test_chi_square_is_that_of_scipy():
+def test_the_chi_square_quantile_approximates_scipy():
     nu = np.array([4.0, 10.0, 30.0, 1000.0])
     for normal, part in ((-1.959964, 0.025), (1.959964, 0.975)):
         np.testing.assert_allclose(chi_square(nu, normal), chi2.ppf(part, nu), rtol=0.08)

@@ -14,7 +14,7 @@ from tests.codes import of_code
 
 @pytest.fixture(scope="module")
 def resting_run(small):
-    """Two minutes of the small vehicle with its motors off, on a floor that does not shake."""
+    """Return two minutes of the small vehicle with its motors off, on a floor without vibration."""
     quiet = small.with_values({"model.process_noise_std": [0.0, 0.0, 0.0]})
     return simulate(quiet, np.zeros((12_000, 3)), 3)
 
@@ -33,7 +33,7 @@ def test_noise_and_bias_of_a_simulated_imu_are_identified(resting_run, small):
 
 
 def test_the_vehicle_file_receives_the_measured_noise_and_bias(resting_run, small):
-    file = at_rest(resting_run).updated(small.with_values({"sensors.imu.gyro_noise_std": 0.5}))
+    file = at_rest(resting_run).updated_file(small.with_values({"sensors.imu.gyro_noise_std": 0.5}))
     assert file.sensors.imu.gyro_noise_std == pytest.approx(small.sensors.imu.gyro_noise_std, rel=0.05)
     assert file.sensors.imu.gyro_bias == pytest.approx(small.sensors.imu.gyro_bias, abs=1e-3)
 
@@ -61,7 +61,7 @@ def test_a_temperature_dependence_of_the_bias_is_reported(resting_run):
     assert [c.sensor for c in rest.channels] == ["imu"] * 3
 
 
-def test_stamps_that_come_in_bursts_are_reported(resting_run):
+def test_timestamps_in_bursts_are_reported(resting_run):
     imu = resting_run.sensors["imu"]
     t = imu.t_ns[np.minimum(np.arange(len(imu.t_ns)) // 10 * 10 + 9, len(imu.t_ns) - 1)]
     t = t + np.arange(len(t)) % 10 * 1_000_000
@@ -72,7 +72,7 @@ def test_stamps_that_come_in_bursts_are_reported(resting_run):
     assert rest.doubts[0].figures["mean_ms"] == pytest.approx(10.0, rel=0.01)
 
 
-def test_repeats_touches_and_dead_channels_are_reported(resting_run):
+def test_repeated_samples_touches_and_dead_channels_are_reported(resting_run):
     imu = resting_run.sensors["imu"]
     z = imu.z.copy()
     z[1::2] = z[:-1:2]
@@ -91,12 +91,12 @@ def test_a_run_that_never_rests_is_refused(small):
         at_rest(run)
 
 
-def test_a_rest_too_short_for_a_figure_is_refused(small):
+def test_a_rest_with_too_few_samples_is_refused(small):
     with pytest.raises(UsageError, check=of_code("at-rest.few-samples", least=200)):
         at_rest(simulate(small, np.zeros((100, 3)), 0))
 
 
-def test_a_file_without_such_an_imu_is_refused(resting_run, small):
+def test_a_rest_of_a_sensor_that_the_file_lacks_is_refused(resting_run, small):
     rest = at_rest(replace(resting_run, sensors={"gyro": resting_run.sensors["imu"]}))
     with pytest.raises(UsageError, check=of_code("at-rest.no-imu")):
-        rest.updated(small)
+        rest.updated_file(small)

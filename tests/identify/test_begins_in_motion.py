@@ -20,7 +20,7 @@ FREE = ("model.throttle_gain", "model.linear_drag", "model.steering_gain")
 
 @pytest.fixture(scope="module")
 def moving_run():
-    """A car whose commands come late, and a drive of it."""
+    """Return a car whose commands are delayed, and a drive of it."""
     file, rng = load("car").with_values(STILL), np.random.default_rng(0)
     u = np.stack([np.repeat(rng.uniform(0.1, 0.6, 8), 50), np.repeat(rng.uniform(-0.5, 0.5, 8), 50)], axis=1)
     u[:5] = 0.0
@@ -32,7 +32,7 @@ def rows_of(file, run, at_rest=False):
     return records_of([run], FittedBlocks(file.vehicle, names), {}, options)[0].sensors["odometer"].has[:, 0]
 
 
-def test_a_run_begun_in_motion_counts_from_the_arrival_of_its_commands(moving_run):
+def test_rows_before_the_first_command_are_ignored_if_a_run_begins_in_motion(moving_run):
     file, run = moving_run
     later = run.cut(4.2)
     has = rows_of(file, later)
@@ -40,14 +40,14 @@ def test_a_run_begun_in_motion_counts_from_the_arrival_of_its_commands(moving_ru
     assert has[LATE + 1 :].all()
 
 
-def test_runs_from_rest_or_short_runs_count_from_the_first_tick(moving_run):
+def test_in_short_runs_and_runs_from_rest_all_rows_count(moving_run):
     file, run = moving_run
     assert rows_of(file, run)[1:5].all()
     assert rows_of(file, run.cut(4.2), at_rest=True)[1:LATE].all()
     assert rows_of(file, run.cut(4.2, 4.2 + 1.5 * LATE / 50.0))[1:LATE].all()
 
 
-def test_a_run_that_begins_in_motion_gives_the_true_parameters(moving_run):
+def test_a_run_that_begins_in_motion_identifies_the_true_parameters(moving_run):
     file, run = moving_run
     fit = identify(run.cut(4.2), file, FREE, use=("odometer", "imu[2]"), options=FitOptions(diagnose=False))
     truth = np.array([file.value(name) for name in fit.names])

@@ -1,4 +1,4 @@
-"""Normal equations of many pieces, solved piece by piece, are those solved all at once."""
+"""Solving the normal equations of many segments block by block equals solving the whole matrix."""
 
 import numpy as np
 import pytest
@@ -21,7 +21,7 @@ from baqueano.identify.residuals.block_arrow import (
 
 
 def equations(seed, runs, more=0, common=4, by_run=3, by_segment=6):
-    """(places, arrow, the same as one matrix, g) of random slopes of every piece."""
+    """Return (places, arrow, the same as one matrix, g) of random derivatives of every segment."""
     rng = np.random.default_rng(seed)
     layout = ThetaLayout(common, by_run, by_segment, runs)
     places, size = places_of(layout, more), layout.size + more
@@ -45,18 +45,18 @@ ONE_RUN, TWO_RUNS, WHOLE_RUNS = (0,) * 12, (0,) * 6 + (1,) * 8, tuple(range(9))
     more=st.integers(0, 3),
     damping=st.sampled_from([RIDGE, 1e-6, 1e-2, 10.0]),
 )
-def test_the_block_solution_equals_that_of_the_whole_matrix(seed, runs, more, damping):
+def test_the_block_solution_equals_the_solution_of_the_whole_matrix(seed, runs, more, damping):
     arrow, whole, g = equations(seed, runs, more)
     assert isinstance(arrow, BlockArrow)
     index = np.flatnonzero(np.random.default_rng(seed).random(len(g)) < 0.8)
     scale = whole.diagonal().copy()
     x, y = (_step(H, damping, scale, index, g[index]) for H in (arrow, whole))
-    root = np.sqrt(scale[index])  # in units of each entry's own error
+    root = np.sqrt(scale[index])  # in units of the standard error of each entry
     assert np.max(np.abs(x - y) * root) < 1e-10 * np.max(np.abs(y) * root)
 
 
 @pytest.mark.parametrize("runs", [ONE_RUN, TWO_RUNS, WHOLE_RUNS])
-def test_the_blocks_are_those_of_the_whole_matrix(runs):
+def test_the_blocks_equal_the_parts_of_the_whole_matrix(runs):
     arrow, whole, g = equations(1, runs, 2)
     np.testing.assert_allclose(arrow.dense(), whole, rtol=1e-13)
     np.testing.assert_allclose(arrow.diagonal(), whole.diagonal(), rtol=1e-13)
@@ -67,7 +67,7 @@ def test_the_blocks_are_those_of_the_whole_matrix(runs):
     assert not arrow.finite
 
 
-def test_a_step_that_would_cross_bounds_is_the_same():
+def test_blocks_and_whole_matrix_give_the_same_bounded_step():
     arrow, whole, g = equations(2, ONE_RUN)
     root = np.sqrt(whole.diagonal())
     low, high = -0.02 / root, 0.05 / root
@@ -80,8 +80,8 @@ def test_a_step_that_would_cross_bounds_is_the_same():
     np.testing.assert_allclose(ends[0] * root, ends[1] * root, atol=1e-11)
 
 
-def test_unobservable_initial_states_do_not_change_the_end_of_the_search():
-    """The last entry of each piece has no effect, as a start behind a lead has none."""
+def test_unobservable_initial_states_do_not_change_the_minimum():
+    """The last entry of each segment has no effect, like an initial state behind a delay."""
     rng, layout = np.random.default_rng(3), ThetaLayout(3, 0, 5, (0,) * 12)
     slopes = [rng.normal(size=(30, 8)) * [*np.ones(7), 0.0] for _ in layout.runs]
     z = [rng.normal(size=30) for _ in layout.runs]
@@ -106,13 +106,13 @@ def test_unobservable_initial_states_do_not_change_the_end_of_the_search():
     assert np.all(arrow.theta[layout.starts :].reshape(-1, 5)[:, -1] == 1.0)
 
 
-def test_few_segments_are_solved_as_one_matrix():
+def test_few_segments_are_solved_with_the_whole_matrix():
     assert places_of(ThetaLayout(3, 3, 6, (0,))) is None
     assert places_of(ThetaLayout(3, 3, 3, (0, 0, 0))) is None
     assert places_of(ThetaLayout(3, 3, 0, (0,) * 100)) is None
 
 
-def test_errors_of_shared_parameters_equal_those_of_the_whole_information_matrix():
+def test_errors_of_shared_parameters_equal_the_inverse_of_the_whole_matrix():
     _, whole, _ = equations(4, ONE_RUN)
     layout = ThetaLayout(4, 3, 6, ONE_RUN)
     A, B = without_starts(whole, 2.0 * whole, layout)
@@ -123,8 +123,8 @@ def test_errors_of_shared_parameters_equal_those_of_the_whole_information_matrix
     np.testing.assert_allclose(small / np.outer(root, root), large / np.outer(root, root), atol=1e-9)
 
 
-def test_a_segmented_fit_is_the_same_by_both_solvers(case, case_run, monkeypatch):
-    """All along a search: the steps, the end, the errors."""
+def test_block_solver_and_whole_matrix_give_the_same_segmented_fit(case, case_run, monkeypatch):
+    """Steps, minimum and errors are compared along a whole search."""
     run, free = case_run(5, 40.0), ("model.friction.linear[0]", "model.actuator_matrix[0,0]")
     pieces = identify(run, case, free, options=FitOptions(segment_s=1.5, diagnose=False))
     monkeypatch.setattr(simulated, "places_of", lambda layout: None)

@@ -1,4 +1,4 @@
-"""The information of blocks of a run: the jackknife, and the conditions of its use."""
+"""The information of blocks of a run: the jackknife, and the conditions for its use."""
 
 from dataclasses import replace
 from itertools import pairwise
@@ -19,7 +19,7 @@ from tests.identify.true_drives import cars_on_floor
 
 @pytest.fixture
 def end(case, case_run):
-    """(a finished search over two runs with biases, the information there)."""
+    """Return a finished search over two runs with biases, and the information at its end."""
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(module, "fit_by_simulation", lambda task: task)
         fit = identify([case_run(seed, 20.0) for seed in range(2)], case)
@@ -27,7 +27,7 @@ def end(case, case_run):
 
 
 def seen_by_a_camera(run: Run, seed: int) -> Run:
-    """The run with every fourth pose, to 2 mm and 5 mrad."""
+    """Return the run with every fourth pose, accurate to 2 mm and 5 mrad."""
     assert run.truth is not None
     every = slice(3, None, 4)
     eta = run.truth.eta[every]
@@ -36,7 +36,7 @@ def seen_by_a_camera(run: Run, seed: int) -> Run:
     return replace(run, truth=TruthLog(run.truth.t_ns[every], eta, none, none))
 
 
-def test_leaving_a_block_out_shifts_the_fit_by_one_gauss_newton_step(end):
+def test_excluding_a_block_shifts_the_fit_by_one_gauss_newton_step(end):
     fit, info = end
     problem, theta, identifiable = (
         fit.task.problem,
@@ -63,13 +63,13 @@ def test_leaving_a_block_out_shifts_the_fit_by_one_gauss_newton_step(end):
     np.testing.assert_allclose(cov / np.outer(root, root), expected / np.outer(root, root), atol=1e-6)
 
 
-def test_only_blocks_that_disagree_widen_errors_of_shared_parameters():
+def test_only_larger_block_errors_widen_the_errors_of_shared_parameters():
     problem = SimpleNamespace(records=[SimpleNamespace(dt_s=np.full(3000, 0.01), lead=0)])
     cov = np.array([[4.0, 1.0, 0.5], [1.0, 1.0, 0.2], [0.5, 0.2, 1.0]])
     choices = [no_smaller(problem, cov, block_cov, 2) for block_cov in (None, 1.3 * cov, 0.2 * cov)]  # pyright: ignore[reportArgumentType]
     assert all(np.array_equal(choice, cov) for choice in choices)
     wide = no_smaller(problem, cov, np.diag([36.0, 0.1, 1e9]), 2)  # pyright: ignore[reportArgumentType]
-    np.testing.assert_allclose(np.diagonal(wide), [36.0, 1.0, 1.0])  # the third is a run's own
+    np.testing.assert_allclose(np.diagonal(wide), [36.0, 1.0, 1.0])  # the third belongs to one run
     np.testing.assert_allclose(wide[0, 1] / np.sqrt(wide[0, 0] * wide[1, 1]), 0.5)
 
 
@@ -143,7 +143,7 @@ def test_error_bars_of_segments_with_a_camera_have_coverage(drives):
     assert coverage([*drives, *cars_on_floor(range(12, 24), 30.0)], 5.0, with_camera=True) > 0.82
 
 
-def test_segments_in_which_the_model_diverged_are_left_out_of_the_jackknife(case, case_run, monkeypatch):
+def test_the_jackknife_excludes_segments_in_which_the_model_diverged(case, case_run, monkeypatch):
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(module, "fit_by_simulation", lambda task: task)
         fit = identify(case_run(0, 24.0), case, options=FitOptions(segment_s=4.0))

@@ -21,7 +21,7 @@ def test_growth_of_the_noise_with_speed_is_estimated_despite_outliers():
     np.testing.assert_allclose(np.mean(profile**2), 1.0)
 
 
-def test_steady_noise_stays_steady_at_19_of_20_seeds():
+def test_constant_noise_is_recognised_in_19_of_20_runs():
     steady = 0
     for seed in range(20):
         r, v, _ = draw(0.0, seed)
@@ -30,7 +30,7 @@ def test_steady_noise_stays_steady_at_19_of_20_seeds():
     assert steady >= 19
 
 
-def test_a_fit_weighs_fast_driving_less_where_the_noise_grows(small):
+def test_a_fit_gives_fast_driving_less_weight_if_noise_grows_with_speed(small):
     from dataclasses import replace
 
     from baqueano.identify import identify, random_steps

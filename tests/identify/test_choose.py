@@ -1,8 +1,8 @@
-"""A model gets the terms that its vehicle has, and no others, by simulation error on omitted segments or runs.
+"""A model receives exactly the terms that its vehicle has, chosen by simulation error on omitted segments or runs.
 
-False-alarm rates, for sound code. A vehicle without terms is given one with a probability below 5 %, measured
-0 of 20 seeds, so 2 of 4 or more in less than 1.5 %. That both terms of the other vehicle are found was so in 20
-of 20 seeds; one more term with each is below 5 %, so 2 of 3 or more in less than 1 %. The seeds are fixed.
+False-alarm rates for correct code: a vehicle without terms receives one with a probability below 5 % (0 of 20
+seeds). So 2 of 4 or more have a probability below 1.5 %. Both terms of the other vehicle were chosen in 20 of 20
+seeds. One additional term has a probability below 5 % each, so 2 of 3 or more below 1 %. The seeds are fixed.
 """
 
 import json
@@ -16,7 +16,7 @@ from baqueano.diagnostics import note
 from baqueano.errors import UsageError
 from baqueano.identify import FitOptions, random_steps
 from baqueano.identify.data.record import FittedBlocks
-from baqueano.identify.selection.held_out import Score, paired
+from baqueano.identify.selection.held_out import Score, paired_comparison
 from baqueano.identify.selection.selection import choose
 from baqueano.identify.selection.terms import BATTERY, Term, not_separated, terms_of, without_terms
 from baqueano.runs import write_run
@@ -41,13 +41,13 @@ def drive(file, seed, duration_s=40.0):
 
 @pytest.fixture(scope="module")
 def file():
-    """The garage's car, with all the terms that it has."""
+    """Return the car of the garage with all its terms."""
     return load("car").with_values(RATE)
 
 
 @pytest.fixture(scope="module")
 def bare(file):
-    """The same without any."""
+    """Return the same car without any terms."""
     return without_terms(
         file,
         terms_of(FittedBlocks(file.vehicle, file.sensors), np.concatenate([np.eye(2), -np.eye(2)])),
@@ -56,7 +56,7 @@ def bare(file):
 
 @pytest.fixture(scope="module")
 def dry(bare):
-    """One with dry friction and a dead zone, and no quadratic drag."""
+    """Return a car with dry friction and a dead zone, and without quadratic drag."""
     return bare.with_values(DRY)
 
 
@@ -66,12 +66,15 @@ def choice(dry, file):
 
 
 def test_no_term_is_chosen_for_a_vehicle_without_terms(bare, file):
-    choices = [choose(drive(bare, seed), file, use=USE).taken for seed in range(4)]
+    choices = [choose(drive(bare, seed), file, use=USE).selected_terms for seed in range(4)]
     assert sum(len(names) > 0 for names in choices) <= 1, choices
 
 
 def test_dry_friction_and_dead_zone_are_chosen_and_rarely_others(dry, file, choice):
-    choices = [choice.taken, *(choose(drive(dry, seed), file, use=USE).taken for seed in range(1, 3))]
+    choices = [
+        choice.selected_terms,
+        *(choose(drive(dry, seed), file, use=USE).selected_terms for seed in range(1, 3)),
+    ]
     for names in choices:
         paths = " ".join(names)
         assert "dry friction" in names
@@ -89,18 +92,18 @@ def test_chosen_terms_get_true_values_and_other_terms_neutral_values(choice, fil
     assert choice.vehicle_file.value("model.drivetrain.delay_s") == 0.0
 
 
-def test_each_choice_is_reported_with_its_figures(choice):
+def test_each_chosen_or_rejected_term_is_reported_with_its_figures(choice):
     message = next(judgement.message for judgement in choice.judged if judgement.term.name == "dry friction")
     assert (message.code, message.figures["channel"]) == ("choose.taken", "speed")
     assert message.figures["errors"] > message.figures["needed"]
-    rejected = [judgement for judgement in choice.judged if judgement.verdict == "left out"]
+    rejected = [judgement for judgement in choice.judged if judgement.verdict == "excluded"]
     assert rejected
     assert {judgement.message.code for judgement in rejected} <= {"choose.left-out", "choose.left-out-for"}
-    assert "A vehicle without such terms gets one at most that often" in choice.table()
+    assert "This limits how often a vehicle without such terms gets one" in choice.table()
 
 
-def test_one_step_scores_are_shown_but_do_not_decide(choice):
-    """The term that lowers the held-out error by a third hardly shows one step ahead."""
+def test_one_step_errors_are_shown_but_do_not_decide(choice):
+    """The term that lowers the held-out error by a third hardly changes the one-step error."""
     row = next(row for row in choice.rows() if row.get("term") == "dry friction")
     assert row["error_with"] < 0.8 * row["error_without"]
     assert row["one_step_with"] > 0.9 * row["one_step_without"]
@@ -111,23 +114,23 @@ def test_the_same_runs_give_the_same_choice(dry, file, choice):
     assert choose(drive(dry, 0), file, use=USE).table() == choice.table()
 
 
-def test_the_table_refers_to_the_report_for_further_notes(choice):
+def test_the_table_refers_to_the_report_for_omitted_notes(choice):
     much = replace(choice, fit=replace(choice.fit, notes=tuple(note(f"any.{letter}") for letter in "abcdef")))
     assert much.table().endswith(" more: --report fit.html shows all, with figures")
     assert much.table(reported=True).endswith(" more: the report shows all, with figures")
 
 
-def test_whole_runs_are_left_out_if_there_are_many(dry, file):
+def test_many_runs_are_cross_validated_by_whole_runs(dry, file):
     runs = [drive(dry, seed, 12.0) for seed in range(8)]
     choice = choose(runs, file, ["dry friction", "quadratic drag"], use=USE)
-    assert choice.taken == ("dry friction",)
+    assert choice.selected_terms == ("dry friction",)
     assert "(whole runs; 40 blocks of about 2." in choice.rule
 
 
 def test_a_term_at_its_bound_is_refused(dry, file):
     limit = {"model.coulomb_m_s2": (0.0, 0.1)}
     choice = choose(drive(dry, 0), file, ["dry friction"], use=USE, options=FitOptions(bounds=limit))
-    assert choice.taken == ()
+    assert choice.selected_terms == ()
     (message,) = (judgement.message for judgement in choice.judged)
     cause = message.figures["why"]
     assert (message.code, cause.code, cause.subject) == (
@@ -140,7 +143,7 @@ def test_a_term_at_its_bound_is_refused(dry, file):
 def test_a_term_that_duplicates_a_fitted_parameter_is_refused(dry, file):
     gain = Term("gain of the motor", ("model.drivetrain.gain[0]",), (1.0,), ((1.2,),))
     choice = choose(drive(dry, 0), file, [gain], use=USE)
-    assert choice.taken == ()
+    assert choice.selected_terms == ()
     assert choice.judged[0].reason.code in ("term.same-as-others", "term.not-identifiable")
 
 
@@ -149,7 +152,7 @@ def test_a_battery_that_hardly_moves_is_not_identifiable(dry, file):
     volts = 6.0 + 0.01 * np.sin(run.t_s)[:, None]
     logged = replace(run, sensors={**run.sensors, "battery": Channel(run.t_ns, run.t_ns, volts)})
     choice = choose(logged, file, ["dry friction", "battery voltage"], use=USE)
-    assert choice.taken == ("dry friction",)
+    assert choice.selected_terms == ("dry friction",)
     assert choice.sentences[1].startswith("battery voltage")
 
 
@@ -169,17 +172,17 @@ def test_choosing_without_a_run_is_refused(file):
 
 
 def scores(loss):
-    """A model with these losses (B,) of blocks of ten measurements each."""
+    """Return the scores of a model with these losses (B,) of blocks of ten measurements each."""
     loss = np.asarray(loss, float)[:, None]
     zero, unit = np.zeros(1), np.ones(1)
     return Score(loss, np.full(loss.shape, 10.0), zero, unit, np.zeros((5, 1)), unit)
 
 
-def test_terms_are_tested_by_t_on_the_log_error_of_blocks():
+def test_terms_are_tested_by_students_t_on_the_log_error_of_blocks():
     g = 0.1 + np.resize([0.1, -0.1], 24)
     before = np.full(24, 10.0)
     after = (before + 1.0) * np.exp(-2.0 * g) - 1.0  # 1 = FLOOR of ten measurements
-    comparison = paired(scores(before), scores(after))
+    comparison = paired_comparison(scores(before), scores(after))
     assert comparison.gain == pytest.approx(0.1)
     assert comparison.errors == pytest.approx(0.1 / (np.std(g, ddof=1) / np.sqrt(24)))
     assert comparison.beyond(0.01) == pytest.approx(2.4999, abs=3e-3)  # t of 23 degrees of freedom
@@ -187,7 +190,7 @@ def test_terms_are_tested_by_t_on_the_log_error_of_blocks():
 
 def test_blocks_at_rest_do_not_affect_the_choice():
     moving, resting = np.full(10, 10.0), np.array([1e-9, 1e-6] * 5)
-    comparison = paired(
+    comparison = paired_comparison(
         scores(np.concatenate([moving, resting])), scores(np.concatenate([moving, resting[::-1]]))
     )
     assert abs(comparison.gain) < 1e-5
@@ -196,11 +199,11 @@ def test_blocks_at_rest_do_not_affect_the_choice():
 def test_a_larger_total_error_is_refused_even_if_most_blocks_improve():
     before = np.full(20, 10.0)
     after = np.concatenate([np.full(19, 9.0), [1000.0]])
-    assert paired(scores(before), scores(after)).errors <= 0.0
+    assert paired_comparison(scores(before), scores(after)).errors <= 0.0
 
 
-def test_a_diverging_model_is_not_better():
-    comparison = paired(scores(np.full(8, 10.0)), scores([np.inf, *np.full(7, 1.0)]))
+def test_a_model_that_diverges_in_one_block_is_not_better():
+    comparison = paired_comparison(scores(np.full(8, 10.0)), scores([np.inf, *np.full(7, 1.0)]))
     assert comparison.errors == -np.inf
 
 
@@ -220,7 +223,7 @@ def test_the_command_line_prints_rows_and_writes_the_chosen_model(in_a_folder, c
     assert exit_info.value.code == 0
     reply = json.loads(capsys.readouterr().out)
     terms = {row["term"]: row for row in reply["rows"] if "term" in row}
-    assert {name for name, row in terms.items() if row["verdict"] == "taken"} == set(choice.taken)
+    assert {name for name, row in terms.items() if row["verdict"] == "added"} == set(choice.selected_terms)
     assert terms["quadratic drag"]["text"].startswith("quadratic drag left out")
     names = {row["name"] for row in reply["rows"] if "name" in row}
     assert "model.coulomb_m_s2" in names
@@ -236,12 +239,12 @@ def test_options_that_conflict_with_choose_are_refused(in_a_folder, capsys):
 
 
 def test_terms_are_chosen_by_their_error_on_validation_runs(dry, bare, file):
-    """Fitted to a car with dry friction: it is taken where held-out runs have it too, and not where they have none."""
+    """The fitted car has dry friction: the term is chosen if held-out runs have it too, otherwise it is rejected."""
     choices = [
         choose(drive(dry, 0, 20.0), file, ["dry friction"], use=USE, held_out=[drive(truth, 1, 20.0)])
         for truth in (dry, bare)
     ]
-    assert [choice.taken for choice in choices] == [("dry friction",), ()]
+    assert [choice.selected_terms for choice in choices] == [("dry friction",), ()]
     assert "tested by its simulation of the 1 held-out runs (10 blocks of about 2.0 s)" in choices[0].rule
     assert choices[0].fit.runs == ("run 0",)
 
@@ -257,9 +260,9 @@ def test_too_short_validation_runs_are_refused(dry, file):
         choose(drive(dry, 0), file, use=USE, held_out=[drive(dry, 1, 8.0)])
 
 
-@pytest.mark.parametrize(("effect", "fall_v", "verdict"), [(1.0, 2.0, "taken"), (2.2, 0.4, "refused")])
+@pytest.mark.parametrize(("effect", "fall_v", "verdict"), [(1.0, 2.0, "added"), (2.2, 0.4, "refused")])
 def test_a_battery_term_is_chosen_only_if_the_runs_identify_its_effect(dry, file, effect, fall_v, verdict):
-    """More than the whole voltage cannot reach a motor: something else changed with it."""
+    """More than the whole voltage cannot affect a motor: something else changed together with the voltage."""
     u = random_steps([0.5, 0.8], 40.0, dry.rate_hz, 0)
     volts = np.linspace(6.0 + fall_v / 2, 6.0 - fall_v / 2, len(u))
     motor = np.stack([1.0 + effect * (volts / 6.0 - 1.0), np.ones(len(u))], axis=1)
@@ -296,4 +299,4 @@ def test_the_command_line_chooses_and_judges_by_the_validation_run(in_a_folder, 
     assert exit_info.value.code == 0
     printed = capsys.readouterr().out
     assert "tested by its simulation of the 1 held-out runs" in printed
-    assert "the model carries over 20 s open loop" in printed
+    assert "the model remains valid over 20 s in open loop" in printed

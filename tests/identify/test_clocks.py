@@ -1,4 +1,4 @@
-"""A sensor whose stamps are off by a constant, and that loses readings: a fit finds its clock, run by run."""
+"""A sensor with a constant timestamp offset and lost readings: a fit identifies its clock offset for each run."""
 
 from dataclasses import replace
 
@@ -20,7 +20,7 @@ SENSORS = {
 
 
 def drive_kind(kind, seed):
-    """The file and a run of 20 s of which the sensor lost a third of its readings."""
+    """Return the file and a run of 20 s in which the sensor lost a third of its readings."""
     file = override(parse(f"{load('small').text}\n[sensors.{kind}]\n{SENSORS[kind]}\n", "small"), [STILL])
     run = simulate(file, random_steps(file.command.limit, 20.0, file.rate_hz, seed, hold_s=0.5), seed)
     channel = run.sensors[kind]
@@ -29,7 +29,7 @@ def drive_kind(kind, seed):
 
 
 @pytest.mark.parametrize(("kind", "late_s"), [("beacon", 0.04), ("compass", -0.025), ("encoders", 0.03)])
-def test_the_clock_of_a_slow_sensor_with_lost_readings_is_identified(kind, late_s):
+def test_the_clock_offset_of_a_slow_sensor_with_lost_readings_is_identified(kind, late_s):
     file, run = drive_kind(kind, 1)
     channel = run.sensors[kind]
     shifted = channel._replace(t_ns=channel.t_ns - round(late_s * 1e9))

@@ -60,7 +60,7 @@ def test_innovations_are_recommended_if_their_held_out_error_is_smaller(fits, dr
     assert advice.figures["cause"].code == "cost.held-out-smaller"
 
 
-def test_a_larger_held_out_error_overrides_the_recommendation_by_segments(fits, drives):
+def test_a_larger_held_out_error_overrides_the_recommendation_from_segments(fits, drives):
     assert fits["simulation"].notes[0].code == "cost.try-innovations"
     advice = advised(fits, drives, "simulation", wrong(fits["innovations"]))
     assert (advice.code, advice.fix) == ("cost.held-out-larger", "")

@@ -1,4 +1,6 @@
-"""The delay of the command, from any start: on a whole tick, where the cost has a kink, and between two."""
+"""The delay of the command from any start of the search: on a whole tick, where the cost has a kink, and between two
+ticks.
+"""
 
 import numpy as np
 import pytest
@@ -33,7 +35,7 @@ def test_id8_a_delay_is_identified_within_its_error_from_any_start(delay_s, star
         fit, estimate, sd, bound = fit_delay(delay_s, start_s, seed)
         assert fit.converged
         assert fit.verdict == "USABLE", fit.reasons
-        assert abs(estimate - delay_s) < SIGMAS * sd < 1e-3, "a tenth of a tick at most"
+        assert abs(estimate - delay_s) < SIGMAS * sd < 1e-3, "the error must be at most a tenth of a tick"
         assert bound == 0
 
 
@@ -46,11 +48,11 @@ def test_a_delay_of_zero_is_identified_as_zero():
 
 
 LAG = "model.drivetrain.lag_s"
-SEEDS = range(300, 320)  # none was looked at while the search was made
+SEEDS = range(300, 320)  # these values were not used to develop the search
 
 
 def test_delay_and_lag_of_the_motors_are_identified_together():
-    """Late by a delay and slow by a lag look alike, and a dead zone gives every tick valleys of its own."""
+    """A delay and a lag look alike, and a dead zone gives the cost a local minimum at every tick."""
     far = []
     for seed in SEEDS:
         rng = np.random.default_rng(seed)
@@ -66,7 +68,7 @@ def test_delay_and_lag_of_the_motors_are_identified_together():
     assert 0.6 < np.sqrt(np.mean(np.square(far))) < 1.4
 
 
-def test_an_unmodelled_delay_is_reported_with_its_remedy_until_it_is_free():
+def test_an_unmodelled_delay_is_reported_until_the_delay_is_a_free_parameter():
     truth = override(small, [f"{DELAY}=0.04"])
     run = simulate(truth, random_steps(truth.command.limit, 20.0, 100.0, 7, hold_s=0.5), 7)
     fit = identify(run, small)

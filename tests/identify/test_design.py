@@ -8,8 +8,8 @@ from baqueano.identify import excitation
 from baqueano.identify.design import plan as planning
 from baqueano.identify.design.information import Informant, mean_error
 from baqueano.identify.design.motion_library import GENTLE, MotionPiece, PieceShape, gentler, in_map
-from baqueano.identify.design.plan import designed
-from baqueano.identify.design.room import SIDEWAYS_M_S2, Room, alternatives, body_radius, contained, room_of
+from baqueano.identify.design.plan import design_plan
+from baqueano.identify.design.room import SIDEWAYS_M_S2, Room, alternatives, body_radius, contain, room_of
 from baqueano.identify.design.vehicle_cloud import Cloud, possible_vehicles
 from baqueano.vehicle_file import load
 from baqueano.vehicle_file.history import ParameterCov
@@ -20,7 +20,7 @@ SECONDS = 15.0
 
 @pytest.fixture(scope="module")
 def plan(small):
-    return designed(small, room_of(small, "2x2"), SECONDS)
+    return design_plan(small, room_of(small, "2x2"), SECONDS)
 
 
 def test_a_designed_experiment_is_more_informative_than_other_signals_in_its_room(small, plan):
@@ -28,7 +28,7 @@ def test_a_designed_experiment_is_more_informative_than_other_signals_in_its_roo
     cloud = Cloud(small, possible_vehicles(small))
     for kind, options in (("random_steps", {}), ("multisine", {"low_hz": 0.2}), ("prbs", {}), ("ramps", {})):
         requested = excitation(kind, small.command.limit, SECONDS, small.rate_hz, 3, **options)
-        u = contained(requested, small, room, cloud=cloud).u
+        u = contain(requested, small, room, cloud=cloud).u
         assert plan.mean_error < mean_error(informant.relative_sd(informant.information(u))), kind
 
 
@@ -50,7 +50,7 @@ def test_the_same_seed_gives_the_same_plan(small, monkeypatch):
     for name, number in (("FIRST", 40), ("ROUNDS", 1), ("EACH", 10)):
         monkeypatch.setattr(planning, name, number)
     room = room_of(small, "2x2")
-    first, same, different = (designed(small, room, 4.0, seed=seed).u for seed in (1, 1, 2))
+    first, same, different = (design_plan(small, room, 4.0, seed=seed).u for seed in (1, 1, 2))
     assert np.array_equal(first, same)
     assert not np.array_equal(first, different)
 
@@ -58,7 +58,7 @@ def test_the_same_seed_gives_the_same_plan(small, monkeypatch):
 def test_a_stopped_search_returns_its_best_plan_so_far(small, monkeypatch):
     monkeypatch.setattr(planning, "FIRST", 40)
     texts = []
-    plan = designed(small, room_of(small, "2x2"), 5.0, say=lambda text: texts.append(text) or True)
+    plan = design_plan(small, room_of(small, "2x2"), 5.0, progress=lambda text: texts.append(text) or True)
     assert len(texts) == 1
     assert f"0 of {planning.ROUNDS} rounds: standard errors of " in texts[0]
     assert np.any(plan.u != 0.0)
@@ -68,18 +68,18 @@ def test_a_stopped_search_returns_its_best_plan_so_far(small, monkeypatch):
 def test_vehicles_outside_the_planned_set_stay_inside_the_room(small, plan):
     truth = possible_vehicles(small, 0.17, vehicles=100, seed=77)
     cloud = Cloud(small, truth, seed=5)
-    _, eta = cloud.drive(cloud.at(plan.room.start), plan.u)
+    _, eta = cloud.drive(cloud.state_at(plan.room.start), plan.u)
     assert np.all(np.abs(eta[..., :2]) <= plan.room.free)
 
 
 @pytest.mark.parametrize(("name", "size"), [("small", "1.2x1.2"), ("case-study-1", "2x3"), ("car", "3x3")])
-def test_a_signal_that_leaves_the_room_is_contained_without_stopping_the_vehicle(name, size):
+def test_a_signal_that_leaves_the_room_is_changed_without_stopping_the_vehicle(name, size):
     file = load(name)
     room = room_of(file, size)
     requested = excitation("random_steps", file.command.limit, SECONDS, file.rate_hz, 1)
     cloud = Cloud(file, possible_vehicles(file))
-    _, free = cloud.drive(cloud.at(room.start), requested)
-    contained_drive = contained(requested, file, room, cloud=cloud)
+    _, free = cloud.drive(cloud.state_at(room.start), requested)
+    contained_drive = contain(requested, file, room, cloud=cloud)
     assert room.margin(free) < 0.0 <= contained_drive.margin_m
     assert 0.0 < contained_drive.replaced < 1.0
     assert np.mean(np.any(contained_drive.u != 0.0, axis=1)) > 0.7
@@ -88,12 +88,12 @@ def test_a_signal_that_leaves_the_room_is_contained_without_stopping_the_vehicle
 
 def test_a_signal_that_stays_inside_is_not_changed(small):
     requested = 0.4 * excitation("multisine", small.command.limit, SECONDS, small.rate_hz, 1, low_hz=0.3)
-    contained_drive = contained(requested, small, room_of(small, "4x4"))
+    contained_drive = contain(requested, small, room_of(small, "4x4"))
     assert contained_drive.replaced == 0.0
     assert np.array_equal(contained_drive.u, requested)
 
 
-def test_alternatives_to_a_command_are_never_larger_and_end_with_zero():
+def test_alternatives_to_a_command_never_exceed_it_and_include_zero():
     requested = np.array([[0.8, 0.0, -0.4]])
     options = alternatives(requested)
     assert np.array_equal(options[0], requested)
@@ -102,7 +102,7 @@ def test_alternatives_to_a_command_are_never_larger_and_end_with_zero():
     assert any(np.array_equal(o, [[-0.8, 0.0, -0.4]]) for o in options)  # a car drives back on its own arc
 
 
-def test_information_equals_that_of_finite_differences(small):
+def test_the_information_matrix_equals_finite_differences(small):
     informant, rng = Informant(small), np.random.default_rng(0)
     u = np.repeat(rng.uniform(-1.0, 1.0, (6, 3)), 50, axis=0) * small.command.limit
     F = informant.information(u)
@@ -125,14 +125,14 @@ def test_more_data_never_reduce_the_information(small):
     assert np.all(short <= 1.0)
 
 
-def test_the_return_path_of_a_segment_ends_at_its_start(small):
+def test_a_segment_and_its_return_path_end_at_the_start(small):
     out = np.zeros((300, 3))
     out[:, 0] = 0.8
     u = MotionPiece(out, 0).u(400, small.command.limit)
     even = small.with_values({f"model.drivetrain.dead_zone_{d}": [0.3, 0.3] for d in ("forward", "backward")})
     even = even.with_values({"model.drivetrain.gain": [1.0, 1.0], "model.process_noise_std": [0.0, 0.0, 0.0]})
     cloud = Cloud(even, possible_vehicles(even, vehicles=2))
-    _, eta = cloud.drive(cloud.at(np.zeros(3)), u)
+    _, eta = cloud.drive(cloud.state_at(np.zeros(3)), u)
     assert np.hypot(*eta[0, 149, :2]) > 0.2
     assert np.hypot(*eta[0, -1, :2]) < 0.03
 
@@ -160,12 +160,12 @@ def test_possible_vehicles_have_the_measured_total_friction(small):
     measured_file = small.with_values(values, parameter_cov=ParameterCov(names, cov))
     theta = possible_vehicles(measured_file, vehicles=200).theta[:, :3]
     assert np.all(theta >= 0.0)
-    assert np.any(theta == 0.0)  # drawn beyond a bound
+    assert np.any(theta == 0.0)  # drawn values beyond a bound
     assert np.all(np.std(theta, axis=0) > 0.1 * theta[0])
     np.testing.assert_allclose(theta @ force, 0.6, atol=0.05)
 
 
-def test_the_radius_is_that_of_the_whole_vehicle():
+def test_the_body_radius_covers_the_whole_vehicle():
     assert body_radius(load("small")) == 0.07
     assert body_radius(load("car")) == pytest.approx(np.hypot(0.22, 0.107) / 2.0)
     assert body_radius(load("case-study-1")) == 0.0
@@ -182,8 +182,9 @@ def test_a_room_smaller_than_the_body_is_refused(small):
         room_of(small, "0.1x2")
 
 
-def test_the_room_margin_adds_half_the_distance_of_the_furthest_vehicle():
-    """Nine stand, one is 0.5 m across: 0.45 m from their mean of 0.05 m, and three deviations are 0.45 m too."""
+def test_the_room_margin_includes_the_furthest_vehicle():
+    """Nine vehicles are at rest, one is 0.5 m away: 0.45 m from their mean of 0.05 m; three deviations are also 0.45
+    m."""
     ways = np.zeros((10, 2, 3))
     ways[0, 1, 1] = 0.5
     assert Room(2.0, 2.0).margin(ways) == pytest.approx(1.0 - (0.05 + 1.5 * 0.45))
@@ -200,7 +201,7 @@ def test_a_curve_beyond_tyre_grip_is_too_fast(speed_m_s, slides):
     assert bool(Room(4.0, 4.0).slow(eta[None], 50.0))
 
 
-def test_a_gentler_segment_turns_less_at_the_same_speed():
+def test_a_gentler_segment_has_smaller_turns_at_the_same_speed():
     shape = PieceShape(20, 4, np.array([1.0, 0.0, 0.5]))
     piece = MotionPiece(np.tile([1.0, 0.0, -0.6], (16, 1)), 0)
     np.testing.assert_allclose(gentler(piece, shape).out, np.tile([1.0, 0.0, -0.6 * GENTLE], (16, 1)))
@@ -213,24 +214,24 @@ def test_a_start_inside_a_wall_is_refused():
         Room(2.0, 2.0, 0.1, (0.95, 0.0, 0.0))
 
 
-def test_a_start_that_cannot_stay_inside_the_room_is_reported(car_like):
+def test_a_start_from_which_vehicles_leave_the_room_is_reported(car_like):
     file, room = car_like
-    with pytest.raises(AnswerNo, match="larger room"):
-        contained(np.zeros((200, 3)), file, room)
+    with pytest.raises(AnswerNo, check=of_code("room.too-small")):
+        contain(np.zeros((200, 3)), file, room)
 
 
 @pytest.fixture(scope="module")
 def car_like(small):
-    """A floor that slopes: the vehicle rolls out of the room whatever is commanded."""
+    """Return the small vehicle on a steep slope, where it rolls out of the room with any command, and the room."""
     data = {"model.slope_rad": 0.5, "model.friction.coulomb": [0.0, 0.0, 0.0]}
     return small.with_values(data), room_of(small, "1x1")
 
 
-def test_a_time_too_short_to_move_is_refused(small):
+def test_an_experiment_too_short_to_move_is_refused(small):
     with pytest.raises(UsageError, check=of_code("design.short")):
-        designed(small, room_of(small, "2x2"), 1.5)
+        design_plan(small, room_of(small, "2x2"), 1.5)
 
 
 def test_a_signal_of_the_wrong_shape_is_refused(small):
     with pytest.raises(UsageError, check=of_code("signal.shape", commands=3)):
-        contained(np.zeros((100, 2)), small, room_of(small, "2x2"))
+        contain(np.zeros((100, 2)), small, room_of(small, "2x2"))

@@ -1,4 +1,4 @@
-"""An unknown vehicle commissions itself: a careful first drive, then rounds of design, drive and fit."""
+"""An unknown vehicle is identified step by step: a careful first drive, then rounds of design, drive and fit."""
 
 import numpy as np
 import pytest
@@ -10,7 +10,7 @@ from baqueano.drive import first_drive, rough
 from baqueano.errors import UsageError
 from baqueano.identify import FitOptions, identify
 from baqueano.identify.design import plan as planning
-from baqueano.identify.design.plan import designed
+from baqueano.identify.design.plan import design_plan
 from baqueano.identify.design.room import room_of
 from baqueano.identify.result import assemble as summary
 
@@ -36,14 +36,14 @@ def rounds_of_design(small, truth, tmp_path_factory):
         first = first_drive(small, truth=truth, seed=0)
         file = identify([first.run], rough(first, small)).vehicle_file
         runs = [first.run]
-        design = lambda now, seed: designed(now, room_of(now, size), 10.0, seed=seed).u  # noqa: E731
+        design = lambda now, seed: design_plan(now, room_of(now, size), 10.0, seed=seed).u  # noqa: E731
         place = Here(lambda: {"truth": truth})
         rounds = in_rounds(file, place, runs, 2, design, 0, "auto", lambda label: folder / f"{label}.mcap")
     return rounds, runs, room_of(small, size)
 
 
 def test_error_bars_shrink_from_round_to_round(rounds_of_design, small, truth):
-    """Those that take the noise for the same all along the run: what the design makes smaller."""
+    """These error bars assume the same noise along the run: the design reduces them."""
     _, runs, _ = rounds_of_design
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(summary, "no_smaller", lambda problem, cov, pieces, k, by_segment: cov)
@@ -54,14 +54,14 @@ def test_error_bars_shrink_from_round_to_round(rounds_of_design, small, truth):
 
 
 def test_reported_error_bars_are_smaller_after_the_last_round(rounds_of_design):
-    """Of what is to be known, on the whole. One may grow: what parts of a run disagree about shows with the next."""
+    """The mean of the important parameters is compared. A single error bar may grow if parts of a run disagree."""
     first, *_, last = rounds_of_design[0].rounds
     ratios = [last.relative_sd(name) / first.relative_sd(name) for name in SURE]
     assert 0.0 < np.exp(np.mean(np.log(ratios))) < 0.95
 
 
 def test_id14_error_bars_of_each_round_cover_the_true_parameters(rounds_of_design, truth):
-    """Five or more of 19 intervals of 95 % that are independent miss in 2 of 1,000 fits."""
+    """Five or more of 19 independent intervals of 95 % miss the truth in 2 of 1,000 fits."""
     rounds, _, _ = rounds_of_design
     for design_round in rounds.rounds:
         true = np.array([truth.value(name) for name in design_round.fit.names])

@@ -33,7 +33,7 @@ def test_swapped_imu_axes_of_an_omnidirectional_vehicle_are_refused_and_named(ca
 
 
 @pytest.mark.parametrize(("axis", "which"), [(0, "first"), (1, "second"), (2, "third")])
-def test_an_inverted_axis_is_named_with_its_line(case, case_run, axis, which):
+def test_an_inverted_imu_axis_is_named(case, case_run, axis, which):
     sign = np.where(np.arange(3) == axis, -1.0, 1.0)
     fit = identify(with_imu(case_run(0, 20.0), lambda z: z * sign), case)
     assert fit.verdict == "REFUSED"
@@ -76,8 +76,8 @@ def test_an_imu_3_cm_off_centre_is_not_reported_as_swapped():
     q = robot(seed)
     file = guess(q)
     u = as_sent(excitation("random_steps", file.command.limit, 15.0, file.rate_hz, seed, rest_s=2.0))
-    motion = counterpart.driven(q, u[:, None], [seed], times(len(u), file.rate_hz))
-    run = counterpart.recorded(motion, 0, u, file, "off centre", seed)
+    motion = counterpart.drive_group(q, u[:, None], [seed], times(len(u), file.rate_hz))
+    run = counterpart.run_of_vehicle(motion, 0, u, file, "off centre", seed)
     fit = identify(run, file, ["+model.centre_of_mass_x_m", "+model.drivetrain.delay_s"])
     assert fit.verdict == "WARN"
     assert not {code for code in codes(fit.reasons) if "swapped" in code or code.startswith("mount.")}

@@ -1,4 +1,6 @@
-"""The columns of the terms against vehicles that really are pushed, and parts of a run against masked columns."""
+"""Sensitivity columns of model terms compared with vehicles that are really pushed, and parts of a run with masked
+columns.
+"""
 
 import numpy as np
 import pytest
@@ -25,7 +27,7 @@ def end(case):
 
 
 def push_response(blocks, record, push):
-    """What the sensors show (N, m) of a vehicle that is pushed (N, 3)."""
+    """Return the sensor response (N, m) of a vehicle that is pushed (N, 3)."""
     vehicle, outputs = blocks.model.init(), []
     for dt_s, u, a in zip(record.dt_s, record.u, push, strict=True):
         vehicle, motion = blocks.model.step(vehicle._replace(nu=vehicle.nu + a * dt_s), u, dt_s, np.zeros(3))
@@ -42,7 +44,7 @@ def push_response(blocks, record, push):
         ("sideways, y", 1, lambda nu: nu[:, 0] * nu[:, 2]),
     ],
 )
-def test_the_column_of_a_push_is_the_response_to_a_small_push(end, code, axis, phi):
+def test_the_sensitivity_column_equals_the_response_to_a_small_push(end, code, axis, phi):
     problem, theta = end.task.problem, end.search.solution.theta
     now = fitted_motion(end.blocks, problem, theta)
     columns = [
@@ -55,7 +57,7 @@ def test_the_column_of_a_push_is_the_response_to_a_small_push(end, code, axis, p
     for record, weight, index, motion in zip(
         problem.records, problem.weights, problem.layout.indices, now.motions, strict=True
     ):
-        blocks = substitute(end.blocks, (*problem.shape.shared, *problem.shape.own), theta[index])
+        blocks = substitute(end.blocks, (*problem.shape.shared, *problem.shape.per_run), theta[index])
         push = 1e-6 * phi(motion.nu)[:, None] * np.eye(3)[axis]
         slope = weight * (push_response(blocks, record, push) - push_response(blocks, record, -push)) / 2e-6
         change = columns[0][at : at + slope.size].reshape(slope.shape)
@@ -63,7 +65,7 @@ def test_the_column_of_a_push_is_the_response_to_a_small_push(end, code, axis, p
         np.testing.assert_allclose(change, slope, atol=1e-5 * np.max(np.abs(slope)))
 
 
-def test_testing_parts_equals_testing_columns_that_are_zero_elsewhere(end):
+def test_testing_part_of_a_run_equals_testing_a_masked_column(end):
     problem, theta = end.task.problem, end.search.solution.theta
     identifiable = np.concatenate(
         [
@@ -74,7 +76,7 @@ def test_testing_parts_equals_testing_columns_that_are_zero_elsewhere(end):
     residuals = fit_residuals(problem, theta, identifiable)
     rng, n = np.random.default_rng(0), len(residuals.run)
     masks = [np.arange(n) < 0.3 * n, residuals.run == 1, rng.random(n) < 0.5]
-    assert residuals.own  # biases
+    assert residuals.nuisances  # biases
     for mask, answers in zip(masks, score_test_parts(residuals, masks), strict=True):
         present = np.repeat(mask, len(residuals.psi) // n)
         for part, whole in zip(answers, score_test(residuals, residuals.d * present), strict=True):
@@ -85,7 +87,7 @@ def test_testing_parts_equals_testing_columns_that_are_zero_elsewhere(end):
             )
 
 
-def test_a_diverged_probe_is_left_out_of_the_score_test(end):
+def test_the_score_test_ignores_a_diverged_probe(end):
     problem, theta = end.task.problem, end.search.solution.theta
     residuals = fit_residuals(problem, theta, np.ones(problem.size, bool))
     D = np.stack([residuals.d[0] ** 2, np.full(len(residuals.psi), 1.0)])

@@ -1,4 +1,4 @@
-"""Samples that are not measurements are detected by chance limits and left out; sound samples are not."""
+"""Samples that are not measurements are detected by statistical limits and excluded; sound samples are not."""
 
 import numpy as np
 import pytest
@@ -38,7 +38,7 @@ def test_sound_samples_are_not_changed(seed, step):
     assert np.array_equal(after.z, z)
 
 
-def test_rotated_and_rounded_converter_readings_are_left_alone():
+def test_readings_with_rounding_errors_are_not_reported_or_changed():
     z = motion(step=6e-4, n=8000)
     z[:, 2] = motion(n=8000)[:, 0]
     last = np.random.default_rng(3).integers(0, 3, z.shape)
@@ -50,14 +50,14 @@ def test_rotated_and_rounded_converter_readings_are_left_alone():
 
 
 @pytest.mark.parametrize("every", [2, 5, 8])
-def test_only_the_first_of_repeated_samples_remains(every):
+def test_only_the_first_of_repeated_samples_is_retained(every):
     z = motion()
     repeated_z = z[np.arange(len(z)) // every * every]
     after, findings = check_samples("imu", IMU, channel(repeated_z))
     new = np.isfinite(after.z).all(axis=1)
     assert np.array_equal(np.flatnonzero(new), np.arange(0, len(z), every))
     assert "data.repeats" in codes(findings)
-    assert findings[0].subject == "imu"  # of all channels alike, so said once
+    assert findings[0].subject == "imu"  # all channels are equal, so reported once
 
 
 def test_id7_a_stuck_channel_loses_only_the_time_of_the_fault():
@@ -71,7 +71,7 @@ def test_id7_a_stuck_channel_loses_only_the_time_of_the_fault():
 
 
 @pytest.mark.parametrize("part", [0.02, 0.3])
-def test_id9_frames_that_were_logged_as_zero_are_left_out(part):
+def test_id9_frames_that_were_logged_as_zero_are_removed(part):
     z = motion()
     zero = np.random.default_rng(1).random(len(z)) < part
     z[zero] = 0.0
@@ -81,7 +81,7 @@ def test_id9_frames_that_were_logged_as_zero_are_left_out(part):
     assert np.isfinite(after.z[~zero]).all()
 
 
-def test_zeros_of_encoders_at_rest_stay_and_isolated_zeros_are_removed():
+def test_encoder_zeros_at_rest_are_retained_and_isolated_zeros_are_removed():
     wheels, rng = Wheels(track_m=0.1, noise_std=0.01), np.random.default_rng(0)
     v = np.concatenate([np.zeros(300), 0.5 + 0.01 * rng.standard_normal(700)])
     lost_rows = np.arange(400, 900, 37)
@@ -99,10 +99,10 @@ def test_many_samples_at_the_largest_value_are_reported_as_clipped():
     assert findings[0].subject == "imu[0]"
     far = np.abs(2.0 * np.sin(np.arange(len(z)) / 100.0)) > 1.3
     assert np.isfinite(after.z[far, 0]).mean() < 0.05
-    assert np.isfinite(after.z[:, 2]).all()  # it never reached the end
+    assert np.isfinite(after.z[:, 2]).all()  # the signal never reached the end of the range
 
 
-def test_id6_clipped_samples_are_left_out_without_a_bias():
+def test_id6_clipped_samples_are_removed_without_biasing_the_fit():
     t = np.arange(20_000) / 100.0
     truth = 1.5 * np.sin(t)
     z = truth + 0.1 * np.random.default_rng(3).standard_normal(len(t))
@@ -114,7 +114,7 @@ def test_id6_clipped_samples_are_left_out_without_a_bias():
     assert abs(error) < 0.5 * abs(pull)
 
 
-def test_a_constant_channel_is_left_out_with_a_warning():
+def test_a_constant_channel_is_excluded_with_a_warning():
     z = motion()
     z[:, 1] = 0.0
     after, findings = check_samples("imu", IMU, channel(z))
@@ -123,7 +123,7 @@ def test_a_constant_channel_is_left_out_with_a_warning():
     assert findings[0] == dead
 
 
-def test_the_noise_is_reported_from_the_values_that_changed():
+def test_the_noise_estimate_ignores_repeated_values():
     z = motion()[:, 0]
     repeated_z = np.repeat(z, 4)
     assert grain(repeated_z).sigma == pytest.approx(0.1, rel=0.05)
@@ -131,10 +131,10 @@ def test_the_noise_is_reported_from_the_values_that_changed():
 
 
 @pytest.mark.parametrize("period_s", [64e-6, 4e-6])
-def test_encoders_that_time_one_step_are_neither_repeating_nor_stuck(period_s):
-    """Steps of 12 a turn, of a wheel that follows commands by a lag of 50 ms and then rolls evenly."""
+def test_encoders_that_measure_step_times_are_not_reported_as_stuck(period_s):
+    """A wheel with 12 steps a turn follows commands with a lag of 50 ms and then rolls evenly."""
     rng = np.random.default_rng(0)
-    requested = np.repeat(np.minimum(rng.uniform(0.1, 0.9, 60), 0.6), 100)  # 0.6 m/s is all that it does
+    requested = np.repeat(np.minimum(rng.uniform(0.1, 0.9, 60), 0.6), 100)  # 0.6 m/s is its top speed
     v = lfilter([0.2], [1.0, -0.8], requested)
     step_m = 2.0 * np.pi * 0.0325 / 12
     z = step_m / (period_s * np.round(step_m / np.maximum(v, 0.02) / period_s))

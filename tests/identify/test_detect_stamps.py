@@ -1,4 +1,4 @@
-"""Wrong time: the run is split, spread or reported, and never integrated across a wrong time."""
+"""Wrong times: the run is split, spread or reported, and never integrated across a wrong time."""
 
 from dataclasses import replace
 
@@ -47,7 +47,7 @@ def test_id3_a_clock_jump_of_one_day_splits_the_run(case_run, case, off):
     assert [note.figures["jumps"] for note in fit.notes if note.code == "time.jump"] == [1]
 
 
-def test_a_clock_that_jumps_throughout_is_an_error_without_a_cut(case_run):
+def test_a_run_whose_clock_jumps_repeatedly_is_not_split(case_run):
     run = case_run(0, 20.0)
     jumps = move_stamps(run, lambda t: t + 60 * 10**9 * ((t - run.t_ns[0]) // 10**9))
     pieces, several = check_timestamps(jumps, 100.0)
@@ -59,7 +59,7 @@ def test_a_clock_that_jumps_throughout_is_an_error_without_a_cut(case_run):
 @pytest.mark.parametrize(
     ("factor", "guess"), [(1000.0, "milliseconds-as-seconds"), (0.001, "seconds-as-milliseconds")]
 )
-def test_a_clock_in_another_unit_is_refused_by_its_name(case_run, case, factor, guess):
+def test_a_clock_in_another_unit_is_refused_and_the_unit_is_named(case_run, case, factor, guess):
     run = case_run(0, 20.0)
     first = run.t_ns[0]
     wrong = move_stamps(run, lambda t: first + np.rint((t - first) * factor).astype(np.int64))
@@ -88,7 +88,7 @@ def test_a_sensor_stamped_in_bursts_is_fitted_with_a_warning(case_run, case, off
     assert np.max(np.abs(off(fit, case))) < 4.5
 
 
-def test_samples_with_wrong_timestamps_are_left_out(case_run, case, off):
+def test_samples_with_wrong_timestamps_are_excluded(case_run, case, off):
     run = case_run(0, 20.0)
     c = run.sensors["imu"]
     back = np.arange(len(c.t_ns)) > 1200
@@ -100,7 +100,7 @@ def test_samples_with_wrong_timestamps_are_left_out(case_run, case, off):
     assert np.max(np.abs(off(fit, case))) < 4.5
 
 
-def test_id3_stamps_that_repeat_are_left_out(case_run):
+def test_id3_samples_with_repeated_timestamps_are_excluded(case_run):
     run = case_run(0, 20.0)
     c = run.sensors["imu"]
     t_ns = c.t_ns.copy()

@@ -1,7 +1,7 @@
 """An unmodelled effect is named with the parameter shift that it causes; a modelled effect is not.
 
-The study of faults shows the rates over many seeds (tests/study/test_faults.py, `baqueano study faults`). Chance
-makes 1 of 40,000 answers clear; of the 250 that are asked of a fit, 0.6 % have one.
+The study of faults shows the rates over many seeds (tests/study/test_faults.py, `baqueano study faults`). By chance
+1 of 40,000 test results is significant. A fit has 250 such tests, so 0.6 % of the fits contain one.
 """
 
 from dataclasses import replace
@@ -37,7 +37,7 @@ def test_a_sound_fit_gives_no_warning(case, seed, kind):
     assert fit.verdict == "USABLE", fit.reasons
 
 
-def test_a_late_command_is_detected(case, u):
+def test_a_delayed_command_is_detected(case, u):
     late = np.concatenate([np.zeros((3, 3)), u[:-3]])
     fit = identify(driven_as(case, u, late), case)
     assert fit.verdict == "WARN"
@@ -65,7 +65,7 @@ def test_a_parameter_change_within_a_run_is_reported(case, u):
     k = fit.names.index("model.friction.linear[0]")
     assert (
         fit.interval[k, 0] < 7.0 < 9.0 < fit.interval[k, 1] or fit.sd[k] > 0.5
-    )  # what the halves show is in it
+    )  # it includes the result of the halves
 
 
 def test_a_difference_between_two_runs_of_two_vehicles_is_reported(case, u):
@@ -77,7 +77,7 @@ def test_a_difference_between_two_runs_of_two_vehicles_is_reported(case, u):
 
 
 def test_a_probe_estimates_an_unmodelled_term_and_its_parameter_shift(case, u):
-    """The answer of a probe is the fit with that term, to first order."""
+    """The result of a probe equals the fit with this term, to first order."""
     from baqueano.identify.diagnostics.unmodelled_terms import fitted_motion, term_columns
 
     rough = case.with_values({"model.friction.coulomb": [0.15, 0.0, 0.0]})
@@ -105,7 +105,7 @@ def test_a_probe_estimates_an_unmodelled_term_and_its_parameter_shift(case, u):
     assert abs(after) < 0.5 * abs(before)
 
 
-def test_a_parameter_at_its_bound_by_chance_is_only_a_note(small):
+def test_a_parameter_at_its_bound_by_chance_gives_only_a_note(small):
     notes, reasons = [], []
     for seed in range(3):
         run = simulate(small, random_steps(small.command.limit, 20.0, 100.0, seed), seed)
@@ -117,7 +117,7 @@ def test_a_parameter_at_its_bound_by_chance_is_only_a_note(small):
 
 
 def test_the_possible_shift_of_a_parameter_is_added_to_its_error():
-    from baqueano.identify.diagnostics import widened
+    from baqueano.identify.diagnostics import inflate_covariance
 
-    cov = widened(np.diag([16.0, 1.0]), ("a", "b"), {"a": 3.0, "c": 1.0})
+    cov = inflate_covariance(np.diag([16.0, 1.0]), ("a", "b"), {"a": 3.0, "c": 1.0})
     assert np.array_equal(cov, np.diag([25.0, 1.0]))

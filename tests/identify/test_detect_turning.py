@@ -1,4 +1,6 @@
-"""A gyro in another unit is named by wheels, by speed and sideways acceleration, by the commands; a sound one never."""
+"""A gyro in another unit is detected by wheels, by speed and sideways acceleration, or by commands; a sound gyro is
+not.
+"""
 
 from dataclasses import replace
 from types import SimpleNamespace
@@ -34,13 +36,13 @@ def at_ten_hertz():
     u = random_steps(file.command.limit, 30.0, 10.0, 3)
     fine = simulate(
         override(car, ["rate_hz=100.0"]), np.repeat(u, 10, axis=0), 3
-    )  # as a vehicle moves meanwhile
+    )  # because a vehicle moves meanwhile
     tenth = {name: Channel(*(x[9::10] for x in channel[:3])) for name, channel in fine.sensors.items()}
     return file, replace(fine, t_ns=fine.t_ns[9::10], applied=u, sensors=tenth, truth=None)
 
 
 def accused(fit):
-    """The reasons that concern the gyro's unit, alone or with the accelerometer."""
+    """Return the reasons that concern the gyro unit, with or without the accelerometer."""
     both = [reason.figures["gyro"] for reason in fit.reasons if reason.code == physical_units.CURVE]
     return [*both, *(reason for reason in fit.reasons if reason.code == "gyro.unit")]
 
@@ -65,7 +67,7 @@ def test_commands_reveal_the_gyro_unit_without_wheels(small):
 
 
 @pytest.mark.parametrize("part", [30.0, 57.0])
-def test_the_start_of_the_search_does_not_accuse_the_gyro(small, part):
+def test_a_wrong_start_of_the_search_causes_no_report_about_the_gyro(small, part):
     path = "model.actuator_matrix[2,2]"
     run = simulate(small, random_steps([1.0, 0.0, 1.0], 20.0, 100.0, 0), 0)
     fit = identify(run, small, options=FitOptions(start={path: small.value(path) / part}))
@@ -78,7 +80,7 @@ FRICTION = "model.friction.linear"
 
 @pytest.fixture(scope="module")
 def guessed_sticky(small):
-    """A run of a vehicle that turns freely, and a file with 84 times its friction."""
+    """Return a run of a vehicle that turns easily, and a file with 84 times its friction."""
     linear = small.vehicle.friction.linear
     quiet = small.with_values({"model.friction.coulomb": [0.25, 0.0, 0.003]})
     free = quiet.with_values({FRICTION: [*linear[:2], linear[2] / 3.0]})
@@ -86,14 +88,14 @@ def guessed_sticky(small):
     return simulate(free, random_steps([1.0, 0.0, 1.0], 20.0, 100.0, 0), 0), guess
 
 
-def test_a_fitted_gain_near_the_file_clears_the_gyro_with_guessed_friction(guessed_sticky):
+def test_wrongly_guessed_friction_causes_no_report_about_the_gyro(guessed_sticky):
     run, file = guessed_sticky
     fit = identify(run, file)
     assert fit.value("model.actuator_matrix[2,2]") == pytest.approx(0.203, rel=0.02)
     assert fit.verdict == "USABLE", fit.reasons
 
 
-def test_a_wheelbase_that_compensates_the_unit_does_not_clear_the_gyro(at_ten_hertz):
+def test_a_gyro_unit_compensated_by_the_wheelbase_is_still_reported(at_ten_hertz):
     """A vehicle of 9 m turns as slowly as a gyro in rad/s that is read as deg/s."""
     file, run = at_ten_hertz
     c = run.sensors["imu"]
@@ -108,7 +110,7 @@ def test_a_wheelbase_that_compensates_the_unit_does_not_clear_the_gyro(at_ten_he
 
 
 @pytest.mark.parametrize("guess", [0.5, 1.0, 2.0])
-def test_a_wrong_guess_of_the_steering_gain_does_not_accuse_the_gyro(at_ten_hertz, guess):
+def test_a_wrong_steering_gain_causes_no_report_about_the_gyro(at_ten_hertz, guess):
     file, run = at_ten_hertz
     gain = guess * file.vehicle.steering_gain
     fit = identify(run, override(file, [f"model.steering_gain={gain}"]))
@@ -116,7 +118,7 @@ def test_a_wrong_guess_of_the_steering_gain_does_not_accuse_the_gyro(at_ten_hert
 
 
 def beside_wheels(imu, wheels, rate_hz):
-    """The findings on the gyro of rows `imu` (n, 3) from `wheels` (n, 2), 0.2 m apart, at the same times."""
+    """Return the findings on the gyro rows `imu` (n, 3) from `wheels` (n, 2), 0.2 m apart, at the same times."""
     t_ns = (np.arange(len(imu)) * NANOSECONDS / rate_hz).astype(np.int64)
     sensors = {"imu": Channel(t_ns, t_ns, imu), "wheels": Channel(t_ns, t_ns, wheels)}
     file = SimpleNamespace(sensors=SimpleNamespace(_asdict=lambda: {"wheels": Wheels(track_m=0.2)}))
@@ -126,7 +128,7 @@ def beside_wheels(imu, wheels, rate_hz):
 def test_skidding_wheels_still_reveal_the_gyro_unit():
     rng, n = np.random.default_rng(0), 600
     omega = np.repeat(rng.normal(size=n // 20), 20)
-    # skid: 1.6 times
+    # the wheels skid: 1.6 times
     wheels = 0.5 + np.column_stack([-omega, omega]) * 1.6 * 0.1 + 0.02 * rng.normal(size=(n, 2))
     imu = np.column_stack([rng.normal(size=(n, 2)), omega + 0.02 * rng.normal(size=n)])
     assert beside_wheels(imu, wheels, 20.0) == []
@@ -136,7 +138,7 @@ def test_skidding_wheels_still_reveal_the_gyro_unit():
 
 
 @pytest.mark.parametrize("seed", range(5))
-def test_wheels_clear_the_gyro_if_an_accelerometer_axis_points_up(seed):
+def test_an_accelerometer_axis_that_points_up_causes_no_report_about_the_gyro(seed):
     """Such an axis measures only 2 % of a sideways acceleration, as data sheets allow."""
     rng, n = np.random.default_rng(seed), 6000
     omega, v = np.repeat(rng.normal(size=60), 100), np.repeat(rng.uniform(0.5, 1.5, 60), 100)
@@ -146,7 +148,7 @@ def test_wheels_clear_the_gyro_if_an_accelerometer_axis_points_up(seed):
     assert beside_wheels(imu, wheels, 100.0) == []
 
 
-def test_one_curve_without_wheels_accuses_gyro_and_accelerometer(at_ten_hertz):
+def test_without_wheels_a_curve_shows_that_gyro_and_accelerometer_disagree(at_ten_hertz):
     file, run = at_ten_hertz
     (finding,) = physical_units.check_gyro_unit(with_gyro(run, DEGREES), file, "imu")
     assert finding.figures["gyro"].figures["given"] == "deg/s"
@@ -156,7 +158,7 @@ def test_one_curve_without_wheels_accuses_gyro_and_accelerometer(at_ten_hertz):
 
 @pytest.mark.parametrize("seed", [0, 3])
 @pytest.mark.parametrize("use", [None, ("imu",)])
-def test_an_accelerometer_in_mg_does_not_accuse_a_sound_gyro(seed, use):
+def test_an_accelerometer_in_mg_causes_no_report_about_the_gyro(seed, use):
     run = simulate(car, random_steps(car.command.limit, 30.0, car.rate_hz, seed), seed)
     c, milli_g = run.sensors["imu"], 1000.0 / STANDARD_GRAVITY
     run = replace(run, sensors={**run.sensors, "imu": c._replace(z=c.z * [milli_g, milli_g, 1.0])})
@@ -167,8 +169,8 @@ def test_an_accelerometer_in_mg_does_not_accuse_a_sound_gyro(seed, use):
     assert not accused(fit)
 
 
-def test_wheels_clear_the_gyro_of_a_file_that_turns_too_little(small):
-    """The gain reveals a motor that was guessed 30 times too weak."""
+def test_with_wheels_a_wrong_gain_causes_no_report_about_the_gyro(small):
+    """The fitted gain shows that the file assumed a motor 30 times too weak."""
     file = parse(small.text + "[sensors.wheels]\nrate_hz = 50.0\nnoise_std = 0.01\n", "small")
     run = simulate(file, random_steps([1.0, 0.0, 1.0], 20.0, 100.0, 0), 0)
     matrix = file.vehicle.actuator_matrix * [1.0, 1.0, 1.0 / 30.0]
@@ -191,8 +193,8 @@ def test_a_wrong_gyro_unit_of_a_recorded_car_is_named():
         assert finding.figures.get("gyro", finding).figures["given"] == unit
 
 
-def test_a_gyro_that_makes_the_model_run_away_ends_in_a_verdict(at_ten_hertz):
-    """Nothing of such a fit is kept, and no error is worked out of nothing."""
+def test_a_gyro_unit_that_makes_the_model_diverge_is_refused(at_ten_hertz):
+    """No value of such a fit is used, and no error is computed."""
     file, run = at_ten_hertz
     fit = identify(with_gyro(run, 10.0 * DEGREES), file, use=("imu",))
     assert fit.verdict == "REFUSED"

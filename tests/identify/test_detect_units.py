@@ -31,7 +31,7 @@ def test_id2_a_gyro_in_degrees_is_refused(case_run, case):
     assert "gyro.too-fast" in reasons(fit) or "guess.degrees" in guesses(fit)
 
 
-def test_gain_and_noise_reveal_slow_turns_in_degrees(case, case_run):
+def test_gain_and_noise_reveal_a_gyro_in_degrees_during_slow_turns(case, case_run):
     slow = case.with_values({"command.limit": [20.0, 0.0, 6.0]})
     fit = identify(with_imu(case_run(0, 20.0, slow), lambda z: z * [1.0, 1.0, 57.29578]), case)
     assert fit.verdict == "REFUSED"
@@ -39,7 +39,7 @@ def test_gain_and_noise_reveal_slow_turns_in_degrees(case, case_run):
     assert {"file.gain", "file.far-gain"} & reasons(fit).keys()
 
 
-def test_id2_an_accelerometer_in_g_is_not_a_usable_fit(case_run, case):
+def test_id2_an_accelerometer_in_g_gives_no_usable_fit(case_run, case):
     fit = identify(with_imu(case_run(0, 20.0), lambda z: z / [9.80665, 9.80665, 1.0]), case)
     assert fit.verdict != "USABLE"
     assert "guess.g" in guesses(fit)
@@ -79,7 +79,7 @@ def turned_run(small):
     return simulate(small, random_steps([1.0, 0.0, 1.0], 20.0, 100.0, 1), 1)
 
 
-def test_swapped_axes_are_detected_by_each_others_predictions(turned_run, small):
+def test_swapped_axes_are_detected_because_each_fits_the_other_prediction(turned_run, small):
     fit = identify(with_imu(turned_run, lambda z: z[:, [1, 0, 2]]), small)
     assert fit.verdict == "REFUSED"
     swap = reasons(fit)["axes.swapped"]
@@ -110,7 +110,7 @@ def test_an_inverted_gyro_is_reported_by_gain_sign_or_accelerometer(turned_run, 
     assert {"axes.inverted", "file.inverted", "mount.third-inverted"} & reasons(fit).keys()
 
 
-def test_an_inverted_gain_alone_is_a_warning(case):
+def test_an_inverted_gain_without_other_evidence_gives_a_warning(case):
     blocks, nothing = FittedBlocks(case.vehicle, case.sensors), np.zeros(0)
     findings = gain_changes.check_gain_changes(
         blocks, ["model.actuator_matrix[2,2]"], np.array([-29.9]), np.array([0.1]), nothing, nothing, []

@@ -17,14 +17,14 @@ NOISE = [f"sensors.tags.measurement_noise_cov[{i},{i}]" for i in (0, 1)]
 @pytest.mark.parametrize(
     ("tags", "free"), [(0, []), (SOME, FORWARD[:1]), (FEWEST - 1, FORWARD[:1]), (FEWEST, [*FORWARD, *NOISE])]
 )
-def test_few_readings_free_the_misfit_but_not_the_noise_of_their_sensor(tags, free):
+def test_few_readings_identify_the_misfit_but_not_the_sensor_noise(tags, free):
     ekf = parse(load("small").text + TAGS, "small").estimator(use=("imu", "tags"))
     paths = {parameter.path for parameter in _free(ekf, {"imu"}, {}, {"imu": 6000, "tags": tags})}
     assert {path for path in paths if "[1]" not in path and "[2]" not in path} == set(free)
     assert {"disturbance_std[1]", "disturbance_fade_s[1]", "velocity_walk_std[2]"} <= paths
 
 
-def test_noise_of_a_counted_speed_is_at_least_its_step():
+def test_the_noise_of_a_counted_speed_is_at_least_its_step():
     """Readings that never repeat have no step; a tag, which repeats its position, is not treated as counted."""
     text = load("small").text + TAGS + '\n[sensors.odometer]\nkind = "odometer"\n'
     its = layout(parse(text, "small").estimator(use=("imu", "odometer", "tags")))

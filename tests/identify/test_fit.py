@@ -1,7 +1,7 @@
-"""A fit recovers the truth within its error bars; coverage is judged on drives of the independent truth.
+"""A fit identifies the truth within its error bars; coverage is judged on drives of the independent truth.
 
-False-alarm rates, for sound code: 12 parameters beyond 4.5 standard errors, 8e-5 a seed; the share inside
-1.96 over 12 seeds (144 numbers, correlated) below 0.88 or above 0.99, about 0.5 %: the seeds are fixed.
+False-alarm rates for correct code: 12 parameters beyond 4.5 standard errors, 8e-5 per seed. The share inside 1.96
+over 12 seeds (144 correlated numbers) is below 0.88 or above 0.99 in about 0.5 %. The seeds are fixed.
 """
 
 from dataclasses import replace
@@ -62,7 +62,7 @@ def test_case_study_1_is_identified_within_its_error_bars(drives, fits):
     assert all(fit.verdict == "USABLE" for fit in fits)
 
 
-def test_id14_standard_errors_are_those_of_the_cramer_rao_bound(case, fits):
+def test_id14_standard_errors_are_near_the_cramer_rao_bound(case, fits):
     for name, bound in BOUND.items():
         k = fits[0].names.index(f"model.{name}")
         truth = case.value(f"model.{name}")
@@ -173,7 +173,7 @@ def test_both_back_ends_give_the_same_fit(case, case_run):
         for name in ("auto", "python")
     )
     assert b.backend == "python"
-    assert np.max(np.abs(a.estimate - b.estimate) / a.sd) < 1e-3  # of a search that ends at 3e-4
+    assert np.max(np.abs(a.estimate - b.estimate) / a.sd) < 1e-3  # the search ends at 3e-4
     np.testing.assert_allclose(a.sd, b.sd, rtol=5e-3)  # σ settles to 0.5 %
 
 
@@ -206,7 +206,7 @@ def test_a_robot_with_dead_zones_and_lag_is_identified():
     assert fit.verdict in ("USABLE", "WARN")
 
 
-def test_the_kinematic_matrix_is_identified_with_the_same_cost(case, case_run):
+def test_the_matrix_of_a_kinematic_vehicle_is_identified(case, case_run):
     file = parse(KINEMATIC, "k.toml")
     fit = identify(
         case_run(8, 20.0, file), file, options=FitOptions(start={"model.velocity_matrix[0,0]": 0.3})
@@ -215,9 +215,9 @@ def test_the_kinematic_matrix_is_identified_with_the_same_cost(case, case_run):
     assert np.max(np.abs((fit.estimate[k] - [0.1, 0.05]) / fit.sd[k])) < 4.5
     cut = identify(
         case_run(8, 20.0, file), file, options=FitOptions(segment_s=5.0)
-    )  # it carries no velocity into a piece
+    )  # a segment does not start with a velocity
     np.testing.assert_allclose(cut.estimate[k], fit.estimate[k], rtol=0.05)
-    truth = identify(case_run(8, 20.0), file, use=["truth"])  # the dynamic vehicle, its velocity told
+    truth = identify(case_run(8, 20.0), file, use=["truth"])  # the dynamic vehicle, with its velocity given
     assert 0.05 < truth.value("model.velocity_matrix[0,0]") < 0.15
 
 
@@ -234,11 +234,11 @@ def test_a_car_is_identified_from_odometer_and_gyro():
 def test_a_stopped_search_returns_its_best_values_and_is_refused(case, case_run):
     texts = []
 
-    def say(text):
+    def progress(text):
         texts.append(text)
         return True
 
-    fit = identify(case_run(0, 20.0), case, say=say)
+    fit = identify(case_run(0, 20.0), case, progress=progress)
     assert [text[:7] for text in texts] == ["round 1"]
     assert not fit.converged
     assert fit.verdict == "REFUSED"

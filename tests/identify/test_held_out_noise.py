@@ -1,4 +1,4 @@
-"""The right R predicts an unseen run best, and its NIS is consistent."""
+"""The correct R predicts an unseen run best, and its NIS is consistent."""
 
 from dataclasses import replace
 
@@ -29,7 +29,7 @@ def truth_fit(small):
     return fit, measure_noise(fit, runs[0]), runs[1]
 
 
-def test_a_wrong_covariance_predicts_worse_and_its_nis_shows_the_direction(truth_fit):
+def test_a_wrong_covariance_predicts_worse_and_its_nis_is_inconsistent(truth_fit):
     fit, noise, unseen_run = truth_fit
     wrong = {
         "too small": replace(noise, process=1e-4 * noise.process),
@@ -39,18 +39,18 @@ def test_a_wrong_covariance_predicts_worse_and_its_nis_shows_the_direction(truth
     by_name = {tried.name: tried for tried in comparison.tried}
     assert comparison.best == "truth"
     assert abs(by_name["truth"].nis - 1.0) < 0.1
-    assert by_name["too large"].consistent == "too careful"
+    assert by_name["too large"].consistent == "too cautious"
     assert by_name["too small"].consistent == "too sure"
     assert comparison.rows()[0]["name"] == "truth"
     assert "best: truth" in comparison.table()
 
 
-def test_the_nis_equals_that_of_an_independent_filter_within_its_interval(truth_fit, small):
+def test_the_nis_equals_an_independent_filter_within_its_interval(truth_fit, small):
     from baqueano.compare import compare
     from baqueano.drive import replay
 
     fit, noise, unseen_run = truth_fit
-    replayed_run = replay(unseen_run, noise.updated(fit.vehicle_file))
+    replayed_run = replay(unseen_run, noise.updated_file(fit.vehicle_file))
     nis_of_replay = compare(replayed_run, names=["x"]).rows()[0]["nis"]
     judged_noise = compare_noise(fit, {"truth": noise}, unseen_run).tried[0]
     assert judged_noise.nis == pytest.approx(nis_of_replay, rel=0.02)

@@ -43,5 +43,5 @@ def test_the_correct_model_is_usable_on_runs_of_the_advised_length(fit, drives, 
 
 
 @pytest.mark.parametrize("span_s", [3.0, 8.0])
-def test_runs_with_too_few_segments_of_motion_cannot_tell(fit, drives, span_s):
+def test_runs_with_too_few_segments_of_motion_give_no_verdict(fit, drives, span_s):
     assert verdicts(fit, drives, span_s) == {"CANNOT TELL": DRIVES}

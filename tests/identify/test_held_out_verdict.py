@@ -38,7 +38,7 @@ def file():
 
 
 def drive_signals(signals):
-    """The logs of one robot, run by run, under the voltages (N, 3) of each name; all begin at rest."""
+    """Return the logs of one robot for each run, under the voltages (N, 3) of each name; all begin at rest."""
     ticks = max(map(len, signals.values()))
     u = np.stack([np.pad(signal, ((0, ticks - len(signal)), (0, 0))) for signal in signals.values()], axis=1)
     world = TruthWorld(draw_robots(1, 3).some([0] * len(signals)), range(len(signals)))
@@ -74,7 +74,7 @@ def fit(file, logs):
     return identify([logs[name] for name in FITTED], file, FREE, options=FitOptions(diagnose=False))
 
 
-def test_one_short_run_is_too_few_data_for_a_verdict(fit, logs):
+def test_one_short_run_is_not_enough_for_a_verdict(fit, logs):
     validation = validate(fit, logs["step -1"])
     assert validation.verdict == "CANNOT TELL"
     few = validation.reasons[0]
@@ -96,7 +96,8 @@ def test_runs_with_enough_motion_get_a_verdict(fit, logs):
 
 
 def test_a_channel_unexplained_in_fitted_and_unseen_runs_is_refused_by_name(file, logs):
-    """Gain inverted, time constant of 2.6 s in place of 0.13 s: the error of its own runs is as large."""
+    """The gain is inverted and the time constant is 2.6 s instead of 0.13 s: the error of the fitted runs is as
+    large."""
     wrong = override(
         file, ["model.actuator_matrix=[[0.28,0,0],[0,0,0],[0,0,-0.017]]", "model.drivetrain.lag_s=2.6"]
     )
@@ -124,7 +125,7 @@ def test_a_run_that_coasts_does_not_begin_at_rest(file, logs):
     assert not begins_at_rest(run.cut(1.0), file.sensors)
 
 
-def test_independent_segments_are_counted_by_turning_points():
+def test_turning_points_are_counted_despite_noise():
     assert turning_points(np.linspace(0.0, 1.0, 50), 0.1) == 0
     assert turning_points(np.repeat([0.0, 1.0, 0.0, -1.0, 0.5], 10), 0.1) == 2
     noisy = np.repeat([0.0, 1.0], 50) + 0.04 * np.random.default_rng(0).uniform(-1.0, 1.0, 100)
@@ -132,7 +133,7 @@ def test_independent_segments_are_counted_by_turning_points():
 
 
 def test_each_independent_step_counts_for_at_most_two_thirds_of_a_segment():
-    """Of K independent steps 2 (K − 2)/3 are turning points, less those of small swings; 4 sd are 29."""
+    """Of K independent steps, 2 (K − 2)/3 are turning points, without those of small amplitude; 4 sd are 29."""
     u = random_steps([1.0, 0.0, 0.0], 600.0, 10.0, 0, hold_s=2.0)
     steps = Run("steps", None, np.arange(len(u)) * 100_000_000, u)
     assert 0.5 * 300 < pieces_of([steps], 0) < 200 + 29

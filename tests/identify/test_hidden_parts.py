@@ -1,11 +1,11 @@
-"""Effects that a run shows and its file lacks: an IMU low-pass, duty steps. On the independent truth."""
+"""Effects that a run shows and its file lacks: an IMU low-pass and duty steps, on the independent truth."""
 
 import numpy as np
 import pytest
 
 from baqueano.identify import FitOptions, excitation, identify
 from baqueano.simulate.open_loop import times
-from baqueano.study.counterpart import driven, recorded, robot_file, robot_values
+from baqueano.study.counterpart import drive_group, robot_file, robot_values, run_of_vehicle
 from baqueano.study.identification.trials import as_sent, robot
 
 DELAY, LAG = "model.drivetrain.delay_s", "model.drivetrain.lag_s"
@@ -16,26 +16,27 @@ SECONDS, SEED, HZ = 10.0, 5, 44.0
 
 @pytest.fixture(scope="module")
 def logs():
-    """A robot with quiet sensors, its file, and its logs: with counts of the timer, with what was asked for, and with
-    the counts and an IMU behind a low-pass, or behind one and a delay, which an IMU shows as one of the motors."""
+    """Return a robot with quiet sensors, its file, and its logs. One log has the counts of the timer, one has the
+    requested commands. The others have the counts and an IMU behind a low-pass, or behind a low-pass and a delay,
+    which looks like a delay of the motors."""
     plain = robot(SEED)
-    plain = plain.changed(imu=plain.imu.changed(noise=0.2 * plain.imu.noise))
-    behind = plain.changed(imu=plain.imu.changed(low_pass_s=np.full(1, 0.5 / np.pi / HZ)))
-    chip = behind.changed(delay_s=behind.delay_s + 4.8e-3 - 0.5 / np.pi / HZ)
+    plain = plain.with_parameters(imu=plain.imu.with_parameters(noise=0.2 * plain.imu.noise))
+    behind = plain.with_parameters(imu=plain.imu.with_parameters(low_pass_s=np.full(1, 0.5 / np.pi / HZ)))
+    chip = behind.with_parameters(delay_s=behind.delay_s + 4.8e-3 - 0.5 / np.pi / HZ)
     file = robot_file(plain)
     requested = excitation(
         "random_steps", file.command.limit, SECONDS, file.rate_hz, SEED, rest_s=1.0, hold_s=0.4
     )
     sent_u = as_sent(requested)
     each = np.stack([sent_u] * 3, axis=1)
-    motion = driven(plain.joined([behind, chip]), each, [SEED] * 3, times(len(sent_u), file.rate_hz))
+    motion = drive_group(plain.merge([behind, chip]), each, [SEED] * 3, times(len(sent_u), file.rate_hz))
     kinds = {"counts": (0, sent_u), "asked": (0, requested), "filtered": (1, sent_u), "chip": (2, sent_u)}
-    runs = {name: recorded(motion, k, u, file, name, SEED) for name, (k, u) in kinds.items()}
+    runs = {name: run_of_vehicle(motion, k, u, file, name, SEED) for name, (k, u) in kinds.items()}
     return plain, file, runs
 
 
 def off(fit, q, name):
-    """By how many of its errors it is wrong."""
+    """Return the deviation of the parameter `name` from the truth, in standard errors."""
     return abs(fit.value(name) - float(robot_values(q)[name][0])) / fit.sd[fit.names.index(name)]
 
 
@@ -45,7 +46,7 @@ def test_an_undeclared_low_pass_gives_a_warning_and_a_remedy(logs):
     assert fit.verdict == "WARN"
     assert f"--free +{LOW_PASS}" in [reason.fix for reason in fit.reasons]
     assert ("delay.sum", "imu") in [(note.code, note.subject) for note in fit.notes]
-    assert fit.value(DELAY) - q.delay_s[0] > 0.5 * 0.5 / np.pi / HZ  # it took the filter for a delay
+    assert fit.value(DELAY) - q.delay_s[0] > 0.5 * 0.5 / np.pi / HZ  # the fit mistook the filter for a delay
     assert off(fit, q, DELAY) < 4.0  # and the error bar includes this
 
 
@@ -58,7 +59,7 @@ def test_a_declared_low_pass_does_not_bias_the_delay_of_the_motors(logs):
 
 
 def test_the_chip_setting_determines_the_lag_and_delay_of_its_filter(logs):
-    """A lag of 44 Hz and a pure delay, together the 4.8 ms that the data sheet has for setting 3."""
+    """A lag of 44 Hz and a pure delay together have the 4.8 ms that the data sheet states for setting 3."""
     q, file, runs = logs
     plain, set_up = (
         identify(runs["chip"], f, FREE, options=FitOptions(diagnose=False))

@@ -24,13 +24,13 @@ EXACT = {"gyro": 0.0, "accel": 0.0}
 
 
 def steps(rng, low, high, hold_s, seconds, rate_hz):
-    """A command that jumps every `hold_s`."""
+    """Return a command that changes every `hold_s`."""
     count = int(np.ceil(seconds / hold_s))
     return np.repeat(rng.uniform(low, high, count), int(hold_s * rate_hz))[: int(seconds * rate_hz)]
 
 
 def drive_seed(seed, seconds=60.0, changes=None):
-    """A car whose IMU is shaken the more, the faster it drives; only its IMU is recorded."""
+    """Return a car whose IMU noise grows with speed; only its IMU is recorded."""
     file, rng = load("car").with_values({"model.quadratic_drag": 0.0}), np.random.default_rng(seed)
     u = np.c_[steps(rng, 0.1, 0.55, 2.0, seconds, 50.0), steps(rng, -0.8, 0.8, 1.2, seconds, 50.0)]
     run = simulate(file.with_values(QUIET | (changes or {})), u, seed)
@@ -43,7 +43,7 @@ def drive_seed(seed, seconds=60.0, changes=None):
 
 @pytest.fixture(scope="module")
 def fitted():
-    """One car, and what was found of it."""
+    """Return one car, its run and its fit."""
     file, run = drive_seed(3)
     return file, run, fit_imu_only(run, file, LONGITUDINAL + YAW)
 
@@ -117,16 +117,16 @@ def test_an_uncertain_gyro_bias_widens_the_errors_by_its_effect(fitted):
     assert part[offset] == pytest.approx(slope[offset], rel=0.1)
 
 
-def test_the_error_of_the_gyro_bias_is_that_of_its_measurement():
+def test_the_error_of_the_gyro_bias_equals_its_measurement_error():
     from baqueano.vehicle_file import Provenance
 
     file, path = load("car"), "sensors.imu.gyro_bias"
-    assert zero_of(file, "imu") == pytest.approx(np.radians(20.0) / np.sqrt(3.0))  # a data sheet's
+    assert zero_of(file, "imu") == pytest.approx(np.radians(20.0) / np.sqrt(3.0))  # the value of a data sheet
     measured_file = file.with_values({path: 0.002}, {path: Provenance("rest", None, 0.001, "USABLE")})
     assert zero_of(measured_file, "imu") == pytest.approx(0.001)
 
 
-def test_a_fit_repeated_from_its_own_estimate_gives_the_same_estimate():
+def test_a_fit_started_at_its_estimate_returns_the_same_estimate():
     file, run = drive_seed(5, 30.0)
     free = (*LONGITUDINAL, *YAW, "model.drivetrain.delay_s")
     first = fit_imu_only(run, file.with_values({"model.drivetrain.delay_s": 0.0}), free)
@@ -151,7 +151,7 @@ def test_a_run_that_leaves_the_envelope_is_flagged(fitted):
         identify(replace(run, applied=np.full_like(run.applied, np.nan)), fit.file)
 
 
-def test_a_run_that_an_imu_fit_cannot_use_is_refused(fitted):
+def test_an_imu_fit_refuses_a_run_without_motion_or_gyro_data(fitted):
     file, run, _ = fitted
     with pytest.raises(UsageError, check=of_code("imu-only.not-an-imu")):
         fit_imu_only(run, file, use=("compass",))
@@ -174,14 +174,14 @@ def test_a_car_with_only_an_imu_uses_the_gyro_fit_by_default(fitted):
     assert not imu_is_all(load("small"), [run], None, None)
 
 
-def test_an_additional_free_parameter_does_not_remove_others():
+def test_a_free_parameter_added_with_plus_does_not_remove_default_parameters():
     file, run = drive_seed(3, 20.0)
     plain, with_drag = (fit_imu_only(run, file, free) for free in (None, ["+model.motor_drag"]))
     assert "model.drivetrain.delay_s" in plain.names
     assert set(with_drag.names) == {*plain.names, "model.motor_drag"}
 
 
-def test_the_gyro_fit_of_two_wheels_equals_the_simulation_fit():
+def test_the_gyro_fit_of_a_two_wheeled_vehicle_identifies_the_true_parameters():
     file, rng = load("case-study-1"), np.random.default_rng(0)
     limit = file.command.limit
     forward = steps(rng, 0.1, 0.8, 2.0, 30.0, file.rate_hz) * limit[0]
@@ -230,7 +230,7 @@ def test_autocorrelated_residuals_weigh_less_than_white_residuals():
     has, v, dt = [np.ones((n, 2))], [np.full(n, 1.0)], [np.full(n, 0.02)]
     sigma, profile = profile_of_slow(residuals, has, v, dt, np.zeros(2))
     assert sigma[0] == pytest.approx(1.0, abs=0.12)
-    expected = np.sqrt(0.6**2 + 0.8**2 * (50 - (50**2 - 1) / (3 * 50)))  # of sums over as long as they last
+    expected = np.sqrt(0.6**2 + 0.8**2 * (50 - (50**2 - 1) / (3 * 50)))  # of sums over their correlation time
     assert sigma[1] == pytest.approx(expected, rel=0.15)
     np.testing.assert_allclose(profile[0], 1.0, atol=1e-9)
 
@@ -245,7 +245,7 @@ def test_samples_are_weighted_by_speed_if_noise_grows_with_speed():
     assert np.sqrt(np.mean(profile[0] ** 2)) == pytest.approx(1.0)
 
 
-def test_only_larger_block_errors_replace_the_errors_and_are_reported():
+def test_block_errors_replace_the_errors_only_if_larger_and_are_reported():
     rng = np.random.default_rng(3)
     root = rng.normal(size=(4, 4))
     A = root @ root.T + 4.0 * np.eye(4)
@@ -264,7 +264,7 @@ def test_only_larger_block_errors_replace_the_errors_and_are_reported():
     )
 
 
-def test_a_slow_signal_is_separated_from_white_noise():
+def test_a_slow_disturbance_is_separated_from_white_noise():
     rng, n = np.random.default_rng(4), 3000
     white, slow = rng.normal(size=n), np.zeros(n)
     assert np.all(slow_part(white) == 0.0)
@@ -274,7 +274,7 @@ def test_a_slow_signal_is_separated_from_white_noise():
     assert np.std(slow_estimate - slow) < 0.6 * 0.5
     assert (
         abs(np.mean((slow_estimate - slow) * slow_estimate)) < 0.02
-    )  # what it errs by has nothing to do with it
+    )  # its error is independent of the signal
     np.testing.assert_array_equal(slow_part(white[:20]), white[:20])
 
 
@@ -287,7 +287,7 @@ def test_gyro_noise_does_not_bias_lever_arm_or_speed_towards_zero():
         off.append((fit.estimate - np.array([file.value(name) for name in fit.names]))[at] / fit.sd[at])
     assert np.all(np.abs(np.mean(off, axis=0)) < 3.0 / np.sqrt(4.0)), (
         off
-    )  # the lever was 4 standard errors short
+    )  # the lever arm was 4 standard errors too short
 
 
 def test_a_kinematic_vehicle_cannot_use_the_gyro_fit(tmp_path):

@@ -5,7 +5,7 @@ import pytest
 
 from baqueano.identify import FitOptions, excitation, identify
 from baqueano.simulate.open_loop import times
-from baqueano.study.counterpart import driven, recorded
+from baqueano.study.counterpart import drive_group, run_of_vehicle
 from baqueano.study.identification.trials import FLOOR, as_sent, guess, robot
 
 PATH = "sensors.imu.gyro_bias"
@@ -13,15 +13,17 @@ SECONDS = 40.0
 
 
 def fitted(bias=None):
-    """A robot on a rough floor that never rests: the default fit; `bias` is that of its gyro."""
+    """Return the default fit of a robot on a rough floor without rests; `bias` is that of its gyro."""
     q = robot(100)
-    q = q.changed(floor=np.array([FLOOR]))
+    q = q.with_parameters(floor=np.array([FLOOR]))
     if bias is not None:
-        q = q.changed(imu=q.imu.changed(bias=np.array([[0.0, 0.0, bias]])))
+        q = q.with_parameters(imu=q.imu.with_parameters(bias=np.array([[0.0, 0.0, bias]])))
     file = guess(q)
     u = as_sent(excitation("random_steps", file.command.limit, SECONDS, file.rate_hz, 103, rest_s=0.0))
-    motion = driven(q, u[:, None], [103], times(len(u), file.rate_hz))
-    return identify(recorded(motion, 0, u, file, "floor", 103), file, options=FitOptions(diagnose=False))
+    motion = drive_group(q, u[:, None], [103], times(len(u), file.rate_hz))
+    return identify(
+        run_of_vehicle(motion, 0, u, file, "floor", 103), file, options=FitOptions(diagnose=False)
+    )
 
 
 @pytest.fixture(scope="module")

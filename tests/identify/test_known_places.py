@@ -46,7 +46,7 @@ def with_sensor(text):
 
 
 def seen_by_camera(run, seed, late_s=0.0):
-    """The run with 20 poses a second in the place of its truth, on a clock that is `late_s` behind."""
+    """Return the run with 20 camera poses a second instead of its truth, on a clock that is `late_s` behind."""
     at = np.arange(0, len(run.t_ns), 5)
     noise = np.random.default_rng(seed).normal(size=(len(at), 3)) * [0.003, 0.003, 0.01]
     unknown = np.full((len(at), 3), np.nan)
@@ -55,7 +55,7 @@ def seen_by_camera(run, seed, late_s=0.0):
 
 
 def by_hand(run, seed):
-    """The tape measurement at the end, accurate to a centimetre and two degrees."""
+    """Return the tape measurement at the end, accurate to a centimetre and two degrees."""
     rng = np.random.default_rng(seed)
     x, y, psi = run.truth.eta[-1]
     far, turn_deg = np.hypot(x, y) + 0.01 * rng.normal(), np.degrees(psi) + 2.0 * rng.normal()
@@ -67,14 +67,14 @@ def steps(file, seconds, seed):
 
 
 def laps(file, seconds):
-    """Forward and to the left without end, so that the mark at the start is passed again and again."""
+    """Return endless commands forward and to the left, so that the vehicle passes the start mark repeatedly."""
     u = np.zeros((round(seconds * file.rate_hz), 3))
     u[100:, 0], u[100:, 2] = 0.55, 0.12 + 0.05 * np.sin(np.arange(len(u) - 100) / 40.0)
     return u
 
 
 def of_car(seconds, seed):
-    """Throttle and servo that change every second."""
+    """Return throttle and servo commands that change every second."""
     rng = np.random.default_rng(seed)
     levels = np.column_stack(
         [rng.uniform(0.15, 0.45, round(seconds)), rng.uniform(-0.5, 0.5, round(seconds))]
@@ -87,7 +87,7 @@ def off(truth, fit):
     return max(map(abs, errors.values())), errors
 
 
-def test_a_camera_identifies_wheels_gyro_and_its_own_clock():
+def test_a_camera_identifies_wheels_gyro_and_the_camera_clock():
     truth = override(
         with_sensor(WHEELS),
         [f"{RADII}=[1.03, 0.96]", f"{TRACK}=0.13", f"{GYRO}=0.966"],
@@ -110,7 +110,8 @@ def test_a_camera_identifies_wheels_gyro_and_its_own_clock():
 
 
 def with_mark_at(run, ahead, left, turned_rad):
-    """The run whose truth is that of a mark beside the origin; `turned_rad` NaN: without a heading, like a GPS."""
+    """Return the run whose truth is that of a mark beside the origin; a NaN `turned_rad` gives no heading, like a
+    GPS."""
     eta = run.truth.eta.copy()
     c, s = np.cos(eta[:, 2]), np.sin(eta[:, 2])
     eta += np.column_stack([c * ahead - s * left, s * ahead + c * left, np.full(len(eta), turned_rad)])
@@ -183,7 +184,7 @@ def test_an_imu_clock_offset_of_whole_ticks_is_identified():
         assert off(small, fit)[0] < SIGMAS
 
 
-def test_the_imu_identifies_wheels_without_a_camera():
+def test_without_a_camera_the_imu_identifies_wheel_radii_and_track():
     truth = override(with_sensor(WHEELS), [f"{RADII}=[1.03, 0.96]", f"{TRACK}=0.13", STILL])
     begin = override(truth, [f"{RADII}=[1, 1]", f"{TRACK}=0.12"])
     for seed in (1, 2):
@@ -205,7 +206,7 @@ def test_the_gyro_scale_of_a_car_is_unobservable_from_its_imu():
 
 
 def test_a_tape_measurement_at_the_end_identifies_the_gyro_scale():
-    """The same fit as before, with one line more."""
+    """The same fit as before, with one additional measurement line."""
     car = override(load("car"), [STILL])
     begin = override(car, [f"{GYRO}=1"])
     for seed in (1, 2):
@@ -219,7 +220,7 @@ def test_a_tape_measurement_at_the_end_identifies_the_gyro_scale():
 
 
 def test_the_error_of_a_tape_includes_the_floor_disturbance():
-    """A floor that pushes the car takes it some 20 cm from its simulation in a minute."""
+    """The floor pushes the car some 20 cm from its simulation in a minute."""
     car = load("car")
     for seed in (1, 2, 3):
         run = simulate(car, of_car(60.0, seed), seed)
@@ -240,7 +241,7 @@ def test_the_error_of_a_tape_includes_the_floor_disturbance():
 
 
 def test_a_camera_identifies_gyro_and_odometer_of_a_car():
-    """On a floor that does not disturb it: the error of a simulation is not that of a disturbed vehicle."""
+    """The floor does not disturb the car, because the simulation error has another meaning on a disturbing floor."""
     car = override(load("car"), [STILL])
     free = [*OF_CAR, GYRO, "sensors.odometer.scale", "model.cornering_drag", "model.yaw_lag_s"]
     wrong = [f"{GYRO}=1", "sensors.odometer.scale=1", "model.cornering_drag=0", "model.yaw_lag_s=0.2"]
@@ -262,11 +263,11 @@ def test_a_mark_passed_each_lap_reduces_speed_and_gyro_errors():
         worst, errors = off(truth, with_mark)
         assert worst < SIGMAS, errors
         k = with_mark.names.index(GYRO)
-        assert not with_mark.sd[k] > 0.5 * without.sd[k], "NaN: not known at all without the mark"
+        assert not with_mark.sd[k] > 0.5 * without.sd[k], "without the mark the value is unknown (NaN)"
 
 
 class Ten:
-    """The part of a run that a tape line needs."""
+    """The attributes of a run that a tape line needs."""
 
     def __init__(self, name):
         self.name, self.t_ns, self.duration_s = name, np.array([5]), 10.0
@@ -313,12 +314,12 @@ def test_an_unreadable_measurement_line_is_refused(line, code):
         read(line, [Ten("a")])
 
 
-def test_a_measurement_of_two_runs_needs_a_run_name():
+def test_a_measurement_line_for_several_runs_must_name_its_run():
     with pytest.raises(UsageError, check=of_code("tape.of-no-run", known="a, b")):
         read("4 s: 1 m", [Ten("a"), Ten("b")])
 
 
-def test_a_tape_and_segments_cannot_be_combined():
+def test_a_tape_measurement_and_segments_cannot_be_combined():
     small = load("small")
     run = simulate(small, steps(small, 5.0, 1), 1)
     with pytest.raises(UsageError, check=of_code("tape.cut")):

@@ -1,4 +1,4 @@
-"""The damped Gauss-Newton search alone, on problems with a known minimum."""
+"""The damped Gauss-Newton search on problems with a known minimum."""
 
 import numpy as np
 import pytest
@@ -10,7 +10,7 @@ from baqueano.identify.residuals.block_arrow import Evaluation
 
 
 def of(residuals, slopes):
-    """Evaluation of a function θ → r (n,), ∂r (n, p)."""
+    """Return the evaluation of a function θ → r (n,), ∂r (n, p)."""
 
     def evaluate(theta):
         with np.errstate(all="ignore"):
@@ -38,7 +38,7 @@ def test_a_decay_is_identified_from_starts_wrong_by_a_factor_of_five(x):
 
 
 @given(scale=st.floats(-9.0, 9.0))
-def test_the_unit_of_a_parameter_changes_nothing(scale):
+def test_the_unit_of_a_parameter_does_not_change_the_search(scale):
     unit = np.array([1.0, 10.0**scale])
     scaled_cost = of(
         lambda x: x[0] * np.exp(-x[1] / unit[1] * T) - Z,
@@ -58,10 +58,10 @@ def test_a_minimum_beyond_a_bound_ends_on_the_bound_with_a_flag():
     assert minimum.theta[1] == 1.0
     assert minimum.bound.tolist() == [0, 1]
     free = minimise(DECAY, np.array([1.0, 1.0]), *FREE, fixed=np.array([False, True]))
-    np.testing.assert_allclose(minimum.theta, free.theta, rtol=1e-3)  # the others are at their best there
+    np.testing.assert_allclose(minimum.theta, free.theta, rtol=1e-3)  # the other parameters are optimal there
 
 
-def test_a_start_on_a_bound_leaves_it_when_the_minimum_is_inside():
+def test_a_search_from_a_bound_reaches_a_minimum_inside_the_bounds():
     minimum = minimise(DECAY, np.array([1.0, 0.0]), np.zeros(2), np.full(2, np.inf))
     np.testing.assert_allclose(minimum.theta, TRUE, rtol=1e-3)
 
@@ -74,7 +74,7 @@ def test_bounded_linear_problems_satisfy_the_kkt_conditions(seed):
     low, high = -rng.uniform(0.0, 0.3, 5), rng.uniform(0.0, 0.3, 5)
     minimum = minimise(of(lambda x: A @ x - z, lambda x: A), np.zeros(5), low, high, tolerance=1e-18)
     assert minimum.converged
-    g = minimum.at.gradient
+    g = minimum.evaluation.gradient
     assert np.all(g[minimum.bound == -1] >= -1e-9)
     assert np.all(g[minimum.bound == 1] <= 1e-9)
     assert np.all(np.abs(g[minimum.bound == 0]) < 1e-6)
@@ -94,7 +94,7 @@ def test_the_search_avoids_a_region_of_nan():
     assert minimum.theta[0] == pytest.approx(2.0, rel=1e-3)
 
 
-def test_a_start_that_cannot_be_computed_is_not_called_converged():
+def test_a_search_from_a_start_with_nan_cost_does_not_report_convergence():
     wall = of(lambda x: np.log(x), lambda x: 1.0 / x[:, None])
     assert not minimise(wall, np.array([-1.0]), np.array([-np.inf]), np.array([np.inf])).converged
 
@@ -105,8 +105,8 @@ def test_a_search_that_exhausts_its_evaluations_is_not_converged():
     assert minimum.evaluations == 2
 
 
-def test_a_kink_in_one_parameter_does_not_stop_the_others():
-    """A delay or a dead zone at which a command just passes: the cost rises both ways, each with a slope of its own."""
+def test_a_kink_in_one_parameter_does_not_stop_the_search_of_others():
+    """At a delay or a dead zone the cost rises in both directions, with a different slope in each."""
 
     def evaluate(theta):
         x, y = theta
@@ -124,7 +124,7 @@ def test_a_kink_in_one_parameter_does_not_stop_the_others():
 
 
 def test_two_equivalent_parameters_do_not_crash_the_search():
-    """A short run with many free numbers: after many good steps the damping is below what a float can show."""
+    """A short run has many free numbers: after many good steps the damping is below the float resolution."""
     both = of(
         lambda x: x[0] * np.exp(-(x[1] + x[2]) * T) - Z,
         lambda x: np.stack(

@@ -1,4 +1,4 @@
-"""The information of a drive so far, window by window, equals that of one batch."""
+"""The information of a drive, added window by window, equals the information of one batch."""
 
 import numpy as np
 import pytest
@@ -17,19 +17,19 @@ def drive_named(name, seconds=6.0):
 
 
 def relative(estimate, expected):
-    """Return the largest difference in parts of the entry's own scale, √(F_ii F_jj)."""
+    """Return the largest difference relative to the scale of the entry, √(F_ii F_jj)."""
     own = np.sqrt(np.diagonal(expected))
     own = np.where(own > 0.0, own, 1.0)
     return np.max(np.abs(estimate - expected) / np.outer(own, own))
 
 
 @pytest.mark.parametrize("name", ["small", "case-study-1", "car"])
-def test_the_sum_of_the_windows_is_the_batch_matrix(name):
+def test_the_sum_over_windows_equals_the_information_of_one_batch(name):
     file, u = drive_named(name)
     informant = Informant(file)
     live = RecursiveInformation(informant)
     theta = informant.nominal.copy()
-    theta[: informant.of.interest] *= 1.2  # not only where the file has it
+    theta[: informant.of.interest] *= 1.2  # not only at the values of the file
     for at in (informant.nominal, theta):
         F = live.add(live.begin(at), u).F * np.outer(informant.of.size, informant.of.size)
         assert relative(F, informant.information(u, at)) < EXACT
@@ -55,13 +55,13 @@ def test_unmeasured_ticks_add_no_information():
     live = RecursiveInformation(Informant(file))
     none = live.add(live.begin(), u, np.zeros((len(u), 3)))
     assert not none.F.any()
-    late = live.add(none, u, np.ones((len(u), 3)))  # the state has gone on meanwhile
+    late = live.add(none, u, np.ones((len(u), 3)))  # the state has advanced meanwhile
     whole = live.add(live.begin(), np.concatenate([u, u]))
     first = live.add(live.begin(), u)
     assert relative(late.F, whole.F - first.F) < EXACT
 
 
-def test_errors_shrink_and_bits_grow_tick_by_tick():
+def test_predicted_errors_decrease_and_information_grows_with_each_window():
     file, u = drive_named("small", 3.0)
     live = RecursiveInformation(Informant(file))
     state, before = live.begin(), np.ones(live.of.interest)

@@ -1,6 +1,6 @@
-"""Q and R: always symmetric positive definite, and right where the truth is known.
+"""Q and R are always symmetric positive definite, and correct if the truth is known.
 
-Standard deviations from 6,000 samples scatter by 0.9 %; the bands are five times that.
+Standard deviations from 6,000 samples scatter by 0.9 %; the bands are five times wider.
 """
 
 from dataclasses import replace
@@ -15,7 +15,7 @@ from baqueano.errors import UsageError
 from baqueano.estimators import Ekf
 from baqueano.identify import excitation, identify, measure_noise
 from baqueano.identify.noise.covariances import valid
-from baqueano.identify.noise.most_likely import log_det_and_square, predicted, valley
+from baqueano.identify.noise.most_likely import log_det_and_square, predict, valley
 from baqueano.identify.noise.unfitted_channels import not_fitted
 from baqueano.runs.run import Channel
 from baqueano.signals import Slot, Tick, sensor_slots
@@ -70,23 +70,23 @@ def noise_at_rest(small):
     return run, identify(run, small)
 
 
-def test_measurement_noise_is_that_of_the_sensor_in_motion_and_at_rest(noise_at_rest):
+def test_the_identified_noise_equals_the_sensor_noise_in_motion_and_at_rest(noise_at_rest):
     noise = measure_noise(noise_at_rest[1], noise_at_rest[0])
     sd = np.sqrt(np.diagonal(noise.in_motion["imu"]))
-    np.testing.assert_allclose(sd, [0.1, 0.1, 0.004], rtol=0.08)  # the floor's noise adds a little
+    np.testing.assert_allclose(sd, [0.1, 0.1, 0.004], rtol=0.08)  # the floor noise adds a little
     resting = noise.at_rest["imu"]
     np.testing.assert_allclose(np.sqrt(np.diagonal(resting)), [0.1, 0.1, 0.004], rtol=0.2)
 
 
-def test_process_noise_from_the_truth_equals_that_of_the_simulation(noise_at_rest, small):
+def test_process_noise_from_the_truth_equals_the_simulated_noise(noise_at_rest, small):
     noise = measure_noise(noise_at_rest[1], noise_at_rest[0], source="truth")
     kick = small.vehicle.process_noise_std * np.sqrt(0.01)
     ratio = np.sqrt(np.diagonal(noise.process))[[0, 2]] / kick[[0, 2]]
-    assert np.all((ratio > 0.9) & (ratio < 1.4))  # the errors of the parameters come on top
+    assert np.all((ratio > 0.9) & (ratio < 1.4))  # parameter errors increase the value
     assert noise.source == "truth"
 
 
-def test_process_noise_from_innovations_is_of_the_size_of_the_truth(noise_at_rest, small):
+def test_process_noise_from_innovations_is_within_a_factor_of_three(noise_at_rest, small):
     noise = measure_noise(noise_at_rest[1], noise_at_rest[0], source="innovations")
     np.linalg.cholesky(noise.process)
     assert noise.source == "innovations"
@@ -94,10 +94,10 @@ def test_process_noise_from_innovations_is_of_the_size_of_the_truth(noise_at_res
     assert 0.3 * kick < np.sqrt(noise.process[2, 2]) < 3.0 * kick
 
 
-def test_noise_reaches_the_vehicle_file_and_its_filter(noise_at_rest, small):
+def test_the_filter_of_the_file_uses_the_identified_noise(noise_at_rest, small):
     run, fit = noise_at_rest
     noise = measure_noise(fit, run)
-    file = noise.updated(fit.vehicle_file, run.name)
+    file = noise.updated_file(fit.vehicle_file, run.name)
     assert isinstance(file.estimator(), Ekf)
     np.testing.assert_allclose(file.sensors.imu.cov, noise.in_motion["imu"], rtol=1e-2)
     np.testing.assert_allclose(file.estimator().process_noise_cov, noise.process, rtol=1e-2, atol=1e-12)
@@ -105,7 +105,7 @@ def test_noise_reaches_the_vehicle_file_and_its_filter(noise_at_rest, small):
     assert "R of (ν, ν̇) per tick at 100 Hz" in noise.table()
 
 
-def test_prediction_errors_use_the_prediction_of_the_filter(small):
+def test_prediction_errors_use_the_same_prediction_as_the_filter(small):
     rng = np.random.default_rng(1)
     for mode in ("default", "paper"):
         ekf = small.estimator(mode=mode)
@@ -114,7 +114,7 @@ def test_prediction_errors_use_the_prediction_of_the_filter(small):
         silent = sensor_slots(("imu",))(Slot(0.0, np.zeros(3)))
         after, _ = ekf.step(belief, Tick(10_000_000, u, silent))
         m = belief.mean
-        g = predicted(
+        g = predict(
             small.vehicle,
             mode,
             ekf.disturbance_time_s,
@@ -129,7 +129,7 @@ def test_prediction_errors_use_the_prediction_of_the_filter(small):
 
 
 @given(seed=st.integers(0, 10**6), m=st.integers(1, 5))
-def test_log_determinant_and_distance_are_those_of_numpy(seed, m):
+def test_log_determinant_and_distance_equal_numpy(seed, m):
     rng = np.random.default_rng(seed)
     A, y = rng.normal(size=(m + 3, m)), rng.normal(size=m)
     S = A.T @ A + 0.01 * np.eye(m)
@@ -153,14 +153,14 @@ def test_noise_from_the_truth_needs_a_truth(noise_at_rest):
         measure_noise(fit, run, source="guess")
 
 
-def test_unused_channels_have_the_noise_of_the_file(noise_at_rest, small):
+def test_unused_channels_retain_the_noise_of_the_file(noise_at_rest, small):
     fit = identify(noise_at_rest[0], small, use=["imu[2]"])
     noise = measure_noise(fit, noise_at_rest[0], source="truth")
     np.testing.assert_allclose(noise.in_motion["imu"], small.sensors.imu.cov)
     assert "noise.of-the-file" in [note.code for note in noise.notes]
 
 
-def test_an_unused_channel_without_noise_gets_its_noise_at_rest(noise_at_rest, small):
+def test_an_unused_channel_without_stated_noise_uses_its_noise_at_rest(noise_at_rest, small):
     run, silent = (
         noise_at_rest[0],
         {"sensors.imu.accel_noise_std": [0.0, 0.0], "sensors.imu.gyro_noise_std": 0.0},
@@ -178,10 +178,10 @@ def test_the_noise_of_an_unfitted_sensor_is_never_zero(noise_at_rest, small):
     with_odometer = parse(small.text + '\n[sensors.odometer]\nkind = "odometer"\n', "small")
     noise = measure_noise(identify(run, with_odometer, ["model.mass_kg"], use=["imu"]), run, source="truth")
     assert np.sqrt(noise.in_motion["odometer"][0, 0]) == pytest.approx(0.02, rel=0.2)
-    assert noise.updated(with_odometer).sensors.odometer.cov[0, 0] > 0.0
+    assert noise.updated_file(with_odometer).sensors.odometer.cov[0, 0] > 0.0
 
 
-def test_a_channel_that_never_rests_has_the_noise_of_its_steps(small):
+def test_the_noise_of_a_channel_without_rest_is_estimated_from_differences(small):
     u = np.tile([0.6, 0.0, 0.0], (300, 1))
     run, notes = simulate(small, u, 1), []
     Q = not_fitted("imu", replace(small.sensors.imu, accel_noise_std=np.zeros(2)), np.zeros(3), [run], notes)

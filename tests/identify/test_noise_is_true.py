@@ -9,7 +9,7 @@ from baqueano.identify import excitation, identify, measure_noise
 from baqueano.identify.noise import filter_noise
 from baqueano.identify.noise.most_likely import valley
 from baqueano.simulate.open_loop import times
-from baqueano.study.counterpart import driven, recorded, robot_file
+from baqueano.study.counterpart import drive_group, robot_file, run_of_vehicle
 from baqueano.study.counterpart.cars import ODOMETER_M_S
 from baqueano.study.estimation.simulated import ODOMETER
 from baqueano.study.identification.trials import FLOOR, as_sent, robot
@@ -23,16 +23,17 @@ SECONDS = 40.0
 
 @pytest.fixture(scope="module", params=[1, 2])
 def measured(request):
-    """A robot on a rough floor: what is true, its file and the noise that a fit of its friction finds."""
+    """Return the true values of a robot on a rough floor, its file, and the noise that a fit of its friction
+    identifies."""
     seed = request.param
     q = robot(seed)
-    q = q.changed(floor=np.array([FLOOR]))
+    q = q.with_parameters(floor=np.array([FLOOR]))
     file = parse(robot_file(q).text + ODOMETER, "robot.toml").with_values(
         {"estimator.use": ["imu", "odometer"], "model.process_noise_std": [0.0, 0.0, 0.0]}
     )
     u = as_sent(excitation("random_steps", file.command.limit, SECONDS, file.rate_hz, seed, rest_s=0.0))
-    motion = driven(q, u[:, None], [seed], times(len(u), file.rate_hz))
-    run = replace(recorded(motion, 0, u, file, "floor", seed), truth=None)
+    motion = drive_group(q, u[:, None], [seed], times(len(u), file.rate_hz))
+    run = replace(run_of_vehicle(motion, 0, u, file, "floor", seed), truth=None)
     return q, file, measure_noise(identify(run, file, ["model.friction.linear"]), run)
 
 
@@ -40,22 +41,22 @@ def within(value, true, factor):
     return true / factor <= value <= true * factor
 
 
-def test_the_variance_of_each_number_is_that_of_the_sensor(measured):
+def test_the_identified_variance_of_each_channel_equals_the_true_variance(measured):
     q, _, noise = measured
     for k, true in enumerate(q.imu.noise[0] ** 2):
         assert within(noise.in_motion["imu"][k, k], true, SENSOR), f"imu[{k}]"
     assert within(noise.in_motion["odometer"][0, 0], ODOMETER_M_S**2, SENSOR)
 
 
-def test_the_walk_of_each_observed_velocity_equals_the_floor_noise(measured):
+def test_the_identified_velocity_walk_equals_the_true_floor_noise(measured):
     _, _, noise = measured
     for k in (0, 2):
         assert within(noise.fields["velocity_walk_std"][k] ** 2, FLOOR[k] ** 2, VELOCITY), k
 
 
-def test_the_table_shows_the_written_noise(measured):
+def test_the_noise_table_shows_the_values_written_to_the_file(measured):
     _, file, noise = measured
-    written_data = noise.updated(file).data
+    written_data = noise.updated_file(file).data
     deviations = {row["name"]: row["sd"] for row in noise.rows()}
     for name in ("imu", "odometer"):
         for k, variance in enumerate(np.diagonal(written_data["sensors"][name]["measurement_noise_cov"])):
@@ -66,7 +67,7 @@ def test_the_table_shows_the_written_noise(measured):
 
 
 def test_the_search_reaches_the_minimum_along_a_narrow_ridge():
-    """A ridge along which no step of one of them alone improves."""
+    """On a ridge no change of a single parameter improves the cost."""
     estimate = valley(
         lambda x: 100.0 * abs(x[0] + x[1]) + abs(x[0] - 3.0), np.zeros(2), np.full(2, -5.0), np.full(2, 5.0)
     )
@@ -74,7 +75,7 @@ def test_the_search_reaches_the_minimum_along_a_narrow_ridge():
 
 
 @pytest.mark.parametrize(("rest", "least"), [(1e-6, 1e-6), (1e-2, None)])
-def test_noise_at_rest_is_the_lower_bound_of_gyro_noise(rest, least):
+def test_the_gyro_noise_is_at_least_its_noise_at_rest(rest, least):
     rng = np.random.default_rng(0)
 
     class Channel:

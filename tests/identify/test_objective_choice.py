@@ -23,19 +23,19 @@ def likely(ratio, autocorrelated=False, floor=(0.04, 0.0)):
 
 
 def both(*shifts, more=-1.0, scatter=1.0, n=31):
-    """Answers so many errors apart, and n blocks in which that by the innovations costs `more` on average."""
+    """Return n omitted blocks with `more` as mean difference, and two fits this many standard errors apart."""
     blocks = more + scatter * np.linspace(-1.0, 1.0, n)
     return LeftOutBlocks(blocks, 1000.0, np.array(shifts), [f"model.mass_kg{k}" for k in range(len(shifts))])
 
 
-def test_the_simulation_cost_is_chosen_over_a_still_floor():
+def test_the_simulation_cost_is_chosen_without_floor_noise():
     choice = choose_objective(likely(3.0), (0, 2), both(0.1, 0.2), QUIET)
     assert (choice.cost, choice.explains, choice.contradicted) == ("simulation", False, False)
     assert choice.reason.code == "cost.floor-still"
     assert (choice.reason.figures["ratio"], choice.reason.figures["chance"]) == (3.0, "0.22")
 
 
-def test_innovations_are_chosen_if_consistent_and_better_on_omitted_segments():
+def test_innovations_are_chosen_if_consistent_and_better_on_unseen_segments():
     choice = choose_objective(likely(400.0), (0, 2), both(0.1, 1.5), QUIET)
     assert (choice.cost, choice.explains, choice.contradicted) == ("innovations", True, False)
     figures = choice.reason.figures
@@ -44,19 +44,19 @@ def test_innovations_are_chosen_if_consistent_and_better_on_omitted_segments():
     assert figures["open_loop"].figures["percent"] == pytest.approx(3.1)
 
 
-def test_an_error_that_is_larger_by_chance_changes_no_decision():
+def test_an_insignificantly_larger_error_does_not_change_the_choice():
     choice = choose_objective(likely(400.0), (0, 2), both(0.1, more=0.05), QUIET)
     assert (choice.cost, choice.explains, choice.contradicted) == ("simulation", True, False)
 
 
 @pytest.mark.parametrize("floor", [both(0.1, more=1.0), both(0.1, 5.0), both(0.1, more=np.nan)])
-def test_a_larger_error_with_different_estimates_means_a_missing_model_term(floor):
+def test_a_larger_error_and_different_estimates_indicate_a_missing_model_term(floor):
     choice = choose_objective(likely(400.0), (0, 2), floor, QUIET)
     assert (choice.cost, choice.explains, choice.contradicted) == ("simulation", False, True)
     assert choice.reason.code == "cost.neither"
 
 
-def test_autocorrelated_innovations_or_excess_sensor_noise_are_not_explained_by_the_floor():
+def test_autocorrelation_or_excess_sensor_noise_is_not_attributed_to_the_floor():
     assert not choose_objective(likely(400.0, autocorrelated=True), (0, 2), both(0.1), QUIET).explains
     assert not choose_objective(likely(400.0), (0, 2), both(0.1), 4.0 * QUIET).explains
 
@@ -66,7 +66,7 @@ def test_the_simulation_cost_is_chosen_for_a_short_run():
     assert (choice.cost, choice.explains, choice.contradicted) == ("simulation", False, False)
 
 
-def test_the_allowed_distance_of_two_fits_grows_with_parameters():
+def test_the_allowed_difference_of_two_fits_grows_with_parameter_count():
     assert both(0.0).limit == pytest.approx(2.750, abs=1e-3)  # of Student's t with 30 degrees
     assert both(*np.zeros(20)).limit > 3.5
     assert both().furthest == (0.0, "")

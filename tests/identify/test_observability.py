@@ -1,4 +1,4 @@
-"""An unobservable parameter retains its start, is reported as null, and is named with the missing motion."""
+"""An unobservable parameter retains its start value, is reported as null, and is named with the missing motion."""
 
 from dataclasses import replace
 
@@ -34,7 +34,7 @@ def test_id1_straight_driving_leaves_turning_parameters_unobservable_with_a_reme
     assert fit.verdict in ("WARN", "REFUSED")
 
 
-def test_unobservable_parameters_retain_their_start_and_are_marked_unknown(case):
+def test_unobservable_parameters_retain_their_start_value_and_are_marked_unknown(case):
     u = random_steps([20.0, 0.0, 0.0], 30.0, 100.0, 0)
     fixed_names = ["model.friction.quadratic", "model.actuator_matrix[2,0]"]
     fit = identify(simulate(case, u, 0), case, options=FitOptions(fixed=fixed_names))
@@ -45,7 +45,7 @@ def test_unobservable_parameters_retain_their_start_and_are_marked_unknown(case)
     assert "not identifiable" in fit.table()
 
 
-def test_mass_is_not_reported_from_forces_and_the_scale_is_recommended(case, case_run):
+def test_an_unobservable_mass_is_not_reported(case, case_run):
     names = (
         "mass_kg",
         "friction.linear[0]",
@@ -69,8 +69,8 @@ def test_id0_a_vehicle_at_rest_gives_no_fit(case):
     fit = identify(simulate(case, u, 0), case)
     assert fit.verdict == "REFUSED"
     assert "fit.explains-nothing" in [reason.code for reason in fit.reasons]
-    assert fit.vehicle_file is case  # nothing of it reaches the file
-    assert len(fit.channels) == 3  # what was measured is shown all the same
+    assert fit.vehicle_file is case  # no value is written to the file
+    assert len(fit.channels) == 3  # the measured data are shown nevertheless
 
 
 def test_an_inverted_gyro_is_refused_or_gives_a_warning(case, case_run):
@@ -81,7 +81,7 @@ def test_an_inverted_gyro_is_refused_or_gives_a_warning(case, case_run):
 
 
 def test_one_channel_far_from_the_model_is_refused_by_name():
-    """Counts of a wheel that were wrapped before they were scaled: a saw of ± 26 mm/s in place of ± 2 m/s."""
+    """Wheel counts were wrapped before they were scaled: a sawtooth of ± 26 mm/s instead of ± 2 m/s."""
     car = load("car")
     run = simulate(car, excitation("random_steps", [0.5, 0.6], 30.0, car.rate_hz, 1), 1)
     z = np.remainder(run.sensors["odometer"].z + 0.026, 0.052) - 0.026
@@ -93,7 +93,7 @@ def test_one_channel_far_from_the_model_is_refused_by_name():
     assert identify(run, car).verdict != "REFUSED"
 
 
-def test_a_weak_parameter_stays_in_the_fit_with_a_warning(case):
+def test_a_poorly_identified_parameter_remains_in_the_fit_with_a_warning(case):
     u = excitation("random_steps", [8.0, 0.0, 20.0], 12.0, 100.0, 1)
     fit = identify(simulate(case, u, 1), case)
     weak = [name for name, w in zip(fit.names, fit.weak, strict=True) if w]
@@ -108,7 +108,7 @@ def test_weakly_separable_parameters_are_named_with_an_informative_motion(case):
     near = reasons["model.friction.quadratic[1]"]
     assert near.code == "identifiability.weakly-beside"
     assert near.figures["others"] == "friction.linear[0], friction.linear[1], friction.quadratic[0]"
-    motion = "sliding sideways both a little and fast, as in turns of many speeds"
+    motion = "sliding sideways both slowly and fast, as in turns at many speeds"
     assert near.figures["needs"].figures["motion"].startswith(motion)
     weak = reasons["model.actuator_matrix[1,2]"]
     assert (weak.code, weak.figures["why"].code) == (

@@ -14,7 +14,7 @@ SIGMA = np.array([0.05, 0.05, 0.005])
 
 
 def residuals(case, run, theta):
-    """(z − h)/σ (3 N,) by the vehicle's own step, tick by tick."""
+    """Return (z − h)/σ (3 N,) by the step of the vehicle, tick by tick."""
     vehicle = case.vehicle
     for path, x in zip(FREE, theta, strict=True):
         vehicle = put(vehicle, path.removeprefix("model."), x)

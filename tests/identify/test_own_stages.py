@@ -60,7 +60,7 @@ def test_a_custom_solver_gives_the_same_estimate(small, run, examples):
     assert np.max(np.abs(own_fit.estimate - fit.estimate) / fit.sd) < 0.02
 
 
-def test_a_custom_residual_tolerates_edges_of_tiles(small, run, examples):
+def test_a_custom_residual_tolerates_disturbances_of_three_samples(small, run, examples):
     imu, rng = run.sensors["imu"], np.random.default_rng(0)
     z = imu.z.copy()
     for first in rng.choice(len(z) - 5, 80):

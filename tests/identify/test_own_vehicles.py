@@ -1,6 +1,7 @@
-"""The vehicles of examples/, each a user class, are served like built-in vehicles: fitted, chosen, designed for.
+"""The vehicles of examples/, each a user class, work like built-in vehicles in fits, term choice and design.
 
-The data are of plain simulations in here, which share nothing with the classes: finer steps, dry friction that sticks.
+The data come from simple simulations in this file, which share nothing with the classes: finer steps, and dry
+friction that sticks.
 """
 
 from dataclasses import replace
@@ -14,7 +15,7 @@ from baqueano.drive.first_drive import careful_drive
 from baqueano.errors import UsageError
 from baqueano.identify import FitOptions, identify, random_steps
 from baqueano.identify.data.record import FittedBlocks
-from baqueano.identify.design.plan import designed
+from baqueano.identify.design.plan import design_plan
 from baqueano.identify.design.room import room_of
 from baqueano.identify.noise.covariances import measure_noise
 from baqueano.identify.selection.selection import choose
@@ -23,22 +24,23 @@ from baqueano.messages import texts
 from baqueano.runs.run import Channel, Run
 from baqueano.simulate import simulate
 from baqueano.vehicle_file import load
+from tests.codes import refused
 
 EXAMPLES = Path(__file__).parents[2] / "examples"
 AXIS = {"gain": 1.3, "damping": 14.0, "rail": 2.2}
 OMNI = {"inertia_kg_m2": 0.031, "push": 4.2, "drag": 7.0, "rollers": 0.35}
-FINE = 5  # steps of the truth in a tick
+FINE = 5  # integration steps of the truth per tick
 
 
 def run_of(file, u, z):
-    """A run of the commands u (N, n) and of the readings of the file's only sensor (N, m) at the end of each tick."""
+    """Return a run of the commands u (N, n) and of the readings of the only sensor (N, m) at the end of each tick."""
     t_ns = np.round(np.arange(1, len(u) + 1) * 1e9 / file.rate_hz).astype(np.int64)
     (name,) = file.sensors._fields
     return Run("a run of its own", None, t_ns, u, sensors={name: Channel(t_ns, t_ns, z)})
 
 
 def carriage(volts, rate_hz, rng):
-    """The speed (N, 1) of a carriage on a rail that sticks, by an encoder; exact while it goes one way."""
+    """Return the encoder speed (N, 1) of a carriage on a rail that sticks; exact while it moves in one direction."""
     k, d, c = AXIS.values()
     v, fade, out = 0.0, np.exp(-d / rate_hz / FINE), []
     for u in volts:
@@ -52,8 +54,8 @@ def carriage(volts, rate_hz, rng):
 
 
 def omni(duties, rate_hz, rng, m=2.0, R=0.14):
-    """(a_x, a_y, ω) (N, 3) of an IMU in the middle of a robot with wheels at 60, 180 and 300 degrees, by the midpoint
-    rule."""
+    """Return (a_x, a_y, ω) (N, 3) of an IMU in the middle of a robot with wheels at 60, 180 and 300 degrees. The
+    integration uses the midpoint rule."""
     h, nu, out = 1.0 / rate_hz / FINE, np.zeros(3), []
     rims = np.array([[-np.sin(a), np.cos(a), R] for a in np.radians([60.0, 180.0, 300.0])])
 
@@ -115,7 +117,7 @@ def test_unmeasured_parameters_are_free_by_default_and_estimated_within_their_in
 @pytest.mark.parametrize("name", CASES)
 def test_a_drive_is_designed_for_the_parameters_of_a_custom_vehicle(files, name):
     file, truth, room = files[name], *CASES[name][1:]
-    plan = designed(file, room_of(file, room), 2.0, say=lambda text: True)
+    plan = design_plan(file, room_of(file, room), 2.0, progress=lambda text: True)
     assert plan.names == tuple(f"model.{key}" for key in truth)
     assert np.max(plan.relative_sd) < 0.2
     assert plan.margin_m > 0.0
@@ -126,12 +128,12 @@ def test_a_drive_is_designed_for_the_parameters_of_a_custom_vehicle(files, name)
     [("servo_axis", "dry friction of the rail", ["dead zone forward"]),
      ("omni_robot", "dry friction of the rollers", [])],
 )  # fmt: skip
-def test_terms_of_a_custom_vehicle_are_chosen_by_metadata_names(files, name, term, terms):
+def test_terms_named_in_the_metadata_of_a_custom_vehicle_are_chosen(files, name, term, terms):
     run = CASES[name][0](files[name], 0, 13.0)
-    assert choose(run, files[name], [term, *terms]).taken == (term,)
+    assert choose(run, files[name], [term, *terms]).selected_terms == (term,)
 
 
-def test_a_dead_zone_beyond_one_volt_hides_no_term(files):
+def test_a_dead_zone_of_two_volts_hides_no_model_term(files):
     zones = {f"model.drivetrain.dead_zone_{way}": [2.0] for way in ("forward", "backward")}
     file = files["servo_axis"].with_values(zones)
     names = [
@@ -140,7 +142,7 @@ def test_a_dead_zone_beyond_one_volt_hides_no_term(files):
     assert names[:2] == ["dry friction of the rail", "dead zone"]
 
 
-def test_unobservable_parameters_are_reported_with_texts_of_the_metadata(files):
+def test_unobservable_parameters_are_reported_with_their_metadata_texts(files):
     file = files["servo_axis"]
     fit = identify(of_axis(file, u=np.full((3000, 1), 12.0)), file)
     assert "slow strokes that stop and turn, many times" in " ".join(texts(fit.findings))
@@ -157,7 +159,7 @@ def test_unobservable_parameters_are_reported_with_texts_of_the_metadata(files):
     ("volts", "speed", "code"),
     [(-1.0, 1.0, "axes.inverted"), (1.0, 1e3, "file.far-gain"), (255.0 / 12.0, 1.0, "command.unit")],
 )  # fmt: skip
-def test_a_wrong_sign_or_unit_is_refused_by_gain_name(files, volts, speed, code):
+def test_a_gain_of_wrong_sign_or_unit_is_refused(files, volts, speed, code):
     run = of_axis(files["servo_axis"], 1, 4.0)
     encoder = run.sensors["encoder"]
     wrong = {"encoder": encoder._replace(z=speed * encoder.z)}
@@ -166,8 +168,8 @@ def test_a_wrong_sign_or_unit_is_refused_by_gain_name(files, volts, speed, code)
     assert fit.reasons[0].code == code
 
 
-def test_noise_is_measured_also_along_axes_without_motion(files, fits):
-    """A covariance without motion had no eigenvalues, and `identify` ended with an error."""
+def test_the_noise_covariance_is_positive_definite_on_axes_without_motion(files, fits):
+    """Without motion the covariance had a zero eigenvalue, and `identify` ended with an error."""
     file = files["servo_axis"]
     run = simulate(file, random_steps([12.0], 4.0, file.rate_hz, 0))
     for recording in (run, replace(run, truth=None)):
@@ -177,5 +179,5 @@ def test_noise_is_measured_also_along_axes_without_motion(files, fits):
 
 
 def test_a_careful_drive_without_an_imu_is_refused_with_advice(files):
-    with pytest.raises(UsageError, match=r"a sensor imu.*Or type --known"):
+    with refused("first-drive.no-imu", UsageError):
         careful_drive(files["servo_axis"])

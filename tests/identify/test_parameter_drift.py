@@ -1,4 +1,4 @@
-"""An ageing vehicle is tracked; a changed parameter is named with the run of its change, and no other is."""
+"""An ageing vehicle is tracked; only a changed parameter is named, with the run of its change."""
 
 import numpy as np
 import pytest
@@ -15,7 +15,7 @@ RUNS = 8
 
 
 def drives(case, change, seed=0):
-    """Runs of 15 s of a vehicle whose numbers `change(k)` gives."""
+    """Return runs of 15 s of a vehicle whose parameters `change(k)` gives."""
     out = []
     for k in range(RUNS):
         file = case.with_values(change(k))
@@ -65,7 +65,7 @@ def test_the_error_of_a_constant_parameter_shrinks_with_every_run(worn_history):
 
 
 def test_a_vehicle_that_does_not_age_shows_no_drift():
-    """Eight runs of nine vehicles at a false alarm in a hundred: more than one is a fault of the method."""
+    """Eight runs of nine vehicles have a false alarm in a hundred: more than one indicates an error of the method."""
     seeds, file = range(9 * RUNS), case_file()
     runs = [drive.run for drive in case_drives(seeds, 15.0, file)]
     alarms = 0

@@ -1,7 +1,7 @@
-"""Numbers that are free on demand: a vehicle that has the effect, and a fit that begins without it.
+"""Parameters that are free on demand: a vehicle has the effect, and the fit begins without it.
 
-Each truth must lie within 3.5 of its own standard errors, over two seeds: with 50 numbers a false alarm has a
-chance of 2 %; the seeds are fixed.
+Each truth must lie within 3.5 of its standard errors, over two seeds. With 50 numbers a false alarm has a
+probability of 2 %; the seeds are fixed.
 """
 
 import numpy as np
@@ -24,7 +24,7 @@ USUAL = (
     "model.actuator_matrix[0,0]",
     "model.actuator_matrix[2,2]",
 )
-# what is asked for: {key: (truth, where the search begins)}
+# free parameters: {key: (truth, start of the search)}
 WHEELS = {
     "model.friction.coulomb_forward": ("[0.15, 0.10]", "[0, 0]"),
     "model.friction.coulomb_backward": ("[0.12, 0.20]", "[0, 0]"),
@@ -47,7 +47,7 @@ TILT = {"sensors.imu.tilt_rad": ("[0.02, -0.03]", "[0, 0]")}
 
 @pytest.fixture(scope="module")
 def small():
-    """Without dry friction of the body, which acts as that of the wheels does."""
+    """Return the small vehicle without dry friction of the body, which has the same effect as that of the wheels."""
     return override(load("small"), ["model.friction.coulomb=[0, 0, 0.01]"])
 
 
@@ -59,7 +59,7 @@ def fitted(small, values, seed, **options):
 
 
 def off(truth, fit):
-    """(estimate − truth) / sd by name."""
+    """Return (estimate − truth) / sd by name."""
     return {
         name: (x - truth.value(name)) / sd
         for name, x, sd in zip(fit.names, fit.estimate, fit.sd, strict=True)
@@ -67,7 +67,7 @@ def off(truth, fit):
 
 
 @pytest.mark.parametrize("values", [WHEELS, MOTORS, PLACES], ids=["wheels", "motors", "places"])
-def test_an_effect_absent_from_the_file_is_identified(small, values):
+def test_a_freed_effect_that_the_file_lacks_is_identified(small, values):
     for seed in (1, 2):
         truth, fit = fitted(small, values, seed)
         assert fit.converged
@@ -82,16 +82,16 @@ def test_a_tilt_is_identified_if_the_bias_is_constant(small):
 
 
 def test_tilt_and_bias_together_are_reported_as_unobservable(small):
-    """Both are gravity, or look like it; what is left is the cosine of the tilt."""
+    """Both have the effect of gravity; only the cosine of the tilt separates them."""
     _, fit = fitted(small, TILT, 1)
     assert fit.verdict == "WARN"
     tilts = [k for k, name in enumerate(fit.names) if "tilt" in name and np.isfinite(fit.estimate[k])]
     assert all(fit.weak[k] for k in tilts)
     assert len(tilts) < 2
-    assert any("a bias that is known: fix accel_bias" in line for line in texts(fit.unobservable))
+    assert any("a known bias: fix accel_bias" in line for line in texts(fit.unobservable))
 
 
-def test_an_unreached_motor_limit_is_bounded_by_the_largest_command(small):
+def test_an_unreached_motor_limit_is_at_least_the_largest_command(small):
     """The fit reports a bound and not an estimate."""
     run = simulate(small, 0.4 * random_steps(small.command.limit, 20.0, small.rate_hz, 1, hold_s=0.5), 1)
     fit = identify(run, override(small, ["model.drivetrain.limit=[inf]"]), [*USUAL, "model.drivetrain.limit"])
@@ -124,7 +124,7 @@ CAR_WAYS = {
 
 
 @pytest.mark.parametrize("seed", [0, 1])
-def test_dry_friction_of_a_car_is_identified_for_each_rolling_direction(seed):
+def test_dry_friction_of_a_car_is_identified_forward_and_backward(seed):
     car = override(load("car"), ["model.coulomb_m_s2=0"])
     truth = override(car, [f"{key}={value}" for key, (value, _) in CAR_WAYS.items()])
     run = simulate(truth, random_steps(truth.command.limit, 40.0, truth.rate_hz, seed, hold_s=1.0), seed)
@@ -134,7 +134,7 @@ def test_dry_friction_of_a_car_is_identified_for_each_rolling_direction(seed):
     assert all(fit.sd[fit.names.index(name)] < 0.1 for name in CAR_WAYS)
 
 
-def test_fitted_friction_stays_within_the_bounds_of_a_file(small):
+def test_bounds_of_free_friction_are_valid_in_a_vehicle_file(small):
     """A vehicle on rubber tyres stops sideways faster than one tick can resolve."""
     blocks = FittedBlocks(small.vehicle, small.sensors)
     paths = ["model.friction.linear", "model.friction.coulomb[1]", "model.friction.quadratic[1]"]
@@ -142,12 +142,12 @@ def test_fitted_friction_stays_within_the_bounds_of_a_file(small):
         blocks, free_parameters(blocks, paths, (), {}), small.rate_hz, np.zeros((1, 3)), lambda delay_s: 25
     )
     high = {parameter.path.removeprefix("model.friction."): parameter.high for parameter in free}
-    assert high["quadratic[1]"] == 1e6  # as the field says
+    assert high["quadratic[1]"] == 1e6  # as the field states
     assert high["linear[1]"] / 0.61 < 1.5 * small.rate_hz
     for i in range(3):
         values = small.vehicle.friction.linear.copy()
         values[i] = high[f"linear[{i}]"]
-        small.with_values({"model.friction.linear": values.tolist()})  # would be refused
+        small.with_values({"model.friction.linear": values.tolist()})  # this value would be refused
     both = small.vehicle.friction.linear.copy(), small.vehicle.friction.coulomb.copy()
     both[0][1], both[1][1] = high["linear[1]"], high["coulomb[1]"]
     small.with_values(

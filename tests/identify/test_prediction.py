@@ -1,7 +1,7 @@
-"""The innovations of the small filter are those of the likelihood, exactly derived.
+"""The innovations of the small filter are those of the exact likelihood.
 
-The oracle is the joint normal distribution of all measurements of a linear vehicle, written down as one mean and
-one covariance matrix, without any filter.
+The oracle is the joint normal distribution of all measurements of a linear vehicle, computed as one mean and one
+covariance matrix, without any filter.
 """
 
 import numpy as np
@@ -53,7 +53,7 @@ def cart():
 
 @pytest.fixture
 def gauss(monkeypatch):
-    """The likelihood of Gauss: no outlier is kept out."""
+    """Use the Gaussian likelihood, which does not reduce the weight of outliers."""
     monkeypatch.setattr(prediction_kernel, "GATE", 1e9)
     monkeypatch.setattr(prediction, "FAR", 1e9)
     monkeypatch.setattr(prediction, "BETA", 1.0)
@@ -64,19 +64,19 @@ def cart_run(file, seed, ticks=60):
 
 
 def of_cart(file, *runs, start=(0,)):
-    """A Prediction of the cart whose kernel is traced anew, so that no kept one hides what was patched."""
+    """Return a Prediction of the cart with a newly traced kernel, so that no cached kernel hides a patch."""
     blocks = FittedBlocks(file.vehicle, file.sensors)
     shape = Shape(FREE, (), start, (False,))
     records = [record_of(run, file.sensors._asdict())._replace(run=k) for k, run in enumerate(runs)]
     problem = Residuals(blocks, shape, records)
-    problem = problem.weighted(np.array([0.1]))
+    problem = problem.weight(np.array([0.1]))
     prediction = Prediction(problem, blocks)
     prediction.kernel = filter_kernel(blocks, shape, "auto")
     return prediction
 
 
 def joint_normal(run, x):
-    """Mean (N,) and covariance (N, N) of the readings of an odometer along a line, in units of σ = 0.1."""
+    """Return mean (N,) and covariance (N, N) of the readings of an odometer on a line, in units of σ = 0.1."""
     drag, force, start, v, *_, half_log_q = x
     ratio = drag / MASS * DT
     a = 1.0 - ratio + ratio**2 / 2.0 - ratio**3 / 6.0 + ratio**4 / 24.0  # RK4
@@ -103,7 +103,7 @@ def test_the_cost_is_minus_the_logarithm_of_the_joint_normal_density(cart, gauss
         assert of_cart(cart, run).evaluate(AT).cost == pytest.approx(-log_likelihood(run, AT), rel=1e-7)
 
 
-def test_the_innovations_are_those_of_filterpy(cart, gauss):
+def test_the_innovations_equal_the_innovations_of_filterpy(cart, gauss):
     from filterpy.kalman import KalmanFilter
 
     run, drag = cart_run(cart, 4), DRAG / MASS * DT
@@ -124,7 +124,7 @@ def test_the_innovations_are_those_of_filterpy(cart, gauss):
 
 
 def fisher_of(run, x, rows_shown):
-    """The information (k, k) of the joint normal on the entries `rows_shown` of x."""
+    """Return the information (k, k) of the joint normal on the entries `rows_shown` of x."""
     _, cov = joint_normal(run, x)
     step, d_mean, d_cov = 1e-5 * np.maximum(np.abs(x), 0.1), [], []
     for k in rows_shown:
@@ -152,7 +152,7 @@ def test_errors_of_drag_and_floor_noise_equal_the_cramer_rao_bound(cart):
     assert fit.sd[0] == pytest.approx(np.sqrt(bound[0, 0]), rel=0.08)
 
 
-def test_the_curvature_is_on_average_the_fisher_information_of_the_joint_normal(cart, gauss):
+def test_the_mean_curvature_of_the_cost_equals_the_fisher_information(cart, gauss):
     rows_shown = [0, 1, 2, 3, 6]
     runs = [cart_run(cart, 7)]
     (mean, cov), fisher = joint_normal(runs[0], AT), fisher_of(runs[0], AT, rows_shown)
@@ -167,13 +167,13 @@ def test_the_curvature_is_on_average_the_fisher_information_of_the_joint_normal(
     assert np.allclose(H / np.outer(scale, scale), fisher / np.outer(scale, scale), atol=0.05)
 
 
-def test_innovations_over_a_still_floor_equal_simulation_errors(cart):
+def test_innovations_without_floor_noise_equal_simulation_errors(cart):
     prediction = of_cart(cart, cart_run(cart, 1))
     x = prediction.x(AT[:3])
     assert np.allclose(prediction.innovations(x)[0], prediction.simulation.residuals(AT[:3])[0], atol=1e-12)
 
 
-def test_the_gradient_is_that_of_the_cost_over_two_runs_with_outliers(cart):
+def test_the_gradient_matches_finite_differences_over_two_runs_with_outliers(cart):
     runs = [cart_run(cart, seed) for seed in (2, 3)]
     runs[0].sensors["odometer"].z[::7] += 3.0
     prediction = of_cart(cart, *runs)
@@ -186,7 +186,7 @@ def test_the_gradient_is_that_of_the_cost_over_two_runs_with_outliers(cart):
         assert slope[k] == pytest.approx(slope_difference, rel=1e-5, abs=1e-4)
 
 
-def test_a_spike_has_no_effect_and_a_gap_adds_no_measurement(cart):
+def test_a_spike_has_the_same_effect_as_a_missing_measurement(cart):
     clean, spiked_run, gap = (cart_run(cart, 5) for _ in range(3))
     spiked_run.sensors["odometer"].z[20] = 1e6
     gap.sensors["odometer"].z[20] = np.nan
@@ -196,7 +196,7 @@ def test_a_spike_has_no_effect_and_a_gap_adds_no_measurement(cart):
     assert not np.allclose(innovations[0][21:25], innovations[2][21:25], atol=1e-3)
 
 
-def test_floor_and_noise_are_identified_and_a_still_floor_is_rejected(cart):
+def test_floor_noise_and_sensor_noise_are_identified(cart):
     prediction = of_cart(cart, cart_run(cart, 11, 1200))
     low, high = np.array([0.0, -10.0, -np.inf]), np.full(3, np.inf)
     likely = most_likely(prediction, np.array([DRAG, 1.0, 0.0]), low, high, np.zeros(3, bool))
@@ -204,13 +204,13 @@ def test_floor_and_noise_are_identified_and_a_still_floor_is_rejected(cart):
     assert likely.solution.converged
     assert abs(v - 0.04) < 4.0 * sd < 0.04
     assert np.exp(likely.noise.sensors[0]) == pytest.approx(1.0, abs=0.15)
-    assert likely.noise.floor[1:] == pytest.approx([0.0, 0.0])  # the odometer does not show them
+    assert likely.noise.floor[1:] == pytest.approx([0.0, 0.0])  # the odometer does not measure them
     assert likely.chance < 1e-6
     white = np.concatenate(prediction.innovations(prediction.x(likely.theta, likely.noise)))
     assert np.std(white) == pytest.approx(1.0, abs=0.1)
 
 
-def test_on_a_still_floor_the_likelihood_ratio_is_small(cart):
+def test_without_floor_noise_the_likelihood_ratio_is_small(cart):
     quiet_cart = cart.with_values({"model.process_noise_std": [0.0, 0.0, 0.0]})
     ratios = []
     for seed in range(8):
@@ -231,7 +231,7 @@ def test_pose_covariance_grows_with_distance_and_innovations_are_white():
     problem = Residuals(
         blocks, Shape(FREE, (), (0,), sample_fraction), [record_of(run, file.sensors._asdict())], "python"
     )
-    problem = problem.weighted(np.full(3, 0.01))
+    problem = problem.weight(np.full(3, 0.01))
     prediction = Prediction(problem, blocks)
     moving = FloorNoise(np.array([0.04, 0.0, 0.0]), np.zeros(3))
     e = prediction.innovations(prediction.x(np.array([DRAG, 1.0, 0.0]), moving))[0]
@@ -253,13 +253,13 @@ def test_a_kinematic_vehicle_cannot_use_the_innovations_cost():
     assert axes_of(load("car").vehicle) == (0, 2)
 
 
-def test_the_tail_is_that_of_the_tables_of_chi_square():
+def test_the_tail_probability_equals_the_chi_square_tables():
     for degrees, ratio in ((1, 10.828), (2, 13.816), (3, 16.266)):
         assert tail(ratio, degrees) == pytest.approx(1e-3, rel=1e-3)
         assert tail(0.0, degrees) == 1.0
 
 
-def test_the_constants_are_those_of_a_normal_error():
+def test_the_constants_of_the_robust_cost_are_correct_for_normal_errors():
     x = np.linspace(-12.0, 12.0, 200_001)
     density = np.exp(-0.5 * x**2) / np.sqrt(2.0 * np.pi) * (x[1] - x[0])
     psi = x * prediction.weight(x)

@@ -1,7 +1,7 @@
-"""Both cost functions on vehicles: equal over a still floor, the innovations better over a moving floor.
+"""Both cost functions on vehicles: equal without floor noise; the innovations are better with floor noise.
 
-Coverage and errors are judged on drives of the independent truth, other properties on simulations. The seeds are few,
-and correct code is within the bounds 999 times in 1,000.
+Coverage and errors are judged on drives of the independent truth, other properties on simulations. The seeds are
+few, and correct code is within the bounds 999 times in 1,000.
 """
 
 from dataclasses import replace
@@ -26,7 +26,7 @@ def both(drive):
 
 
 def offs(fit, file, names):
-    """(estimate − truth)/sd, and estimate − truth, of the parameters `names`."""
+    """Return (estimate − truth)/sd, and estimate − truth, of the parameters `names`."""
     index = [fit.names.index(name) for name in names]
     error = fit.estimate[index] - np.array([file.value(name) for name in names])
     return error / fit.sd[index], error
@@ -38,7 +38,7 @@ def interior_names(fit):
 
 @pytest.fixture(scope="module")
 def disturbed_drives():
-    """Drives of case study I on a floor that disturbs it."""
+    """Return drives of case study I on a floor that disturbs the vehicle."""
     return case_drives(SEEDS, 60.0, case_file({FLOOR: [0.03, 0.01, 0.03]}))
 
 
@@ -48,17 +48,17 @@ def disturbed_fits(disturbed_drives):
     return disturbed_drives[0].file, [both(drive) for drive in disturbed_drives]
 
 
-def test_both_costs_agree_over_a_still_floor_and_the_simulation_is_chosen():
+def test_without_floor_noise_both_costs_agree_and_simulation_is_chosen():
     for drive in case_drives(SEEDS, 60.0, case_file()):
         first, second = both(drive)
         k = np.isfinite(first.sd)
         distance = (second.estimate[: len(first.sd)] - first.estimate)[k] / first.sd[k]
-        assert np.sqrt(np.mean(distance**2)) < 0.25  # Huber's and our weights: 0.09 over 8 seeds
+        assert np.sqrt(np.mean(distance**2)) < 0.25  # the weights of Huber and of baqueano: 0.09 over 8 seeds
         assert second.notes[0].code in ("cost.floor-still", "cost.too-short", "cost.simulation")
         assert np.all(second.estimate[-3:] < 0.005)
 
 
-def test_innovations_are_more_accurate_over_a_moving_floor_with_correct_coverage(disturbed_fits):
+def test_with_floor_noise_the_innovations_cost_is_more_accurate(disturbed_fits):
     file, fits = disturbed_fits
     names = interior_names(fits[0][0])
     z, errors = np.array(
@@ -84,7 +84,7 @@ def test_floor_noise_is_identified_with_error_bars_and_written_to_the_file(distu
 
 
 @pytest.mark.long
-def test_one_sample_in_ten_may_be_an_outlier(disturbed_drives, disturbed_fits):
+def test_ten_percent_outliers_hardly_change_the_fit_by_innovations(disturbed_drives, disturbed_fits):
     file, fits = disturbed_fits
     names = interior_names(fits[0][1])[:-3]
     clean, dirty = [], []
@@ -100,7 +100,7 @@ def test_one_sample_in_ten_may_be_an_outlier(disturbed_drives, disturbed_fits):
     assert np.exp(np.mean(np.log(rmse[1] / rmse[0]))) < 1.3
 
 
-def test_segments_and_several_runs_use_the_innovations_cost_too(disturbed_drives):
+def test_the_innovations_cost_works_with_segments_and_several_runs(disturbed_drives):
     file, runs = disturbed_drives[0].file, [drive.run.cut(0.0, 20.0) for drive in disturbed_drives[1:]]
     fit = identify(runs, file, options=FitOptions(cost="innovations", segment_s=10.0))
     off, _ = offs(fit, file, [f"{FLOOR}[{i}]" for i in range(3)])
@@ -119,17 +119,17 @@ def test_the_second_search_reports_its_progress_and_can_be_stopped(case):
     run = simulate(case, random_steps(case.command.limit, 10.0, case.rate_hz, 1), 1)
     texts = []
 
-    def say(text):
+    def progress(text):
         texts.append(text)
         return text.startswith("innovations")
 
-    fit = identify(run, case, say=say, options=FitOptions(cost="innovations"))
+    fit = identify(run, case, progress=progress, options=FitOptions(cost="innovations"))
     assert 1 <= sum(text.startswith("innovations: ") for text in texts) <= 2  # with a floor, and without
     assert np.isfinite(fit.estimate[fit.names.index("model.friction.linear[0]")])
 
 
 def test_autocorrelation_explained_by_the_floor_gives_no_warning(disturbed_fits):
-    """The simulation residuals are autocorrelated, and the likelihood of a moving floor explains this."""
+    """The simulation residuals are autocorrelated, and the likelihood with floor noise explains this."""
     _, fits = disturbed_fits
     for first, second in fits:
         assert first.autocorrelated

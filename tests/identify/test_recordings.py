@@ -1,5 +1,8 @@
-"""Throttle, servo → speed, yaw rate on the CPM µCar's recordings: irregular ticks, a plastic gearbox, no
-truth of the parameters. Judged by the other run, simulated from its commands alone."""
+"""Throttle, servo → speed, yaw rate on the recordings of the CPM µCar: irregular ticks, a plastic gearbox, unknown true
+parameters.
+
+The other run, simulated only from its commands, judges each fit.
+"""
 
 import numpy as np
 import pytest
@@ -21,11 +24,11 @@ def fits(runs):
 
 
 def held_out(fit, run):
-    """R² of speed and yaw rate when nothing but biases and start are fitted to the other run."""
+    """Return R² of speed and yaw rate on the other run, with only biases and start fitted."""
     names = [n for n in fit.names if np.isfinite(fit.value(n))]
     second = identify(
         run,
-        fit.updated(),
+        fit.updated_file(),
         names[:1],
         use=["odometer", "imu[2]"],
         options=FitOptions(bounds=_pinned(fit, names[0])),
@@ -54,7 +57,8 @@ def test_the_model_of_one_run_predicts_the_other_run(fits, runs):
 
 
 def test_a_repeated_imu_fit_of_a_recording_gives_the_same_estimate(runs):
-    """Raw gyro, free delay: with a servo of 8 ms, which no row of 25 ms bears, the second fit saw no parameter."""
+    """With a raw gyro, a free delay and a servo of 8 ms, below the row period of 25 ms, the second fit identified
+    nothing."""
     free = ["throttle_gain", "linear_drag", "coulomb_m_s2", "cornering_drag", "steering_gain",
             "steering_offset_rad", "yaw_lag_s", "drivetrain.delay_s"]  # fmt: skip
     raw = load("car").with_values({"sensors.imu.gyro_scale": 1.0})

@@ -1,4 +1,4 @@
-"""A repeated request of a problem is answered from its cache while the cached value is valid."""
+"""A repeated evaluation of a problem uses the cache while the cached value is valid."""
 
 from dataclasses import replace
 
@@ -12,7 +12,7 @@ from baqueano.identify.diagnostics.score_test import fit_residuals
 
 @pytest.fixture
 def end(case, case_run):
-    """A finished search, its own for each test."""
+    """Return a finished search, a new one for each test."""
     return fit_at_rest(case_run(0, 6.0), case)
 
 
@@ -28,20 +28,20 @@ def test_residuals_and_predictions_are_cached_for_one_point_and_noise(end):
         assert score_test(theta)[0] is score_test(theta.copy())[0]
         assert not np.array_equal(score_test(theta)[0], score_test(1.01 * theta)[0])
     r, h = problem.residuals(theta)[0], problem.predictions(theta)[0]
-    problem = problem.weighted(2.0 * problem.sigma)
+    problem = problem.weight(2.0 * problem.sigma)
     np.testing.assert_allclose(problem.residuals(theta)[0], 0.5 * r, rtol=1e-12)
     np.testing.assert_array_equal(problem.predictions(theta)[0], h)
     np.testing.assert_allclose(h, predictions(problem, theta), atol=1e-9)
 
 
 def predictions(problem, theta):
-    """The predictions of the kernel for the first segment, for every reading."""
+    """Return the kernel predictions for the first segment, for every reading."""
     rows = problem.rows[0].copy()
     rows[:, problem._weights] = 1.0
     return problem.z[0] - np.asarray(problem.scan.run(rows, theta)[1])
 
 
-def test_predictions_exist_also_at_ticks_without_a_reading(end, case, case_run):
+def test_predictions_are_computed_at_ticks_without_a_reading_too(end, case, case_run):
     run = case_run(0, 6.0)
     z = run.sensors["imu"].z.copy()
     z[100:200, 1] = np.nan
@@ -54,11 +54,11 @@ def test_predictions_exist_also_at_ticks_without_a_reading(end, case, case_run):
     )
 
 
-def test_derivatives_are_computed_again_after_a_caller_overwrites_a_copy(end):
+def test_a_caller_that_overwrites_derivatives_does_not_change_the_cache(end):
     problem, theta = end.task.problem, end.search.solution.theta
     (_, d, _), before = problem.sensitivities(theta)[0], problem.sensitivities(theta)[0][1].copy()
     assert problem.sensitivities(theta)[0][1] is d
-    fit_residuals(problem, theta, np.ones(problem.size, bool))  # writes to them
+    fit_residuals(problem, theta, np.ones(problem.size, bool))  # overwrites the derivatives
     np.testing.assert_array_equal(problem.sensitivities(theta)[0][1], before)
-    problem = problem.weighted(2.0 * problem.sigma)
+    problem = problem.weight(2.0 * problem.sigma)
     np.testing.assert_allclose(problem.sensitivities(theta)[0][1], 0.5 * before, rtol=1e-12)

@@ -14,7 +14,7 @@ BIAS = 0.03
 
 
 def drive_rest(rest_s):
-    """(file, a run of 20 s of the car whose gyro has BIAS, and the rest at its end)."""
+    """Return (file, a run of 20 s of the car whose gyro has BIAS, with the rest at its end)."""
     car = load("car")
     u = np.concatenate([random_steps([0.5, 0.6], 20.0, car.rate_hz, 3), np.zeros((int(50 * rest_s), 2))])
     return car, simulate(override(car, [f"sensors.imu.gyro_bias={BIAS}"]), u, 3)
@@ -31,7 +31,7 @@ def test_the_gyro_bias_is_measured_while_the_car_is_at_rest():
     assert fit.notes[0].code == "bias.at-rest"
 
 
-def test_without_a_rest_the_gyro_bias_is_that_of_the_file():
+def test_without_a_rest_the_gyro_bias_of_the_file_is_used():
     car, run = drive_rest(rest_s=0.0)
     fit = identify(run, car, use=["odometer", "imu[2]"])
     assert fit.vehicle_file.value("sensors.imu.gyro_bias") == car.value("sensors.imu.gyro_bias")
@@ -39,7 +39,8 @@ def test_without_a_rest_the_gyro_bias_is_that_of_the_file():
 
 
 def offset(car, run, zero, sd):
-    """Estimate and standard error of the steering offset, with a zero of the gyro that is measured ± sd, if at all."""
+    """Return estimate and standard error of the steering offset, with a gyro bias that is measured ± sd or
+    unmeasured."""
     path = "sensors.imu.gyro_bias"
     provenance = {} if sd is None else {path: Provenance("a rest", date(2026, 1, 1), sd, "USABLE")}
     fit = identify(run, car.with_values({path: zero}, provenance), use=["odometer", "imu[2]"])
@@ -48,7 +49,7 @@ def offset(car, run, zero, sd):
 
 
 def test_the_steering_error_includes_the_gyro_bias_error():
-    """It moves the steering as another zero does; of one that nobody measured, by what the run knows of it."""
+    """A gyro bias has the effect of a steering offset; an unmeasured bias contributes what the run can identify."""
     car, run = drive_rest(rest_s=0.0)
     estimate, sure = offset(car, run, BIAS, 1e-9)
     _, unsure = offset(car, run, BIAS, 0.01)
@@ -68,7 +69,7 @@ def test_a_car_turned_by_hand_is_not_at_rest():
     assert fit.vehicle_file.value("sensors.imu.gyro_bias") == car.value("sensors.imu.gyro_bias")
 
 
-def test_a_free_delay_is_searched_beyond_its_value_in_the_file():
+def test_a_free_delay_may_exceed_its_value_in_the_file():
     car = load("car")
     u = random_steps([0.5, 0.6], 40.0, car.rate_hz, 5)
     run = simulate(override(car, ["model.drivetrain.delay_s=0.13"]), u, 5)

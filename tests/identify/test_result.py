@@ -1,4 +1,4 @@
-"""A fit as rows, table and vehicle file; and every question that cannot be answered is refused in words."""
+"""A fit as rows, table and vehicle file; every request that cannot be answered is refused with a message."""
 
 import json
 from dataclasses import replace
@@ -34,7 +34,7 @@ def test_table_has_estimate_deviation_unit_and_verdict(fit):
     assert any(line.startswith("USABLE: ") for line in lines)
 
 
-def test_values_of_each_run_are_reported(case, case_run):
+def test_parameters_of_single_runs_are_reported(case, case_run):
     fit = identify(case_run(0, 10.0), case, use=("truth",), options=FitOptions(clocks=("truth",)))
     plain = identify(case_run(0, 10.0), case)
     rows = [row for row in fit.run_by_run() if row["name"] == "clock.truth"]
@@ -42,11 +42,11 @@ def test_values_of_each_run_are_reported(case, case_run):
     assert set(rows[0]) == {"run", "name", "estimate", "sd"}
     assert json.loads(json.dumps(rows)) == rows
     assert f"clock.truth of {fit.runs[0]}: " in fit.table()
-    assert "s, to be added to its stamps" in fit.table()
+    assert "s, to be added to its timestamps" in fit.table()
     assert "clock." not in plain.table()
 
 
-def test_intervals_and_correlations_belong_to_the_covariance(fit):
+def test_intervals_and_correlations_match_the_covariance(fit):
     k = np.flatnonzero(np.isfinite(fit.sd))
     C = fit.correlation[np.ix_(k, k)]
     np.testing.assert_allclose(np.diagonal(C), 1.0)
@@ -54,7 +54,7 @@ def test_intervals_and_correlations_belong_to_the_covariance(fit):
     np.testing.assert_allclose(fit.interval[k, 1] - fit.interval[k, 0], 2.0 * 1.96 * fit.sd[k], rtol=1e-4)
 
 
-def test_predictions_stand_beside_the_data_in_each_channel(fit):
+def test_each_channel_of_a_fit_contains_data_and_predictions(fit):
     for c in fit.channels:
         residual = c.measured - c.predicted
         assert np.nanstd(residual) == pytest.approx(c.sigma, rel=0.1)
@@ -62,9 +62,9 @@ def test_predictions_stand_beside_the_data_in_each_channel(fit):
 
 
 def test_the_file_receives_values_provenance_and_covariance(fit, case):
-    file = fit.updated(date(2026, 11, 21))
+    file = fit.updated_file(date(2026, 11, 21))
     np.testing.assert_allclose(file.value("model.friction.linear"), fit.estimate[:3], rtol=1e-3)
-    assert file.value("model.actuator_matrix[1,1]") == 1.0  # not seen: as it was
+    assert file.value("model.actuator_matrix[1,1]") == 1.0  # unobservable: unchanged
     origin = file.provenance["model.friction.linear"]
     assert origin.run == "simulation"
     assert origin.verdict == "USABLE"
@@ -140,7 +140,7 @@ def test_a_run_without_readings_among_others_is_refused_by_name(small):
 @pytest.mark.parametrize(
     "name", ["model.friction.linnear[0]", "model.friction.linear", "model.friction.linear[0"]
 )
-def test_a_misspelled_parameter_name_gets_a_proposed_correction(fit, name):
+def test_a_correction_is_proposed_for_a_misspelled_parameter_name(fit, name):
     with pytest.raises(UsageError, check=of_code("fit.not-fitted")) as error:
         fit.value(name)
     assert error.value.diagnostic.figures["near"].figures["meant"] == "model.friction.linear[0]"
@@ -160,7 +160,7 @@ def test_the_value_of_an_unknown_parameter_is_refused(fit):
 
 
 def test_negative_autocorrelation_is_not_reported_as_floor_disturbance(small):
-    """Of a gyro whose noise was differenced: a colour below 0, for which nothing is widened."""
+    """The noise of the gyro was differenced: negative autocorrelation, for which no error bar is widened."""
     run = simulate(small, random_steps(small.command.limit, 20.0, 100.0, 0), 0)
     imu = run.sensors["imu"]
     swing = np.diff(np.random.default_rng(0).normal(0.0, 0.02, len(imu.z) + 1))
@@ -173,11 +173,11 @@ def test_negative_autocorrelation_is_not_reported_as_floor_disturbance(small):
     assert not {"residual.not-white", "cost.try-innovations"} & {note.code for note in fit.notes}
 
 
-def test_changes_of_the_data_are_reported(case, case_run):
+def test_changes_that_a_fit_makes_to_the_data_are_reported(case, case_run):
     run = case_run(0, 20.0)
     imu = run.sensors["imu"]
     z = imu.z.copy()
-    z[100:110] = z[99]  # held
+    z[100:110] = z[99]  # the value is repeated
     keep = np.r_[0:1000, 1030:2000]
     gappy = replace(
         run,
@@ -192,7 +192,7 @@ def test_changes_of_the_data_are_reported(case, case_run):
     assert notes["data.command-unknown"] == {"ticks": 1}
 
 
-def test_samples_at_the_end_of_the_range_are_left_out(small):
+def test_samples_at_the_end_of_the_range_are_excluded_from_the_fit(small):
     file = small.with_values({"sensors.imu.gyro_limit": 3.0})
     fit = identify(simulate(file, random_steps(file.command.limit, 20.0, 100.0, 0), 0), file)
     assert "3, -3" in [reason.figures["ends"] for reason in fit.reasons if reason.code == "data.clipped"]

@@ -1,11 +1,11 @@
-"""A verdict over many runs: each counts by how much it moved."""
+"""A verdict over many runs: the weight of each run depends on its amount of motion."""
 
 import numpy as np
 
 from baqueano.identify import identify
-from baqueano.identify.result.assemble import explained
+from baqueano.identify.result.assemble import explained_variance
 from baqueano.identify.result.fit_result import ChannelFit
-from baqueano.identify.result.verdict import Evidence, noted, verdict_of
+from baqueano.identify.result.verdict import Evidence, remarks, verdict_of
 from baqueano.runs.run import Channel, Run
 from baqueano.vehicle_file import parse
 
@@ -29,10 +29,10 @@ NOISE = 0.01
 
 
 def step(k, speed, speed_model):
-    """A step to `speed` for which the model predicts `speed_model` [m/s]."""
+    """Return a step to `speed` for which the model predicts `speed_model` [m/s]."""
     on = (T_S > 0.5) & (T_S < 2.5)
     z = speed * on + np.random.default_rng(k).normal(0.0, NOISE, len(T_S))
-    part = explained(z, speed_model * on, 0.05)
+    part = explained_variance(z, speed_model * on, 0.05)
     return ChannelFit(f"step {k}", "odometer", 0, T_S, z, speed_model * on, 0.05, part, 0.0)
 
 
@@ -41,13 +41,13 @@ def evidence(channels):
     return Evidence(("gain",), unit, 0 * unit, 0 * unit, 0, (), channels, True, np.zeros(1), None)
 
 
-def test_two_runs_inside_the_dead_zone_are_named_without_a_refusal():
+def test_runs_inside_the_dead_zone_are_named_but_the_fit_is_usable():
     runs = [step(k, 0.1 * (k + 3), 0.1 * (k + 3) + 0.04 * (-1) ** k) for k in range(26)]
     runs += [step(26, 0.0, 0.08), step(27, 0.0, 0.08)]
     assert np.mean([c.explained for c in runs]) < -1.0
     e = evidence(runs)
     assert verdict_of(e)[0] == "USABLE"
-    (doubt,) = [reason for reason in noted(e) if reason.code == "runs.hardly-moved"]
+    (doubt,) = [reason for reason in remarks(e) if reason.code == "runs.hardly-moved"]
     assert doubt.figures == {"count": 2, "of": 28, "runs": "step 26, step 27"}
 
 
@@ -66,7 +66,7 @@ def test_a_channel_that_contradicts_the_model_in_most_runs_is_refused():
 
 
 def test_many_short_runs_at_constant_speed_identify_the_gain():
-    """Commands in volts; each run holds one reading of an odometer."""
+    """Commands are in volts; each run contains one reading of an odometer."""
     rng, runs = np.random.default_rng(0), []
     for k in range(200):
         u, t_ns = np.full((2, 1), rng.uniform(-12.0, 12.0)), 10**10 * k + 100_000_000 * np.arange(1, 3)

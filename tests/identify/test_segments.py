@@ -1,4 +1,6 @@
-"""A run in segments: the same parameters, correct errors, and poses that a whole run could not follow."""
+"""A run in segments: the same parameters, correct errors, and poses that a simulation of the whole run could not
+follow.
+"""
 
 from dataclasses import replace
 from importlib import import_module
@@ -34,7 +36,7 @@ def test_a_segment_begins_before_its_first_measurement(case, case_run):
     assert all(not p.sensors["imu"].has[: p.lead].any() for p in pieces)
 
 
-def test_measurements_before_the_first_tick_are_left_out(case, case_run):
+def test_measurements_before_the_first_tick_are_ignored(case, case_run):
     run = case_run(0, 3.0)
     imu = run.sensors["imu"]
     t_ns = imu.t_ns - 2_000_000
@@ -96,10 +98,10 @@ def test_initial_slip_of_segments_does_not_slow_the_search(small, seed, segment_
     u = np.repeat(rng.uniform(-1.0, 1.0, (60, 3)) * [1.0, 0.0, 1.0], 50, axis=0)
     fit = identify(simulate(small, u, seed), small, options=FitOptions(segment_s=segment_s, diagnose=False))
     assert fit.converged
-    assert fit.evaluations < 60  # 424 to 800 where a piece may begin with any slip
+    assert fit.evaluations < 60  # 424 to 800 if a segment may begin with any slip
 
 
-def test_several_cores_give_the_same_sum_as_a_single_core(case, case_run, monkeypatch):
+def test_several_cores_give_the_same_fit_as_a_single_core(case, case_run, monkeypatch):
     runs = [case_run(k, 25.0) for k in range(2)]
     together = identify(runs, case, FREE)
     monkeypatch.setattr(import_module("baqueano.identify.parallel"), "ENOUGH", 10**9)
@@ -108,7 +110,7 @@ def test_several_cores_give_the_same_sum_as_a_single_core(case, case_run, monkey
     np.testing.assert_array_equal(together.cov, serial.cov)
 
 
-def test_each_run_may_have_its_own_parameter(case, case_run):
+def test_a_parameter_may_have_a_different_value_in_each_run(case, case_run):
     scales = (1.0, 1.05)
     runs = [case_run(k, 15.0, case.with_values({"sensors.imu.gyro_scale": s})) for k, s in enumerate(scales)]
     fit = identify(
@@ -135,7 +137,7 @@ def filmed_run(small):
     return replace(run, truth=TruthLog(t.t_ns[every] - 40_000_000, eta, none, none))
 
 
-def test_a_camera_shows_the_gyros_scale_and_its_own_clock(filmed_run, small):
+def test_a_camera_identifies_the_gyro_scale_and_the_camera_clock(filmed_run, small):
     fit = identify(
         filmed_run,
         small,

@@ -1,4 +1,4 @@
-"""Excitation: within the limits, determined by the seed, rich enough, and with errors for bad input."""
+"""Excitation signals: within the limits, determined by the seed, rich enough, and with errors for invalid input."""
 
 import numpy as np
 import pytest
@@ -22,14 +22,14 @@ def test_every_signal_stays_within_its_limits_and_zero_limits_give_zero(kind, se
 
 
 @pytest.mark.parametrize("kind", KINDS)
-def test_a_signal_depends_on_its_seed_alone(kind):
+def test_a_signal_is_determined_by_its_seed(kind):
     first, same, different = (excitation(kind, LIMIT, 20.0, 50.0, seed) for seed in (3, 3, 4))
     assert np.array_equal(first, same)
     assert not np.array_equal(first, different)
 
 
 @pytest.mark.parametrize("kind", KINDS)
-def test_channels_of_a_signal_differ(kind):
+def test_the_channels_of_a_signal_are_nearly_uncorrelated(kind):
     u = excitation(kind, LIMIT, 120.0, 50.0, 1)
     assert abs(np.corrcoef(u[:, 0], u[:, 2])[0, 1]) < 0.4
 

@@ -30,14 +30,14 @@ def test_without_a_validation_run_no_speed_channel_is_chosen(fit):
     assert noise.speed is not None
     assert not noise.speed.decided
     assert noise.speed.message.fix == "--held-out RUN"
-    assert "speed_from" not in noise.updated(fit[0].vehicle_file).data["estimator"]
+    assert "speed_from" not in noise.updated_file(fit[0].vehicle_file).data["estimator"]
     blind = replace(drive_fit(SMALL, HELD_S, 2), truth=None)
     assert measure_noise(*fit, held_out=[blind]).speed == noise.speed
 
 
 @pytest.mark.long
 def test_accelerometers_that_help_on_an_unseen_run_correct_the_speed(fit):
-    """The floor pushes the vehicle: the model has no command for it, but an accelerometer measures it."""
+    """The floor pushes the vehicle: no command explains this, but an accelerometer measures it."""
     pushes = {"model.process_noise_std": [0.2, 0.0, 0.2]}
     own_run, unseen_run = (
         drive_fit(SMALL, seconds_, seed, **pushes) for seconds_, seed in ((30.0, 1), (HELD_S, 2))
@@ -48,12 +48,12 @@ def test_accelerometers_that_help_on_an_unseen_run_correct_the_speed(fit):
     assert noise.speed.decided
     assert noise.speed.names
     assert "truth" in noise.speed.message.figures["by"]
-    fitted_file = noise.updated(fit[0].vehicle_file)
+    fitted_file = noise.updated_file(fit[0].vehicle_file)
     assert fitted_file.estimator().speed_from == noise.speed.names
 
 
-def test_accelerometers_that_worsen_the_speed_are_left_out(fit):
-    """An IMU that was tilted by 3 degrees after the fit: a_x shows a slope that is not there."""
+def test_accelerometers_that_worsen_the_speed_are_not_used(fit):
+    """The IMU was tilted by 3 degrees after the fit: a_x shows a slope that does not exist."""
     bias = SMALL.sensors.imu.accel_bias + np.array([0.5, 0.5])
     unseen_run = drive_fit(SMALL, HELD_S, 2, **{"sensors.imu.accel_bias": bias.tolist()})
     noise = measure_noise(*fit, held_out=[unseen_run])
@@ -61,14 +61,14 @@ def test_accelerometers_that_worsen_the_speed_are_left_out(fit):
     assert noise.speed.names == (), noise.speed.message
 
 
-def test_too_few_segments_do_not_decide_about_the_accelerometers(fit):
+def test_with_too_few_segments_no_accelerometer_is_chosen(fit):
     noise = measure_noise(*fit, held_out=[drive_fit(SMALL, 20.0, 3)])
     assert noise.speed is not None
     assert noise.speed.names == ()
     assert noise.speed.message.code == "speed.too-short"
 
 
-def test_the_ratio_over_blocks_is_the_ratio_of_sums():
+def test_the_error_ratio_over_blocks_is_computed_from_their_sums():
     rng = np.random.default_rng(0)
     block_sums, reference = rng.uniform(1.0, 2.0, 40), rng.uniform(4.0, 8.0, 40)
     ratio, low, high = ratio_of_blocks(block_sums, reference)

@@ -1,4 +1,4 @@
-"""The spread of residuals is that of the noise while something happens."""
+"""The spread of residuals equals the noise during motion."""
 
 import numpy as np
 import pytest
@@ -6,8 +6,8 @@ import pytest
 from baqueano.identify.residuals.noise_level import informative_rows, spread
 
 
-def test_rows_with_an_encoder_at_rest_do_not_reduce_the_noise():
-    """Two thirds of the rows say 0 and so does the model, but for what is left of its start."""
+def test_rows_with_an_encoder_at_rest_do_not_reduce_the_noise_estimate():
+    """In two thirds of the rows measurement and model are 0, except for a remainder of the start."""
     rng = np.random.default_rng(0)
     noise = rng.normal(scale=0.05, size=(3000, 1))
     z, waiting = 1.0 + noise, noise.copy()
@@ -15,7 +15,7 @@ def test_rows_with_an_encoder_at_rest_do_not_reduce_the_noise():
     has = [np.ones((3000, 1))]
     moving_only = spread([noise[2000:]], [np.ones((1000, 1))], np.zeros(1))
     assert spread([waiting], informative_rows([waiting], has, [z]), np.zeros(1)) == pytest.approx(moving_only)
-    assert spread([waiting], has, np.zeros(1)) < 1e-4  # as it would be
+    assert spread([waiting], has, np.zeros(1)) < 1e-4  # the expected spread
     assert moving_only == pytest.approx(0.05, rel=0.1)  # 4.6 standard errors of a median of 1,000
 
 

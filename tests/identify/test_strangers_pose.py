@@ -1,7 +1,9 @@
-"""A skid-steered vehicle that is in no file here, its wheel speeds for commands, filmed between the ticks.
+"""A skid-steered vehicle that no file describes: its commands are wheel speeds, and a camera films it between the
+ticks.
 
-The simulator is its own: wheels of two radii on a track that seems wider than it is, a slide outward in curves, a
-coloured floor, wheel speeds at 20 Hz and a camera at 10 Hz that is 40 ms late and never on a tick.
+The separate simulator has wheels of two radii, an apparent track wider than the true one, outward slip in curves and
+autocorrelated floor disturbance. Wheel speeds arrive at 20 Hz, camera poses at 10 Hz with 40 ms of delay, never on a
+tick.
 """
 
 import math
@@ -93,7 +95,7 @@ def test_the_camera_delay_of_40_ms_is_identified(fit):
     assert np.max(fit.own_sd[:, clock]) < 0.05
 
 
-def test_the_error_bars_include_a_drifting_floor():
+def test_the_error_bars_include_the_autocorrelated_floor_disturbance():
     file, off = parse(FILE, "stranger.toml"), []
     for seed in (11, 21, 31):
         runs = [drive(seed), drive(seed + 1)]

@@ -1,8 +1,8 @@
-"""A small robot that is in no file here: strong dry friction in each gear, encoders of whole ticks at 50 Hz.
+"""A small robot that no file describes: strong dry friction in each gear, encoders of whole counts at 50 Hz.
 
-The simulator is its own: two wheels whose gears hold against 0.9 N and 0.75 N whatever turns them, so that one wheel
-may stand while the other rolls, tyres that slip a little sideways, a coloured floor. Dead zones resemble that on a
-straight and nowhere else.
+The separate simulator has two wheels whose gears resist with 0.9 N and 0.75 N, so one wheel may rest while the other
+rolls. The tyres slip a little sideways, and the floor disturbance is autocorrelated. Dead zones have a similar
+effect only on a straight line.
 """
 
 import math
@@ -84,8 +84,8 @@ def choice():
     return choose([drive(1), drive(2)], parse(FILE, "stranger.toml"), candidates=CANDIDATES)
 
 
-def test_friction_of_the_wheels_is_chosen_and_dead_zones_are_not(choice):
-    assert choice.taken == ("dry friction of the wheels",)
+def test_wheel_friction_terms_are_chosen_and_dead_zones_are_not(choice):
+    assert choice.selected_terms == ("dry friction of the wheels",)
 
 
 def test_the_fit_of_an_unknown_robot_predicts_unseen_runs(choice):

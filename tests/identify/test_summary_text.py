@@ -8,9 +8,9 @@ import pytest
 from baqueano.diagnostics import Severity, note
 from baqueano.identify import identify
 from baqueano.identify.result.fit_result import marks, verdict_lines
-from baqueano.messages import grouped
+from baqueano.messages import group_sentences
 
-MOST = 15  # lines beside the table of parameters and the channels
+MOST = 15  # lines in addition to the tables of parameters and channels
 
 
 def row(
@@ -51,7 +51,7 @@ def lines_of(
     reasons: list[str], unobservable: list[str], never: list[str], notes: list[str], verdict: str = "WARN",
     with_report: bool = False,
 ) -> list[str]:  # fmt: skip
-    """The lines of codes without a template, which are their own sentences."""
+    """Return the lines of codes without a template, which are printed unchanged."""
     fields = {"reasons": reasons, "unobservable": unobservable, "never": never, "notes": notes}
     by_field = {name: tuple(map(note, codes)) for name, codes in fields.items()}
     return verdict_lines(SimpleNamespace(verdict=verdict, **by_field), with_report)
@@ -84,23 +84,25 @@ def autocorrelated_note(i: int, **words: str):
 
 def test_the_same_note_of_several_channels_is_printed_once():
     first = "any.autocorrelated (percent = 2.5)"
-    assert grouped([autocorrelated_note(i) for i in range(3)]) == [f"{first} (so also imu[1], imu[2])"]
-    assert grouped([autocorrelated_note(0), autocorrelated_note(0)]) == [f"{first} (2 times)"]
-    assert grouped([autocorrelated_note(0, of_run="a"), autocorrelated_note(0, of_run="b")]) == [
+    assert group_sentences([autocorrelated_note(i) for i in range(3)]) == [
+        f"{first} (so also imu[1], imu[2])"
+    ]
+    assert group_sentences([autocorrelated_note(0), autocorrelated_note(0)]) == [f"{first} (2 times)"]
+    assert group_sentences([autocorrelated_note(0, of_run="a"), autocorrelated_note(0, of_run="b")]) == [
         f"a: {first} (2 times)"
     ]
 
 
 def test_notes_with_different_texts_are_printed_separately():
     differ = [autocorrelated_note(0, needs="turns"), autocorrelated_note(1, needs="speed")]
-    assert len(grouped(differ)) == len(grouped([note("any.one"), note("any.other")])) == 2
+    assert len(group_sentences(differ)) == len(group_sentences([note("any.one"), note("any.other")])) == 2
 
 
-def test_a_single_reason_stands_on_the_line_of_the_verdict():
+def test_a_single_reason_is_printed_on_the_line_of_the_verdict():
     assert lines_of(["converged"], [], [], ["a-note"], "USABLE") == ["USABLE: converged", "- a-note"]
 
 
-def test_the_table_of_a_short_run_fits_a_screen(case_run, case):
+def test_the_verdict_of_a_short_run_fits_a_screen(case_run, case):
     fit = identify(case_run(0, 2.0), case)
     assert fit.verdict != "USABLE"
     lines = verdict_lines(fit)

@@ -1,4 +1,4 @@
-"""A tape measurement that contradicts the model is reported with both values and is not sensor noise."""
+"""A tape measurement that contradicts the model is reported with both values and does not count as sensor noise."""
 
 import pytest
 
@@ -20,13 +20,13 @@ def fit(small, runs):
     return identify(runs, small, free=FREE, options=FitOptions(measured=("run 1 end: 400 cm",)))
 
 
-def test_a_wrong_tape_of_a_later_run_is_reported_in_metres(fit):
+def test_a_wrong_tape_measurement_of_a_later_run_is_reported_in_metres(fit):
     far = [reason for reason in fit.reasons if reason.code == "residual.one-far"]
     assert len(far) == 1
     assert (far[0].subject, far[0].figures["measured"], far[0].figures["unit"]) == ("tape[0]", 4.0, "m")
 
 
-def test_the_measured_noise_has_units_and_excludes_the_tape(fit, runs):
+def test_the_identified_noise_has_units_and_excludes_the_tape_measurement(fit, runs):
     noise = measure_noise(fit, runs)
     units = {row["name"]: row["unit"] for row in noise.rows()}
     assert [units[f"imu[{k}]"] for k in range(3)] == ["m/s²", "m/s²", "rad/s"]

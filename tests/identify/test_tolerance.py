@@ -44,7 +44,7 @@ def test_a_given_tolerance_is_written_with_its_provenance():
         ({"sensors.imu.gyro_scale": 0.0}, "tolerance.no-part"),
     ],
 )
-def test_a_tolerance_of_a_parameter_that_is_no_scale_is_refused(tolerance, code):
+def test_a_tolerance_of_a_parameter_that_is_not_a_scale_is_refused(tolerance, code):
     with pytest.raises(UsageError, check=of_code(code)):
         with_tolerance(load("car"), tolerance)
 
@@ -59,7 +59,7 @@ def test_a_tolerance_of_a_parameter_that_is_no_scale_is_refused(tolerance, code)
         ),
         (
             "--use odometer --tolerance sensors.imu.gyro_scale=0.01",
-            "is for a car that is fitted by its IMU alone. Leave it out",
+            "is for a car that is fitted by its IMU alone. Remove it",
         ),
     ],
 )

@@ -1,7 +1,8 @@
 """Whole turns by hand identify the scale of a gyro, with an interval of correct coverage.
 
-The logs are made here, without any model of ours: a hand that turns unevenly and puts back to 2°, a gyro whose bias
-wanders. Of 200 intervals of 95 % between 180 and 198 hold: false alarm below 1 % for sound code; seeds fixed.
+The logs are simulated in this file without a model of the package: an uneven hand that returns to within 2°, a gyro
+with a drifting bias. Of 200 intervals of 95 %, 180 to 198 contain the truth; the false-alarm rate is below 1 % for
+correct code, with fixed seeds.
 """
 
 import json
@@ -26,7 +27,7 @@ NAME = "sensors.imu.gyro_scale"
 
 
 def by_hand_log(turns=(2, -2), seed=0, hand_deg=2.0, pause=False, rest_s=3.0, scale=SCALE, noise=0.004):
-    """A log of a vehicle on its mark: rests, and turns whose speed no hand keeps."""
+    """Return a log of a vehicle on its mark: rests, and turns of uneven speed."""
     rng = np.random.default_rng(seed)
     omega = [np.zeros(round(rest_s * RATE))]
     at = np.radians(hand_deg) * rng.standard_normal(len(turns) + 1)
@@ -50,7 +51,7 @@ def small():
     return load("small")
 
 
-def test_the_gyro_scale_lies_within_its_narrow_interval(small):
+def test_the_true_gyro_scale_lies_within_a_narrow_interval(small):
     inside, wide, usable = 0, [], 0
     for seed in range(200):
         calibration = by_hand(by_hand_log((2, -2) if seed % 2 else (2, 2, -2), seed), small)
@@ -61,7 +62,7 @@ def test_the_gyro_scale_lies_within_its_narrow_interval(small):
         usable += calibration.verdict == "USABLE"
     assert 180 <= inside <= 198
     assert np.median(wide) < 0.018
-    assert usable >= 190, "once in a hundred times a hand seems careless"
+    assert usable >= 190, "a hand may seem careless once in a hundred times"
 
 
 def test_the_gyro_bias_is_measured_in_the_rests(small):
@@ -77,7 +78,7 @@ def test_a_pause_within_a_turn_is_not_a_rest_on_the_mark(small):
     assert "2 turns by hand, between 2 rests on a mark" in calibration.table()
 
 
-def test_a_careless_hand_widens_the_interval(small):
+def test_a_larger_placement_error_widens_the_interval(small):
     sure, careless = (
         by_hand(by_hand_log((2, -2, 2, -2, 2, -2), 4, hand_deg), small).rows()[0] for hand_deg in (1.0, 5.0)
     )
@@ -119,7 +120,7 @@ def test_a_noise_free_gyro_is_accepted(small):
     assert by_hand(by_hand_log(noise=0.0), small).value(NAME) == pytest.approx(SCALE, abs=0.012)
 
 
-def test_a_run_with_commands_was_not_turned_by_hand():
+def test_a_run_with_commands_is_not_classified_as_turned_by_hand():
     run = by_hand_log()
     assert turned_by_hand(run)
     assert not turned_by_hand(replace(run, applied=0.3 + run.applied))
@@ -146,11 +147,11 @@ def test_the_command_line_writes_the_scale_into_the_vehicle_file(small, tmp_path
 
 def test_two_turns_on_the_mark_shrink_the_corridor_of_a_route(small):
     calibration = by_hand(by_hand_log((2, -2)), small)
-    after = calibration.updated(small)
+    after = calibration.updated_file(small)
     assert after.value(f"{NAME}_std") == pytest.approx(
         calibration.numbers[0].sd / calibration.numbers[0].value
     )
-    assert "gyro_bias_std" not in after.text  # a rest today does not tell how it comes back
+    assert "gyro_bias_std" not in after.text  # a rest today does not predict the next bias
     route = circle(0.6, 0.2)
     wide, narrow = (corridor_ahead(file, route, 3).rows()[-1] for file in (small, after))
     assert narrow["heading_rad"] < 0.6 * wide["heading_rad"]

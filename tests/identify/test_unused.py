@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from baqueano.identify.dataset import unused
+from baqueano.identify.dataset import unused_sensors
 from baqueano.runs.run import Channel
 from baqueano.vehicle_file import load
 
@@ -18,15 +18,15 @@ def with_more(run, **sizes: int):
 
 def test_a_sensor_missing_in_the_file_is_reported_with_a_remedy(case_run, case):
     run = with_more(case_run(0, 2.0), odometer=1, rollers=2, battery=1, imu_temperature=1)
-    notes = unused([run, run], case)
-    assert len(notes) == 2, "once for all runs, and nothing of battery and temperature"
+    notes = unused_sensors([run, run], case)
+    assert len(notes) == 2, "reported once for all runs, without battery and temperature"
     assert [note.code for note in notes] == ["use.not-in-file"] * 2
     assert notes[0].figures == {"sensor": "odometer", "vehicle": "case-study-1", "kind": "odometer"}
     assert notes[1].figures["kind"] == "wheels"
-    assert unused([case_run(0, 2.0)], case) == []
+    assert unused_sensors([case_run(0, 2.0)], case) == []
 
 
-def test_an_unused_sensor_is_reported_before_the_fit_unless_sensors_are_chosen(
+def test_an_unused_sensor_is_reported_unless_the_user_chooses_sensors(
     case_run, tmp_path, monkeypatch, capsys
 ):
     import pytest

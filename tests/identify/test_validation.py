@@ -1,4 +1,4 @@
-"""A fit is judged by unseen runs."""
+"""A fit is judged on unseen runs."""
 
 from dataclasses import replace
 
@@ -41,7 +41,7 @@ def fit(small):
     return identify(run(small, 1), small)
 
 
-def test_a_right_model_explains_an_unseen_run_as_well_as_its_own(fit, small):
+def test_a_correct_model_explains_unseen_runs_as_well_as_fitted_runs(fit, small):
     validation = validate(fit, [run(small, 2), run(small, 3)])
     assert validation.verdict == "USABLE"
     assert [f.run for f in validation.figures] == ["run 2"] * 3 + ["run 3"] * 3
@@ -75,7 +75,7 @@ def test_errors_on_unseen_runs_have_their_units(fit, small):
     assert "rad/s" in validation.table()
 
 
-def test_a_refused_fit_is_not_judged_by_its_start(fit, small):
+def test_a_refused_fit_cannot_be_validated(fit, small):
     with pytest.raises(UsageError, check=of_code("validation.refused-fit")):
         validate(replace(fit, verdict="REFUSED"), run(small, 2))
 
@@ -92,7 +92,8 @@ def test_students_quantile_equals_the_tables_for_few_degrees_of_freedom():
 
 
 def alarms_of(blocks, own, noise=None):
-    """The alarms of blocks with these logarithms of the mean square; `noise`, else that of the own blocks."""
+    """Return the alarms of blocks with these logarithms of the mean square; `noise` replaces that of the fitted
+    blocks."""
     square = np.exp(blocks).mean()
     noise = np.sqrt(np.exp(own).mean()) if noise is None else noise
     figure = Figure("run 2", "imu[2]", np.sqrt(square), 0.0, 0.9, "rad/s", noise)
@@ -101,7 +102,8 @@ def alarms_of(blocks, own, noise=None):
 
 @pytest.mark.parametrize(("count", "own"), [(1, 2), (2, 2), (6, 2), (2, 6), (3, 3), (4, 4), (12, 12)])
 def test_the_false_alarm_rate_of_equal_blocks_is_one_percent(count, own):
-    """Also where the error is always large enough. More than 36 of 2,000 would come once in 2,000 tests by chance."""
+    """The error is always large enough for an alarm. More than 36 of 2,000 would occur once in 2,000 tests by
+    chance."""
     rng = np.random.default_rng(0)
     alarms = [alarms_of(rng.normal(size=count), rng.normal(size=own), noise=1e-9) for _ in range(2000)]
     assert sum(map(len, alarms)) <= 36
@@ -114,12 +116,12 @@ def test_a_run_with_a_large_error_is_reported_despite_few_blocks():
         assert alarms[0].code == "validation.off", (count, own)
 
 
-def test_one_block_on_each_side_gives_only_a_possible_alarm():
+def test_two_blocks_give_only_a_possible_alarm():
     assert alarms_of(np.array([2.0]), np.array([0.0]))[0].code == "validation.off-perhaps"
     assert alarms_of(np.array([0.5]), np.array([0.0])) == []
 
 
-def test_fitted_runs_without_a_channel_are_ignored_for_the_channel(small):
+def test_fitted_runs_that_lack_a_channel_are_ignored_for_this_channel(small):
     first, second = run(small, 1), run(small, 6)
     imu = second.sensors["imu"]
     deaf = imu._replace(z=imu.z * np.array([1.0, 1.0, np.nan]))
@@ -132,7 +134,7 @@ def test_fitted_runs_without_a_channel_are_ignored_for_the_channel(small):
 
 
 @pytest.mark.parametrize(("backend", "seconds"), [("auto", 4.0), ("numpy", 1.5)])
-def test_a_model_without_run_parameters_is_validated_too(backend, seconds):
+def test_a_model_without_parameters_of_single_runs_can_be_validated(backend, seconds):
     rng, file = np.random.default_rng(0), parse(KINEMATIC, "cart")
     runs = []
     for seed in (1, 2):
@@ -149,7 +151,7 @@ def test_a_model_without_run_parameters_is_validated_too(backend, seconds):
     assert min(f.explained for f in validation.figures) > 0.9
 
 
-def test_an_extreme_figure_is_printed_briefly():
+def test_extreme_and_nan_figures_are_printed_briefly():
     lost_figure = Figure("run 2", "imu[2]", 1e50, -1e99, float("nan"), "rad/s", float("nan"))
     table = Validation((lost_figure, lost_figure._replace(noise=1e-9)), (), (), (), "").table()
     assert "nan" not in table

@@ -21,12 +21,12 @@ NOMINAL_V = 7.4
 
 @pytest.fixture(scope="module")
 def small():
-    """Motors without end: what the battery does comes after it."""
+    """Return the small vehicle without motor limits, because the battery effect acts after the limit."""
     return override(load("small"), ["model.drivetrain.limit=[inf]"])
 
 
 def emptied(small, effect, seed, start_v=7.8, end_v=6.8, with_battery=True):
-    """A run while the battery goes from one voltage to the other: a vehicle at V₀ under u (1 + κ (V/V₀ − 1))."""
+    """Return a run with a falling battery voltage: a vehicle at V₀ under u (1 + κ (V/V₀ − 1))."""
     u = random_steps(small.command.limit, 20.0, small.rate_hz, seed, hold_s=0.5)
     volts = np.linspace(start_v, end_v, len(u))
     run = simulate(small, u * (1.0 + effect * (volts / NOMINAL_V - 1.0))[:, None], seed)
@@ -54,7 +54,7 @@ def test_a_constant_voltage_does_not_identify_its_effect(small):
 
 
 def test_a_fit_with_voltage_is_written_and_used_in_the_next_fit(small):
-    """The file says battery = "logged"."""
+    """The file contains battery = "logged"."""
     fit = identify(emptied(small, 0.4, 1), small, FREE)
     assert fit.vehicle_file.vehicle.drivetrain.battery == "logged"
     second = identify(emptied(small, 0.4, 2), fit.vehicle_file, FREE[:2])

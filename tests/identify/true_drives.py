@@ -14,7 +14,14 @@ from baqueano.identify import excitation, random_steps
 from baqueano.identify.result.fit_result import Fit
 from baqueano.runs.run import Run
 from baqueano.simulate.open_loop import times
-from baqueano.study.counterpart import car_file, car_values, driven, recorded, robot_file, robot_values
+from baqueano.study.counterpart import (
+    car_file,
+    car_values,
+    drive_group,
+    robot_file,
+    robot_values,
+    run_of_vehicle,
+)
 from baqueano.study.counterpart.world import ROBOT_STEP_S
 from baqueano.study.identification.trials import FLOOR, as_sent, car, robot
 from baqueano.study.truth import Robots, draw_robots
@@ -31,7 +38,7 @@ class TrueDrive(NamedTuple):
     """A run of a vehicle of the truth."""
 
     run: Run
-    file: VehicleFile  # correct in each parameter that the truth has
+    file: VehicleFile  # correct in each parameter of the truth
     true: dict[str, float]
 
     @property
@@ -46,7 +53,7 @@ class TrueDrive(NamedTuple):
         return z[np.isfinite(z) & (fit.bound == 0)]
 
 
-def drive_group(
+def group_runs(
     vehicles: Sequence[Any],
     us: Sequence[np.ndarray],
     seeds: Sequence[int],
@@ -54,10 +61,10 @@ def drive_group(
     step_s: float = ROBOT_STEP_S,
 ) -> list[Run]:
     """Return a run of each vehicle; the vehicles are simulated as one group."""
-    group, t_ns = vehicles[0].joined(list(vehicles[1:])), times(len(us[0]), file.rate_hz)
-    motion = driven(group, np.stack(us, axis=1), seeds, t_ns, step_s)
+    group, t_ns = vehicles[0].merge(list(vehicles[1:])), times(len(us[0]), file.rate_hz)
+    motion = drive_group(group, np.stack(us, axis=1), seeds, t_ns, step_s)
     return [
-        recorded(motion, k, u, file, f"run {seed}", seed)
+        run_of_vehicle(motion, k, u, file, f"run {seed}", seed)
         for k, (u, seed) in enumerate(zip(us, seeds, strict=True))
     ]
 
@@ -67,11 +74,11 @@ def cars_on_floor(seeds: Sequence[int], duration_s: float) -> list[TrueDrive]:
     floor, drives = np.asarray(load("car").value("model.process_noise_std"))[None], []
     for first in range(0, len(seeds), CARS):
         few = seeds[first : first + CARS]
-        cars = [car(seed % CARS, "matched").changed(floor=floor) for seed in few]
+        cars = [car(seed % CARS, "matched").with_parameters(floor=floor) for seed in few]
         files = [car_file(q) for q in cars]
         us = [steps_of_car(seed, duration_s, files[0].rate_hz) for seed in few]
         values = [{name: float(v[0]) for name, v in car_values(q).items()} for q in cars]
-        runs = drive_group(cars, us, few, files[0], STEP_S)
+        runs = group_runs(cars, us, few, files[0], STEP_S)
         drives += [TrueDrive(*drive) for drive in zip(runs, files, values, strict=True)]
     return drives
 
@@ -89,10 +96,10 @@ def steps_of_car(seed: int, duration_s: float, rate_hz: float) -> np.ndarray:
 
 def robot_on_floor(seed: int, duration_s: float) -> TrueDrive:
     """Return a drive of a robot with dead zones and lag over a rough floor."""
-    q = robot(seed).changed(floor=np.array([FLOOR]))
+    q = robot(seed).with_parameters(floor=np.array([FLOOR]))
     file = robot_file(q)
     u = as_sent(excitation("random_steps", file.command.limit, duration_s, file.rate_hz, seed, rest_s=0.0))
-    (run,) = drive_group([q], [u], [seed], file)
+    (run,) = group_runs([q], [u], [seed], file)
     return TrueDrive(run, file, {name: float(v[0]) for name, v in robot_values(q).items()})
 
 
@@ -103,11 +110,11 @@ def case_vehicle(file: VehicleFile) -> Robots:
     q, gain = draw_robots(1, 0), np.asarray(file.value("model.actuator_matrix"))
     noise = np.array([[*imu.accel_noise_std, imu.gyro_noise_std]])
     quiet = {"turn_rad": 0.0 * one, "gyro_scale": one, "low_pass_s": 0.0 * one}
-    unbiased = q.imu.changed(
+    unbiased = q.imu.with_parameters(
         place_m=0.0 * two, tilt_rad=0.0 * two, bias=0.0 * three, walk=0.0 * three, step=0.0 * three, noise=noise,
         **quiet,
     )  # fmt: skip
-    return q.changed(
+    return q.with_parameters(
         mass_kg=model.mass_kg * one, inertia_kg_m2=model.inertia_kg_m2 * one, ahead_m=0.0 * one,
         arm_m=gain[2, 2] / gain[0, 0] * two, toe_rad=0.0 * two, stall_n=0.5 * FULL * gain[0, 0] * one, gain=two,
         wheel=two, forward=0.0 * two, backward=0.0 * two, lag_s=LAG_S * one, delay_s=0.0 * one, supply=one,
@@ -132,7 +139,7 @@ def case_drives(
         random_steps(file.command.limit, duration_s, file.rate_hz, seed)
         for seed, file in zip(seeds, files, strict=True)
     ]
-    runs = drive_group([case_vehicle(file) for file in files], [u / FULL for u in us], seeds, files[0])
+    runs = group_runs([case_vehicle(file) for file in files], [u / FULL for u in us], seeds, files[0])
     return [
         TrueDrive(replace(run, applied=u), file, truth_of(file))
         for run, u, file in zip(runs, us, files, strict=True)

@@ -8,13 +8,13 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from baqueano.drive.session import watched
+from baqueano.drive.session import sensor_monitor
 from baqueano.monitor import Finding, Watching
 from baqueano.runs.run import Channel, Run
 from baqueano.simulate.open_loop import times
-from baqueano.study.counterpart import driven, recorded
+from baqueano.study.counterpart import drive_group, run_of_vehicle
 from baqueano.study.faults.subject import subject
-from baqueano.symbolic import compiled
+from baqueano.symbolic import compile_block
 from baqueano.vehicle_file import VehicleFile, parse
 
 SECONDS, FROM_S = 20.0, 6.0  # of a drive; when a fault begins
@@ -24,7 +24,7 @@ IDENTIFIED = {"estimator.disturbance_std": [0.2, 0.5], "estimator.velocity_walk_
 
 
 class Kind(NamedTuple):
-    """A vehicle, the file that is right for it, and its blocks."""
+    """A vehicle, the correct file for it, and its blocks."""
 
     file: VehicleFile
     estimator: Any
@@ -33,16 +33,16 @@ class Kind(NamedTuple):
 
 @cache
 def kind_of(kind: str, wrong: tuple[tuple[str, float], ...] = ()) -> Kind:
-    """Return "robot", "wheels" (a robot with encoders) or "car" (with an odometer); `wrong`: factors of values of its
-    file, which then lies."""
+    """Return "robot", "wheels" (a robot with encoders) or "car" (with an odometer). `wrong` contains factors of
+    values of its file, which is then wrong."""
     file = subject("robot" if kind == "wheels" else kind, 0).file.with_values(IDENTIFIED)
     if kind == "wheels":
         file = parse(file.text + WHEELS, file.name).with_values({"estimator.use": ["imu", "wheels"]})
     elif kind == "car":
         file = file.with_values({"estimator.use": ["imu", "odometer"]})
     file = file.with_values({path: factor * file.value(path) for path, factor in wrong})
-    estimator = compiled(file.estimator())
-    sensors, reason = watched(file, estimator)
+    estimator = compile_block(file.estimator())
+    sensors, reason = sensor_monitor(file, estimator)
     assert sensors is not None, reason
     return Kind(file, estimator, sensors)
 
@@ -53,10 +53,10 @@ def drives(kind: str, count: int) -> tuple[Run, ...]:
     robot, file = subject("robot" if kind == "wheels" else kind, 0), kind_of(kind).file
     u = [robot._replace(seed=seed).signal(SECONDS) for seed in range(count)]
     t_ns = times(len(u[0]), file.rate_hz)
-    motion = driven(robot.vehicle.some([0] * count), np.stack(u, axis=1), range(count), t_ns)
+    motion = drive_group(robot.vehicle.some([0] * count), np.stack(u, axis=1), range(count), t_ns)
     runs = []
     for k in range(count):
-        run = recorded(motion, k, u[k], file, f"{kind} {k}", k)
+        run = run_of_vehicle(motion, k, u[k], file, f"{kind} {k}", k)
         runs.append(
             replace(run, sensors=run.sensors | {"wheels": _wheels(run, k)}) if kind == "wheels" else run
         )
@@ -66,7 +66,7 @@ def drives(kind: str, count: int) -> tuple[Run, ...]:
 def watch(
     kind: str, run: Run, wrong: Mapping[str, float] = MappingProxyType({})
 ) -> tuple[list[Finding], Watching]:
-    """Return each finding when it began, and again when it was DEGRADED; and the monitor afterwards."""
+    """Return each finding at its start and again when it became DEGRADED, and the monitor at the end."""
     file, estimator, sensors = kind_of(kind, tuple(wrong.items()))
     belief, findings = estimator.init(), []
     sensors.begin()
@@ -93,7 +93,7 @@ def damaged_run(run: Run, sensor: str, numbers: Sequence[int], fault: str, limit
         z[np.ix_(at, k)] *= 0.5
     elif fault == "slip":
         z[np.ix_(at, k)] += 0.6 * np.sign(z[np.ix_(at, k)])
-    elif fault == "zeroes itself":  # takes the mean of the last 0.4 s for its bias
+    elif fault == "zeroes itself":  # uses the mean of the last 0.4 s as its bias
         mean = np.cumsum(z[:, k], axis=0)
         mean[40:] -= mean[:-40].copy()
         z[np.ix_(at, k)] -= mean[at] / 40.0

@@ -1,7 +1,7 @@
-"""Five faults of each kind of sensor, on drives of the independent truth: the channel and the cause are named.
+"""Five faults of each kind of sensor, on drives of the independent truth: channel and cause are named.
 
-A fault shows where the vehicle does what the sensor ought to show, so it is told at the latest TOLD_S after it began.
-The car's file tells no end of the gyro's range.
+A fault is visible only while the vehicle makes a motion that the sensor should measure. So it must be reported
+within TOLD_S after its start. The file of the car does not state the range of the gyro.
 """
 
 import numpy as np
@@ -24,7 +24,7 @@ from tests.monitor.driven import FROM_S, damaged_run, drives, kind_of, watch
 
 DRIVES = 3
 TOLD_S = 5.0
-CASES = [  # kind of vehicle, number, fault, what it may look like
+CASES = [  # kind of vehicle, channel, fault, similar faults
     ("robot", "imu[2]", "frozen", (FROZEN, ZERO)),
     ("robot", "imu[2]", "full scale", (AT_ITS_END,)),
     ("robot", "imu[2]", "half", (SCALED, AWAY)),
@@ -58,16 +58,16 @@ def test_a_faulty_sensor_is_named_and_never_the_model(kind, name, fault, looks):
         first_finding, *later = [finding for finding in findings if finding.name == name]
         told_s = 1e-9 * first_finding.t_ns - FROM_S
         assert EVENT_S - 0.02 <= told_s <= TOLD_S
-        assert not first_finding.degraded
+        assert not first_finding.is_degraded
         assert {finding.off for finding in findings} <= {SENSOR, UNKNOWN}
         assert {finding.name for finding in findings} == {name}
         for worse in later:
-            assert not worse.degraded or 1e-9 * worse.t_ns - FROM_S >= DEGRADED_S - 0.02
+            assert not worse.is_degraded or 1e-9 * worse.t_ns - FROM_S >= DEGRADED_S - 0.02
         last = findings[-1]
         assert last.looks in looks
         assert last.diagnostic.subject == name
-        if sensors.degraded:
-            assert [sensor.name for sensor in sensors.degraded] == [name]
+        if sensors.degraded_sensors:
+            assert [sensor.name for sensor in sensors.degraded_sensors] == [name]
 
 
 @pytest.mark.parametrize(
@@ -76,11 +76,12 @@ def test_a_faulty_sensor_is_named_and_never_the_model(kind, name, fault, looks):
      ("wheels", "wheels[1]", "slip"), ("car", "odometer[0]", "slip")],
 )  # fmt: skip
 def test_two_of_three_signals_identify_the_faulty_sensor_in_two_seconds(kind, name, fault):
-    """Wheels, gyro and model; without wheels a_y by ν_x ν_ψ. One of DRIVES may stay without a witness."""
+    """The signals are wheels, gyro and model; without wheels, a_y by ν_x ν_ψ. One of DRIVES may be without a second
+    signal."""
     off = []
     for run in drives(kind, DRIVES):
         findings, _ = watch(kind, damaged_run(run, name[:-3], [int(name[-2])], fault))
-        off += [finding.off for finding in findings if finding.degraded and finding.name == name][:1]
+        off += [finding.off for finding in findings if finding.is_degraded and finding.name == name][:1]
     assert len(off) == DRIVES
     assert off.count(SENSOR) >= DRIVES - 1
 

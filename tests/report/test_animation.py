@@ -45,7 +45,7 @@ def test_the_animation_is_one_small_file_without_script_or_network(svg):
     ]
 
 
-def test_every_motion_that_is_played_exists_and_begins_and_ends(svg):
+def test_every_animation_has_ordered_keyframes(svg):
     animations = set(re.findall(r"animation:(\w+) ", svg))
     frames = dict(re.findall(r"@keyframes (\w+)\{((?:[\d.]+%\{[^}]*\})+)\}", svg))
     assert animations == frames.keys()
@@ -62,7 +62,7 @@ def test_the_animation_respects_reduced_motion_and_dark_mode(svg):
     hidden_elements = [element for element in elements(svg, "g") if element.get("class") == "gone"]
     trail = [element for element in elements(svg, "g") if "backwards" in (element.get("style") or "")]
     visible = [element for element in trail if element.get("class") != "gone"]
-    assert 0.4 * len(trail) < len(visible) < 0.6 * len(trail), "of two laps the last stays"
+    assert 0.4 * len(trail) < len(visible) < 0.6 * len(trail), "the last of two laps remains visible"
     assert hidden_elements
 
 
@@ -78,7 +78,7 @@ def test_the_animated_vehicle_follows_its_path(run, svg):
     assert (px < [450.0, 430.0]).all()
 
 
-def test_intervals_of_a_fit_narrow_in_the_animation(run):
+def test_the_animation_shows_shrinking_intervals_of_a_fit(run):
     stages = [Stage(10.0, Verdict.WARN, np.array([0.1, np.nan]), np.array([0.5, np.nan])),
               Stage(60.0, Verdict.USABLE, np.array([0.0, 0.01]), np.array([0.05, 0.02]))]  # fmt: skip
     drawing = animation(scene(run), stages, ["a < b", "c"])
@@ -86,7 +86,7 @@ def test_intervals_of_a_fit_narrow_in_the_animation(run):
     assert first is not None
     widths = [float(x) for x in re.findall(r"scaleX\(([\d.]+)\)", first.group(1))]
     assert widths[0] > 3.0 * widths[-1]
-    assert max(widths) <= 96.0, "no bar leaves its axis"
+    assert max(widths) <= 96.0, "no bar may exceed its axis"
     assert "a &lt; b" in drawing
     assert tree.fromstring(drawing) is not None
 

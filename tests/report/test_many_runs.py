@@ -1,4 +1,4 @@
-"""A fit to many runs is summarised together and drawn in part: the runs that the model explains least."""
+"""A fit to many runs is summarised together; the page draws only the runs that the model explains least."""
 
 from dataclasses import replace
 
@@ -35,24 +35,26 @@ def test_the_table_has_a_line_per_channel_and_names_the_worst_run(many):
     assert all(line.endswith("of run-11") for line in lines)
 
 
-def test_the_page_draws_the_runs_that_are_explained_least(many):
+def test_the_page_draws_the_least_explained_runs(many):
     page = page_of_fit(many)
     titles = [s.title for s in page.sections if s.title.startswith("Data and model")]
     assert titles == [f"Data and model: run-{k:02d}" for k in range(12 - DRAWN, 12)]
     assert page.subtitle.startswith("12 runs, run-00 to run-11")
-    assert any("Drawn are the 6 runs of 12" in s.text for s in page.sections)
+    assert any(
+        "Of 12 runs, the plot shows the 6 that the model explains least" in s.text for s in page.sections
+    )
 
 
-def test_the_headlines_are_of_the_least_explained_run(many):
+def test_the_headlines_show_the_least_explained_run(many):
     page = page_of_fit(many)
     assert [h.label for h in page.headlines] == [
         "noise of odometer [m/s], run-11", "noise of ω_z [rad/s], run-11",
     ]  # fmt: skip
-    assert any("The model explains least of run-11." in s.text for s in page.sections)
+    assert any("The model explains run-11 least of all runs." in s.text for s in page.sections)
 
 
 def test_the_four_least_explained_channels_are_in_the_headlines(many):
-    """IMU, wheels and a pose: eight."""
+    """There are eight channels: IMU, wheels and a pose."""
     first, explained = many.channels[0], (0.99, 0.4, 0.98, 0.97, 0.3, 0.96, 0.5, 0.6)
     names = [
         ("imu", 0),
@@ -94,7 +96,7 @@ def test_a_fit_to_one_run_has_no_table_of_runs(many):
     ]
 
 
-def test_data_and_model_are_drawn_at_the_time_of_most_motion(many):
+def test_data_and_model_are_drawn_for_the_period_of_most_motion(many):
     """A run that rests for 40 s, moves for 20 s and rests again."""
     t_s = 0.02 * np.arange(4000)
     signal = np.where((t_s >= 40.0) & (t_s <= 60.0), np.sin(t_s), 0.0)

@@ -1,4 +1,6 @@
-"""A report is one self-contained file: it fetches nothing, every name is escaped, and an unknown value is a dash."""
+"""A report is one self-contained file: it loads no other file, every name is escaped, and an unknown value is a
+dash.
+"""
 
 import re
 from dataclasses import replace
@@ -8,8 +10,8 @@ import matplotlib as mpl
 import numpy as np
 import pytest
 
-from baqueano.compare.filter_consistency import STATES
-from baqueano.monitor import REFUSED, Refusals, counted
+from baqueano.compare.filter_consistency import STATES, filter_consistency
+from baqueano.monitor import REFUSED, Refusals, refusal_event
 from baqueano.report import Headline, Page, Section, Table, draw, figures
 from baqueano.report.fit_report import page_of_fit
 from baqueano.report.of_run import page_of_run
@@ -56,15 +58,15 @@ def assert_stands_alone(text: str) -> None:
     assert 'charset="utf-8"' in text.lower()
 
 
-def test_ne8_a_page_fetches_nothing_and_runs_nothing():
+def test_ne8_a_page_fetches_no_file_and_runs_no_script():
     text = page_of_run(a_run()).html()
     assert_stands_alone(text)
     assert text.count("<svg") >= 4
     assert "baqueano report 0001-test" in text
 
 
-def test_rejected_readings_have_a_table_only_if_counted():
-    counts = Event(0, "info", REFUSED, "", counted([Refusals("imu[2]", 12, 400)]))
+def test_rejected_readings_have_a_table_only_if_they_were_counted():
+    counts = Event(0, "info", REFUSED, "", refusal_event([Refusals("imu[2]", 12, 400)]))
     run = replace(a_run(), events=(counts,))
     (table,) = parts_of(page_of_run(run))["Refused readings"]
     assert table.rows == [{"number": "imu[2]", "refused": 12, "arrived": 400, "refused [%]": 3.0}]
@@ -97,16 +99,16 @@ def test_an_unknown_value_is_printed_as_a_dash_and_never_nan():
 
 
 @pytest.mark.parametrize("verdict", ["USABLE", "OK", "WARN", "REFUSED", "STOPPED", ""])
-def test_every_verdict_has_a_page(verdict):
+def test_a_page_can_show_every_verdict(verdict):
     assert_stands_alone(Page("t", "s", verdict, [], []).html())
 
 
 @pytest.mark.parametrize("without", ["truth", "estimate", "reference", "requested"])
-def test_an_incomplete_run_has_a_page(without):
+def test_a_page_can_show_an_incomplete_run(without):
     assert_stands_alone(page_of_run(replace(a_run(), **{without: None})).html())
 
 
-def test_a_run_with_commands_alone_has_a_page():
+def test_a_page_can_show_a_run_with_only_commands():
     bare = replace(a_run(), truth=None, estimate=None, reference=None, requested=None, sensors={}, events=())
     assert_stands_alone(page_of_run(bare).html())
     assert "Path" in [section.title for section in page_of_run(a_run()).sections]
@@ -118,7 +120,7 @@ def test_a_drive_shows_its_speed_and_its_commands_with_their_limits():
     page = page_of_run(run)
     parts = parts_of(page)
     labels = {headline.label: headline.value for headline in page.headlines}
-    assert labels["speed off its reference"] == "0 %"
+    assert labels["error of the speed from its reference"] == "0 %"
     assert float(labels["at a limit"].split()[0]) > 50.0  # of unit normals on two wheels
     speed, commands = (parts[title][0].svg for title in ("Speed", "Commands"))
     assert all(f">{name}<" in speed for name in ("truth", "estimate", "reference"))
@@ -153,7 +155,7 @@ def test_an_unused_command_entry_is_not_drawn():
     ]
 
 
-def test_a_run_with_gaps_and_missing_truth_has_a_page():
+def test_a_page_can_show_a_run_with_gaps_and_missing_truth():
     run = a_run()
     assert run.truth is not None
     lost_truth = TruthLog(
@@ -169,7 +171,7 @@ def test_a_run_with_gaps_and_missing_truth_has_a_page():
 
 
 @pytest.mark.parametrize("alignment", ["none", "start", "rigid"])
-def test_each_alignment_has_a_page(alignment):
+def test_a_page_can_use_each_alignment(alignment):
     assert_stands_alone(page_of_run(a_run(), alignment).html())
 
 
@@ -197,19 +199,19 @@ def test_thinning_retains_every_peak():
     y = np.sin(t / 500)
     y[51_234], y[77] = 9.0, -9.0
     y[1000:3000] = np.nan
-    few_t, few = figures.thinned(t, y)
+    few_t, few = figures.decimate(t, y)
     assert len(few) <= figures.MOST_POINTS + 2
     assert (np.nanmax(few), np.nanmin(few)) == (9.0, -9.0)
     assert np.all(np.diff(few_t) > 0)
     assert np.isnan(few[(few_t > 1100) & (few_t < 2900)]).all()
 
 
-def test_most_motion_is_at_changes_and_not_at_offsets_or_spikes():
+def test_the_period_of_most_motion_ignores_offsets_and_spikes():
     t_s = 0.01 * np.arange(10_000)
     y = 0.01 * np.random.default_rng(0).normal(size=(10_000, 2))
     y[:, 0] += 5.0 + 1e-4 * np.arange(10_000)  # large, and hardly changing
     y[6000:7000, 0] += np.sin(3.0 * t_s[6000:7000])
-    y[100:2000:100, 1] = 50.0  # a spike a second
+    y[100:2000:100, 1] = 50.0  # one spike per second
     y[5000:5500] = np.nan
     part = figures.most_motion(t_s, y, 10.0)
     assert (t_s[part][0], t_s[part][-1]) == pytest.approx((60.0, 70.0))
@@ -239,7 +241,7 @@ def test_residuals_of_a_nan_or_constant_channel_are_drawn():
     assert "<svg" in draw(figures.residuals(residual, ["a", "b", "c"]), "r").svg
 
 
-def test_estimates_with_zero_truth_are_left_out_of_percent_figures():
+def test_estimates_with_zero_truth_are_omitted_from_percent_figures():
     drawing = draw(
         figures.estimates(["a", "b"], np.array([1.0, 1.0]), np.array([0.1, 0.1]), np.array([2.0, 0.0])), "e"
     )
@@ -247,7 +249,7 @@ def test_estimates_with_zero_truth_are_left_out_of_percent_figures():
     assert ">b<" not in drawing.svg
 
 
-def test_a_fit_has_a_self_contained_page():
+def test_the_page_of_a_fit_is_self_contained():
     from baqueano.identify import excitation, identify
     from baqueano.simulate import simulate
 
@@ -266,7 +268,8 @@ def test_the_page_reports_the_consistency_of_the_filter():
     nu = run.estimate.nu + 0.01 * np.random.default_rng(1).normal(size=(400, 3))
     run = replace(run, estimate=run.estimate._replace(nu=nu))
     sections = {section.title: section for section in page_of_run(run).sections}
-    assert sections[title].text.startswith("Consistent: the NEES of the ")
+    assert sections[title].text == filter_consistency(run).sentence
+    assert filter_consistency(run).messages[0].code == "consistency.consistent"
     (table,) = sections[title].parts
     assert [row["figure"] for row in table.rows] == [
         "nees_pose",
@@ -280,5 +283,11 @@ def test_the_page_reports_the_consistency_of_the_filter():
         "nees_pose": "too sure",
         "nees_velocity": "too sure",
     }.items()
-    assert doubtful[title].text.startswith("The NEES of the pose is 3.9")
+    consistency = filter_consistency(replace(run, estimate=log))
+    assert doubtful[title].text == consistency.sentence
+    assert (consistency.messages[0].code, consistency.messages[0].figures["of"]) == (
+        "consistency.too-sure",
+        "the pose",
+    )
+    assert consistency.messages[0].figures["mean"] == pytest.approx(3.95, abs=0.05)
     assert title not in [section.title for section in page_of_run(replace(run, estimate=None)).sections]

@@ -67,7 +67,7 @@ def results():
 
 
 def history(fit) -> ParameterHistory:
-    """Two runs, in which the second parameter moved."""
+    """Two runs; the second parameter changed between them."""
     estimate, sd = np.stack([fit.estimate, 1.2 * fit.estimate]), np.stack([fit.sd, fit.sd])
     change = ParameterChange(fit.names[1], "N", "step", ("a", "b"), 1.0, 0.1, 1.2, 0.1, 3.0)
     return ParameterHistory(fit.names, ("N", "N s/m"), ("a", "b"), ("", ""), estimate, sd, estimate, sd, fit.cov,
@@ -98,7 +98,7 @@ def test_a_result_is_an_html_card_without_a_script(results, name):
 
 
 @pytest.mark.parametrize("name", DRAWN)
-def test_a_result_is_drawn_at_the_width_of_a_column(results, name, tmp_path):
+def test_a_result_can_be_drawn_at_the_width_of_a_journal_column(results, name, tmp_path):
     figure = results[name].plot(width="column")
     assert isinstance(figure, Figure)
     assert figure.get_figwidth() == pytest.approx(88.0 * MM)
@@ -191,7 +191,7 @@ def test_a_report_of_an_unsupported_result_is_refused(results):
     assert error_info.value.diagnostic.code == "front.no-page"
 
 
-def test_a_route_and_a_vehicle_file_print_as_a_line(results):
+def test_a_route_and_a_vehicle_file_are_printed_in_one_line(results):
     assert repr(circle(0.3, 0.2)).startswith("Route(")
     assert repr(bq.load("small")) == (
         "small (garage: small): Planar at 100 Hz, commands u_x, u_y, u_psi [duty], sensors imu"
@@ -210,7 +210,7 @@ def test_messages_on_a_page_are_ordered_by_severity(results):
     assert section.text.index("poorly identified. The runs") < section.text.index("duty_step was added")
 
 
-def test_the_table_of_gains_stays_in_its_card(results):
+def test_a_wide_table_of_gains_scrolls_inside_its_card(results):
     html = Page("t", "", "", [], [Section("s", "", [Table(results["tuning"].rows())])]).html()
     assert '<div class="scroll"><table class="cards">' in html
     assert ".scroll { overflow-x: auto; }" in html

@@ -1,4 +1,4 @@
-"""The table of a fit for LaTeX and for spreadsheets."""
+"""The table of a fit as LaTeX and as CSV."""
 
 import csv
 import io
@@ -34,7 +34,7 @@ ROWS = [
 ]
 
 
-def test_csv_is_read_back_as_it_was():
+def test_a_csv_table_is_read_back_unchanged():
     back = list(csv.DictReader(io.StringIO(csv_text(ROWS))))
     assert [row["name"] for row in back] == [row["name"] for row in ROWS]
     assert float(back[0]["estimate"]) == 7.0012
@@ -92,7 +92,7 @@ def test_parameters_have_the_symbols_of_fossen(path, letter):
         (3.2e-9, 1e-10, (r"$3.2 \cdot 10^{-9}$", r"$1 \cdot 10^{-10}$")),
     ],
 )
-def test_the_number_of_digits_follows_the_error(value, sd, cells):
+def test_the_number_of_printed_digits_depends_on_the_standard_error(value, sd, cells):
     assert with_error(value, sd) == cells
 
 
@@ -112,7 +112,7 @@ def test_each_fitted_drivetrain_parameter_has_a_symbol(kind):
 
 
 @pytest.mark.parametrize("kind", KNOWN)
-def test_each_parameter_free_by_default_has_its_own_symbol(kind):
+def test_each_parameter_free_by_default_has_a_unique_symbol(kind):
     by_path = all_parameters(KNOWN[kind].model, "model")
     paths = [path for path, p in by_path if p.role in ("fitted", "gain", "offset", "term")]
     letters = [symbol(path, KNOWN[kind]) for path in paths]

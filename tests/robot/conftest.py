@@ -18,7 +18,7 @@ CONFIG = "dtparam=audio=on\n[cm4]\notg_mode=1\n"
 
 @pytest.fixture
 def programs(tmp_path, monkeypatch):
-    """Shell scripts in front of the path; what they were called with is in the file `calls`."""
+    """Return a function that puts shell scripts in front of the path; their calls are in the file `calls`."""
     place = tmp_path / "bin"
     place.mkdir()
 
@@ -41,7 +41,7 @@ def programs(tmp_path, monkeypatch):
 
 @pytest.fixture
 def pi(tmp_path):
-    """What of a Raspberry Pi matters."""
+    """Return the necessary files of a Raspberry Pi in a folder."""
     root = tmp_path / "root"
     for path, text in {
         "boot/firmware/config.txt": CONFIG,
@@ -59,7 +59,7 @@ def pi(tmp_path):
 
 @pytest.fixture
 def wheels(tmp_path):
-    """A bundle: pip as Python itself brings it, and one wheel with a command."""
+    """Return a bundle: pip as Python ships it, and one wheel with a command."""
     folder = tmp_path / "bundle"
     folder.mkdir()
     places = (Path(ensurepip.__file__).parent / "_bundled", Path("/usr/share/python-wheels"))

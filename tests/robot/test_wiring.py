@@ -1,4 +1,4 @@
-"""The drawn wiring is that of the firmware, and can be read: no wire lies on another or under a part."""
+"""The drawn wiring matches the firmware and is readable: no wire overlaps another wire or runs under a part."""
 
 import importlib
 import re
@@ -15,7 +15,7 @@ BOARD_C = (ROOT / "firmware/uno/board.c").read_text(encoding="utf-8")
 
 
 def load_wiring():
-    """docs/wiring.py, which is in no package."""
+    """Return the module docs/wiring.py, which belongs to no package."""
     sys.path.insert(0, str(ROOT / "docs"))
     try:
         return importlib.import_module("wiring")
@@ -30,13 +30,13 @@ MACROS = {"pwm": "PWM", "direction 1": "INPUT1", "direction 2": "INPUT2", "stand
 
 
 def arduino(port_pin):
-    """B1 → D9: the name on the board."""
+    """Return the name on the board: B1 → D9."""
     port, bit = port_pin[0], int(port_pin[1])
     return {"B": f"D{bit + 8}", "C": f"A{bit}", "D": f"D{bit}"}[port]
 
 
 def of(name, channel=0):
-    """The pin of the macro in board.c; where it chooses by the channel, that of channel 1 stands first."""
+    """Return the pin of the macro in board.c; if the macro chooses by the channel, channel 1 comes first."""
     line = re.search(rf"#define {MACROS[name]}\b(.*)", BOARD_C)[1]
     pins = [arduino(name) for name in re.findall(r"P([BCD]\d)\b", line)][::-1]
     assert len(pins) == (2 if "channel" in line else 1), line
@@ -44,7 +44,7 @@ def of(name, channel=0):
 
 
 def drawing_of(bridge):
-    """(kind, from, to, points) of each wire in the file."""
+    """Return (kind, from, to, points) of each wire in the file."""
     tree = ElementTree.parse(ROOT / "docs" / bridge.file)
     for path in tree.iter("{http://www.w3.org/2000/svg}path"):
         if path.get("class") == "wire":
@@ -54,14 +54,14 @@ def drawing_of(bridge):
 
 
 def ends_by_net(bridge):
-    """From a pin of the Uno to what it goes to, resistors and supply left out."""
+    """Return the connections from each pin of the Uno, without resistors and supply."""
     pairs = [(a, b) for kind, a, b, _ in drawing_of(bridge) if kind not in {"ground", "five", "usb"}]
     return {a.removeprefix("Uno "): b for a, b in pairs if a.startswith("Uno ") and "10k" not in b}
 
 
 @EITHER
 def test_the_wiring_drawing_is_current(bridge):
-    """To renew it: python docs/wiring.py, and look at both."""
+    """To renew the drawings run python docs/wiring.py and look at both."""
     assert (ROOT / "docs" / bridge.file).read_text(encoding="utf-8") == WIRING.drawing(
         WIRING.pins(BOARD_H), bridge
     )
@@ -103,13 +103,13 @@ def test_fw3_pull_down_resistors_set_all_motor_pins_low_at_start(bridge):
     }
 
 
-def test_a_header_without_its_table_is_refused():
+def test_a_firmware_header_without_its_pin_table_is_refused():
     with pytest.raises(ValueError, match=r"its table of pins has nothing like"):
         WIRING.pins(BOARD_H.replace("lap mark", "mark"))
 
 
 def stretches(bridge):
-    """The straight parts of all wires, each with its wire's number."""
+    """Return the straight parts of all wires, each with the number of its wire."""
     for number, (_, _, _, points) in enumerate(drawing_of(bridge)):
         for a, b in pairwise(points):
             yield number, min(a[0], b[0]), min(a[1], b[1]), max(a[0], b[0]), max(a[1], b[1])
@@ -117,7 +117,7 @@ def stretches(bridge):
 
 @EITHER
 def test_no_wire_overlaps_another_wire(bridge):
-    """Crossing at right angles is allowed, running along one another is not."""
+    """Wires may cross at right angles but not run along each other."""
     parts = list(stretches(bridge))
     for number, x0, y0, x1, y1 in parts:
         for second, u0, v0, u1, v1 in parts:

@@ -1,11 +1,11 @@
-"""Routes cut, joined, turned round, scaled, and made of points: the same places, in another order or size."""
+"""Routes are cut, joined, reversed, scaled, and made from points: the same positions in another order or size."""
 
 import numpy as np
 import pytest
 
 from baqueano.errors import UsageError
 from baqueano.geometry import map_from_body
-from baqueano.guides.route import Route, moved
+from baqueano.guides.route import Route, move_route
 from baqueano.guides.shapes import circle, eight, line, rectangle, slalom
 from baqueano.routes import at_speed, cut, join, reverse, scale, through_points
 from baqueano.routes.path import way
@@ -15,7 +15,7 @@ ROUTES = {"circle": circle(0.5, 0.2), "eight": eight(0.6, 0.25), "slalom": slalo
 
 
 def drives_itself(route, atol=2e-3):
-    """Each pose follows from the one before by the velocity between them."""
+    """Check that each pose follows from the previous pose by the velocity between them."""
     dt = np.diff(route.t_s)
     psi = 0.5 * (route.eta[1:, 2] + route.eta[:-1, 2])
     nu = 0.5 * (route.nu[1:] + route.nu[:-1])
@@ -42,7 +42,7 @@ def test_a_joined_route_that_returns_is_closed():
 @pytest.mark.parametrize("name", ROUTES)
 @pytest.mark.parametrize("backing", [False, True])
 def test_a_reversed_route_passes_the_same_points(name, backing):
-    route = moved(ROUTES[name], np.array([1.0, -2.0, 0.7]))
+    route = move_route(ROUTES[name], np.array([1.0, -2.0, 0.7]))
     reversed_route = reverse(route, backing)
     np.testing.assert_allclose(reversed_route.eta[::-1, :2], route.eta[:, :2])
     assert reversed_route.t_s[0] == 0.0
@@ -59,7 +59,7 @@ def test_a_scaled_route_has_the_same_speed_and_shape():
     drives_itself(route)
 
 
-def test_points_give_a_consistent_route_near_the_points():
+def test_a_route_through_points_is_drivable_and_passes_near_the_points():
     corners = np.array([[0.0, 0.0], [1.0, 0.0], [1.0, 1.0], [0.0, 1.0]])
     for is_closed in (False, True):
         route = through_points(corners, 0.2, is_closed)
@@ -71,7 +71,7 @@ def test_points_give_a_consistent_route_near_the_points():
     np.testing.assert_allclose(route.eta[-1, :2], route.eta[0, :2], atol=1e-9)
 
 
-def test_a_constant_speed_removes_stops():
+def test_setting_a_constant_speed_removes_stops_from_a_route():
     route = line(1.0, 0.2)
     stop = Route(
         np.concatenate([route.t_s[:50], route.t_s[49] + 3.0 + route.t_s[: len(route.t_s) - 49]]),

@@ -18,7 +18,7 @@ def codes(route):
     return [finding.code for finding in examine(route).findings]
 
 
-def test_missing_samples_on_a_line_are_a_gap_at_their_place():
+def test_missing_samples_on_a_straight_line_are_a_gap():
     (gap,) = examine(without(line(2.0, 0.2), 50, 100)).findings
     assert gap.code == "route.gap"
     figures = {"at_m": 0.49, "gap_m": 0.51, "gap_s": 2.55, "count": 1}
@@ -32,14 +32,14 @@ def test_a_chord_across_a_circle_is_a_gap():
     assert gap.figures["gap_m"] == pytest.approx(1.0, abs=0.01)
 
 
-def test_only_poses_too_sparse_for_their_turn_are_a_gap():
+def test_sparse_poses_are_a_gap_only_if_the_heading_changes_too_much():
     lap = circle(0.5, 0.2)
     for every, expected in ((240, ["route.gap"]), (60, [])):  # arcs of 60°, 7 cm high; of 15°
         assert codes(Route(lap.t_s[::every], lap.eta[::every], lap.nu[::every], True)) == expected
 
 
 @pytest.mark.parametrize("name", ["t_s", "eta", "nu"])
-def test_a_value_that_is_not_finite_is_named_by_its_row(name):
+def test_a_value_that_is_not_finite_is_reported_with_its_row(name):
     lap = circle(0.5, 0.2)
     rows = getattr(lap, name).copy()
     rows[30:32] = np.nan
@@ -47,7 +47,7 @@ def test_a_value_that_is_not_finite_is_named_by_its_row(name):
     assert (finding.code, finding.figures) == ("route.no-number", {"row": 31, "count": 2})
 
 
-def test_a_stop_and_a_start_from_rest_are_no_gaps():
+def test_a_stop_or_a_start_from_rest_is_not_a_gap():
     route = line(1.0, 0.2)
     t_s = np.append(route.t_s[:50], route.t_s[50:] + 4.0)
     waits = route._replace(t_s=t_s, nu=np.where(np.arange(101)[:, None] == 49, 0.0, route.nu))

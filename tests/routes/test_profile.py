@@ -14,7 +14,7 @@ from tests.codes import refused
 
 
 class Block:
-    """A vehicle file of a mass on ice: no friction, no dead zone."""
+    """A vehicle file of a mass without friction and dead zone."""
 
     def __init__(self, vehicle, limit):
         self.vehicle = vehicle
@@ -23,14 +23,14 @@ class Block:
 
 @pytest.fixture(scope="module")
 def ice():
-    """Force 1 N per unit of command on 1 kg: 1 m/s² at full command."""
+    """Return a vehicle with a force of 1 N per unit of command on 1 kg: 1 m/s² at full command."""
     from baqueano.vehicles import Planar
 
     return Block(Planar(1.0, 0.01, np.diag([1.0, 0.0, 0.02])), np.array([1.0, 0.0, 1.0]))
 
 
-def test_a_mass_without_friction_has_constant_acceleration_and_braking(ice):
-    """L = a T² / 4 for one that speeds up over the first half and brakes over the second."""
+def test_without_friction_acceleration_and_braking_are_constant(ice):
+    """L = a T² / 4 for a vehicle that accelerates over the first half and brakes over the second."""
     for share in (0.5, 1.0):
         route = fastest(line(2.0, 0.1), ice, share=share)
         assert route.t_s[-1] == pytest.approx(2.0 * np.sqrt(2.0 / share), rel=0.03)
@@ -38,12 +38,12 @@ def test_a_mass_without_friction_has_constant_acceleration_and_braking(ice):
 
 
 def test_the_speed_in_a_curve_is_limited_by_the_tyres(ice):
-    """v² / R = a_y on a circle, where nothing else holds it back."""
+    """v² / R = a_y on a circle, where no other limit applies."""
     route = fastest(circle(0.5, 0.1), ice, sideways_m_s2=0.32)
     np.testing.assert_allclose(route.nu[:, 0], 0.4, rtol=0.01)
 
 
-def test_a_fastest_lap_is_closed_in_speed_and_time(ice):
+def test_a_fastest_lap_ends_at_its_start_speed(ice):
     route = fastest(rectangle(1.2, 0.8, 0.2, 0.2), load("small"))
     assert route.closed
     assert route.nu[0, 0] == pytest.approx(route.nu[-1, 0], rel=0.05)
@@ -51,8 +51,8 @@ def test_a_fastest_lap_is_closed_in_speed_and_time(ice):
 
 
 @pytest.mark.parametrize("name", ["small", "car"])
-def test_the_computed_command_share_maintains_the_speed_in_simulation(name):
-    """Under the command that the share stands for, the vehicle holds the speed in its own step."""
+def test_the_computed_share_of_the_command_maintains_the_speed(name):
+    """Under the command that corresponds to the share, the vehicle maintains the speed in its own step."""
     file = load(name)
     can = Capability(file)
     v = can.fastest_speed(np.zeros(1), np.full(1, 100.0))[0]
@@ -67,9 +67,9 @@ def test_the_computed_command_share_maintains_the_speed_in_simulation(name):
 @pytest.mark.parametrize(
     "lap", [rectangle(1.6, 1.0, 0.3, 0.2), sinuous_circle(0.6, 0.08, 5, 0.2)], ids=["rectangle", "sinuous"]
 )
-def test_the_fastest_lap_does_not_saturate_and_a_faster_lap_does(lap):
-    """The recommended controller in a simulation: on 0.8 of the command no wheel is at its limit, a third faster most
-    of the ticks are."""
+def test_wheels_saturate_on_a_lap_faster_than_the_fastest_lap(lap):
+    """The recommended controller is simulated: at 0.8 of the command no wheel saturates. On a lap a third faster,
+    wheels saturate in most of the ticks."""
     file = load("small")
     route = fastest(lap, file)
     shares = []
@@ -85,7 +85,7 @@ def test_the_fastest_lap_does_not_saturate_and_a_faster_lap_does(lap):
     assert shares[1] > 0.4
 
 
-def test_examine_reports_place_and_available_yaw_rate():
+def test_examine_reports_where_the_route_needs_too_much_yaw_rate():
     small = load("small")
     tight = at_speed(clothoid(1.0, np.pi, 0.2), 0.45)
     report = examine(tight, small)

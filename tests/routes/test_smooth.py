@@ -1,4 +1,4 @@
-"""A jerky drive becomes smooth within its tolerance; a smooth one stays."""
+"""A jerky drive becomes smooth within its tolerance; a smooth drive is unchanged."""
 
 import numpy as np
 import pytest
@@ -12,8 +12,8 @@ from tests.codes import refused
 
 
 def by_keys(seed, seconds=25.0, turn=2.0, slow=0.25):
-    """A driver who steers fully or not at all, round a circle of 0.8 m, and stops once for three seconds. One who takes
-    his speed back to `slow` while he steers turns nearly on the spot."""
+    """Simulate a driver who steers fully or not at all, round a circle of 0.8 m, with one stop of three seconds. A
+    driver who reduces the speed to `slow` while steering nearly turns in place."""
     rng, dt = np.random.default_rng(seed), 0.02
     x = y = psi = v = r = target = 0.0
     rows, hold = [], 0
@@ -53,11 +53,11 @@ def test_a_jerky_drive_is_smooth_within_two_centimetres(seed):
     assert np.max(off) <= 0.05
     assert bend(route) <= 8.0
     assert bend(route) < 0.4 * np.max(np.abs(taught_route.nu[50:480, 2] / taught_route.nu[50:480, 0]))
-    assert np.min(route.nu[:, 0]) > 0.03  # it stands nowhere
+    assert np.min(route.nu[:, 0]) > 0.03  # the vehicle never rests
 
 
 @pytest.mark.parametrize("seed", range(3))
-def test_a_route_with_nearly_turning_in_place_becomes_feasible(seed):
+def test_smoothing_makes_very_tight_turns_of_a_route_feasible(seed):
     """Raw curvatures of 28 to 43 1/m, as three simulated drivers with keys had: 2 cm rms, 5 cm at most, 8 1/m."""
     taught_route = by_keys(seed, turn=3.0, slow=0.09)
     moves = np.abs(taught_route.nu[:, 0]) > 0.05

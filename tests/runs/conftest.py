@@ -1,10 +1,11 @@
-"""A small run with everything in it, and small files to import."""
+"""A small run with all kinds of data, and small files to import."""
 
 import numpy as np
 import pytest
 
 from baqueano.errors import FileError
 from baqueano.runs import Channel, EstimateLog, Event, ReferenceLog, Run, TruthLog, import_run
+from tests.codes import includes
 
 VEHICLE = 'format = 1\nname = "pequeño"\n\n[sensors.imu]\nkind = "imu"\n'
 
@@ -58,7 +59,7 @@ DT = 0.02
 
 
 def recording(N=1500, seed=3):
-    """A car that really moves: columns of its board at 50 Hz and of a camera, consistent with each other."""
+    """Return a car that really moves: columns of its board at 50 Hz and of a camera, consistent with each other."""
     random = np.random.default_rng(seed)
     t = DT * np.arange(N)
     slow = np.convolve(random.normal(size=N), np.ones(60) / 8, "same")
@@ -159,11 +160,13 @@ class Lab:
     def run(self, **format):
         return import_run(self.save(**format))
 
-    def refused(self, message, **format):
-        with pytest.raises(FileError, match=message) as error_info:
-            self.run(**format)
+    def refused(self, code, **figures):
+        """Return the diagnostic of the refused import; it, or one of its causes, has this code and these figures."""
+        with pytest.raises(FileError) as error_info:
+            self.run()
         assert "\n" not in str(error_info.value)
-        return str(error_info.value)
+        assert includes(error_info.value.diagnostic, code, **figures), error_info.value.diagnostic
+        return error_info.value.diagnostic
 
     def codes(self, **format):
         return [d.code for d in self.run(**format).doubts]

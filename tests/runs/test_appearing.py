@@ -1,4 +1,4 @@
-"""A file appears whole and over no other, on a file system without links too."""
+"""A file appears completely or not at all and replaces no other file, also on a file system without links."""
 
 import os
 
@@ -14,7 +14,7 @@ def no_links(*paths, **options):
 
 
 @pytest.mark.parametrize("links", [True, False])
-def test_a_file_appears_only_after_it_is_complete(tmp_path, monkeypatch, links):
+def test_a_file_appears_in_its_folder_only_after_it_is_complete(tmp_path, monkeypatch, links):
     if not links:
         monkeypatch.setattr(os, "link", no_links)
     with appearing(tmp_path / "a") as file:

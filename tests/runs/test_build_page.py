@@ -1,5 +1,6 @@
-"""docs/build.md: its keys fit a vehicle file, its map joins a run with a camera, and its quotations exist in the
-source."""
+"""docs/build.md: its keys are valid in a vehicle file, its map joins a run with a camera, and its quotations exist
+in the source.
+"""
 
 import csv
 import re
@@ -30,7 +31,7 @@ def run_line(line):
 
 
 def with_keys(lines):
-    """The small vehicle's file with these lines of the page."""
+    """Return the file of the small vehicle with these lines of the page."""
     text = tomlkit.parse(load("small").text)
 
     def put_value(into, more):
@@ -82,7 +83,7 @@ def test_messages_quoted_on_the_build_page_exist_in_the_source():
     assert [words for words in quotations if words not in source] == []
 
 
-def test_the_settings_that_the_page_names_exist():
+def test_settings_named_on_the_build_page_exist():
     (line,) = re.findall(r"^baqueano robot settings (--bridge .*)$", PAGE, re.MULTILINE)
     options_given = dict(re.findall(r"--([a-z-]+) (\S+)", line))
     assert options_given.keys() <= NAMES.keys()
@@ -94,7 +95,7 @@ def test_the_settings_that_the_page_names_exist():
     assert set(re.findall(r"`(\w+)`", names)) == choices
 
 
-def test_the_keys_of_the_robot_that_the_pages_name_exist():
+def test_robot_keys_named_on_the_pages_exist():
     keys = set(Hardware.__dataclass_fields__)
     for page in (PAGE, (ROOT / "docs/robot.md").read_text(encoding="utf-8")):
         names = set(re.findall(r"`\[robot\] (\w+)", page)) | set(

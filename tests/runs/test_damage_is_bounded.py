@@ -1,4 +1,4 @@
-"""A damaged or hostile run costs no more time than a whole one, and no more memory than its size allows."""
+"""Reading a damaged or hostile run needs no more time than an intact run, and no more memory than its size permits."""
 
 import random
 import struct
@@ -23,7 +23,7 @@ SIZE = 200_000
 
 
 class InChunks(NamedTuple):
-    """The bytes of a run, and where its chunks begin and end."""
+    """The bytes of a run, and start and end of its chunks."""
 
     data: bytes
     chunks: list
@@ -48,7 +48,7 @@ def record(kind, body=b"", size=None):
 
 
 def chunks_in_chunks(size):
-    """Each begins 60 bytes after the one that it stands in, and ends with it."""
+    """Return chunks that each begin 60 bytes after their outer chunk and end with it."""
     at = range(size - size % 60, 0, -60)
     return b"".join(
         record(CHUNK, bytes(28) + b"\x04\0\0\0zstd" + struct.pack("<Q", n - 53) + bytes(7), n - 9) for n in at
@@ -73,7 +73,7 @@ FILLED = {
 
 @pytest.fixture(scope="module")
 def chunked_file(tmp_path_factory):
-    """The bytes of a run of 60 ticks, and where its chunks begin and end."""
+    """Return the bytes of a run of 60 ticks, and start and end of its chunks."""
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr("baqueano.runs.container.run_file.CHUNK_SIZE", 2000)
         t_ns = 1_700_000_000_000_000_000 + 10_000_000 * np.arange(60)
@@ -90,7 +90,7 @@ def chunked_file(tmp_path_factory):
 
 @pytest.mark.parametrize("place", ["end", "middle", "alone"])
 @pytest.mark.parametrize("fill", FILLED)
-def test_the_time_of_reading_is_proportional_to_the_damage(chunked_file, monkeypatch, fill, place):
+def test_the_reading_time_grows_linearly_with_the_damaged_bytes(chunked_file, monkeypatch, fill, place):
     data, chunks = chunked_file
     cut = chunks[len(chunks) // 2][1]
     records, summed, crc32 = [], [], zlib.crc32
@@ -138,7 +138,7 @@ def test_damage_loses_only_the_damaged_chunks(chunked_file, at, size, fill):
     assert times <= set(whole.messages[key].t_ns)
 
 
-def test_a_tail_of_zeros_is_one_damage_and_the_rest_is_recovered(chunked_file, tmp_path):
+def test_zeros_at_the_file_end_are_reported_as_one_damaged_place(chunked_file, tmp_path):
     data, chunks = chunked_file
     path = tmp_path / "0001-cut.mcap"
     path.write_bytes(data[: chunks[-1][1]] + bytes(300_000))
@@ -161,7 +161,7 @@ def written_file(path, fill, chunk_size=2**18, compression=CompressionType.ZSTD)
 
 
 def commands(count, size):
-    """Ticks at rest, all of one time: they pack to a thousandth."""
+    """Return a function that writes commands with equal timestamps, which are compressed to a thousandth."""
     data = messages.command_layout(size).pack(1, size, *[0.0] * size)
 
     def fill(writer, channel):
@@ -218,7 +218,7 @@ def test_lg6_a_file_that_unpacks_to_too_much_is_refused(tmp_path, fill, chunk_si
         peak = tracemalloc.get_traced_memory()[1]
     finally:
         tracemalloc.stop()
-    assert peak <= 1.1 * memory_limit.allowed(path.stat().st_size)
+    assert peak <= 1.1 * memory_limit.limit_bytes(path.stat().st_size)
     assert "\n" not in str(error_info.value)
     assert "mcap decompress" in str(error_info.value) or "baqueano runs import MAP.toml" in str(
         error_info.value
@@ -226,7 +226,7 @@ def test_lg6_a_file_that_unpacks_to_too_much_is_refused(tmp_path, fill, chunk_si
 
 
 def test_a_long_run_at_rest_is_read_and_recovered_within_its_memory(tmp_path, monkeypatch):
-    """All its signals are zero, so it packs better than any vehicle's."""
+    """All its signals are zero, so it is compressed more than the run of a moving vehicle."""
     monkeypatch.setattr(memory_limit, "FLOOR", 0)
     t_ns, zeros = 1 + 10_000_000 * np.arange(3000), np.zeros((3000, 3))
     sensors = {"imu": Channel(t_ns, t_ns, zeros), "odometer": Channel(t_ns, t_ns, zeros[:, :1])}
@@ -251,7 +251,7 @@ def test_a_file_larger_than_the_limit_is_not_read(tmp_path):
 
 
 @pytest.mark.parametrize("size", ["", "x", "-1", "+3", "1" * 5000, "99999"])
-def test_a_channel_with_an_invalid_size_is_named(tmp_path, size):
+def test_a_channel_with_an_invalid_size_is_reported(tmp_path, size):
     def fill(writer, channel):
         commands(3, 1)(writer, channel)
         channel("/estimate", size)
@@ -260,7 +260,7 @@ def test_a_channel_with_an_invalid_size_is_named(tmp_path, size):
         read_run(written_file(tmp_path / "x.mcap", fill))
 
 
-def test_a_time_beyond_64_bits_is_named(tmp_path):
+def test_a_time_beyond_64_bits_is_reported(tmp_path):
     def fill(writer, channel):
         data = messages.command_layout(1).pack(1, 1, 0.0)
         writer.add_message(channel("/command/applied", 1), 2**64 - 1, data, 1)

@@ -17,7 +17,7 @@ import pytest
 from mcap.writer import CompressionType, Writer
 
 from baqueano.errors import FileError
-from baqueano.printable import typed
+from baqueano.printable import baqueano_command
 from baqueano.runs import RunWriter, read_run, recover, write_run
 from baqueano.runs.container import records as mcap_records
 from baqueano.runs.container import writer
@@ -47,13 +47,13 @@ WRITING = """
 
 @pytest.mark.skipif(not hasattr(signal, "SIGKILL"), reason="kill -9 is of POSIX")
 def test_lg1_kill_9_loses_at_most_one_second(tmp_path):
-    """Four programs killed at different moments of their half-second rhythm."""
+    """Four programs are killed at different moments of their half-second cycle."""
     paths = [tmp_path / f"{k}.mcap" for k in range(4)]
     command = [sys.executable, "-c", textwrap.dedent(WRITING)]
     running = [subprocess.Popen([*command, str(p)], stdout=subprocess.PIPE, text=True) for p in paths]
     for k, program in enumerate(running):
         assert program.stdout is not None
-        assert program.stdout.readline()  # it writes
+        assert program.stdout.readline()  # the writer has started
         time.sleep(0.9 if k == 0 else 0.17)
         program.kill()
     for program, path in zip(running, paths, strict=True):
@@ -66,7 +66,7 @@ def test_lg1_kill_9_loses_at_most_one_second(tmp_path):
 
 
 def fewer(run, whole):
-    """All that `run` holds is held by `whole`."""
+    """Return True if all data of `run` are part of `whole`."""
     at = np.searchsorted(whole.t_ns, run.t_ns)
     assert np.array_equal(whole.t_ns[at], run.t_ns)
     assert whole.applied[at].tobytes() == run.applied.tobytes()
@@ -88,7 +88,7 @@ def fewer(run, whole):
 
 @pytest.fixture
 def chunked_files(make_run, tmp_path, monkeypatch):
-    """A run of 60 ticks in several chunks, and the bytes of its file."""
+    """Return a run of 60 ticks in several chunks, and the bytes of its file."""
     monkeypatch.setattr("baqueano.runs.container.run_file.CHUNK_SIZE", 8000)
     run = make_run(N=60)
     return run, write_run(run, tmp_path / "0001-test.mcap").read_bytes()
@@ -143,7 +143,7 @@ def test_lg4_one_damaged_chunk_does_not_lose_other_chunks(chunked_files, tmp_pat
         fewer(run, whole)
         assert (
             40 <= len(run.t_ns) < 60 or place == 0
-        )  # a chunk of another kind is still known by its checksum
+        )  # the checksum still identifies a chunk of a different type
         assert run.notes[-1].code == "run.damaged"
 
 
@@ -162,7 +162,7 @@ def test_recover_writes_the_recovered_data_to_a_new_file(chunked_files, tmp_path
 
 
 def mcap(path, chunk):
-    """A file with one chunk record of these bytes."""
+    """Return a file with one chunk record of these bytes."""
     with path.open("wb") as stream:
         w = Writer(stream)
         w.start(profile="ros2")
@@ -216,7 +216,7 @@ def test_an_invalid_chunk_is_named(tmp_path, records, compression, payload, mess
 
 
 @pytest.mark.parametrize("compression", [CompressionType.LZ4, CompressionType.NONE])
-def test_files_compressed_by_other_programs_are_read(run, tmp_path, compression):
+def test_runs_rewritten_by_other_programs_are_read(run, tmp_path, compression):
     """A run that another tool has written anew."""
     from mcap.reader import make_reader
 
@@ -260,7 +260,9 @@ def test_rt16_a_full_disk_is_reported_only_at_the_end(tmp_path, monkeypatch):
     record_one(run_writer, 10)
     with refused("runs.disk-full", FileError) as error:
         run_writer.close()
-    assert error.value.diagnostic.fix == typed("runs", "recover", path), "with the folder of the run"
+    assert error.value.diagnostic.fix == baqueano_command("runs", "recover", path), (
+        "with the folder of the run"
+    )
     assert read_run(path).t_ns.tolist() == [5]
 
 
@@ -289,7 +291,7 @@ def raising(error):
 
 def test_lg3_a_stalled_disk_drops_estimates_first_and_is_reported(tmp_path, monkeypatch):
     monkeypatch.setattr(writer, "QUEUE_LIMIT", 10)
-    monkeypatch.setattr(writer, "MOVE_S", 60.0)  # the thread sleeps all through this
+    monkeypatch.setattr(writer, "MOVE_S", 60.0)  # the writer thread sleeps during this time
     path = tmp_path / "x.mcap"
     with RunWriter(path, live=True) as run_writer:
         for k in range(50):
@@ -302,7 +304,9 @@ def test_lg3_a_stalled_disk_drops_estimates_first_and_is_reported(tmp_path, monk
     assert len(run.t_ns) == 50
     assert len(run.sensors["a"].t_ns) == 50
     assert 0 < len(run.estimate.t_ns) < 50
-    assert "the disk was too slow" in run.events[-1].text
+    slow = run.events[-1].diagnostic
+    assert slow.code == "run.disk-slow"
+    assert slow.figures["lost"] >= 50 - len(run.estimate.t_ns), "estimates, references and poses"
 
 
 def test_a_simulation_waits_for_a_slow_disk_and_loses_no_data(tmp_path, monkeypatch):
@@ -333,7 +337,7 @@ def test_a_crash_while_a_whole_run_is_written_leaves_no_file(run, tmp_path, monk
     assert list(tmp_path.iterdir()) == []
 
 
-def test_an_invalid_long_record_ends_the_reading():
+def test_a_record_longer_than_the_file_ends_the_reading():
     data = mcap_records.MAGIC + struct.pack("<BQ", 6, 2**60) + bytes(100)
     scan = mcap_records.scan(data)
     assert not scan.complete

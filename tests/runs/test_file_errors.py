@@ -25,7 +25,7 @@ from tests.codes import refused
         (bytes(100), "runs.is-bytes"),
     ],
 )
-def test_a_foreign_file_is_named(tmp_path, data, code):
+def test_a_file_of_another_format_is_reported_with_its_format(tmp_path, data, code):
     path = tmp_path / "x.mcap"
     path.write_bytes(data)
     with refused(code, FileError, path=str(path)) as error_info:
@@ -33,14 +33,14 @@ def test_a_foreign_file_is_named(tmp_path, data, code):
     assert error_info.value.exit_code == 3
 
 
-def test_a_missing_file_and_a_folder_are_named(tmp_path):
+def test_a_missing_file_or_a_folder_is_reported(tmp_path):
     with refused("runs.absent", FileError):
         read_run(tmp_path / "x.mcap")
     with refused("runs.folder", FileError):
         read_run(tmp_path)
 
 
-def test_a_file_that_cannot_be_read_is_named(tmp_path, monkeypatch):
+def test_an_unreadable_file_is_reported(tmp_path, monkeypatch):
     from pathlib import Path
 
     def refuse(self):
@@ -63,7 +63,7 @@ def foreign(path, topic="/scan", data=None, size=None):
     return path
 
 
-def test_an_mcap_file_of_others_is_named(tmp_path):
+def test_an_mcap_file_of_another_program_is_reported(tmp_path):
     with refused("runs.not-ours", FileError, held="/scan"):
         read_run(foreign(tmp_path / "a.mcap", data=b"abc"))
     with refused("runs.no-message", FileError):
@@ -78,7 +78,7 @@ def test_an_mcap_file_of_others_is_named(tmp_path):
         ("2", ("damage.message-bytes", {"bytes": 52})),
     ],
 )
-def test_a_baqueano_topic_of_another_program_is_named(tmp_path, size, message):
+def test_an_invalid_baqueano_topic_of_another_program_is_reported(tmp_path, size, message):
     with refused(message[0], FileError, **message[1]):
         read_run(foreign(tmp_path / "a.mcap", "/command/applied", b"abc", size))
 

@@ -9,6 +9,7 @@ import pytest
 from baqueano.diagnostics import note
 from baqueano.errors import FileError, UsageError
 from baqueano.guides.route import Route
+from baqueano.messages import text as sentence_of
 from baqueano.runs import (
     Channel,
     Event,
@@ -27,7 +28,7 @@ from baqueano.runs.folder import claim, find_all, listing_rows, listing_table, n
 from tests.codes import refused
 
 
-def test_runs_are_numbered_in_turn(run, tmp_path):
+def test_runs_are_numbered_consecutively(run, tmp_path):
     folder = tmp_path / "José Núñez" / "runs"
     assert new_path(folder, "experiment").name == "0001-experiment.mcap"
     write_run(run, new_path(folder, "experiment"))
@@ -42,7 +43,7 @@ def test_two_programs_never_get_the_same_run_number(tmp_path):
     assert [claim(tmp_path, "x").name for _ in range(3)] == ["0001-x.mcap", "0002-x.mcap", "0003-x.mcap"]
 
 
-def test_a_folder_that_cannot_be_made_is_named(tmp_path):
+def test_a_folder_that_cannot_be_created_is_reported(tmp_path):
     (tmp_path / "runs").write_text("a file", encoding="utf-8")
     with refused("runs.folder-not-made", FileError):
         new_path(tmp_path / "runs", "x")
@@ -129,7 +130,7 @@ def test_show_counts_rates_gaps_and_events():
     assert listing.events()[3]["t_s"] == 0.05
 
 
-def test_show_lists_topics_and_notes_of_the_reader(run):
+def test_show_lists_topics_and_the_notes_of_the_reader(run):
     topics = [row["topic"] for row in show(replace(run, notes=(note("run.vehicle-file-lost"),))).rows()]
     assert topics == [
         "command applied", "command requested", "command sent", "sensor imu", "sensor odometer", "estimate",
@@ -137,7 +138,7 @@ def test_show_lists_topics_and_notes_of_the_reader(run):
     ]  # fmt: skip
     listing = show(replace(run, notes=(note("run.vehicle-file-lost"),)))
     assert listing.verdict == "WARN"
-    assert listing.table().endswith("note: the vehicle file of the run is lost")
+    assert listing.table().endswith(sentence_of(note("run.vehicle-file-lost")))
 
 
 def test_show_aligns_its_columns_under_a_long_name(make_run):
@@ -154,7 +155,7 @@ def test_show_accepts_a_run_without_ticks(make_run):
     assert "0 ticks" in show(make_run(N=0)).table()
 
 
-def test_a_csv_contains_every_double_and_empty_cells_for_unknown_values(run, tmp_path):
+def test_a_csv_contains_exact_numbers_and_empty_cells_for_unknown_values(run, tmp_path):
     path = export_csv(replace(run, metadata={"commands": "u_x, u_y, u_psi"}), tmp_path / "x.csv")
     with path.open(encoding="utf-8", newline="") as stream:
         rows = list(csv.DictReader(stream))
@@ -198,7 +199,7 @@ def route():
 @pytest.mark.parametrize("is_closed", [True, False])
 def test_a_route_written_and_read_back_is_the_same(route, is_closed, tmp_path):
     path = write_route(route._replace(closed=is_closed), tmp_path / "laboratorio ñ" / "lap.csv")
-    write_route(route._replace(closed=is_closed), path)  # a newer one takes its place
+    write_route(route._replace(closed=is_closed), path)  # a newer file replaces it
     read_back = read_route(path)
     assert all(np.array_equal(a, b) for a, b in zip(read_back, route._replace(closed=is_closed), strict=True))
     assert read_back.closed is is_closed

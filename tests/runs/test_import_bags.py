@@ -46,7 +46,7 @@ eta = [
 
 
 def write_bag(path, store, writer, version1):
-    """Two topics; 40 ms between what was measured and what was recorded."""
+    """Write two topics; the recording time is 40 ms after the measurement time."""
     types = store.types
     vector, quaternion = types["geometry_msgs/msg/Vector3"], types["geometry_msgs/msg/Quaternion"]
     header, time = types["std_msgs/msg/Header"], types["builtin_interfaces/msg/Time"]

@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 from baqueano.errors import FileError
 from baqueano.runs import import_run
 from baqueano.runs.tables.table import LogTable
-from tests.codes import refused
+from tests.codes import includes, refused
 
 
 @pytest.mark.parametrize(
@@ -40,7 +40,7 @@ def test_gzip_spaces_comments_and_quotes_are_read(lab):
 
 
 def raw(lab, text, encoding="utf-8"):
-    """The refusal of a board file with this text."""
+    """Return the refusal of a board file with this text."""
     lab.save()
     (lab.folder / "board.csv").write_bytes(text if isinstance(text, bytes) else text.encode(encoding))
     with pytest.raises(FileError) as error_info:
@@ -53,7 +53,7 @@ SEMI = HEAD.replace(",", ";")
 
 
 def rows(last, sep=","):
-    """Three rows that end with this cell."""
+    """Return three rows that end with this cell."""
     return "".join(sep.join([f"{k}", "0", "0", "0", "0", "0", last]) + "\n" for k in range(3))
 
 
@@ -104,7 +104,7 @@ def test_lg9_an_ambiguous_or_wrong_csv_is_refused_with_a_remedy(lab, text, code,
 
 
 def numbers_of(cells):
-    """What a column of these cells is read as, or the refusal of its first bad cell."""
+    """Return the values read from a column of these cells, or the refusal of its first invalid cell."""
     table = LogTable("log.csv", {"v": cells}, np.arange(2, 2 + len(cells)))
     try:
         return table.numbers("v").tolist()
@@ -117,8 +117,8 @@ def numbers_of(cells):
         st.text("0123456789+-.eE", max_size=6) | st.floats(allow_nan=False).map(repr), min_size=1, max_size=4
     )
 )
-def test_reading_a_whole_column_equals_reading_each_cell(cells):
-    at_once, slowly = numbers_of(cells), numbers_of([*cells, "true"])  # a word: each cell is looked at
+def test_reading_a_whole_column_gives_the_same_as_reading_each_cell(cells):
+    at_once, slowly = numbers_of(cells), numbers_of([*cells, "true"])  # a word: each cell is examined
     assert repr(at_once) == repr(slowly if isinstance(slowly, str) else slowly[:-1])
 
 
@@ -197,17 +197,17 @@ def test_columns_without_names_are_addressed_by_number(lab):
     assert imported_run.sensors["imu"].z.tobytes() == plain().run.sensors["imu"].z.tobytes()
 
 
-def test_an_incomplete_last_line_is_left_out_and_reported(lab):
+def test_an_incomplete_last_line_is_ignored_and_reported(lab):
     lab.save()
     path = lab.folder / "board.csv"
     path.write_text(path.read_text(encoding="utf-8") + "30.0,3,0.1", encoding="utf-8")
     run, doubts = import_run(lab.folder / "lab.toml")
-    assert "line 1502 is cut and was left out" in doubts[0].text
+    assert includes(doubts[0].reason, "recording.cut-line", table="board.csv", line=1502)
     assert len(run.sensors["imu"].t_ns) == 1500
 
 
 @pytest.mark.parametrize("name", ["speed", "Speed of it"])
-def test_the_reported_remedy_skips_a_row_of_units(lab, name):
+def test_the_proposed_map_entry_skips_a_row_of_units(lab, name):
     plain = lab.run().run
     path = lab.folder / "board.csv"
     head, *lines = path.read_text(encoding="utf-8").replace("speed", name).splitlines()
@@ -218,7 +218,7 @@ def test_the_reported_remedy_skips_a_row_of_units(lab, name):
     map_file.write_text(text, encoding="utf-8")
     with refused("table.word", FileError, column="t", found="s", key="t", line=2) as error_info:
         import_run(map_file)
-    (line,) = re.findall(r"leave the row out with (where = .*)\.$", str(error_info.value))
+    (line,) = re.findall(r"exclude the row with (where = .*)\.$", str(error_info.value))
     map_file.write_text(text.replace("where = { }", line), encoding="utf-8")
     assert import_run(map_file).run.applied.tobytes() == plain.applied.tobytes()
     table = LogTable("log.csv", {name: ["m/s", "1"]}, np.arange(2))

@@ -34,7 +34,7 @@ START_S = 1_539_614_088
 
 @pytest.fixture
 def board(tmp_path):
-    """A board that speeds up forward on the left and backward on the right; 50 Hz, a counter of 16 bits."""
+    """Return a board that accelerates forward on the left and backward on the right; 50 Hz, a 16-bit counter."""
     t = 0.3 + 0.02 * np.arange(400)
     way_ticks = 1000.0 * (0.5 * t + 0.05 * t**2)  # ticks of 1 mm
     left = np.floor(65000 + way_ticks).astype(int) % 65536
@@ -62,7 +62,7 @@ def test_columns_of_seconds_and_nanoseconds_are_added(board):
     np.testing.assert_allclose(np.diff(run.t_ns), 20_000_000, atol=1)
 
 
-def test_a_counter_is_continuous_across_its_overflow(board):
+def test_an_overflow_of_a_counter_causes_no_jump_of_the_speed(board):
     wheels = run_of_board(board).sensors["wheels"]
     assert np.all(wheels.z[:, 0] > 0.4)
     assert np.all(wheels.z[:, 1] < -0.4)
@@ -77,7 +77,7 @@ def test_a_rate_is_timestamped_midway_between_its_rows(board):
 
 
 def test_a_direction_pin_inverts_the_sign(board):
-    applied = run_of_board(board).applied  # row k holds the command of row k: from the row before its tick
+    applied = run_of_board(board).applied  # row k contains the command of row k: from the row before its tick
     left, right = applied[:, 0] - applied[:, 2], applied[:, 0] + applied[:, 2]
     np.testing.assert_allclose(left, np.where(np.arange(len(left)) % 2, -0.4, 0.4))
     np.testing.assert_allclose(right, np.where(np.arange(len(right)) % 3 == 0, -0.3, 0.3))
@@ -116,13 +116,13 @@ COUNTER = "radius_m = 0.04, derivative = true, wraps = 65536"
         'unit = "rev", scale = 0.00166666666666666667',
     ],
 )
-def test_encoder_counts_give_the_rim_speed_in_every_notation(board, reading):
+def test_encoder_readings_in_every_unit_give_the_same_rim_speed(board, reading):
     expected = run_of_board(board).sensors["wheels"].z / 0.001 * (2.0 * np.pi / 600.0) * 0.04
     assert np.max(np.abs(expected)) > 0.5
     np.testing.assert_allclose(wheels_by(board, f"{reading}, {COUNTER}"), expected, rtol=1e-9)
 
 
-def test_an_angle_beyond_one_turn_is_not_unwrapped_again(board):
+def test_an_angle_that_exceeds_one_turn_is_not_unwrapped(board):
     log = board / "log.csv"
     lines = log.read_text(encoding="utf-8").splitlines()
     counts = 200.0 * (0.02 * np.arange(400))  # 4 rad from row to row: beyond half a turn
@@ -165,7 +165,7 @@ def test_an_infinite_count_is_treated_as_missing(board):
     lines[10] = lines[10].rsplit(",", 1)[0] + ",inf"
     log.write_text("\n".join(lines), encoding="utf-8")
     z = wheels_by(board, f'unit = "counts", counts_per_turn = 600, {COUNTER}')
-    assert len(z) == 397  # the first row has no rate, and two rates need the count that is lost
+    assert len(z) == 397  # the first row lacks a rate, and two rates need the lost count
     assert np.isfinite(z).all()
 
 
@@ -187,7 +187,7 @@ def test_common_unit_names_of_boards_are_accepted(name, si):
 
 
 @pytest.mark.parametrize("name", ["MV", "MS", "M", "foo"])
-def test_short_units_are_case_sensitive(name):
+def test_short_unit_names_are_case_sensitive(name):
     assert unit(name) is None
 
 

@@ -8,7 +8,7 @@ from baqueano.errors import FileError
 from baqueano.runs import import_run, import_runs, write_run
 from baqueano.runs.folder import find_all
 from baqueano.runs.importing import ImportedRuns
-from tests.codes import refused
+from tests.codes import includes, refused
 
 HEAD = "trial,t,left,right,slow,rpm_l,rpm_r\n"
 MAP = """
@@ -98,7 +98,7 @@ def test_a_pause_or_restarted_time_begins_a_new_run(desk, restart):
     assert all(imported_run.run.duration_s == pytest.approx(0.4) for imported_run in imports)
 
 
-def test_several_files_for_one_placeholder_are_several_runs(desk):
+def test_several_files_for_one_placeholder_are_imported_as_several_runs(desk):
     first, two = desk.file("one.csv", [1]), desk.file("two.csv", [1])
     assert [i.run.name for i in import_runs(desk.map(), [first, two])] == ["one", "two"]
     assert [i.run.name for i in import_runs(desk.map(), [desk.folder / "*.csv"])] == ["one", "two"]
@@ -108,12 +108,12 @@ def test_several_files_for_one_placeholder_are_several_runs(desk):
         import_runs(desk.map(), [desk.folder / "none*.csv"])
 
 
-def test_importing_several_runs_as_a_single_run_is_refused(desk):
+def test_a_recording_of_several_runs_is_not_imported_as_a_single_run(desk):
     with refused("import.several-runs", FileError, count=2):
         import_run(desk.map(SPLIT), [desk.file("log.csv", [1, 2])])
 
 
-def test_the_first_tick_without_a_command_is_not_reported_for_each_import(desk):
+def test_a_missing_first_command_is_reported_in_full_for_one_run_only(desk):
     late = desk.file("late.csv", [1, 2])
     late.write_text(late.read_text().replace("1,0.000,0.2,", "1,0.000,,"), encoding="utf-8")
     by_map = desk.map(SPLIT, ('in_force = "until"', 'in_force = "from"'))
@@ -126,10 +126,10 @@ def test_the_first_tick_without_a_command_is_not_reported_for_each_import(desk):
     ]
     assert "in 1 of 2 runs; the first: 2 ticks before the first command" in ImportedRuns(imports).table()
     assert "no command yet" not in ImportedRuns(imports[1:]).table()
-    assert "no command yet" not in imports[1].noticed.table()
+    assert "no command yet" not in imports[1].without_common_doubts.table()
 
 
-def test_consecutive_runs_are_distinguished_from_late_rows(desk):
+def test_several_runs_in_one_file_are_distinguished_from_delayed_rows(desk):
     with refused("import.steps-back-often", FileError, lost=4):
         import_runs(desk.map(), [desk.file("log.csv", [1, 2])])
     late = desk.file("late.csv", [1], rows=30)
@@ -138,16 +138,16 @@ def test_consecutive_runs_are_distinguished_from_late_rows(desk):
     with refused("import.steps-back", FileError, count=1, lost=1):
         import_runs(desk.map(), [late])
     (single,) = import_runs(desk.map(('time_unit = "s"', 'time_unit = "s"\nbackwards = "drop"')), [late])
-    assert single.doubts[0].text.endswith(": 1 rows up to there were left out")
+    assert includes(single.doubts[0].reason, "recording.steps-back", table="late.csv", count=1, lost=1)
 
 
-def test_parts_that_are_too_short_are_left_out_and_reported(desk):
+def test_parts_that_are_too_short_are_excluded_and_reported(desk):
     path = desk.file("log.csv", [1, 2])
     path.write_text(path.read_text() + "3,0.0,0,0,0,0,0\n", encoding="utf-8")
     imports = import_runs(desk.map(SPLIT), [path])
     assert len(imports) == 2
-    assert [d.text for d in imports[0].doubts if d.code == "short"] == [
-        "1 parts with fewer than 3 ticks were left out: log-003"
+    assert [(d.reason.code, d.reason.figures) for d in imports[0].doubts if d.code == "short"] == [
+        ("recording.short-parts", {"count": 1, "least": 3, "names": "log-003"})
     ]
     assert "in 1 of 2 runs" in ImportedRuns(tuple(imports)).table()
     assert ImportedRuns(tuple(imports)).rows()[0]["run"] == "log-001"
@@ -155,7 +155,7 @@ def test_parts_that_are_too_short_are_left_out_and_reported(desk):
         import_runs(desk.map(SPLIT), [desk.file("short.csv", [1, 2], rows=2)])
 
 
-def test_a_repeated_channel_of_a_split_file_is_split_too(desk):
+def test_a_second_reading_of_the_same_file_is_split_too(desk):
     slow = '[files.slow]\ntime = "t"\ntime_unit = "s"\nsplit = "trial"\nnew_when = "slow"\n[ticks]\nfile = "log"\n'
     by_map = desk.map(
         SPLIT,
@@ -176,7 +176,7 @@ TWO = (
 
 
 def speeds(imports):
-    """The speed of the left wheel in the last row of each run, in rows' units."""
+    """Return the speed of the left wheel in the last row of each run, in the unit of the rows."""
     return {
         imported_run.run.name: round(imported_run.run.sensors["wheels"].z[-1, 0] / (np.pi / 10.0))
         for imported_run in imports
@@ -193,22 +193,24 @@ def test_split_files_are_matched_by_value_and_not_by_order(desk):
 
 
 @pytest.mark.parametrize("log", ["7", "7.0", "007"])
-def test_a_number_is_the_same_split_value_in_every_notation(desk, log):
+def test_split_values_written_as_7_and_7_0_are_equal(desk, log):
     files = {"log": desk.file("log.csv", [log, "2"]), "odo": desk.file("odo.csv", ["2", "7"])}
     assert list(speeds(import_runs(desk.map(SPLIT, *TWO), files))) == ["log-007", "log-002"]
 
 
-def test_a_value_that_one_file_lacks_is_left_out_and_named(desk):
+def test_a_split_value_absent_from_one_file_is_excluded_and_reported(desk):
     log = desk.file("log.csv", ["monday", "tuesday"])
     odo = desk.file("odo.csv", ["parking", "tuesday", "monday", "home"])
     first, second = import_runs(desk.map(SPLIT, *TWO), {"log": log, "odo": odo})
-    assert [d.text for d in first.doubts if d.code == "not in all files"] == [
-        "many.toml: trial = parking, home of [files.odo] is not in [files.log] and was left out"
+    lost = {"map": "many.toml", "values": "trial = parking, home"}
+    assert [d.reason.figures for d in first.doubts if d.reason.code == "recording.not-in-all"] == [
+        lost | {"file": "odo", "lacking": "log"}
     ]
     assert "not in all files" not in [d.code for d in second.doubts]
     imports = import_runs(desk.map(SPLIT, *TWO), {"log": odo, "odo": log})
     assert list(speeds(imports)) == ["odo-tuesday", "odo-monday"]
-    assert "trial = parking, home of [files.log] is not in [files.odo]" in imports[0].doubts[0].text
+    reason = imports[0].doubts[0].reason
+    assert (reason.code, reason.figures) == ("recording.not-in-all", lost | {"file": "log", "lacking": "odo"})
 
 
 def test_split_files_without_a_common_value_are_refused(desk):
@@ -217,7 +219,7 @@ def test_split_files_without_a_common_value_are_refused(desk):
         import_runs(desk.map(SPLIT, *TWO), files)
 
 
-def test_parts_after_a_pause_are_matched_in_order_within_each_value(desk):
+def test_for_each_split_value_parts_after_a_pause_are_matched_in_order(desk):
     both = ('split = "trial"', 'split = "trial"\nsplit_gap_s = 5.0')
     log = desk.file("log.csv", ["a", "b", "b"], restart=False)
     odo = desk.file("odo.csv", ["a", "b", "b"], restart=False)
@@ -244,7 +246,7 @@ def test_parts_separated_only_by_a_pause_are_matched_in_order(desk):
     assert list(speeds(runs_by_name)) == ["log-003", "log-004"]
 
 
-def test_the_split_key_belongs_to_the_file_of_the_ticks(desk):
+def test_the_split_key_is_refused_outside_the_file_of_the_ticks(desk):
     table = '[files.other]\ntime = "t"\ntime_unit = "s"\n[ticks]\nfile = "other"\n'
     by_map = desk.map(
         SPLIT,
@@ -299,7 +301,7 @@ def test_an_inconsistent_map_is_refused_with_a_remedy(desk, old, new, message):
         import_run(desk.map((old, new)), [desk.file("log.csv", [1])])
 
 
-def test_a_command_given_by_u_and_by_wheels_is_refused(desk):
+def test_a_map_with_two_definitions_of_the_command_is_refused(desk):
     twice = ("[sensors.wheels]", "[sensors.wheels]")
     with refused("expect.u-or-wheels", FileError):
         import_run(desk.map(("wheels = [{", "u = []\nwheels = [{"), twice), [desk.file("log.csv", [1])])

@@ -1,4 +1,4 @@
-"""Position sensors are logged rarely, with their own clock, and are imported as documented."""
+"""Position sensors with few readings and a separate clock are imported as documented."""
 
 import numpy as np
 import pytest
@@ -53,7 +53,7 @@ def run(lab):
     return lab.run().run
 
 
-def test_position_sensors_are_imported_in_si_at_their_own_times(run):
+def test_position_sensors_are_imported_in_si_with_their_timestamps(run):
     t = np.array([2.0, 5.5, 9.0, 14.0])
     channels = run.sensors
     assert channels["tags"].z == pytest.approx(np.column_stack([t - 1.0, 2.0 * t]))
@@ -64,7 +64,7 @@ def test_position_sensors_are_imported_in_si_at_their_own_times(run):
     assert channels["compass"].z[:, 0] == pytest.approx(np.radians(10.0 * t))
 
 
-def test_counts_give_the_speed_midway_between_two_rows(run):
+def test_a_speed_from_counts_is_timestamped_midway_between_two_rows(run):
     way = 2.0 * np.pi * 0.05
     assert run.sensors["encoders"].z == pytest.approx(np.tile([way, 2.0 * way], (3, 1)))
     assert run.sensors["encoders"].t_ns[0] == pytest.approx(1_000_000_000 + 3.75e9)

@@ -1,6 +1,6 @@
-"""The recordings of real cars, where they are at hand: CPM µCar and DART JetRacer.
+"""The recordings of real cars, if they are available: CPM µCar and DART JetRacer.
 
-Skipped, by name, without them: set BAQUEANO_DATA to their folder.
+Without them the tests are skipped by name; set BAQUEANO_DATA to their folder.
 """
 
 import gzip
@@ -26,12 +26,14 @@ def test_the_cpm_runs_are_imported_with_commands_sensors_and_camera(run, rows, n
     assert len(imported_run.t_ns) == rows - 1
     assert imported_run.t_ns[0] == round((start + 0.04) * NANOSECONDS)
     assert imported_run.sensors["odometer"].z.shape == (rows, 1)
-    assert imported_run.sensors["imu"].z.shape == (new, 3)  # the other rows held the measurement before
+    assert imported_run.sensors["imu"].z.shape == (new, 3)  # the other rows repeat the previous measurement
     assert np.abs(imported_run.applied).max() <= 1.0
     assert [d.level for d in doubts if d.level == "error"] == []
     assert sum(d.code == "gap" for d in doubts) == gaps
-    scale = next(d.text for d in doubts if d.code == "scale" and "imu.z[2]" in d.text)
-    assert "is 1.03 times what [truth] says" in scale  # truth = 0.966 gyro, by the recording's own notes
+    reasons = [d.reason for d in doubts if d.code == "scale"]
+    scale = next(reason for reason in reasons if reason.figures["key"] == "sensors.imu.z[2]")
+    assert scale.code == "recording.against-truth"
+    assert scale.figures["slope"] == pytest.approx(1.03, abs=0.005)  # truth = 0.966 gyro, says the recording
 
 
 @recordings
@@ -46,8 +48,8 @@ def test_the_first_rows_of_a_cpm_run_match_the_file():
 
 
 @recordings
-def test_the_gyro_leads_the_camera_by_less_than_its_clock_correction():
-    """The camera's clock is put right by 45 and 40 ms: afterwards its turning is nowhere late by 10 ms."""
+def test_gyro_and_corrected_camera_clock_agree_within_10_ms():
+    """The clock of the camera is corrected by 45 and 40 ms: afterwards its turning is delayed by less than 10 ms."""
     for name in ("cpm_run_a", "cpm_run_b"):
         run = import_run(name).run
         gyro, truth = run.sensors["imu"], run.truth

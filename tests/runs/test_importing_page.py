@@ -34,7 +34,7 @@ def run_line(line):
 
 
 def trials(vehicle):
-    """Lines of trials.csv: both wheels stepped at random, from rest."""
+    """Return lines of trials.csv: both wheels change speed in random steps, from rest."""
     random, lines = np.random.default_rng(1), [of_page("text").strip()]
     for trial in range(1, TRIALS + 1):
         state, gyro = vehicle.init(), 0.0

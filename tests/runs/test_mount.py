@@ -55,7 +55,7 @@ eta = [{ column = "x", unit = "m" }, { column = "y", unit = "m" }, { column = "p
 
 @pytest.fixture(scope="module")
 def recording(tmp_path_factory):
-    """A folder with a car's log and what a camera saw of a mark that is not at the origin, 40 ms too early."""
+    """Return a folder with the log of a car and camera data of a mark that is not at the origin, 40 ms too early."""
     folder = tmp_path_factory.mktemp("filmed")
     car = load("car")
     run = simulate(car, random_steps([0.5, 0.8], 60.0, car.rate_hz, 3), 3)
@@ -78,7 +78,7 @@ def exit_code(*words):
     return exit_info.value.code
 
 
-def test_calibrate_writes_the_camera_mount_that_the_next_import_removes(
+def test_the_next_import_removes_the_camera_mount_that_calibration_wrote(
     recording, tmp_path, monkeypatch, capsys
 ):
     folder, run = recording
@@ -102,7 +102,7 @@ def test_calibrate_writes_the_camera_mount_that_the_next_import_removes(
     assert np.hypot(*off.T).mean() < 0.01, "7 cm before"
     capsys.readouterr()
     assert exit_code("runs", "calibrate", "first.mcap", *words) == 2
-    assert "Import the run again, and calibrate that" in capsys.readouterr().err
+    assert "Import the run again, and calibrate the new run" in capsys.readouterr().err
     assert exit_code("runs", "import", "filmed.toml", "-o", "second.mcap") == 0
     capsys.readouterr()
     assert exit_code("runs", "calibrate", "second.mcap", "--vehicle", "car", "--json") == 0
@@ -146,7 +146,7 @@ def test_a_lever_arm_without_a_heading_is_refused(recording, tmp_path):
         import_run(tmp_path / "gps.toml")
 
 
-def test_a_lever_arm_has_two_numbers(tmp_path):
+def test_a_lever_arm_of_one_number_is_refused(tmp_path):
     (tmp_path / "m.toml").write_text(f"{MAP}lever_arm_m = [0.1]\n", encoding="utf-8")
     with refused("expect.lever-arm", FileError):
         import_run(tmp_path / "m.toml")

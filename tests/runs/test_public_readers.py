@@ -1,4 +1,4 @@
-"""Our files open in the public readers: mcap, mcap-ros2-support, rosbags."""
+"""Public readers can open the files of baqueano: mcap, mcap-ros2-support, rosbags."""
 
 import math
 from dataclasses import replace
@@ -34,7 +34,7 @@ def path(run, tmp_path):
 
 
 def messages_of(path, topics=None):
-    """(topic, time of arrival, message) by mcap-ros2-support."""
+    """Return (topic, time of arrival, message) as mcap-ros2-support decodes them."""
     with path.open("rb") as stream:
         reader = make_reader(stream, decoder_factories=[DecoderFactory()])
         for _, channel, message, content in reader.iter_decoded_messages(topics=topics):
@@ -42,7 +42,7 @@ def messages_of(path, topics=None):
 
 
 def check(run, topic, messages):
-    """`messages`: (time of arrival, message) of one topic as a reader decoded them."""
+    """Compare `messages`, (time of arrival, message) of one topic, with the run."""
     assert len(messages) == TOPICS[topic][1]
     k = len(messages) // 2
     arrival, m = messages[k]
@@ -52,7 +52,7 @@ def check(run, topic, messages):
         z = run.sensors["imu"].z[k]
         a, w = m.linear_acceleration, m.angular_velocity
         assert [a.x, a.y, w.z] == z.tolist()
-        assert m.orientation_covariance[0] == -1.0  # REP 145: not known
+        assert m.orientation_covariance[0] == -1.0  # REP 145: unknown
         assert m.header.frame_id == "imu"
         assert m.header.stamp.sec * 10**9 + m.header.stamp.nanosec == run.sensors["imu"].t_ns[k]
         assert arrival == run.sensors["imu"].arrival_ns[k]

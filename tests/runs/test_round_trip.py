@@ -1,4 +1,4 @@
-"""A run that was written and read back is the same run, bit by bit; its ticks are those that the loop saw."""
+"""A run that was written and read back is the same run, bit by bit; its ticks are those that the loop received."""
 
 from dataclasses import replace
 from types import SimpleNamespace
@@ -47,12 +47,12 @@ def test_every_double_is_read_back_exactly(tmp_path_factory, u, z):
         {"vehicle_text": "", "metadata": {}},
     ],
 )
-def test_data_that_were_not_recorded_stay_absent(run, change, tmp_path):
+def test_data_absent_from_a_run_are_absent_after_reading(run, change, tmp_path):
     run = replace(run, **change)
     assert read_run(write_run(run, tmp_path / "x.mcap")) == run
 
 
-def test_an_estimate_without_innovation_is_read_back_unchanged(run, tmp_path):
+def test_an_estimate_without_innovations_is_read_back_unchanged(run, tmp_path):
     for innovation in (None, run.estimate.innovation):
         quiet = replace(run, estimate=EstimateLog(*run.estimate[:4], innovation, None))
         assert read_run(write_run(quiet, tmp_path / f"{innovation is None}.mcap")) == quiet
@@ -67,7 +67,7 @@ def test_a_run_without_ticks_is_read_back(make_run, tmp_path):
     assert read_back.duration_s == 0.0
 
 
-def test_runs_are_compared_by_bits_and_not_by_name(run):
+def test_two_runs_are_equal_if_all_recorded_bits_are_equal(run):
     assert run == replace(run, name="other", path=None, notes=(note("run.metadata-lost"),))
     applied = run.applied.copy()
     applied[7, 1] = np.nextafter(applied[7, 1], 1e9)
@@ -85,7 +85,7 @@ def test_a_tick_contains_the_newest_measurement_since_the_previous_tick():
     assert rows == [(10, 1.0, 1.0), (20, 1.0, 2.0), (30, 0.0, 0.0), (40, 1.0, 4.0)]
 
 
-def test_a_cut_gives_the_same_ticks_as_the_whole_run(run):
+def test_a_cut_run_has_the_same_ticks_as_the_whole_run(run):
     piece = run.cut(0.5, 1.2)
     whole = [tick for tick in run.ticks() if piece.t_ns[0] <= tick.t_ns <= piece.t_ns[-1]]
     for a, b in zip(piece.ticks(), whole, strict=True):
@@ -100,7 +100,7 @@ def test_a_cut_gives_the_same_ticks_as_the_whole_run(run):
 
 
 def records(run, sensors):
-    """What the loop would have handed to a writer."""
+    """Return the records that the loop would pass to a writer."""
     for k, tick in enumerate(run.ticks()):
         t_ns, e, r = tick.t_ns, run.estimate, run.reference
         estimate = Estimate(t_ns, e.eta[k], e.nu[k], e.cov[k], e.innovation[k], e.innovation_cov[k])
@@ -160,7 +160,7 @@ def test_ticks_without_controller_or_estimate_are_recorded(tmp_path):
     assert run.sent is None
 
 
-def test_data_of_a_wrong_shape_are_reported_once_without_stopping_the_recording(tmp_path):
+def test_data_of_a_wrong_shape_do_not_stop_the_recording(tmp_path):
     path = tmp_path / "x.mcap"
     with RunWriter(path) as writer:
         for t_ns in range(0, 50, 10):
@@ -235,7 +235,7 @@ COV = EstimateLog(ONE, np.zeros((1, 3)), np.zeros((1, 3)), np.zeros((1, 3, 3)))
     [
         (
             {"t_ns": np.array([1, 1])},
-            ("run.order", {"order": "increase", "entry": 0, "t_ns": 1, "next_ns": 1}),
+            ("run.times-not-increasing", {"entry": 0, "t_ns": 1, "next_ns": 1}),
         ),
         ({"t_ns": np.array([0.1, 0.2])}, ("run.times", {"dtype": "float64"})),
         (
@@ -253,11 +253,11 @@ COV = EstimateLog(ONE, np.zeros((1, 3)), np.zeros((1, 3)), np.zeros((1, 3, 3)))
         ),
         (
             {"sensors": {"imu": Channel(TWO, BACK, np.zeros((2, 3)))}},
-            ("run.order", {"order": "not decrease"}),
+            ("run.times-decreasing", {"entry": 0}),
         ),
         ({"estimate": COV}, ("run.shape", {"name": "estimate.cov"})),
     ],
 )
-def test_a_run_of_wrong_shapes_is_refused(change, message):
+def test_a_run_with_arrays_of_wrong_shape_is_refused(change, message):
     with refused(message[0], ValueError, **message[1]):
         Run(**{"name": "x", "path": None, "t_ns": TWO, "applied": np.zeros((2, 1))} | change)

@@ -29,7 +29,7 @@ def test_a_route_over_distance_equals_the_route_over_time(tmp_path, route):
     assert np.median(np.abs(second.nu[:, 2] - route.nu[:, 2])) < 1e-3
 
 
-def test_speed_profile_stop_and_turn_in_place_have_correct_durations(tmp_path):
+def test_speed_changes_stops_and_turns_in_place_have_correct_durations(tmp_path):
     rows = [
         "0,0,0,0,0,0",
         "0.1,0.1,0,0,0.2,0",

@@ -9,7 +9,7 @@ UNITS = ratios("acceleration", "m/s^2")
 
 
 def slow(rng, *shape, a=0.9):
-    """A process of first order: of 200 windows ten are as good as independent."""
+    """Return a first-order process: 200 windows have the information of ten independent windows."""
     e, x = rng.normal(size=shape), np.zeros(shape)
     for k in range(1, len(x)):
         x[k] = a * x[k - 1] + e[k]
@@ -19,7 +19,7 @@ def slow(rng, *shape, a=0.9):
 @pytest.mark.parametrize("is_swapped", [False, True])
 @pytest.mark.parametrize("sign", [1.0, -1.0])
 @pytest.mark.parametrize("ratio", [1.0, *(r for r in UNITS if r != 1000.0 / 9.80665)])
-def test_signed_permutations_and_units_are_identified(is_swapped, sign, ratio):
+def test_swapped_or_inverted_channels_and_their_units_are_identified(is_swapped, sign, ratio):
     h = slow(np.random.default_rng(1), 300, 2)
     z = (h[:, ::-1] if is_swapped else h) * sign * ratio + 0.1 * ratio * np.random.default_rng(2).normal(
         size=(300, 2)
@@ -31,8 +31,8 @@ def test_signed_permutations_and_units_are_identified(is_swapped, sign, ratio):
         assert channel.ratio == ratio
 
 
-def test_slow_unrelated_signals_are_related_by_chance_in_one_percent():
-    """Of 400 that have nothing in common, one of seven correlates beyond 0.3; two count as related."""
+def test_at_most_one_percent_of_unrelated_slow_signals_are_called_related():
+    """Of 400 unrelated pairs, one of seven correlates beyond 0.3; only two are called related."""
     relations = [relation(*slow(np.random.default_rng(seed), 200, 2).T) for seed in range(400)]
     assert sum(abs(pair.correlation) > 0.3 for pair in relations) > 40
     assert sum(pair.is_clear(NOTHING) for pair in relations) <= 4

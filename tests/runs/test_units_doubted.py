@@ -6,15 +6,18 @@ from typing import Any
 import numpy as np
 import pytest
 
+from baqueano.diagnostics import Diagnostic, merge
 from baqueano.errors import FileError
 from baqueano.runs.importing import import_run
+from tests.codes import includes
 
 DEGREES, GRAVITY = 180.0 / np.pi, 9.80665
 PULSES = "scale = 0.002, offset = -3.0"
 
 
 def car(rate: float, seconds: float = 30.0) -> dict[str, np.ndarray]:
-    """A car that stands for two seconds and then drives curves: throttle, servo, a_x, a_y [m/s²], ω [rad/s], v."""
+    """Return a car that rests for two seconds and then drives curves: throttle, servo, a_x, a_y [m/s²], ω [rad/s],
+    v."""
     rng = np.random.default_rng(5)
     t = np.arange(round(seconds * rate)) / rate
     drives = t >= 2.0
@@ -62,6 +65,15 @@ z = [ {{ column = "ax", unit = "{texts["acceleration"]}" }}, {{ column = "ay", u
         return f"refused: {error}"
 
 
+def findings(tmp_path, *args: Any, **options: Any) -> Diagnostic:
+    """Return the findings of an import of this recording as one diagnostic, or its refusal."""
+    import_message(tmp_path, *args, **options)
+    try:
+        return merge(doubt.diagnostic for doubt in import_run(tmp_path / "map.toml").doubts)
+    except FileError as error:
+        return error.diagnostic
+
+
 @pytest.mark.parametrize("rate", [10.0, 50.0])
 @pytest.mark.parametrize("odometer", [True, False])
 def test_a_sound_recording_of_a_car_gives_no_unit_warning(tmp_path, rate, odometer):
@@ -79,7 +91,7 @@ SCALED = {
 
 @pytest.mark.parametrize("rate", [10.0, 50.0])
 @pytest.mark.parametrize("mistake", SCALED)
-def test_a_sensor_in_a_wrong_unit_is_reported_by_the_speed(tmp_path, mistake, rate):
+def test_a_sensor_in_a_wrong_unit_is_recognised_from_the_speed(tmp_path, mistake, rate):
     change, units, line = SCALED[mistake]
     assert line in import_message(tmp_path, rate, True, change, **units)
 
@@ -92,11 +104,11 @@ def test_a_wrong_unit_is_reported_without_a_speed_sensor(tmp_path, mistake, rate
 
 
 def test_a_slow_gyro_in_degrees_is_reported(tmp_path):
-    message = import_message(tmp_path, 10.0, False, {"gz": lambda x: 0.1 * x * DEGREES + 1.5})
-    assert "before the first command; small gyros have less noise" in message
-    assert 'write unit = "deg/s"' in message
-    spins = import_message(tmp_path, 10.0, False, {"gz": lambda x: np.where(np.abs(x) > 0.1, 10.0 * x, x)})
-    assert "2.4 turns a second" in spins
+    slow = findings(tmp_path, 10.0, False, {"gz": lambda x: 0.1 * x * DEGREES + 1.5})
+    assert includes(slow, "recording.gyro-at-rest", key="sensors.imu.z[2]")
+    assert includes(slow, "recording.if-in", in_unit="deg/s")
+    spins = findings(tmp_path, 10.0, False, {"gz": lambda x: np.where(np.abs(x) > 0.1, 10.0 * x, x)})
+    assert includes(spins, "recording.fast-turns", turns=pytest.approx(2.4, abs=0.05))
 
 
 @pytest.mark.parametrize("rate", [10.0, 50.0])
@@ -115,30 +127,30 @@ def test_id2_every_wrong_unit_of_time_is_reported(tmp_path, rate, factor, time_u
 
 
 @pytest.mark.parametrize("rate", [1.0, 0.5])
-def test_the_time_unit_of_a_slow_log_is_reported_by_its_duration(tmp_path, rate):
+def test_the_time_unit_of_a_slow_log_is_recognised_from_its_duration(tmp_path, rate):
     """In µs thirty rows would last 30 ms, and no recording of a vehicle is that short."""
     assert 'time_unit = "ms"' in import_message(tmp_path, rate, change={"t": lambda t: 1e3 * t})
 
 
 def test_milliseconds_of_a_1000_hz_log_given_as_seconds_are_reported(tmp_path):
-    message = import_message(tmp_path, 1000.0, change={"t": lambda t: np.round(1e3 * t)})
-    assert "a tick lasts 1 s" in message
-    assert 'time_unit = "ms"' in message
+    reasons = findings(tmp_path, 1000.0, change={"t": lambda t: np.round(1e3 * t)})
+    assert includes(reasons, "recording.tick-lasts", tick_s=pytest.approx(1.0), unit_read="s")
+    assert includes(reasons, "recording.write-time-unit", in_unit="ms")
 
 
 @pytest.mark.parametrize(
     ("convert", "unit", "line"),
     [
         (lambda u: 100.0 * u, "1", 'write unit = "%"'),
-        (lambda u: np.round(255.0 * u), "1", "scale = 0.00392157, where a full command is 255"),
-        (lambda u: np.round(200.0 * u), "1", "scale = 0.00392157, where a full command is 255"),
-        (lambda u: np.round(900.0 * u), "1", "scale = 0.001, where a full command is 1000"),
+        (lambda u: np.round(255.0 * u), "1", "scale = 0.00392157, if a full command is 255"),
+        (lambda u: np.round(200.0 * u), "1", "scale = 0.00392157, if a full command is 255"),
+        (lambda u: np.round(900.0 * u), "1", "scale = 0.001, if a full command is 1000"),
         (lambda u: np.round(1500.0 + 500.0 * u), "1", PULSES),
         (lambda u: np.round(1500.0 + 500.0 * u), "us", f'unit = "raw", {PULSES}'),
         (lambda u: u, "%", 'write unit = "1"'),
     ],
 )
-def test_a_command_in_a_wrong_unit_is_reported_by_its_full_scale(tmp_path, convert, unit, line):
+def test_a_command_unit_is_recognised_from_the_largest_command(tmp_path, convert, unit, line):
     message = import_message(tmp_path, change={"throttle": convert, "servo": convert}, duty=unit)
     assert message.startswith("refused")
     assert line in message
@@ -146,17 +158,17 @@ def test_a_command_in_a_wrong_unit_is_reported_by_its_full_scale(tmp_path, conve
 
 @pytest.mark.parametrize("largest", [1.3, 2.9, 3.1, 4.0, 7.0, 8.0, 90.0])
 @pytest.mark.parametrize("duty", ["1", "%"])
-def test_the_import_accepts_its_own_remedy_for_a_command_unit(tmp_path, largest, duty):
-    """Also for a set-point in m/s, whose full scale does not follow from its unit."""
+def test_the_proposed_remedy_for_a_command_unit_is_accepted(tmp_path, largest, duty):
+    """This includes a set-point in m/s, whose full scale does not follow from its unit."""
 
-    def commanded(**units):
+    def commanded(result=import_message, **units):
         at = {name: largest / np.max(np.abs(car(10.0)[name])) for name in ("throttle", "servo")}
         change = {"throttle": lambda u: 0.7 * at["throttle"] * u, "servo": lambda u: at["servo"] * u}
-        return import_message(tmp_path, change=change, **units)
+        return result(tmp_path, change=change, **units)
 
-    message, physical = commanded(duty=duty), largest < 3.0
+    message, reasons, physical = commanded(duty=duty), commanded(findings, duty=duty), largest < 3.0
     assert message.startswith("refused") == (duty == "1" or physical)
-    assert ("a set-point in a physical unit" in message) == physical
+    assert includes(reasons, "recording.write-largest") == physical
     lines = re.findall(
         r'(?:write|or) (?=unit|scale)(?:unit = "(1|%)")?(?:, )?(?:scale = ([0-9.e-]+))?', message
     )
@@ -167,9 +179,9 @@ def test_the_import_accepts_its_own_remedy_for_a_command_unit(tmp_path, largest,
 
 
 def test_a_throttle_fraction_given_as_percent_is_reported(tmp_path):
-    message = import_message(tmp_path, change={"servo": lambda u: 100.0 * u}, duty="%")
-    assert "(throttle) reaches 0.00" in message
-    assert 'write unit = "1"' in message
+    reasons = findings(tmp_path, change={"servo": lambda u: 100.0 * u}, duty="%")
+    assert includes(reasons, "recording.command-range", name="throttle", most=pytest.approx(0.006, rel=0.01))
+    assert includes(reasons, "recording.write", line='unit = "1"')
 
 
 def test_a_remedy_for_several_entries_is_reported_once(tmp_path):
@@ -179,7 +191,7 @@ def test_a_remedy_for_several_entries_is_reported_once(tmp_path):
     assert "(servo)" in message
 
 
-def test_many_warnings_of_the_same_kind_are_one_line(tmp_path):
+def test_many_warnings_of_the_same_kind_are_printed_on_one_line(tmp_path):
     def with_gaps(t: np.ndarray) -> np.ndarray:
         return t + 0.3 * (np.arange(len(t)) // 20)
 

@@ -15,7 +15,7 @@ def test_empty_windows_are_omitted_and_missing_values_are_ignored():
     np.testing.assert_array_equal(mean, [[2.0, 5.0], [6.0, 3.0], [8.0, np.nan]])
 
 
-def test_two_channels_with_the_same_origin_have_the_same_windows():
+def test_two_channels_with_the_same_time_origin_have_the_same_windows():
     t_ns = (np.arange(20) * NANOSECONDS // 10).astype(np.int64)
     late = t_ns + NANOSECONDS // 20
     first, second = (means(Channel(t, t, t[:, None] * 1.0), 0, 0.5)[0] for t in (t_ns, late))

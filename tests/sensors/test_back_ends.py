@@ -1,4 +1,4 @@
-"""The same text under NumPy, as Python and as C, equal to 1e-12; derivatives against central differences."""
+"""The same code under NumPy, as Python and as C gives equal results to 1e-12; derivatives match central differences."""
 
 from dataclasses import replace
 from typing import NamedTuple
@@ -82,7 +82,7 @@ def at(inputs: Input, k: int) -> Input:
 
 
 @names
-def test_a_recording_is_the_same_in_every_back_end(name):
+def test_sensor_readings_are_the_same_in_every_back_end(name):
     sensor, rng, N = SENSORS[name], np.random.default_rng(4), 150
     motion, *tick = (Motion(*(rng.uniform(-3.0, 3.0, (N, n)) for n in (3, 3, 3, 2))) for _ in range(4))
     motions = motion._replace(tick=tuple(tick))
@@ -111,7 +111,7 @@ def differences(f, x, h=1e-5):
 @names
 @QUICK
 @given(x=arrays(float, 11, elements=st.floats(-2.0, 2.0)))
-def test_measurement_derivatives_by_dual_numbers_match_differences(name, x):
+def test_measurement_derivatives_by_dual_numbers_match_finite_differences(name, x):
     def h(x):
         return SENSORS[name].h(Motion(x[:3], x[3:6], x[6:9], x[9:]))
 

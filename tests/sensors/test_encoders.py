@@ -1,4 +1,4 @@
-"""Wheels that are counted: rounded to counts, over the time between two readings, with a counter that begins again."""
+"""Wheel encoders: rounded to counts, averaged over the time between two readings, with counter overflow."""
 
 import numpy as np
 import pytest
@@ -13,7 +13,7 @@ def rolling(speed, turning=0.0):
 
 
 def readings_of(encoders, motions, dt_s=0.01):
-    """(M, 2) readings and (M,) ages."""
+    """Return readings (M, 2) and ages (M,)."""
     state, z, age_s = encoders.init(), [], []
     for motion in motions:
         state, slot = encoders.step(state, motion, dt_s, np.zeros(2))
@@ -23,8 +23,8 @@ def readings_of(encoders, motions, dt_s=0.01):
     return np.array(z), np.array(age_s)
 
 
-def test_a_reading_is_integer_counts_over_time_with_half_that_age():
-    """5 mm a count, read at 20 Hz: 0.23 m/s are 2.3 counts in 50 ms, so 2, 2, 2, 3 …"""
+def test_a_reading_is_a_whole_number_of_counts_divided_by_time():
+    """5 mm per count, read at 20 Hz: 0.23 m/s are 2.3 counts in 50 ms, so 2, 2, 2, 3 …"""
     z, age_s = readings_of(Encoders(track_m=0.1, count_m=0.005, rate_hz=20.0), [rolling(0.23)] * 100)
     counts = z[:, 0] * 0.05 / 0.005
     assert counts == pytest.approx(np.round(counts))
@@ -39,8 +39,8 @@ def test_the_counted_distance_has_at_most_one_count_of_error():
 
 
 @pytest.mark.parametrize("speed", [0.4, -0.4])
-def test_a_counter_overflow_is_not_a_jump(speed):
-    """A counter of 16: 0.4 m/s are 4 counts of 1 mm in 10 ms, and it begins again every 40 ms."""
+def test_a_counter_overflow_causes_no_jump_of_the_speed(speed):
+    """A counter of 16: 0.4 m/s are 4 counts of 1 mm in 10 ms, so it overflows every 40 ms."""
     z, _ = readings_of(
         Encoders(track_m=0.1, count_m=0.001, counter=16.0, rate_hz=100.0), [rolling(speed)] * 60
     )
@@ -53,7 +53,7 @@ def test_in_a_left_turn_the_right_wheel_counts_more():
 
 
 def test_encoder_noise_has_rounding_covariance_and_negative_correlation():
-    """Speeds that drift through the counts: variance c²/(6 δ²), correlation of neighbours −½, as (3) says."""
+    """Speeds drift through the counts: variance c²/(6 δ²), correlation of neighbours −½, as in (3)."""
     encoders = Encoders(track_m=0.1, count_m=0.004, rate_hz=50.0)
     speeds = np.linspace(0.0, 0.8, 20_000)
     z, _ = readings_of(encoders, [rolling(v) for v in speeds])

@@ -1,4 +1,4 @@
-"""The IMU: hand calculations of the accelerometer, then each error of a cheap chip alone."""
+"""The IMU: hand calculations of the accelerometer, then each error of a cheap chip separately."""
 
 import numpy as np
 import pytest
@@ -27,12 +27,12 @@ def reading_of(imu, motion_read, noise=QUIET, dt_s=0.01):
     return slot.z
 
 
-def test_a_steady_circle_gives_v_omega_to_the_left():
+def test_on_a_left_circle_the_imu_measures_v_omega_to_the_left():
     assert Imu().h(motion(nu=[0.3, 0.0, 2.0])) == pytest.approx([0.0, 0.6, 2.0])
     assert Imu().h(motion(nu=[0.3, 0.0, -2.0])) == pytest.approx([0.0, -0.6, -2.0])
 
 
-def test_a_car_in_a_steady_circle_measures_only_v_omega():
+def test_on_a_steady_circle_a_car_imu_measures_only_v_omega():
     car = Car(wheelbase_m=0.15, throttle_gain=4.0, steering_gain=0.3, linear_drag=4.0)
     state = car.init()
     for _ in range(300):
@@ -73,7 +73,7 @@ def test_a_tilted_imu_measures_a_component_of_gravity():
 
 @QUICK
 @given(st.floats(-0.5, 0.5), st.floats(-0.5, 0.5), arrays(float, 2, elements=st.floats(-3.0, 3.0)))
-def test_a_tilted_imu_equals_a_rotation_matrix(roll, pitch, force):
+def test_a_tilted_imu_measures_the_rotated_acceleration(roll, pitch, force):
     c, s = np.cos, np.sin
     about_x = np.array([[1, 0, 0], [0, c(roll), -s(roll)], [0, s(roll), c(roll)]])
     about_y = np.array([[c(pitch), 0, s(pitch)], [0, 1, 0], [-s(pitch), 0, c(pitch)]])
@@ -84,7 +84,7 @@ def test_a_tilted_imu_equals_a_rotation_matrix(roll, pitch, force):
 
 
 def test_imu_acceleration_is_the_second_derivative_of_its_position():
-    """The path of the chip itself, differenced twice and turned into the body, against (1) and (2)."""
+    """The path of the chip, differentiated twice and rotated into the body, equals (1) and (2)."""
     p = Planar(
         2.0,
         0.05,
@@ -159,7 +159,7 @@ def test_a_bias_walk_step_is_std_times_root_dt(dt_s):
     assert slot.z == pytest.approx(expected)
 
 
-def test_beyond_its_range_an_imu_saturates():
+def test_an_imu_saturates_beyond_its_range():
     imu = Imu(accel_limit=19.6, gyro_limit=8.7)
     assert reading_of(imu, motion(nu=[0, 0, -12.0], nu_dot=[30.0, -30.0, 0.0])) == pytest.approx(
         [19.6, -19.6, -8.7]
@@ -167,7 +167,7 @@ def test_beyond_its_range_an_imu_saturates():
     assert reading_of(imu, motion(nu=[0, 0, 8.0])) == pytest.approx([0.0, 0.0, 8.0])
 
 
-def test_the_converter_rounds_to_its_steps():
+def test_readings_are_rounded_to_the_converter_steps():
     imu = Imu(accel_step=0.1, gyro_step=0.25)
     assert reading_of(imu, motion(nu=[0, 0, 0.3], nu_dot=[0.26, -0.26, 0])) == pytest.approx(
         [0.3, -0.3, 0.25]
@@ -185,7 +185,7 @@ def test_noise_is_rounded_and_saturated_too():
     )
 
 
-def test_q_is_the_squared_noise_unless_given_by_a_fit():
+def test_the_covariance_q_is_the_squared_noise_or_the_fitted_matrix():
     imu = Imu(accel_noise_std=np.array([0.1, 0.2]), gyro_noise_std=0.01)
     assert imu.cov == pytest.approx(np.diag([0.01, 0.04, 1e-4]))
     Q = np.diag([1.0, 2.0, 3.0])
@@ -230,7 +230,7 @@ def test_impossible_imu_parameters_are_refused(code, figures, make):
 
 
 def test_an_imu_rotated_left_by_90_degrees_measures_forward_on_minus_y():
-    """Its own x looks to the vehicle's left: it feels y there, and −x along its y."""
+    """The x axis of the IMU points to the left of the vehicle: it measures y there, and −x along its y axis."""
     motion_ = Motion(np.zeros(3), np.zeros(3), np.array([2.0, 0.5, 0.0]), np.zeros(2))
     assert Imu(heading_rad=np.pi / 2).h(motion_) == pytest.approx([0.5, -2.0, 0.0])
     assert Imu(heading_rad=0.0).h(motion_) == pytest.approx([2.0, 0.5, 0.0])

@@ -1,4 +1,4 @@
-"""A line on the floor: it speaks while it is passed, in its direction, within its width."""
+"""A line on the floor: it gives a reading if it is passed in its direction and within its width."""
 
 import numpy as np
 import pytest
@@ -20,7 +20,7 @@ def readings_of(mark, places, noise=0.0):
     return readings
 
 
-def test_a_mark_gives_one_reading_with_the_distance_beyond():
+def test_passing_a_mark_gives_one_reading_of_the_distance_beyond_it():
     mark = Mark(point_m=np.array([1.0, 0.0]))
     assert readings_of(mark, [(0.9, 0.0), (0.98, 0.0), (1.02, 0.0), (1.1, 0.0)]) == [
         (0.0, 0.0),
@@ -30,7 +30,7 @@ def test_a_mark_gives_one_reading_with_the_distance_beyond():
     ]
 
 
-def test_a_mark_is_not_read_backward_beside_or_at_start():
+def test_a_mark_is_not_read_when_reversing_passing_beside_it_or_starting():
     mark = Mark(half_width_m=0.3)
     assert not any(has for has, _ in readings_of(mark, [(0.1, 0.0), (-0.1, 0.0)]))
     assert not any(has for has, _ in readings_of(mark, [(-0.1, 0.5), (0.1, 0.5)]))
@@ -38,7 +38,7 @@ def test_a_mark_is_not_read_backward_beside_or_at_start():
     assert [has for has, _ in readings_of(mark, [(-0.1, 0.2), (0.1, 0.2)])] == [0.0, 1.0]
 
 
-def test_a_line_that_is_passed_northward_measures_north():
+def test_a_line_crossed_northward_measures_the_distance_to_the_north():
     """Through (1, 2), passed along y: 0.25 m beyond it at y = 2.25, wherever x is."""
     mark = Mark(point_m=np.array([1.0, 2.0]), heading_rad=np.pi / 2)
     assert mark.h(at(5.0, 2.25)) == pytest.approx([0.25])

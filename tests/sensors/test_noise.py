@@ -1,5 +1,7 @@
-"""Noise by its statistics, seeds fixed. A right sensor fails each bound at one seed in 10⁴, all of them
-together (about 30 numbers) at one seed in 300."""
+"""Noise is tested by its statistics, with fixed seeds.
+
+A correct sensor fails each bound at one seed in 10⁴, and all bounds together (about 30 numbers) at one seed in 300.
+"""
 
 import numpy as np
 import pytest
@@ -22,7 +24,7 @@ def record(imu: Imu, seed: int, ticks: int = N, dt_s: float = 0.01) -> np.ndarra
 
 @pytest.fixture(scope="module")
 def white() -> np.ndarray:
-    """4000 readings over their std; false-alarm rate 10⁻⁴ a channel in each of the tests on it."""
+    """Return 4000 readings over their std; the false-alarm rate is 10⁻⁴ per channel in each test that uses them."""
     imu = Imu(accel_noise_std=np.array([0.15, 0.2]), gyro_noise_std=0.005)
     return record(imu, seed=1) / np.array([0.15, 0.2, 0.005])
 
@@ -53,7 +55,7 @@ def test_white_noise_is_normal(white):
 
 @pytest.mark.parametrize("dt_s", [0.01, 0.04])
 def test_a_bias_walk_grows_with_the_root_of_time_for_any_ticks(dt_s):
-    """Its N steps, each over σ √δ, are white: χ² with N degrees; false-alarm rate 10⁻⁴ a channel."""
+    """The N steps, each divided by σ √δ, are white: χ² with N degrees; false-alarm rate 10⁻⁴ per channel."""
     imu = Imu(accel_bias_walk=0.02, gyro_bias_walk=0.003, rate_hz=1.0 / dt_s)
     walk = record(imu, seed=2, dt_s=dt_s)
     steps = np.diff(walk, axis=0, prepend=0.0) / (np.array([0.02, 0.02, 0.003]) * np.sqrt(dt_s))
@@ -62,9 +64,11 @@ def test_a_bias_walk_grows_with_the_root_of_time_for_any_ticks(dt_s):
 
 
 def test_averaging_reduces_white_noise_until_the_bias_walk_dominates():
-    """As an Allan plot is read: σ/√n for the mean of n readings of white noise, a rise where the bias walks.
-    400 blocks of 10 readings, bounds at 10⁻⁴ from χ² with 399 degrees; then 10 of 400, where the walk's part
-    is 365 times that of the noise (false-alarm rate of the factor 3 below 10⁻⁴)."""
+    """As in an Allan plot, the mean of n readings of white noise has σ/√n and grows under the bias walk.
+
+    400 blocks of 10 readings have bounds at 10⁻⁴ from χ² with 399 degrees. In 10 blocks of 400 the walk has 365
+    times the variance of the noise (false-alarm rate of the factor 3 below 10⁻⁴).
+    """
     resting = record(Imu(gyro_noise_std=0.01), seed=3)[:, 2]
     means = resting.reshape(-1, 10).mean(1)
     assert 0.72 < np.var(means) / (0.01**2 / 10) < 1.30

@@ -14,7 +14,7 @@ def at(x, y, psi=0.0):
 
 
 def reading_of(sensor, motion, noise=0.0):
-    """(has, z) of the first tick; a sensor of 100 Hz without a delay answers then."""
+    """Return (has, z) of the first tick; a sensor of 100 Hz without a delay answers at this tick."""
     _, slot = sensor.step(sensor.init(), motion, 0.01, np.array([noise]))
     return slot.has, slot.z[0]
 
@@ -32,7 +32,7 @@ def test_a_beacon_measures_the_distance_plus_its_offset():
 
 
 def test_a_receiver_ahead_of_the_origin_measures_a_shorter_range():
-    """0.1 m ahead; the vehicle points north, the beacon lies 2 m north of it."""
+    """The receiver is 0.1 m ahead; the vehicle points north, and the beacon is 2 m north of it."""
     beacon = Beacon(point_m=np.array([1.0, 2.0]), lever_arm_m=np.array([0.1, 0.0]))
     assert beacon.h(at(1.0, 0.0, np.pi / 2)) == pytest.approx([1.9], abs=1e-6)
 
@@ -43,7 +43,7 @@ def test_a_beacon_out_of_range_is_silent():
     assert reading_of(beacon, at(2.0, 0.0))[0] == 1.0
 
 
-def test_a_wall_two_metres_ahead_is_farther_along_a_slanting_beam():
+def test_the_measured_distance_to_a_wall_increases_with_the_beam_angle():
     """At 0.3 rad the beam is 2 / cos 0.3 long."""
     wall = Rangefinder(**WALL)
     assert wall.h(at(0.0, 0.0)) == pytest.approx([2.0])
@@ -59,11 +59,11 @@ def test_a_wall_two_metres_ahead_is_farther_along_a_slanting_beam():
     ("pose", "has"),
     [
         ((0.0, 0.0, 0.0), 1.0),
-        ((0.0, 0.0, 0.5), 0.0),  # the wall throws the sound away
-        ((0.0, 0.0, np.pi), 0.0),  # it looks the other way
+        ((0.0, 0.0, 0.5), 0.0),  # the wall reflects the sound away
+        ((0.0, 0.0, np.pi), 0.0),  # the beam points away from the wall
         ((3.0, 0.0, 0.0), 0.0),  # behind the wall
         ((-4.0, 0.0, 0.0), 0.0),  # too far
-        ((0.0, 1.2, 0.0), 0.0),  # beside its end
+        ((0.0, 1.2, 0.0), 0.0),  # beside the end of the wall
         ((0.0, 1.2, -0.2), 1.0),  # slanting, the beam meets it: 1.2 − 2 tan 0.2 = 0.79
     ],
 )
@@ -79,8 +79,8 @@ def test_a_compass_reads_the_heading_and_is_wrapped():
     assert compass.difference(np.array([3.1]), np.array([-3.1])) == pytest.approx([wrap(6.2)])
 
 
-def test_iron_ahead_deflects_the_compass():
-    """Half a field of iron ahead: the field is (0.5, −1) at a true heading of 90°, which reads atan2(1, 0.5)."""
+def test_iron_on_the_vehicle_deflects_the_compass():
+    """Iron ahead adds half a field: the field is (0.5, −1) at a true heading of 90°, which reads atan2(1, 0.5)."""
     compass = Compass(iron=np.array([0.5, 0.0]))
     assert compass.h(at(0.0, 0.0, np.pi / 2)) == pytest.approx([np.arctan2(1.0, 0.5)])
     assert compass.h(at(0.0, 0.0)) == pytest.approx([0.0])

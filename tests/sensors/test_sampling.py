@@ -1,4 +1,4 @@
-"""When a sensor answers, and how late: rate, delay, and the same for every sensor of the room."""
+"""The answer times of a sensor: rate and delay, equal for every sensor of the package."""
 
 import numpy as np
 import pytest
@@ -25,12 +25,12 @@ names = pytest.mark.parametrize("name", SENSORS)
 
 
 def moving(t_s: float) -> Motion:
-    """A speed that contains the time: ν = (t, 0, t), at the pose (t, 0, 0)."""
+    """Return a speed that contains the time: ν = (t, 0, t), at the pose (t, 0, 0)."""
     return Motion(np.array([t_s, 0.0, 0.0]), np.array([t_s, 0.0, t_s]), np.zeros(3), np.zeros(2))
 
 
 def answers(sensor, ticks=200, dt_ns=10_000_000):
-    """(has (N,), z (N, m)) at ticks of dt_ns, the first one dt_ns after the start."""
+    """Return (has (N,), z (N, m)) at ticks of dt_ns, the first one dt_ns after the start."""
     state, has, z = sensor.init(), [], []
     for k in range(1, ticks + 1):
         t_ns = k * dt_ns
@@ -63,7 +63,7 @@ def test_a_sensor_answers_at_its_rate_and_never_twice_a_tick(rate_hz, tick_hz):
     assert set(has) <= {0.0, 1.0}
 
 
-def test_a_sensor_has_its_rate_with_irregular_ticks():
+def test_a_sensor_maintains_its_rate_with_irregular_ticks():
     sensor, t_ns, count = Odometer(rate_hz=40.0), 0, 0.0
     state = sensor.init()
     for dt_ns in np.random.default_rng(5).integers(5_000_000, 15_000_000, 1000).tolist():
@@ -87,7 +87,7 @@ def test_a_delayed_sensor_reads_the_past_and_is_silent_before(name, delay_s):
 
 
 @names
-def test_a_sensor_can_have_a_delay_and_a_slow_rate(name):
+def test_delay_and_slow_rate_of_a_sensor_can_be_combined(name):
     sensor = SENSORS[name](rate_hz=20.0, delay_s=0.02, delay_slots=2)
     has, z = answers(sensor, ticks=30)
     assert np.flatnonzero(has).tolist() == [4, 9, 14, 19, 24, 29]
@@ -108,7 +108,7 @@ def test_a_tick_of_zero_duration_gives_no_second_reading(name):
 
 
 @names
-def test_size_noise_size_and_covariance_are_consistent(name):
+def test_reading_and_covariance_have_the_stated_size(name):
     sensor = SENSORS[name]()
     assert sensor.h(moving(0.3)).shape == (sensor.size,)
     assert sensor.cov.shape == (sensor.size, sensor.size)

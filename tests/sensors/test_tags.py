@@ -1,4 +1,4 @@
-"""A reader that passes over tags: once each, at the nearest point, wherever the tags are."""
+"""A reader that passes over tags reads each tag once, at the nearest point, for any positions of the tags."""
 
 import numpy as np
 import pytest
@@ -20,7 +20,7 @@ def at(x, y, psi=0.0):
 
 
 def readings_of(tags, motions, noise=(0.0, 0.0)):
-    """The readings (x, y), by the index of the motion."""
+    """Return the readings (x, y) by the index of the motion."""
     state, readings = tags.init(), {}
     for k, motion in enumerate(motions):
         state, slot = tags.step(state, motion, 0.01, np.array(noise))
@@ -38,8 +38,8 @@ def test_a_tag_is_read_once_at_the_nearest_point():
     assert readings[3] == pytest.approx([1.01, 0.04])
 
 
-def test_a_reader_without_offset_returns_the_tag_position_with_disc_error():
-    """Uniform in a disc of radius r, a coordinate has the variance r²/4."""
+def test_a_reader_without_offset_has_the_covariance_of_a_uniform_disc():
+    """In a uniform disc of radius r, a coordinate has the variance r²/4."""
     tags = Tags(points_m=TWO, radius_m=0.1, sees_offset=False, noise_std=0.003)
     readings = readings_of(tags, [at(x, 0.04) for x in (0.8, 0.99, 1.01)])
     assert readings[2] == pytest.approx([1.0, 0.0])
@@ -55,7 +55,7 @@ def test_a_tag_outside_the_radius_is_not_read():
     assert list(readings_of(tags, [at(0.0, 0.09), at(1.5, 0.09)])) == [1]
 
 
-def test_leaving_a_tag_gives_no_reading_and_trembling_gives_one_reading():
+def test_oscillating_over_a_tag_gives_only_one_reading():
     tags = Tags(points_m=TWO, radius_m=0.1)
     assert not readings_of(tags, [at(1.0 + 0.01 * k, 0.0) for k in range(-3, 60)])
     trembling = [at(0.8, 0.0), *(at(1.0 + 0.02 * (-1) ** k, 0.0) for k in range(20))]
@@ -63,8 +63,8 @@ def test_leaving_a_tag_gives_no_reading_and_trembling_gives_one_reading():
     assert len(readings_of(tags, [*trembling, at(1.5, 0.0), at(0.9, 0.0), at(1.0, 0.0)])) == 2
 
 
-def test_the_reader_is_at_its_lever_arm():
-    """0.1 m ahead and 0.02 m to the left of a vehicle that drives north through (1.02, y)."""
+def test_the_tag_reader_is_at_its_lever_arm_on_the_vehicle():
+    """The reader is 0.1 m ahead and 0.02 m to the left of a vehicle that drives north through (1.02, y)."""
     tags = Tags(points_m=TWO, radius_m=0.05, lever_arm_m=np.array([0.1, 0.02]))
     readings = readings_of(tags, [at(1.02, y, np.pi / 2) for y in (-0.3, -0.11, -0.09, 0.2)])
     assert list(readings) == [2]
@@ -84,7 +84,7 @@ def test_a_straight_path_over_a_tag_gives_one_reading(psi, step_m, aside_m):
     assert -1e-9 <= (place - tags.points_m[0]) @ along < step_m + 1e-9
 
 
-def test_mistakes_are_the_vectors_to_all_other_tags():
+def test_possible_mistakes_are_the_vectors_to_all_other_tags():
     tags = Tags(points_m=np.array([[1.0, 0.0], [2.0, 1.0], [-1.0, 3.0]]))
     ways = tags.mistakes(np.array([1.95, 1.04]))
     assert ways == pytest.approx(np.array([[-1.0, -1.0], [0.0, 0.0], [-3.0, 2.0]]))

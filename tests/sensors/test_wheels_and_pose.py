@@ -18,7 +18,7 @@ def motion(eta=(0.0, 0.0, 0.0), nu=(0.0, 0.0, 0.0)) -> Motion:
 
 
 def test_in_a_left_turn_the_right_wheel_is_faster():
-    """0.5 m/s and 2 rad/s with a track of 0.12 m: 0.38 and 0.62 m/s."""
+    """0.5 m/s and 2 rad/s with a track of 0.12 m give 0.38 and 0.62 m/s."""
     assert Wheels(track_m=0.12).h(motion(nu=[0.5, 0.1, 2.0])) == pytest.approx([0.38, 0.62])
 
 
@@ -47,7 +47,7 @@ def test_noise_is_its_std_times_the_given_unit_normal(sensor):
 
 
 @pytest.mark.parametrize(("block", "fields"), [(Wheels, {"track_m": 0.12}), (Odometer, {}), (Pose, {})])
-def test_a_covariance_from_a_fit_is_used(block, fields):
+def test_a_sensor_uses_a_covariance_from_a_fit(block, fields):
     Q = 0.3 * np.eye(block(**fields).size)
     assert block(**fields, measurement_noise_cov=Q).cov is Q
 
@@ -64,7 +64,7 @@ def test_es10_a_measured_pose_and_pose_differences_are_wrapped(psi, noise):
 
 @pytest.mark.parametrize("side", [-1.0, 1.0])
 def test_a_delayed_pose_is_interpolated_across_pi(side):
-    """2 rad/s through ±π, 25 ms late: always 0.05 rad behind, never near zero."""
+    """At 2 rad/s through ±π with 25 ms of delay the heading is always 0.05 rad behind, never near zero."""
     pose = Pose(rate_hz=100.0, delay_s=0.025, delay_slots=3)
     state, late = pose.init(), []
     for k in range(60):

@@ -15,7 +15,7 @@ from baqueano.vehicles import Drivetrain, Friction, Planar
 
 
 def small(**sensors):
-    """What the vehicle file of a small vehicle loads to."""
+    """Return the loaded vehicle file of a small vehicle."""
     vehicle = Planar(
         mass_kg=0.61,
         inertia_kg_m2=0.0015,

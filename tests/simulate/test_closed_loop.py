@@ -1,14 +1,15 @@
-"""The loop in one kernel is the clocked loop over a simulated world."""
+"""The loop in one kernel equals the clocked loop over a simulated world."""
 
 import numpy as np
 import pytest
 
 from baqueano import clock, loop
+from baqueano.diagnostics import StopReason
 from baqueano.errors import UsageError
 from baqueano.guides import Repeat, SinuousCircle
 from baqueano.guides.shapes import circle, rectangle
 from baqueano.simulate import simulate_loop, simulate_loops
-from baqueano.simulate.closed_loop import closed, lasting, start_of
+from baqueano.simulate.closed_loop import close_loop, lasting, start_of
 from baqueano.supervisor import Supervisor
 from baqueano.worlds import SimulatedWorld
 from tests.codes import refused
@@ -16,12 +17,12 @@ from tests.codes import refused
 ROUTE = circle(0.5, 0.3)
 
 
-def test_the_kernel_equals_the_clocked_loop(vehicle):
+def test_the_compiled_loop_equals_the_clocked_loop(vehicle):
     run = simulate_loop(vehicle, ROUTE, seed=4, duration_s=1.5)
     world = SimulatedWorld(vehicle.vehicle, vehicle.sensors, 100.0, seed=4)
-    blocks = closed(vehicle, ROUTE).blocks
+    blocks = close_loop(vehicle, ROUTE).blocks
     records = []
-    loop.run(blocks, world, clock.simulated(100.0, 1.5), on_record=records.append, eta=np.zeros(3))
+    loop.run(blocks, world, clock.simulated_ticks(100.0, 1.5), on_record=records.append, eta=np.zeros(3))
     assert len(records) >= 150
     for k, record in enumerate(records[:150]):
         np.testing.assert_allclose(record.tick.u, run.applied[k], atol=1e-9)
@@ -30,7 +31,7 @@ def test_the_kernel_equals_the_clocked_loop(vehicle):
         np.testing.assert_allclose(record.requested.u, run.requested[k], atol=1e-9)
 
 
-def test_a_command_acts_one_tick_later(vehicle):
+def test_a_command_is_applied_one_tick_later(vehicle):
     run = simulate_loop(vehicle, ROUTE, seed=4, duration_s=1.0)
     assert np.array_equal(run.applied[1:], run.sent[:-1])
     assert np.array_equal(run.applied[0], np.zeros(3))
@@ -43,7 +44,7 @@ def test_with_perfect_pose_the_estimate_is_the_truth(vehicle):
 
 
 def test_the_simulation_ends_when_the_guide_is_done(vehicle):
-    system = closed(vehicle, ROUTE, laps=2)
+    system = close_loop(vehicle, ROUTE, laps=2)
     assert lasting(system) == pytest.approx(2 * 2 * np.pi * 0.5 / 0.3, abs=0.02)
     run = simulate_loop(vehicle, rectangle(0.3, 0.2, 0.05, 0.5), perfect=True)
     assert run.reference.done[-1] == 1.0
@@ -56,18 +57,18 @@ def test_a_shape_is_accepted_as_a_route(vehicle):
 
 
 def test_the_vehicle_starts_at_the_start_of_the_route(vehicle):
-    from baqueano.guides.route import moved
+    from baqueano.guides.route import move_route
 
-    system = closed(vehicle, moved(ROUTE, np.array([1.0, 2.0, 0.5])))
+    system = close_loop(vehicle, move_route(ROUTE, np.array([1.0, 2.0, 0.5])))
     np.testing.assert_allclose(start_of(system), [1.0, 2.0, 0.5], atol=1e-12)
-    run = simulate_loop(vehicle, moved(ROUTE, np.array([1.0, 2.0, 0.5])), perfect=True, duration_s=0.1)
+    run = simulate_loop(vehicle, move_route(ROUTE, np.array([1.0, 2.0, 0.5])), perfect=True, duration_s=0.1)
     np.testing.assert_allclose(run.truth.eta[0], [1.0, 2.0, 0.5], atol=1e-3)
 
 
 def test_commands_are_invariant_under_motions_of_the_world(vehicle):
-    from baqueano.guides.route import moved
+    from baqueano.guides.route import move_route
 
-    moved_route = moved(ROUTE, np.array([3.0, -2.0, 3.1]))
+    moved_route = move_route(ROUTE, np.array([3.0, -2.0, 3.1]))
     a, b = (simulate_loop(vehicle, r, seed=2, duration_s=2.0) for r in (ROUTE, moved_route))
     np.testing.assert_allclose(a.requested, b.requested, atol=1e-7)
 
@@ -82,7 +83,7 @@ def test_each_seed_gives_a_different_run(vehicle):
 def test_a_stop_of_the_supervisor_is_logged_in_the_run(vehicle):
     vehicle.supervisor = lambda: Supervisor(np.array([1.0, 0.0, 1.0]), max_speed_m_s=0.05)
     run = simulate_loop(vehicle, ROUTE, perfect=True, duration_s=2.0)
-    assert run.events[0].text == "the vehicle is faster than max_speed_m_s"
+    assert run.events[0].diagnostic.code == StopReason.SPEED
     assert not run.sent[-1].any()
 
 
@@ -92,7 +93,7 @@ def test_a_guide_that_is_never_done_needs_a_duration(vehicle):
 
 
 class Twice:
-    """A guide that is no dataclass."""
+    """A guide that is not a dataclass."""
 
     laps = 1
 
@@ -103,7 +104,7 @@ class Twice:
         return Repeat.along(circle(0.3, 0.2), self.laps).step(state, estimate)
 
 
-def test_a_guide_of_a_plain_class_is_driven_for_its_laps(vehicle):
+def test_a_guide_of_a_plain_class_drives_the_requested_laps(vehicle):
     once, twice = (
         simulate_loop(vehicle, Twice(), laps=n, perfect=True, noise=False).duration_s for n in (1, 2)
     )

@@ -1,4 +1,4 @@
-"""Thousands of vehicles are each the vehicle that would have been simulated alone."""
+"""Each of thousands of vehicles equals a separate simulation of this vehicle."""
 
 from dataclasses import replace
 from importlib import import_module
@@ -8,7 +8,7 @@ import pytest
 
 from baqueano.errors import UsageError
 from baqueano.simulate import simulate, simulate_many
-from baqueano.simulate.many import _chunks, drawn
+from baqueano.simulate.many import _chunks, draw_parameters
 from baqueano.simulate.system import System
 from baqueano.vehicle_file.history import ParameterCov
 from tests.codes import refused
@@ -50,7 +50,8 @@ def test_the_number_of_chunks_does_not_change_the_result(vehicle, monkeypatch):
 
 
 def test_the_scatter_of_vehicles_matches_the_process_noise(vehicle):
-    """A free walk of ν_ψ: sd σ √t but for friction. 4 σ of a deviation over 400: 1 in 16 000."""
+    """A free walk of ν_ψ has sd σ √t except for friction. A deviation of 4 σ over 400 vehicles occurs once in 16
+    000."""
     friction = replace(vehicle.vehicle.friction, linear=np.zeros(3), quadratic=np.zeros(3))
     vehicle.vehicle = replace(vehicle.vehicle, friction=friction)
     many = simulate_many(vehicle, 0 * U, 400, vary={}, process_noise=True, seed=3)
@@ -69,13 +70,13 @@ def test_the_table_shows_mean_and_standard_deviation(vehicle):
 
 def test_a_diverged_vehicle_is_counted_separately(vehicle):
     linear = np.tile([1.5, 40.0, 0.01], (4, 1))
-    linear[2] = -1e6  # no file would allow it
+    linear[2] = -1e6  # a file would not permit this value
     many = simulate_many(vehicle, U, vary={"model.friction.linear": linear})
     assert [(reason.code, reason.figures["lost"]) for reason in many.reasons] == [("simulate.lost", 1)]
     assert many.rows()[-1]["vehicles"] == 3
 
 
-def test_draws_have_the_covariance_of_the_fit_and_stay_in_bounds(vehicle):
+def test_drawn_parameters_have_the_fitted_covariance_and_respect_bounds(vehicle):
     """Bounds of 4.5 standard errors over 4000 draws."""
     names = (
         "model.mass_kg",
@@ -87,7 +88,7 @@ def test_draws_have_the_covariance_of_the_fit_and_stay_in_bounds(vehicle):
     cov[0, 1] = cov[1, 0] = 1e-3
     vehicle.parameter_cov = ParameterCov(names, cov)
     system = System(vehicle.vehicle, vehicle.sensors)
-    paths, theta, clip_count = drawn(vehicle, system, 4000, seed=1)
+    paths, theta, clip_count = draw_parameters(vehicle, system, 4000, seed=1)
     assert paths == (names[0], names[1], names[3])
     np.testing.assert_allclose(theta[:, :2].mean(axis=0), [0.61, 1.5], atol=4.5 * 0.2 / 63)
     np.testing.assert_allclose(np.cov(theta[:, :2].T), cov[:2, :2], rtol=4.5 / 30)
@@ -116,7 +117,7 @@ def test_impossible_draws_are_refused_with_a_reason(vehicle, cov, vehicles, word
         simulate_many(vehicle, U, vehicles)
 
 
-def test_chunks_limit_the_memory():
+def test_the_chunk_size_limits_the_memory():
     parts = _chunks(10_000, True, 6_000)
     assert sum(p.stop - p.start for p in parts) == 10_000
     assert all((p.stop - p.start) * 6_000 * 24 <= 2**26 for p in parts)

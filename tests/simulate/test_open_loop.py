@@ -1,4 +1,4 @@
-"""A signal through the kernel is the vehicle of the simulated world, and of plain NumPy."""
+"""A signal through the kernel gives the vehicle motion of the simulated world and of plain NumPy."""
 
 from dataclasses import replace
 
@@ -17,7 +17,7 @@ RNG = np.random.default_rng(3)
 U = np.repeat(RNG.uniform(-1, 1, (12, 3)) * [1.0, 0.0, 1.0], 25, axis=0)
 
 
-def test_kernel_and_simulated_world_are_the_same_vehicle(vehicle):
+def test_kernel_and_simulated_world_give_the_same_motion(vehicle):
     run = simulate(vehicle, U, seed=5, eta0=np.array([1.0, 2.0, 3.0]))
     world = SimulatedWorld(vehicle.vehicle, vehicle.sensors, 100.0, seed=5, eta0=np.array([1.0, 2.0, 3.0]))
     ticks = []
@@ -30,7 +30,8 @@ def test_kernel_and_simulated_world_are_the_same_vehicle(vehicle):
 
 
 def test_a_tick_too_long_for_the_integrator_is_subdivided():
-    """The small vehicle's wheels hold sideways with a time constant of 15 ms: one step of 50 ms runs away."""
+    """The wheels of the small vehicle stop sideways motion with a time constant of 15 ms: one step of 50 ms
+    diverges."""
     file, u = load("small"), np.repeat(U[::25], 5, axis=0)
     slow = file.with_values({"sensors.imu.rate_hz": 20.0})
     run = simulate(slow, u, rate_hz=20.0, noise=False)
@@ -44,7 +45,7 @@ def test_a_tick_too_long_for_the_integrator_is_subdivided():
     assert fit.value("model.friction.linear[0]") == pytest.approx(file.vehicle.friction.linear[0], rel=1e-3)
 
 
-def test_a_fast_sensor_answers_once_a_tick_and_a_slow_sensor_rarely():
+def test_a_sensor_answers_at_its_rate_but_at_most_once_per_tick():
     file, u = load("small"), np.repeat(U[::25], 5, axis=0)
     often = simulate(file, u, rate_hz=20.0)
     assert often.sensors["imu"].arrival_ns.tolist() == often.t_ns.tolist()
@@ -55,7 +56,7 @@ def test_a_fast_sensor_answers_once_a_tick_and_a_slow_sensor_rarely():
     assert np.all((imu.arrival_ns - imu.t_ns >= 0) & (imu.arrival_ns - imu.t_ns < 50_000_000))
 
 
-def test_back_ends_agree(vehicle):
+def test_all_back_ends_give_the_same_simulation(vehicle):
     a, b = (simulate(vehicle, U[:60], seed=5, backend=name) for name in ("auto", "numpy"))
     np.testing.assert_allclose(a.truth.eta, b.truth.eta, atol=1e-12)
     np.testing.assert_allclose(a.sensors["imu"].z, b.sensors["imu"].z, atol=1e-12)
@@ -72,7 +73,7 @@ def test_an_additional_sensor_does_not_change_the_noise_of_others(vehicle, vehic
     np.testing.assert_allclose(a.truth.eta, b.truth.eta, rtol=0, atol=1e-13)
 
 
-def test_sensors_measure_at_their_own_rates(vehicle_with_odometer):
+def test_each_sensor_measures_at_its_rate(vehicle_with_odometer):
     run = simulate(vehicle_with_odometer, U, seed=1)
     assert len(run.sensors["imu"].t_ns) == 300
     assert len(run.sensors["odometer"].t_ns) == 60
@@ -80,7 +81,7 @@ def test_sensors_measure_at_their_own_rates(vehicle_with_odometer):
 
 
 def test_noise_has_the_standard_deviation_of_the_file(vehicle):
-    """4.5 σ bounds of a sample deviation over 3000 draws: a false alarm in 150 000."""
+    """Bounds of 4.5 σ of a sample deviation over 3000 draws: a false alarm in 150 000."""
     zero = np.zeros((3000, 3))
     imu = replace(vehicle.sensors.imu, gyro_bias=0.0, gyro_bias_walk=0.0)
     vehicle.sensors = vehicle.sensors._replace(imu=imu)

@@ -28,7 +28,7 @@ def test_the_ideal_estimator_returns_the_pose_of_the_world():
     np.testing.assert_array_equal(estimate.cov, 0.0)
 
 
-def test_a_route_begins_at_the_start_of_the_robot():
+def test_moving_a_route_to_the_origin_preserves_its_shape():
     route = rectangle(1.2, 0.8, 0.2, 0.2)
     moved_route = from_origin(route)
     np.testing.assert_allclose(moved_route.eta[0], 0.0, atol=1e-12)
@@ -38,7 +38,7 @@ def test_a_route_begins_at_the_start_of_the_robot():
 
 
 def result(best: float, bound: tuple[str, ...] = (), stop_code: str = "", drives: int = 10) -> Controllers:
-    """Ten drives of the paper's PD and of one with `best` times its error."""
+    """Return ten drives of the paper's PD and of a controller with `best` times its error."""
     rng, drive_results = np.random.default_rng(0), []
     for label, part in (("pd", 1.0), ("mine", best)):
         for k in range(drives):
@@ -57,7 +57,7 @@ def result(best: float, bound: tuple[str, ...] = (), stop_code: str = "", drives
     return Controllers(dict.fromkeys(JUDGED, result_of), contestants, 10, ())
 
 
-def test_the_verdict_is_decided_by_codes():
+def test_the_verdict_lists_the_code_of_each_missed_requirement():
     assert (result(0.2).verdict, result(0.2).reasons) == (Verdict.USABLE, ())
     assert [reason.code for reason in result(0.5).reasons] == ["study.not-a-third"]
     assert [reason.code for reason in result(0.2, ("k",)).reasons] == ["study.gain-at-bound"]
@@ -74,9 +74,9 @@ def test_an_unknown_controller_is_refused_before_the_first_drive():
         controllers(
             1,
             kinds=("pd",),
-            own=("nobody.py:Mine",),
+            user_blocks=("nobody.py:Mine",),
             starts=1,
-            each=lambda k: pytest.fail("a drive was done"),
+            advance=lambda k: pytest.fail("a drive was done"),
         )
 
 
@@ -93,7 +93,7 @@ class Mine(Kanayama):
 def test_the_paper_pd_and_a_custom_controller_drive_the_same_robot(tmp_path, monkeypatch):
     (tmp_path / "my.py").write_text(MINE, encoding="utf-8")
     monkeypatch.chdir(tmp_path)
-    study = controllers(1, 3, kinds=("pd",), own=("my.py:Mine",), starts=1)
+    study = controllers(1, 3, kinds=("pd",), user_blocks=("my.py:Mine",), starts=1)
     rows = study.rows()
     assert [row["controller"] for row in rows] == ["pd", "my.py:Mine"]
     assert rows[1]["pose_median_m"] < 0.5 * rows[0]["pose_median_m"]

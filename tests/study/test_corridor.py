@@ -1,4 +1,6 @@
-"""`baqueano study corridor`: its bars, and one vehicle of the independent truth from its experiment to its drive."""
+"""`baqueano study corridor`: its requirements, and one vehicle of the independent truth from its experiment to its
+drive.
+"""
 
 import numpy as np
 import pytest
@@ -6,28 +8,28 @@ import pytest
 from baqueano.compare.corridor import LOST_RAD
 from baqueano.study import corridor, driving
 from baqueano.study.corridor import drives
-from baqueano.study.corridor.result import Instant, gathered
+from baqueano.study.corridor.result import Instant, gather
 from baqueano.study.corridor.vehicles import BIAS_WALK, TOLERANCE, vehicles
 
 
 def cases(n, claim_m, rng, heading=0.1):
-    """Errors of deviation 1 m and 0.1 rad, claimed to be `claim_m` times that."""
+    """Return errors with deviations of 1 m and 0.1 rad, claimed to be `claim_m` times as large."""
     cov = claim_m**2 * np.diag([1.0, 1.0, heading**2])
     return [("10 s", Instant(rng.standard_normal(3) * [1.0, 1.0, heading], cov)) for _ in range(n)]
 
 
 @pytest.mark.parametrize(("claim_m", "ok"), [(1.0, True), (0.8, False), (1.3, False)])
-def test_only_a_region_of_correct_size_passes_the_study(claim_m, ok):
-    study = gathered(cases(500, claim_m, np.random.default_rng(0)), 500, ())
+def test_the_study_passes_only_if_the_region_has_the_correct_size(claim_m, ok):
+    study = gather(cases(500, claim_m, np.random.default_rng(0)), 500, ())
     assert [row["ok"] for row in study.rows()] == [ok, ok]
     assert (study.verdict == "USABLE") is ok
     assert all("at 10 s: coverage" in reason for reason in study.reasons)
 
 
-def test_few_vehicles_rarely_miss_a_bar_by_chance():
+def test_a_study_of_few_vehicles_seldom_fails_by_chance():
     misses = 0
     for seed in range(100):
-        study = gathered(cases(20, 1.0, np.random.default_rng(seed)), 20, ())
+        study = gather(cases(20, 1.0, np.random.default_rng(seed)), 20, ())
         misses += any(row["ok"] is False for row in study.rows())
     assert misses <= 10  # two rows of 5 % at most each
 
@@ -37,7 +39,7 @@ def test_a_lost_vehicle_is_counted_and_not_judged():
     lost_cases = [
         (name, case._replace(cov=np.eye(3) * LOST_RAD**2 * 1.01)) for name, case in cases(5, 1.0, rng)
     ]
-    (row, _) = gathered([*cases(12, 1.0, rng), *lost_cases], 17, ()).rows()
+    (row, _) = gather([*cases(12, 1.0, rng), *lost_cases], 17, ()).rows()
     assert (row["cases"], row["lost"]) == (12, 5)
 
 

@@ -15,7 +15,7 @@ def rows(cpm_recordings):
     return cpm.rows()
 
 
-def test_the_cpm_study_meets_all_ten_bars(rows):
+def test_the_cpm_study_meets_all_ten_requirements(rows):
     assert len(rows) == 10
     assert [row["quantity"] for row in rows if not row["ok"]] == []
 
@@ -26,7 +26,7 @@ def test_the_model_explains_the_speed_of_the_other_run(rows):
     assert values["b → a: speed explained"] >= 0.98
 
 
-def test_the_battery_term_is_refused_with_a_reason(rows):
+def test_the_battery_term_is_rejected_with_a_reason(rows):
     verdicts = [row["value"] for row in rows if row["quantity"].endswith("battery voltage")]
     assert len(verdicts) == 2
     assert all(text.startswith(("battery voltage left out", "battery voltage refused")) for text in verdicts)
@@ -37,6 +37,6 @@ def test_rows_are_flat_and_serialisable_to_json(rows):
     assert json.dumps(rows, allow_nan=False)
 
 
-def test_a_missed_bar_is_not_ok():
+def test_a_row_below_its_requirement_is_not_ok():
     assert cpm.EXPLAINED == {"a": 0.94, "b": 0.98}
     assert row("x", "y", 0.5, "≥ 0.94", ok=0.5 >= 0.94)["ok"] is False

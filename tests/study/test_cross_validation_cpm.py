@@ -15,7 +15,7 @@ pytestmark = pytest.mark.long
 
 @pytest.fixture(scope="module")
 def study(cpm_recordings):
-    """Both fits, each judged on the run that it has not seen."""
+    """Return both fits, each judged on the unseen run."""
     runs = {name[-1]: import_run(name).run for name in MAPS}
     fitted = {name: fit_to(run) for name, run in runs.items()}
     ways = (("a", "b"), ("b", "a"))
@@ -25,7 +25,7 @@ def study(cpm_recordings):
 def test_a_fit_to_one_run_predicts_the_other_run(study):
     for validation in study.judged:
         assert validation.held_out
-        assert np.all(validation.predicted.explained > 0.9), validation.row()
+        assert np.all(validation.predicted.explained_variance > 0.9), validation.row()
 
 
 def test_the_filter_error_is_below_one_percent_of_the_distance(study):
@@ -60,7 +60,7 @@ def test_rows_table_and_page_report_the_cross_validation(study):
     assert json.dumps(study.rows(), allow_nan=False)
     table = study.table()
     assert "a → b" in table
-    assert "throttle from -0.41 to 0.57 leaves what the model was fitted to" in table
+    assert "throttle from -0.41 to 0.57 leaves the range of the fit" in table
     page = page_of_recordings(None, study).html()
     assert page.count('<svg class="wide"') == 6
     assert "Fitted on b, judged on a: the path" in page

@@ -1,4 +1,4 @@
-"""The parts of the demo that need no drive: its first guess, and its table of truth and estimate."""
+"""The parts of the demo that need no drive: the guessed vehicle, and the table of truth and estimate."""
 
 import re
 
@@ -11,7 +11,7 @@ from baqueano.vehicle_file import load
 
 
 class FitResult:
-    """A fit, as far as the table of the demo looks at it."""
+    """The attributes of a fit that the table of the demo uses."""
 
     def __init__(self, names, estimate, sd):
         self.names, self.verdict, self.reasons = names, "USABLE", ("converged",)
@@ -31,7 +31,7 @@ def demo_of(names, estimate, sd) -> Demo:
     return demo
 
 
-def test_the_guess_is_a_valid_vehicle_and_not_the_truth():
+def test_the_guessed_vehicle_differs_from_the_true_vehicle():
     truth = load("small")
     guess = truth.with_values(GUESS)
     project = guess_of("small")
@@ -42,7 +42,7 @@ def test_the_guess_is_a_valid_vehicle_and_not_the_truth():
         )
 
 
-def test_the_true_actuator_gain_includes_unequal_wheels():
+def test_the_true_actuator_gain_includes_the_mean_gain_of_unequal_wheels():
     truth = load("small")
     gain = truth.vehicle.drivetrain.gain
     demo = demo_of(("model.actuator_matrix[0,0]", "model.friction.linear[0]"), [1.0, 1.0], [1.0, 1.0])
@@ -57,5 +57,5 @@ def test_each_row_contains_the_normalised_error_of_an_estimate():
     assert [row["truth"] for row in rows] == pytest.approx([3.3, 40.0, 0.0115])
 
 
-def test_every_key_of_the_guess_is_a_key_of_the_file():
+def test_every_key_of_the_guess_belongs_to_model_sensors_or_controller():
     assert all(re.fullmatch(r"(model|sensors|controller)\.[\w.]+", key) for key in GUESS)

@@ -1,4 +1,4 @@
-"""`baqueano study driving` on one robot: the controller is judged by physics that it did not write."""
+"""`baqueano study driving` on one robot: the controller is judged by the independent truth."""
 
 import pytest
 
@@ -14,10 +14,10 @@ def test_an_identified_robot_drives_evenly_on_independent_physics(monkeypatch):
     assert [row["case"] for row in study.rows()] == ["imu", "pose", "breakaway"]
     assert (study.verdict, study.refused) == ("USABLE", ())
     assert all(row["unevenness_worst"] < 0.02 for row in study.rows())
-    assert "all limits are kept" in study.table()
+    assert "all limits are met" in study.table()
 
 
-def test_a_lap_beyond_a_limit_is_named_with_its_figure():
+def test_a_lap_beyond_a_limit_is_reported_with_its_figure():
     good = EvenDrive("pose", "eight", 0.2, 0, 0.01, 0.01, 0.0, 0.0, 0.003, 0.0)
     late = good._replace(seed=1, across_m=0.02, sign_changes=2.0)
     study = Driving((good, late), 2, ())

@@ -1,4 +1,4 @@
-"""The judge of estimators: its references are right by hand calculation, and it ranks estimates correctly."""
+"""The judge of estimators: its references match hand calculations, and it ranks estimates correctly."""
 
 import json
 
@@ -21,10 +21,10 @@ from baqueano.study.estimation.errors import (
     BlockSums,
     EstimatedPath,
     block_errors,
-    joined,
+    merge,
 )
 from baqueano.study.estimation.judging import JudgedEstimate
-from baqueano.study.estimation.references import integrated, open_loop
+from baqueano.study.estimation.references import dead_reckoning, open_loop
 from baqueano.study.estimation.result import EstimationStudy
 from baqueano.study.estimation.subjects import BOTH, IMU, SETUPS, with_sensors
 from baqueano.vehicle_file import load
@@ -34,7 +34,7 @@ V, R, RATE_HZ = 0.8, 0.5, 50.0
 
 
 def circle(seconds=60.0):
-    """A car on a circle, its gyro and odometer without noise, with the scales of the garage file."""
+    """Return a car on a circle, with noise-free gyro and odometer and the scales of the garage file."""
     car = load("car")
     t_ns = np.arange(int(seconds * RATE_HZ)) * 20_000_000
     psi = R * t_ns * 1e-9
@@ -52,21 +52,21 @@ def circle(seconds=60.0):
 
 def test_integration_of_perfect_readings_gives_the_circle():
     car, run = circle()
-    eta = integrated(car, run, np.zeros((len(run.t_ns), 3)), run.truth.eta[0])
+    eta = dead_reckoning(car, run, np.zeros((len(run.t_ns), 3)), run.truth.eta[0])
     assert np.max(np.hypot(*(eta - run.truth.eta)[:, :2].T)) < 1e-3
     ideal = with_sensors(car, SETUPS[IMU])
     nu = np.tile([V, 0.0, R], (len(run.t_ns), 1))
-    assert np.allclose(integrated(ideal, run, nu, run.truth.eta[0]), eta, atol=1e-12)
+    assert np.allclose(dead_reckoning(ideal, run, nu, run.truth.eta[0]), eta, atol=1e-12)
 
 
-def test_open_loop_is_the_simulation_under_the_commands():
+def test_the_open_loop_prediction_equals_a_simulation_without_noise():
     car = load("car")
     u = np.repeat(np.random.default_rng(0).uniform([0.2, -0.5], [0.6, 0.5], (8, 2)), 50, axis=0)
     quiet = car.with_values({"model.process_noise_std": [0.0, 0.0, 0.0]})
     run = simulate(quiet, u)
     start = np.concatenate([run.truth.eta[0], run.truth.nu[0]])
     nu = open_loop(quiet, run, start)
-    after = run.t_s > 3.0  # the beginning is forgotten
+    after = run.t_s > 3.0  # the start has no more effect
     assert np.max(np.abs(nu - run.truth.nu)[after]) < 0.02
 
 
@@ -78,7 +78,7 @@ def test_the_camera_speed_is_measured_along_the_heading():
     assert np.max(np.abs(speed[finite] - V)) < 2e-3  # (R · 0.15 s)² / 10 of it
 
 
-def test_a_path_with_half_the_error_has_half_the_ratio():
+def test_an_estimate_with_half_the_error_has_the_ratio_one_half():
     _, run = circle()
     eta = run.truth.eta.copy()
     off = 0.01 * run.t_s[:, None] * [1.0, 0.0, 0.0]
@@ -96,13 +96,14 @@ def test_a_path_with_half_the_error_has_half_the_ratio():
     assert ratios[WHOLE].rms[1] == pytest.approx(0.6 / np.sqrt(3), rel=0.01)
     assert ratios[QUANTITIES[2]].rms[1] == pytest.approx(
         0.1 / np.sqrt(3), rel=0.01
-    )  # begins afresh after 10 s
+    )  # begins again after 10 s
     assert len(ratios[QUANTITIES[2]].samples) == 6
     assert np.isnan(ratios[WHOLE].ratio[1])  # one block gives no interval
 
 
 def test_the_interval_of_a_ratio_has_its_nominal_coverage():
-    """40 blocks, 200 trials: with true coverage 0.95 fewer than 178 inside are 1 in 500; small samples take 2 %."""
+    """40 blocks, 200 trials: with a true coverage of 0.95, fewer than 178 inside occur once in 500; small samples
+    lower the coverage by 2 %."""
     inside = 0
     for seed in range(200):
         rng = np.random.default_rng(seed)
@@ -117,7 +118,7 @@ def test_the_interval_of_a_ratio_has_its_nominal_coverage():
 
 
 def outcome_of(ratio):
-    """Ten blocks in which the estimate is `ratio` times as far off as the reference."""
+    """Return ten blocks in which the error of the estimate is `ratio` times that of the reference."""
     blocks = np.random.default_rng(1).uniform(0.9, 1.1, 10)
     ratio_blocks = BlockSums(ratio**2 * blocks, blocks, np.ones(10))
     return JudgedEstimate(
@@ -132,24 +133,24 @@ def outcome_of(ratio):
     )
 
 
-def test_a_better_estimator_meets_its_bars_and_a_worse_estimator_misses():
+def test_a_better_estimator_passes_and_a_worse_estimator_fails():
     assert EstimationStudy((outcome_of(0.6),)).verdict == "USABLE"
     worse = EstimationStudy((outcome_of(0.6), outcome_of(1.2)._replace(recording="there")))
     assert any(reason.startswith("there, ekf: speed") for reason in worse.reasons)
     flags = [row["ok"] for row in worse.rows() if row["recording"].startswith("here") and "ratio" in row]
     assert flags == [True] * len(QUANTITIES)
-    assert not EstimationStudy((outcome_of(0.8),)).pooled()[0][
+    assert not EstimationStudy((outcome_of(0.8),)).pooled_ratios()[0][
         "ok"
-    ]  # with an odometer the speed is to be 0.7 of the model's
-    assert joined([outcome_of(0.6).errors[SPEED], outcome_of(0.6).errors[SPEED]]).samples.sum() == 20
+    ]  # with an odometer the required speed error is 0.7 of the model error
+    assert merge([outcome_of(0.6).errors[SPEED], outcome_of(0.6).errors[SPEED]]).samples.sum() == 20
 
 
-def test_a_fit_that_is_refused_is_shown_and_not_counted():
+def test_a_refused_fit_is_shown_but_not_counted_in_the_verdict():
     bad = outcome_of(3.0)._replace(recording="there", fit="REFUSED")
     study = EstimationStudy((outcome_of(0.6), bad))
     assert study.verdict == "USABLE"
     assert {row["ok"] for row in study.rows() if row["recording"] == "there"} == {None}
-    assert study.pooled()[0]["value"] == pytest.approx(0.6)
+    assert study.pooled_ratios()[0]["value"] == pytest.approx(0.6)
     assert "there: its fit is REFUSED" in study.table()
 
 
@@ -167,10 +168,10 @@ def test_the_estimation_command_prints_json(monkeypatch, capsys):
     assert end.value.code == 2
 
 
-def test_a_recording_is_fitted_and_judged_by_its_odometer_too(cpm_recordings):
+def test_the_odometer_of_a_recording_is_used_for_fit_and_judgement(cpm_recordings):
     subject = room.SUBJECTS["cpm"][0]()[0]
     short = subject._replace(fitted=subject.fitted.cut(0.0, 30.0), judged=subject.judged.cut(0.0, 30.0))
-    (judgement,) = room.judged(short, BOTH)
+    (judgement,) = room.evaluate(short, BOTH)
     assert judgement.errors[SPEED].ratio[0] < 0.9
     assert judgement.stopped == ""
     rows = {row["quantity"]: row for row in EstimationStudy((judgement,)).rows()}
@@ -181,7 +182,7 @@ def test_a_recording_is_fitted_and_judged_by_its_odometer_too(cpm_recordings):
 
 @pytest.fixture(scope="module")
 def vehicles():
-    """A robot on a slope and one with a slow motor, 10 s each."""
+    """Return a robot on a slope and one with a slow motor, 10 s each."""
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(simulated, "SECONDS", 10.0)
         return simulated._subjects(simulated.EstimationJob("robot", (2, 3), (), "auto"))
@@ -196,7 +197,7 @@ def test_simulated_vehicles_have_a_fit_run_and_a_validation_run(vehicles):
     slope, lag = (vehicle.judged for vehicle in vehicles)
     assert np.std(slope.sensors["imu"].z[:100, :2].mean(axis=0)) > 0.0
     first = np.argmax(np.abs(lag.applied).max(axis=1) > 0.5)
-    assert abs(lag.truth.nu[first + 2, 2]) < 0.05  # a motor of the second order hardly turns it in 20 ms
+    assert abs(lag.truth.nu[first + 2, 2]) < 0.05  # a second-order motor hardly turns the wheel in 20 ms
 
 
 def test_the_share_of_good_estimates_counts_only_accepted_fits():
@@ -213,7 +214,7 @@ def test_the_share_of_good_estimates_counts_only_accepted_fits():
     assert len({simulated.lacking(seed) for seed in range(8)}) == 8  # each lack, a robot and a car
 
 
-def test_single_vehicles_are_in_the_rows_but_not_in_the_table():
+def test_the_rows_contain_single_vehicles_and_the_table_does_not():
     outcomes = [simulated.SimulatedOutcome(0, "slope", (outcome_of(0.6), outcome_of(1.2)), "")]
     rows = simulated.each_vehicle(outcomes)
     assert [row["ok"] for row in rows if row["quantity"] == SPEED] == [True, False]

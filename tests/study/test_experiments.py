@@ -1,4 +1,4 @@
-"""Experiments and first drives on the independent truth: their vehicles, their arithmetic, their verdicts."""
+"""Experiments and first drives on the independent truth: their vehicles, their calculations, their verdicts."""
 
 import json
 
@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from baqueano.identify import excitation
-from baqueano.identify.design.room import contained, room_of
+from baqueano.identify.design.room import contain, room_of
 from baqueano.identify.design.vehicle_cloud import possible_vehicles
 from baqueano.signals import Command
 from baqueano.study.counterpart import LoopWorld, robot_values, world_of
@@ -24,7 +24,7 @@ def draw_robots(*errors, margin_m=0.1):
     return SignalErrors(np.array(errors), np.full(20, margin_m), 5.0)
 
 
-def test_a_row_contains_the_ratio_and_the_better_signals():
+def test_a_row_contains_the_ratio_to_the_best_alternative_signal():
     robots = {
         "designed": draw_robots(0.01, 0.02),
         "random_steps": draw_robots(0.02, 0.04),
@@ -35,7 +35,7 @@ def test_a_row_contains_the_ratio_and_the_better_signals():
     assert rows["designed"].above_best == 1
     table = Experiments(tuple(rows.values()), 60.0)
     assert table.verdict == "WARN"
-    assert table.reasons == ("of 1 vehicles another signal tells more",)
+    assert table.reasons == ("for 1 vehicles another signal gives more information",)
     assert "2.00×" in table.table()
     assert [row["signal"] for row in table.rows()] == ["designed", "random_steps", "prbs"]
     assert json.dumps(table.rows(), allow_nan=False)
@@ -44,17 +44,17 @@ def test_a_row_contains_the_ratio_and_the_better_signals():
 @pytest.mark.parametrize(
     ("errors_of_design", "message"),
     [
-        (draw_robots(0.019), "1.05 times better than random steps, not 1.5"),
+        (draw_robots(0.019), "1.05 times better than random steps; expected 1.5"),
         (draw_robots(0.01)._replace(seconds=11.0), "took 11.0 s, more than a sixth of 60 s"),
     ],
 )
-def test_a_design_below_its_bar_is_reported(errors_of_design, message):
+def test_a_designed_experiment_below_its_requirement_is_reported(errors_of_design, message):
     rows = rows_of("all", "", {"designed": errors_of_design, "random_steps": draw_robots(0.02)})
     assert message in Experiments(tuple(rows), 60.0).reasons[0]
 
 
 @pytest.mark.parametrize("signal", ["designed", "random_steps", "prbs"])
-def test_a_body_that_left_the_room_is_counted_under_every_signal(signal):
+def test_a_vehicle_that_left_the_room_is_counted_for_every_signal(signal):
     robots = {"designed": draw_robots(0.01), "random_steps": draw_robots(0.02), "prbs": draw_robots(0.03)}
     whole = rows_of("all", "", robots)
     rows = rows_of("small", "2x2", {**robots, signal: robots[signal]._replace(margins=np.full(20, -0.01))})
@@ -62,7 +62,7 @@ def test_a_body_that_left_the_room_is_counted_under_every_signal(signal):
     assert "in 20 drives the body left the room" in Experiments((*rows, *whole), 60.0).reasons
 
 
-def test_a_touched_wall_refuses_the_first_drive():
+def test_a_touched_wall_gives_the_verdict_refused():
     good = FirstDrive("well", 10, 0, 0.5, 10, 1.2, 60.0)
     assert FirstDrives((good,)).verdict == "USABLE"
     assert FirstDrives((good,)).rows() == [good._asdict()]
@@ -72,7 +72,7 @@ def test_a_touched_wall_refuses_the_first_drive():
 
 
 @pytest.mark.parametrize("name", ["small", "car"])
-def test_study_vehicles_differ_from_their_file_by_the_stated_spread(name):
+def test_study_vehicles_differ_from_their_file_within_the_stated_spread(name):
     file = load(name)
     vehicles = vehicles_around(file, 30, 0)
     values = numbers(vehicles)
@@ -103,11 +103,11 @@ def test_a_stronger_signal_is_more_informative_and_long_driving_leaves_the_room(
 
 
 def test_a_car_on_tyres_that_slide_stays_in_its_room():
-    """Its planner has no tyre model. With curves of up to 12 m/s² the car was 37 cm in the wall."""
+    """Its planner has no tyre model. With curves of up to 12 m/s² the car was 37 cm inside the wall."""
     file = load("car")
     vehicles, room = vehicles_around(file, 2, 1), room_of(file, "4x4")
     requested = excitation("prbs", file.command.limit, 12.0, file.rate_hz, 1, rest_s=1.0)
-    u, world = contained(requested, file, room).u, world_of(vehicles, [0, 1])
+    u, world = contain(requested, file, room).u, world_of(vehicles, [0, 1])
     for now in u:
         world.tick(np.tile(now, (2, 1)), 1.0 / file.rate_hz)
         assert np.all(np.abs(world.truth.eta[:, :2]) < room.free)
@@ -122,7 +122,7 @@ def test_an_unobservable_parameter_retains_its_prior_uncertainty():
 
 @pytest.mark.parametrize("vehicle", [robots_drawn(1, 3), draw_cars(1, 3)], ids=["robot", "car"])
 def test_the_loop_world_equals_the_truth_world_with_delayed_commands(vehicle):
-    vehicle = vehicle.changed(floor=0.0 * vehicle.floor)
+    vehicle = vehicle.with_parameters(floor=0.0 * vehicle.floor)
     looped, plain = LoopWorld(vehicle, 5, 100.0), TruthWorld(vehicle, [5])
     rng, u = np.random.default_rng(0), np.zeros(vehicle.commands)
     for k in range(100):
@@ -147,6 +147,6 @@ def test_unknown_robots_have_the_documented_range_of_gains_and_dead_zones():
     zones = np.concatenate([np.ravel([robot.forward, robot.backward]) for robot in robots])
     assert 0.0 <= zones.min() < 0.05 < 0.35 < zones.max() <= DEAD_ZONE
     robot = robots_drawn(1, 0)
-    same = robot.changed(gain=file.vehicle.drivetrain.gain[None])
+    same = robot.with_parameters(gain=file.vehicle.drivetrain.gain[None])
     value = robot_values(same)["model.actuator_matrix[0,0]"][0]
     assert gains(same, file)[0] == pytest.approx(value / 3.38)

@@ -10,7 +10,7 @@ from baqueano.study.faults.detection import SOUND, FaultJob, FaultOutcome
 from baqueano.study.wrong import wrong
 
 SOME = (
-    "sound", "sound, other start", "gyro in °/s", "time jumps a day", "time jumps seconds", "held samples",
+    "sound", "sound, other start", "gyro in °/s", "time jumps a day", "time jumps seconds", "repeated samples",
     "frames as zero", "second vehicle",
 )  # fmt: skip
 
@@ -37,7 +37,7 @@ def test_a_repaired_time_jump_gives_nearly_the_same_errors(study):
     assert 0.5 < rows["time jumps a day"]["over_clean"] < 2.0
 
 
-def test_a_run_split_in_two_converges(study):
+def test_a_fit_to_a_run_split_in_two_converges(study):
     (row,) = [row for row in study.rows() if row["fault"] == "time jumps seconds"]
     assert row["refused"] == 0
     assert row["over_clean"] < 1.5
@@ -72,39 +72,39 @@ def test_more_than_two_per_cent_of_sound_runs_refused_fail_the_study():
     assert Faults((*sound[:48], outcome_of("sound", "REFUSED", False)), 49, 49).verdict == "REFUSED"
 
 
-def test_a_fit_without_parameters_is_left_out_of_the_ratio():
+def test_a_fit_without_parameters_is_excluded_from_the_ratio():
     none = outcome_of("stuck", "REFUSED", False)._replace(clean=1.0)
     some = none._replace(off=3.0, clean=2.0)
     assert Faults((none, some), 2, 2).rows()[0]["over_clean"] == 1.5
     assert Faults((none,), 1, 1).rows()[0]["over_clean"] is None
 
 
-def test_repeated_samples_lose_only_their_own_information(study):
-    """What is left is the same, reading by reading, as in the sound run without them."""
+def test_repeated_samples_do_not_reduce_the_information_of_other_samples(study):
+    """The remaining readings equal, one by one, the readings of the sound run without the repeated ones."""
     rows = {row["fault"]: row for row in study.rows()}
-    assert 0.3 < rows["held samples"]["lost"] < 0.9
+    assert 0.3 < rows["repeated samples"]["lost"] < 0.9
     assert 0.02 < rows["frames as zero"]["lost"] < 0.35
-    for fault in ("held samples", "frames as zero"):
+    for fault in ("repeated samples", "frames as zero"):
         assert rows[fault]["over_left"] == pytest.approx(1.0, abs=0.01)
 
 
-def test_the_same_readings_are_removed_from_the_sound_run(case_study):
+def test_the_sound_reference_run_lacks_the_same_readings_as_the_damaged_run(case_study):
     from baqueano.study.faults.damage import not_numbers, repeated_time, time_jumps_a_day
-    from baqueano.study.faults.undamaged import undamaged
+    from baqueano.study.faults.undamaged import undamaged_run
 
     file, run = case_study
     rng = np.random.default_rng(0)
     damaged_run = not_numbers(run, file, rng)
-    restored_run, lost_share = undamaged(run, damaged_run, file)
+    restored_run, lost_share = undamaged_run(run, damaged_run, file)
     np.testing.assert_array_equal(restored_run.sensors["imu"].z, damaged_run.sensors["imu"].z)
     assert lost_share == np.mean(np.isnan(damaged_run.sensors["imu"].z))
     late = repeated_time(run, file, rng)
-    restored_run, lost_share = undamaged(run, late, file)
+    restored_run, lost_share = undamaged_run(run, late, file)
     lost_rows = np.isnan(restored_run.sensors["imu"].z).all(axis=1)
     assert 0.02 < lost_share == lost_rows.mean() < 0.25
     repeats = np.flatnonzero(np.diff(late.sensors["imu"].t_ns) == 0) + 1
     assert np.all(lost_rows[repeats])
-    assert undamaged(run, time_jumps_a_day(run, file, rng), file) is None
+    assert undamaged_run(run, time_jumps_a_day(run, file, rng), file) is None
 
 
 @pytest.fixture(scope="module")
@@ -165,7 +165,7 @@ def test_a_stopped_study_reports_its_completed_part(monkeypatch, capsys):
 
 @pytest.fixture(scope="module")
 def sound():
-    """A file and a run at 100 Hz whose readings count up with the time."""
+    """Return a file and a run at 100 Hz whose readings count up with the time."""
     from baqueano.runs.run import Channel, Run
     from baqueano.vehicle_file import load
 
@@ -183,7 +183,7 @@ def harm(sound, name, seed=0):
 
 
 @pytest.mark.parametrize(("name", "part"), [("clock 200 ppm off", 200e-6), ("clock 2 % off", 0.02)])
-def test_a_drifting_clock_has_an_error_proportional_to_time(sound, name, part):
+def test_a_clock_with_a_wrong_rate_has_an_error_proportional_to_time(sound, name, part):
     run, bad = harm(sound, name)
     off = (bad.sensors["imu"].t_ns[-1] - run.t_ns[-1]) * 1e-9
     assert abs(off) == pytest.approx(part * 29.99, rel=1e-6)
@@ -211,7 +211,7 @@ def test_resampled_values_are_linear_interpolations(sound):
     assert 0.0 < np.max(np.abs(bad.sensors["imu"].z[:2900] - run.sensors["imu"].z[:2900])) < 1e-3
 
 
-def test_a_self_zeroing_gyro_removes_a_steady_turn(sound):
+def test_a_gyro_that_zeroes_itself_removes_a_steady_turn(sound):
     from dataclasses import replace
 
     from baqueano.study.faults.logging import gyro_zeroes_itself
@@ -228,10 +228,10 @@ def test_a_lost_sign_changes_only_the_second_half(sound, seed):
     np.testing.assert_array_equal(bad.applied[:1500], run.applied[:1500])
     np.testing.assert_array_equal(bad.sensors["imu"].z[:1500], run.sensors["imu"].z[:1500])
     has_changed = np.any(bad.applied != run.applied) or np.any(bad.sensors["imu"].z != run.sensors["imu"].z)
-    assert has_changed or seed in (1, 2)  # the channel that counts up cannot lose a sign
+    assert has_changed or seed in (1, 2)  # a channel without negative values cannot lose a sign
 
 
-def test_rates_and_lengths_are_those_of_the_fault(sound):
+def test_each_fault_changes_rate_and_duration_as_named(sound):
     _, ten = harm(sound, "10 Hz")
     assert (len(ten.t_ns), int(np.median(np.diff(ten.t_ns)))) == (300, 100_000_000)
     run, fast = harm(sound, "1 kHz repeats")
@@ -245,7 +245,7 @@ def test_rates_and_lengths_are_those_of_the_fault(sound):
     assert set(np.diff(epoch.t_ns).tolist()) == {10}
 
 
-def test_duplicated_halves_and_a_second_imu_are_placed_correctly(sound):
+def test_a_duplicated_half_and_a_second_imu_have_the_expected_samples(sound):
     run, twice = harm(sound, "half duplicated")
     np.testing.assert_array_equal(twice.sensors["imu"].z[1500:], run.sensors["imu"].z[:1500])
     np.testing.assert_array_equal(twice.applied[1500:], run.applied[:1500])
@@ -255,7 +255,7 @@ def test_duplicated_halves_and_a_second_imu_are_placed_correctly(sound):
 
 
 @pytest.mark.parametrize("vehicle", ["robot", "car"])
-def test_structural_faults_do_not_change_their_subject(vehicle):
+def test_structural_faults_do_not_change_the_original_data(vehicle):
     from types import SimpleNamespace
 
     from baqueano.study.faults.detection import NOT_FOR_CARS

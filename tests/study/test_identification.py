@@ -1,4 +1,6 @@
-"""The distance of a fit from the theoretical limit on the independent truth: bound, arithmetic, one fit, and Ctrl-C."""
+"""The distance of a fit from the theoretical limit on the independent truth: bound, calculations, one fit, and
+Ctrl-C.
+"""
 
 import json
 import os
@@ -15,7 +17,7 @@ from baqueano.study.counterpart import (
     car_file,
     car_numbers,
     car_values,
-    driven,
+    drive_group,
     robot_file,
     robot_values,
     with_car_numbers,
@@ -33,7 +35,7 @@ NAMES = ("model.friction.linear[0]", "model.drivetrain.lag_s")
 
 
 def outcome_of(case="clean", verdict="USABLE", reasons=(), sd=1.0, off=0.0, seed=0, within_limits=True):
-    """An outcome whose errors are drawn, in bounds of 0.01, its standard errors `sd` bounds."""
+    """Return an outcome with random errors in bounds of 0.01 and with standard errors of `sd` bounds."""
     truth, rng = np.array([3.0, 0.05]), np.random.default_rng(seed)
     estimate = truth + 0.01 * (off + rng.normal(size=2))
     bound = np.full(2, 0.01 if case in ("clean", "rough") else np.nan)
@@ -47,7 +49,7 @@ def study_of(count=200, **options):
 
 
 @pytest.mark.parametrize("path", sorted(robot_values(trials.robot(0))))
-def test_a_robot_accepts_any_true_value(path):
+def test_setting_a_true_value_of_a_robot_changes_no_other_value(path):
     robot = trials.robot(0)
     before = robot_values(robot)
     after = robot_values(with_values(robot, {path: before[path] + 0.01}))
@@ -56,7 +58,7 @@ def test_a_robot_accepts_any_true_value(path):
 
 
 @pytest.mark.parametrize("path", car_numbers(draw_cars(1, 0)))
-def test_a_car_accepts_any_true_value(path):
+def test_setting_a_true_value_of_a_car_changes_no_other_value(path):
     cars = draw_cars(2, 3)
     numbers = car_numbers(cars)[path] * [1.1, 0.9] + [0.01, 0.02]
     result = car_numbers(with_car_numbers(cars, {path: numbers}))
@@ -66,7 +68,7 @@ def test_a_car_accepts_any_true_value(path):
             np.testing.assert_allclose(result[name], before)
 
 
-def test_prior_errors_bound_unobservable_parameters():
+def test_the_error_bound_of_an_unobservable_parameter_is_its_prior_error():
     car = draw_cars(1, 0)
     quiet = np.zeros((50, 2 * len(car_numbers(car)), 4))
     bounds = bound_of(quiet, car, {path: 0.5 for path in car_numbers(car)})
@@ -80,9 +82,9 @@ def test_the_file_of_a_robot_contains_its_true_values():
         assert float(np.ravel(file.value(path))[0]) == pytest.approx(value[0], rel=1e-9, abs=1e-12), path
 
 
-def test_the_true_speed_of_a_car_is_its_final_speed():
+def test_the_stated_true_speed_of_a_car_is_its_final_speed():
     car = draw_cars(1, 0)
-    car = car.changed(servo_offset_rad=np.zeros(1))
+    car = car.with_parameters(servo_offset_rad=np.zeros(1))
     world = TruthWorld(car, [0])
     for _ in range(100):
         world.tick(np.array([[0.35, 0.0]]), 0.02)
@@ -90,8 +92,8 @@ def test_the_true_speed_of_a_car_is_its_final_speed():
     assert car_file(car).vehicle.wheelbase_m == pytest.approx(0.15)
 
 
-def test_the_bound_is_the_inverse_of_the_information():
-    """Readings that are linear in the parameters, with derivatives that can be calculated by hand."""
+def test_the_error_bound_is_computed_from_the_inverse_information():
+    """The readings are linear in the parameters, with derivatives that can be calculated by hand."""
     robot = trials.robot(1)
     of, rng = steps(robot), np.random.default_rng(0)
     G = rng.normal(size=(60, 3, len(of)))
@@ -104,7 +106,7 @@ def test_the_bound_is_the_inverse_of_the_information():
 
 
 @pytest.mark.parametrize("case", ["floor", "low-passed"])
-def test_one_robot_is_fitted_and_the_fit_is_not_wrong(case):
+def test_the_fit_to_one_robot_is_not_wrong(case):
     study = identification(1, 5, cases=(case,), duration_s=5.0)
     (outcome,) = study.outcomes
     assert len(outcome.names) == 27
@@ -114,10 +116,10 @@ def test_one_robot_is_fitted_and_the_fit_is_not_wrong(case):
     json.dumps(rows, allow_nan=False)
 
 
-def test_a_walking_bias_is_compared_by_its_mean():
+def test_the_true_value_of_a_drifting_bias_is_its_mean():
     robot = trials.robot(0)
-    imu = robot.imu.changed(noise=np.zeros((1, 3)), walk=np.array([[0.1, 0.2, 0.01]]))
-    motion = driven(robot.changed(imu=imu), np.zeros((200, 1, 3)), [0], times(200, 100.0))
+    imu = robot.imu.with_parameters(noise=np.zeros((1, 3)), walk=np.array([[0.1, 0.2, 0.01]]))
+    motion = drive_group(robot.with_parameters(imu=imu), np.zeros((200, 1, 3)), [0], times(200, 100.0))
     assert np.all(np.abs(motion.wandered) > 1e-3)
     np.testing.assert_allclose((motion.z - motion.quiet).mean(axis=0), motion.wandered)
 
@@ -133,37 +135,37 @@ def test_study_robots_have_the_documented_properties():
     assert np.abs(counts).max() <= 255 + 1e-9
 
 
-def test_sound_figures_are_usable():
+def test_a_study_that_meets_every_limit_is_usable():
     study = study_of()
     assert study.verdict == "USABLE", study.reasons
     assert study.rows()[0]["rmse"] == pytest.approx(1.0, abs=0.1)
-    assert study.table().endswith("USABLE: every limit is kept, within the scatter of 200 seeds")
+    assert study.table().endswith("USABLE: every limit is met, within the scatter of 200 seeds")
 
 
 @pytest.mark.parametrize(
     ("bars", "message"),
     [
-        ({"sd": 0.7}, "of the intervals hold the truth"),
-        ({"sd": 1.6}, "of the intervals hold the truth"),
+        ({"sd": 0.7}, "of the intervals contain the truth"),
+        ({"sd": 1.6}, "of the intervals contain the truth"),
         ({"off": 3.0, "sd": 3.0}, "bounds"),
         ({"verdict": "WARN"}, "0 % USABLE, expected 95 %"),
         ({"case": "rough", "sd": 1.8}, "standard errors of 1.80 bounds"),
         ({"case": "floor", "off": 30.0}, "wrong fits were called USABLE"),
-        ({"case": "wrong start", "within_limits": False}, "200 ended elsewhere and did not say so"),
-        ({"case": "understeer", "off": 3.0}, "are held or named"),
+        ({"case": "wrong start", "within_limits": False}, "200 ended in another minimum without a warning"),
+        ({"case": "understeer", "off": 3.0}, "are in their interval or named"),
         (
             {"case": "matched", "reasons": (("residual.missing", "model.drivetrain.lag_s"),)},
             "name a parameter",
         ),
     ],
 )
-def test_each_figure_that_is_missed_is_a_reason(bars, message):
+def test_each_missed_limit_of_the_study_is_a_reason(bars, message):
     study = study_of(**bars)
     assert study.verdict == "WARN"
     assert message in "; ".join(study.reasons)
 
 
-def test_a_weak_parameter_alone_does_not_lower_the_study_verdict():
+def test_a_poorly_identified_parameter_does_not_change_the_study_verdict():
     study = study_of(case="matched", reasons=(("fit.weak", "fit"),))
     assert study.verdict == "USABLE", study.reasons
 
@@ -241,6 +243,6 @@ def test_ctrl_c_leaves_the_table_of_completed_seeds(tmp_path):
     assert process.returncode == 130, err
     assert "Traceback" not in err
     assert len(json.loads(out)["rows"]) == 2
-    assert "the table is of" in err
+    assert "the table covers" in err
     assert "of 400." in err
     assert (tmp_path / "study-identification.html").exists()

@@ -8,7 +8,7 @@ import pytest
 from baqueano.cli import main
 from baqueano.identify import FitOptions, identify
 from baqueano.runs.importing import import_run
-from baqueano.study.cross_validation_cpm import predicted
+from baqueano.study.cross_validation_cpm import predict_run
 from baqueano.study.imu_only import (
     BARE,
     FREE,
@@ -31,7 +31,7 @@ def study(cpm_recordings):
 
 
 def test_speed_without_encoder_is_at_most_30_percent_worse_than_with_odometer(study):
-    ratios = [row for row in study.rows() if row["quantity"].startswith("speed error, over")]
+    ratios = [row for row in study.rows() if row["quantity"].startswith("speed error, divided")]
     assert len(ratios) == 4
     for row in ratios:
         assert 0.0 < row["value"] <= 1.3, row
@@ -39,15 +39,15 @@ def test_speed_without_encoder_is_at_most_30_percent_worse_than_with_odometer(st
 
 def test_imu_only_intervals_cover_the_odometer_fit_and_are_narrow(study):
     rows = {row["quantity"]: row for row in study.rows()}
-    assert rows["intervals that hold the odometer's fit"]["ok"]
+    assert rows["intervals that contain the odometer's fit"]["ok"]
     for name, bar in zip(NAMES, WIDE, strict=True):
         if np.isfinite(bar):
             assert rows[f"widest of {name}, ± parts"]["value"] <= bar, name
 
 
-def test_the_unobservable_gyro_scale_and_an_envelope_exit_are_reported(study):
+def test_the_study_reports_the_unobservable_gyro_scale_and_an_envelope_exit(study):
     rows = {row["quantity"]: row for row in study.rows()}
-    assert rows["the gyro's scale is called not identifiable"]["value"] is True
+    assert rows["the gyro's scale is reported as not identifiable"]["value"] is True
     assert rows["the run that leaves the envelope is flagged"]["value"] is True
     assert study.verdict == "USABLE", study.reasons
 
@@ -56,7 +56,7 @@ def test_the_unobservable_gyro_scale_and_an_envelope_exit_are_reported(study):
     ("a", {"model.drivetrain.delay_s": 0.0}),
     ("b", {"model.drivetrain.delay_s": 0.0}),
 ])  # fmt: skip
-def test_a_fit_repeated_from_its_own_estimate_gives_the_same_estimate(cpm_recordings, run, changes):
+def test_a_fit_started_at_its_estimate_returns_the_same_estimate(cpm_recordings, run, changes):
     recorded_run, car = import_run(MAPS[run]).run, load("car").with_values(BARE | changes)
     free = (*FREE, "model.drivetrain.delay_s")
     first = identify(recorded_run, car, free, use=("imu",))
@@ -65,26 +65,26 @@ def test_a_fit_repeated_from_its_own_estimate_gives_the_same_estimate(cpm_record
 
 
 @pytest.mark.parametrize(("run", "held_out"), [("a", "b"), ("b", "a")])
-def test_innovations_contradicted_by_the_other_run_are_not_used(cpm_recordings, run, held_out):
-    """By the IMU alone their speed on the other run is 2.9 and 1.9 times as wrong as that of the simulation error."""
+def test_the_innovations_cost_predicts_the_other_run_worse_without_an_encoder(cpm_recordings, run, held_out):
+    """With only the IMU, their speed error on the other run is 2.9 and 1.9 times that of the simulation cost."""
     recorded_run, unseen_run = (import_run(MAPS[name]).run for name in (run, held_out))
     car, errors = load("car").with_values(BARE), []
     for cost in ("simulation", "innovations"):
         fit = identify(recorded_run, car, FREE, use=("imu",), options=FitOptions(cost=cost))
         values = {name: float(fit.value(name)) for name in FREE if np.isfinite(fit.value(name))}
-        errors.append(float(predicted(car.with_values(values), unseen_run, "auto").rmse[0]))
+        errors.append(float(predict_run(car.with_values(values), unseen_run, "auto").rmse[0]))
         assert not any(note.code in ("cost.innovations", "cost.try-innovations") for note in fit.notes)
     assert errors[1] > 1.5 * errors[0]
     assert fit.verdict == "WARN"
     assert fit.reasons[0].code == "cost.neither"
 
 
-def test_coverage_and_width_are_counted_over_all_cases():
+def test_coverage_and_width_of_intervals_are_taken_over_all_cases():
     inside, width = np.ones((4, 5), bool), np.full((4, 5), 0.05)
     assert all(row["ok"] for row in of_intervals(inside, width))
     inside[:, 0], width[2, 1] = False, 0.41
     rows = {row["quantity"]: row for row in of_intervals(inside, width)}
-    row = rows["intervals that hold the odometer's fit"]
+    row = rows["intervals that contain the odometer's fit"]
     assert row["value"] == pytest.approx(0.8)
     assert not row["ok"]
     assert row["value"] < HELD
@@ -92,7 +92,7 @@ def test_coverage_and_width_are_counted_over_all_cases():
     assert rows["widest of gain, ± parts"]["ok"]
 
 
-def test_the_steady_speed_and_its_error_are_those_of_gain_and_friction():
+def test_steady_speed_and_its_error_are_computed_from_gain_and_friction():
     from types import SimpleNamespace
 
     from baqueano.study.imu_only import DRIVE

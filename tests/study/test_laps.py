@@ -62,13 +62,13 @@ def test_a_line_is_read_once_when_crossed_in_its_direction():
     assert readings_of(lines(), line(0.11)) == {}
 
 
-def test_a_mistaken_line_is_reported_as_another_line():
+def test_a_confused_line_reading_names_another_line():
     ways = [readings_of(lines(seed, PassingFaults(mistaken=1.0)), line(0.05)) for seed in range(20)]
     first = [int(np.flatnonzero(np.isfinite(next(iter(way.values()))))[0]) for way in ways]
     assert set(first) == {1, 2}
 
 
-def test_a_gate_measures_the_pose_and_a_mistaken_gate_shifts_it():
+def test_a_gate_measures_the_pose_relative_to_the_gate_it_reports():
     poses, start = np.array([[1.0, 0.0, 0.1], [0.0, 5.0, 3.0]]), np.array([[0.0, 0.05]])
     for mistaken, expected in ((0.0, [1.0, 0.05, 0.1]), (1.0, [0.0, 5.05, 3.0])):
         gate = Gate(poses, 0.1, np.zeros(3), [0], start, PassingFaults(mistaken=mistaken))
@@ -78,7 +78,7 @@ def test_a_gate_measures_the_pose_and_a_mistaken_gate_shifts_it():
 
 @pytest.mark.parametrize("fix", FIXES)
 @pytest.mark.parametrize("shape", SHAPES)
-def test_the_vehicle_file_declares_the_sensors_of_each_fix(fix, shape):
+def test_the_vehicle_file_declares_the_sensors_of_each_kind_of_mark(fix, shape):
     route, sizes = SHAPES[shape](0.3), FIXES[fix].sizes
     file = with_fix(with_fix(guess(), "tags", route), fix, route)
     assert {name: sensor.size for name, sensor in file.sensors._asdict().items()} == {"imu": 3, **sizes}
@@ -112,9 +112,9 @@ def test_two_turns_on_a_mark_calibrate_the_gyro():
         assert result.sd < 0.004
 
 
-def test_longer_compiled_steps_of_the_truth_give_the_same_path():
+def test_the_compiled_truth_gives_the_same_path_with_longer_steps():
     robots = draw_robots(1, 4)
-    robots = robots.changed(floor=0.0 * robots.floor)
+    robots = robots.with_parameters(floor=0.0 * robots.floor)
     worlds = [
         TruthWorld(robots, [1], step_s=step_s, fast=fast)
         for step_s, fast in ((1e-3, slow), (STEP_S, function))
@@ -142,10 +142,10 @@ def slow(f, *examples):
 
 
 @pytest.mark.long
-def test_tags_bound_the_errors_and_an_imu_alone_stops_before_a_wall(monkeypatch):
+def test_tags_limit_the_errors_and_a_drive_without_tags_stops(monkeypatch):
     monkeypatch.setattr(driving, "EXPERIMENT_S", 40.0)
     monkeypatch.setattr(team, "LEARNED", 3)
-    cases = [LapCase("rectangle", fix, "calibrated", "all read") for fix in ("none", "tags")]
+    cases = [LapCase("rectangle", fix, "calibrated", "no reading lost") for fix in ("none", "tags")]
     study = laps_over_fixes(1, 40, 4, cases=cases)
     assert study.refused == ()
     alone, tags = study.rows()
@@ -155,7 +155,7 @@ def test_tags_bound_the_errors_and_an_imu_alone_stops_before_a_wall(monkeypatch)
     assert tags["last_across_p95_m"] < 0.05
 
 
-TAGS = LapCase("eight", "tags", "calibrated", "all read")
+TAGS = LapCase("eight", "tags", "calibrated", "no reading lost")
 
 
 def study_of(error_m, sd_m, laps=5, across_m=0.02, stops=False, case=TAGS, forecast=float("nan")):
@@ -172,35 +172,39 @@ def study_of(error_m, sd_m, laps=5, across_m=0.02, stops=False, case=TAGS, forec
 def test_a_stop_or_a_large_distance_fails_the_study_despite_faults():
     study = study_of(0.02, 0.02, across_m=-0.12, case=TAGS._replace(read="faults"))
     assert study.rows()[0]["kept"] == 0.5
-    assert "eight, tags, calibrated, faults: 50% of the robots keep the route, 90 % expected" in study.reasons
+    assert (
+        "eight, tags, calibrated, faults: 50% of the robots keep to the route; expected 90 %" in study.reasons
+    )
     assert study_of(0.02, 0.02).rows()[0]["kept"] == 1.0
     (row,) = study_of(0.02, 0.02, stops=True).rows()
     assert (row["kept"], row["stopped"], row["stop_lap_median"]) == (0.5, 1, 2.0)
     far = study_of(0, 1, 3, 0.2).reasons
-    assert "eight, tags, calibrated, all read: lap 3: 19 cm beside the route, 10 cm expected" in far
+    assert (
+        "eight, tags, calibrated, no reading lost: lap 3: 19 cm from the route; expected at most 10 cm" in far
+    )
 
 
 def test_a_too_small_covariance_is_named_by_the_study():
     assert study_of(0.02, 0.02).verdict == "USABLE"
-    assert "all bounds are kept" in study_of(0.02, 0.02).table()
+    assert "all bounds are met" in study_of(0.02, 0.02).table()
     sure = study_of(0.05, 0.01)
     assert sure.verdict == "WARN"
-    assert "0% within the 95 % region" in sure.reasons[0]
+    assert "0% are within the 95 % region" in sure.reasons[0]
     assert "NEES 8.33" in sure.reasons[1]
-    assert "the estimate is 20 cm off, 10 cm expected" in study_of(0.2, 0.2).reasons[0]
+    assert "the error of the estimate is 20 cm; expected at most 10 cm" in study_of(0.2, 0.2).reasons[0]
 
 
-def test_the_bounds_depend_on_the_gyro_and_the_fix():
+def test_the_limits_depend_on_the_gyro_and_the_position_sensor():
     bought = TAGS._replace(gyro="uncalibrated")
     assert study_of(0.02, 0.02, across_m=0.2, case=bought, forecast=0.55).verdict == "USABLE"
     wrong = study_of(0.02, 0.02, across_m=0.2, case=bought, forecast=0.9)
-    assert "50% of the robots keep the route, 90% were forecast" in wrong.reasons[0]
+    assert "50% of the robots keep to the route; the forecast was 90%" in wrong.reasons[0]
     alone = TAGS._replace(fix="none")
     assert study_of(0.02, 0.02, across_m=0.3, stops=True, case=alone).verdict == "USABLE"
     assert study_of(0.1, 0.02, stops=True, case=alone).verdict == "WARN"
 
 
-def test_every_fix_is_driven_on_every_route():
+def test_the_study_combines_every_position_sensor_with_every_route():
     cases = all_cases()
     assert len(cases) == len(set(cases)) == 27
     assert {(case.fix, case.route) for case in cases} == {(fix, shape) for fix in FIXES for shape in SHAPES}

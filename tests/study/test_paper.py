@@ -1,7 +1,7 @@
-"""Case study I at seed 0, which nobody chose: the table, its signs, what cannot be seen, and the errors.
+"""Case study I at seed 0, which was not selected: the table, its signs, unobservable parameters, and the errors.
 
-Fifteen parameters, three of them never seen: of twelve estimates, one is off by more than 4.5 standard errors
-with probability 8e-5.
+Three of the fifteen parameters are unobservable. One of the other twelve estimates deviates by more than 4.5
+standard errors with probability 8e-5.
 """
 
 import numpy as np
@@ -9,7 +9,7 @@ import pytest
 
 from baqueano.report import Headline
 from baqueano.study.paper import dynamic_vs_kinematic
-from baqueano.study.paper.case_study import PRINTED, CaseStudy, ImpliedParameters, case_study, recorded
+from baqueano.study.paper.case_study import PRINTED, CaseStudy, ImpliedParameters, case_study, simulate_seed
 from baqueano.study.paper.page import page_of_paper
 
 NAMES = [f"d_{a}{b}" for a in "lc" for b in ("x", "y", "psi")] + [
@@ -22,7 +22,7 @@ def study():
     return case_study(0)
 
 
-def test_rows_are_the_papers_in_its_order(study):
+def test_rows_have_the_order_and_values_of_the_paper(study):
     rows = study.rows()
     assert [row["name"] for row in rows] == NAMES
     assert all(set(row) == {"name", "truth", "paper", "estimate", "sd"} for row in rows)
@@ -44,7 +44,7 @@ def test_the_truth_has_the_parameters_of_the_paper(study):
     assert truth["T_33"] == pytest.approx(29.99)
 
 
-def test_gains_of_the_absent_sideways_actuator_are_none(study):
+def test_gains_of_the_absent_sideways_actuator_have_no_estimate(study):
     unseen_names = {row["name"] for row in study.rows() if row["estimate"] is None}
     assert unseen_names == {"T_12", "T_22", "T_32"}
     assert all(row["sd"] is None for row in study.rows() if row["estimate"] is None)
@@ -75,7 +75,7 @@ def test_a_fit_with_large_errors_is_not_called_usable(study, monkeypatch):
 
 
 def test_the_dynamic_model_predicts_accelerations_better_than_the_kinematic_model(study):
-    run, unseen_run = recorded(0)[1], recorded(1_000)[1]
+    run, unseen_run = simulate_seed(0)[1], simulate_seed(1_000)[1]
     models = dynamic_vs_kinematic.compare_models(study.fits[0], run, unseen_run)
     dynamic, kinematic = dynamic_vs_kinematic.rows(models)
     assert dynamic["R: ν̇_x [m/s²]"] < kinematic["R: ν̇_x [m/s²]"]
@@ -88,7 +88,7 @@ def test_the_dynamic_model_predicts_accelerations_better_than_the_kinematic_mode
     assert "fig. evaluacion_real" in text
 
 
-def test_case_study_two_is_printed_with_its_implications():
+def test_case_study_two_is_printed_with_its_physical_consequences():
     rows = ImpliedParameters().rows()
     assert "33.1 m" in rows[0]["implies"]
     assert "51 ms" in rows[1]["implies"]

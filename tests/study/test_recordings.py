@@ -1,4 +1,4 @@
-"""Recordings of real vehicles: each is compared with its bar, and a missing recording is named."""
+"""Recordings of real vehicles: each is compared with its requirement, and a missing recording is named."""
 
 import json
 
@@ -35,12 +35,12 @@ def test_a_duty_sweep_identifies_dead_zone_and_faster_wheel():
 
 
 def test_a_skid_steered_vehicle_is_predicted_from_its_wheels():
-    """A fifth of the windows: the whole is in `baqueano study recordings`."""
+    """The test uses a fifth of the windows; `baqueano study recordings` uses all of them."""
     if missing_of(warthog.files()):
         pytest.skip("recordings drive_warthog_husky: set BAQUEANO_DATA to their folder")
     runs = warthog.runs_of("warthog")
     half = len(runs) // 2
-    fit = warthog.fitted(runs[:half:5], "warthog")
+    fit = warthog.fit_windows(runs[:half:5], "warthog")
     far_m, far_rad = warthog.errors(fit.vehicle_file, runs[half::5])
     assert far_m < 0.5
     assert far_rad < warthog.FAR_RAD
@@ -52,29 +52,29 @@ def study_of(ok=True):
     return RecordingStudy((row, row | {"quantity": "told", "value": True}), ())
 
 
-def test_rows_table_and_page_report_the_met_bars():
+def test_rows_table_and_page_report_the_met_requirements():
     study = study_of()
     assert [list(row) for row in study.rows()] == [KEYS, KEYS]
     assert json.dumps(study.rows())
     assert "0.07123" in study.table()
-    assert study.table().endswith("USABLE: 2 of 2 bars are met")
+    assert study.table().endswith("USABLE: 2 of 2 requirements are met")
     assert "All recordings" in page_of_recordings(study, None).html()
 
 
-def test_a_missed_bar_is_a_reason_of_the_verdict():
+def test_a_missed_requirement_is_a_reason_of_the_verdict():
     study = study_of(ok=False)
     assert study.verdict == "WARN"
     assert study.reasons[0] == "one: speed [m/s] is 0.07123"
     assert "NO" in study.table()
 
 
-def test_a_missing_recording_is_left_out_with_a_note(monkeypatch, tmp_path):
+def test_a_missing_recording_is_excluded_with_a_note(monkeypatch, tmp_path):
     monkeypatch.setenv("BAQUEANO_DATA", str(tmp_path))
     (tmp_path / "here.csv").touch()
 
     class Here:
         files = staticmethod(lambda: ["here.csv"])
-        rows = staticmethod(lambda say, backend: study_of().rows())
+        rows = staticmethod(lambda progress, backend: study_of().rows())
 
     real = collected.import_module
     monkeypatch.setattr(
@@ -82,7 +82,7 @@ def test_a_missing_recording_is_left_out_with_a_note(monkeypatch, tmp_path):
     )
     study = recordings(names=("here", "dart"))
     assert len(study.rows()) == 2
-    assert study.left_out[0].startswith("dart is left out: dart_jetracer/throttle_step_input")
+    assert study.left_out[0].startswith("dart is excluded: dart_jetracer/throttle_step_input")
     assert study.verdict == "WARN"
 
 
@@ -95,11 +95,11 @@ def test_missing_recordings_are_named_and_end_with_code_3(monkeypatch, tmp_path,
     assert printed.out == ""
     for name in FILES:
         assert f"cpm_mucar/{name}.csv.gz" in printed.err
-    assert f"{tmp_path} lack " in printed.err
-    assert "set BAQUEANO_DATA to the folder that holds cpm_mucar" in printed.err
+    assert f"{tmp_path} do not contain " in printed.err
+    assert "set BAQUEANO_DATA to the folder that contains cpm_mucar" in printed.err
 
 
-def test_half_of_the_recordings_do_not_give_a_verdict(monkeypatch, tmp_path):
+def test_an_incomplete_set_of_recordings_is_refused(monkeypatch, tmp_path):
     (tmp_path / "cpm_mucar").mkdir()
     for name in FILES[:3]:
         (tmp_path / "cpm_mucar" / f"{name}.csv.gz").touch()

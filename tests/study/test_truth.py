@@ -1,4 +1,6 @@
-"""The independent truth: physics that a pencil gives, a finer integrator agrees, and nothing of the house in it."""
+"""The independent truth: physics that agree with hand calculations and with a finer integrator, without code of the
+package.
+"""
 
 import ast
 
@@ -13,7 +15,9 @@ from baqueano.study.truth import Transmission, TruthWorld, draw_cars, draw_robot
 
 def quiet(vehicles, **parts):
     silent = {name: 0.0 * getattr(vehicles.imu, name) for name in ("bias", "noise", "tilt_rad")}
-    return vehicles.changed(floor=0.0 * vehicles.floor, **{"imu": vehicles.imu.changed(**silent), **parts})
+    return vehicles.with_parameters(
+        floor=0.0 * vehicles.floor, **{"imu": vehicles.imu.with_parameters(**silent), **parts}
+    )
 
 
 def robots(n=1, **parts):
@@ -64,7 +68,9 @@ def test_a_robot_rests_below_its_dead_zone():
 
 def test_the_imu_measures_the_centripetal_acceleration_on_a_circle():
     q = robots()
-    world, z = drive_truth(q.changed(imu=q.imu.changed(place_m=np.zeros((1, 2)))), [0.7, 0.0, 0.1], 1.0)
+    world, z = drive_truth(
+        q.with_parameters(imu=q.imu.with_parameters(place_m=np.zeros((1, 2)))), [0.7, 0.0, 0.1], 1.0
+    )
     v, _, w = world.truth.nu[0]
     assert z[0, 1] == pytest.approx(v * w, rel=0.01)
     assert z[0, 2] == pytest.approx(w)
@@ -107,7 +113,7 @@ def test_a_car_rolls_downhill_at_the_speed_of_force_balance():
 
 def between(vehicles, **values):
     n = len(vehicles.mass_kg)
-    return vehicles.changed(transmission=Transmission.ideal(n).changed(**values))
+    return vehicles.with_parameters(transmission=Transmission.ideal(n).with_parameters(**values))
 
 
 def test_a_slipping_wheel_has_limited_force_and_turns_faster():
@@ -116,23 +122,23 @@ def test_a_slipping_wheel_has_limited_force_and_turns_faster():
     velocities = [world.tick(np.tile([0.9, 0.0, 0.0], (2, 1)), 0.01)[:, 0] for _ in range(60)]
     most = np.max(velocities, axis=0)
     assert most[0] <= 2.0 * 0.3 / 0.61 + 1e-9 < most[1]
-    assert world.rolled[0] > world.truth.nu[0, 0] + 0.1
-    assert world.rolled[1] == world.truth.nu[1, 0]
+    assert world.rolling_speed[0] > world.truth.nu[0, 0] + 0.1
+    assert world.rolling_speed[1] == world.truth.nu[1, 0]
 
 
 def test_a_slipping_wheel_grips_again_at_low_command():
     q = between(robots(), grip_n=np.array([0.5]))
     world, _ = drive_truth(q, [0.9, 0.0, 0.0], 0.3)
-    spun = world.rolled[0] - world.truth.nu[0, 0]
+    spun = world.rolling_speed[0] - world.truth.nu[0, 0]
     for _ in range(100):
         world.tick(np.array([[0.4, 0.0, 0.0]]), 0.01)
-    assert world.rolled[0] - world.truth.nu[0, 0] < 0.2 * spun
+    assert world.rolling_speed[0] - world.truth.nu[0, 0] < 0.2 * spun
 
 
-def test_backlash_is_crossed_at_no_load_speed():
-    """With T = f and f = F (1 − e^(−t/λ)) at once felt, half of the play is ∫ f dt/e."""
+def test_the_motor_crosses_the_backlash_at_no_load_speed():
+    """With T = f and f = F (1 − e^(−t/λ)) effective at once, half of the play is ∫ f dt/e."""
     play, F, zero = 0.02, 1.69 * 0.4, np.zeros(1)
-    q = between(robots(), play_m=np.full(1, play)).changed(
+    q = between(robots(), play_m=np.full(1, play)).with_parameters(
         gain=np.ones((1, 2)), stall_n=np.full(1, 1.69), forward=np.full((1, 2), 0.6 - 0.4), lag_s=np.full(1, 0.02),
         delay_s=zero, dry=np.zeros((1, 3)),
     )  # fmt: skip
@@ -145,7 +151,9 @@ def test_backlash_is_crossed_at_no_load_speed():
 
 
 def test_within_the_backlash_a_robot_rolls_without_motor_force():
-    q = between(robots(), play_m=np.full(1, 1.0)).changed(dry=np.zeros((1, 3)), quadratic=np.zeros((1, 3)))
+    q = between(robots(), play_m=np.full(1, 1.0)).with_parameters(
+        dry=np.zeros((1, 3)), quadratic=np.zeros((1, 3))
+    )
     world = TruthWorld(q, [0])
     world._x[0, 3] = 0.4
     world.tick(np.array([[0.0, 0.0, 0.0]]), 0.2)
@@ -156,7 +164,9 @@ def test_within_the_backlash_a_robot_rolls_without_motor_force():
 
 def test_a_second_order_motor_has_the_analytic_step_response():
     a, b = 0.05, 0.08
-    q = between(robots(), second_lag_s=np.full(1, b)).changed(lag_s=np.full(1, a), delay_s=np.zeros(1))
+    q = between(robots(), second_lag_s=np.full(1, b)).with_parameters(
+        lag_s=np.full(1, a), delay_s=np.zeros(1)
+    )
     world, _ = drive_truth(q, [0.8, 0.0, 0.0], 0.1)
     duty = round(255 * 0.8) / 255
     steady = q.gain[0] * q.stall_n[0] * (duty - q.forward[0])
@@ -164,7 +174,7 @@ def test_a_second_order_motor_has_the_analytic_step_response():
     np.testing.assert_allclose(world._x[0, 6:8], steady * part, rtol=1e-6)
 
 
-def test_grip_backlash_and_lag_create_no_energy():
+def test_grip_limit_backlash_and_motor_lag_create_no_energy():
     lossy = {"grip_n": np.full(2, 0.6), "play_m": np.full(2, 0.004), "second_lag_s": np.full(2, 0.03)}
     world, _ = drive_truth(between(robots(2), **lossy), [0.8, 0.0, 0.2], 0.5)
     q, energy = world.physics, []
@@ -211,7 +221,7 @@ def test_other_vehicles_do_not_change_a_simulation():
 
 
 def test_an_understeering_car_needs_more_steering_on_a_circle():
-    """δ = L ω/v + U v ω at small angles, and neither more nor less with tyres that are alike."""
+    """δ = L ω/v + U v ω at small angles, and U = 0 with equal tyres."""
     lateral = {"grip_n": np.full((2, 2), 1e4), "tyre_n_rad": np.array([[15.0, 22.0], [20.0, 20.0]])}
     q = cars(2, **lateral, servo_offset_rad=np.zeros(2), servo_rad=np.full(2, 0.5))
     world, z = drive_truth(q, [0.35, 0.04], 1.7)

@@ -24,7 +24,7 @@ def test_a_missing_cluster_library_is_reported_with_the_install_command(monkeypa
 def address():
     options = {"n_workers": 2, "threads_per_worker": 1, "processes": True, "dashboard_address": None}
     with warnings.catch_warnings():
-        warnings.simplefilter("ignore")  # the library closes its loops late
+        warnings.simplefilter("ignore")  # the library closes its event loops with a delay
         with distributed.LocalCluster(**options) as cluster:
             yield cluster.scheduler_address
 
@@ -37,10 +37,10 @@ def serial():
 @pytest.mark.filterwarnings("ignore")
 def test_two_workers_of_a_cluster_give_the_same_rows_bit_for_bit(address, serial, tmp_path):
     small, counts = bq.load("small"), []
-    result = bq.sweep(small, **ASKED, cluster=address, keep=tmp_path, each=counts.append)
+    result = bq.sweep(small, **ASKED, cluster=address, keep=tmp_path, advance=counts.append)
     assert counts == [1, 1, 1, 1]
     assert rows_of(result) == serial
-    in_cluster = bq.sweep(small, **ASKED, cluster="nothing://here", keep=tmp_path)  # nothing is left to do
+    in_cluster = bq.sweep(small, **ASKED, cluster="nothing://here", keep=tmp_path)  # no drive remains
     assert rows_of(in_cluster) == serial
     with refused("sweep.no-cluster", UsageError):
         bq.sweep(small, **ASKED, cluster="nothing://here")
@@ -55,7 +55,7 @@ def test_an_interrupted_sweep_on_a_cluster_is_resumed(address, serial, tmp_path)
         if len(counts) == 2:
             raise KeyboardInterrupt
 
-    part = bq.sweep(small, **ASKED, cluster=address, keep=tmp_path, each=until_two)
+    part = bq.sweep(small, **ASKED, cluster=address, keep=tmp_path, advance=until_two)
     assert (len(part.drives), part.requested, [reason.code for reason in part.reasons]) == (
         2,
         4,

@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 from scipy.signal import lfilter
 
-from baqueano.sweep.paired import paired
+from baqueano.sweep.paired import paired_difference
 from baqueano.sweep.pieces import Pieces, correlation_time, pieces_of
 
 DT_S = 0.1
@@ -22,22 +22,27 @@ def lasting(rng, time_s: float, length_s: float) -> tuple[np.ndarray, np.ndarray
 @pytest.mark.parametrize("spread", [0.3, 1.0])
 @pytest.mark.parametrize("drives", [5, 8, 10])
 def test_an_interval_of_few_drives_has_its_nominal_coverage(drives, spread):
-    """Drives as unequal as e^± `spread`, two cells equally good on them; percentiles of a bootstrap held 85 % of 5."""
+    """The drives differ by e^± `spread`, and two cells are equally good on them. Bootstrap percentiles covered 85 %
+    with 5 drives."""
     rng, inside = np.random.default_rng(drives), 0
     for _ in range(2000):
         level = np.exp(spread * rng.standard_normal(drives))
         cells = [level * np.exp(0.3 * rng.standard_normal(drives)) for _cell in range(2)]
-        difference = paired(*([Pieces((1000.0 * x,) * 3, (1000.0,) * 3) for x in cell] for cell in cells))
+        difference = paired_difference(
+            *([Pieces((1000.0 * x,) * 3, (1000.0,) * 3) for x in cell] for cell in cells)
+        )
         assert (difference.blocks, difference.of_drives) == (drives, True)
         inside += difference.low <= 1.0 <= difference.high
     assert 0.935 <= inside / 2000 <= 0.965
 
 
 def trials(time_s: float, count: int = 500) -> tuple[float, float]:
-    """Return the share of drives of 6 pieces that have an interval, and the share of these that hold 1."""
+    """Return the share of drives of 6 segments with an interval, and the share of these intervals that contain 1."""
     rng, differences = np.random.default_rng(7), []
     for _ in range(count):
-        differences.append(paired(*([pieces_of(*lasting(rng, time_s, 60.0))] for _cell in range(2))))
+        differences.append(
+            paired_difference(*([pieces_of(*lasting(rng, time_s, 60.0))] for _cell in range(2)))
+        )
     finite = [difference for difference in differences if np.isfinite(difference.low)]
     return len(finite) / count, sum(difference.low <= 1.0 <= difference.high for difference in finite) / max(
         len(finite), 1
@@ -51,12 +56,12 @@ def test_an_interval_of_six_segments_has_its_nominal_coverage():
 
 
 def test_six_segments_with_errors_correlated_for_5_s_give_no_interval():
-    """Percentiles of a bootstrap held 76 % here. A drive whose errors seem to be short is the exception."""
+    """Bootstrap percentiles covered 76 % here. A drive whose errors seem uncorrelated is the exception."""
     finite, inside = trials(5.0)
     assert finite < 0.15
     assert finite * (1.0 - inside) < 0.02  # wrong claims
     rng = np.random.default_rng(3)
-    comparison = paired(*([pieces_of(*lasting(rng, 5.0, 60.0))] for _cell in range(2)))
+    comparison = paired_difference(*([pieces_of(*lasting(rng, 5.0, 60.0))] for _cell in range(2)))
     assert comparison.ratio > 0.0
     assert not comparison.significant
 
@@ -64,7 +69,7 @@ def test_six_segments_with_errors_correlated_for_5_s_give_no_interval():
 def test_a_long_drive_with_correlated_errors_gets_longer_blocks():
     rng = np.random.default_rng(5)
     a, b = (pieces_of(*lasting(rng, 5.0, 600.0)) for _ in range(2))
-    difference = paired([a], [b])
+    difference = paired_difference([a], [b])
     assert a.length_s == 10.0
     assert 4.0 * max(a.correlation_s, b.correlation_s) <= 600.0 / difference.blocks
     assert 5 <= difference.blocks < 60
@@ -72,23 +77,23 @@ def test_a_long_drive_with_correlated_errors_gets_longer_blocks():
 
 
 @pytest.mark.parametrize("time_s", [0.5, 2.0, 5.0])
-def test_the_correlation_time_is_computed_from_squared_errors(time_s):
-    """Of a Gauss-Markov error with correlation e^(−t/T) the squares have e^(−2t/T): their time, 2 ∫ ρ dt, is T."""
+def test_the_correlation_time_is_estimated_from_squared_errors(time_s):
+    """A Gauss-Markov error with correlation e^(−t/T) has squares with e^(−2t/T): their time, 2 ∫ ρ dt, is T."""
     rng = np.random.default_rng(0)
     t_ns, e = lasting(rng, time_s, 20_000.0)
     assert correlation_time(t_ns, e**2) == pytest.approx(time_s, rel=0.15)
     assert correlation_time(t_ns, np.ones(len(t_ns))) == 0.0
 
 
-def test_an_interval_across_a_border_belongs_to_no_segment():
+def test_a_sample_that_spans_two_segments_is_not_counted():
     t_ns = np.arange(201) * 100_000_000  # 20 s
-    whole = pieces_of(t_ns[:191], np.ones(191), span_s=1.0)  # begun at 0.0 … 19.0
+    whole = pieces_of(t_ns[:191], np.ones(191), span_s=1.0)  # intervals that begin at 0.0 … 19.0
     assert whole.samples == (91.0, 91.0)  # each within 0 … 10 s, or within 10 … 20 s
     assert pieces_of(t_ns, np.ones(201)).samples == (100.0, 101.0)
     assert pieces_of(t_ns, np.ones(201), span_s=5.0).length_s == 20.0
 
 
-def test_a_short_remainder_joins_the_previous_segment():
+def test_a_short_remainder_is_added_to_the_previous_segment():
     t_ns = np.arange(250) * 100_000_000
     assert pieces_of(t_ns, np.ones(250)).samples == (100.0, 150.0)
 
@@ -96,24 +101,24 @@ def test_a_short_remainder_joins_the_previous_segment():
 def test_few_drives_are_compared_by_segments():
     rng = np.random.default_rng(1)
     estimate, reference = (Pieces(tuple(rng.uniform(1.0, 2.0, 12) * s), (1.0,) * 12) for s in (4.0, 1.0))
-    difference = paired([estimate], [reference])
+    difference = paired_difference([estimate], [reference])
     assert (difference.blocks, difference.of_drives, difference.significant) == (12, False, True)
     assert difference.low < difference.ratio < difference.high
-    comparison = paired([Pieces((4.0,), (1.0,))], [Pieces((1.0,), (1.0,))])
+    comparison = paired_difference([Pieces((4.0,), (1.0,))], [Pieces((1.0,), (1.0,))])
     assert comparison.ratio == 2.0
     assert np.isnan(comparison.low)
 
 
-def test_a_drive_of_one_segment_prevents_an_interval():
+def test_a_drive_with_only_one_segment_gives_a_nan_interval():
     """The scatter of its ratio is unknown."""
     rng = np.random.default_rng(2)
     long, short = (Pieces(tuple(rng.uniform(1.0, 2.0, n)), (1.0,) * n) for n in (12, 1))
-    assert np.isnan(paired([long, short], [long, short]).low)
-    assert np.isfinite(paired([long, long], [long, long]).low)
+    assert np.isnan(paired_difference([long, short], [long, short]).low)
+    assert np.isfinite(paired_difference([long, long], [long, long]).low)
 
 
 def test_the_ratio_is_the_geometric_mean_of_the_drives():
     fours, ones = Pieces((4.0,), (1.0,)), Pieces((1.0,), (1.0,))
-    assert paired([fours, ones], [ones, fours]).ratio == pytest.approx(1.0)
-    assert paired([fours, fours], [ones, fours]).ratio == pytest.approx(np.sqrt(2.0))
-    assert np.isnan(paired([Pieces((0.0,), (1.0,))], [ones]).ratio)
+    assert paired_difference([fours, ones], [ones, fours]).ratio == pytest.approx(1.0)
+    assert paired_difference([fours, fours], [ones, fours]).ratio == pytest.approx(np.sqrt(2.0))
+    assert np.isnan(paired_difference([Pieces((0.0,), (1.0,))], [ones]).ratio)

@@ -1,5 +1,4 @@
-"""A sweep: figures equal to those of other programs, intervals with coverage, and the same rows in every execution
-mode."""
+"""A sweep: figures equal to other programs, intervals with coverage, and the same rows in every execution mode."""
 
 import json
 
@@ -12,7 +11,7 @@ from baqueano.guides.shapes import circle
 from baqueano.runs.run import EstimateLog, Run, TruthLog
 from baqueano.sweep.cell import SweepBlocks
 from baqueano.sweep.drawing import page_of_sweep
-from baqueano.sweep.figures import figures_of, joined
+from baqueano.sweep.figures import figures_of, joining_distance
 from baqueano.sweep.grid import sweep as one_process
 from baqueano.sweep.result import SweepResult
 from baqueano.sweep.stored_drives import digest
@@ -59,7 +58,7 @@ def result(cells):
         ("rigid", (0.04466864600024149, 0.013999775774547899)),
     ],
 )
-def test_ate_and_rpe_of_a_replay_are_those_of_evo(alignment, figures):
+def test_ate_and_rpe_of_a_replay_equal_the_results_of_evo(alignment, figures):
     """evo 1.38.1, as in tests/compare/test_errors_of_paths.py."""
     t_ns, eta, truth = trajectories()
     zero = np.zeros_like(eta)
@@ -77,7 +76,7 @@ def test_ate_and_rpe_of_a_replay_are_those_of_evo(alignment, figures):
     assert np.isnan(shown["across_rms_m"])
 
 
-def test_each_sweep_drive_joins_its_route_from_beside(result):
+def test_each_sweep_drive_starts_beside_its_route_and_joins_it(result):
     rows = result.rows()
     assert [(row["cell"], row["drive"]) for row in rows[:3]] == [
         ("kanayama", "circle, seed 3"), ("kanayama", "circle, seed 4"), ("lqr", "circle, seed 3"),
@@ -85,8 +84,8 @@ def test_each_sweep_drive_joins_its_route_from_beside(result):
     assert all(0.05 < row["joined_m"] < 1.0 for row in rows)
     assert all(0.08 < row["across_max_m"] < 0.1 for row in rows)
     assert {row["laps"] for row in rows} == {1.0}
-    assert joined(np.array([1.0, 2.0, 4.0]), np.array([0.1, 0.02, 0.01])) == 1.0
-    assert np.isnan(joined(np.array([1.0, 2.0]), np.array([0.0, 0.5])))
+    assert joining_distance(np.array([1.0, 2.0, 4.0]), np.array([0.1, 0.02, 0.01])) == 1.0
+    assert np.isnan(joining_distance(np.array([1.0, 2.0]), np.array([0.0, 0.5])))
 
 
 def test_an_interrupted_sweep_resumes_and_equals_two_processes(cells, result, tmp_path):
@@ -97,7 +96,7 @@ def test_an_interrupted_sweep_resumes_and_equals_two_processes(cells, result, tm
         if len(counts) == 2:
             raise KeyboardInterrupt
 
-    part = one_process(**cells, processes=1, keep=tmp_path, each=until_two)
+    part = one_process(**cells, processes=1, keep=tmp_path, advance=until_two)
     assert (len(part.drives), part.requested, [reason.code for reason in part.reasons]) == (
         2,
         4,
@@ -107,7 +106,7 @@ def test_an_interrupted_sweep_resumes_and_equals_two_processes(cells, result, tm
     assert len(files) == 2
     files[0].write_text(
         files[0].read_text()[:40]
-    )  # half of a file: not what this program writes, so driven again
+    )  # an incomplete file is not from this program, so the drive is repeated
     second = one_process(**cells, processes=2, keep=tmp_path)
     assert rows_of(second) == rows_of(result)
     assert len(list(tmp_path.iterdir())) == 4
@@ -116,7 +115,7 @@ def test_an_interrupted_sweep_resumes_and_equals_two_processes(cells, result, tm
     assert {path.name: path.stat().st_mtime_ns for path in tmp_path.iterdir()} == before
 
 
-def test_a_stored_drive_is_identified_by_block_source_and_seed(tmp_path, monkeypatch, small):
+def test_the_name_of_a_stored_drive_depends_on_block_source_and_seed(tmp_path, monkeypatch, small):
     from baqueano.sweep.cell import FileText, SweepJob, SweepSettings
     from baqueano.sweep.result import SweepCell
 
@@ -163,10 +162,10 @@ def test_recorded_runs_are_replayed_only_through_estimators(small):
 )
 def test_an_impossible_sweep_is_refused_before_the_first_drive(small, code, options):
     with refused(code):
-        one_process(small, **options, each=lambda n: pytest.fail("a drive was done"))
+        one_process(small, **options, advance=lambda n: pytest.fail("a drive was done"))
 
 
-def test_vehicles_and_runs_are_not_mixed(small):
+def test_a_sweep_over_vehicles_and_runs_together_is_refused(small):
     run = bq.simulate(small, np.zeros((10, 3)))
     with refused("sweep.mixed", UsageError):
         one_process([small, run], routes=ROUTE)
@@ -189,7 +188,7 @@ def test_a_sweep_is_printed_briefly_and_as_data_frame_and_page(result, tmp_path)
     assert page.count("<svg") >= 2
 
 
-def test_the_command_gives_one_object_with_drives_and_cells(capsys, tmp_path, monkeypatch):
+def test_the_sweep_command_prints_one_json_object_with_drives_and_cells(capsys, tmp_path, monkeypatch):
     from baqueano.cli import main
 
     monkeypatch.chdir(tmp_path)

@@ -19,7 +19,7 @@ TWO = ("add", "sub", "mul", "div", "pow", "hypot", "atan2", "min", "max", "lt", 
 def random_program(
     seed: int, p: int = 5, c: int = 4, q: int = 3, m: int = 5, operations: int = 80
 ) -> Program:
-    """Bounded whatever the inputs are, and smooth but for kinks that random numbers do not hit."""
+    """Return a program that is bounded for any input, and smooth except for kinks that random numbers miss."""
     draw = np.random.default_rng(seed)
     graph = Graph()
     theta, start, carry, inputs = (
@@ -58,7 +58,7 @@ def _random_node(graph: Graph, pool: list[Node], draw: np.random.Generator) -> N
         return graph.make(op, inside(pick()))
     if op in ("div", "pow"):
         return graph.make(op, positive(pick()), positive(pick()))
-    if op == "atan2":  # off its cut: nobody promises the sign of a zero
+    if op == "atan2":  # away from its cut: the sign of a zero is not defined
         y = positive(pick())
         return graph.make(op, graph.make("neg", y) if draw.random() < 0.5 else y, pick())
     return graph.make(op, inside(pick()), pick())
@@ -90,7 +90,7 @@ def _in_casadi(node: Node, args: list) -> object:
 
 
 def _unrolled(program: Program, theta, start, inputs, apply: Callable) -> tuple[list, list]:
-    """(outputs of all ticks, carry after the last)."""
+    """Return (outputs of all ticks, carry after the last tick)."""
     inputs_by_node = dict(zip((*program.theta, *program.start), (*theta, *start), strict=True))
     carry = _values(program.initial, inputs_by_node, apply)
     outputs = []
@@ -103,7 +103,7 @@ def _unrolled(program: Program, theta, start, inputs, apply: Callable) -> tuple[
 
 
 def in_numpy(program: Program, theta, start, inputs, rounding=None) -> tuple[np.ndarray, np.ndarray]:
-    """Outputs (N, m) and the last carry (c,); `rounding` draws another last digit for every operation."""
+    """Return outputs (N, m) and the last carry (c,); `rounding` changes the last digit of every operation."""
 
     def apply(node: Node, args: list[float]) -> float:
         value = _in_numpy(node, args)
@@ -115,7 +115,7 @@ def in_numpy(program: Program, theta, start, inputs, rounding=None) -> tuple[np.
 
 
 def in_casadi(program: Program, theta, start, inputs) -> tuple[np.ndarray, np.ndarray]:
-    """Outputs (N, m) and their derivatives (N, m, p)."""
+    """Return outputs (N, m) and their derivatives (N, m, p)."""
     symbols = ca.SX.sym("theta", len(theta))
     outputs, _ = _unrolled(program, ca.vertsplit(symbols), start, inputs, _in_casadi)
     stacked = ca.vertcat(*outputs)
@@ -125,7 +125,7 @@ def in_casadi(program: Program, theta, start, inputs) -> tuple[np.ndarray, np.nd
 
 
 class CaseOfKernel:
-    """A program, numbers for it, and its kernel."""
+    """A program, its input numbers, and its kernel."""
 
     make_kernel: Callable[[Program], Kernel]
 

@@ -1,4 +1,4 @@
-"""The back end is chosen once and can be read; a broken compiler is not an error."""
+"""The back end is chosen once and is available as an attribute; a broken compiler is not an error."""
 
 import subprocess
 import sys
@@ -6,7 +6,7 @@ import sys
 import numpy as np
 import pytest
 
-from baqueano.symbolic import backends, compiled, function, scan
+from baqueano.symbolic import backends, compile_block, function, scan
 from baqueano.symbolic.c_code.compile import find
 
 
@@ -16,7 +16,7 @@ def double(x):
 
 @pytest.fixture
 def elsewhere(monkeypatch, tmp_path):
-    """No kernel of another test is loaded or kept."""
+    """Use an empty cache, so that no kernel of another test is loaded or stored."""
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
     monkeypatch.setattr(backends, "_report_log", set())
     monkeypatch.delenv("BAQUEANO_BACKEND", raising=False)
@@ -32,7 +32,7 @@ def test_the_environment_variable_selects_the_default_back_end(monkeypatch):
     assert function(double, 1.0).backend in ("c", "python")
 
 
-def test_without_a_compiler_python_is_used_and_nothing_is_reported(elsewhere, monkeypatch, capfd):
+def test_without_a_compiler_python_is_used_without_a_message(elsewhere, monkeypatch, capfd):
     monkeypatch.delenv("BAQUEANO_CC", raising=False)
     monkeypatch.setenv("PATH", "")
     monkeypatch.setattr("importlib.util.find_spec", lambda name: None)
@@ -51,22 +51,22 @@ def test_a_compiler_that_fails_is_reported_once_and_python_is_used(elsewhere, mo
     assert errors.count("baqueano: Python is used instead of C") == 1
 
 
-def test_a_failure_of_an_explicit_c_back_end_is_an_error(elsewhere, monkeypatch):
+def test_a_compiler_failure_of_a_requested_c_back_end_is_an_error(elsewhere, monkeypatch):
     monkeypatch.setenv("BAQUEANO_CC", "false")
     with pytest.raises(RuntimeError):
         function(double, 1.0, backend="c")
 
 
 @pytest.mark.skipif(not find().compiler, reason="no C compiler")
-def test_a_kernel_that_does_not_compile_is_run_by_python(elsewhere, monkeypatch, capfd):
+def test_python_runs_a_kernel_that_the_compiler_refuses(elsewhere, monkeypatch, capfd):
     monkeypatch.setattr("baqueano.symbolic.c_code.c.header", lambda *args: "this is not C")
-    block = compiled(type("Block", (), {"step": staticmethod(lambda c, x: (c, double(x)))})())
+    block = compile_block(type("Block", (), {"step": staticmethod(lambda c, x: (c, double(x)))})())
     assert block.step(0.0, 1.0) == (0.0, 2.0 + np.pi)
     assert block.backend == "python"
-    assert "does not compile" in capfd.readouterr().err
+    assert "cannot compile the code" in capfd.readouterr().err
 
 
-def test_importing_the_engine_loads_only_numpy():
+def test_importing_the_symbolic_package_loads_no_heavy_library():
     code = (
         "import sys, numpy; before = set(sys.modules); import baqueano.symbolic; "
         "print(sorted({'scipy', 'casadi', 'ctypes', 'subprocess', 'jax'} & (set(sys.modules) - before)))"

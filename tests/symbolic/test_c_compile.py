@@ -23,8 +23,8 @@ print(library.answer())
 
 @pytest.fixture
 def cache(tmp_path, monkeypatch) -> Path:
-    """An empty cache of our own, in a home folder as people have them."""
-    compile.find()  # its probe is no library of ours
+    """Return an empty cache in a home folder with a realistic name."""
+    compile.find()  # its probe is not a library of the package
     home = tmp_path / "José Ñandú (casa)"
     for name in ("XDG_CACHE_HOME", "LOCALAPPDATA", "HOME"):
         monkeypatch.setenv(name, str(home))
@@ -134,7 +134,7 @@ def test_a_library_that_cannot_be_loaded_is_a_compile_error(monkeypatch, cache):
         compile.load(answer(48))
 
 
-def test_flags_that_a_compiler_refuses_are_left_out(monkeypatch, cache):
+def test_flags_that_a_compiler_refuses_are_omitted(monkeypatch, cache):
     flag_sets = compile._flag_sets
 
     def with_refused_flags(*arguments):
@@ -153,6 +153,6 @@ def test_fast_math_is_never_enabled():
             assert not {"-ffast-math", "-Ofast", "-funsafe-math-optimizations"} & set(flags)
 
 
-def test_subnormal_numbers_survive_loading_a_library(cache):
+def test_loading_a_library_does_not_disable_subnormal_numbers(cache):
     compile.load(answer(47))
     assert 1e-310 * 0.5 == 5e-311

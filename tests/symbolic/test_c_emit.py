@@ -30,7 +30,7 @@ def is_leaf(term) -> bool:
 
 
 def check(statements, known_symbols: set, roots=()) -> set:
-    """Every argument is there when it is read, and no term is computed twice. Returns what is known then."""
+    """Check that every argument is computed before its use and no term is computed twice; return the computed terms."""
     known_symbols = set(known_symbols)
     for s in statements:
         if isinstance(s, EmittedBranch):
@@ -90,8 +90,8 @@ def test_a_number_times_its_sign_is_simplified_to_its_magnitude():
     assert t.make("mul", t.y, sign).op == "mul"
 
 
-def test_a_shared_value_is_differentiated_as_its_own_row():
-    """Of 15 parameters, in two blocks: six terms and three products against five terms."""
+def test_a_shared_intermediate_value_is_differentiated_only_once():
+    """For 15 parameters in two blocks: six terms and three products instead of five terms."""
     t = Text()
     theta, speed = tuple(t.graph.symbol(f"p{k}") for k in range(15)), t.graph.symbol("speed")
     stage = t.make("add", t.x, t.make("mul", t.y, speed))
@@ -101,7 +101,7 @@ def test_a_shared_value_is_differentiated_as_its_own_row():
     assert [len(row.args) // 2 for row in tangent.outputs] == [1, 1, 1]
 
 
-def test_terms_of_one_arm_are_computed_only_in_their_arm():
+def test_terms_used_in_one_branch_are_computed_only_in_this_branch():
     t = Text()
     product = t.make("mul", t.x, t.y)
     next_count = t.long(product)
@@ -117,7 +117,7 @@ def test_terms_of_one_arm_are_computed_only_in_their_arm():
     assert any(s is product for s in statements)
 
 
-def test_terms_needed_outside_an_arm_are_computed_before_the_branch():
+def test_terms_needed_outside_a_branch_are_computed_before_the_branch():
     t = Text()
     common = t.long(t.x)
     output = t.make("where", t.flag, t.long(common), t.long(t.make("mul", common, t.y)))
@@ -126,13 +126,13 @@ def test_terms_needed_outside_an_arm_are_computed_before_the_branch():
     assert len(branches(statements)) == 1
 
 
-def test_a_small_choice_is_not_a_branch():
+def test_a_conditional_with_few_operations_is_not_a_branch():
     t = Text()
     output = t.make("where", t.flag, t.make("mul", t.x, 2.0), t.y)
     assert not branches(schedule([output], is_leaf))
 
 
-def test_consecutive_choices_by_one_condition_are_consecutive_branches():
+def test_dependent_conditionals_become_consecutive_branches():
     t = Text()
     first = t.make("where", t.flag, t.long(t.x), t.x)
     between = t.make("sin", first)
@@ -147,13 +147,13 @@ def test_two_mutually_dependent_branches_are_separated():
     condition = t.make("lt", t.x, t.y)
     a = t.make("where", t.flag, t.long(t.x), t.x)
     b = t.make("where", condition, t.long(t.y), t.y)
-    c = t.make("where", condition, t.long(t.make("cos", a)), a)  # with b, if it did not need a
-    d = t.make("where", t.flag, t.long(t.make("cos", b)), b)  # with a, if it did not need b
+    c = t.make("where", condition, t.long(t.make("cos", a)), a)  # in one branch with b, if it did not need a
+    d = t.make("where", t.flag, t.long(t.make("cos", b)), b)  # in one branch with a, if it did not need b
     statements = schedule([c, d], is_leaf)
     check(statements, set(), [c, d])
 
 
-def test_a_nested_branch_is_emitted_inside_its_arm():
+def test_a_nested_branch_is_emitted_inside_the_outer_branch():
     t = Text()
     gate = t.make("lt", t.x, t.y)
     inner = t.make("where", gate, t.long(t.x), t.long(t.y))
@@ -173,7 +173,7 @@ def test_deep_nesting_and_long_chains_need_no_recursion(depth):
     check(schedule([nest, chain], is_leaf), set(), [nest, chain])
 
 
-def test_terms_of_parameters_alone_are_computed_before_the_loop():
+def test_terms_that_depend_only_on_parameters_are_computed_before_the_loop():
     t = Text()
     exponential = t.make("exp", t.theta)
     output = t.make("mul", exponential, t.x)
@@ -195,7 +195,7 @@ def test_a_fixed_divisor_is_inverted_before_the_loop():
         assert output.op == "mul"
 
 
-def test_a_divisor_of_the_tick_is_inverted_when_it_divides_twice():
+def test_a_divisor_that_is_used_twice_is_inverted_once():
     t = Text()
     once, twice = t.make("div", t.x, t.flag), [t.make("div", a, t.y) for a in (t.x, t.flag)]
     nodes = with_reciprocals(program(t, once, *twice), uses=2).outputs
@@ -205,7 +205,7 @@ def test_a_divisor_of_the_tick_is_inverted_when_it_divides_twice():
 
 
 @needs_compiler
-def test_both_arms_of_a_branch_give_correct_values():
+def test_a_branch_gives_correct_values_for_true_and_false_conditions():
     t = Text()
     x, y = t.x, t.y
     for _ in range(20):

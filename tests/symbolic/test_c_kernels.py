@@ -18,7 +18,7 @@ PARAMETERS = (1, 4, 5, 8, 11, 21)  # one block of rows, less than one, several
 
 
 class Case(CaseOfKernel):
-    """A program, numbers for it, and its kernel in C."""
+    """A program, its input numbers, and its kernel in C."""
 
     make_kernel = staticmethod(make_kernel)
 
@@ -40,7 +40,7 @@ def cases() -> dict[int, Case]:
 
 @settings(max_examples=4)
 @given(seed=st.integers(0, 10**6))
-def test_values_are_those_of_numpy(seed):
+def test_kernel_values_equal_the_numpy_values(seed):
     case = Case(random_program(seed, operations=250, m=40), seed=seed)
     expected = in_numpy(case.program, case.theta, case.start, case.inputs)
     for computed, reference, off_kinks in zip(
@@ -51,7 +51,7 @@ def test_values_are_those_of_numpy(seed):
 
 
 def off_the_kinks(case, expected):
-    """Where other last digits change nothing: on a kink, back ends may take either side."""
+    """Return True where a change of the last digits changes nothing: on a kink, back ends may use either side."""
     draw, steady = np.random.default_rng(0), [np.ones(reference.shape, bool) for reference in expected]
     for _ in range(8):
         rounded_values = in_numpy(case.program, case.theta, case.start, case.inputs, rounding=draw)
@@ -61,7 +61,7 @@ def off_the_kinks(case, expected):
 
 
 @pytest.mark.parametrize("p", PARAMETERS)
-def test_es13_derivatives_are_those_of_casadi(cases, p):
+def test_es13_derivatives_equal_the_derivatives_of_casadi(cases, p):
     case = cases[p]
     outputs, slopes = case.sensitivities()
     expected, expected_slopes = in_casadi(case.program, case.theta, case.start, case.inputs)
@@ -71,7 +71,7 @@ def test_es13_derivatives_are_those_of_casadi(cases, p):
 
 @pytest.mark.parametrize("p", PARAMETERS)
 @pytest.mark.parametrize("huber", [None, 0.3])
-def test_normal_equations_are_those_of_the_sensitivities(cases, p, huber):
+def test_normal_equations_follow_from_the_sensitivities(cases, p, huber):
     case = cases[p]
     outputs, slopes = case.sensitivities()
     r, jacobian = outputs.ravel(), slopes.reshape(-1, p)
@@ -97,7 +97,7 @@ def test_a_kernel_without_parameters_has_a_cost_and_no_derivatives():
 
 
 @pytest.mark.parametrize("p", [4, 11])
-def test_the_total_is_the_sum_with_its_gradient(cases, p):
+def test_the_total_cost_is_the_sum_of_the_outputs_with_its_gradient(cases, p):
     case = Case(cases[p].program._replace(outputs=cases[p].program.outputs[:1]))
     outputs, slopes = case.sensitivities()
     cost, none = case.kernel.total(*case.given(), False)
@@ -110,7 +110,7 @@ def test_the_total_is_the_sum_with_its_gradient(cases, p):
 
 @pytest.mark.parametrize("count", [1, 8, 13])
 @pytest.mark.parametrize("shared_inputs", [(True, True, True), (True, False, False)])
-def test_each_lane_equals_a_separate_run(cases, count, shared_inputs):
+def test_several_vehicles_in_one_call_equal_separate_runs(cases, count, shared_inputs):
     case = cases[5]
     draw = np.random.default_rng(count)
     theta, start = draw.normal(size=(count, 5)), draw.normal(size=(count, len(case.start)))
@@ -130,7 +130,7 @@ def test_each_lane_equals_a_separate_run(cases, count, shared_inputs):
         close(final[lane], last)
 
 
-def test_distributing_lanes_over_processors_does_not_change_results(cases, monkeypatch):
+def test_distributing_vehicles_over_processors_does_not_change_results(cases, monkeypatch):
     case = cases[5]
     draw = np.random.default_rng(0)
     theta, start = draw.normal(size=(43, 5)), draw.normal(size=(43, len(case.start)))
@@ -150,7 +150,7 @@ def test_distributing_lanes_over_processors_does_not_change_results(cases, monke
     assert np.array_equal(*results)
 
 
-def test_parts_for_processors_cover_every_vehicle_once():
+def test_the_parts_for_processors_contain_every_vehicle_once():
     for count in (1, 7, 8, 100, 10_000):
         for n in (1, 10_000):
             parts = c._parts(count, n)
@@ -158,7 +158,7 @@ def test_parts_for_processors_cover_every_vehicle_once():
             assert all(part.start % 8 == 0 for part in parts)
 
 
-def test_bound_arrays_are_read_again_at_every_call(cases):
+def test_a_bound_kernel_reads_its_arrays_at_every_call(cases):
     case = cases[5]
     outputs, final = np.empty((case.n, len(case.program.outputs))), np.empty(len(case.program.carry))
     theta = case.theta.copy()
@@ -169,7 +169,7 @@ def test_bound_arrays_are_read_again_at_every_call(cases):
         close(outputs, in_numpy(case.program, theta, case.start, case.inputs)[0])
 
 
-def test_source_is_c_text_before_and_after_the_first_run(cases):
+def test_the_c_source_is_available_before_and_after_the_first_run(cases):
     case = Case(cases[5].program)
     before = case.kernel.source
     assert "void kernel(" in before
@@ -178,11 +178,11 @@ def test_source_is_c_text_before_and_after_the_first_run(cases):
 
 
 def one_step(output, graph: Graph, theta: tuple, x: tuple) -> Case:
-    """A program of one tick without a carry, at inputs that are to be set."""
+    """Return a program of one tick without a carry; the test sets its inputs."""
     return Case(Program(graph, theta, (), (), (), x, (), tuple(output)), n=1)
 
 
-def test_nan_affects_only_the_outputs_that_use_the_input():
+def test_a_nan_input_affects_only_the_outputs_that_use_it():
     graph = Graph()
     x, y, k = (graph.symbol(name) for name in "xyk")
     make = graph.make
@@ -202,7 +202,7 @@ def test_nan_affects_only_the_outputs_that_use_the_input():
 
 
 @pytest.mark.parametrize("depth", [1, 12])  # a select, and a branch
-def test_an_inactive_arm_adds_no_nan_to_the_derivatives(depth):
+def test_an_inactive_branch_adds_no_nan_to_the_derivatives(depth):
     graph = Graph()
     k, x = graph.symbol("k"), graph.symbol("x")
     make = graph.make

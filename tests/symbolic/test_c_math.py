@@ -1,4 +1,4 @@
-"""Our own elementary functions: a few units in the last place everywhere, for one lane and for eight."""
+"""The elementary functions of the package: an error of a few units in the last place, for one lane and for eight."""
 
 import ctypes
 import math
@@ -45,7 +45,7 @@ def evaluate(library: ctypes.CDLL, name: str, width: int, a: np.ndarray, b: np.n
 
 
 def oracle(name: str, *arguments: np.ndarray) -> np.ndarray:
-    """The C library through math, one at a time; where that raises, NumPy."""
+    """Return the value of the C library through math, one at a time, or that of NumPy if math raises."""
     ufunc = {"min": np.minimum, "max": np.maximum, "asin": np.arcsin, "acos": np.arccos, "atan": np.arctan,
              "atan2": np.arctan2, "pow": np.power}.get(name) or getattr(np, name)  # fmt: skip
     exact = getattr(math, name, None)
@@ -104,7 +104,7 @@ def test_error_of_two_argument_functions_is_a_few_units_in_last_place(library, n
 
 
 def same(computed: np.ndarray, expected: np.ndarray) -> np.ndarray:
-    """Equal to 1e-15, also in the sign of zero; NaN where NaN is expected."""
+    """Return True if equal to 1e-15, including the sign of zero; NaN equals NaN."""
     with np.errstate(invalid="ignore"):
         near = (computed == expected) | (np.abs(computed - expected) <= 1e-15 * np.abs(expected))
     return (near & (np.signbit(computed) == np.signbit(expected))) | (np.isnan(computed) & np.isnan(expected))
@@ -125,7 +125,7 @@ def test_pairs_of_zeros_infinities_and_nan_give_the_numpy_result(library, name, 
     a, b = (np.ascontiguousarray(x.ravel()) for x in np.meshgrid(SPECIAL, SPECIAL))
     computed, expected = evaluate(library, name, width, a, b), oracle(name, a, b)
     if name in ("min", "max"):
-        # which of two zeros is the smaller one is not said
+        # the order of two zeros is not defined
         computed, expected = computed + 0.0, expected + 0.0
     assert same(computed, expected).all(), list(zip(a, b, computed, expected, strict=True))
 

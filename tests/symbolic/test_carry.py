@@ -1,4 +1,4 @@
-"""Mirrored, constant and unused entries are not carried, and are restored at the end."""
+"""Mirrored, constant and unused entries are omitted from the state of the loop, and are restored at the end."""
 
 from typing import NamedTuple
 
@@ -58,7 +58,7 @@ def program(kernel, keep_all=True):
 START = Belief(np.array([0.1, 0.5, 1.0]), np.eye(3))
 
 
-def test_a_joseph_form_covariance_is_carried_as_one_triangle():
+def test_a_covariance_in_joseph_form_is_stored_as_one_triangle():
     kernel = traced(ekf(joseph), START, np.zeros(2))
     assert kernel.symmetric == {"carry.cov"}
     assert len(program(kernel).carry) == 3 + 6
@@ -76,7 +76,7 @@ def test_symmetry_reduces_the_number_of_operations():
     assert half.operations < 0.9 * whole.operations
 
 
-def test_a_matrix_symmetric_only_at_the_start_is_carried_completely():
+def test_a_matrix_that_is_symmetric_only_at_the_start_is_stored_completely():
     kernel = traced(ekf(short), START, np.zeros(2))
     assert kernel.symmetric == set()
     assert len(program(kernel).carry) == 3 + 9
@@ -90,7 +90,7 @@ def test_a_matrix_symmetric_only_at_the_start_is_carried_completely():
     np.testing.assert_array_equal(line.run(u)[1], np.vstack([np.zeros((3, 3)), u[:2]]))
 
 
-def test_a_mirrored_matrix_is_symmetric_however_it_was_computed():
+def test_a_mirrored_matrix_is_treated_as_symmetric():
     i, j = np.indices((3, 3))
     upper = np.minimum(i, j), np.maximum(i, j)
 
@@ -101,7 +101,7 @@ def test_a_mirrored_matrix_is_symmetric_however_it_was_computed():
     assert traced(ekf(update), START, np.zeros(2)).symmetric == {"carry.cov"}
 
 
-def test_an_overwritten_product_is_not_treated_as_symmetric():
+def test_a_matrix_product_with_a_changed_entry_is_not_treated_as_symmetric():
     def step(cov, x):
         A = np.array([[1.0, x], [0.0, 2.0]])
         B = A @ cov
@@ -111,7 +111,7 @@ def test_an_overwritten_product_is_not_treated_as_symmetric():
     assert traced(step, np.eye(2), 0.0).symmetric == set()
 
 
-def test_an_overwritten_complement_is_not_treated_as_symmetric():
+def test_a_matrix_difference_with_a_changed_entry_is_computed_correctly():
     def step(c, x):
         K = np.array([[x], [2.0 * x]])
         A = np.eye(2) - K @ np.array([[1.0, 0.5]])
@@ -123,7 +123,7 @@ def test_an_overwritten_complement_is_not_treated_as_symmetric():
     np.testing.assert_allclose(computed, expected, rtol=1e-14)
 
 
-def test_an_unchanged_carry_entry_is_not_a_state():
+def test_an_unchanged_carry_entry_is_treated_as_a_constant():
     def step(carry, u):
         x, bias, scale = carry
         return (x + scale * u + bias[0], bias, scale), x
@@ -140,7 +140,7 @@ def test_an_unchanged_carry_entry_is_not_a_state():
         assert last[2] == scale
 
 
-def test_a_constant_start_dependent_on_theta_has_its_derivative():
+def test_a_constant_entry_that_depends_on_theta_has_its_derivative():
     def start(theta):
         return theta[0], theta[1] ** 2
 
@@ -168,7 +168,7 @@ def test_unused_carry_entries_are_named_and_omitted():
     assert kernel.run(np.ones(5), np.ones(1))[0][1][0] == pytest.approx(0.5, abs=0.01)
 
 
-def test_an_entry_is_used_if_a_used_entry_depends_on_the_entry():
+def test_an_entry_counts_as_used_if_a_used_entry_depends_on_it():
     def step(theta, carry, u):
         a, b, c, d = carry
         return (a + b, b * theta[0], c + d, d), a
@@ -177,7 +177,7 @@ def test_an_entry_is_used_if_a_used_entry_depends_on_the_entry():
 
 
 @pytest.mark.parametrize("size", [2, 3])
-def test_solving_with_a_symmetric_matrix_takes_fewer_operations(size):
+def test_solving_with_a_symmetric_matrix_needs_fewer_operations(size):
     def step(carry, x):
         A = np.diag(x + 2.0) + np.outer(x, x) + carry
         return carry, np.linalg.solve(A, x)

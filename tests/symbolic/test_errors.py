@@ -1,4 +1,4 @@
-"""Code that cannot be traced is refused with the user's file and line, and with a remedy."""
+"""Code that cannot be traced is refused with the file and line of the user, and with a remedy."""
 
 import math
 import re
@@ -96,7 +96,7 @@ def test_a_trace_error_is_both_a_type_and_a_value_error():
     assert issubclass(TraceError, ValueError)
 
 
-def test_a_value_of_another_trace_is_refused():
+def test_a_traced_value_used_in_another_trace_is_refused():
     KEPT.clear()
     function(keeps_a_value, X, backend="python")
     with refused("trace.another-trace", TraceError):
@@ -114,13 +114,13 @@ def test_an_exception_of_user_code_is_not_changed():
         function(f, X)
 
 
-def test_untraced_derivatives_may_branch_on_values_but_need_floats():
+def test_derivatives_outside_a_trace_may_branch_on_values_but_need_floats():
     assert jacobian(lambda x: x * x if x > 0 else -x)(3.0) == 6.0
     with refused("trace.needs-float", TraceError):
         jacobian(lambda x: math.sin(x))(3.0)
 
 
-def test_a_branch_on_configuration_is_allowed():
+def test_a_branch_on_a_configuration_value_is_allowed():
     def f(x, mode="paper", limit=np.inf):
         return x if mode == "paper" and limit > 1.0 and x is not None and len(x) == 3 else -x
 
@@ -189,7 +189,7 @@ WRONG_CALLS = {
 
 @pytest.mark.parametrize("backend", ["numpy", "python"])
 @pytest.mark.parametrize("name", WRONG_CALLS)
-def test_a_wrong_call_of_a_scan_is_refused_with_the_expectation(name, backend):
+def test_a_wrong_call_of_a_scan_is_refused_with_the_expected_arguments(name, backend):
     call, expected = WRONG_CALLS[name]
     with refused(expected[0], ValueError, **expected[1]):
         call(scan(step, 0.0, 0.0, np.ones(1), backend=backend))
@@ -221,6 +221,6 @@ def test_an_unsupported_request_to_a_scan_is_refused(backend):
         ("gains", ("path.shape", {"path": "gains", "expected": "(2,)", "found": "()"})),
     ],
 )
-def test_an_error_in_a_path_has_an_explanation(path, expected):
+def test_an_invalid_parameter_path_is_refused_with_an_explanation(path, expected):
     with refused(expected[0], (ValueError, AttributeError), **expected[1]):
         put({"friction": {"a": 1.0}, "gains": np.ones(2)}, path, 1.0)

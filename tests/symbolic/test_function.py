@@ -1,4 +1,4 @@
-"""One fast call: the same trees in and out, other shapes refused, blocks with a compiled step."""
+"""One fast call: the same structure in and out, other shapes refused, blocks with a compiled step."""
 
 import sys
 import threading
@@ -8,7 +8,7 @@ from typing import Any, NamedTuple
 import numpy as np
 import pytest
 
-from baqueano.symbolic import compiled, function
+from baqueano.symbolic import compile_block, function
 from baqueano.symbolic.c_code.compile import find
 from tests.codes import refused
 
@@ -98,7 +98,7 @@ def assert_same(computed, expected):
         assert computed == expected
 
 
-def test_trees_have_the_same_structure_after_a_call(backend):
+def test_a_compiled_function_returns_the_same_structure_and_values(backend):
     turn = function(rotate, *ARGUMENTS, backend=backend)
     assert turn.backend == backend
     assert_same(turn(*ARGUMENTS), rotate(*ARGUMENTS))
@@ -170,14 +170,14 @@ def test_a_different_shape_is_refused_with_its_name(name):
         function(rotate, *ARGUMENTS, backend="python")(*arguments)
 
 
-def test_an_equal_string_argument_is_accepted():
+def test_a_string_argument_equal_to_the_traced_string_is_accepted():
     label = function(lambda x, word: x * len(word), 1.0, "north", backend="python")
     assert label(2.0, "".join(["no", "rth"])) == 10.0
 
 
-def test_a_compiled_block_steps_as_the_block(backend):
+def test_a_compiled_block_gives_the_same_steps_as_the_block(backend):
     block = Filter(np.array([0.5, 0.25]))
-    fast = compiled(block, backend=backend)
+    fast = compile_block(block, backend=backend)
     belief, fast_belief = block.init(), fast.init()
     for k in range(4):
         z = np.array([1.0, -k, 2.0])
@@ -190,7 +190,7 @@ def test_a_compiled_block_steps_as_the_block(backend):
 
 
 def test_a_compiled_block_is_compiled_once_for_each_shape():
-    fast = compiled(Filter(np.array([0.5, 0.25])), backend="python")
+    fast = compile_block(Filter(np.array([0.5, 0.25])), backend="python")
     belief = fast.init()
     for z in (np.ones(2), np.ones(3), np.ones(2), np.ones(3)):
         assert fast.step(belief, z, 1)[0].mean.tolist() == [0.5, 0.25]
@@ -215,26 +215,26 @@ def kept_traces(monkeypatch):
 def test_only_blocks_with_equal_parameters_share_a_compiled_step(kept_traces):
     for k, gain in enumerate((2.0, 2, 0.0, -0.0)):
         for _ in range(2):
-            assert compiled(ScaledBlock(gain), "python").step(3.0) == 3.0 * gain
+            assert compile_block(ScaledBlock(gain), "python").step(3.0) == 3.0 * gain
             assert len(kept_traces) == k + 1
     for k in range(30):
         block = Filter(np.array([1.0, 2.0 + k]))
-        belief, _ = compiled(block, "python").step(block.init(), np.ones(2))
+        belief, _ = compile_block(block, "python").step(block.init(), np.ones(2))
         assert belief.mean.tolist() == [1.0, 2.0 + k]
     assert len(kept_traces) == sys.modules["baqueano.symbolic.function"].KEPT
 
 
-def test_a_block_with_more_than_its_fields_is_traced_each_time(kept_traces):
+def test_a_block_with_additional_attributes_is_traced_at_each_compilation(kept_traces):
     for gain in (2.0, 3.0):
         block = ScaledBlock(1.0)
         block.gain, block.hidden = gain, None
-        assert compiled(block, "python").step(1.0) == gain
+        assert compile_block(block, "python").step(1.0) == gain
     assert not kept_traces
 
 
 def test_a_compiled_block_has_the_fields_of_the_block():
     block = Filter(np.array([0.5, 0.25]), mode="off")
-    fast = compiled(block)
+    fast = compile_block(block)
     assert fast.mode == "off"
     assert fast.block is block
     assert fast.gain is block.gain
@@ -243,7 +243,7 @@ def test_a_compiled_block_has_the_fields_of_the_block():
     assert "Filter" in repr(fast)
 
 
-def test_threads_do_not_mix_their_results(backend):
+def test_simultaneous_calls_in_several_threads_give_correct_results(backend):
     f = function(lambda x: np.cumsum(x), np.zeros(50), backend=backend)
     wrong = []
 
@@ -267,7 +267,7 @@ def test_a_function_without_arguments_or_numbers_is_compiled(backend):
 
 
 class Counting:
-    """Its step goes through whole seconds, one after the other."""
+    """A block whose step loops over whole seconds."""
 
     def init(self):
         return 0, 0.0
@@ -285,8 +285,8 @@ class Counting:
 
 
 @pytest.mark.parametrize("backend", ["c", "python", "numpy"])
-def test_a_step_with_a_loop_over_time_is_compiled_row_by_row(backend):
-    plain, fast = Counting(), compiled(Counting(), backend)
+def test_a_step_that_loops_over_its_time_argument_can_be_compiled(backend):
+    plain, fast = Counting(), compile_block(Counting(), backend)
     for t in (1, 2, 7):
         assert fast.step((0, 1.0), t) == plain.step((0, 1.0), t)
 
@@ -298,7 +298,7 @@ class Belief2(NamedTuple):
 
 
 class Apart:
-    """Two states that never meet: what is 0 between them stays so."""
+    """Two states without mutual effect: the zeros between them stay zero."""
 
     def __init__(self):
         self.G = np.array([[1.0, 0.1, 0.0], [0.0, 0.9, 0.0], [0.0, 0.0, 0.5]])
@@ -311,8 +311,8 @@ class Apart:
         return Belief2(belief.t_ns + 1, mean, self.G @ belief.cov @ self.G.T), mean[0]
 
 
-def test_values_written_into_a_returned_state_are_used(backend):
-    plain, fast = Apart(), compiled(Apart(), backend=backend)
+def test_a_step_uses_values_that_the_user_wrote_into_the_state(backend):
+    plain, fast = Apart(), compile_block(Apart(), backend=backend)
     belief, fast_belief = plain.init(), fast.init()
     for k in range(6):
         belief, output = plain.step(belief, 0.5 * k)
@@ -324,13 +324,13 @@ def test_values_written_into_a_returned_state_are_used(backend):
         assert computed == pytest.approx(output, rel=1e-14)
         assert type(fast_belief.t_ns) is int
     before = fast_belief.mean.copy()
-    kept_belief, _ = fast.step(fast_belief, 9.0)  # a result is never written to again
+    kept_belief, _ = fast.step(fast_belief, 9.0)  # a result is never overwritten
     assert_same(fast_belief.mean, before)
     assert_same(fast.step(fast_belief, 9.0)[0], kept_belief)
 
 
-def test_the_general_kernel_runs_if_a_zero_changes(backend):
-    plain, fast = Apart(), compiled(Apart(), backend=backend)
+def test_a_changed_constant_zero_selects_the_general_kernel(backend):
+    plain, fast = Apart(), compile_block(Apart(), backend=backend)
     belief, _ = fast.step(fast.init(), 1.0)
     for entry, value in ((0, 2), 0.3), ((2, 1), -0.2), ((1, 2), 0.7):
         belief.cov[entry] = value
@@ -342,8 +342,8 @@ def test_the_general_kernel_runs_if_a_zero_changes(backend):
 
 
 @pytest.mark.parametrize("backend", BACKENDS[1:])
-def test_constant_zeros_are_left_out_of_the_source(backend):
-    fast = compiled(Apart(), backend=backend)
+def test_constant_zeros_are_omitted_from_the_source(backend):
+    fast = compile_block(Apart(), backend=backend)
     fast.step(fast.init(), 1.0)
     (step_function,) = fast._steps.values()
     first = step_function._runner._kernel.program

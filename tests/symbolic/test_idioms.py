@@ -1,4 +1,4 @@
-"""Ordinary NumPy text means the same when it runs, when it is traced, and when it is derived."""
+"""Ordinary NumPy code gives the same results when it runs, when it is traced, and when it is differentiated."""
 
 import numpy as np
 import pytest
@@ -185,7 +185,7 @@ def test_es13_derivatives_match_finite_differences(name):
 
 
 @pytest.mark.parametrize("backend", BACKENDS)
-def test_traced_derivatives_are_those_of_dual_numbers(backend):
+def test_traced_derivatives_equal_derivatives_by_dual_numbers(backend):
     def slopes(x, y, A):
         return tuple(jacobian(idiom)(x, y, A) for idiom in IDIOMS.values())
 
@@ -195,7 +195,7 @@ def test_traced_derivatives_are_those_of_dual_numbers(backend):
             close(slope, expected, name, tolerance=1e-11)
 
 
-def test_sensitivities_by_the_kernel_are_those_of_dual_numbers():
+def test_kernel_sensitivities_equal_derivatives_by_dual_numbers():
     y, A = POINTS[0][1:]
 
     def step(theta, carry, k):

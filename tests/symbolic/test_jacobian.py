@@ -1,4 +1,4 @@
-"""Derivatives: shapes, arguments, nesting, and nothing left behind."""
+"""Derivatives: shapes, arguments, nesting, and no objects that remain in memory."""
 
 import gc
 from dataclasses import dataclass
@@ -31,7 +31,7 @@ def close(computed, expected, tolerance=1e-12):
 
 @settings(max_examples=25)
 @given(x=vectors)
-def test_es13_the_jacobian_equals_that_of_casadi(x):
+def test_es13_the_jacobian_equals_the_jacobian_of_casadi(x):
     s = ca.SX.sym("x", 3)
     y = ca.vertcat(ca.sin(s[0]) * s[1], ca.exp(s[2]) + s[0] ** 2)
     close(jacobian(bent)(x), np.array(ca.Function("f", [s], [ca.jacobian(y, s)])(x)))
@@ -46,7 +46,7 @@ def test_a_second_derivative_equals_the_hessian_of_casadi(x):
     close(function(jacobian(jacobian(length)), x, backend="python")(x), hessian)
 
 
-def test_shapes_are_those_of_the_output_then_the_argument():
+def test_the_shape_of_a_jacobian_is_output_shape_then_argument_shape():
     x = np.ones(3)
     assert jacobian(bent)(x).shape == (2, 3)
     assert jacobian(length)(x).shape == (3,)
@@ -57,12 +57,12 @@ def test_shapes_are_those_of_the_output_then_the_argument():
     assert jacobian(lambda x: [x[0], 1.0])(x).tolist() == [[1.0, 0.0, 0.0], [0.0, 0.0, 0.0]]
 
 
-def test_untraced_derivatives_are_plain_floats():
+def test_derivatives_outside_a_trace_are_plain_floats():
     assert jacobian(bent)(np.ones(3)).dtype == float
     assert type(jacobian(bent)(np.ones(3))) is np.ndarray
 
 
-def test_every_argument_has_its_own_jacobian():
+def test_the_jacobian_with_respect_to_each_argument_is_correct():
     x, y = np.array([1.0, 2.0]), np.array([3.0, 4.0])
     close(jacobian(lambda x, y: x * y, 0)(x, y), np.diag(y))
     close(jacobian(lambda x, y: x * y, 1)(x, y), np.diag(x))
@@ -72,7 +72,7 @@ def test_integer_arguments_have_derivatives():
     close(jacobian(lambda x: x**2)(np.array([1, 2])), np.diag([2.0, 4.0]))
 
 
-def test_nested_derivatives_do_not_interfere():
+def test_a_nested_derivative_does_not_change_the_outer_derivative():
     # d/dx [x · d/dy (x + y)] = 1: the classical confusion of perturbations would say 2
     assert jacobian(lambda x: x * jacobian(lambda y: x + y)(1.0))(1.0) == 1.0
     close(jacobian(lambda x: jacobian(lambda y: x[0] * y * y)(x[1]))(np.array([3.0, 5.0])), [10.0, 6.0])
@@ -105,7 +105,7 @@ def test_methods_and_partial_functions_can_be_differentiated():
     assert jacobian(bent).__name__ == "bent"
 
 
-def test_derivatives_do_not_leave_state_behind():
+def test_computing_derivatives_leaves_no_objects_in_memory():
     jacobian(bent)(np.ones(3))
     gc.collect()
     before = sum(isinstance(x, Dual | Node) for x in gc.get_objects())

@@ -1,4 +1,4 @@
-"""Every operator: its value by IEEE 754, its slopes by CasADi, its rules of simplification by value."""
+"""Every operator: its value by IEEE 754, its derivatives by CasADi, its simplification rules by value."""
 
 import math
 import operator
@@ -39,11 +39,11 @@ number = st.floats(0.05, 3.0)
 
 
 @pytest.mark.parametrize("op", IN_NUMPY)
-def test_every_operator_is_that_of_numpy_and_neither_raises_nor_warns(op):
+def test_every_operator_equals_numpy_without_errors_or_warnings(op):
     two = IN_NUMPY[op].nin == 2
     pairs = [(a, b) for a in HARD for b in HARD] if two else [(a,) for a in HARD]
     for args in pairs:
-        if (op, *args) == ("pow", -INF, 0.5):  # NumPy takes the square root, C says inf
+        if (op, *args) == ("pow", -INF, 0.5):  # NumPy returns the square root, C returns inf
             continue
         with np.errstate(all="ignore"):
             expected = float(IN_NUMPY[op](*args))
@@ -56,7 +56,7 @@ def test_every_operator_is_that_of_numpy_and_neither_raises_nor_warns(op):
 @pytest.mark.parametrize("op", IN_CASADI)
 @settings(max_examples=20)
 @given(numbers=st.tuples(number, number, number), signs=st.tuples(*[st.sampled_from([1.0, -1.0])] * 3))
-def test_derivatives_equal_those_of_casadi(op, numbers, signs):
+def test_derivatives_equal_the_derivatives_of_casadi(op, numbers, signs):
     count = 3 if op == "where" else 2 if IN_NUMPY.get(op) and IN_NUMPY[op].nin == 2 else 1
     signs = (1.0, 1.0, 1.0) if op in ("log", "sqrt", "pow") else signs
     limit = INSIDE.get(op, INF)
@@ -193,7 +193,7 @@ def test_equal_tables_are_stored_once():
     assert len(graph.tables) == 1
 
 
-def test_a_substituted_expression_is_simplified_again():
+def test_an_expression_is_simplified_after_a_substitution():
     graph = Graph()
     x, y = graph.symbol("x"), graph.symbol("y")
     (node,) = graph.substitute([x * y + apply("sin", y)], {y: graph.const(0.0)})
@@ -201,14 +201,14 @@ def test_a_substituted_expression_is_simplified_again():
     assert node.value == 0.0
 
 
-def test_below_returns_arguments_before_their_users():
+def test_the_node_order_places_arguments_before_the_nodes_that_use_them():
     graph = Graph()
     x = graph.symbol("x")
     order = below([x * x + 1.0, x])
     assert order.index(x) < next(k for k, node in enumerate(order) if node.op == "mul")
 
 
-def test_partial_derivatives_that_are_zero_are_omitted():
+def test_partial_derivatives_equal_to_zero_are_omitted():
     graph = Graph()
     x, y = graph.symbol("x"), graph.symbol("y")
     assert partials(x < y) == ()

@@ -1,4 +1,4 @@
-"""get and put: dotted paths into trees, copies that share the rest, no range check run."""
+"""get and put: dotted paths into trees, copies that share unchanged parts, without range checks."""
 
 from dataclasses import dataclass, field
 from typing import NamedTuple
@@ -50,7 +50,7 @@ SYSTEM = System(Body(Friction(), 1.5), {"imu": [1.0, 2.0]})
         ("noise", np.eye(2)),
     ],
 )
-def test_put_returns_a_changed_copy_of_the_original(path, value):
+def test_put_returns_a_changed_copy_and_preserves_the_original(path, value):
     before = get(SYSTEM, path)
     new = put(SYSTEM, path, value)
     assert np.all(get(new, path) == value)
@@ -66,14 +66,14 @@ def test_only_objects_on_the_path_are_copied():
     assert new.model.computed == 2.0  # pyright: ignore[reportAttributeAccessIssue]
 
 
-def test_put_preserves_shape_and_other_entries_of_arrays():
+def test_put_preserves_the_shape_and_the_other_entries_of_an_array():
     T = {"T": np.arange(6.0).reshape(2, 3)}
     assert put(T, "T[1,2]", 9.0)["T"].tolist() == [[0.0, 1.0, 2.0], [3.0, 4.0, 9.0]]
     assert put(T, "T[1]", np.zeros(3))["T"].tolist() == [[0.0, 1.0, 2.0], [0.0, 0.0, 0.0]]
     assert put((1.0, 2.0), "[1]", 3.0) == (1.0, 3.0)
 
 
-def test_symbols_can_be_put_into_blocks_and_arrays():
+def test_traced_values_can_be_put_into_blocks_and_arrays():
     def loss(theta):
         system = put(SYSTEM, "model.friction.linear[2]", theta[0])
         system = put(system, "model.friction.dry", theta[1])

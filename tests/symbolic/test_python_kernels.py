@@ -14,7 +14,7 @@ from .random_programs import CaseOfKernel, in_casadi, in_numpy, random_program
 
 
 class Case(CaseOfKernel):
-    """A program, numbers for it, and its kernel in Python."""
+    """A program, its input numbers, and its kernel in Python."""
 
     make_kernel = staticmethod(make_kernel)
 
@@ -31,7 +31,7 @@ def one_tick(*outputs, inputs=(), carry=(), next_carry=()):
 
 @settings(max_examples=20)
 @given(seed=st.integers(0, 10**6))
-def test_values_are_those_of_numpy(seed):
+def test_kernel_values_equal_the_numpy_values(seed):
     case = Case(random_program(seed, operations=250, m=40), seed=seed)
     expected = in_numpy(case.program, case.theta, case.start, case.inputs)
     for computed, reference in zip(case.run(), expected, strict=True):
@@ -40,7 +40,7 @@ def test_values_are_those_of_numpy(seed):
 
 @settings(max_examples=10)
 @given(seed=st.integers(0, 10**6))
-def test_derivatives_are_those_of_casadi(seed):
+def test_derivatives_equal_the_derivatives_of_casadi(seed):
     case = Case(random_program(seed), n=3, seed=seed)
     outputs = np.empty((case.n, len(case.program.outputs)))
     slopes = np.empty((*outputs.shape, len(case.theta)))
@@ -55,7 +55,7 @@ def test_derivatives_are_those_of_casadi(seed):
 
 @settings(max_examples=10)
 @given(seed=st.integers(0, 10**6))
-def test_every_lane_equals_a_separate_run(seed):
+def test_several_runs_in_one_call_equal_separate_runs(seed):
     program = random_program(seed)
     case, draw, lanes = Case(program), np.random.default_rng(seed), 3
     theta = draw.normal(size=(lanes, len(program.theta)))
@@ -74,7 +74,7 @@ def test_every_lane_equals_a_separate_run(seed):
         close(final[k], case.run()[1])
 
 
-def test_bound_arrays_are_read_again_at_every_call():
+def test_a_bound_kernel_reads_its_arrays_at_every_call():
     case = Case(random_program(3))
     outputs, final = np.empty((case.n, len(case.program.outputs))), np.empty(len(case.program.carry))
     call = case.kernel.bind(*case.given(), outputs, final)
@@ -86,7 +86,7 @@ def test_bound_arrays_are_read_again_at_every_call():
     close(outputs, case.run()[0])
 
 
-def test_after_a_division_by_zero_the_careful_kernel_continues():
+def test_a_kernel_continues_correctly_after_a_division_by_zero():
     graph = Graph()
     x = graph.symbol("x")
     program = one_tick(
@@ -102,7 +102,7 @@ def test_after_a_division_by_zero_the_careful_kernel_continues():
     close(outputs[2], [-1.0, np.nan, np.nan, -1.0, np.inf, np.sin(-1.0), 2.0])
 
 
-def test_an_inactive_arm_is_not_computed():
+def test_an_inactive_branch_is_not_computed():
     graph = Graph()
     x = graph.symbol("x")
     program = one_tick(apply("where", x != 0.0, 1.0 / x, 0.0), inputs=(x,))
@@ -122,7 +122,7 @@ def test_minimum_and_maximum_propagate_nan_like_numpy():
     close(outputs, np.column_stack([np.minimum(*rows.T), np.maximum(*rows.T)]))
 
 
-def test_a_long_chain_of_terms_can_be_parsed():
+def test_a_chain_of_500_terms_can_be_compiled():
     graph = Graph()
     x = graph.symbol("x")
     y = x
@@ -135,7 +135,7 @@ def test_a_long_chain_of_terms_can_be_parsed():
     assert np.isfinite(outputs).all()
 
 
-def test_booleans_are_summed_in_lanes():
+def test_booleans_are_added_as_integers_in_a_batch():
     graph = Graph()
     x, y = graph.symbol("x"), graph.symbol("y")
     program = one_tick((x > 0.0) + (y > 0.0), -(x > 0.0), inputs=(x, y))
@@ -185,7 +185,7 @@ def test_normal_equations_apply_the_huber_loss():
 
 
 @pytest.mark.parametrize("seed", range(12))
-def test_a_bound_tick_equals_a_tick_of_the_loop(seed):
+def test_a_bound_call_equals_a_run_of_one_tick(seed):
     program = random_program(seed)
     bound_nodes = (*program.theta, *program.start, *program.carry)
     tick = Program(program.graph, (), (), (), (), (*bound_nodes, *program.inputs), (), program.outputs * 2)
@@ -205,7 +205,7 @@ def test_a_bound_tick_equals_a_tick_of_the_loop(seed):
         close(outputs, expected)
 
 
-def test_a_bound_tick_continues_after_a_division_by_zero():
+def test_a_bound_call_works_after_a_division_by_zero():
     graph = Graph()
     x = graph.symbol("x")
     program = one_tick(1.0 / x, apply("where", x < 0.5, 2.0, 1.0 / x), inputs=(x,))

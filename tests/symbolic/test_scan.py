@@ -1,4 +1,4 @@
-"""The results of a scan, by every back end, against a loop that a reader can check."""
+"""The results of a scan with every back end, compared with a simple loop."""
 
 from dataclasses import dataclass
 from typing import NamedTuple
@@ -131,12 +131,12 @@ def test_integers_booleans_and_strings_are_returned_unchanged(kernel):
     assert output.label == "measured"
 
 
-def test_a_run_may_start_from_another_carry(kernel):
+def test_a_run_may_start_from_another_state(kernel):
     start = START._replace(x=np.array([1.0, -1.0]), t_ns=5)
     close(kernel.run(pushes(), THETA, carry=start)[0].x, by_hand(filtered, THETA, start)[0].x)
 
 
-def test_a_nonsymmetric_carry_is_used_unchanged(kernel):
+def test_a_nonsymmetric_start_matrix_is_used_unchanged(kernel):
     start = START._replace(cov=np.array([[1.0, 0.2], [0.7, 1.0]]))
     close(kernel.run(pushes(), THETA, carry=start)[0].cov, by_hand(filtered, THETA, start)[0].cov)
 
@@ -161,7 +161,7 @@ def test_sensitivities_match_finite_differences(backend):
     close(slopes, differences(outputs, THETA), 1e-7)
 
 
-def test_sensitivities_include_the_start(backend):
+def test_sensitivities_include_a_start_that_depends_on_the_parameters(backend):
     def start(theta):
         return START._replace(x=np.array([theta[0] * 0.1, theta[1]]), cov=theta[2] * np.eye(2))
 
@@ -178,7 +178,7 @@ def test_sensitivities_include_the_start(backend):
     assert not np.allclose(kernel.sensitivities(pushes(), THETA, carry=START)[1], slopes)
 
 
-def test_cost_is_the_sum_and_has_its_gradient(backend):
+def test_the_cost_is_the_sum_of_the_outputs_and_has_a_gradient(backend):
     kernel = scan(effort, START, EXAMPLE, THETA, backend=backend)
 
     def total(theta):
@@ -191,7 +191,7 @@ def test_cost_is_the_sum_and_has_its_gradient(backend):
 
 
 @pytest.mark.parametrize("huber", [None, 0.5])
-def test_normal_equations_are_those_of_the_sensitivities(backend, huber):
+def test_normal_equations_follow_from_the_sensitivities(backend, huber):
     kernel = scan(residuals, START, EXAMPLE, THETA, backend=backend)
     r, slopes = kernel.sensitivities(pushes(), THETA)
     k = np.inf if huber is None else huber
@@ -203,7 +203,7 @@ def test_normal_equations_are_those_of_the_sensitivities(backend, huber):
     close(equations.hessian, np.einsum("ni,nip,niq->pq", w, slopes, slopes), 1e-11)
 
 
-def test_lanes_equal_separate_runs(kernel):
+def test_a_batch_of_runs_equals_separate_runs(kernel):
     theta = np.array([THETA, 1.1 * THETA, 0.9 * THETA])
     inputs, second = pushes(), pushes(seed=1)
     u = np.stack([inputs.u, second.u, -second.u])
@@ -218,7 +218,7 @@ def test_lanes_equal_separate_runs(kernel):
     assert kernel.batch(inputs._replace(u=u), theta, carry=start)[1] is None
 
 
-def test_lanes_start_from_the_example_or_from_theta(kernel, backend):
+def test_runs_of_a_batch_start_from_the_example_or_from_theta(kernel, backend):
     theta = np.array([THETA, 1.1 * THETA])
     last, _ = kernel.batch(pushes(), theta)
     close(last.x[1], kernel.run(pushes(), theta[1])[0].x)
@@ -230,13 +230,13 @@ def test_lanes_start_from_the_example_or_from_theta(kernel, backend):
     close(compiled.batch(pushes(), theta)[0].x[1], compiled.run(pushes(), theta[1])[0].x)
 
 
-def test_lanes_accept_a_nonsymmetric_matrix(kernel):
+def test_a_batch_accepts_a_nonsymmetric_start_matrix(kernel):
     cov = np.array([np.eye(2), [[1.0, 0.2], [0.7, 1.0]]])
     last, _ = kernel.batch(pushes(), np.array([THETA, THETA]), carry=START._replace(cov=cov))
     close(last.cov[1], by_hand(filtered, THETA, START._replace(cov=cov[1]))[0].cov)
 
 
-def test_without_theta_a_step_has_two_arguments(backend):
+def test_without_parameters_a_step_has_two_arguments(backend):
     kernel = scan(lambda total, x: (total + x, total * 2.0), 1.0, 0.0, backend=backend)
     last, twice = kernel.run(np.array([1.0, 2.0, 3.0]))
     assert last == 7.0
@@ -246,7 +246,7 @@ def test_without_theta_a_step_has_two_arguments(backend):
     close(kernel.batch(np.array([[1.0, 2.0], [5.0, 6.0]]))[0], [4.0, 12.0])
 
 
-def test_an_integer_that_becomes_fractional_is_a_float(backend):
+def test_an_integer_state_that_becomes_fractional_is_converted_to_float(backend):
     def step(c, x):
         return (c[0] + 0.5, c[1] + 1, True, 2.5, c[4] - c[0]), c[0]
 
@@ -257,7 +257,7 @@ def test_an_integer_that_becomes_fractional_is_a_float(backend):
     close(output, [0.0, 0.5, 1.0])
 
 
-def test_lists_dicts_and_none_are_trees(backend):
+def test_lists_dicts_and_none_are_accepted_as_state_and_output(backend):
     def step(carry, x):
         a, b = carry["pair"]
         return {"pair": [b, a + x["u"]], "none": None}, (a, [None, {"b": b}])
@@ -279,7 +279,7 @@ def test_a_run_without_ticks_returns_the_start(backend):
     assert output.shape == (0,)
 
 
-def test_a_long_route_is_compiled_as_a_table(backend):
+def test_a_table_of_5000_values_can_be_compiled(backend):
     s = np.linspace(0.0, 10.0, 5000)
     route = np.sin(s)
 
@@ -293,7 +293,7 @@ def test_a_long_route_is_compiled_as_a_table(backend):
     close(slopes[:, 0, 0], t * np.cos(0.7 * t), 1e-2)
 
 
-def test_a_scan_has_back_end_operation_count_and_source(kernel, backend):
+def test_a_scan_states_its_back_end_operation_count_and_source(kernel, backend):
     assert kernel.backend == backend
     if backend != "numpy":
         assert 50 < kernel.operations < 500
@@ -301,7 +301,7 @@ def test_a_scan_has_back_end_operation_count_and_source(kernel, backend):
 
 
 @pytest.mark.parametrize("period", [49.0, 0.1, 2.0 * np.pi, 107.0])
-def test_whole_periods_are_counted_alike_by_every_back_end(backend, period):
+def test_every_back_end_counts_whole_periods_correctly(backend, period):
     t = np.arange(200) * period
     kernel = scan(lambda c, t: (c, np.floor(t / period + 0.0 * c)), 0.0, 0.0, backend=backend)
     assert kernel.run(t)[1].tolist() == np.floor(t / period).tolist()

@@ -1,4 +1,4 @@
-"""Sums over lanes are those of each run alone, with its derivatives, by every back end."""
+"""Sums over a batch of runs equal the sums of each run, with derivatives, in every back end."""
 
 import numpy as np
 import pytest
@@ -10,7 +10,7 @@ X = np.sin(np.arange(30.0)).reshape(-1, 1) + np.array([0.0, 0.5])
 
 
 def step(p, x, u):
-    """A pendulum that is pushed, with a stop; its two outputs are not of one size."""
+    """A pendulum with a pushing force and a stop; its two outputs have different magnitudes."""
     angle, rate = x
     rate = rate + 0.1 * (p[1] * u[0] - np.sin(angle) - p[0] * rate + p[2] * u[1])
     angle = where(angle > 0.8, 0.8 - 0.1 * p[0], angle + 0.1 * rate)
@@ -22,7 +22,7 @@ def kernel(request):
     return scan(step, lambda p: (0.1 * p[0], 0.0), np.zeros(2), np.ones(3), backend=request.param)
 
 
-def test_sums_in_lanes_are_those_of_each_run(kernel):
+def test_sums_over_a_batch_equal_the_sums_of_separate_runs(kernel):
     theta = np.random.default_rng(1).uniform(0.5, 3.0, (11, 3))
     sums, slopes = kernel.batch_sums(X, theta, 2)
     assert (sums.shape, slopes.shape) == ((11, 2), (11, 2, 2))
@@ -34,7 +34,7 @@ def test_sums_in_lanes_are_those_of_each_run(kernel):
     np.testing.assert_allclose(kernel.batch_sums(X, theta)[0], sums, rtol=1e-12)
 
 
-def test_each_lane_may_have_its_own_inputs_and_start(kernel):
+def test_each_run_of_a_batch_may_have_different_inputs_and_start(kernel):
     theta, inputs = np.ones((3, 3)), np.stack([X, 2.0 * X, -X])
     start = (np.array([0.0, 0.1, 0.2]), np.zeros(3))
     sums, _ = kernel.batch_sums(inputs, theta, 1, carry=start)

@@ -12,7 +12,7 @@ THREADS = 4
 
 
 class Slow(dict):
-    """A dict that lets the other threads in whenever something is put into it."""
+    """A dict that lets other threads run whenever an entry is stored."""
 
     def __setitem__(self, key, value):
         time.sleep(0.0)
@@ -30,7 +30,7 @@ def kernel_of(backend="c"):
     return scan(step, np.zeros(2), np.zeros(2), np.zeros(3), backend=backend)
 
 
-def test_simultaneous_threads_get_the_single_thread_result():
+def test_simultaneous_threads_and_a_single_thread_give_the_same_result():
     u, theta = np.random.default_rng(0).normal(size=(50, 2)), np.array([0.5, -0.3, 1.2])
     reference = kernel_of().sensitivities(u, theta)
     kernel, together = kernel_of(), Barrier(THREADS)

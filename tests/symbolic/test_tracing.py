@@ -1,4 +1,4 @@
-"""NumPy is changed only while a trace runs, only in its thread, and put back as it was."""
+"""NumPy is changed only during a trace and only in the tracing thread, and is restored afterwards."""
 
 import threading
 
@@ -56,7 +56,7 @@ def test_tracing_does_not_change_numpy_in_other_threads():
     assert type(np.zeros(2)) is np.ndarray
 
 
-def test_traces_in_many_threads_give_their_own_results():
+def test_simultaneous_traces_in_many_threads_give_correct_results():
     results: dict[int, np.ndarray] = {}
     before = originals()
 
@@ -91,7 +91,7 @@ def test_only_float_arrays_become_traced_arrays():
         assert type(np.asarray(np.arange(3.0))) is np.ndarray
 
 
-def test_constant_values_are_computed_by_numpy():
+def test_numpy_computes_constant_values_during_a_trace():
     with tracing():
         A = np.eye(2) * 2.0
         assert type(A) is TracedArray

@@ -1,4 +1,4 @@
-"""Laps that are simulated for a screen: the cost is that of `tune`, the slope that of differences."""
+"""Simulated laps for the page: the cost equals that of `tune`, and the gradient matches finite differences."""
 
 import numpy as np
 import pytest
@@ -17,7 +17,7 @@ def laps():
     return simulated_laps(load("small"), ROUTE)
 
 
-def test_the_cost_of_a_lap_equals_that_of_tune(laps):
+def test_the_cost_of_a_lap_equals_the_cost_in_tune(laps):
     own = laps.space.before
     lap, rehearsal = laps.lap(own), rehearse(load("small"), ROUTE)
     assert lap.path_cost + 0.1 * lap.jerk_cost == pytest.approx(rehearsal.cost(own), rel=1e-9)
@@ -34,7 +34,7 @@ def test_the_gradient_of_a_lap_matches_finite_differences(laps, price):
     assert slope[p] == pytest.approx((costs[0] - costs[1]) / (2 * step), rel=1e-4)
 
 
-def test_each_step_of_a_descent_reduces_the_cost_within_bounds(laps):
+def test_each_step_of_a_descent_lowers_the_cost_and_respects_bounds(laps):
     space = laps.space
     start = space.low + 0.05 * (space.high - space.low)
     descent = descend(lambda g: laps.cost_and_gradient(g, 0.1), start, space.low, space.high)
@@ -46,5 +46,5 @@ def test_each_step_of_a_descent_reduces_the_cost_within_bounds(laps):
     assert np.all(descent.gains <= space.high)
 
 
-def test_each_controller_has_its_own_gains():
+def test_the_gains_of_the_selected_controller_are_tuned():
     assert simulated_laps(load("small"), ROUTE, "kanayama").space.names[-3:] == ("k_x", "k_y", "k_chi")

@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 
 from baqueano.symbolic import put
-from baqueano.tune.margins import Linear, linearised, loop_margins, margins, opened
+from baqueano.tune.margins import Linear, linearise, loop_margins, loop_transfer, margins
 from baqueano.vehicle_file import load
 from tests.papers_pd import with_papers_pd
 
@@ -19,7 +19,7 @@ LOOPS = {  # L(s) of textbooks: k / (s (s + a)), with a lead, conditionally stab
 
 @pytest.mark.parametrize("name", LOOPS)
 @pytest.mark.parametrize("late", [0, 4])
-def test_margins_are_those_of_python_control(name, late):
+def test_margins_equal_the_margins_of_python_control(name, late):
     loop = control.ss(LOOPS[name].sample(DT_S)) * control.ss(control.tf([1.0], [1.0] + late * [0.0], DT_S))
     omega = np.geomspace(0.02, np.pi / DT_S, 4000)
     response = control.frd(loop(np.exp(1j * omega * DT_S)), omega, smooth=True)
@@ -36,17 +36,19 @@ def test_margins_are_those_of_python_control(name, late):
 @pytest.fixture(scope="module")
 def plant():
     file = load("small")
-    return linearised(file, file.controller(), 0.2)[0]
+    return linearise(file, file.controller(), 0.2)[0]
 
 
-def test_the_loop_of_a_vehicle_has_the_margins_of_python_control(plant):
+def test_margins_of_a_vehicle_loop_equal_the_margins_of_python_control(plant):
     for channel in (0, 2):
-        loop = opened(plant, channel)
+        loop = loop_transfer(plant, channel)
         omega = np.geomspace(0.05, np.pi / plant.dt_s, 4000)
-        response = control.frd(loop.at(omega), omega, smooth=True)
+        response = control.frd(loop.frequency_response(omega), omega, smooth=True)
         reference = control.StateSpace(loop.A, loop.B, loop.C, loop.D, plant.dt_s)
         np.testing.assert_allclose(
-            loop.at(omega[::200]), reference(np.exp(1j * omega[::200] * plant.dt_s)), rtol=1e-6
+            loop.frequency_response(omega[::200]),
+            reference(np.exp(1j * omega[::200] * plant.dt_s)),
+            rtol=1e-6,
         )
         gain, phase, _, _, crossover, _ = control.stability_margins(response)
         own_margins = margins(loop)
@@ -56,7 +58,7 @@ def test_the_loop_of_a_vehicle_has_the_margins_of_python_control(plant):
 
 
 def closed_with(loop: Linear, gain: float, ticks: int) -> float:
-    """The largest eigenvalue of the loop with more gain, and more delay."""
+    """Return the largest eigenvalue of the loop with additional gain and delay."""
     A, B, C = loop.A, gain * loop.B, loop.C
     for _ in range(ticks):
         n = len(A)
@@ -67,7 +69,7 @@ def closed_with(loop: Linear, gain: float, ticks: int) -> float:
 
 @pytest.mark.parametrize("channel", [0, 2])
 def test_a_loop_becomes_unstable_at_its_margins(plant, channel):
-    loop = opened(plant, channel)
+    loop = loop_transfer(plant, channel)
     gain, _, _, delay_s = margins(loop)
     assert closed_with(loop, 0.98 * gain, 0) < 1.0 + 1e-6 < closed_with(loop, 1.02 * gain, 0)
     ticks = int(delay_s / plant.dt_s)
@@ -96,5 +98,5 @@ def test_a_gain_that_makes_the_loop_oscillate_has_no_margin():
     assert not any(m.stable for m in loop_margins(file, wild, 0.2))
 
 
-def test_a_route_at_rest_has_no_margins():
+def test_without_forward_speed_no_margins_are_computed():
     assert loop_margins(load("small"), load("small").controller(), 0.0) == ()

@@ -1,4 +1,4 @@
-"""The search finds the least cost within bounds, and reports where a bound stopped it."""
+"""The search finds the smallest cost within bounds, and reports a bound that limits the result."""
 
 import numpy as np
 import pytest
@@ -20,7 +20,7 @@ def bowl(target):
 
 def test_the_search_reaches_the_minimum_from_every_start():
     target = np.array([7.0, 0.02, 20.0])
-    descents = search(*bowl(target), LOW, HIGH, own=[np.array([90.0, 9.0, 2.0])])
+    descents = search(*bowl(target), LOW, HIGH, initial=[np.array([90.0, 9.0, 2.0])])
     assert len(descents) == 4
     for descent in descents:
         np.testing.assert_allclose(descent.gains, target, rtol=1e-3, atol=1e-3)
@@ -35,8 +35,8 @@ def test_a_gain_with_its_optimum_beyond_a_bound_is_flagged():
     assert at_limit(best.gains, LOW, HIGH).tolist() == [1, -1, 0]
 
 
-def test_a_gain_can_leave_the_bound_it_starts_on():
-    best = search(*bowl(np.array([7.0, 5.0, 20.0])), LOW, HIGH, own=[LOW], starts=0)[0]
+def test_a_search_from_the_lower_bounds_reaches_the_minimum():
+    best = search(*bowl(np.array([7.0, 5.0, 20.0])), LOW, HIGH, initial=[LOW], starts=0)[0]
     np.testing.assert_allclose(best.gains, [7.0, 5.0, 20.0], rtol=1e-3)
 
 
@@ -48,18 +48,18 @@ def test_the_gain_scale_is_smooth_with_an_exact_derivative():
     np.testing.assert_allclose(stretch(x, LOW, HIGH), slope, rtol=1e-8)
 
 
-def test_gains_of_an_unstable_loop_do_not_disturb_other_descents():
+def test_nan_costs_of_unstable_gains_do_not_disturb_other_descents():
     _, both = bowl(np.array([7.0, 1.0, 20.0]))
 
     def wild(g):
         return (float("nan"), np.full(3, np.nan)) if g[0] > 30 else both(g)
 
-    descents = search(lambda g: wild(g)[0], wild, LOW, HIGH, own=[np.array([60.0, 5.0, 5.0])])
+    descents = search(lambda g: wild(g)[0], wild, LOW, HIGH, initial=[np.array([60.0, 5.0, 5.0])])
     assert descents[0].cost == pytest.approx(1.0, abs=1e-9)
     assert descents[-1].cost == UNUSABLE
 
 
-def test_the_search_starts_cover_the_cube_evenly():
+def test_the_start_points_of_the_search_cover_the_space_evenly():
     x = halton(24, 3)
     assert x.min() > 0
     assert x.max() < 1
@@ -77,7 +77,7 @@ def test_a_missing_scipy_is_reported_with_the_install_command(without_scipy):
         search(*bowl(LOW), LOW, HIGH)
 
 
-def test_a_rough_cost_is_searched_without_gradients():
+def test_the_minimum_of_a_rough_cost_is_reached_without_gradients():
     target = np.array([7.0, 0.5, 20.0])
 
     def rough(g):

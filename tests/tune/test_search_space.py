@@ -54,8 +54,8 @@ def test_the_gradient_with_respect_to_an_entry_is_exact():
     np.testing.assert_allclose(slope, numeric, rtol=2e-3, atol=1e-7)
 
 
-def test_a_tuned_controller_is_written_with_its_kind(lqr):
-    file = lqr.applied()
+def test_a_tuned_controller_is_written_with_its_kind_and_provenance(lqr):
+    file = lqr.updated_file()
     assert file.data["controller"]["kind"] == "lqr"
     np.testing.assert_allclose(file.controller().e_max, lqr.controller.e_max, rtol=1e-3)
     assert file.provenance["controller.e_max"].run == "tune, perfect pose"
@@ -68,14 +68,14 @@ def test_gains_of_the_previous_controller_are_removed_from_the_file(lqr):
     assert "controller.k_x" not in file.provenance
 
 
-def test_the_reported_cost_is_that_of_a_drive_with_these_gains(lqr):
-    """The memory of a quadratic regulator begins with its gains."""
-    drive = rehearse(lqr.applied(), ROUTE, gains=["e_max"], duration_s=1.0)
+def test_the_reported_cost_equals_the_cost_of_a_drive_with_these_gains(lqr):
+    """The memory of a linear quadratic regulator is initialised with its gains."""
+    drive = rehearse(lqr.updated_file(), ROUTE, gains=["e_max"], duration_s=1.0)
     assert drive.cost(drive.space.before) == pytest.approx(lqr.cost, rel=1e-3)
 
 
 def own_class(module: str = "__main__") -> type:
-    """A class as a cell of a notebook makes it."""
+    """Return a class as a cell of a notebook defines it."""
     from dataclasses import dataclass
 
     @dataclass(frozen=True, slots=True, eq=False)
@@ -94,16 +94,16 @@ def test_a_controller_class_of_a_notebook_cell_is_tuned():
     assert tuning.cost < tuning.cost_before
     assert tuning.controller.k == tuning.values["k"] != 1.0
     with refused("tune.of-a-cell", UsageError, controller="Steady"):
-        tuning.applied()
+        tuning.updated_file()
 
 
 def test_a_soft_bound_is_widened_and_a_hard_bound_is_not():
     space = search_space(load("small"), ["e_max[0]", "k_i"], controller="lqr")
-    wider = space.widened(np.array([1, 1]))
+    wider = space.widen(np.array([1, 1]))
     assert wider.high.tolist() == [4.0 * space.high[0], 10.0]
     bounded = search_space(load("small"), ["e_max[0]"], {"e_max[0]": (0.1, 0.2)}, "lqr")
-    assert bounded.widened(np.array([1])).high.tolist() == [0.2]
-    assert space.widened(np.array([-1, 0])).low[0] == space.low[0] / 4.0
+    assert bounded.widen(np.array([1])).high.tolist() == [0.2]
+    assert space.widen(np.array([-1, 0])).low[0] == space.low[0] / 4.0
 
 
 def test_a_gain_at_a_soft_bound_is_searched_again_with_wider_bounds():

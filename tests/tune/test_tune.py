@@ -1,4 +1,4 @@
-"""The gains of `tune` minimise the cost of the paper's drive; the text warns about unreliable gains."""
+"""The gains of `tune` minimise the cost of the paper; the text warns about unreliable gains."""
 
 import sys
 
@@ -8,7 +8,7 @@ import pytest
 from baqueano.diagnostics import Verdict
 from baqueano.errors import UsageError
 from baqueano.geometry import wrap
-from baqueano.guides.route import moved
+from baqueano.guides.route import move_route
 from baqueano.guides.shapes import circle, sinuous_circle
 from baqueano.messages import verdict_line
 from baqueano.simulate import simulate_loop
@@ -33,7 +33,7 @@ def tuning(small):
     return tune(small, ROUTE, **PAPERS)
 
 
-def test_the_cost_is_the_papers_sum_over_the_drive(small):
+def test_the_cost_equals_the_sum_of_the_paper_over_the_drive(small):
     gains = small.with_values({"controller.alpha": 6.0, "controller.beta": 3.0, "controller.gamma": 0.1})
     run = simulate_loop(gains, ROUTE, perfect=True, noise=False)
     d = run.reference.eta - run.truth.eta
@@ -87,8 +87,8 @@ def test_the_tuning_result_has_gain_rows_and_search_history(tuning):
     assert rows[0]["unit"] == "unit of u per m"
     assert len(tuning.history) == rows[0]["evaluations"]
     assert tuning.history[:, 1].min() == pytest.approx(tuning.cost)
-    assert "a radian weighs 0.06 m; perfect pose" in tuning.table()
-    gain = f"cost {tuning.cost_before:.4g} → {tuning.cost:.4g} m², {tuning.cost_uncontrolled:.4g} without control; "
+    assert "a heading error of 1 rad counts as 0.06 m; perfect pose" in tuning.table()
+    gain = f"cost {tuning.cost_before:.4g} → {tuning.cost:.4g} m², {tuning.cost_uncontrolled:.4g} m² without control; "
     assert gain in tuning.table()
     assert rows[0]["cost_before"] > rows[0]["cost"]
     assert rows[0]["cost_uncontrolled"] == tuning.cost_uncontrolled
@@ -102,7 +102,7 @@ def test_a_weight_on_the_command_gives_a_smoother_drive(small, tuning):
 
 
 def test_the_cost_is_invariant_under_motions_of_the_route(small):
-    moved_route = moved(ROUTE, np.array([3.0, -2.0, 3.0]))
+    moved_route = move_route(ROUTE, np.array([3.0, -2.0, 3.0]))
     assert rehearse(small, moved_route).cost(GAINS) == pytest.approx(
         rehearse(small, ROUTE).cost(GAINS), rel=1e-6
     )
@@ -118,7 +118,7 @@ def test_a_gain_at_its_limit_is_reported(small):
 def test_a_subset_of_the_gains_can_be_tuned(small):
     tuning = tune(small, circle(0.4, 0.3), gains=["beta"], starts=1, duration_s=3.0)
     assert list(tuning.values) == ["beta"]
-    assert tuning.applied().controller().alpha == small.controller().alpha
+    assert tuning.updated_file().controller().alpha == small.controller().alpha
 
 
 def test_a_file_without_gains_receives_the_tuned_gains(small):
@@ -126,7 +126,7 @@ def test_a_file_without_gains_receives_the_tuned_gains(small):
     tuning = tune(bare, circle(0.4, 0.3), starts=2, duration_s=4.0)
     assert np.isnan(tuning.cost_before)
     assert f"cost {tuning.cost:.4g} m², {tuning.cost_uncontrolled:.4g} without control" in tuning.table()
-    assert tuning.applied().controller().alpha == pytest.approx(tuning.values["alpha"])
+    assert tuning.updated_file().controller().alpha == pytest.approx(tuning.values["alpha"])
 
 
 def test_the_file_receives_the_gains_with_their_provenance(tuning, tmp_path):
@@ -154,7 +154,7 @@ def identified_file(small):
     return small.with_values({"controller.alpha": 6.0}, parameter_cov=cov)
 
 
-def test_the_cost_can_approximate_the_worst_of_drawn_vehicles(small, identified_file):
+def test_the_cost_can_weigh_mean_and_worst_of_drawn_vehicles(small, identified_file):
     route = circle(0.4, 0.3)
     drive = rehearse(identified_file, route, draws=5, duration_s=3.0)
     costs = []
@@ -168,14 +168,14 @@ def test_the_cost_can_approximate_the_worst_of_drawn_vehicles(small, identified_
     assert np.mean(costs) < drive.cost(GAINS) < max(costs) * 1.05
 
 
-def test_an_unfitted_delay_is_drawn_within_ten_milliseconds(identified_file):
+def test_an_unfitted_delay_is_varied_by_ten_milliseconds(identified_file):
     late = rehearse(identified_file, ROUTE, draws=50).vehicles[:, -1]
     assert late[0] == 0.01
     assert 0.0 <= late.min() < 0.002
     assert 0.018 < late.max() <= 0.02
 
 
-def test_the_gradient_over_vehicles_is_exact_sequentially_and_in_lanes(identified_file, monkeypatch):
+def test_the_gradient_over_vehicles_is_exact_sequentially_and_as_a_batch(identified_file, monkeypatch):
     drive = rehearse(identified_file, circle(0.4, 0.3), draws=3, duration_s=1.0)
     cost, slope = drive.cost_and_gradient(GAINS)
     numeric = [(drive.cost(GAINS + h) - drive.cost(GAINS - h)) / (2 * h.sum()) for h in np.diag(1e-5 * GAINS)]
@@ -213,7 +213,7 @@ def test_several_routes_have_equal_weight(small):
     np.testing.assert_allclose(slope, np.mean(each, axis=0), rtol=1e-9)
 
 
-def test_several_seeds_have_equal_weight_and_other_seeds_validate(small):
+def test_several_seeds_have_equal_weight_and_other_seeds_check_the_result(small):
     options: dict = {"estimator": True, "duration_s": 0.4, "gains": ["beta"]}
     both, *each = (rehearse(small, ROUTE, seeds=n, seed=k, **options) for n, k in ((2, 7), (1, 7), (1, 8)))
     gains = np.array([3.0])
@@ -225,7 +225,7 @@ def test_several_seeds_have_equal_weight_and_other_seeds_validate(small):
     assert "on 30 other seeds" in tuning.table()
 
 
-def test_effort_has_its_own_weight_in_the_cost(small):
+def test_the_weight_of_effort_adds_the_squared_commands_to_the_cost(small):
     gains = small.with_values({"controller.alpha": 6.0, "controller.beta": 3.0, "controller.gamma": 0.1})
     run = simulate_loop(gains, ROUTE, perfect=True, noise=False)
     assert run.sent is not None
@@ -261,7 +261,7 @@ def test_an_invalid_tuning_request_is_refused_with_a_reason(small, options, word
 
 
 def test_a_start_beside_the_route_makes_feedback_gains_identifiable():
-    """On its route it needs none: the cost is flat in every gain."""
+    """On its route the vehicle needs no feedback: the cost does not depend on any gain."""
     feedforward = load("small")
     gains = tune(feedforward, ROUTE, starts=3, polish=False)
     assert gains.verdict == "USABLE"

@@ -14,7 +14,7 @@ SMALL = load("small").text
 
 
 def refused_as(old, new, text=SMALL):
-    """The diagnostic of the small vehicle's file with `old` written as `new`."""
+    """Return the diagnostic of the file of the small vehicle in which `new` replaces `old`."""
     assert old in text, f"the file has no {old!r}"
     with pytest.raises(FileError) as error_info:
         parse(text.replace(old, new, 1), "my.toml")
@@ -130,7 +130,7 @@ CASES = {
 
 
 @pytest.mark.parametrize("case", CASES)
-def test_fi3_fi7_each_mistake_in_a_vehicle_file_has_its_code_and_figures(case):
+def test_fi3_fi7_each_mistake_in_a_vehicle_file_is_reported_with_its_code(case):
     old, new, code, figures = CASES[case]
     cause = next(diagnostic for diagnostic in within(refused_as(old, new)) if diagnostic.code == code)
     figures_by_name = {
@@ -152,7 +152,7 @@ def test_all_mistakes_of_a_vehicle_file_are_reported_together():
     assert len(text(reason).splitlines()) == 2
 
 
-def test_fi3_inertia_larger_than_the_vehicle_is_refused_with_the_arithmetic():
+def test_fi3_an_inertia_too_large_for_the_vehicle_size_is_refused():
     reason = refused_as("mass_kg = 0.61", "mass_kg = 0.61\ninertia_kg_m2 = 669.12")
     assert (reason.code, reason.figures["found"], reason.figures["mass_kg"]) == (
         "vehicle.inertia-too-large", 669.12, 0.61,
@@ -162,7 +162,7 @@ def test_fi3_inertia_larger_than_the_vehicle_is_refused_with_the_arithmetic():
     assert reason.figures["measure"].figures["uniform_kg_m2"] == pytest.approx(0.00149, abs=5e-6)
 
 
-def test_inertia_of_a_point_is_refused():
+def test_an_inertia_far_below_the_vehicle_size_is_refused():
     reason = refused_as("mass_kg = 0.61", "mass_kg = 0.61\ninertia_kg_m2 = 1.49e-6")
     assert "vehicle.inertia-of-point" in {diagnostic.code for diagnostic in within(reason)}
 
@@ -171,12 +171,12 @@ def test_a_missing_inertia_and_radius_are_reported():
     assert refused_as("radius_m = 0.07\n", "").code == "vehicle.model-lacks-inertia"
 
 
-def test_a_plate_has_the_inertia_of_a_plate():
+def test_the_default_inertia_of_a_rectangular_vehicle_equals_a_plate():
     text = SMALL.replace("radius_m = 0.07\n", "length_m = 0.2\nwidth_m = 0.14\n", 1)
     assert parse(text, "x").vehicle.inertia_kg_m2 == pytest.approx(0.61 * (0.2**2 + 0.14**2) / 12)
 
 
-def test_an_implausible_speed_gives_a_notice():
+def test_an_implausible_maximum_speed_gives_a_notice():
     (notice,) = parse(SMALL.replace("[3.38, 0.0", "[3380.0, 0.0"), "x").notices
     assert notice.code == "vehicle.too-fast"
 
@@ -188,7 +188,7 @@ def test_an_implausible_speed_gives_a_notice():
         ("process_noise_cov", PAPER_R, ["not symmetric: [0][5] = -0.05 but [5][0] = -0.058"]),
     ],
 )
-def test_es1_the_printed_matrices_of_the_paper_are_refused_and_corrected(name, matrix, parts):
+def test_es1_the_printed_matrices_of_the_paper_are_refused_with_a_correction(name, matrix, parts):
     table = "sensors.imu" if name == "measurement_noise_cov" else "estimator"
     text = SMALL[: SMALL.index("[estimator]")] if table == "estimator" else SMALL
     old = "[sensors.imu]\n" if table == "sensors.imu" else text
@@ -219,7 +219,7 @@ def test_a_missing_block_parameter_is_reported_at_construction():
     assert file.controller(alpha=2.0).alpha == 2.0
 
 
-def test_a_guide_without_its_route_is_refused():
+def test_a_guide_without_a_route_is_refused():
     from baqueano.errors import UsageError
 
     with refused("vehicle.no-route", UsageError, guide="Repeat"):

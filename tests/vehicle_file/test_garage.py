@@ -1,5 +1,6 @@
-"""The vehicles of the garage: they load, have the documented properties, and the small vehicle drives like small
-motors."""
+"""The vehicles of the garage: they load and have the documented properties; the small vehicle drives like small
+motors.
+"""
 
 import numpy as np
 import pytest
@@ -13,7 +14,7 @@ DT_S = 0.01
 
 
 def drive_vehicle(u, duration_s=2.0, vehicle=None):
-    """ν (k, 3) of the small vehicle from rest under a steady command."""
+    """Return ν (k, 3) of the small vehicle from rest under a constant command."""
     vehicle = load("small").vehicle if vehicle is None else vehicle
     state, nu = vehicle.init(), []
     for _ in range(round(duration_s / DT_S)):

@@ -1,4 +1,4 @@
-"""The setting of the chip's filter gives h the low-pass: of the file, and of the vehicle that it simulates."""
+"""The filter setting of the chip determines the low-pass of h, in the file and in the simulated vehicle."""
 
 import numpy as np
 import pytest

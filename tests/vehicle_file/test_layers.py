@@ -1,4 +1,4 @@
-"""The command line over the file, and a user block in the file."""
+"""Command-line settings have priority over the file, and the file may name a user block."""
 
 import sys
 import tomllib
@@ -42,7 +42,7 @@ class Mine:
 
 @pytest.fixture
 def workshop(tmp_path):
-    """A folder with a vehicle file whose controller is the user's own."""
+    """Return a folder with a vehicle file whose controller is a user block."""
     (tmp_path / "mine.py").write_text(MINE, encoding="utf-8")
     text = load("small").text.replace('kind = "pd_feedforward"', 'kind = "mine.py:Mine"')
     (tmp_path / "my.toml").write_text(text, encoding="utf-8")
@@ -128,7 +128,7 @@ def test_the_table_of_a_user_block_is_checked(workshop, line, part):
     assert part in str(error_info.value)
 
 
-def test_a_replacement_block_accepts_its_own_keys_and_defaults(workshop):
+def test_a_user_block_that_replaces_a_block_accepts_its_keys_and_defaults(workshop):
     small = load("small")
     controller = small.controller(kind=f"{workshop / 'mine.py'}:Mine", k_x=7.0)
     assert (controller.k_x, controller.steps) == (7.0, 3)
@@ -178,7 +178,7 @@ def test_a_missing_user_file_is_reported(workshop):
         load(workshop / "my.toml")
 
 
-def test_a_vehicle_from_a_run_loads_without_the_user_file(workshop):
+def test_the_vehicle_file_of_a_run_loads_without_the_user_block_file(workshop):
     text = load(workshop / "my.toml").text
     (workshop / "mine.py").unlink()
     file = parse(text, "the vehicle file of runs/0001")
@@ -219,14 +219,14 @@ def test_the_documentation_lists_every_key_with_its_meaning():
     )
 
 
-def test_the_key_documentation_is_a_page_of_tables():
+def test_the_key_documentation_has_a_table_for_each_block():
     page = reference_table()
     assert '## `[model] kind = "planar"`\n' in page
     assert "| `mass_kg` | mass m | kg |  | 0.001 to 100000 | required |" in page
     assert page.count("## `[model.drivetrain]`\n") == 1
 
 
-def test_documented_defaults_are_written_in_toml():
+def test_documented_defaults_are_valid_toml():
     defaults = {(row["table"], row["kind"], row["key"]): row["default"] for row in rows()}
     assert defaults["sensors.NAME", "tags", "sees_offset"] == "`true`"
     assert defaults["robot", "", "imu_axes"] == '`["x", "y", "z"]`'

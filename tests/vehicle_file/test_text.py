@@ -1,4 +1,4 @@
-"""The file as bytes: encodings, cuts, bombs, doubles."""
+"""The file as bytes: encodings, truncated files, malicious files, duplicate keys."""
 
 import json
 import random
@@ -16,12 +16,13 @@ from tests.codes import refused
 SMALL = load("small").text
 
 
-def said_to(tmp_path, content):
+def reason_of(tmp_path, content):
+    """Code and figures of the refusal of a file with this content."""
     path = tmp_path / "my.toml"
     path.write_bytes(content if isinstance(content, bytes) else content.encode())
     with pytest.raises(FileError) as error_info:
         load(path)
-    return str(error_info.value)
+    return error_info.value.diagnostic.code, error_info.value.diagnostic.figures
 
 
 @pytest.mark.parametrize("newline", ["\n", "\r\n"])
@@ -37,26 +38,27 @@ def test_utf_16_is_refused_with_the_remedy(tmp_path, encoding):
     content = SMALL.encode(encoding)
     if encoding == "utf-16-be":
         content = b"\xfe\xff" + content
-    message = said_to(tmp_path, content)
-    assert "UTF-16: expected UTF-8" in message or "zero bytes" in message
+    code = "toml.zero-bytes" if encoding == "utf-16-le" else "toml.utf-16"
+    assert reason_of(tmp_path, content) == (code, {"file": "my.toml"})
 
 
 def test_a_non_utf_8_accent_is_reported_with_its_line(tmp_path):
-    message = said_to(tmp_path, b'format = 1\nname = "Jos\xe9"\n')
-    assert "my.toml line 2 holds the byte 0xe9, which is not UTF-8" in message
+    reason = reason_of(tmp_path, b'format = 1\nname = "Jos\xe9"\n')
+    assert reason == ("toml.not-utf-8", {"file": "my.toml", "line": 2, "byte": 0xE9})
 
 
 def test_zero_bytes_in_a_file_are_reported(tmp_path):
-    assert "contains zero bytes" in said_to(tmp_path, b"format = 1\n\0\0\0\0")
+    assert reason_of(tmp_path, b"format = 1\n\0\0\0\0") == ("toml.zero-bytes", {"file": "my.toml"})
 
 
 @pytest.mark.parametrize("content", [b"", b"  \n\n", b"\xef\xbb\xbf"])
 def test_an_empty_file_is_reported_as_truncated(tmp_path, content):
-    assert "my.toml is empty: was it cut by a loss of power?" in said_to(tmp_path, content)
+    assert reason_of(tmp_path, content) == ("toml.empty", {"file": "my.toml"})
 
 
 def test_fi4_a_too_large_file_is_refused(tmp_path):
-    assert "65,601 bytes: a vehicle file has at most 65,536" in said_to(tmp_path, "#" * 65600 + "\n")
+    figures = {"file": "my.toml", "size": 65601, "largest": 65536}
+    assert reason_of(tmp_path, "#" * 65600 + "\n") == ("toml.too-large", figures)
 
 
 def test_an_unreadable_file_is_reported_with_its_reason(tmp_path, monkeypatch):
@@ -92,29 +94,24 @@ def test_fi4_a_number_of_thousands_of_digits_is_refused():
 
 
 @pytest.mark.parametrize(
-    ("text", "part"),
+    ("text", "code", "line", "figures"),
     [
-        (
-            "mass_kg = 1\nmass_kg = 2",
-            "line 2: 'mass_kg = 2' is in the file twice. Keep one of the two.",
-        ),
-        ("[model]\nx = 1\n[model]\ny = 2", "line 3: '[model]' is in the file twice"),
-        ("mass_kg = 0,61", "a decimal comma. Write a decimal point: mass_kg = 0.61"),
-        ("name = small", 'Text stands in quotes, key = "value"'),
-        ("limit = [0,5, 0,05]", "Are these decimal commas? Write points."),
-        ("flag = True", "true and false are in small letters"),
-        ("mass_kg = ", "line 1: 'mass_kg =' is not TOML: invalid value"),
-        ("mass_kg 0.61", "is not TOML: "),
+        ("mass_kg = 1\nmass_kg = 2", "toml.twice", 2, {"found": "'mass_kg = 2'"}),
+        ("[model]\nx = 1\n[model]\ny = 2", "toml.twice", 3, {"found": "'[model]'"}),
+        ("mass_kg = 0,61", "toml.decimal-comma", 1, {"with_point": "mass_kg = 0.61"}),
+        ("name = small", "toml.no-quotes", 1, {}),
+        ("limit = [0,5, 0,05]", "toml.decimal-commas", 1, {}),
+        ("flag = True", "toml.no-quotes", 1, {}),
+        ("mass_kg = ", "toml.syntax", 1, {"found": "'mass_kg ='", "error": "invalid value"}),
+        ("mass_kg 0.61", "toml.syntax", 1, {}),
     ],
 )
-def test_fi1_invalid_toml_is_reported_with_its_line(text, part):
-    with pytest.raises(FileError) as error_info:
+def test_fi1_invalid_toml_is_reported_with_its_line(text, code, line, figures):
+    with refused(code, FileError, file="my.toml", line=line, **figures):
         tables(text, "my.toml")
-    assert str(error_info.value).startswith("my.toml line ")
-    assert part in str(error_info.value)
 
 
-def test_the_line_of_every_key_is_located():
+def test_the_line_number_of_every_key_is_determined():
     lines = SMALL.splitlines()
     for path in [
         ("name",),
@@ -127,7 +124,7 @@ def test_the_line_of_every_key_is_located():
     assert line_of('[provenance."a.b"]\nrun = ""', ("provenance", "a.b")) == 1
 
 
-def test_a_dump_is_read_back_unchanged():
+def test_data_written_as_toml_are_read_back_unchanged():
     data = tables(SMALL, "x") | {
         "text": 'quotes " and \\ and ñ',
         "odd": {"a key": [[1.0], [2.0, 3.0]], "n": float("nan")},
@@ -137,7 +134,7 @@ def test_a_dump_is_read_back_unchanged():
 
 
 def test_fi2_typing_errors_are_detected_and_the_correct_key_is_proposed():
-    """One letter of one key changed, left out, doubled or swapped, 200 times: all found, 95 % are named."""
+    """One letter of a key is changed, omitted, doubled or swapped, 200 times: all are detected, 95 % are corrected."""
     rng = random.Random(7)
     keys = [line.split(" =")[0] for line in SMALL.splitlines() if " = " in line and line[:1].isalpha()]
     keys = [k for k in keys if len(k) > 3 and k not in ("kind", "format", "name", "about")]

@@ -68,20 +68,20 @@ def test_a_missing_table_is_added():
     assert (changed_file.controller().k_x, changed_file.controller().k_chi) == (1.5, 2.5)
 
 
-def test_a_model_is_a_guess_until_an_accepted_fit_writes_a_value():
+def test_a_model_is_a_guess_until_a_usable_fit_changes_it():
     small, key = load("small"), "model.friction.linear"
-    assert small.guessed
-    assert not small.with_values({}, {key: FITTED}).guessed
-    assert small.with_values({}, {key: FITTED._replace(verdict="REFUSED")}).guessed
-    assert small.with_values({}, {"sensors.imu.gyro_bias": FITTED, "controller.k_x": FITTED}).guessed
+    assert small.is_guess
+    assert not small.with_values({}, {key: FITTED}).is_guess
+    assert small.with_values({}, {key: FITTED._replace(verdict="REFUSED")}).is_guess
+    assert small.with_values({}, {"sensors.imu.gyro_bias": FITTED, "controller.k_x": FITTED}).is_guess
 
 
-def test_a_table_marked_as_a_guess_stays_marked_after_a_partial_fit():
+def test_after_a_partial_fit_a_table_retains_its_mark_as_a_guess():
     text = load("small").text + '\n[provenance.model]\nrun = "the data sheet of another"\nverdict = "GUESS"\n'
     guess = parse(text + '[provenance."model.friction"]\nrun = "a friend"\nverdict = "GUESS"\n', "mine.toml")
-    assert guess.guessed
+    assert guess.is_guess
     fitted = guess.with_values({"model.friction.linear": LINEAR}, {"model.friction.linear": FITTED})
-    assert not fitted.guessed
+    assert not fitted.is_guess
     assert fitted.provenance["model"].verdict == "GUESS"
     assert parse(fitted.text, "mine.toml").provenance.keys() == fitted.provenance.keys()
 
@@ -140,7 +140,7 @@ def test_the_covariance_of_the_last_fit_is_stored_in_the_file():
     assert refitted_file.text.count("[parameter_cov]") == 1
 
 
-def test_the_difference_of_two_files_lists_changed_values_and_significance():
+def test_the_difference_of_two_files_lists_changed_values_and_their_significance():
     key = "model.friction.linear"
     first = load("small").with_values({key: LINEAR}, provenance={key: FITTED})
     later = first.with_values(
@@ -175,7 +175,7 @@ def test_an_unknown_key_is_not_written(key, code, figures):
         load("small").with_values({}, provenance={"nothing": FITTED})
 
 
-def test_a_value_absent_from_the_file_is_the_default():
+def test_a_value_absent_from_the_file_has_its_default():
     small = load("small")
     assert small.value("model.friction.cornering") == 0.0
     assert small.value("model.inertia_kg_m2") == pytest.approx(0.0014945)
@@ -216,7 +216,7 @@ def test_a_file_changed_by_another_program_is_not_overwritten(tmp_path):
     assert "# from the editor" in path.read_text(encoding="utf-8")
 
 
-def test_a_file_may_be_saved_twice(tmp_path):
+def test_a_file_can_be_saved_twice(tmp_path):
     path = load("small").save(tmp_path / "my.toml")
     once = load(path).with_values({"model.mass_kg": 0.7})
     once.save()
@@ -253,7 +253,7 @@ def test_lg11_a_symbolic_link_is_preserved(tmp_path):
 
 
 def test_lg10_an_interruption_while_saving_leaves_a_complete_file(tmp_path):
-    """Processes are killed while they save without end; none leaves a file that is not whole."""
+    """Processes are killed while they save repeatedly; none leaves an incomplete file."""
     path = load("small").save(tmp_path / "my.toml")
     code = (
         "import sys, os, pathlib\n"

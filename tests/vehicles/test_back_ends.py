@@ -1,4 +1,4 @@
-"""The same text under NumPy, as Python and as C: equal to 1e-12 of the larger of one and the value."""
+"""The same code under NumPy, as Python and as C: equal to 1e-12 of the larger of one and the value."""
 
 from typing import NamedTuple
 
@@ -70,7 +70,7 @@ class Input(NamedTuple):
 
 
 def flat(tree, rows=None) -> np.ndarray:
-    """All numbers of a tree, (size,), or (rows, size)."""
+    """Return all numbers of a tree, (size,), or (rows, size)."""
     if tree is None:
         return np.zeros(0 if rows is None else (rows, 0))
     if isinstance(tree, tuple):
@@ -79,7 +79,7 @@ def flat(tree, rows=None) -> np.ndarray:
 
 
 @pytest.mark.parametrize("name", VEHICLES)
-def test_a_drive_is_the_same_in_every_back_end(name):
+def test_a_simulated_drive_is_the_same_in_every_back_end(name):
     vehicle, rng, N = VEHICLES[name], np.random.default_rng(3), 200
     inputs = Input(
         rng.uniform(-1.2, 1.2, (N, vehicle.commands)),

@@ -1,4 +1,6 @@
-"""The step against a fine integration of its equations, written here once more, with an event at every change."""
+"""The step of a vehicle compared with a fine integration of its equations, written again here, with every change as
+an event.
+"""
 
 from itertools import pairwise
 
@@ -18,13 +20,13 @@ DURATION_S = 0.6
 
 
 def channels(u):
-    """Left and right wheel behind the dead zone and with their gains."""
+    """Return left and right wheel behind the dead zone and with their gains."""
     w = np.array([u[0] - u[2], u[0] + u[2]])
     return GAIN * (np.maximum(w - ZONE, 0.0) + np.minimum(w + ZONE, 0.0))
 
 
 def accelerations(nu, wheels):
-    """ν̇ (3,) of the two-wheeled vehicle by Newton and Euler."""
+    """Return ν̇ (3,) of the two-wheeled vehicle by Newton and Euler."""
     e_x, e_r = 0.5 * (wheels[0] + wheels[1]), 0.5 * (wheels[1] - wheels[0])
     force = LINEAR * nu + DRY * np.tanh(nu / DRY_SPEED)
     X, Y, N = FX * e_x - force[0], -force[1], FN * e_r - force[2]
@@ -33,7 +35,7 @@ def accelerations(nu, wheels):
 
 
 def imu_reading(nu, nu_dot):
-    """The reading of an IMU at LEVER."""
+    """Return the reading of an IMU at LEVER."""
     lx, ly = LEVER
     return BIAS + np.array(
         [
@@ -45,7 +47,8 @@ def imu_reading(nu, nu_dot):
 
 
 def exact(changes, delay_s, lag_s, times):
-    """(η, ν, the IMU reading, and the reading behind its low-pass) at `times`: integrated from change to change."""
+    """Return (η, ν, the IMU reading, and the reading behind its low-pass) at `times`, integrated from change to
+    change."""
     edges = sorted({0.0, DURATION_S, *times, *(t + delay_s for t, _ in changes if t + delay_s < DURATION_S)})
     x, out, tau_s = np.zeros(11), {}, 0.5 / np.pi / LOW_PASS_HZ
     x[8:] = BIAS
@@ -69,7 +72,7 @@ def exact(changes, delay_s, lag_s, times):
 
 
 def simulated_outputs(vehicle, imus, steps_s, changes):
-    """The same by the vehicle's own step, one command a tick."""
+    """Return the same outputs by the step of the vehicle, one command per tick."""
     state, states = vehicle.init(), [imu.init() for imu in imus]
     t, out = 0.0, []
     for dt_s in steps_s:
@@ -101,7 +104,7 @@ IMUS.append(
 
 
 def errors(delay_s, lag_s, dt_s):
-    """(12,) the largest error of η, ν, the IMU, and the IMU behind its low-pass."""
+    """Return (12,) the largest error of η, ν, the IMU, and the IMU behind its low-pass."""
     changes = [(0.02 * k, np.array([0.6 * np.sin(1.7 * k), 0.0, 0.4 * np.sin(2.3 * k)])) for k in range(30)]
     N = round(DURATION_S / dt_s)
     times = [float(t) for t in np.round(dt_s * np.arange(1, N + 1), 12)]
@@ -112,7 +115,7 @@ def errors(delay_s, lag_s, dt_s):
 
 @pytest.mark.parametrize("delay_s", [0.0, 0.013])
 def test_with_a_lag_the_integration_error_is_of_fourth_order(delay_s):
-    """Pose, velocity and what an IMU shows, of commands that come in the middle of a tick."""
+    """Pose, velocity and IMU readings under commands that change in the middle of a tick."""
     ticks = np.array([0.01, 0.005, 0.0025])
     differences = np.array([errors(delay_s, LAG_S, dt_s) for dt_s in ticks])
     slopes = [np.polyfit(np.log(ticks), np.log(column), 1)[0] for column in differences[:, :9].T]
@@ -130,7 +133,7 @@ def test_without_a_lag_a_command_within_a_tick_increases_the_error():
     assert in_two_parts[:9].sum() > whole[:9].sum()
 
 
-def test_an_accelerometer_measures_the_instantaneous_effort():
+def test_the_acceleration_at_the_tick_end_uses_the_instantaneous_effort():
     """A command acts 3 ms after the start of the tick: the full acceleration is present at the end."""
     vehicle = vehicle_with(0.003, 0.0, 1)
     _, motion = vehicle.step(vehicle.init(), np.array([0.8, 0.0, 0.0]), 0.01, np.zeros(3))
@@ -138,7 +141,7 @@ def test_an_accelerometer_measures_the_instantaneous_effort():
     assert motion.nu_dot == pytest.approx(expected, abs=1e-9)
 
 
-def test_a_command_acts_at_its_time_for_any_tick_length():
+def test_with_uneven_ticks_a_command_acts_at_the_correct_time():
     """The same changes by uneven ticks, each with its own command."""
     rng = np.random.default_rng(2)
     steps_s = rng.uniform(0.006, 0.014, 50)
@@ -151,7 +154,7 @@ def test_a_command_acts_at_its_time_for_any_tick_length():
 
 
 class Hovercraft(FromAcceleration):
-    """A vehicle of one's own: it slides, and turns into the wind of its own speed."""
+    """A user vehicle that slides and turns into the wind of its own speed."""
 
     def nu_dot(self, nu, effort, psi=0.0):
         return np.array([3.0, 2.0, 20.0]) * effort - slowed(nu)
@@ -167,7 +170,7 @@ def hovercraft_dot(nu, effort):
 
 
 def car_dot(nu, effort):
-    """Throttle and servo of a car whose origin is 7 cm ahead of its rear axle."""
+    """Return the derivatives of a car whose origin is 7 cm ahead of its rear axle, under throttle and servo."""
     v_dot = 4.0 * effort[0] - (2.0 + 0.5 * np.abs(nu[2])) * nu[0]
     r_dot = (nu[0] * np.tan(0.4 * effort[1]) / 0.15 - nu[2]) / 0.06
     return np.array([v_dot, 0.07 * r_dot, r_dot])
@@ -202,8 +205,8 @@ OTHERS = {  # a vehicle behind a delay and a lag, ν̇ by hand, and commands
 
 
 def fine(accelerate, changes, delay_s, times):
-    """(η, ν) and the accelerometers at `times`, integrated from change to change; without `accelerate` a velocity
-    follows its effort."""
+    """Return (η, ν) and the accelerometers at `times`, integrated from change to change. Without `accelerate` the
+    velocity follows the effort."""
     edges = sorted({0.0, *times, *(t + delay_s for t, _ in changes if t + delay_s < times[-1])})
     x, out, n = np.zeros(6 + len(changes[0][1])), {}, len(changes[0][1])
     for a, b in pairwise(edges):
@@ -236,7 +239,7 @@ def test_the_integration_error_of_every_vehicle_is_of_fourth_order(kind, delay_s
         had = simulated_outputs(make(delay_s, dt_s), imus, steps_s, changes)[each - 1 :: each]
         differences.append(np.abs(had[:, : exactly.shape[1]] - exactly).max(axis=0))
     worst = np.array(differences)
-    is_moving = worst[0] > 1e-11  # else there is nothing but rounding
+    is_moving = worst[0] > 1e-11  # otherwise only rounding errors remain
     slopes = np.polyfit(np.log(ticks), np.log(worst[:, is_moving]), 1)[0]
     assert slopes.min() > 3.4
     assert np.all(worst[0, :6] < 1e-5)

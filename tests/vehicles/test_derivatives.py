@@ -1,5 +1,8 @@
-"""Every derivative against central differences, over random states off the kinks (|ν| ≥ 0.1, channels off
-their dead zones). They prove consistency, not physics: for that see test_pencil."""
+"""Every derivative compared with central differences, over random states off the kinks (|ν| ≥ 0.1, channels off their
+dead zones).
+
+These tests prove consistency, not physics; test_pencil tests the physics.
+"""
 
 import numpy as np
 import pytest
@@ -54,7 +57,7 @@ def effort_of(vehicle, effort):
 
 
 def advanced(vehicle, effort):
-    """(η, ν) → (η, ν, ν̇) after 10 ms, flat."""
+    """Return the function (η, ν) → (η, ν, ν̇) after 10 ms, flat."""
     return lambda x: np.concatenate(vehicle.advance(x[:3], x[3:], steady(effort), 0.01))
 
 
@@ -141,7 +144,7 @@ START = {name: [value(VEHICLES[name], path) for path in paths] for name, paths i
 
 
 def test_every_parameter_of_a_drivetrain_has_a_derivative():
-    """Two ticks at full tilt, each effect in force, off the kinks."""
+    """Two ticks at full command with each effect active, off the kinks."""
     d = Drivetrain(
         mixing="two_wheels",
         limit=np.array([0.9, 1.5]),

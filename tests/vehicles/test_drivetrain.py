@@ -1,4 +1,4 @@
-"""From the sent command to the effort: each effect alone, against its definition."""
+"""From the sent command to the effort: each effect separately, compared with its definition."""
 
 import numpy as np
 import pytest
@@ -25,13 +25,13 @@ def efforts(drivetrain, u, dt_s=0.01):
 
 @QUICK
 @given(commands)
-def test_without_effects_the_effort_is_the_command(u):
+def test_an_ideal_drivetrain_passes_the_command_unchanged(u):
     assert np.array_equal(efforts(Drivetrain(), [u])[0], u)
 
 
 @QUICK
 @given(commands)
-def test_unmixing_returns_the_mixed_command_without_u_y(u):
+def test_unmixing_a_mixed_command_returns_the_command_without_u_y(u):
     assert unmix("two_wheels", mix("two_wheels", u)) == pytest.approx([u[0], 0.0, u[2]])
     assert unmix("none", mix("none", u)) is u
     d = Drivetrain(mixing="two_wheels")
@@ -40,7 +40,7 @@ def test_unmixing_returns_the_mixed_command_without_u_y(u):
 
 @QUICK
 @given(arrays(float, 2, elements=st.floats(-1.0, 1.0)))
-def test_mixing_the_unmixed_wheels_returns_the_same_wheels(w):
+def test_mixing_inverts_unmixing(w):
     assert mix("two_wheels", unmix("two_wheels", w)) == pytest.approx(w)
 
 
@@ -49,7 +49,7 @@ def test_a_left_turn_drives_the_right_wheel_forward():
     assert (left, right) == (-0.3, 0.3)
 
 
-def test_a_saturated_wheel_changes_the_turn():
+def test_a_saturated_wheel_reduces_the_turning_effort():
     d = Drivetrain(mixing="two_wheels", limit=np.array([1.0, 1.0]))
     assert efforts(d, [np.array([0.8, 0.0, 0.6])])[0] == pytest.approx(
         [0.6, 0.0, 0.4]
@@ -68,7 +68,7 @@ def test_a_dead_zone_is_subtracted_in_each_direction():
 
 @QUICK
 @given(st.floats(-1.0, 1.0), st.floats(-1.0, 1.0))
-def test_more_command_is_never_less_effort(a, b):
+def test_a_larger_command_never_gives_a_smaller_effort(a, b):
     d = Drivetrain(commands=1, dead_zone_forward=np.array([0.2]), dead_zone_backward=np.array([0.3]), sag=0.4)
     low, high = efforts(d, [np.array([min(a, b)])])[0], efforts(d, [np.array([max(a, b)])])[0]
     assert low <= high
@@ -102,7 +102,7 @@ def test_a_delay_of_whole_ticks_shifts_the_command(ticks):
 
 
 def test_a_fractional_delay_averages_the_command_over_the_tick():
-    """13 ms late with ticks of 10 ms: 3 ms of the tick before the last, 7 ms of the last."""
+    """With 13 ms of delay and ticks of 10 ms: 3 ms of the tick before the last, 7 ms of the last tick."""
     effort_means = efforts(
         Drivetrain(delay_s=0.013, delay_slots=2), np.array([[1.0, 0, 0], [2.0, 0, 0], [5.0, 0, 0]])
     )
@@ -115,7 +115,7 @@ def test_a_delay_preserves_the_total_impulse():
         assert efforts(Drivetrain(delay_s=delay_s, delay_slots=3), u).sum(0) == pytest.approx(u.sum(0))
 
 
-def test_a_delay_is_limited_by_the_number_of_slots():
+def test_the_delay_is_limited_by_the_number_of_stored_commands():
     u = np.random.default_rng(3).normal(size=(9, 3))
     assert efforts(Drivetrain(delay_s=0.5, delay_slots=2), u)[2:] == pytest.approx(u[:-2])
 
@@ -130,7 +130,7 @@ def test_a_lag_reaches_63_percent_after_its_time_constant():
 
 @QUICK
 @given(st.floats(1e-3, 1.0), st.floats(1e-4, 0.1), st.floats(-1.0, 1.0), st.floats(-1.0, 1.0))
-def test_a_lag_is_the_same_in_one_tick_or_in_two(lag_s, dt_s, start, target):
+def test_a_lag_over_one_tick_equals_the_lag_over_two_half_ticks(lag_s, dt_s, start, target):
     d = Drivetrain(commands=1, lag_s=lag_s)
     state, u = d.init()._replace(lagged=np.array([start])), np.array([target])
     once, whole = d.step(state, u, 2.0 * dt_s)
@@ -140,7 +140,7 @@ def test_a_lag_is_the_same_in_one_tick_or_in_two(lag_s, dt_s, start, target):
     assert 0.5 * (first.mean + second.mean) == pytest.approx(whole.mean, abs=1e-10)
 
 
-def test_the_mean_over_a_tick_is_the_integral_of_the_lag():
+def test_the_mean_effort_of_a_tick_integrates_the_lag_response():
     lag_s, dt_s = 0.03, 0.01
     _, effort = Drivetrain(commands=1, lag_s=lag_s).step(Drivetrain(commands=1).init(), np.array([1.0]), dt_s)
     t = (np.arange(2000) + 0.5) * dt_s / 2000
@@ -213,7 +213,7 @@ def test_impossible_drivetrain_parameters_are_refused(code, figures, make):
         make()
 
 
-def test_a_positive_lag_enables_the_lag():
+def test_a_drivetrain_has_a_lag_only_if_the_lag_is_positive():
     assert Drivetrain(lag_s=0.05).has_lag
     assert not Drivetrain().has_lag
 
@@ -226,7 +226,7 @@ def test_a_positive_lag_enables_the_lag():
     st.floats(0.0, 0.3),
     st.floats(6.5, 8.4),
 )
-def test_the_inverse_gives_the_command_of_an_effort(size, sign, coast, sag, battery_v):
+def test_the_inverse_drivetrain_returns_the_command_for_an_effort(size, sign, coast, sag, battery_v):
     drivetrain = Drivetrain(
         mixing="two_wheels",
         gain=np.array([1.1, 0.9]),
@@ -242,7 +242,7 @@ def test_the_inverse_gives_the_command_of_an_effort(size, sign, coast, sag, batt
     np.testing.assert_allclose(drivetrain.unmix(command), effort, atol=1e-9)
 
 
-def test_the_inverse_is_continuous_at_zero():
+def test_the_inverse_drivetrain_is_continuous_at_zero():
     drivetrain = Drivetrain(commands=1, dead_zone_forward=np.array([0.3]), dead_zone_backward=np.array([0.3]))
     commands = [drivetrain.inverse(np.array([e]))[0] for e in (-1e-6, 0.0, 1e-6)]
     np.testing.assert_allclose(commands, [-1.6e-5, 0.0, 1.6e-5], atol=1e-7)

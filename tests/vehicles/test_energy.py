@@ -1,4 +1,4 @@
-"""Energy and momentum: the permitted effects of friction, centripetal terms and an eccentric mass."""
+"""Energy and momentum: the possible effects of friction, centripetal terms and an eccentric mass."""
 
 import casadi
 import numpy as np
@@ -40,7 +40,7 @@ def kinetic_energy(p: Planar, nu: np.ndarray) -> float:
 
 
 def momentum(p: Planar, eta: np.ndarray, nu: np.ndarray) -> np.ndarray:
-    """Momentum in the map, and spin about the map's origin."""
+    """Return the momentum in the map, and the spin about the origin of the map."""
     m, I, c = p.mass_kg, p.inertia_kg_m2, p.centre_of_mass_x_m
     J = map_from_body(eta[2])
     place = eta + J @ np.array([c, 0.0, 0.0])
@@ -56,7 +56,7 @@ def test_friction_always_opposes_the_motion(friction, nu):
 
 @QUICK
 @given(frictions, vectors(-5.0, 5.0))
-def test_friction_is_an_odd_function_of_velocity(friction, nu):
+def test_friction_changes_only_its_sign_if_the_velocity_is_reversed(friction, nu):
     assert friction.force(-nu) == pytest.approx(-friction.force(nu))
 
 
@@ -74,7 +74,7 @@ def test_an_unforced_vehicle_never_gains_kinetic_energy(friction, nu, c):
 
 @QUICK
 @given(frictions, vectors(-3.0, 3.0), vectors(-3.0, 3.0), st.floats(-0.3, 0.3))
-def test_the_gained_power_is_effort_power_minus_friction_power(friction, nu, effort, c):
+def test_the_kinetic_power_equals_effort_power_minus_friction_power(friction, nu, effort, c):
     T = np.array([[2.0, 0.1, 0.2], [0.0, 1.0, 0.3], [-0.1, 0.2, 0.5]])
     p = Planar(2.0, 0.5, T, centre_of_mass_x_m=c, friction=friction)
     gained = nu @ mass_matrix(p) @ p.nu_dot(nu, effort)
@@ -109,7 +109,8 @@ def test_total_energy_is_conserved_on_a_frictionless_slope(nu, heading, c):
 
 
 def lagrange() -> casadi.Function:
-    """q̈ of q = (x, y, ψ) from d/dt ∂L/∂q̇ − ∂L/∂q = J τ, derived by machine from L = kinetic − potential."""
+    """Return q̈ of q = (x, y, ψ) from d/dt ∂L/∂q̇ − ∂L/∂q = J τ, with derivatives computed from L = kinetic −
+    potential."""
     q, q_dot, tau = casadi.SX.sym("q", 3), casadi.SX.sym("v", 3), casadi.SX.sym("t", 3)
     m, I, c, alpha, chi = (casadi.SX.sym(s) for s in ("m", "I", "c", "alpha", "chi"))
     place = q[:2] + c * casadi.vertcat(casadi.cos(q[2]), casadi.sin(q[2]))

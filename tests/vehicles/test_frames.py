@@ -42,7 +42,7 @@ def test_the_frame_transformation_is_a_rotation(psi):
 @names
 @QUICK
 @given(start=poses)
-def test_the_path_moves_and_turns_with_the_world(name, start):
+def test_shifting_and_rotating_the_start_moves_the_path_equally(name, start):
     drive_at_zero, felt_here = drive(VEHICLES[name], np.zeros(3))
     drive_at_start, felt_there = drive(VEHICLES[name], start)
     expected = compose(start, drive_at_zero.eta)
@@ -54,7 +54,7 @@ def test_the_path_moves_and_turns_with_the_world(name, start):
 
 @QUICK
 @given(turn=st.floats(-3.0, 3.0))
-def test_turning_slope_and_vehicle_together_does_not_change_the_motion(turn):
+def test_rotating_slope_and_vehicle_together_does_not_change_the_motion(turn):
     def on(heading):
         return Planar(2.0, 0.5, T, friction=FRICTION, slope_rad=0.1, slope_heading_rad=heading)
 
@@ -66,7 +66,7 @@ def test_turning_slope_and_vehicle_together_does_not_change_the_motion(turn):
 
 @names
 @pytest.mark.parametrize("turns", [-2, 1])
-def test_full_turns_do_not_change_the_pose(name, turns):
+def test_full_turns_of_the_start_heading_do_not_change_the_motion(name, turns):
     drive_at_zero, _ = drive(VEHICLES[name], np.array([0.0, 0.0, 0.3]))
     turned_motion, _ = drive(VEHICLES[name], np.array([0.0, 0.0, 0.3 + 2.0 * np.pi * turns]))
     assert turned_motion.eta == pytest.approx(drive_at_zero.eta, abs=1e-9)
@@ -85,4 +85,4 @@ def test_the_heading_wraps_when_crossing_pi(name, side):
         headings.append(state.eta[2])
     assert all(-np.pi <= psi < np.pi for psi in headings)
     assert np.all(side * wrap(np.diff(headings)) > 0.0)
-    assert np.max(np.abs(np.diff(headings))) > 6.0  # it did cross
+    assert np.max(np.abs(np.diff(headings))) > 6.0  # the heading did cross ±π

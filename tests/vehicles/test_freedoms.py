@@ -15,7 +15,7 @@ OMNI = load(Path(__file__).parents[2] / "examples" / "omni_robot.toml").vehicle
 
 
 @pytest.mark.parametrize(("vehicle", "entries"), [(SMALL, (0, 1, 2)), (CAR, (0, 2)), (KINEMATIC, ())])
-def test_retained_velocities_depend_on_the_vehicle_kind(vehicle, entries):
+def test_the_velocities_that_persist_without_effort_depend_on_the_vehicle(vehicle, entries):
     assert coasting_axes(vehicle) == entries
 
 
@@ -24,7 +24,7 @@ def test_only_a_car_is_classified_as_steered(vehicle, does):
     assert steers(vehicle) is does
 
 
-def test_a_large_dead_zone_does_not_make_a_wheel_a_servo():
+def test_a_vehicle_with_a_large_dead_zone_is_not_classified_as_steered():
     zones = {f"model.drivetrain.dead_zone_{way}": [2.0, 2.0] for way in ("forward", "backward")}
     limits = {"model.drivetrain.limit": [6.0], "command.limit": [6.0, 0.0, 6.0]}
     blunt = load("small").with_values(zones | limits)
@@ -33,7 +33,7 @@ def test_a_large_dead_zone_does_not_make_a_wheel_a_servo():
 
 
 @pytest.mark.parametrize(("vehicle", "does"), [(SMALL, True), (CAR, True), (OMNI, False)])
-def test_turning_commands_are_recognised_for_each_vehicle(vehicle, does):
+def test_vehicles_that_can_turn_are_recognised(vehicle, does):
     assert turns(vehicle) is does
 
 
@@ -50,7 +50,7 @@ def test_the_decay_rate_is_friction_over_mass():
     )
 
 
-def test_the_yaw_lag_of_a_car_gives_its_yaw_decay_rate():
+def test_the_yaw_decay_rate_of_a_car_is_one_over_its_lag():
     car = Car(0.15, 7.0, 0.4, linear_drag=2.0, yaw_lag_s=0.05, drivetrain=Drivetrain(commands=2))
     assert rates(car) == pytest.approx([2.0, 0.0, 20.0], rel=1e-6)
     assert rates(KINEMATIC).tolist() == [0.0, 0.0, 0.0]

@@ -1,4 +1,4 @@
-"""The integrator, by the slope of its error; and the noise that is added after it."""
+"""The integrator, tested by the order of its error, and the process noise added after it."""
 
 import dataclasses
 
@@ -55,7 +55,7 @@ def test_rk4_is_stable_below_2_785_time_constants_and_not_above():
 
 
 @pytest.mark.parametrize("name", CASES)
-def test_the_returned_acceleration_is_that_at_the_end_of_the_step(name):
+def test_the_returned_acceleration_is_taken_at_the_end_of_the_step(name):
     vehicle, effort = CASES[name]
     eta, nu = np.array([0.0, 0.0, 0.4]), np.array([0.5, 0.0, 0.3])
     if name == "kinematic":
@@ -74,7 +74,7 @@ def test_a_kinematic_tick_without_duration_has_no_acceleration():
 @pytest.mark.parametrize("name", CASES)
 @pytest.mark.parametrize("dt_s", [0.01, 0.04])
 def test_process_noise_is_added_to_the_velocity_once_per_tick(name, dt_s):
-    """σ √δ a tick, so that ν walks by σ² a second at any rate; a kinematic ν scatters by σ."""
+    """σ √δ per tick, so that ν walks by σ² a second at any rate; a kinematic ν scatters by σ."""
     vehicle, effort = CASES[name]
     std, noise = np.array([0.3, 0.2, 0.1]), np.array([1.0, -2.0, 0.5])
     noisy = dataclasses.replace(vehicle, process_noise_std=std)
@@ -114,7 +114,7 @@ SMALL_MOTORS = Planar(  # 0.61 kg on two geared motors: the stiffest friction th
 
 
 def test_dry_friction_of_small_motors_is_far_from_unstable_at_100_hz():
-    """Fastest modes: m/(d_l + d_k/ν_k) = 23 ms forward, m/d_ly = 15 ms sideways; RK4 bears 3.6 ms."""
+    """Fastest modes: m/(d_l + d_k/ν_k) = 23 ms forward, m/d_ly = 15 ms sideways; RK4 is stable down to 3.6 ms."""
     nu_dot, h = SMALL_MOTORS.nu_dot, 1e-6
     columns = [(nu_dot(h * e, np.zeros(3)) - nu_dot(-h * e, np.zeros(3))) / (2.0 * h) for e in np.eye(3)]
     fastest = np.max(np.abs(np.linalg.eigvals(np.stack(columns, axis=1))))
@@ -136,7 +136,7 @@ def test_dry_friction_of_small_motors_is_integrated_within_a_millimetre_a_second
 
 
 def test_the_shortest_car_lag_is_stable_over_the_longest_step():
-    """At 50 Hz a row may last 25 ms; with 7 ms of lag the yaw rate runs away there."""
+    """At 50 Hz a row may last 25 ms; with 7 ms of lag the yaw rate diverges."""
     low = next(f.metadata["parameter"].low for f in dataclasses.fields(Car) if f.name == "yaw_lag_s")
     car = Car(wheelbase_m=0.3, throttle_gain=4.0, steering_gain=0.3, linear_drag=2.0, yaw_lag_s=low)
     turn_rate = end(car, np.array([0.8, 0.9]), 320, duration_s=8.0)[5]

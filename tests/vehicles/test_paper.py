@@ -1,4 +1,4 @@
-"""The dynamic model is the paper's, with the numbers of its case study I, but for errata 1, 2 and 6."""
+"""The dynamic model of the paper with the numbers of its case study I, except for errata 1, 2 and 6."""
 
 import numpy as np
 import pytest
@@ -31,7 +31,7 @@ def test_the_model_equals_the_movement_equation_of_the_paper(nu, u):
 
 @QUICK
 @given(states, states)
-def test_the_corrected_phi_matrix_gives_the_model_acceleration(nu, u):
+def test_the_corrected_phi_matrix_of_the_paper_gives_the_model_acceleration(nu, u):
     """ν̇ = Φν + M⁻¹τ, `equ:dinamic_model`; the ±mν/I of Φ's third row cancel in Φν (errata 2)."""
     phi = np.diag(-(DL + DC * np.abs(nu)) / np.array([M_KG, M_KG, I]))
     phi[0, 2], phi[1, 2] = nu[1], -nu[0]
@@ -44,7 +44,7 @@ def test_the_corrected_phi_matrix_gives_the_model_acceleration(nu, u):
 
 @QUICK
 @given(arrays(float, 3, elements=st.floats(0.1, 5.0)), st.sampled_from([(1, 1, 1), (-1, 1, -1), (1, -1, 1)]))
-def test_the_g_matrix_is_correct_except_its_last_row(speed, sign):
+def test_the_g_matrix_of_the_paper_is_correct_except_its_last_row(speed, sign):
     """∂ν̇/∂ν as the paper's G_t, with dissipative friction and a third row without ±mν/I (errata 1, 2)."""
     nu, h = speed * sign, 1e-6
     response = np.stack(
@@ -69,7 +69,7 @@ def test_case_study_one_reaches_its_computed_final_speed():
 
 
 def test_case_study_one_responds_within_0_2_s():
-    """m/d_l = 0.21 s and I/d_lψ = 1.62 s: the first is why a kinematic model does well there."""
+    """m/d_l = 0.21 s and I/d_lψ = 1.62 s: the first explains why a kinematic model works well there."""
     state = CASE_I.init()
     for _ in range(21):
         state, _ = CASE_I.step(state, np.array([0.7, 0.0, 0.0]), 0.01, np.zeros(3))
@@ -77,6 +77,6 @@ def test_case_study_one_responds_within_0_2_s():
 
 
 def test_the_printed_negative_d_cx_is_refused():
-    """d_cx = +3.4398 there is −3.4398 here: a vehicle that accelerates by friction (errata 6)."""
+    """d_cx = +3.4398 of the paper is −3.4398 here: a vehicle that accelerates by friction (errata 6)."""
     with refused("field.range", ValueError, where="Friction.quadratic", low=0.0):
         Friction(quadratic=np.array([-3.4398, 4.6451, 313.1575]))

@@ -1,4 +1,4 @@
-"""Dry friction of each wheel, forward and backward: its force on the body, and that it only removes energy."""
+"""Dry friction of each wheel, forward and backward: its force on the body, and its energy loss."""
 
 import numpy as np
 import pytest
@@ -18,18 +18,18 @@ def wheels(forward, backward, track_m=0.2):
 
 
 def test_unequal_wheel_friction_brakes_and_turns_the_vehicle():
-    """3 N left and 1 N right at ± 0.1 m: 4 N back, and (1 − 3) · 0.1 N m against ν_ψ, which turns it left."""
+    """3 N left and 1 N right at ± 0.1 m: 4 N backward, and (1 − 3) · 0.1 N m against ν_ψ, which turns it left."""
     assert wheels([3.0, 1.0], [0.5, 0.5]).force(np.array([FAST, 0.0, 0.0])) == pytest.approx([4.0, 0.0, -0.2])
 
 
-def test_backward_rolling_has_its_own_friction():
+def test_backward_rolling_has_a_separate_friction():
     assert wheels([3.0, 1.0], [0.5, 0.7]).force(np.array([-FAST, 0.0, 0.0])) == pytest.approx(
         [-1.2, 0.0, -0.02]
     )
 
 
 def test_a_turn_in_place_uses_backward_and_forward_friction():
-    """Left wheel backward with 0.5 N, right one forward with 1 N: 0.5 N back, 0.15 N m against the turn."""
+    """Left wheel backward with 0.5 N, right wheel forward with 1 N: 0.5 N backward, 0.15 N m against the turn."""
     force = wheels([3.0, 1.0], [0.5, 0.7]).force(np.array([0.0, 0.0, 100.0]))
     assert force == pytest.approx([0.5, 0.0, 0.15])
 
@@ -46,7 +46,7 @@ def test_wheel_friction_never_adds_energy(forward, backward, nu, track_m):
 
 
 def test_wheel_friction_is_smooth_through_rest():
-    """The slope from the left and from the right at 0 is the same, (d_f + d_b) / 2 ν_k."""
+    """At 0 the slope from the left and from the right is (d_f + d_b) / 2 ν_k."""
     friction, h = wheels([3.0, 0.0], [1.0, 0.0]), 1e-6
     right = friction.force(np.array([h, 0.0, 0.0]))[0] / h
     left = friction.force(np.array([-h, 0.0, 0.0]))[0] / -h

@@ -1,4 +1,6 @@
-"""Debian's Chromium, driven by its own protocol over one WebSocket: open a page, press, wait, look."""
+"""Debian's Chromium, controlled by its own protocol over one WebSocket: open a page, press keys, wait, read the
+page.
+"""
 
 import base64
 import json
@@ -52,7 +54,7 @@ class Chromium:
 
 
 class Tab:
-    """A page of the browser. `errors` are what it could not do: exceptions, refused sources."""
+    """A page of the browser. `errors` lists its failures: exceptions and refused sources."""
 
     def __init__(self, url: str) -> None:
         self._open = ExitStack()

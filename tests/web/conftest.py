@@ -1,4 +1,4 @@
-"""A browser, a tab of it, and page processes that play a script."""
+"""A browser, a tab of it, and page processes that follow a script."""
 
 import pytest
 

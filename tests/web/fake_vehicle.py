@@ -1,4 +1,4 @@
-"""A page with a vehicle that is played by the test."""
+"""A page with a vehicle that the test simulates."""
 
 import asyncio
 from contextlib import asynccontextmanager
@@ -28,12 +28,12 @@ class FakeLink:
         self.messages, self.gone = [], False
         self.on_word = lambda word: None
 
-    def say(self, do, **words):
+    def send(self, do, **words):
         if self.gone:
             raise RobotUnreachable(note("web.service-gone", Severity.ERROR))
         self.messages.append({"do": do} | words)
 
-    async def hear(self, on_word):
+    async def receive(self, on_word):
         self.on_word = on_word
         await asyncio.Event().wait()
 

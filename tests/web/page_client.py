@@ -1,4 +1,4 @@
-"""A page process inside a test, with recorded runs, and browsers that speak to it."""
+"""A page process inside a test, with recorded runs, and browsers that are connected to it."""
 
 import asyncio
 import json
@@ -67,27 +67,27 @@ async def recorded_page(folder: Path, *runs_open: str, **options: Any) -> AsyncI
 
 
 class Browser:
-    """One browser: its words, and what came."""
+    """One browser: the messages that it sent and received."""
 
     def __init__(self, line: ClientConnection) -> None:
         self.line, self.frames = line, []
         self.hello: dict[str, Any] = {}
         self.question_id = 0
 
-    async def say(self, word: str, **more: Any) -> None:
-        """Send a word."""
+    async def send(self, word: str, **more: Any) -> None:
+        """Send a message."""
         await self.line.send(json.dumps({"is": word, **more}))
 
-    async def ask(self, what: str, **more: Any) -> dict[str, Any]:
+    async def request(self, what: str, **more: Any) -> dict[str, Any]:
         """Send a request and return the answer."""
         self.question_id += 1
-        await self.say("ask", id=self.question_id, what=what, **more)
+        await self.send("ask", id=self.question_id, what=what, **more)
         return await self.next("answer", where=lambda word, number=self.question_id: word.get("id") == number)
 
     async def next(
         self, *kinds: str, where: Callable[[dict[str, Any]], bool] = lambda word: True
     ) -> dict[str, Any]:
-        """Return the next word of these kinds; frames on the way are kept."""
+        """Return the next message of these kinds; frames received before it are stored."""
         while True:
             data = await asyncio.wait_for(self.line.recv(), WAIT_S)
             if isinstance(data, bytes):
@@ -98,7 +98,7 @@ class Browser:
                 return word
 
     def rows(self, stream: int, columns: int) -> np.ndarray:
-        """Return the rows (N, F) of a stream that came so far."""
+        """Return the rows (N, F) of a stream that were received so far."""
         tables = [np.zeros((0, columns), "f4")]
         for frame in self.frames:
             number, count, _ = struct.unpack("<IId", frame[:16])
@@ -126,7 +126,7 @@ async def browser(server: Server, lang: str = "en", **hello: Any) -> AsyncIterat
     """Open a page and send the hello message."""
     async with line_to(server) as line:
         visitor = Browser(line)
-        await visitor.say("hello", lang=lang, **hello)
+        await visitor.send("hello", lang=lang, **hello)
         visitor.hello = await visitor.next("hello")
         yield visitor
 

@@ -1,4 +1,4 @@
-"""The page's screens, each brought to a state worth looking at: live, recorded, and with a ghost."""
+"""The screens of the page in typical states: live, recorded, and with a ghost run."""
 
 import os
 import time
@@ -15,10 +15,10 @@ GHOST = ("replay",)
 SEEN = {"live": LIVE, "recorded": RECORDED, "ghost": GHOST}
 THEMES, LANGUAGES = ("light", "dark"), ("en", "es")
 BOXES = (Path(__file__).parent / "boxes.js").read_text(encoding="utf-8")
-SHOTS = os.environ.get("BAQUEANO_SHOTS")  # a folder, to look at what the tests see
+SHOTS = os.environ.get("BAQUEANO_SHOTS")  # a folder for pictures of the tested screens
 PAGE = "baqueano.page"
 READY = f"Boolean(globalThis.baqueano?.page?.screen) && {PAGE}.link.up"
-REST_S = 0.25  # a canvas takes its new size in one picture, and the map glides to its place
+REST_S = 0.25  # a canvas resizes at once, and the map moves gradually
 DRAWN = "new Promise((done) => requestAnimationFrame(() => requestAnimationFrame(() => done(true))))"
 
 
@@ -64,7 +64,7 @@ def each_screen(browser: Chromium, kind: str, language: str) -> Iterator[tuple[s
 
 
 def looked_at(tab: Tab, size: str, theme: str) -> None:
-    """Give the tab a size and a theme, and let what moves come to rest."""
+    """Give the tab a size and a theme, and wait until animations have ended."""
     tab.size(*SIZES[size])
     tab.media(prefers_color_scheme=theme)
     tab.js("dispatchEvent(new Event('resize'))")
@@ -73,7 +73,7 @@ def looked_at(tab: Tab, size: str, theme: str) -> None:
 
 
 def shot(tab: Tab, *name: str) -> None:
-    """Keep a picture where pictures are asked for."""
+    """Save a picture if pictures are requested."""
     if SHOTS:
         Path(SHOTS).mkdir(parents=True, exist_ok=True)
         tab.shot(Path(SHOTS, f"{'-'.join(name)}.png"))

@@ -1,5 +1,8 @@
-"""A page process that plays a script: it speaks the words of the page, drives a circle on paper, and keeps what a
-browser said. The page is judged by it alone, in states that a real drive reaches late or never."""
+"""A page process that follows a script: it sends the messages of the page, drives a computed circle, and stores the
+messages of a browser.
+
+It tests the page in states that a real drive reaches only after a long time or never.
+"""
 
 import json
 import math
@@ -32,7 +35,7 @@ CSP = (
 )
 RATE, RADIUS, SPEED, LAP_S = 100, 1.0, 0.4, 2.0 * math.pi / 0.4
 CHANNELS = {
-    "imu[0]": ("acceleration ahead", "m/s²"),
+    "imu[0]": ("forward acceleration", "m/s²"),
     "imu[1]": ("acceleration to the left", "m/s²"),
     "imu[2]": ("yaw rate of the gyroscope", "rad/s"),
 }
@@ -78,7 +81,7 @@ SENTENCES = {
             "REPEATING",
             "lab, lap 2 of 3, 12 s to go. It is 2.5 cm from the route and its filter knows it.",
         ),
-        "READY": ("READY", "The vehicle stands. Take the wheel to teach or to repeat a route."),
+        "READY": ("READY", "The vehicle stands. Take control to teach or to repeat a route."),
         "STOPPED": ("STOPPED", "A person stopped it. It drives again once the stop is cleared."),
     },
     "es": {
@@ -190,9 +193,9 @@ class ScriptedServer:
         return [word for _, word in list(self.messages) if word["is"] == kind]
 
     def drop(self) -> None:
-        """Cut every connection."""
+        """Close every connection."""
         for guest, _ in list(self.guests):
-            guest.close(1012)  # as a service that restarts
+            guest.close(1012)  # like a service that restarts
 
     def put(self, word: dict[str, Any]) -> None:
         for guest, _ in list(self.guests):
@@ -363,7 +366,7 @@ class ScriptedServer:
             for guest, _ in list(self.guests):
                 try:
                     guest.send(frame)
-                except Exception:  # it has gone; its own thread takes it from the list
+                except Exception:  # it has disconnected; its own thread removes it from the list
                     continue
 
 

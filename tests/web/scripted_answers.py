@@ -1,4 +1,4 @@
-"""Answers of a worker on paper, to the questions of a page: gains and laps, blocks, comparisons."""
+"""Prepared answers of a worker to the requests of a page: gains and laps, blocks, comparisons."""
 
 import math
 from typing import Any
@@ -16,8 +16,8 @@ GAINS = [
     }
     for name, unit, meaning, high, own, best in (
         ("k_i", "1/s", "share of the error a second", 10.0, 0.5, 0.6),
-        ("k_x", "1/s", "speed per error ahead e_x", 10.0, 1.0, 1.4),
-        ("k_chi", "1/s", "turn per error of the course e_χ", 20.0, 4.0, 6.0),
+        ("k_x", "1/s", "speed per along-track error e_x", 10.0, 1.0, 1.4),
+        ("k_chi", "1/s", "yaw rate per course error e_χ", 20.0, 4.0, 6.0),
         ("join_m", "m", "way L in which the path is joined", 10.0, 0.25, 0.2),
     )
 ]
@@ -108,7 +108,7 @@ def answer_to(word: dict[str, Any]) -> dict[str, Any]:
         cells = [f"{0.01 * (k + 1):.3f}" for k in range(len(word["runs"]))]
         rows = [{"label": "distance, rms", "unit": "m", "cells": cells, "best": 0}]
         names = [run["name"] for run in RUNS if run["id"] in word["runs"]]
-        sections = [{"title": "vehicle across its reference, true", "rows": rows * 3}]
+        sections = [{"title": "true cross-track error of the vehicle", "rows": rows * 3}]
         return {"names": names, "sections": sections, "reasons": []}
     return {}
 
@@ -122,7 +122,13 @@ def block_of(room: str) -> dict[str, Any]:
     }
     text = "".join(f"line {k} of a file that is as long as one of ours, and as wide\n" for k in range(150))
     parameters = [
-        {"name": "k_x", "unit": "1/s", "meaning": "speed per error ahead e_x", "value": [1.0], "shape": ""},
+        {
+            "name": "k_x",
+            "unit": "1/s",
+            "meaning": "speed per along-track error e_x",
+            "value": [1.0],
+            "shape": "",
+        },
         {"name": "process_noise_cov", "unit": "m²", "meaning": "R", "value": None, "shape": "6 × 6"},
     ]
     return {
@@ -133,7 +139,7 @@ def block_of(room: str) -> dict[str, Any]:
 
 
 def lap_of(gains: list[float]) -> dict[str, Any]:
-    """Return a lap that is the farther from its circle the farther the gains are from their best."""
+    """Return a lap whose distance from its circle grows with the distance of the gains from their optimum."""
     off = sum(math.log((g + 0.1) / (gain["best"] + 0.1)) ** 2 for g, gain in zip(gains, GAINS, strict=True))
     far = 0.01 + 0.02 * off
     angles = [math.tau * k / 300 for k in range(300)]

@@ -1,5 +1,7 @@
-"""The ledger of the scripted vehicle: a tilted floor, a push and a drift, as a page process words them; and the faults
-that a browser asks for, judged by the package: what it does not know it refuses."""
+"""The ledger of the scripted vehicle: a tilted floor, a push and a drift, in the words of a page process.
+
+The package judges the faults that a browser requests, and refuses unknown faults.
+"""
 
 from typing import Any
 
@@ -9,7 +11,7 @@ from baqueano.worlds.faults.fault import Fault
 
 
 def ledger(language: str) -> dict[str, Any]:
-    """Return what happened to the vehicle, and who noticed."""
+    """Return the faults of the vehicle and their detections."""
     k = 0 if language == "en" else 1
 
     def fault(kind: str, **more: Any) -> dict[str, Any]:
@@ -49,7 +51,7 @@ class Faults:
         self.rows: list[dict[str, Any]] = []
 
     def take(self, word: dict[str, Any], t_s: float, language: str) -> dict[str, Any]:
-        """Begin a fault or end one, and return the word `ledger`."""
+        """Begin or end a fault, and return the message `ledger`."""
         if "over" in word:
             self.rows[word["over"] - 1] |= {"over": True, "until_s": t_s}
         else:

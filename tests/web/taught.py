@@ -1,4 +1,4 @@
-"""The message `identify` of the information of a drive, in a script."""
+"""The message `identify` with the information of a drive, for a script."""
 
 import math
 from typing import Any
@@ -10,7 +10,7 @@ KNOWN = [  # path, label in both languages, value, unit
     ("friction.coulomb[0]", ("dry friction ahead", "fricción seca al avanzar"), 0.248, "N"),
     ("friction.linear[0]", ("drag ahead", "rozamiento al avanzar"), 3.3, "N s/m"),
     ("friction.quadratic[2]", ("drag in turning, ∝ r²", "rozamiento al girar, ∝ r²"), 0.0003, "N m s²/rad²"),
-    ("actuator_matrix[0,0]", ("push of the motors", "empuje de los motores"), 3.38, "N/u"),
+    ("actuator_matrix[0,0]", ("motor force", "fuerza motriz"), 3.38, "N/u"),
     ("friction.coulomb[2]", ("dry friction in turning", "fricción seca al girar"), 0.01, "N m"),
     ("drivetrain.lag_s", ("lag of the motors", "retardo de los motores"), 0.06, "s"),
     ("friction.linear[2]", ("drag in turning", "rozamiento al girar"), 0.0115, "N m s/rad"),
@@ -20,7 +20,7 @@ KNOWN = [  # path, label in both languages, value, unit
         0.27,
         "u",
     ),
-    ("actuator_matrix[2,2]", ("turn of the motors", "giro de los motores"), 0.203, "N m/u"),
+    ("actuator_matrix[2,2]", ("motor torque", "par motor"), 0.203, "N m/u"),
     (
         "drivetrain.dead_zone_backward[0]",
         ("dead zone back, motor 1", "zona muerta atrás, motor 1"),
@@ -37,10 +37,10 @@ KNOWN = [  # path, label in both languages, value, unit
 
 
 def fit_taught(language: str, live: bool) -> dict[str, Any]:
-    """Return what a drive of 26 s has taught: one parameter is poorly known, one not seen."""
+    """Return the information of a drive of 26 s: one parameter is poorly known, one is unobservable."""
     k = 0 if language == "en" else 1
-    needs = ("missing: sliding sideways both a little and fast, as in turns of many speeds",
-             "falta: deslizarse de costado un poco y rápido, como en giros a muchas velocidades")  # fmt: skip
+    needs = ("missing: sliding sideways both slowly and fast, as in turns at many speeds",
+             "falta: deslizar de costado tanto despacio como rápido, como en curvas a muchas velocidades")  # fmt: skip
     now = [min(0.9, 10 ** (-0.35 - 0.27 * j)) for j in range(len(KNOWN))]
     fit = {
         "t": 24.0, "took_s": 0.31, "value": [None, *(row[2] for row in KNOWN[1:])],
@@ -48,7 +48,7 @@ def fit_taught(language: str, live: bool) -> dict[str, Any]:
         "why": None,
     }  # fmt: skip
     rate = [round(60 * math.exp(-j / 14) + 3 * (1 + math.sin(0.3 * j)), 2) for j in range(130)]
-    motion = ("drive straight in bursts, ahead and then back, 4 s",
+    motion = ("drive straight in short pulses, ahead and then back, 4 s",
               "maneje derecho a impulsos, hacia adelante y después hacia atrás, 4 s")  # fmt: skip
     word = {
         "of": "live", "t": 26.0, "start": 0.0 if not live else 34.0, "dt": 0.2, "rate": rate, "bits": 117.3, "now": now,

@@ -1,4 +1,4 @@
-"""The bounds of a browser: sizes, rates, numbers, patience."""
+"""The limits for a browser: sizes, rates, numbers, timeouts."""
 
 import asyncio
 import time
@@ -39,7 +39,7 @@ def test_ne5_messages_are_limited_in_size_and_rate(folder):
             async with browser(server) as visitor:
                 for _ in range(300):
                     try:
-                        await visitor.say("ask", id=1, what="ping")
+                        await visitor.send("ask", id=1, what="ping")
                     except ConnectionClosed:
                         break
                 with pytest.raises(ConnectionClosed):
@@ -49,7 +49,7 @@ def test_ne5_messages_are_limited_in_size_and_rate(folder):
     run_page(job)
 
 
-def test_ne5_fifty_messages_per_second_are_accepted():
+def test_ne5_at_most_fifty_messages_per_second_are_accepted():
     now = 0.0
     rate = Rate(50.0, lambda: now)
     assert sum(rate.one_more() for _ in range(200)) == 100
@@ -73,7 +73,7 @@ def test_ne5_at_most_thirty_two_browsers_are_accepted(folder):
     run_page(job)
 
 
-def test_ne5_nothing_is_compressed(folder):
+def test_ne5_websocket_messages_are_not_compressed(folder):
     async def job():
         async with recorded_page(folder, "circle") as server, line_to(server, compression="deflate") as line:
             assert "Sec-WebSocket-Extensions" not in line.response.headers
@@ -119,7 +119,7 @@ def test_a_browser_that_does_not_read_is_disconnected(folder):
             assert time.monotonic() - start_s < WAIT_S
             assert visitor._writer.transport.get_write_buffer_size() <= len(picture) + 100
             for _ in range(70):
-                visitor.say({"is": "event", "text": "x" * 1000})
+                visitor.send({"is": "event", "text": "x" * 1000})
             while server.visitors:
                 await asyncio.sleep(0.01)
             guest.line.transport.abort()
@@ -144,7 +144,7 @@ def test_ne5_browsers_that_do_not_read_share_one_history_buffer(tmp_path):
                 buffers = [visitor._writer.transport.get_write_buffer_size() for visitor in server.visitors]
                 assert max(buffers) <= FRAGMENT + 100
                 async with browser(server) as visitor:
-                    link.frame(60.0, 5)  # while the last minute goes
+                    link.frame(60.0, 5)  # while the last minute is sent
                     await until_frames(visitor, 2)
                     assert {HEAD.unpack(frame[:16])[1] for frame in visitor.frames} == {60 * 400, 5}
                     assert max(map(len, visitor.frames)) == whole

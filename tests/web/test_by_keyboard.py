@@ -1,4 +1,6 @@
-"""Every screen by keys alone: all elements are reachable, the focus is visible, and reduced motion is respected."""
+"""Every screen with the keyboard only: all elements are reachable, the focus is visible, and reduced motion is
+respected.
+"""
 
 import time
 
@@ -18,7 +20,7 @@ WANTED = """[...document.querySelectorAll("button, a, select, input, [tabindex='
 
 
 def walked(tab, screen: str) -> dict[str, list[str]]:
-    """Go through a screen by Tab from its top; return what was not reached, and where no focus was seen."""
+    """Move through a screen by Tab from its top; return the unreached elements and those without visible focus."""
     tab.js("globalThis.seen = { reached: new Set(), unseen: [] }; document.activeElement.blur()")
     for _ in range(tab.js(f"{WANTED}.length") + 4):
         tab.press("Tab", "Tab")
@@ -29,7 +31,7 @@ def walked(tab, screen: str) -> dict[str, list[str]]:
 
 
 def by_keys(tab, screens: tuple[str, ...]) -> dict[str, dict[str, list[str]]]:
-    """Open each screen by its number and go through it; return where something is wrong."""
+    """Open each screen by its number and move through it; return all faults."""
     tab.js("globalThis.seen = { reached: new Set(), unseen: [] }")
     tab.js(WATCH)
     wrong = {}
@@ -82,7 +84,7 @@ def test_a_tuning_lap_is_not_animated_with_reduced_motion(tab, live, motion):
     tab.js(f"{PAGE}.screens.tune.downhill()")
     way = f"JSON.stringify({PAGE}.screens.tune.way?.way)"
     tab.wait(f"Boolean({PAGE}.screens.tune.way)")
-    if motion == "reduce":  # at the end of the way at once
+    if motion == "reduce":  # at the end of the path at once
         assert tab.js(
             f"JSON.stringify([{PAGE}.screens.tune.values]) === JSON.stringify(JSON.parse({way}).slice(-1))"
         )

@@ -1,7 +1,7 @@
 """The palette for colour-blind users: necessary distinctions remain by colour, or by dash or shape.
 
-Eyes by Machado, Oliveira and Fernandes (2009), table 1 at severity 1.0, on linear RGB. Distance: CIEDE2000 as Sharma,
-Wu and Dalal (2005) write it, with their own test data below.
+Colour vision by Machado, Oliveira and Fernandes (2009), table 1 at severity 1.0, on linear RGB. Distance: CIEDE2000
+by Sharma, Wu and Dalal (2005), with their test data below.
 """
 
 import re
@@ -33,10 +33,10 @@ BY_COLOUR = [  # only the colour distinguishes these
     ("measured", "model"),  # two lines of a strip
     ("model", "sim"),  # a bar that is good, and one that is poor
     ("model", "alarm"),  # the NIS in its band, and above it
-    ("quiet", "middle"), ("middle", "loud"),  # the path by what it taught
+    ("quiet", "middle"), ("middle", "loud"),  # the path by its information
     ("route", "model"),
 ]  # fmt: skip
-DASHED = {  # of two lines at least one is dashed: the file, and how it writes that
+DASHED = {  # at least one of two lines is dashed: the file, and its notation
     ("model", "ghost"): ("map.js", r'ghost: \{ colour: "ghost", width: [\d.]+, dash: \[\d'),
     ("model", "ink"): ("map.js", r'truth: \{ colour: "ink", width: [\d.]+, dash: \[\d'),
     ("ink", "ghost"): ("strips.js", r'asked: \{ colour: "ghost", width: [\d.]+, dash: \[\d'),
@@ -54,7 +54,7 @@ def palette(theme: str) -> dict[str, str]:
 
 
 def lab(colour: str, eye: str) -> np.ndarray:
-    """Return L*, a*, b* of a colour for this eye."""
+    """Return L*, a*, b* of a colour for this type of colour vision."""
     c = np.array([int(colour[k : k + 2], 16) / 255 for k in (1, 3, 5)])
     linear = np.where(c <= 0.04045, c / 12.92, ((c + 0.055) / 1.055) ** 2.4)
     x = XYZ @ np.clip(EYES[eye] @ linear, 0.0, 1.0) / D65
@@ -99,12 +99,13 @@ def distance(first: np.ndarray, two: np.ndarray) -> float:
         ((6.7747, -0.2908, -2.4247), (5.8714, -0.0985, -2.2286), 0.6377),
     ],
 )
-def test_the_colour_distance_equals_that_of_the_paper(first, two, expected):
+def test_the_colour_distance_equals_the_values_of_the_paper(first, two, expected):
     assert distance(np.array(first), np.array(two)) == pytest.approx(expected, abs=1e-4)
 
 
-def test_simulated_deuteranopia_brings_red_and_olive_close():
-    """A red and a green of one lightness come close; without that the eyes below would prove nothing."""
+def test_in_simulated_deuteranopia_red_and_green_look_similar():
+    """A red and a green of equal lightness look similar; otherwise the simulation of colour vision would prove
+    nothing."""
     red, green = "#c4201f", "#5c6a00"
     assert distance(lab(red, "deuteranopia"), lab(green, "deuteranopia")) < 0.4 * distance(
         lab(red, "full"), lab(green, "full")

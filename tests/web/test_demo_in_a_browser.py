@@ -1,4 +1,4 @@
-"""`baqueano demo` opens a tab that shows the whole demo; the browser is a program of the test."""
+"""`baqueano demo` opens a tab that shows the whole demo; a program of the test replaces the browser."""
 
 import json
 import os
@@ -41,7 +41,7 @@ out.write_text(json.dumps(seen))
 
 
 def demo(tmp_path):
-    """Run the demo with a display and a browser; its end, what the browser saw, and when it began."""
+    """Run the demo with a display and a browser; return its end, the received messages, and its start time."""
     script, log = tmp_path / "browser.py", tmp_path / "seen.json"
     script.write_text(BROWSER, encoding="utf-8")
     environment = {
@@ -74,7 +74,7 @@ def test_a_demo_opens_a_tab_within_20_s_and_ends_by_itself(tmp_path):
 
 
 class SimulationCall(Exception):
-    """What the demo would do is not done here."""
+    """Replaces the work of the demo, which is not done here."""
 
 
 @pytest.mark.parametrize(("words", "opens_page"), [((), True), (("--page",), True), (("--no-page",), False)])

@@ -23,7 +23,7 @@ class Model:
         self.commands, self.missions = [], 0
 
     def now(self):
-        """Return who drives now."""
+        """Return the present driver."""
         if self.holder is not None and self.clock.s > self.until_s:
             self.holder = None
         return self.holder
@@ -33,7 +33,7 @@ class Model:
 
 
 @pytest.mark.parametrize("seed", range(8))
-def test_rt14_of_several_browsers_one_drives_at_a_time(tmp_path, seed):
+def test_rt14_only_one_of_several_browsers_drives_at_a_time(tmp_path, seed):
     chance, clock = random.Random(f"drivers {seed}"), Clock()
     names = NAMES[: 2 + seed % 4]
     model, counts = Model(clock), dict.fromkeys(names, 0)
@@ -41,21 +41,21 @@ def test_rt14_of_several_browsers_one_drives_at_a_time(tmp_path, seed):
     async def act(visitors, live, link, name, word):
         visitor = visitors[name]
         if word == "take":
-            await visitor.say("take")
+            await visitor.send("take")
             if model.now() in (None, name):
                 model.hold(name)
         elif word == "beat":
             n = chance.choice(
                 (counts[name] + 1, counts[name])
-            )  # a second time with the same number it does not count
+            )  # a second heartbeat with the same number does not count
             counts[name] = n
-            await visitor.say("beat", n=n, seen=live.feed.number, u=[names.index(name) + 1.0])
+            await visitor.send("beat", n=n, seen=live.feed.number, u=[names.index(name) + 1.0])
             if model.now() == name and n > model.n:
                 model.n, model.until_s = n, clock.s + HOLDS_S
                 model.commands.append([names.index(name) + 1.0])
         elif word in ("give", "give to"):
             to = chance.choice(names) if word == "give to" else None
-            await visitor.say("give", **({"to": to} if to else {}))
+            await visitor.send("give", **({"to": to} if to else {}))
             if model.now() == name:
                 model.holder = None
                 if to:
@@ -63,11 +63,11 @@ def test_rt14_of_several_browsers_one_drives_at_a_time(tmp_path, seed):
         elif word == "late":
             clock.s += chance.choice((0.1, 0.4))
         elif word == "stop":
-            await visitor.say("stop")
+            await visitor.send("stop")
         elif word == "drive":
-            await visitor.say("mission", kind="drive")
+            await visitor.send("mission", kind="drive")
             model.missions += model.now() == name
-        await visitor.say("no such word")  # refused after all that was said before it
+        await visitor.send("no such word")  # refused after all earlier messages
         await visitor.next("no", where=lambda no: no["to"] == "no such word")
 
     async def job():
@@ -93,7 +93,7 @@ def test_rt14_of_several_browsers_one_drives_at_a_time(tmp_path, seed):
                     stops += word == "stop"
                 assert [message["u"] for message in link.requests("hand")] == model.commands, (word, name)
                 assert getattr(live.lease.holder, "name", None) == model.now(), (word, name)
-                assert len(link.requests("stop")) == stops  # anybody's
+                assert len(link.requests("stop")) == stops  # of any client
                 assert len(link.requests("mission")) == model.missions
             assert len(model.commands) > 2
 

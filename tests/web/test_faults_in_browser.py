@@ -1,5 +1,6 @@
 """Faults in a real browser on a real simulation: push by a drag, cut the IMU, read the detections, repeat without
-faults."""
+faults.
+"""
 
 import os
 
@@ -14,7 +15,7 @@ from tests.web.test_serve import port_of, program
 pytestmark = pytest.mark.skipif(CHROMIUM is None, reason="Debian's package chromium is not installed")
 PAGE = "baqueano.page"
 STATE = f"{PAGE}.state.state"
-TRIES = 4  # a busy machine holds up a browser for longer than a driver may be silent
+TRIES = 4  # a busy machine delays a browser longer than a driver may be silent
 START = "document.querySelector('.fault-bar .primary')"
 
 
@@ -25,7 +26,7 @@ def chromium():
 
 
 def driving(tab):
-    """The vehicle drives and has done so for 2 s: taken, cleared of a stop, begun."""
+    """Return a tab whose vehicle has driven for 2 s: control taken, stop cleared, drive begun."""
     for _ in range(TRIES):
         if tab.js(f"!{PAGE}.hand.mine"):
             tab.js("document.getElementById('lease').click()")
@@ -60,7 +61,7 @@ def test_faults_in_the_browser_are_logged_and_can_be_omitted_later(chromium, tmp
                 if k == TRIES - 1 or not tab.js(
                     "document.body.innerText.includes('no message from the operator')"
                 ):
-                    raise  # else the machine stood still for longer than a driver may be silent
+                    raise  # else the machine stalled longer than a driver may be silent
             finally:
                 assert not tab.errors
                 tab.close()
@@ -73,7 +74,7 @@ def test_faults_in_the_browser_are_logged_and_can_be_omitted_later(chromium, tmp
 
 
 def fault_and_replay(tab):
-    """Push, cut, read, again without."""
+    """Push, cut the IMU, read the detections, and repeat without faults."""
     driving(tab)
     x, y = tab.middle(".faults .map")
     tab.mouse("mousePressed", x - 40, y)

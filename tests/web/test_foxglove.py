@@ -1,4 +1,4 @@
-"""Foxglove's protocol, as its public client speaks it: it looks at the vehicle, and changes nothing."""
+"""The Foxglove protocol with its public client: the client watches the vehicle and changes nothing."""
 
 import asyncio
 import json
@@ -22,7 +22,7 @@ from tests.web.page_client import WAIT_S, run_page
 
 HERE = Path(__file__).with_name("foxglove")
 NODE = shutil.which("node")
-needs_client = pytest.mark.skipif(  # where CI is set it is missing by mistake, and the test fails
+needs_client = pytest.mark.skipif(  # if CI is set, a missing client is a mistake, and the test fails
     (NODE is None or not (HERE / "node_modules").is_dir()) and not os.environ.get("CI"),
     reason="the public client is not installed: make browser-tools",
 )
@@ -88,7 +88,7 @@ def test_the_public_client_receives_all_data_and_changes_nothing(tmp_path):
         assert values["controller.k_x"] == 3.0
         assert values["block.estimator"] == "Ekf"
         assert values["limit.u_x"] == [-1, 1]
-        assert message["parameters"]["mine"] == message["parameters"]["all"]  # what was set is not
+        assert message["parameters"]["mine"] == message["parameters"]["all"]  # the set value is unchanged
         assert len(message["statuses"]) >= 3  # set, publish, updates
         published = {topic["name"]: topic["publisherIds"] for topic in message["graph"]["publishedTopics"]}
         subscribers = {
@@ -97,14 +97,14 @@ def test_the_public_client_receives_all_data_and_changes_nothing(tmp_path):
         assert published["/estimate/pose"] == ["estimator"]
         assert set(subscribers["/estimate/pose"]) == {"guide", "controller"}
         assert "world" in subscribers["/command/applied"]
-        assert message["closed"] == 1003  # it published
-        assert {word["do"] for word in link.messages} == {"watch", "routes"}  # nothing came to the vehicle
+        assert message["closed"] == 1003  # the client published
+        assert {word["do"] for word in link.messages} == {"watch", "routes"}  # the vehicle received nothing
 
     run_page(job)
 
 
 @pytest.mark.parametrize("name", NAMES)
-def test_both_names_of_the_protocol_are_accepted(tmp_path, name):
+def test_both_names_of_the_foxglove_protocol_are_accepted(tmp_path, name):
     async def job():
         async with (
             live_page(tmp_path) as (server, link, _),
@@ -136,7 +136,7 @@ def test_both_names_of_the_protocol_are_accepted(tmp_path, name):
     run_page(job)
 
 
-def test_ne2_ne3_a_program_needs_a_token_like_a_page(tmp_path):
+def test_ne2_ne3_a_foxglove_program_needs_a_token_like_a_browser(tmp_path):
     async def status_of(url, **options):
         with pytest.raises(InvalidStatus) as error:
             await connect(url, subprotocols=[NAMES[0]], **options).__aenter__()
@@ -153,7 +153,7 @@ def test_ne2_ne3_a_program_needs_a_token_like_a_page(tmp_path):
             ) as line:  # Foxglove's own page
                 await next_word(line, "serverInfo")
             with pytest.raises(InvalidStatus):
-                await connect(address_of(server)).__aenter__()  # of no protocol that is spoken here
+                await connect(address_of(server)).__aenter__()  # of an unknown protocol
         async with live_page(tmp_path, shared_at="127.0.0.2") as (server, _, _):
             assert await status_of(address_of(server)) == 403
 

@@ -16,7 +16,7 @@ START_S = 60.0
 
 @contextmanager
 def stranger(framed):
-    """Serve a page that frames `framed`, and at /plain one that may be framed; its address."""
+    """Serve a page that frames `framed`, and at /plain a page that may be framed; return its address."""
 
     class Pages(BaseHTTPRequestHandler):
         def do_GET(self):
@@ -39,7 +39,7 @@ def stranger(framed):
 
 
 def framed_in(tab, address):
-    """Return the address that the frame of a page shows in the end."""
+    """Return the final address of the frame of a page."""
     tab.goto(address)
     tree = tab.do("Page.getFrameTree")["frameTree"]
     (child,) = tree["childFrames"]
@@ -54,10 +54,10 @@ def test_a_framed_page_is_refused_by_a_real_browser(tmp_path):
     ):
         page_url, tab = f"http://127.0.0.1:{port_of(page)}/", chromium.tab()
         with stranger("") as address:
-            assert framed_in(tab, address) == (f"{address}plain", False)  # a frame as such is shown
+            assert framed_in(tab, address) == (f"{address}plain", False)  # a permitted frame is shown
         with stranger(page_url) as address:
             assert framed_in(tab, address) == (page_url, True)
         assert any("frame-ancestors" in error for error in tab.errors), tab.errors
         tab.goto(page_url)
-        tab.wait("globalThis.baqueano?.page.hello", START_S)  # by itself it is
+        tab.wait("globalThis.baqueano?.page.hello", START_S)  # without a frame the page is shown
         tab.close()

@@ -39,7 +39,7 @@ def folder(tmp_path_factory):
 
 @pytest.fixture
 def _static(monkeypatch, tmp_path):
-    """A folder of the page's files, with a link that leads out of it."""
+    """Return a folder with the files of the page and a link that leads out of it."""
     (tmp_path / "index.html").write_text("<title>page</title>")
     (tmp_path / "page.js").write_text("let x")
     (tmp_path / "secret.key").write_text("secret")
@@ -68,10 +68,10 @@ def test_ne1_the_page_listens_on_loopback_and_on_its_shared_address(folder):
     run_page(job)
 
 
-def test_ne1_the_printed_address_has_its_token_in_the_fragment():
+def test_ne1_the_printed_address_contains_its_token_in_the_url_fragment():
     tokens = Guard((), 1).tokens
     assert len(set(tokens.values())) == 3
-    assert all(len(token) >= 22 for token in tokens.values())  # 128 bits, six a letter
+    assert all(len(token) >= 22 for token in tokens.values())  # 128 bits, six per letter
     printed = url("192.168.4.1", 8000, tokens, Role.VIEW)
     assert printed == f"http://192.168.4.1:8000/#token={tokens[Role.VIEW]}"
     assert "#" not in url("127.0.0.1", 8000, tokens)
@@ -133,7 +133,7 @@ def test_ne2_a_client_without_an_origin_needs_a_token_to_watch(folder):
 
 
 @pytest.mark.parametrize("method", ["POST", "PUT", "DELETE", "PATCH", "OPTIONS", "TRACE", "CONNECT", "get"])
-def test_ne2_http_requests_cannot_change_anything(folder, method):
+def test_ne2_http_methods_other_than_get_and_head_are_refused(folder, method):
     async def job():
         async with recorded_page(folder, "circle") as server:
             for path in ("/", "/ws", "/run/x"):
@@ -196,7 +196,7 @@ def test_ne4_every_token_is_compared_in_constant_time(monkeypatch):
         assert len(comparisons) == len(Role)
 
 
-def test_ne4_addresses_that_guess_tokens_use_no_memory():
+def test_ne4_many_addresses_with_wrong_tokens_use_little_memory():
     guard = Guard((), 1, shared=True)
     for k in range(5000):
         guard.role(f"10.0.{k // 256}.{k % 256}", "wrong", True)
@@ -265,7 +265,7 @@ def test_ne6_a_run_is_not_opened_by_name_or_path(folder):
     async def job():
         async with recorded_page(folder, "circle") as server, browser(server) as visitor:
             for run in ("circle", "../runs/circle.mcap", str(folder / "circle.mcap"), 3, {"a": 1}, None):
-                await visitor.say("open", run=run)
+                await visitor.send("open", run=run)
                 if run:
                     assert (await visitor.next("no"))["to"] == "open"
 
@@ -290,7 +290,7 @@ def test_ne7_every_response_has_the_security_policy_headers(folder):
     assert "script-src" not in REPORT_POLICY
 
 
-def test_ne7_a_token_is_in_no_output_but_the_printed_addresses(folder, caplog, capfd):
+def test_ne7_only_the_printed_addresses_contain_a_token(folder, caplog, capfd):
     async def job():
         async with recorded_page(folder, "circle", shared_at="127.0.0.2") as server:
             tokens = list(server.guard.tokens.values())

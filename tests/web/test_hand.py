@@ -27,7 +27,7 @@ LAST = f"{PAGE}.ledger.at(-1)"
 
 @pytest.fixture
 def driver(tab, live):
-    """A tab that holds the wheel of a vehicle that drives."""
+    """Return a tab that controls a driving vehicle."""
     open_page(tab, live)
     tab.press("l", "KeyL", "l")
     tab.wait(f"{PAGE}.hand.mine")
@@ -36,7 +36,7 @@ def driver(tab, live):
 
 @pytest.fixture
 def breaking(driver, live):
-    """The driver's tab at the faults, before anything has happened."""
+    """Return the tab of the driver at the faults, before any fault."""
     live.put({"is": "ledger", "rows": []})
     driver.click("#tab-faults")
     driver.wait(f"{PAGE}.ledger.length === 0")
@@ -48,7 +48,7 @@ def command(live):
     return beats[-1]["u"] if beats else None
 
 
-def test_a_game_pad_drives_beyond_its_dead_zone_until_unplugged(driver, live):
+def test_a_game_pad_drives_beyond_its_dead_zone_until_it_is_unplugged(driver, live):
     driver.js(PAD)
     driver.js("gamePad.axes[1] = -1")
     until(lambda: command(live) == [0.5, 0, 0])  # half of the command at full stick
@@ -75,18 +75,18 @@ def test_the_second_game_pad_button_stops_without_the_lease(tab, live):
     tab.js("gamePad.buttons[1].pressed = true")
     until(lambda: live.words("stop"))
     tab.wait("document.getElementById('title').textContent === 'STOPPED'")
-    assert len(live.words("stop")) == 1  # of one press
+    assert len(live.words("stop")) == 1  # for one press
     assert not live.words("take")
 
 
-def test_the_buttons_pause_continue_mark_and_end_work(driver, live):
+def test_the_buttons_for_pause_continue_mark_and_end_work(driver, live):
     button = "[...document.querySelectorAll('.drive .action')].find((one) => one.code === 'Key{}')"
     driver.js(f"{button.format('M')}.click()")
     until(lambda: live.words("mark"))
     driver.js(f"{button.format('P')}.click()")
     until(lambda: live.words("pause"))
     driver.wait(f"{button.format('P')}.textContent.startsWith('Go on')")
-    driver.press("p", "KeyP", "p")  # its key does the same
+    driver.press("p", "KeyP", "p")  # its key has the same effect
     until(lambda: live.words("go") == [{"is": "go"}])
     driver.wait(f"{button.format('P')}.textContent.startsWith('Pause')")
     driver.js(f"{button.format('E')}.click()")
@@ -141,7 +141,7 @@ def test_the_floor_is_tilted_and_levelled_by_keys(breaking, live):
     breaking.wait(f"{PAGE}.ledger.length === 3 && {LAST}.fault.x === 0 && {LAST}.fault.y === 0")
 
 
-def test_keys_give_a_push_a_single_tick_and_a_pace(breaking, live):
+def test_keys_and_buttons_send_a_push_a_single_tick_and_a_pace(breaking, live):
     breaking.press("ArrowLeft", shift=True)
     breaking.wait(f"{LAST}?.fault.kind === 'push'")
     assert breaking.js(f"[{LAST}.fault.x, {LAST}.fault.y, {LAST}.fault.frame]") == [-0.2, 0, "map"]
@@ -163,7 +163,7 @@ def test_a_fault_button_has_no_effect_without_the_lease(tab, live):
 
 
 @pytest.mark.parametrize(("language", "words"), [("en", "open Wi-Fi"), ("es", "Wi-Fi abierta")])
-def test_a_shared_page_shows_its_risk(tab, language, words):
+def test_a_shared_page_shows_a_warning_about_its_risk(tab, language, words):
     with ScriptedServer("live") as live:
         live.shared = True
         open_page(tab, live, language)

@@ -1,5 +1,6 @@
 """The identification of a running drive: predicted from the guess, then from a real fit, each second, in its own
-worker."""
+worker.
+"""
 
 import asyncio
 import json
@@ -14,7 +15,7 @@ import pytest
 from baqueano.identify import excitation
 from baqueano.identify.data.record import FittedBlocks
 from baqueano.identify.design.information import Informant
-from baqueano.identify.parameters.free import described
+from baqueano.identify.parameters.free import free_parameter
 from baqueano.parameter import parameter
 from baqueano.runs import write_run
 from baqueano.simulate import simulate
@@ -23,7 +24,7 @@ from baqueano.vehicles import FromAcceleration
 from baqueano.web.lab import identification as module
 from baqueano.web.lab.drives import Drives
 from baqueano.web.lab.identification import DriveIdentification, label_of
-from baqueano.web.lab.recorded import recorded
+from baqueano.web.lab.recorded import pack_run
 from tests.web.fake_vehicle import live_page, until
 from tests.web.page_client import browser, recorded_page, run_page
 
@@ -36,14 +37,14 @@ GUESS = {
 
 @pytest.fixture(scope="module")
 def driven_runs():
-    """A guess of `small`, and a run of the true one."""
+    """Return a guess of `small`, and a run of the true vehicle."""
     small = load("small")
     u = excitation("random_steps", small.command.limit, SECONDS, small.rate_hz, seed=2, rest_s=1.0)
     return small.with_values(GUESS), small, simulate(small, u, seed=1)
 
 
 def rows_of(run):
-    record = recorded(run)
+    record = pack_run(run)
     return [column["name"] for column in record.fields], record.x.tolist()
 
 
@@ -51,12 +52,12 @@ def fitted(drive, seconds=60.0):
     """Repeat the request until a fit is available."""
     end = time.monotonic() + seconds
     while (state := drive.state())["fit"] is None:
-        assert time.monotonic() < end, "no fit came"
+        assert time.monotonic() < end, "no fit was received"
         time.sleep(0.05)
     return state
 
 
-def test_before_8_s_the_errors_are_those_predicted_by_the_guess(driven_runs):
+def test_before_8_s_the_page_shows_errors_predicted_from_the_guess(driven_runs):
     guess, _, run = driven_runs
     names, rows = rows_of(run)
     drive = DriveIdentification(guess)
@@ -73,7 +74,7 @@ def test_before_8_s_the_errors_are_those_predicted_by_the_guess(driven_runs):
     drive.close()
 
 
-def test_a_fit_replaces_the_bars_with_values_near_the_truth(driven_runs):
+def test_a_fit_replaces_predicted_errors_with_values_near_the_truth(driven_runs):
     guess, small, run = driven_runs
     names, rows = rows_of(run)
     drive = DriveIdentification(guess)
@@ -85,13 +86,13 @@ def test_a_fit_replaces_the_bars_with_values_near_the_truth(driven_runs):
     k = [parameter["path"] for parameter in state["parameters"]].index("actuator_matrix[0,0]")
     value, sd = state["fit"]["value"][k], state["fit"]["sd"][k]
     truth = float(small.value("model.actuator_matrix[0,0]"))
-    assert abs(value - 2.0) > 0.3  # no longer the guess
+    assert abs(value - 2.0) > 0.3  # different from the guess
     assert abs(value - truth) < 5.0 * sd * truth
     assert state["next"]["to"] < state["next"]["from"]
     drive.close()
 
 
-def test_a_slow_fit_delays_the_next_fit(driven_runs, monkeypatch):
+def test_the_next_fit_waits_longer_after_a_slow_fit(driven_runs, monkeypatch):
     guess, _, run = driven_runs
     began = []
 
@@ -144,9 +145,9 @@ def test_missing_ticks_are_simulated_without_measurements(driven_runs):
             pass
         drive.close()
     assert gap.state()["bits"] < whole.state()["bits"]
-    gap.rows(names, rows[1000:1100])  # seven seconds later it is another piece
+    gap.rows(names, rows[1000:1100])  # seven seconds later it is another segment
     assert gap.seconds == 1.0
-    gap.rows(names, rows[1000:1050])  # what came before is not taken twice
+    gap.rows(names, rows[1000:1050])  # earlier data are not used twice
     assert gap.seconds == 1.0
 
 
@@ -167,7 +168,7 @@ class Sledge(FromAcceleration):
 
 def test_a_user_parameter_is_labelled_by_its_metadata():
     blocks = FittedBlocks(Sledge(), load("small").sensors)
-    names = {key: label_of(described(blocks, f"model.{key}", {})) for key in ("pull", "glide")}
+    names = {key: label_of(free_parameter(blocks, f"model.{key}", {})) for key in ("pull", "glide")}
     assert {key: note.figures["meaning"] for key, note in names.items()} == {
         "pull": "rope",
         "glide": "drag on snow",
@@ -189,18 +190,18 @@ def test_a_page_shows_identification_while_answering_other_requests(tmp_path, dr
                     {"is": "frame", "x": json.loads(json.dumps(rows[at : at + 100]).replace("NaN", "null"))}
                 )
             async with browser(server, "es") as visitor, browser(server) as second:
-                await visitor.say("identify", on=True)
+                await visitor.send("identify", on=True)
                 first = await visitor.next("identify")
                 assert first["parameters"][0]["label"] == "fricción al avanzar"
                 answer = await visitor.next("identify", where=lambda word: word["fit"] is not None)
                 assert answer["t"] == 10.0
                 assert answer["fit"]["verdict"]
                 assert "4 s" in answer["next"]["motion"]
-                await second.say("ask", id=7, what="ping")
+                await second.send("ask", id=7, what="ping")
                 assert (await second.next("answer", "identify"))[
                     "is"
                 ] == "answer"  # a browser on another screen receives nothing
-                await visitor.say("identify", on=False)
+                await visitor.send("identify", on=False)
                 await until(lambda: not live.identifying._looking)
                 link.on_word({"is": "frame", "x": [[None] * len(names)]})
 
@@ -215,7 +216,7 @@ def test_identification_of_a_finished_run_is_shown_at_all_times(tmp_path, driven
 
     async def job():
         async with recorded_page(folder, "taught") as server, browser(server) as visitor:
-            await visitor.say("ask", id=1, what="identify", run=visitor.hello["open"]["run"])
+            await visitor.send("ask", id=1, what="identify", run=visitor.hello["open"]["run"])
             answer = await visitor.next("answer", where=lambda word: word["to"] == "ask")
             errors = np.array(answer["expected"])
             assert np.all(np.diff(errors, axis=0) <= 1e-9)
@@ -224,7 +225,7 @@ def test_identification_of_a_finished_run_is_shown_at_all_times(tmp_path, driven
                 dated_fit["t"] for dated_fit in answer["fits"]
             )
             assert answer["fits"][-1]["t"] == pytest.approx(SECONDS, abs=0.05)
-            await visitor.say("ask", id=2, what="identify", run="none")
+            await visitor.send("ask", id=2, what="identify", run="none")
             assert (await visitor.next("no"))["code"] == "web.no-run"
 
     run_page(job)
@@ -244,7 +245,7 @@ def test_a_drive_that_cannot_be_fitted_reports_its_reason(tmp_path):
     drive.close()
 
 
-def test_the_page_process_loads_no_numpy():
+def test_the_page_process_does_not_import_numpy():
     async def job():
         program = await asyncio.create_subprocess_exec(
             sys.executable, "-c",
@@ -288,5 +289,5 @@ def test_a_changed_vehicle_file_is_read_again_for_the_next_drive(tmp_path, drive
     assert guess_after(1) == 2.0
     path.write_text(small.text, encoding="utf-8")
     os.utime(path, ns=(1, 1))
-    assert guess_after(1) == 2.0  # a drive goes on with the file that it began with
+    assert guess_after(1) == 2.0  # a drive continues with the file with which it began
     assert guess_after(2) == float(small.value("model.actuator_matrix[0,0]"))

@@ -1,4 +1,4 @@
-"""The screen *Identify* in a real browser: bars, the painted path, a run that is scrubbed."""
+"""The screen *Identify* in a real browser: error bars, the coloured path, a run with a scrub bar."""
 
 import time
 
@@ -29,16 +29,16 @@ def test_error_bars_are_hollow_until_a_fit_and_shrink_while_driving(tab, live):
     assert "8 s of driving" in tab.js("document.querySelector('.about').textContent")
     before = tab.js(WIDTHS)
     live.put(word | {"now": [sd / 3 for sd in word["now"]]})
-    until(lambda: kinds(tab) == {"hollow", "filled"})  # one of them the fit has not seen
+    until(lambda: kinds(tab) == {"hollow", "filled"})  # one of them is unobservable
     assert all(
         now < then for now, then in zip(sorted(tab.js(WIDTHS)), sorted(before), strict=True) if then > 1.0
     )
     assert tab.js("document.querySelector('.known-card .chip').textContent") == "USABLE"
     unseen_chip = "document.querySelector('[data-kind~=hollow]')"
-    assert "not seen" in tab.js(f"{unseen_chip}.textContent")
+    assert "not identified" in tab.js(f"{unseen_chip}.textContent")
     assert "missing: sliding sideways" in tab.js(f"{unseen_chip}.textContent")
     live.put(word | {"fit": word["fit"] | {"verdict_is": "REFUSED", "verdict": "REFUSED"}})
-    until(lambda: kinds(tab) == {"hollow"})  # a fit that is refused fills nothing
+    until(lambda: kinds(tab) == {"hollow"})  # a refused fit fills no bar
 
 
 def test_the_page_reports_when_the_identify_screen_opens_or_closes(tab, live):
@@ -60,7 +60,7 @@ def test_an_experiment_can_be_started_from_the_identify_screen(tab, live):
     assert until(lambda: live.words("mission"))[-1] == {"is": "mission", "kind": "experiment", "seconds": 60}
 
 
-def test_identification_of_a_run_follows_the_scrub_bar(tab, replay):
+def test_the_identify_screen_of_a_run_follows_the_scrub_bar(tab, replay):
     open_page(tab, replay, screen="identify")
     tab.wait("document.querySelectorAll('.knowns li').length === 14")
     bits = "Number(document.querySelector('.identify .numbers b').textContent)"
@@ -114,7 +114,7 @@ def title(tab) -> str:
     return tab.js("document.getElementById('title').textContent")
 
 
-def test_a_demo_changes_screens_until_the_user_chooses_a_screen(tab, live):
+def test_a_demo_changes_the_screen_until_the_user_chooses_a_screen(tab, live):
     open_page(tab, live)
     for scene, screen in (
         ({"screen": "identify"}, "identify"),

@@ -26,7 +26,7 @@ def show_text(tab, text):
 
 
 def take(tab):
-    """Take the wheel, again where a busy machine has lost it."""
+    """Take control, and again if a busy machine has lost it."""
     end = time.monotonic() + START_S
     while not tab.js("baqueano.page.hand?.mine"):
         assert time.monotonic() < end, tab.js("document.body.innerText")
@@ -34,7 +34,7 @@ def take(tab):
         time.sleep(0.3)
 
 
-def test_a_run_and_its_ghost_are_shown(chromium, tmp_path):
+def test_a_run_and_its_ghost_run_are_shown(chromium, tmp_path):
     folder = folder_of(tmp_path / "runs", circle=drive(), short=drive("short", 200))
     with program(
         "baqueano", "view", "circle", "--ghost", "short", "--runs", str(folder), "--no-browser"
@@ -46,7 +46,7 @@ def test_a_run_and_its_ghost_are_shown(chromium, tmp_path):
         tab.close()
 
 
-def test_a_user_takes_drives_and_stops_a_vehicle(chromium, tmp_path):
+def test_a_user_takes_control_drives_and_stops_a_vehicle(chromium, tmp_path):
     with program(
         "baqueano", "serve", "--vehicle", "small", "--no-browser", cwd=tmp_path,
         env={**os.environ, "BAQUEANO_BACKEND": "python"},
@@ -55,14 +55,14 @@ def test_a_user_takes_drives_and_stops_a_vehicle(chromium, tmp_path):
         tab.goto(f"http://127.0.0.1:{port_of(page)}/")
         show_text(tab, "nobody drives")
         end = time.monotonic() + START_S
-        while not tab.js(TEXT.format(text="BY HAND")):  # a busy machine loses the wheel: it is taken again
+        while not tab.js(TEXT.format(text="BY HAND")):  # a busy machine loses control: it is taken again
             assert time.monotonic() < end, tab.js("document.body.innerText")
             if tab.js("baqueano.page.state.state") == "STOPPED":
                 tab.js("baqueano.page.link.send({is: 'clear'})")
             take(tab)
             tab.js(PRESS.format(name="By hand"))
             time.sleep(0.7)
-        show_text(tab, "m/s ahead")
+        show_text(tab, "m/s forward")
         tab.js(PRESS.format(name="STOP"))
         show_text(tab, "STOPPED")
         assert not tab.errors
@@ -73,7 +73,7 @@ TUNE = "baqueano.page.screens.tune"
 
 
 def repeating(tab, true):
-    """Repeat `ring` as its driver. A tab that gets no time on a busy machine loses the wheel: it takes it again."""
+    """Repeat `ring` as its driver. A tab without processor time on a busy machine loses control and takes it again."""
     end = time.monotonic() + START_S
     while not tab.js(true):
         assert time.monotonic() < end
@@ -87,7 +87,7 @@ def repeating(tab, true):
 
 
 def test_gains_are_tuned_applied_and_restored_during_a_repetition(chromium, tmp_path):
-    """On the simulated service itself: the run holds what was set."""
+    """The simulated service is the real one: the run contains the changed gains."""
     from baqueano.guides.shapes import circle
     from baqueano.runs import read_run
     from baqueano.runs.route_file import write_route
@@ -108,7 +108,7 @@ def test_gains_are_tuned_applied_and_restored_during_a_repetition(chromium, tmp_
         tuned_values = tab.js(f"{TUNE}.values")
         repeating(tab, f"!{TUNE}.do.apply.disabled")
         tab.js(f"{TUNE}.do.apply.click()")
-        tab.wait(f"{TUNE}.state.textContent === 'in force'", START_S)
+        tab.wait(f"{TUNE}.state.textContent === 'in use'", START_S)
         tab.wait(f"!{TUNE}.do.undo.disabled", START_S)
         tab.js(f"{TUNE}.do.undo.click()")
         tab.wait(f"{TUNE}.force[1] === 1 && {TUNE}.force[2] === 4", START_S)
@@ -135,7 +135,7 @@ class MyEkf(AugmentedEkf):
 """
 
 
-def test_a_block_of_the_folder_replaces_a_block_and_drives(chromium, tmp_path):
+def test_a_user_block_of_the_folder_replaces_a_block_and_drives(chromium, tmp_path):
     from baqueano.guides.shapes import circle
     from baqueano.runs import read_run
     from baqueano.runs.route_file import write_route
@@ -199,7 +199,7 @@ def test_a_route_is_taught_repeated_and_scrubbed_with_a_reopened_tab(chromium, t
         tab.goto(f"http://127.0.0.1:{port}/")
         show_text(tab, "nobody drives")
         is_taught = False
-        for _ in range(TRIES):  # a machine that stalls loses the wheel, and so the vehicle
+        for _ in range(TRIES):  # a stalled machine loses control of the vehicle
             take(tab)
             tab.js("document.getElementById('clear').click()")
             tab.wait("baqueano.page.state.state === 'READY'", START_S)
@@ -223,7 +223,7 @@ def test_a_route_is_taught_repeated_and_scrubbed_with_a_reopened_tab(chromium, t
         tab = chromium.tab()
         tab.goto(f"http://127.0.0.1:{port}/")
         show_text(tab, "STOPPED")
-        assert tab.js("baqueano.page.record.length") > 10  # the last minute is there
+        assert tab.js("baqueano.page.record.length") > 10  # the last minute is available
         take(tab)
         tab.js("document.getElementById('clear').click()")
         tab.wait("baqueano.page.state.state === 'READY'", START_S)

@@ -1,4 +1,4 @@
-"""One driver at a time, whose beats count only before a fresh picture."""
+"""One driver at a time; its heartbeats count only if its picture is recent."""
 
 import pytest
 from hypothesis import given
@@ -9,7 +9,7 @@ from baqueano.web.lease import HOLDS_S, Lease
 
 
 class Clock:
-    """A clock that is set."""
+    """A clock that the test sets."""
 
     s = 0.0
 
@@ -45,7 +45,7 @@ def test_rt13_ne4_a_driver_with_a_frozen_picture_loses_the_lease():
     assert lease.holder is None
 
 
-def test_rt13_the_lease_allows_for_a_slow_connection():
+def test_rt13_the_lease_accepts_an_older_picture_over_a_slow_connection():
     _, lease = lease_of()
     assert not lease.beat("ana", 1, age_s=0.4)
     assert lease.beat("ana", 2, age_s=0.4, way_s=0.15)

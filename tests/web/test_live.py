@@ -33,7 +33,7 @@ def test_the_hello_message_describes_vehicle_routes_and_fields(tmp_path):
     run_page(job)
 
 
-def test_a_late_browser_receives_the_last_minute(tmp_path):
+def test_a_browser_that_connects_during_a_drive_receives_the_last_minute(tmp_path):
     async def job():
         async with live_page(tmp_path) as (server, link, live):
             for k in range(80):
@@ -43,7 +43,7 @@ def test_a_late_browser_receives_the_last_minute(tmp_path):
                 rows = visitor.rows(0, len(COLUMNS))
                 assert rows[0, 0] >= 79 - KEPT_S
                 assert len(rows) == 61 * 100
-                await visitor.say("history", **{"from": 75.0})
+                await visitor.send("history", **{"from": 75.0})
                 await until_frames(visitor, 2)
                 assert visitor.rows(0, len(COLUMNS))[len(rows), 0] == 75.0
             link.frame(0.01)  # another drive begins
@@ -77,7 +77,7 @@ def test_frames_are_float32_in_the_order_of_the_fields():
     assert feed.take({"x": [["a"] * 7]}) is None
 
 
-def test_the_mean_of_a_column_is_over_the_last_seconds():
+def test_the_mean_of_a_column_is_taken_over_the_last_seconds():
     feed = Feed()
     feed.columns(COLUMNS)
     for k in range(30):
@@ -94,18 +94,18 @@ def test_the_page_forwards_each_heartbeat_of_the_driver_and_adds_none(tmp_path):
             browser(server, name="ana") as ana,
             browser(server, name="luis") as luis,
         ):
-            await ana.say("beat", n=1, seen=0, u=[0.1])
-            await ana.say("take")
+            await ana.send("beat", n=1, seen=0, u=[0.1])
+            await ana.send("take")
             assert (await ana.next("lease", where=lambda word: word["you"]))["who"] == "ana"
             for n in range(1, 6):
                 link.frame(0.05 * n)
-                await ana.say("beat", n=n, seen=live.feed.number, u=[0.1 * n])
-                await luis.say("beat", n=n, seen=live.feed.number, u=[-1.0])
+                await ana.send("beat", n=n, seen=live.feed.number, u=[0.1 * n])
+                await luis.send("beat", n=n, seen=live.feed.number, u=[-1.0])
                 await until(lambda n=n: len(link.requests("hand")) == n)
             assert [word["u"] for word in link.requests("hand")] == [[0.1 * n] for n in range(1, 6)]
-            await ana.say("beat", n=5, seen=live.feed.number, u=[1.0])
-            await ana.say("beat", n=4, seen=live.feed.number, u=[1.0])
-            await ana.next("lease", where=lambda word: word["who"] is None)  # she fell silent
+            await ana.send("beat", n=5, seen=live.feed.number, u=[1.0])
+            await ana.send("beat", n=4, seen=live.feed.number, u=[1.0])
+            await ana.next("lease", where=lambda word: word["who"] is None)  # the driver was silent
             assert len(link.requests("hand", "beat")) == 5
 
     run_page(job)
@@ -114,14 +114,14 @@ def test_the_page_forwards_each_heartbeat_of_the_driver_and_adds_none(tmp_path):
 def test_heartbeats_of_a_driver_with_a_frozen_picture_are_not_forwarded(tmp_path):
     async def job():
         async with live_page(tmp_path) as (server, link, live), browser(server) as ana:
-            await ana.say("take")
+            await ana.send("take")
             frame, n = live.feed.number, 0
             while live.lease.holder is not None or n == 0:
                 n += 1
                 link.frame(0.05 * n)
-                await ana.say("beat", n=n, seen=frame, u=[1.0])
+                await ana.send("beat", n=n, seen=frame, u=[1.0])
                 await asyncio.sleep(0.05)
-            assert len(link.requests("hand")) < 16  # 0.3 s, and as much as the way may take
+            assert len(link.requests("hand")) < 16  # 0.3 s plus the permitted delay of the connection
             assert n > 2
 
     run_page(job)
@@ -131,8 +131,8 @@ def test_heartbeats_of_a_driver_with_a_frozen_picture_are_not_forwarded(tmp_path
 def test_a_heartbeat_with_an_invalid_command_is_refused(tmp_path, u):
     async def job():
         async with live_page(tmp_path) as (server, link, _), browser(server) as ana:
-            await ana.say("take")
-            await ana.say("beat", n=1, seen=0, u=u)
+            await ana.send("take")
+            await ana.send("beat", n=1, seen=0, u=u)
             assert (await ana.next("no"))["to"] == "beat"
             assert not link.requests("hand")
 
@@ -148,13 +148,13 @@ def test_anyone_stops_the_vehicle_without_the_lease(tmp_path):
                 browser(server, token=tokens[Role.STOP], name="eva") as stopper,
                 browser(server, token=tokens[Role.VIEW]) as viewer,
             ):
-                await driver.say("take")
-                await viewer.say("stop")
+                await driver.send("take")
+                await viewer.send("stop")
                 assert (await viewer.next("no"))["code"] == "web.role"
                 assert not link.requests("stop")
-                await stopper.say("take")
+                await stopper.send("take")
                 assert (await stopper.next("no"))["code"] == "web.role"
-                await stopper.say("stop")
+                await stopper.send("stop")
                 await until(lambda: link.requests("stop"))
                 reason = link.requests("stop")[0]["why"]
                 assert (reason.code, reason.figures["words"]) == (StopReason.STOPPED_BY, "eva")
@@ -180,10 +180,10 @@ def test_moving_the_vehicle_needs_the_lease(tmp_path):
             before = len(link.messages)
             for holder in (False, True):
                 if holder:
-                    await ana.say("take")
+                    await ana.send("take")
                     await ana.next("lease", where=lambda word: word["you"])
                 for word, more in MOVING:
-                    await luis.say(word, **more)
+                    await luis.send(word, **more)
                     no = await luis.next("no")
                     assert (no["code"], no["to"]) == ("web.lease-needed", word)
             assert len(link.messages) == before
@@ -194,8 +194,8 @@ def test_moving_the_vehicle_needs_the_lease(tmp_path):
 def test_missions_are_requested_only_by_name(tmp_path):
     async def job():
         async with live_page(tmp_path) as (server, link, _), browser(server) as ana:
-            await ana.say("take")
-            await ana.say(
+            await ana.send("take")
+            await ana.send(
                 "mission", kind="repeat", route="oval", laps=3, mission="{}", do="stop", by="me", seed=1
             )
             await until(lambda: link.requests("mission"))
@@ -215,8 +215,8 @@ def test_missions_are_requested_only_by_name(tmp_path):
                 {"kind": "repeat", "route": "x" * 99},
                 {},
             ):
-                await ana.say("take")
-                await ana.say("mission", **wrong)
+                await ana.send("take")
+                await ana.send("mission", **wrong)
                 assert (await ana.next("no"))["to"] == "mission"
             assert len(link.requests("mission")) == 1
             link.on_word(
@@ -235,15 +235,15 @@ def test_the_vehicle_is_handed_over_by_name(tmp_path):
             browser(server, name="ana") as ana,
             browser(server, name="luis") as luis,
         ):
-            await ana.say("take")
-            await luis.say("take")
+            await ana.send("take")
+            await luis.send("take")
             no = await luis.next("no")
             assert no["code"] == "web.lease-taken"
             assert "ana" in no["why"]
-            await ana.say("take")
-            await ana.say("give", to="luis")
+            await ana.send("take")
+            await ana.send("give", to="luis")
             assert (await luis.next("lease", where=lambda word: word["you"]))["who"] == "luis"
-            await luis.say("beat", n=1, seen=live.feed.number, u=[0.3])
+            await luis.send("beat", n=1, seen=live.feed.number, u=[0.3])
             await until(lambda: link.requests("hand"))
             await luis.line.close()
             await until(lambda: live.lease.holder is None)
@@ -255,7 +255,7 @@ def test_a_disconnected_browser_releases_its_lease(tmp_path):
     async def job():
         async with live_page(tmp_path) as (server, link, live):
             async with browser(server) as ana:
-                await ana.say("take")
+                await ana.send("take")
                 await until(lambda: live.lease.holder is not None)
                 ana.line.transport.abort()
                 await until(lambda: not server.visitors)
@@ -337,7 +337,7 @@ def test_the_end_of_the_service_is_reported_to_all_browsers(tmp_path):
     async def job():
         async with live_page(tmp_path) as (server, link, live), browser(server) as visitor:
             link.gone = True
-            await visitor.say("stop")
+            await visitor.send("stop")
             assert (await visitor.next("no"))["code"] == "web.service-gone"
             live._state = {"is": "state", "state": "STOPPED", "why": stop(StopReason.SERVICE_ENDED)}
             live._changed = True
@@ -369,8 +369,8 @@ def test_a_robot_receives_complete_missions_packed_by_the_page(tmp_path):
                     assert (mission.kind, mission.laps) == (kind, more.get("laps", 1))
                     assert 'name = "small"' in mission.vehicle
                 for kind, more in (("repeat", {"route": "../oval"}), ("teach", {})):
-                    await ana.say("take")
-                    await ana.say("mission", kind=kind, **more)
+                    await ana.send("take")
+                    await ana.send("mission", kind=kind, **more)
                     assert (await ana.next("no"))["to"] == "mission"
             await lab.close()
 
@@ -380,10 +380,10 @@ def test_a_robot_receives_complete_missions_packed_by_the_page(tmp_path):
 async def drive_page(visitor, link, kind, **more):
     """Request a mission, and send heartbeats until it is packed."""
     before, n = len(link.requests("mission")), 0
-    await visitor.say("take")
-    await visitor.say("mission", kind=kind, **more)
+    await visitor.send("take")
+    await visitor.send("mission", kind=kind, **more)
     async with asyncio.timeout(WAIT_S):
         while len(link.requests("mission")) == before:
             n += 1
-            await visitor.say("beat", n=n, seen=0, u=[0.0])
+            await visitor.send("beat", n=n, seen=0, u=[0.0])
             await asyncio.sleep(0.05)

@@ -1,4 +1,4 @@
-"""The page in a real browser, against a page process that plays a script: keys, scrub bar, stop."""
+"""The page in a real browser, with a page process that follows a script: keys, scrub bar, stop."""
 
 import time
 
@@ -38,12 +38,12 @@ def test_pressing_the_stop_button_stops_before_release(tab, live):
         places.add(tab.middle("#stop"))
     assert len(places) == 1
     x, y = tab.middle("#stop")
-    tab.mouse("mousePressed", x, y)  # a finger that has not left it yet
+    tab.mouse("mousePressed", x, y)  # the finger still presses the button
     until(lambda: live.words("stop"))
     tab.mouse("mouseReleased", x, y)
 
 
-def test_a_recorded_run_shows_no_stop(tab, replay):
+def test_the_page_of_a_recorded_run_has_no_stop_button(tab, replay):
     open_page(tab, replay)
     assert tab.js("document.getElementById('stop').hidden")
 
@@ -66,7 +66,7 @@ def test_keys_drive_while_pressed_and_heartbeats_name_the_drawn_frame(tab, live)
     until(lambda: live.words("beat")[-1]["seen"] > frames[0])
 
 
-def test_heartbeats_do_not_claim_a_frozen_picture_as_new(tab, live):
+def test_with_a_frozen_picture_heartbeats_repeat_the_old_frame_number(tab, live):
     open_page(tab, live)
     tab.press("l", "KeyL", "l")
     until(lambda: live.words("beat"))
@@ -99,7 +99,7 @@ def test_leaving_the_page_with_a_pressed_key_stops_and_releases(tab, live, leave
     tab.up("w", "KeyW")
 
 
-def test_the_pad_drives_and_returns_to_zero(tab, live):
+def test_dragging_the_pad_drives_and_releasing_the_pad_commands_zero(tab, live):
     open_page(tab, live)
     tab.press("l", "KeyL", "l")
     until(lambda: live.words("beat"))
@@ -195,7 +195,7 @@ def test_the_vehicle_is_drawn_at_the_pose_of_the_row(tab, replay):
     assert abs(off) < 0.05 * RADIUS
 
 
-def test_a_ghost_is_paired_by_distance_or_by_time(tab):
+def test_the_ghost_run_is_aligned_by_distance_or_by_time(tab):
     with ScriptedServer("replay", ghost=True) as server:
         open_page(tab, server)
         tab.wait(f"Boolean({PAGE}.ghost)")
@@ -219,7 +219,7 @@ def test_language_and_theme_change_in_place(tab, live):
     open_page(tab, live)
     tab.click("#language")
     tab.wait("document.getElementById('stop-word').textContent === 'ALTO'")
-    tab.wait("document.querySelector('#tab-drive')?.textContent === 'Conducir'")
+    tab.wait("document.querySelector('#tab-drive')?.textContent === 'Manejar'")
     before = tab.js("getComputedStyle(document.body).backgroundColor")
     tab.click("#theme")
     tab.wait(f"getComputedStyle(document.body).backgroundColor !== {before!r}")
@@ -234,7 +234,7 @@ def test_the_token_is_removed_from_the_address_bar(tab, live):
 
 
 def test_drawing_eight_plots_and_the_map_is_fast(tab, live):
-    """The best of many: other work of this machine is not the page's."""
+    """The shortest of many measurements counts, because other work of the machine also takes time."""
     open_page(tab, live)
     tab.js(f"{PAGE}.screen.span = 60")
     best = tab.js(

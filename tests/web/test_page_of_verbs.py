@@ -1,5 +1,7 @@
-"""The --page option of the driving commands: a browser shows the drive, may stop it, and may steer `drive`; the command
-ends as without a page, and no process remains."""
+"""The --page option of the driving commands: a browser shows the drive, may stop it, and may steer `drive`.
+
+The command ends as without a page, and no process remains.
+"""
 
 import asyncio
 import os
@@ -34,7 +36,7 @@ needs_browser = pytest.mark.skipif(CHROMIUM is None, reason="Debian's package ch
 
 @asynccontextmanager
 async def looking(port, **hello):
-    """Open the page of a verb as a browser does."""
+    """Open the page of a command as a browser does."""
     from websockets.asyncio.client import connect
 
     host = f"127.0.0.1:{port}"
@@ -42,20 +44,20 @@ async def looking(port, **hello):
         f"ws://{host}/ws", origin=f"http://{host}", subprotocols=["baqueano.1"], compression=None
     ) as line:
         visitor = Browser(line)
-        await visitor.say("hello", lang="en", **hello)
+        await visitor.send("hello", lang="en", **hello)
         visitor.hello = await visitor.next("hello")
         yield visitor
 
 
 def exit_code_of(verb, within_s=WAIT_S):
-    """Return the exit code of a verb."""
+    """Return the exit code of a command."""
     assert verb.stderr is not None
     verb.stderr.read()
     return verb.wait(within_s)
 
 
 def processes_of(group):
-    """Return the processes that were started by this one, and by those: their ids."""
+    """Return the ids of the child processes of this process, and of their child processes."""
     group_ids, is_growing = {group}, True
     while is_growing:
         is_growing = False
@@ -71,7 +73,7 @@ def processes_of(group):
 
 
 def all_gone(pids, within_s=10.0):
-    """Return True once none of these runs."""
+    """Return True when none of these processes runs."""
     end = time.monotonic() + within_s
     while any(alive(pid) for pid in pids):
         if time.monotonic() > end:
@@ -113,7 +115,7 @@ def test_the_run_of_a_drive_is_the_same_with_a_page(tmp_path):
     assert read_run(tmp_path / "with" / "run.mcap") == read_run(tmp_path / "without" / "run.mcap")
 
 
-def test_a_lesson_with_a_page_is_displayed_and_its_route_is_stored(tmp_path):
+def test_teaching_with_a_page_is_displayed_and_the_route_is_stored(tmp_path):
     ring = ("--vehicle", "small", "--driver", "circle", "--size", "0.3", "--speed", "0.4")
     with program("baqueano", "teach", "ring", *ring, "--page", cwd=tmp_path, env=PLAIN) as verb:
         port = port_of(verb)
@@ -141,9 +143,9 @@ def test_a_stop_on_the_page_ends_the_command_like_any_stop(tmp_path):
                 await visitor.next(
                     "state", where=lambda word: word["state"] == "MISSION" and (word["t_s"] or 0) > 0.5
                 )
-                await visitor.say("mission", kind="drive")
+                await visitor.send("mission", kind="drive")
                 assert (await visitor.next("no"))["to"] == "mission"
-                await visitor.say("stop")
+                await visitor.send("stop")
                 await visitor.next("state", where=lambda word: word["state"] in ("STOPPED", "OVER"))
 
         run_page(job)
@@ -153,7 +155,7 @@ def test_a_stop_on_the_page_ends_the_command_like_any_stop(tmp_path):
     assert reason.figures["words"] == "eva"
 
 
-def test_ctrl_c_or_death_of_the_command_leaves_no_process(tmp_path):
+def test_after_ctrl_c_or_a_killed_command_no_process_remains(tmp_path):
     for signal_number, code in ((signal.SIGINT, None), (signal.SIGKILL, -signal.SIGKILL)):
         with program(
             "baqueano", "experiment", "--vehicle", "small", "--page", cwd=tmp_path, env=PLAIN
@@ -163,12 +165,12 @@ def test_ctrl_c_or_death_of_the_command_leaves_no_process(tmp_path):
             async def job(port=port):
                 async with looking(port) as visitor:
                     await visitor.next("state", where=lambda word: word["state"] == "MISSION")
-                    await visitor.say("take")
+                    await visitor.send("take")
                     beating = asyncio.create_task(beats(visitor))
-                    await visitor.say("pause")
+                    await visitor.send("pause")
                     await visitor.next(
                         "state", where=lambda word: word["paused"]
-                    )  # Ctrl-C ends it all the same
+                    )  # Ctrl-C still ends the drive
                     beating.cancel()
 
             run_page(job)
@@ -190,12 +192,12 @@ def test_ctrl_c_or_death_of_the_command_leaves_no_process(tmp_path):
 
 
 async def at_the_wheel(port, then):
-    """Take the wheel on the page of `drive`, drive ahead for a while, then do `then`."""
+    """Take control on the page of `drive`, drive ahead for a while, then do `then`."""
     async with looking(port, name="ana") as visitor:
-        await visitor.say("take")
+        await visitor.send("take")
         beating = asyncio.create_task(ahead(visitor))
         try:
-            await visitor.say("mission", kind="drive")
+            await visitor.send("mission", kind="drive")
             await visitor.next(
                 "state", where=lambda word: word["state"] == "MANUAL" and (word["t_s"] or 0) > 1.0
             )
@@ -209,7 +211,7 @@ async def ahead(visitor):
     while True:
         n += 1
         frame = HEAD.unpack(visitor.frames[-1][:16])[0] if visitor.frames else 0
-        await visitor.say("beat", n=n, seen=frame, u=[0.6, 0.0, 0.0])
+        await visitor.send("beat", n=n, seen=frame, u=[0.6, 0.0, 0.0])
         await asyncio.sleep(0.04)
 
 
@@ -220,9 +222,9 @@ def test_the_page_of_the_drive_command_steers_and_ends_the_drive(tmp_path):
         port = port_of(verb)
 
         async def end(visitor):
-            await visitor.say("mark")
+            await visitor.send("mark")
             await asyncio.sleep(0.3)
-            await visitor.say("end")
+            await visitor.send("end")
             await visitor.next("state", where=lambda word: word["state"] == "OVER")
 
         run_page(lambda: at_the_wheel(port, end))
@@ -233,7 +235,7 @@ def test_the_page_of_the_drive_command_steers_and_ends_the_drive(tmp_path):
 
 
 @pytest.mark.parametrize("signal_number", [signal.SIGKILL, signal.SIGSTOP], ids=["killed", "frozen"])
-def test_rt13_the_death_of_the_drive_page_stops_the_drive(tmp_path, signal_number):
+def test_rt13_a_killed_page_of_the_drive_command_stops_the_drive(tmp_path, signal_number):
     with program(
         "baqueano", "drive", "--vehicle", "small", "-o", "run.mcap", "--page", cwd=tmp_path, env=PLAIN
     ) as verb:
@@ -272,7 +274,7 @@ def test_a_robot_is_shown_and_stopped_on_the_page_of_a_command(tmp_path):
                         "state", where=lambda word: word["state"] == "MISSION" and visitor.frames
                     )
                     start_s = time.monotonic()
-                    await visitor.say("stop")
+                    await visitor.send("stop")
                     _, came = await asyncio.to_thread(watcher.state, "STOPPED")
                     assert came - start_s < 2.0  # the machine may be busy
 
@@ -294,7 +296,7 @@ def test_the_page_of_the_drive_command_drives_a_robot(tmp_path):
         port = port_of(verb)
 
         async def silent(visitor):
-            """Stay connected and send nothing, as a hidden tab does: the caller ends the heartbeats."""
+            """Stay connected and send nothing, like a hidden tab: the caller ends the heartbeats."""
 
         run_page(lambda: at_the_wheel(port, silent))
         assert exit_code_of(verb) == 5
@@ -313,7 +315,7 @@ def test_the_emulated_vehicle_is_driven_by_hand_on_the_page(tmp_path):
 
         async def end(visitor):
             assert visitor.hello["vehicle"]["world"] == "emulated"
-            await visitor.say("stop")
+            await visitor.send("stop")
             await visitor.next("state", where=lambda word: word["state"] in ("STOPPED", "OVER"))
 
         run_page(lambda: at_the_wheel(port, end))

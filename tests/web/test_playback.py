@@ -1,4 +1,4 @@
-"""Runs that were just made, in motion: at a pace, to whoever watches."""
+"""New runs are played at a pace to all viewers."""
 
 import asyncio
 import io
@@ -17,16 +17,16 @@ from baqueano.tune.tuned import Gain
 from baqueano.web import share
 from baqueano.web.lab.handle import Lab
 from baqueano.web.lab.playback import RunPlayer, read
-from baqueano.web.lab.recorded import recorded
+from baqueano.web.lab.recorded import pack_run
 from tests.web.page_client import drive, folder_of, run_page
 
 
 async def play(playback, paths):
-    """Return the words of a playback."""
+    """Return the messages of a playback."""
     words = []
     for path in [*paths, None]:
         playback.put(path)
-    await playback.hear(words.append)
+    await playback.receive(words.append)
     return words
 
 
@@ -42,7 +42,7 @@ def test_all_ticks_of_a_run_are_shown_in_order(tmp_path):
         kinds = [word["is"] for word in words]
         assert kinds[1:4] == ["vehicle", "fields", "route"]
         rows = [row for word in words if word["is"] == "frame" for row in word["x"]]
-        np.testing.assert_array_equal(np.array(rows, "f4"), recorded(drive()).x)
+        np.testing.assert_array_equal(np.array(rows, "f4"), pack_run(drive()).x)
         assert {"MISSION", "READY"} == {word["state"] for word in words if word["is"] == "state"}
         assert words[-1]["said"].code == "web.demo-done"
 
@@ -57,21 +57,21 @@ def test_playback_can_be_stopped_paused_and_paced(tmp_path):
         playback, words = RunPlayer(lab, 0.5), []
         playback.put(folder / "circle.mcap")
         playback.put(None)
-        playing = asyncio.create_task(playback.hear(words.append))
+        playing = asyncio.create_task(playback.receive(words.append))
         while not any(word["is"] == "frame" for word in words):
             await asyncio.sleep(0.01)
-        playback.say("stop", why=stop(StopReason.STOPPED_BY, words="eva"))
+        playback.send("stop", why=stop(StopReason.STOPPED_BY, words="eva"))
         await asyncio.sleep(0.2)
         frames = sum(word["is"] == "frame" for word in words)
         await asyncio.sleep(0.3)
         assert sum(word["is"] == "frame" for word in words) == frames
         assert [word["state"] for word in words if word["is"] == "state"][-1] == "STOPPED"
-        playback.say("clear")
-        playback.say("pace", factor=50.0)
+        playback.send("clear")
+        playback.send("pace", factor=50.0)
         with pytest.raises(UsageError):
-            playback.say("pace", factor=0.0)
+            playback.send("pace", factor=0.0)
         with pytest.raises(UsageError):
-            playback.say("mission", kind="drive")
+            playback.send("mission", kind="drive")
         await playing
         assert sum(len(word["x"]) for word in words if word["is"] == "frame") == 300
         await lab.close()
@@ -97,7 +97,7 @@ def test_playback_waits_for_a_viewer_only_once(tmp_path, monkeypatch):
     run_page(job)
 
 
-def test_invalid_lines_are_ignored():
+def test_invalid_input_lines_of_the_playback_are_ignored():
     message = note("web.demo-done", verdict="USABLE")
     lines = [
         b"no\n",
@@ -133,10 +133,10 @@ def test_a_closed_page_does_not_end_the_work():
         stdin = io.BytesIO()
 
     Gone.stdin.close()
-    PageOfDrives(Gone()).say(note("web.demo-done", verdict="USABLE"))
+    PageOfDrives(Gone()).show_event(note("web.demo-done", verdict="USABLE"))
 
 
-def test_scenes_show_the_vehicle_the_identification_and_the_gains(tmp_path, monkeypatch):
+def test_a_playback_shows_the_vehicle_the_identification_and_the_gains(tmp_path, monkeypatch):
     from baqueano.web.lab import playback as module
 
     for name, seconds in (("LOOKS_S", 0.1), ("STAYS_S", 0.2), ("TUNED_S", 0.2)):
@@ -160,7 +160,7 @@ def test_scenes_show_the_vehicle_the_identification_and_the_gains(tmp_path, monk
     run_page(job)
 
 
-def test_tuned_gains_are_sent_as_plain_numbers():
+def test_tuned_gains_are_sent_as_valid_json_numbers():
     pipe = io.BytesIO()
     pipe.flush = lambda: None
 
@@ -171,7 +171,7 @@ def test_tuned_gains_are_sent_as_plain_numbers():
     tuning = SimpleNamespace(
         history=np.array([[0, 3.0], [0, 4.0], [1, 1.0]]), gains=(gain,), cost=1.0, cost_before=3.0
     )
-    PageOfDrives(Program()).tuned(tuning)
+    PageOfDrives(Program()).show_tuning(tuning)
     messages = []
     read(io.BytesIO(pipe.getvalue()), messages.append)
     assert messages[0]["history"] == [3.0, 3.0, 1.0]  # the least so far

@@ -1,4 +1,4 @@
-"""Questions that a worker answers: gains and their laps, blocks, comparisons, the same data through another filter."""
+"""Requests that a worker answers: gains and their laps, blocks, comparisons, the same data through another filter."""
 
 import asyncio
 import json
@@ -52,16 +52,16 @@ def serve_job(folder, job):
     run_page(whole)
 
 
-def test_gains_have_unit_meaning_and_range_and_a_lap_has_figures(folder):
+def test_the_tuning_answer_describes_each_gain_and_the_figures_of_a_lap(folder):
     async def job(visitor):
-        about = await visitor.ask("tune")
+        about = await visitor.request("tune")
         assert [gain["name"] for gain in about["gains"]] == ["k_i", "k_x", "k_chi", "join_m"]
         assert about["gains"][1]["unit"] == "1/s"
         assert about["gains"][1]["meaning"]
         assert about["route"] == "run"
         own = [gain["file"] for gain in about["gains"]]
-        lap = await visitor.ask("lap", gains=own, route="run")
-        weak = await visitor.ask("lap", gains=[0.0, 0.0, 0.2, 1.0], route="run")
+        lap = await visitor.request("lap", gains=own, route="run")
+        weak = await visitor.request("lap", gains=[0.0, 0.0, 0.2, 1.0], route="run")
         assert 0 < lap["rms"] < weak["rms"]
         assert len(lap["x"]) == len(lap["y"]) > 100
 
@@ -70,12 +70,12 @@ def test_gains_have_unit_meaning_and_range_and_a_lap_has_figures(folder):
 
 def test_the_cost_map_has_its_minimum_at_the_end_of_a_descent(folder):
     async def job(visitor):
-        about = await visitor.ask("tune", route="circle")
+        about = await visitor.request("tune", route="circle")
         own, low, high = ([gain[key] for gain in about["gains"]] for key in ("file", "low", "high"))
         axes = {"a": "k_chi", "b": "join_m", "route": "circle"}
-        land = await visitor.ask("landscape", gains=own, side=6, **axes)
+        land = await visitor.request("landscape", gains=own, side=6, **axes)
         assert len(land["costs"]) == 36
-        down = await visitor.ask("downhill", gains=own, price=0.1, route="circle")
+        down = await visitor.request("downhill", gains=own, price=0.1, route="circle")
         assert down["cost"] < down["before"]
         assert down["places"][0] != down["places"][-1]
         least = min(c[0] + 0.1 * c[1] for c in land["costs"] if c[0] is not None)
@@ -87,10 +87,10 @@ def test_the_cost_map_has_its_minimum_at_the_end_of_a_descent(folder):
 
 def test_the_newest_request_replaces_the_previous_request(folder):
     async def job(visitor):
-        own = [gain["file"] for gain in (await visitor.ask("tune"))["gains"]]
+        own = [gain["file"] for gain in (await visitor.request("tune"))["gains"]]
         more = {"gains": own, "a": "k_x", "b": "k_chi", "route": "run"}
         for number, side in ((100, 20), (101, 3)):
-            await visitor.say("ask", id=number, what="landscape", side=side, **more)
+            await visitor.send("ask", id=number, what="landscape", side=side, **more)
         answers = {}
         while len(answers) < 2:
             word = await visitor.next("answer", where=lambda word: word.get("id") in (100, 101))
@@ -104,7 +104,7 @@ def test_the_newest_request_replaces_the_previous_request(folder):
 @pytest.mark.parametrize("gains", [[1.0], ["x", 1, 1, 1], [1e999, 1, 1, 1], None, {"a": 1}])
 def test_invalid_gains_are_refused(folder, gains):
     async def job(visitor):
-        assert (await visitor.ask("lap", gains=gains, route="run"))["code"] == "web.not-understood"
+        assert (await visitor.request("lap", gains=gains, route="run"))["code"] == "web.not-understood"
 
     serve_job(folder, job)
 
@@ -112,25 +112,25 @@ def test_invalid_gains_are_refused(folder, gains):
 @pytest.mark.parametrize("route", ["../runs/round", "none", "/etc/passwd"])
 def test_a_route_outside_the_list_is_refused(folder, route):
     async def job(visitor):
-        assert (await visitor.ask("tune", route=route))["code"] == "door.no-route"
+        assert (await visitor.request("tune", route=route))["code"] == "door.no-route"
 
     serve_job(folder, job)
 
 
 def test_a_block_is_shown_with_source_parameters_cost_and_check(folder):
     async def job(visitor):
-        about = await visitor.ask("block", room="controller")
+        about = await visitor.request("block", room="controller")
         assert about["kind"] == about["of_file"] == "pd_feedforward"
         assert {"lqr", "stanley", "my_blocks.py:MyLaw"} <= set(about["kinds"])
         assert "class PdFeedforward" in about["text"].splitlines()[about["line"]]
         assert {"k_x", "join_m"} <= {parameter["name"] for parameter in about["parameters"]}
         assert 0 < about["step_us"] < about["tick_us"]
-        assert (await visitor.ask("check", room="controller"))["findings"] == []
-        assert (await visitor.ask("check", room="controller", kind="my_blocks.py:MyLaw"))["findings"]
-        own_block = await visitor.ask("block", room="estimator", kind="my_blocks.py:MyEkf")
+        assert (await visitor.request("check", room="controller"))["findings"] == []
+        assert (await visitor.request("check", room="controller", kind="my_blocks.py:MyLaw"))["findings"]
+        own_block = await visitor.request("block", room="estimator", kind="my_blocks.py:MyEkf")
         assert own_block["name"] == "MyEkf"
         for room in ("vehicle", "sensors", "supervisor", "guide"):
-            assert (await visitor.ask("block", room=room))["text"]
+            assert (await visitor.request("block", room=room))["text"]
 
     serve_job(folder, job)
 
@@ -138,17 +138,17 @@ def test_a_block_is_shown_with_source_parameters_cost_and_check(folder):
 @pytest.mark.parametrize("kind", ["os.py:system", "/tmp/x.py:X", "../x.py:X", "nothing"])
 def test_an_unlisted_block_is_never_executed(folder, kind):
     async def job(visitor):
-        assert (await visitor.ask("block", room="estimator", kind=kind))["code"] == "web.no-kind"
-        assert (await visitor.ask("check", room="estimator", kind=kind))["code"] == "web.no-kind"
-        await visitor.say("open", run=visitor.hello["runs"][0]["id"], filter=kind)
+        assert (await visitor.request("block", room="estimator", kind=kind))["code"] == "web.no-kind"
+        assert (await visitor.request("check", room="estimator", kind=kind))["code"] == "web.no-kind"
+        await visitor.send("open", run=visitor.hello["runs"][0]["id"], filter=kind)
         assert (await visitor.next("no"))["code"] == "web.no-kind"
 
     serve_job(folder, job)
 
 
-def test_a_replay_through_another_filter_is_a_second_data_set(folder, driven_folder):
+def test_a_replay_through_another_filter_is_sent_as_a_second_stream(folder, driven_folder):
     async def job(visitor):
-        await visitor.say("open", run=visitor.hello["runs"][0]["id"], filter="my_blocks.py:MyEkf")
+        await visitor.send("open", run=visitor.hello["runs"][0]["id"], filter="my_blocks.py:MyEkf")
         heads = [await visitor.next("answer", where=lambda word: word.get("done") is False) for _ in range(2)]
         await visitor.next("answer", where=lambda word: word.get("done") and word["stream"] == 2)
         assert [head["filter"] for head in heads] == [None, "my_blocks.py:MyEkf"]
@@ -171,7 +171,7 @@ def test_runs_are_compared_and_the_smaller_error_is_marked(folder, driven_folder
 
     async def job(visitor):
         words = {run["name"]: run["id"] for run in visitor.hello["runs"]}
-        comparison = await visitor.ask("compare", runs=[words["round"], words["off"]])
+        comparison = await visitor.request("compare", runs=[words["round"], words["off"]])
         assert comparison["names"] == ["round", "off"]
         rows = [row for section in comparison["sections"] for row in section["rows"]]
         assert [row["best"] for row in rows if row["label"].startswith("position (ATE)")] == [0]
@@ -183,7 +183,7 @@ def test_runs_are_compared_and_the_smaller_error_is_marked(folder, driven_folder
 def test_a_recorded_run_refuses_block_changes_and_writing(folder):
     async def job(visitor):
         for word in ({"room": "controller", "kind": "lqr"}, {"gains": [1, 1, 1, 1]}):
-            await visitor.say("swap" if "room" in word else "write", **word)
+            await visitor.send("swap" if "room" in word else "write", **word)
             assert (await visitor.next("no"))["code"] == "web.no-vehicle"
 
     serve_job(folder, job)
@@ -191,12 +191,12 @@ def test_a_recorded_run_refuses_block_changes_and_writing(folder):
 
 def test_a_stop_does_not_wait_for_a_long_request(folder):
     async def job(visitor):
-        own = [gain["file"] for gain in (await visitor.ask("tune"))["gains"]]
-        await visitor.say(
+        own = [gain["file"] for gain in (await visitor.request("tune"))["gains"]]
+        await visitor.send(
             "ask", id=1000, what="landscape", side=24, gains=own, a="k_x", b="k_chi", route="run"
         )
         began = asyncio.get_running_loop().time()
-        await visitor.ask("ping")
+        await visitor.request("ping")
         assert asyncio.get_running_loop().time() - began < 0.5
 
     serve_job(folder, job)

@@ -43,7 +43,7 @@ print(json.dumps({"port": port, "found": found, "listens": listens, "title": "<t
 
 
 def has_namespaces():
-    """Return True where this system makes a network of its own."""
+    """Return True if this system can make a separate network."""
     if sys.platform != "linux":
         return False
     try:
@@ -72,7 +72,7 @@ def test_ne1_ne8_no_port_is_open_and_the_page_needs_no_network(tmp_path):
     record = scanned(tmp_path)
     assert record["found"] == []
     assert {address.partition(":")[0] for address in record["listens"]} == {"0100007F"}  # 127.0.0.1
-    assert record["title"]  # and there is no way out of that network
+    assert record["title"]  # this network is not connected to another network
 
 
 @needs_namespace
@@ -94,15 +94,15 @@ def test_ne9_twenty_vehicles_in_one_room_obey_only_their_own_driver(tmp_path):
             assert len(set(robots)) == VEHICLES
 
             async def drives(k):
-                """Drive a vehicle; each beat follows one for the vehicle of the neighbour."""
+                """Drive a vehicle; each heartbeat follows one for the vehicle of the neighbour."""
                 (_, link, live), driver, n = pages[k], drivers[k], 0
                 while len(link.requests("hand")) < EACH:
                     if live.lease.holder is None:  # the machine may be busy
-                        await driver.say("take", robot=robots[k])
+                        await driver.send("take", robot=robots[k])
                     link.frame(0.05 * n)
                     for robot, u in ((robots[(k + 1) % VEHICLES], -1.0), (robots[k], k / 100.0)):
                         n += 1
-                        await driver.say("beat", n=n, seen=live.feed.number, u=[u], robot=robot)
+                        await driver.send("beat", n=n, seen=live.feed.number, u=[u], robot=robot)
                     await asyncio.sleep(0.05)
 
             async with asyncio.timeout(WAIT_S), asyncio.TaskGroup() as driving:
@@ -111,11 +111,11 @@ def test_ne9_twenty_vehicles_in_one_room_obey_only_their_own_driver(tmp_path):
             crossed_words = [word for k, (_, link, _) in enumerate(pages) for word in link.requests("hand")
                        if word["u"] != [k / 100.0]]  # fmt: skip
             assert crossed_words == []
-            await drivers[0].say("mission", kind="drive", robot=robots[1])
+            await drivers[0].send("mission", kind="drive", robot=robots[1])
             assert (await drivers[0].next("no", where=lambda word: word["to"] == "mission"))[
                 "code"
             ] == "web.other-robot"
-            await drivers[0].say("stop", robot=robots[1])  # a stop is never for another one
+            await drivers[0].send("stop", robot=robots[1])  # a stop never reaches another vehicle
             await until(lambda: pages[0][1].requests("stop"))
             assert not any(link.requests("stop") for _, link, _ in pages[1:])
 

@@ -1,4 +1,4 @@
-"""Every screen in every look: three sizes, two themes, two languages. Nothing is cut, hidden, faint or nameless."""
+"""Every screen in three sizes, two themes and two languages: no text is cut, hidden, faint or without a name."""
 
 import json
 import os
@@ -25,7 +25,7 @@ needs_axe = pytest.mark.skipif(
 @pytest.mark.parametrize("language", LANGUAGES)
 @pytest.mark.parametrize("kind", SEEN)
 def test_no_screen_has_a_layout_fault(browser, kind, language):
-    """No text cut, none over another, none faint, nothing beyond the edge."""
+    """No text is cut, overlaps another text, is faint, or extends beyond the edge."""
     wrong = {}
     for screen, tab in each_screen(browser, kind, language):
         for size in SIZES:

@@ -28,7 +28,7 @@ TRIES = 4
 
 @contextmanager
 def program(*words, **options):
-    """Run a program of ours until the test is over."""
+    """Run a program of baqueano until the end of the test."""
     running = subprocess.Popen([sys.executable, "-m", *words], stderr=subprocess.PIPE, text=True, **options)
     assert running.stderr is not None
     try:
@@ -54,7 +54,7 @@ def port_of(page):
 
 
 class Watcher:
-    """A guest of the door beside the page."""
+    """A guest of the door in addition to the page."""
 
     def __init__(self, path):
         end = time.monotonic() + START_S
@@ -71,7 +71,7 @@ class Watcher:
         self.file = self.line.makefile("rb")
 
     def state(self, *states):
-        """Return the first state of these names, and when it came."""
+        """Return the first state of these names, and its time."""
         for data in self.file:
             word = json.loads(data)
             if word["is"] == "state" and word["state"] in states:
@@ -84,8 +84,8 @@ class Watcher:
 
 
 async def driving(port, moves, via=None):
-    """Drive by hand as a browser does, a beat for each picture, until the page has gone; `moves` is set meanwhile. The
-    packets go `via` another port."""
+    """Drive by hand as a browser does, a heartbeat for each picture, until the page has ended; `moves` is set
+    meanwhile. The packets pass `via` another port."""
     from websockets.asyncio.client import connect
 
     host = f"127.0.0.1:{port}"
@@ -94,10 +94,10 @@ async def driving(port, moves, via=None):
         host="127.0.0.1", port=via or port,
     ) as line:  # fmt: skip
         visitor, n, frame = Browser(line), 0, 0
-        await visitor.say("hello", lang="en", name="ana")
+        await visitor.send("hello", lang="en", name="ana")
         await visitor.next("hello")
-        await visitor.say("take")
-        await visitor.say("mission", kind="drive")
+        await visitor.send("take")
+        await visitor.send("mission", kind="drive")
         hearing = asyncio.ensure_future(line.recv())
         while True:
             done, _ = await asyncio.wait({hearing}, timeout=0.05)
@@ -110,13 +110,13 @@ async def driving(port, moves, via=None):
                 if not isinstance(data, bytes):
                     if (
                         json.loads(data).get("state") == "STOPPED" and not moves.is_set()
-                    ):  # the machine stood still
-                        await visitor.say("clear")
-                        await visitor.say("take")
-                        await visitor.say("mission", kind="drive")
+                    ):  # the machine stalled
+                        await visitor.send("clear")
+                        await visitor.send("take")
+                        await visitor.send("mission", kind="drive")
                     continue
             n += 1
-            await visitor.say("beat", n=n, seen=frame, u=[0.5, 0.0, 0.0])
+            await visitor.send("beat", n=n, seen=frame, u=[0.5, 0.0, 0.0])
             await asyncio.sleep(0.03)
 
 
@@ -192,7 +192,8 @@ class StoppedItself(Exception):
 
 
 async def expected(visitor, kind, matches):
-    """Return the next word of a kind for which this is true; StoppedItself where the vehicle stops before."""
+    """Return the next message of a kind that satisfies the condition; raise StoppedItself if the vehicle stops
+    before."""
 
     def ends(word):
         return (word["is"] == kind and matches(word)) or word.get("state") == "STOPPED"
@@ -204,22 +205,22 @@ async def expected(visitor, kind, matches):
 
 
 async def lesson(visitor):
-    """Take the wheel, teach a ring and go along it until the third lap."""
-    await visitor.say("take")
-    await visitor.say("mission", kind="teach", name="ring", shape="circle", size_m=0.3, speed_m_s=0.3)
+    """Take control, teach a ring and drive along it until the third lap."""
+    await visitor.send("take")
+    await visitor.send("mission", kind="teach", name="ring", shape="circle", size_m=0.3, speed_m_s=0.3)
     assert (await expected(visitor, "route", lambda word: word["x"]))["closed"]
     routes = await expected(visitor, "routes", lambda word: word["routes"])
     assert routes["routes"][0]["name"] == "ring"
     assert visitor.frames
     await expected(visitor, "state", lambda word: word["state"] == "READY")
-    await visitor.say("mission", kind="repeat", route="ring", laps=0)
+    await visitor.send("mission", kind="repeat", route="ring", laps=0)
     state = await expected(visitor, "state", lambda w: w["mission"] == {"kind": "repeat", "route": "ring"})
     assert state["state"] == "MISSION"
     await expected(visitor, "state", lambda word: (word["lap"] or 0) >= 2)
 
 
 async def ready_again(visitor):
-    await visitor.say("clear")
+    await visitor.send("clear")
     await visitor.next("state", where=lambda word: word["state"] == "READY")
 
 
@@ -238,19 +239,19 @@ def test_a_route_is_taught_repeated_and_stopped_from_the_browser(tmp_path):
                 f"ws://{host}/ws", origin=f"http://{host}", subprotocols=["baqueano.1"], compression=None
             ) as line:
                 visitor = Browser(line)
-                await visitor.say("hello", lang="en")
+                await visitor.send("hello", lang="en")
                 await visitor.next("hello")
                 beating = asyncio.create_task(beats(visitor))
                 for tries_left in reversed(range(TRIES)):
                     try:
                         await lesson(visitor)
                         break
-                    except StoppedItself:  # the machine stood still for longer than the lease
+                    except StoppedItself:  # the machine stalled for longer than the lease
                         last = max((tmp_path / "runs").glob("*.mcap"), key=lambda path: path.name)
                         assert stop_of(read_run(last)).code == StopReason.HOLDER_SILENT
                         assert tries_left, "the lease was lost at each try"
                         await ready_again(visitor)
-                await visitor.say("stop")
+                await visitor.send("stop")
                 await visitor.next("state", where=lambda word: word["state"] == "STOPPED")
                 runs = await visitor.next("runs", where=lambda word: word["runs"][0]["kind"] == "repeat")
                 assert {run["kind"] for run in runs["runs"]} == {"teach", "repeat"}
@@ -261,10 +262,10 @@ def test_a_route_is_taught_repeated_and_stopped_from_the_browser(tmp_path):
 
 
 async def beats(visitor):
-    """Beat before each newest picture, as a browser that draws does."""
+    """Send a heartbeat before each newest picture, as a browser that draws does."""
     n = 0
     while True:
         n += 1
         frame = HEAD.unpack(visitor.frames[-1][:16])[0] if visitor.frames else 0
-        await visitor.say("beat", n=n, seen=frame, u=[0.0, 0.0, 0.0])
+        await visitor.send("beat", n=n, seen=frame, u=[0.0, 0.0, 0.0])
         await asyncio.sleep(0.05)

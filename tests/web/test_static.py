@@ -1,4 +1,4 @@
-"""The files of the page, without a browser: nothing from elsewhere, nothing as HTML, all texts in both languages."""
+"""The files of the page, without a browser: no external addresses, no text as HTML, all texts in both languages."""
 
 import json
 import re
@@ -44,7 +44,7 @@ def test_external_text_never_becomes_html(path):
 
 
 @pytest.mark.parametrize("path", SCRIPTS, ids=lambda path: path.name)
-def test_a_script_module_imports_only_existing_neighbours(path):
+def test_a_script_module_imports_only_existing_files_of_its_folder(path):
     for name in re.findall(r'from "([^"]+)"', path.read_text(encoding="utf-8")):
         assert name.startswith("./")
         assert (STATIC / name).is_file(), name
@@ -63,7 +63,7 @@ def test_the_html_document_contains_no_inline_script_or_style():
         assert (STATIC / address.removeprefix("/static/")).is_file(), address
 
 
-def test_both_languages_have_the_same_texts_with_the_same_places_to_fill():
+def test_both_languages_have_the_same_texts_with_the_same_placeholders():
     english, spanish = texts("en"), texts("es")
     assert list(english) == list(spanish)
     for key, text in english.items():

@@ -1,4 +1,4 @@
-"""A recorded run in a browser: the data, the language, and the cost of the page."""
+"""A recorded run in a browser: the data, the language, and the memory of the page."""
 
 import re
 import signal
@@ -10,7 +10,7 @@ import urllib.request
 import numpy as np
 import pytest
 
-from baqueano.web.lab.recorded import recorded
+from baqueano.web.lab.recorded import pack_run
 from tests.web.page_client import WAIT_S, browser, drive, folder_of, recorded_page, request, run_page
 
 
@@ -20,7 +20,7 @@ def folder(tmp_path):
 
 
 def columns_of(run):
-    record = recorded(run)
+    record = pack_run(run)
     return {field["name"]: record.x[:, k] for k, field in enumerate(record.fields)}, record
 
 
@@ -43,7 +43,7 @@ def test_columns_of_a_run_contain_its_recorded_values():
 @pytest.mark.parametrize(
     "text", ["", "name = 3", "command = 1\ngeometry = []", '[command]\nnames = "abc"\nlimit = "x"', "["]
 )
-def test_a_run_with_any_vehicle_text_is_shown(text):
+def test_a_run_with_an_invalid_vehicle_file_is_shown(text):
     from dataclasses import replace
 
     _, record = columns_of(replace(drive(ticks=20), vehicle_text=text))
@@ -59,7 +59,7 @@ def test_a_run_without_ticks_or_estimates_is_shown():
     assert np.isnan(x["eta.x"]).all()
     assert record.around["route"] is None
     empty = replace(bare, t_ns=bare.t_ns[:0], applied=bare.applied[:0])
-    assert recorded(empty).frame(1, 0, 10)[4:8] == b"\0\0\0\0"
+    assert pack_run(empty).frame(1, 0, 10)[4:8] == b"\0\0\0\0"
 
 
 def test_a_browser_receives_the_whole_run_and_its_ghost(folder):
@@ -67,7 +67,7 @@ def test_a_browser_receives_the_whole_run_and_its_ghost(folder):
         async with recorded_page(folder, "circle", "short") as server, browser(server) as visitor:
             assert (visitor.hello["mode"], visitor.hello["role"]) == ("replay", "drive")
             assert {run["name"] for run in visitor.hello["runs"]} == {"circle", "short"}
-            await visitor.say("open", **visitor.hello["open"])
+            await visitor.send("open", **visitor.hello["open"])
             first = await visitor.next("answer", where=lambda word: not word["done"])
             assert (first["stream"], first["run"]["kind"]) == (1, "repeat")
             assert first["events"][0]["text"] == "a stone"
@@ -75,18 +75,18 @@ def test_a_browser_receives_the_whole_run_and_its_ghost(folder):
             assert labels["z.imu[2]"] == labels["innov.imu[2]"] == "yaw rate of the gyro"
             await visitor.next("answer", where=lambda word: word["stream"] == 2 and word["done"])
             columns = len(first["fields"])
-            np.testing.assert_array_equal(visitor.rows(1, columns), recorded(drive()).x)
+            np.testing.assert_array_equal(visitor.rows(1, columns), pack_run(drive()).x)
             assert visitor.rows(2, columns).shape == (40, columns)
 
     run_page(job)
 
 
-def test_long_runs_come_in_frames_of_bounded_size(tmp_path):
+def test_long_runs_are_sent_in_frames_of_limited_size(tmp_path):
     long = folder_of(tmp_path / "runs", long=drive("long", 9000))
 
     async def job():
         async with recorded_page(long, "long") as server, browser(server) as visitor:
-            await visitor.say("open", **visitor.hello["open"])
+            await visitor.send("open", **visitor.hello["open"])
             end = await visitor.next("answer", where=lambda word: word["done"])
             assert end["seconds"] == pytest.approx(89.99)
             columns = len(visitor.hello["fields"])
@@ -98,7 +98,7 @@ def test_long_runs_come_in_frames_of_bounded_size(tmp_path):
     run_page(job)
 
 
-def test_each_browser_gets_its_own_language(folder):
+def test_each_browser_shows_the_language_that_its_user_chose(folder):
     async def job():
         page = recorded_page(folder, "circle")
         async with page as server, browser(server, "es") as spanish, browser(server, "en") as two:
@@ -107,7 +107,7 @@ def test_each_browser_gets_its_own_language(folder):
             ]
             assert labels == ["tiempo", "time"]
             for visitor in (spanish, two):
-                await visitor.say("beat", n=1)
+                await visitor.send("beat", n=1)
             answers = [await visitor.next("no") for visitor in (spanish, two)]
             assert [no["code"] for no in answers] == ["web.no-vehicle"] * 2
             assert answers[0]["why"] != answers[1]["why"]

@@ -41,7 +41,7 @@ def test_gains_are_applied_and_restored_by_the_driver(tab, live):
         "controller.k_x": 2,
         "controller.k_chi": 8,
     }
-    tab.wait(f"{TUNE}.do.apply.disabled && {TUNE}.state.textContent === 'in force'")
+    tab.wait(f"{TUNE}.do.apply.disabled && {TUNE}.state.textContent === 'in use'")
     tab.js(f"{TUNE}.do.undo.click()")
     until(lambda: live.gains == {"controller.k_i": 0.5, "controller.k_x": 1, "controller.k_chi": 4,
                                  "controller.join_m": 0.25})  # fmt: skip
@@ -58,7 +58,7 @@ def test_a_click_on_the_cost_map_selects_two_gains(tab, live):
     assert tab.js(f"{TUNE}.values[0]") == 0.5  # the others rest
 
 
-def test_selected_runs_are_compared_and_the_list_returns(tab, live):
+def test_selected_runs_are_compared_and_the_user_can_return_to_the_list(tab, live):
     open_page(tab, live, screen="runs")
     assert tab.js("document.querySelector('.runs footer .primary').disabled")
     for k in (0, 1):
@@ -96,7 +96,7 @@ def test_a_block_shows_its_source_and_can_be_checked_and_replaced(tab, live):
     until(lambda: live.words("swap") == [{"is": "swap", "room": "estimator", "kind": "ekf"}])
 
 
-def test_a_ghost_is_paired_by_marks(tab):
+def test_the_ghost_run_is_aligned_with_the_run_by_marks(tab):
     with ScriptedServer("replay", ghost=True) as server:
         open_page(tab, server)
         tab.wait(f"Boolean({PAGE}.ghost)")

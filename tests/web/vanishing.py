@@ -1,4 +1,4 @@
-"""A connection whose packets vanish: nothing arrives any more, and neither end is notified."""
+"""A connection whose packets are lost: nothing arrives after `unplug`, and neither end is notified."""
 
 import asyncio
 from collections.abc import AsyncIterator
@@ -17,7 +17,7 @@ class Vanishing:
         self.port = 0
 
     def unplug(self) -> None:
-        """Let all that comes from now on vanish; both ends stay open."""
+        """Discard everything that arrives from now on; both ends stay open."""
         self._plugged.clear()
 
     async def joined(self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
@@ -32,7 +32,7 @@ class Vanishing:
         with suppress(OSError):
             while data := await reader.read(1 << 16):
                 if not self._plugged.is_set():
-                    await asyncio.Event().wait()  # what was read is lost, and nothing is read any more
+                    await asyncio.Event().wait()  # the read data are lost, and nothing more is read
                 writer.write(data)
                 await writer.drain()
 
@@ -46,7 +46,7 @@ class Vanishing:
 
 @asynccontextmanager
 async def vanishing(port: int) -> AsyncIterator[Vanishing]:
-    """Listen for those who speak to a port through such a line."""
+    """Listen for clients and connect them to a port through such a connection."""
     line = Vanishing(port)
     server = await asyncio.start_server(line.joined, "127.0.0.1", 0)
     line.port = server.sockets[0].getsockname()[1]

@@ -1,4 +1,4 @@
-"""The duty of a tick is that of the tick, whenever telemetry is sent: no later, and nothing is lost."""
+"""The applied duty of each tick is exact for any telemetry phase, without delay or loss."""
 
 import numpy as np
 import pytest
@@ -29,14 +29,14 @@ class Firmware:
             self.duties.append([self.motors.duty(k, x) for k, x in enumerate(self.requests)])
             self.ms += 1
             if self.ms % 10 == self.phase_ms:
-                self.tell(applied)
+                self.report(applied)
 
-    def tell(self, applied):
+    def report(self, applied):
         applied.update(self.ms * MS, tuple(np.mean(self.duties[-10:], axis=0)), tuple(self.duties[-1]), False)
 
 
 def drive_motors(motors, phase_ms, ticks=300, on_the_way_ms=1, seed=0):
-    """Reported (ticks, 2) and true mean duties of each tick."""
+    """Return reported (ticks, 2) and true mean duties of each tick."""
     rng, applied, firmware = (
         np.random.default_rng(seed),
         AppliedDuties(motors),
@@ -49,7 +49,7 @@ def drive_motors(motors, phase_ms, ticks=300, on_the_way_ms=1, seed=0):
         if k % 20 == 0:
             goal = tuple(rng.uniform(-1.0, 1.0, 2))
         firmware.command(goal)
-        applied.sent(firmware.ms * MS, *goal)
+        applied.record_command(firmware.ms * MS, *goal)
         firmware.until(firmware.ms + 10, applied)
         means.append(applied.mean(firmware.ms * MS))
         true.append(np.mean(firmware.duties[-10:], axis=0))
@@ -57,25 +57,25 @@ def drive_motors(motors, phase_ms, ticks=300, on_the_way_ms=1, seed=0):
 
 
 @pytest.mark.parametrize("phase_ms", range(10))
-def test_the_applied_duty_of_a_tick_is_exact_in_every_phase(phase_ms):
+def test_the_mean_duty_of_a_tick_is_exact_for_every_telemetry_phase(phase_ms):
     means, true = drive_motors(UNEQUAL, phase_ms)
     np.testing.assert_allclose(means, true, atol=1e-9)
 
 
 @pytest.mark.parametrize("phase_ms", [1, 2])
 def test_errors_of_the_predicted_duty_do_not_accumulate(phase_ms):
-    means, true = drive_motors(UNEQUAL, phase_ms, on_the_way_ms=4)  # three late
+    means, true = drive_motors(UNEQUAL, phase_ms, on_the_way_ms=4)  # 3 ms more delay
     behind = 0.01 * np.cumsum(means - true, axis=0)
     assert np.max(np.abs(means - true)) > 0.1
     assert np.max(np.abs(behind)) < 0.006, "the duty of three milliseconds, twice as large where it reverses"
-    assert np.max(np.abs(behind[18::20])) < 1e-9, "none where the command has held for a while"
+    assert np.max(np.abs(behind[18::20])) < 1e-9, "no error after a constant command"
 
 
 def test_no_duty_is_predicted_for_a_stopped_vehicle():
     applied = AppliedDuties()
     applied.update(0, (0.0, 0.0), (0.0, 0.0), False)
     applied.begin(0)
-    applied.sent(0, 0.5, 0.5)
+    applied.record_command(0, 0.5, 0.5)
     np.testing.assert_allclose(applied.mean(10 * MS), 0.5 * (1.0 - ON_THE_WAY_NS / (10 * MS)))
     applied.update(12 * MS, (0.0, 0.0), (0.0, 0.0), True)
     assert np.all(applied.mean(20 * MS) < 0.0), "subtracts the excess of the previous tick"
@@ -83,7 +83,7 @@ def test_no_duty_is_predicted_for_a_stopped_vehicle():
     np.testing.assert_allclose(applied.mean(30 * MS), 0.0, atol=1e-12)
 
 
-def test_request_and_duty_conversions_are_inverse():
+def test_conversion_from_duty_to_request_inverts_the_reverse_conversion():
     for wheel in (0, 1):
         for x in (-1.0, -0.4, 0.0, 0.2, 1.0):
             assert UNEQUAL.request(wheel, UNEQUAL.duty(wheel, x)) == pytest.approx(x, abs=1e-8)

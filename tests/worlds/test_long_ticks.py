@@ -7,7 +7,7 @@ from baqueano import clock, loop
 from baqueano.guides.shapes import circle
 from baqueano.signals import Command
 from baqueano.simulate import simulate, simulate_loop
-from baqueano.simulate.closed_loop import closed
+from baqueano.simulate.closed_loop import close_loop
 from baqueano.vehicle_file import load
 from baqueano.worlds import ShakenWorld, SimulatedWorld
 
@@ -31,7 +31,7 @@ def drive_loop(world):
 
 
 @pytest.mark.parametrize("kind", [SimulatedWorld, ShakenWorld])
-def test_a_closed_loop_at_10_hz_equals_the_open_loop_with_its_commands(kind):
+def test_a_closed_loop_at_10_hz_equals_its_open_loop_replay(kind):
     u, eta, z = drive_loop(kind(SLOW.vehicle, SLOW.sensors, SLOW.rate_hz, SEED))
     run = simulate(SLOW, u, SEED)
     np.testing.assert_allclose(eta, run.truth.eta, atol=1e-9)
@@ -58,9 +58,9 @@ def test_compiled_and_clocked_loop_agree_at_10_hz():
     run = simulate_loop(SLOW, route, seed=4, duration_s=3.0)
     world, records = SimulatedWorld(SLOW.vehicle, SLOW.sensors, SLOW.rate_hz, seed=4), []
     loop.run(
-        closed(SLOW, route).blocks,
+        close_loop(SLOW, route).blocks,
         world,
-        clock.simulated(SLOW.rate_hz, 3.0),
+        clock.simulated_ticks(SLOW.rate_hz, 3.0),
         on_record=records.append,
         eta=np.zeros(3),
     )

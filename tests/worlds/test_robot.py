@@ -1,4 +1,4 @@
-"""The real vehicle as a world: sent duties, applied duties, the body's axes, reported silence."""
+"""The real vehicle as a world: sent duties, applied duties, the axes of the body, reported silence."""
 
 import tracemalloc
 from types import SimpleNamespace
@@ -65,7 +65,7 @@ def test_a_command_is_converted_to_limited_duties_of_two_wheels():
     assert line.sent == [(0.3, 0.7), (0.0, 1.0)]
 
 
-def test_a_tick_contains_the_mean_applied_command_or_the_last_value():
+def test_a_tick_without_telemetry_repeats_the_last_applied_command():
     line = Line(telemetry(5, (0.2, 0.4)), telemetry(10, (0.4, 0.6)))
     robot = Robot(vehicle_file.load("small").sensors, line, None, Body())
     np.testing.assert_allclose(robot.read(10 * MS)[0].u, [0.5, 0.0, 0.1])
@@ -89,7 +89,7 @@ def test_samples_since_the_last_tick_are_averaged():
 
 
 def test_the_modelled_low_pass_delay_is_not_counted_twice_in_timestamps():
-    """The estimators take their sum for the age, and a fit has the filter in h."""
+    """The estimators use the sum of both delays as the age, and a fit has the filter in h."""
     total_s = []
     for imu in (Imu(), Imu(low_pass_hz=low_pass_hz(3)), Imu(low_pass_hz=100.0)):
         chip = Chip(Sample(8 * MS, np.array([0.0, 0.0, 9.8]), np.zeros(3), 30.0))
@@ -99,14 +99,14 @@ def test_the_modelled_low_pass_delay_is_not_counted_twice_in_timestamps():
     assert 0.5 / (np.pi * low_pass_hz(3)) == pytest.approx(Chip.delay_s[1])
 
 
-def test_data_of_an_ended_drive_do_not_enter_the_next_drive():
+def test_data_of_an_ended_drive_are_not_part_of_the_next_drive():
     robot = Robot(sensors(imu=Imu()), Line(telemetry(5)), None, Body())
     robot.read(10 * MS)
     robot.begin(20 * MS)
     assert robot.new_channels() == []
 
 
-def test_each_event_is_reported_once_and_memory_does_not_grow_without_recording():
+def test_without_recording_each_event_is_reported_once_and_memory_is_constant():
     line, chip = Line(), Chip()
     robot = Robot(sensors(), line, chip, Body())
     events = []
@@ -141,7 +141,7 @@ def test_wheel_speeds_follow_their_counts_and_a_mark_is_received_once():
     assert robot.read(120 * MS)[0].sensors.mark.has == 0.0
 
 
-def test_an_encoder_speed_has_half_the_age_of_its_interval():
+def test_the_age_of_an_encoder_speed_includes_half_its_interval():
     line = Line(telemetry(10))
     encoders = sensors(encoders=Encoders(track_m=0.1, count_m=0.00314))
     robot = Robot(encoders, line, None, Body(wheel_radius_m=0.03, counts_per_turn=60.0))
@@ -152,7 +152,7 @@ def test_an_encoder_speed_has_half_the_age_of_its_interval():
     assert measured_ns(34 * MS, slot) == 20 * MS
 
 
-def test_a_counter_overflow_is_not_a_jump():
+def test_a_counter_overflow_causes_no_jump_of_the_speed():
     line = Line(telemetry(10, counts=((1 << 31) - 2, 3 - (1 << 31))))
     robot = Robot(sensors(wheels=Wheels(track_m=0.1)), line, None, Body("two_wheels", 0.03, 60.0))
     robot.read(10 * MS)
@@ -161,8 +161,8 @@ def test_a_counter_overflow_is_not_a_jump():
     np.testing.assert_allclose(slots.wheels.z, [2 * np.pi * 0.03, -4 * np.pi * 0.03])
 
 
-def test_a_restarted_uno_gives_no_motion_and_no_mark():
-    """Its counts begin at 0 again: from there they are measured."""
+def test_a_restart_of_the_uno_causes_no_false_motion_or_mark():
+    """Its counts begin at 0 again, and measurement continues from there."""
     line = Line(telemetry(10, counts=(5000, 5000), marks=3))
     robot = Robot(
         sensors(wheels=Wheels(track_m=0.1), mark=Mark()), line, None, Body("two_wheels", 0.03, 60.0)

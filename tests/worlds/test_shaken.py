@@ -1,4 +1,6 @@
-"""A shaken world: pure inputs, the same faults and seed give the same numbers, a twin differs by its fault alone."""
+"""A world with faults: pure inputs; the same faults and seed give the same numbers; without the fault the run is
+equal before it.
+"""
 
 import numpy as np
 import pytest
@@ -28,7 +30,7 @@ def world(cls=ShakenWorld, file=FILE, **options):
 
 
 def drive_world(simulated_world, seconds=2.0, u=(0.5, 0.0, 0.1), at=None, rate_hz=FILE.rate_hz):
-    """Truth and readings (N, 9) of each tick; `at` is done before the tick of a number."""
+    """Return truth and readings (N, 9) of each tick; `at` is called before the tick of this number."""
     rows = []
     for k in range(round(seconds * rate_hz)):
         if at is not None and k in at:
@@ -88,7 +90,7 @@ def test_an_imu_measures_pushes_and_floor_forces_but_not_free_fall():
     assert falling[-1, 3] == pytest.approx(-2.0 * STANDARD_GRAVITY * np.sin(0.05), rel=0.01)
 
 
-def test_slipping_wheels_measure_too_much_speed_and_push_less():
+def test_slipping_wheels_measure_a_higher_speed_and_drive_with_less_force():
     file = parse(
         FILE.text + '\n[sensors.wheels]\nkind = "wheels"\nrate_hz = 100.0\nnoise_std = 0.0\n', "wheels"
     )
@@ -121,7 +123,7 @@ def test_faults_added_during_a_run_are_exactly_reproducible():
         50: lambda w: w.shake({"kind": "drift", "of": "imu[2]", "size": 0.1}),
         80: lambda w: w.shake({"kind": "tilt", "x": 0.03}),
         120: lambda w: w.over(1),
-        130: lambda w: w.shake({"kind": "tilt", "y": 0.02}),  # in place of the first
+        130: lambda w: w.shake({"kind": "tilt", "y": 0.02}),  # replaces the first
         150: lambda w: w.shake({"kind": "push", "x": 0.1, "frame": "map"}),
     }
     rows = drive_world(lively, at=at)
@@ -133,7 +135,7 @@ def test_faults_added_during_a_run_are_exactly_reproducible():
     np.testing.assert_array_equal(drive_world(world(shake=faults_of_run)), rows)
 
 
-def test_the_fault_free_twin_is_identical_until_the_fault():
+def test_a_fault_free_simulation_is_identical_until_the_fault():
     u = np.tile([0.5, 0.0, 0.1], (300, 1))
     shaken_run, twin = (experiment(FILE, u, seed=2, shake=s) for s in (["1 s: sag 84 %"], []))
     np.testing.assert_array_equal(shaken_run.truth.eta[:100], twin.truth.eta[:100])
@@ -198,7 +200,7 @@ def test_the_ledger_lists_each_detection_with_its_time():
     assert "monitor" in [notice.witness for notice in row.noticed]
 
 
-def test_detections_of_an_earlier_fault_are_not_assigned_to_the_next():
+def test_the_detection_of_a_fault_is_not_assigned_to_the_next_fault():
     u = np.tile([0.5, 0.0, 0.1], (600, 1))
     run = experiment(FILE, u, seed=1, shake=["3 s: push 0.4 N s left", "3.5 s: drift imu[2] 0.02"])
     push, drift = ledger_of(run, FILE).rows
@@ -206,7 +208,7 @@ def test_detections_of_an_earlier_fault_are_not_assigned_to_the_next():
     assert drift.noticed == []
 
 
-def test_the_ledger_lists_missing_detections_with_their_reasons():
+def test_the_ledger_gives_the_reason_if_no_fault_detector_reacted():
     ledger, row = rows_of("4 s: drift imu[2] 0.15")
     assert row.noticed == []
     assert set(row.silent()) == {"monitor", "model", "supervisor", "gate", "nis"}
@@ -217,4 +219,4 @@ def test_the_ledger_lists_missing_detections_with_their_reasons():
     ledger, row = rows_of("4 s: sag 84 %")
     assert ledger.reason_unnoticed(row.fault).code == "ledger.why-sag"
     ledger, row = rows_of("7.5 s: sag 84 %")
-    assert ledger.nobody(row) is None  # too early to tell
+    assert ledger.nobody(row) is None  # too early for a verdict

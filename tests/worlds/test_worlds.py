@@ -32,7 +32,7 @@ def ticks_of(sensors, n=600, seed=3, bundle=1, backend="numpy"):
     return ticks, world
 
 
-def test_the_world_equals_the_pure_step_with_named_noise():
+def test_the_world_equals_the_pure_step_with_the_same_noise():
     ticks, world = ticks_of(SENSORS)
     process, imu = unit_normals(3, PROCESS, 600, 3), unit_normals(3, sensor_stream("imu"), 600, 6)
     state = world_init(VEHICLE, SENSORS)
@@ -50,7 +50,7 @@ def test_an_additional_sensor_does_not_change_the_noise_of_others():
     assert all(np.array_equal(a.sensors.imu.z, b.sensors.imu.z) for a, b in zip(without, both, strict=True))
 
 
-def test_bundled_reading_gives_the_same_ticks():
+def test_reading_seven_ticks_at_a_time_gives_the_same_ticks():
     first, _ = ticks_of(SENSORS)
     seven, _ = ticks_of(SENSORS, n=602, bundle=7)
     assert all(
@@ -143,7 +143,7 @@ def test_a_gap_is_filled_with_ticks_without_readings():
     assert all(t.sensors.imu.has == 0.0 and np.array_equal(t.u, U) for t in hole)
 
 
-def test_a_gap_of_a_day_is_filled_only_in_part():
+def test_a_gap_of_a_day_is_filled_only_partly():
     ticks, _ = ticks_of(SENSORS, n=20)
     late = [t._replace(t_ns=t.t_ns + 86_400 * 1_000_000_000) for t in ticks[10:]]
     assert len(ReplayedWorld(run_of(ticks[:10] + late)).times) < 6100

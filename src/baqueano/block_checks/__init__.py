@@ -1,12 +1,12 @@
-"""Check the contracts of blocks: `check_estimator(block)` and its siblings return diagnostics for the author.
+"""Check the contracts of blocks: `check_estimator(block)` and the similar functions return diagnostics for the author.
 
-    pure            an argument, or the block itself, never changes
+    pure            arguments and the block itself never change
     deterministic   the same call gives the same numbers, bit for bit
     stamped         an output has the timestamp of its input
-    wrapped         angles that leave a block lie within [−π, π]
+    wrapped         angles in outputs are within [−π, π]
     positive        covariances are symmetric, without a negative eigenvalue
     anywhere        a clock that begins at an epoch gives the same results as one that begins at 0
-    alone           no clock, file, random number or print
+    alone           the block does not use a clock, file, random number or print
 
 The list is empty if a block passes. `notes` reports if a block can be compiled.
 """
@@ -55,7 +55,7 @@ def check(
     sensors : NamedTuple of Sensor, optional
         Sensors of the vehicle, for an estimator or a supervisor; else one IMU.
     commands : int
-        Channels of the vehicle's command.
+        Number of channels of the vehicle's command.
 
     Returns
     -------

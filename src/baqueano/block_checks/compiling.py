@@ -1,4 +1,4 @@
-"""Check if a block can be compiled, with the same results. A block that cannot runs uncompiled, and slower."""
+"""Check if a block can be compiled, with the same results. Otherwise it runs uncompiled, and more slowly."""
 
 from typing import Any
 
@@ -9,7 +9,7 @@ from baqueano.block_checks.rooms import TICK_NS, a_sensor, slots_at
 from baqueano.block_checks.source import place
 from baqueano.contracts.blocks import SensorBlocks
 from baqueano.diagnostics import Diagnostic, Severity, note
-from baqueano.errors import from_outside, named
+from baqueano.errors import error_text, from_outside
 from baqueano.signals import Command, Estimate, Reference, Tick
 from baqueano.symbolic import TraceError, function
 
@@ -19,7 +19,7 @@ AGREE = 1e-9  # relative; back ends agree to 1e-12 a step, an ill-conditioned bl
 def notes(
     room: str, block: Any, sensors: SensorBlocks | None = None, commands: int = 3, backend: str = "python"
 ) -> list[Diagnostic]:
-    """Return notes on a block that fulfils its contract: if simulations with it are fast.
+    """Return notes on a block that fulfils its contract, if it cannot be compiled or its compiled results differ.
 
     Parameters
     ----------
@@ -30,14 +30,14 @@ def notes(
     sensors : NamedTuple of Sensor, optional
         Sensors of the vehicle, else one IMU.
     commands : int
-        Channels of the vehicle's command.
+        Number of channels of the vehicle's command.
     backend : str
         "python", "c" or "numpy".
 
     Returns
     -------
     list of Diagnostic
-        Empty if the block can be compiled, and then gives the same numbers.
+        Empty if the block can be compiled, with the same numbers.
 
     Examples
     --------
@@ -54,14 +54,16 @@ def notes(
     except BaseException as error:
         if from_outside(error):
             raise
-        return [note("check.not-compiled", Severity.WARNING, subject=subject, place=at, error=named(error))]
+        return [
+            note("check.not-compiled", Severity.WARNING, subject=subject, place=at, error=error_text(error))
+        ]
     if not _alike(block.step(*arguments), quick):
         return [note("check.compiled-otherwise", Severity.WARNING, subject=subject, place=at)]
     return []
 
 
 def _arguments(room: str, block: Any, sensors: SensorBlocks, n: int) -> tuple[Any, ...]:
-    """Return the arguments of one tick in the middle of a circle."""
+    """Return the arguments of a step of the block, at a tick in the middle of a circle."""
     estimate = Estimate(5 * TICK_NS, np.array([0.1, 0.2, 0.3]), np.array([0.3, 0.0, 0.5]), 1e-4 * np.eye(6))
     reference = Reference(5 * TICK_NS, np.array([0.12, 0.21, 0.35]), estimate.nu, 0.0)
     tick = Tick(5 * TICK_NS, np.full(n, 0.3), slots_at(sensors, 4))

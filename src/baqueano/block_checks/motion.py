@@ -19,7 +19,7 @@ CURVE, ROLLING, TURNED = note("when.curve"), note("when.rolling"), note("when.ps
 
 
 def check_vehicle(block: object) -> list[Diagnostic]:
-    """Return the faults of a vehicle. It drives a curve, rests, and rolls.
+    """Return the faults of a vehicle. In the check it drives a curve, rests, and rolls.
 
     Parameters
     ----------
@@ -39,9 +39,9 @@ def check_vehicle(block: object) -> list[Diagnostic]:
     trial = Trial(block, ("init", "step", "advance", "gravity"))
     n = getattr(block, "commands", None)
     if not isinstance(n, int):
-        trial.say("check.no-commands")
+        trial.add_fault("check.no-commands")
     if not hasattr(getattr(block, "drivetrain", None), "step"):
-        trial.say("check.no-drivetrain")
+        trial.add_fault("check.no-drivetrain")
     try:
         if isinstance(n, int) and not trial.lacking:
             _drive(trial, n)
@@ -51,45 +51,45 @@ def check_vehicle(block: object) -> list[Diagnostic]:
 
 
 def _drive(trial: Trial, n: int) -> None:
-    state = trial.ask("init", AT_START, ETA, NU)
+    state = trial.checked_call("init", AT_START, ETA, NU)
     for part, shape in (("eta", (3,)), ("nu", (3,)), ("nu_dot", (3,))):
         trial.expect(f"state.{part}", getattr(state, part, None), shape, AT_START, "init")
-    gravity = trial.expect("gravity", trial.ask("gravity", TURNED, 1.0), (2,), TURNED, "gravity")
+    gravity = trial.expect("gravity", trial.checked_call("gravity", TURNED, 1.0), (2,), TURNED, "gravity")
     motion = None
     for k in range(TICKS):
         u = np.array([0.5, 0.0, 0.4])[:n] if n <= 3 else np.full(n, 0.3)
         state, motion = trial.step(CURVE, state, u, DT_S, np.zeros(3))
         _motion(trial, motion, note("when.tick-of-curve", tick=k + 1))
-    start = trial.ask("init", note("when.rest"))
+    start = trial.checked_call("init", note("when.rest"))
     rest = start
     for _ in range(TICKS):
         rest, motion = trial.step(note("when.rest"), rest, np.zeros(n), DT_S, np.zeros(3))
     if motion is not None and not np.any(gravity) and np.max(np.abs(motion.eta - start.eta)) > 1e-6:
-        trial.say("check.moves-by-itself", "step", moved=str(motion.eta - start.eta))
+        trial.add_fault("check.moves-by-itself", "step", moved=str(motion.eta - start.eta))
     effort = steady(np.zeros(n))
-    after = trial.ask("advance", ROLLING, ETA, NU, effort, DT_S)
+    after = trial.checked_call("advance", ROLLING, ETA, NU, effort, DT_S)
     if not (isinstance(after, tuple) and len(after) == 3):
-        trial.say("check.returns", "advance", found=type(after).__name__, expected="(η, ν, ν̇)")
+        trial.add_fault("check.returns", "advance", found=type(after).__name__, expected="(η, ν, ν̇)")
         raise GaveUp
     for name, value in zip(("η", "ν", "ν̇"), after, strict=True):
         trial.expect(name, value, (3,), ROLLING, "advance")
-    trial.wrapped("ψ", float(after[0][2]), ROLLING)
+    trial.check_wrapped("ψ", float(after[0][2]), ROLLING)
     if not np.any(gravity) and (abs(after[1][0]) > abs(NU[0]) + 1e-9 or abs(after[1][2]) > abs(NU[2]) + 1e-9):
-        trial.say("check.gains-speed", "advance", before=str(NU.tolist()), after=str(after[1].tolist()))
+        trial.add_fault("check.gains-speed", "advance", before=str(NU.tolist()), after=str(after[1].tolist()))
 
 
 def _motion(trial: Trial, motion: Motion, when: Diagnostic) -> None:
     if not isinstance(motion, Motion):
         expected = "(state, Motion(eta, nu, nu_dot, gravity))"
-        trial.say("check.returns", "step", found=type(motion).__name__, expected=expected)
+        trial.add_fault("check.returns", "step", found=type(motion).__name__, expected=expected)
         raise GaveUp
     for name, shape in (("eta", (3,)), ("nu", (3,)), ("nu_dot", (3,)), ("gravity", (2,))):
         trial.expect(f"Motion.{name}", getattr(motion, name), shape, when)
-    trial.wrapped("Motion.eta[2]", float(motion.eta[2]), when)
+    trial.check_wrapped("Motion.eta[2]", float(motion.eta[2]), when)
 
 
 def check_sensor(block: object) -> list[Diagnostic]:
-    """Return the faults of a sensor. It measures a circle through ψ = π.
+    """Return the faults of a sensor. In the check it measures a circle through ψ = π.
 
     Parameters
     ----------
@@ -109,7 +109,7 @@ def check_sensor(block: object) -> list[Diagnostic]:
     trial = Trial(block, ("init", "step", "h"))
     for name in ("size", "noise_size", "rate_hz", "cov"):
         if not hasattr(block, name):
-            trial.say("check.no-attribute", name=name)
+            trial.add_fault("check.no-attribute", name=name)
     try:
         if not trial.lacking:
             _measure(trial, block)
@@ -122,19 +122,21 @@ def _measure(trial: Trial, block: Any) -> None:
     m = int(block.size)
     Q = trial.covariance("cov", block.cov, m, AT_START, "h")
     if np.any(np.diag(Q) <= 0.0):
-        trial.say("check.no-noise")
-    expected = trial.expect("h", trial.ask("h", CURVE, moving(0)), (m,), CURVE, "h")
-    state, answers = trial.ask("init", AT_START), 0
+        trial.add_fault("check.no-noise")
+    expected = trial.expect("h", trial.checked_call("h", CURVE, moving(0)), (m,), CURVE, "h")
+    state, answers = trial.checked_call("init", AT_START), 0
     for k in range(TICKS):
         state, slot = trial.step(CURVE, state, moving(k), DT_S, np.zeros(int(block.noise_size)))
         if not isinstance(slot, Slot):
-            trial.say("check.returns", "step", found=type(slot).__name__, expected="(state, Slot(has, z))")
+            trial.add_fault(
+                "check.returns", "step", found=type(slot).__name__, expected="(state, Slot(has, z))"
+            )
             raise GaveUp
         z = trial.expect("Slot.z", slot.z, expected.shape, CURVE)
         if slot.has not in (0.0, 1.0):
-            trial.say("check.has", "step", found=str(slot.has))
+            trial.add_fault("check.has", "step", found=str(slot.has))
         if slot.has == 0.0 and np.any(z):
-            trial.say("check.has-not", "step")
+            trial.add_fault("check.has-not", "step")
         answers += int(slot.has > 0.0)
     _rate(trial, block, answers)
 
@@ -147,7 +149,9 @@ def _rate(trial: Trial, block: Any, answers: int) -> None:
     expected = min(1.0 / DT_S, float(block.rate_hz)) * max(TICKS * DT_S - late, 0.0) * in_sight
     if abs(answers - expected) > 2.0 + 0.05 * expected:
         lasted_s, rate_hz = TICKS * DT_S, block.rate_hz
-        trial.say("check.rate", "step", answers=answers, lasted_s=lasted_s, rate_hz=rate_hz, wanted=expected)
+        trial.add_fault(
+            "check.rate", "step", answers=answers, lasted_s=lasted_s, rate_hz=rate_hz, wanted=expected
+        )
 
 
 def moving(k: int) -> Motion:

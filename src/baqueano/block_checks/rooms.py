@@ -32,8 +32,8 @@ def check_estimator(
 ) -> list[Diagnostic]:
     """Return the faults of an estimator.
 
-    It drives a circle across ψ = π, receives nothing for 2 s, then damaged measurements, a repeated tick and a gap of
-    0.3 s.
+    In the check it estimates a circle across ψ = π. It receives no measurement for 2 s, then damaged measurements, a
+    repeated tick and a gap of 0.3 s.
 
     Parameters
     ----------
@@ -63,7 +63,7 @@ def check_estimator(
 
 
 def _estimate(trial: Trial, sensors: SensorBlocks, n: int) -> None:
-    belief, t_ns = trial.ask("init", AT_START), 0
+    belief, t_ns = trial.checked_call("init", AT_START), 0
     u = np.array([0.3, 0.0, 0.3])[:n] if n <= 3 else np.full(n, 0.2)
     estimate = None
     for k in range(70):
@@ -76,7 +76,7 @@ def _estimate(trial: Trial, sensors: SensorBlocks, n: int) -> None:
         t_ns += 2 * TICK_NS
         belief, estimate = _believe(trial, belief, Tick(t_ns, u, none), note("when.silent"))
     if not np.trace(estimate.cov[:2, :2]) > before:
-        trial.say("check.sure-without-sensors", "step")
+        trial.add_fault("check.sure-without-sensors", "step")
     for value in (np.nan, np.inf):
         t_ns += TICK_NS
         slots = type(none)(*(Slot(1.0, np.full(s.size, value)) for s in sensors))
@@ -91,18 +91,18 @@ def _believe(trial: Trial, belief: Tree, tick: Tick, when: Diagnostic) -> tuple[
     belief, estimate = trial.step(when, belief, tick)
     if not isinstance(estimate, Estimate):
         expected = "(belief, Estimate(t_ns, eta, nu, cov))"
-        trial.say("check.returns", "step", found=type(estimate).__name__, expected=expected)
+        trial.add_fault("check.returns", "step", found=type(estimate).__name__, expected=expected)
         raise GaveUp
-    trial.stamped(estimate, tick.t_ns, "tick", when)
+    trial.check_stamp(estimate, tick.t_ns, "tick", when)
     eta = trial.expect("Estimate.eta", estimate.eta, (3,), when)
     trial.expect("Estimate.nu", estimate.nu, (3,), when)
-    trial.wrapped("Estimate.eta[2]", float(eta[2]), when)
+    trial.check_wrapped("Estimate.eta[2]", float(eta[2]), when)
     trial.covariance("Estimate.cov", estimate.cov, 6, when)
     return belief, estimate
 
 
 def slots_at(sensors: SensorBlocks, k: int) -> Any:
-    """Return the readings of the sensors on a circle at 0.3 m/s."""
+    """Return the readings of the sensors at tick `k` on a circle at 0.3 m/s."""
     psi = wrap(TURN * DT_S * (k + 1))
     motion = Motion(np.array([0.0, 0.0, psi]), np.array([0.3, 0.0, TURN]), np.zeros(3), np.zeros(2))
     slots = sensor_slots(tuple(sensors._fields))
@@ -112,15 +112,15 @@ def slots_at(sensors: SensorBlocks, k: int) -> Any:
 def check_controller(block: object, commands: int = 3) -> list[Diagnostic]:
     """Return the faults of a controller.
 
-    It follows a circle across ψ = π, the same circle in a map that is moved and turned, and the same circle one full
-    turn further.
+    In the check it follows a circle across ψ = π. It follows the same circle in a map that is moved and turned, and
+    with headings one full turn further.
 
     Parameters
     ----------
     block : object
         The controller.
     commands : int
-        Channels of the vehicle's command.
+        Number of channels of the vehicle's command.
 
     Returns
     -------
@@ -139,9 +139,9 @@ def check_controller(block: object, commands: int = 3) -> list[Diagnostic]:
         full = _steer(trial, commands, np.zeros(3), 2.0 * np.pi)
         scale = 1e-6 * (1.0 + np.max(np.abs(plain)))
         if np.max(np.abs(full - plain)) > scale:
-            trial.say("check.full-turn", "step")
+            trial.add_fault("check.full-turn", "step")
         elif np.max(np.abs(rotated_u - plain)) > scale:
-            trial.say("check.world-moved", "step")
+            trial.add_fault("check.world-moved", "step")
         _begin_anywhere(trial, "controller", a_sensor(), commands)
     except GaveUp:
         pass
@@ -150,7 +150,7 @@ def check_controller(block: object, commands: int = 3) -> list[Diagnostic]:
 
 def _steer(trial: Trial, n: int, offset: np.ndarray, turn: float) -> np.ndarray:
     """Return the commands (80, n) along a circle placed at the pose `offset`; the last tick is repeated once."""
-    state, commands_ = trial.ask("init", AT_START), []
+    state, commands_ = trial.checked_call("init", AT_START), []
     for k in [*range(80), 79]:
         t_ns, psi = (k + 1) * TICK_NS, TURN * DT_S * k
         position = np.array([0.1 * np.sin(psi), 0.1 * (1.0 - np.cos(psi)), psi])
@@ -162,11 +162,11 @@ def _steer(trial: Trial, n: int, offset: np.ndarray, turn: float) -> np.ndarray:
         when = CIRCLE if k < 79 or len(commands_) < 80 else REPEATED
         state, command = trial.step(when, state, reference, estimate)
         if not isinstance(command, Command):
-            trial.say(
+            trial.add_fault(
                 "check.returns", "step", found=type(command).__name__, expected="(state, Command(t_ns, u))"
             )
             raise GaveUp
-        trial.stamped(command, t_ns, "estimate", when)
+        trial.check_stamp(command, t_ns, "estimate", when)
         commands_.append(trial.expect("Command.u", command.u, (n,), when))
     return np.array(commands_[:80])
 
@@ -177,7 +177,7 @@ def _shift(eta: np.ndarray, offset: np.ndarray, turn: float) -> np.ndarray:
 
 
 def check_guide(block: object) -> list[Diagnostic]:
-    """Return the faults of a guide. It gives references for 3 s, at a repeated tick, and an hour later.
+    """Return the faults of a guide. In the check it returns references for 3 s, at a repeated tick, and an hour later.
 
     Parameters
     ----------
@@ -197,7 +197,7 @@ def check_guide(block: object) -> list[Diagnostic]:
     """
     trial = Trial(block)
     try:
-        state = trial.ask("init", AT_START)
+        state = trial.checked_call("init", AT_START)
         times = [*((k + 1) * TICK_NS for k in range(150)), 150 * TICK_NS, 150 * TICK_NS + 3_600_000_000_000]
         for k, t_ns in enumerate(times):
             when = note("when.within") if k < 150 else REPEATED if k == 150 else note("when.hour-later")
@@ -213,14 +213,14 @@ def check_guide(block: object) -> list[Diagnostic]:
 def _reference(trial: Trial, reference: Reference, t_ns: int, when: Diagnostic) -> None:
     if not isinstance(reference, Reference):
         expected = "(state, Reference(t_ns, eta, nu, done))"
-        trial.say("check.returns", "step", found=type(reference).__name__, expected=expected)
+        trial.add_fault("check.returns", "step", found=type(reference).__name__, expected=expected)
         raise GaveUp
-    trial.stamped(reference, t_ns, "estimate", when)
+    trial.check_stamp(reference, t_ns, "estimate", when)
     eta = trial.expect("Reference.eta", reference.eta, (3,), when)
     trial.expect("Reference.nu", reference.nu, (3,), when)
-    trial.wrapped("Reference.eta[2]", float(eta[2]), when)
+    trial.check_wrapped("Reference.eta[2]", float(eta[2]), when)
     if float(reference.done) not in (0.0, 1.0):
-        trial.say("check.done", "step", found=str(reference.done))
+        trial.add_fault("check.done", "step", found=str(reference.done))
 
 
 def check_supervisor(
@@ -261,8 +261,8 @@ def check_supervisor(
 
 
 def _supervise(trial: Trial, sensors: SensorBlocks, n: int, subject: str, u: float, eta: float) -> None:
-    """Run ten good ticks, one with a NaN, ten good ones: the commands must be zero from the NaN on."""
-    state = trial.ask("init", AT_START)
+    """Run ten good ticks, one with a NaN, and ten good ticks. From the NaN on the commands must be zero."""
+    state = trial.checked_call("init", AT_START)
     for k in range(21):
         bad = k == 10
         u_given = np.full(n, u if bad else 0.1)
@@ -270,20 +270,20 @@ def _supervise(trial: Trial, sensors: SensorBlocks, n: int, subject: str, u: flo
             trial, sensors, state, k, u_given, eta if bad else 0.0, note("when.around-nan", what=subject)
         )
         if bad and np.any(out):
-            trial.say("check.lets-through", "step", u=str(out.tolist()), what=subject)
+            trial.add_fault("check.lets-through", "step", u=str(out.tolist()), what=subject)
         elif k > 10 and np.any(out):
-            trial.say("check.drives-again", "step", what=subject)
+            trial.add_fault("check.drives-again", "step", what=subject)
 
 
 def _limits(trial: Trial, sensors: SensorBlocks, n: int) -> None:
-    state = trial.ask("init", AT_START)
+    state = trial.checked_call("init", AT_START)
     limit = np.asarray(getattr(trial.block, "limit", np.full(n, np.inf)), dtype=float)
     for sign in (1.0, -1.0):
         _, out = _let_through(
             trial, sensors, state, 0, np.full(n, sign * 1e9), 0.0, note("when.large-command")
         )
         if np.any(np.abs(out) > np.abs(limit)):
-            trial.say("check.beyond-limit", "step", u=str(out.tolist()), limit=str(limit.tolist()))
+            trial.add_fault("check.beyond-limit", "step", u=str(out.tolist()), limit=str(limit.tolist()))
 
 
 def _let_through(
@@ -294,21 +294,24 @@ def _let_through(
     estimate = Estimate(t_ns, np.array([eta, 0.0, 0.0]), np.zeros(3), 1e-6 * np.eye(6))
     state, command = trial.step(when, state, Command(t_ns, u), tick, estimate)
     if not isinstance(command, Command):
-        trial.say("check.returns", "step", found=type(command).__name__, expected="(state, Command(t_ns, u))")
+        trial.add_fault(
+            "check.returns", "step", found=type(command).__name__, expected="(state, Command(t_ns, u))"
+        )
         raise GaveUp
-    trial.stamped(command, t_ns, "command", when)
+    trial.check_stamp(command, t_ns, "command", when)
     return state, trial.expect("Command.u", command.u, (len(u),), when)
 
 
 def _begin_anywhere(trial: Trial, room: str, sensors: SensorBlocks, n: int) -> None:
-    """Check that a drive gives the same results with a clock that begins at 0 and with one that begins at an epoch."""
+    """Check that a drive gives the same results with a clock that begins at 0 and with a clock that begins at
+    an epoch."""
     plain = _answers(trial, room, sensors, n, 0)
     late = _answers(trial, room, sensors, n, EPOCH_NS)
     for name, at_zero in plain.items():
         off = wrap(late[name] - at_zero) if name == "psi" else late[name] - at_zero
         if not np.all(np.abs(off) <= SAME * (1.0 + np.max(np.abs(at_zero)))):
             tick = int(np.argmax(~np.all(np.abs(off) <= SAME * (1.0 + np.max(np.abs(at_zero))), axis=1)))
-            trial.say(
+            trial.add_fault(
                 "check.clock", "step", name=name, begin_ns=float(EPOCH_NS), tick=tick + 1,
                 found=_short(late[name][tick]), expected=_short(at_zero[tick]),
             )  # fmt: skip
@@ -316,8 +319,8 @@ def _begin_anywhere(trial: Trial, room: str, sensors: SensorBlocks, n: int) -> N
 
 
 def _answers(trial: Trial, room: str, sensors: SensorBlocks, n: int, begin_ns: int) -> dict[str, np.ndarray]:
-    """Return the outputs of the block in 20 ticks of a circle, each (20, m)."""
-    state, rows, when = trial.ask("init", AT_START), [], note("when.clock", begin_ns=float(begin_ns))
+    """Return the outputs of the block over 20 ticks of a circle, name → (20, m)."""
+    state, rows, when = trial.checked_call("init", AT_START), [], note("when.clock", begin_ns=float(begin_ns))
     for k in range(20):
         t_ns, psi = begin_ns + (k + 1) * TICK_NS, TURN * DT_S * k
         eta, nu = np.array([0.1 * np.sin(psi), 0.1 * (1.0 - np.cos(psi)), psi]), np.array([0.25, 0.0, TURN])
@@ -329,13 +332,13 @@ def _answers(trial: Trial, room: str, sensors: SensorBlocks, n: int, begin_ns: i
             "supervisor": (Command(t_ns, np.full(n, 0.2)), tick, estimate),
         }[room]  # fmt: skip
         state, out = trial.step(when, state, *inputs)
-        trial.stamped(out, t_ns, "input", when)
+        trial.check_stamp(out, t_ns, "input", when)
         rows.append(_numbers(out))
     return {name: np.array([row[name] for row in rows]) for name in rows[0]}
 
 
 def _numbers(out: Any) -> dict[str, np.ndarray]:
-    """Return the fields that the room's contract requires, with the angle separate."""
+    """Return the fields of an output that the contract requires, by name; the angle is a separate field."""
     fields = {
         name: np.asarray(getattr(out, name), dtype=float)
         for name in ("u", "nu", "done", "cov")

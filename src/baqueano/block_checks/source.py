@@ -1,4 +1,4 @@
-"""Find forbidden calls in a block's file: clocks, files, random numbers, print. They are found in its syntax tree."""
+"""Find forbidden calls in the syntax tree of a block's file: clocks, files, random numbers, print."""
 
 import ast
 import inspect
@@ -25,7 +25,7 @@ def place(kind: Any) -> str:
 
 
 def doors(kind: type) -> list[Diagnostic]:
-    """Return a diagnostic for each access to the outside in the file of a class."""
+    """Return a diagnostic for each forbidden access in the file of a class: clocks, files, random numbers, print."""
     try:
         file = Path(inspect.getfile(kind))
         tree = ast.parse(file.read_text(encoding="utf-8"))
@@ -46,7 +46,7 @@ def doors(kind: type) -> list[Diagnostic]:
 
 
 def _through(node: ast.AST) -> list[tuple[int, str, str, Diagnostic]]:
-    """Return line, kind of access, name and replacement for each forbidden access of a node."""
+    """Return line, kind of access, name and replacement for each forbidden access in a node."""
     if isinstance(node, ast.Import):
         names = [alias.name.split(".")[0] for alias in node.names]
         return [(node.lineno, "imports", n, DOORS[n]) for n in names if n in DOORS]

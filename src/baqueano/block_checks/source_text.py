@@ -1,4 +1,4 @@
-"""Read the text in which a class of the user is written: that of its file, or of a notebook's cell."""
+"""Read the source text of a class of the user: of its file, or of a notebook's cell."""
 
 import inspect
 import linecache
@@ -6,14 +6,14 @@ from types import FunctionType
 
 
 def is_ours(kind: type) -> bool:
-    """Return True if a class comes with the package, whose version every run records."""
+    """Return True if a class is part of the package, whose version every run records."""
     return kind.__module__.partition(".")[0] == "baqueano"
 
 
 def source_text(kind: type) -> str:
     """Return the text of the file or of the notebook's cell in which a class is written.
 
-    It is "" if Python does not keep it, as for a class that was typed into a terminal.
+    Return "" if Python does not store the text, as for a class that was typed in a terminal.
     """
     file = _file_of(kind)
     linecache.checkcache(file)  # a file may have changed; a notebook keeps its cells
@@ -21,7 +21,8 @@ def source_text(kind: type) -> str:
 
 
 def _file_of(kind: type) -> str:
-    """Return the name under which Python keeps the text: that of a method, as a notebook's cell is in no file."""
+    """Return the name under which Python stores the text. It is a method's file name, because a cell is not in
+    a file."""
     methods = [method for method in vars(kind).values() if isinstance(method, FunctionType)]
     files = [method.__code__.co_filename for method in methods if method.__module__ == kind.__module__]
     try:

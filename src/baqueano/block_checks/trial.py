@@ -1,7 +1,7 @@
-"""Check one block: calls are made twice from the same arguments, and everything is compared.
+"""Check one block: repeat calls with the same arguments, and compare the results.
 
-Pure: neither an argument nor the block itself changes. Deterministic: two equal calls give the same numbers, bit for
-bit. Faults are kept as diagnostics, each once.
+Pure: the arguments and the block itself do not change. Deterministic: two equal calls give the same numbers, bit for
+bit. Faults are stored as diagnostics, each once.
 """
 
 import copy
@@ -14,7 +14,7 @@ import numpy as np
 
 from baqueano.block_checks.source import doors, place
 from baqueano.diagnostics import Diagnostic, fault, note
-from baqueano.errors import from_outside, named
+from baqueano.errors import error_text, from_outside
 
 MOST = 12  # diagnostics that are reported at most
 AT_START = note("when.start")
@@ -22,11 +22,11 @@ LACKING = ("check.no-method", "check.no-attribute", "check.no-commands", "check.
 
 
 class GaveUp(Exception):
-    """The end of the check of this room: the block raised or returned something unusable."""
+    """Raised to end the check: the block raised an exception or returned an unusable result."""
 
 
 class Trial:
-    """A block and the faults found in it."""
+    """A block and the faults that were found in it."""
 
     def __init__(self, block: object, verbs: tuple[str, ...] = ("init", "step")) -> None:
         self.block = block
@@ -35,96 +35,102 @@ class Trial:
         self._own = _freeze(_fields(block))
         self._calls_of: dict[tuple[str, Diagnostic], int] = {}
         if not _is_frozen_dataclass(self.kind):
-            self.say("check.not-frozen")
+            self.add_fault("check.not-frozen")
         for verb in verbs:
             if not callable(getattr(block, verb, None)):
-                self.say("check.no-method", name=verb)
+                self.add_fault("check.no-method", name=verb)
 
     @property
     def lacking(self) -> bool:
-        """Return True if the block lacks a method or attribute that its check needs."""
+        """Return True if the block is without a method or attribute that its check needs."""
         return any(fault_.code in LACKING for fault_ in self.faults)
 
-    def say(self, code: str, verb: str = "", **figures: Any) -> None:
-        """Keep a diagnostic for the author, with the place in the code."""
+    def add_fault(self, code: str, verb: str = "", **figures: Any) -> None:
+        """Store a diagnostic for the author, with the place in the code."""
         at = place(getattr(self.kind, verb, self.kind)) if verb else place(self.kind)
         name = f"{self.kind.__name__}.{verb}()" if verb else self.kind.__name__
         self.faults[fault(code, subject=name, place=at, **figures)] = None
 
-    def ask(self, verb: str, when: Diagnostic, *arguments: object) -> Any:
-        """Return the result of a call, made twice. GaveUp if it raised."""
+    def checked_call(self, verb: str, when: Diagnostic, *arguments: object) -> Any:
+        """Return the result of a call. Repeat some calls, and store faults if results, arguments or the block change.
+        Raise GaveUp if the block raises.
+        """
         before = _freeze(arguments)
         first = self._call(verb, when, arguments)
         if _freeze(arguments) != before:
-            self.say("check.changes-arguments", verb, when=when)
+            self.add_fault("check.changes-arguments", verb, when=when)
         if self._repeats(verb, when) and _freeze(first) != _freeze(
             self._call(verb, when, copy.deepcopy(arguments))
         ):
-            self.say("check.two-answers", verb, when=when)
+            self.add_fault("check.two-answers", verb, when=when)
         if _freeze(_fields(self.block)) != self._own:
-            self.say("check.changes-itself", verb, when=when)
+            self.add_fault("check.changes-itself", verb, when=when)
             self._own = _freeze(_fields(self.block))
         return first
 
     def _repeats(self, verb: str, when: Diagnostic) -> bool:
-        """Return True if a call is to be repeated: the first five, then every tenth."""
+        """Return True if a call is to be repeated: the first five calls of a kind, then every tenth."""
         count = self._calls_of[verb, when] = self._calls_of.get((verb, when), 0) + 1
         return count <= 5 or count % 10 == 0
 
     def step(self, when: Diagnostic, *arguments: object) -> tuple[Any, Any]:
-        """Return (state, output) of a step. GaveUp for anything else."""
-        result = self.ask("step", when, *arguments)
+        """Return (state, output) of a step. Raise GaveUp for another result."""
+        result = self.checked_call("step", when, *arguments)
         is_record = type(result) is not tuple  # a Command is also a tuple of two
         if not (isinstance(result, tuple) and len(result) == 2) or is_record:
             if type(result) is tuple:
-                self.say("check.values", "step", count=len(result), when=when)
+                self.add_fault("check.values", "step", count=len(result), when=when)
             else:
-                self.say("check.one-value", "step", found=type(result).__name__, when=when)
+                self.add_fault("check.one-value", "step", found=type(result).__name__, when=when)
             raise GaveUp
         return result
 
     def expect(
         self, quantity: str, value: object, shape: tuple[int, ...], when: Diagnostic, verb: str = "step"
     ) -> np.ndarray:
-        """Return a finite array of this shape; GaveUp for anything else."""
+        """Return the value as a finite array of this shape. Raise GaveUp for another value."""
         try:
             array = np.asarray(value, dtype=float)
         except (TypeError, ValueError):
-            self.say("check.no-numbers", verb, what=quantity, found=type(value).__name__, shape=str(shape))
+            self.add_fault(
+                "check.no-numbers", verb, what=quantity, found=type(value).__name__, shape=str(shape)
+            )
             raise GaveUp from None
         if array.shape != shape:
-            self.say("check.shape", verb, what=quantity, found=str(array.shape), shape=str(shape))
+            self.add_fault("check.shape", verb, what=quantity, found=str(array.shape), shape=str(shape))
             raise GaveUp
         if not np.all(np.isfinite(array)):
-            self.say("check.not-finite", verb, what=quantity, found=str(array.tolist()), when=when)
+            self.add_fault("check.not-finite", verb, what=quantity, found=str(array.tolist()), when=when)
             raise GaveUp
         return array
 
-    def stamped(self, output: object, t_ns: int, quantity: str, when: Diagnostic) -> None:
+    def check_stamp(self, output: object, t_ns: int, quantity: str, when: Diagnostic) -> None:
         """Check that the output has the timestamp of its input."""
         stamp = getattr(output, "t_ns", None)
         if stamp is None or int(stamp) != t_ns:
-            self.say("check.stamp", "step", found=stamp, of=quantity, t_ns=t_ns, when=when)
+            self.add_fault("check.stamp", "step", found=stamp, of=quantity, t_ns=t_ns, when=when)
 
-    def wrapped(self, quantity: str, psi: float, when: Diagnostic) -> None:
-        """Check that an angle that leaves a block lies within [−π, π]."""
+    def check_wrapped(self, quantity: str, psi: float, when: Diagnostic) -> None:
+        """Check that an angle in an output is within [−π, π]."""
         if abs(psi) > np.pi + 1e-9:
-            self.say("check.not-wrapped", "step", what=quantity, psi_rad=psi, when=when)
+            self.add_fault("check.not-wrapped", "step", what=quantity, psi_rad=psi, when=when)
 
     def covariance(
         self, quantity: str, value: object, size: int, when: Diagnostic, verb: str = "step"
     ) -> np.ndarray:
-        """Return a covariance, and check that it is symmetric, without an eigenvalue below 0."""
+        """Return a covariance, and check that it is symmetric and without a negative eigenvalue."""
         P = self.expect(quantity, value, (size, size), when, verb)
         scale = np.max(np.abs(P), initial=0.0)
         if np.max(np.abs(P - P.T), initial=0.0) > 1e-9 * scale:
-            self.say("check.not-symmetric", verb, what=quantity, when=when)
+            self.add_fault("check.not-symmetric", verb, what=quantity, when=when)
         elif np.linalg.eigvalsh(P)[0] < -1e-9 * scale:
-            self.say("check.eigenvalue", verb, what=quantity, smallest=np.linalg.eigvalsh(P)[0], when=when)
+            self.add_fault(
+                "check.eigenvalue", verb, what=quantity, smallest=np.linalg.eigvalsh(P)[0], when=when
+            )
         return P
 
     def done(self) -> list[Diagnostic]:
-        """Return the faults, MOST at most."""
+        """Return the faults, at most MOST."""
         return list(self.faults)[:MOST]
 
     def _call(self, verb: str, when: Diagnostic, arguments: tuple[Any, ...]) -> Any:
@@ -137,14 +143,14 @@ class Trial:
                 raise
             line, at = _line(self.kind, error), verb if hasattr(self.kind, verb) else ""
             if line:
-                self.say("check.raises-on-line", at, error=named(error), line=line, when=when)
+                self.add_fault("check.raises-on-line", at, error=error_text(error), line=line, when=when)
             else:
-                self.say("check.raises", at, error=named(error), when=when)
+                self.add_fault("check.raises", at, error=error_text(error), when=when)
             raise GaveUp from error
 
 
 def _line(kind: type, error: BaseException) -> int:
-    """Return the last line of the block's own file on the way to the error; 0 without one."""
+    """Return the last line number of the block's file in the traceback of the error; 0 without one."""
     file = getattr(getattr(kind, "step", None), "__code__", None)
     frames = traceback.extract_tb(error.__traceback__)
     own = [f.lineno for f in frames if file is not None and f.filename == file.co_filename]
@@ -156,14 +162,14 @@ def _is_frozen_dataclass(kind: type) -> bool:
 
 
 def _fields(block: object) -> Any:
-    """Return all attributes of an object, in slots or in a dict."""
+    """Return all attributes of an object, from its slots or its dict."""
     names = [n for c in type(block).__mro__ for n in getattr(c, "__slots__", ()) if not n.startswith("__")]
     values = {n: getattr(block, n, None) for n in names}
     return values | dict(getattr(block, "__dict__", {}))
 
 
 def _freeze(value: object) -> Any:
-    """Return a copy that compares with ==, bit by bit, with NaN equal to NaN."""
+    """Return a copy that compares with ==, bit for bit, with NaN equal to NaN."""
     if isinstance(value, np.ndarray):
         return (
             "array",

@@ -1,4 +1,4 @@
-"""Define the command line: each verb is one short function, imported only when it is called."""
+"""Define the command line: each verb is a short function, which is imported only when it is called."""
 
 import importlib
 import os
@@ -9,16 +9,16 @@ from copy import copy
 import click
 
 from baqueano import __version__, language
-from baqueano.language import marked as N_
-from baqueano.language import translated as _
+from baqueano.language import mark as N_
+from baqueano.language import translate as _
 
 VERBS = {
-    "demo": "The whole loop on the simulated small vehicle: identify, tune, teach, repeat, report.",
+    "demo": "Run the whole loop on the simulated small vehicle: identify, tune, teach, repeat, report.",
     "new": "Make a project folder: vehicle file, blocks of your own and a notebook, ready to run.",
-    "simulate": "Drive one simulated vehicle, or thousands, with a signal; write a run.",
+    "simulate": "Simulate one vehicle, or thousands, with a signal; write a run.",
     "experiment": "Drive the vehicle with a signal that excites its dynamics; write a run.",
     "identify": "Fit the model, and the noise, to one or more runs.",
-    "tune": "Find the controller's gains on the identified model.",
+    "tune": "Tune the controller's gains on the identified model.",
     "drive": "Drive by hand from this terminal, with keys or a game pad; write a run.",
     "teach": "Drive a path once and store it as a route.",
     "route": (
@@ -34,7 +34,7 @@ VERBS = {
     "sweep": "Compare estimators, controllers and guides on the same simulated drives or recorded runs.",
     "report": "Write one self-contained HTML page about a run.",
     "study": "Reproduce the paper's case studies; test with recordings.",
-    "robot": "The real vehicle: from an empty card to a calibrated one; its service, state and runs.",
+    "robot": "Set up and use a real vehicle: from an empty card to a calibrated vehicle; its service, state and runs.",
     "blocks": "List the blocks; check one of your own.",
 }
 
@@ -54,7 +54,7 @@ BACKENDS = ("auto", "c", "python", "numpy")
 
 
 def unknown(verb: str, verbs: list[str], ctx: click.Context) -> Exception:
-    """Return the error for an unknown verb."""
+    """Return the error for an unknown verb, with the nearest name."""
     from baqueano.diagnostics import fault, nearest
     from baqueano.errors import UsageError
 
@@ -65,7 +65,7 @@ def unknown(verb: str, verbs: list[str], ctx: click.Context) -> Exception:
 
 
 class Verbs(click.Group):
-    """A group: a verb with subcommands."""
+    """A command group: a verb with subcommands."""
 
     def resolve_command(
         self, ctx: click.Context, args: list[str]
@@ -76,7 +76,7 @@ class Verbs(click.Group):
         return super().resolve_command(ctx, args)
 
     def format_commands(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
-        """Write the first sentence of each subcommand, complete."""
+        """Write the subcommands, each with the complete first sentence of its help."""
         with formatter.section(_("Commands")):
             formatter.write_dl(
                 [(name, verb.get_short_help_str(WHOLE)) for name, verb in sorted(self.commands.items())]
@@ -84,7 +84,7 @@ class Verbs(click.Group):
 
 
 def command_of(verb: str) -> click.Command:
-    """Import a verb of VERBS and return its command, its help in the current language."""
+    """Import a verb of VERBS, and return its command with help in the current language."""
     room = next((f"{room}." for room, verbs in ROOMS.items() if verb in verbs), "")
     command = importlib.import_module(f"baqueano.cli.{room}{verb}").command
     command._help_option = None  # click caches the one of the first call
@@ -92,37 +92,37 @@ def command_of(verb: str) -> click.Command:
 
 
 def in_language(command: click.Command) -> click.Command:
-    """Return a copy of a command, or of a group, whose help is in the current language."""
+    """Return a copy of a command, or of a group, with help in the current language."""
     if language.current() == "en":
         return command
     command = copy(command)
     command._help_option = None  # click caches it in the first requested language
     for name in ("help", "short_help", "epilog"):
-        setattr(command, name, language.translated(getattr(command, name) or "") or None)
+        setattr(command, name, language.translate(getattr(command, name) or "") or None)
     command.params = [copy(param) for param in command.params]
     for param in command.params:
         if isinstance(param, click.Option):
-            param.help = language.translated(param.help or "") or None
+            param.help = language.translate(param.help or "") or None
             param.metavar = param.metavar or _metavar(param)
-    command.options_metavar = language.translated(command.options_metavar or "") or None
+    command.options_metavar = language.translate(command.options_metavar or "") or None
     if isinstance(command, click.Group):
-        command.subcommand_metavar = language.translated(command.subcommand_metavar)
+        command.subcommand_metavar = language.translate(command.subcommand_metavar)
         command.commands = {name: in_language(verb) for name, verb in command.commands.items()}
     return command
 
 
 def _metavar(option: click.Option) -> str | None:
-    """Return the name of an option's value in the help, or None if the help lists the values."""
+    """Return the name of an option's value in the help; None if the help lists the values."""
     kind = option.type
     if option.is_flag or option.count or isinstance(kind, click.Choice):
         return None
     if isinstance(kind, click.Path):
-        return language.translated("FILE" if kind.file_okay else "FOLDER")
-    return language.translated(kind.name.removesuffix(" range").upper())
+        return language.translate("FILE" if kind.file_okay else "FOLDER")
+    return language.translate(kind.name.removesuffix(" range").upper())
 
 
 class _LazyVerbs(click.Group):
-    """A group that finds its verbs by `command_of`, so that --help does not import them."""
+    """A group that imports a verb only when it is called, so that --help is fast."""
 
     def list_commands(self, ctx: click.Context) -> list[str]:
         return list(VERBS)
@@ -166,9 +166,9 @@ def baqueano(ctx: click.Context, debug: bool, allow_blocks: bool) -> None:
     """
     ctx.obj = debug
     if allow_blocks:
-        from baqueano.blocks import allowed
+        from baqueano.blocks import permit_blocks
 
-        ctx.with_resource(allowed())
+        ctx.with_resource(permit_blocks())
     for variable, choices in (("BAQUEANO_BACKEND", BACKENDS), (language.VARIABLE, tuple(language.LANGUAGES))):
         setting = os.environ.get(variable) or choices[0]
         if setting not in choices:
@@ -182,7 +182,7 @@ def baqueano(ctx: click.Context, debug: bool, allow_blocks: bool) -> None:
 
 
 def main(args: list[str] | None = None) -> None:
-    """Run the command line. Each error ends as one paragraph on stderr and an exit code."""
+    """Run the command line. An error ends it with one paragraph on stderr and an exit code."""
     from baqueano.cli.terminal import plain_letters
 
     plain_letters(sys.stdout, sys.stderr)
@@ -193,15 +193,13 @@ def main(args: list[str] | None = None) -> None:
     args, tag = _without_language(args)
     language.choose(tag if tag in language.LANGUAGES else "")
     with warnings.catch_warnings():
-        if (
-            not debug and not sys.warnoptions
-        ):  # overflow on the way of a search is none of the user's business
+        if not debug and not sys.warnoptions:  # an overflow during a search does not concern the user
             warnings.simplefilter("ignore", RuntimeWarning)
         sys.exit(_exit_code(args, anywhere + ["--lang", tag] * bool(tag)))
 
 
 def _without_language(args: list[str]) -> tuple[list[str], str]:
-    """Return the arguments without `--lang`, which may be at any position before `--`, and its value."""
+    """Return the arguments without `--lang`, and its value. The option may be at any position before `--`."""
     end = args.index("--") if "--" in args else len(args)
     for k, arg in enumerate(args[:end]):
         if arg == "--lang" and k + 1 < end:
@@ -212,10 +210,10 @@ def _without_language(args: list[str]) -> tuple[list[str], str]:
 
 
 def _exit_code(args: list[str], before: list[str]) -> int:
-    """Run the command, print its error if there is one, and return the exit code."""
+    """Run the command, print its error, if any, and return the exit code."""
     from click.exceptions import NoArgsIsHelpError
 
-    from baqueano.cli.terminal import answered, talk, tell
+    from baqueano.cli.terminal import answered, print_message, print_result
 
     answered.clear()
     try:
@@ -236,9 +234,9 @@ def _exit_code(args: list[str], before: list[str]) -> int:
         if isinstance(error, click.Abort) and isinstance(error.__cause__, KeyboardInterrupt):
             error = error.__cause__  # click converts each EOFError and KeyboardInterrupt
         if "--debug" in before:
-            talk("".join(traceback.format_exception(error)).rstrip("\n"))
+            print_message("".join(traceback.format_exception(error)).rstrip("\n"))
         end = command_error(error, args)
-        talk(end.paragraph)
+        print_message(end.paragraph)
         if "--json" in args and not answered:
-            tell(json.dumps(end.to_json(), allow_nan=False))
+            print_result(json.dumps(end.to_json(), allow_nan=False))
         return end.code

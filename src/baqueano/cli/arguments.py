@@ -1,4 +1,4 @@
-"""Format names of arguments in messages: as a Python argument, or as an option of the command line.
+"""Format names of arguments in messages, as a Python argument or as an option of the command line.
 
 {arg[per_run]}  →  --per-run        {arg[use]:gps}  →  --use gps        {arg[use]:…}  →  --use SENSOR
 """
@@ -25,7 +25,7 @@ OPTIONS = {  # argument of `identify` → option, and the name of its value
 
 @dataclass(frozen=True, slots=True)
 class Option:
-    """An argument in the form in which it is typed; one that is not in OPTIONS keeps its name."""
+    """An argument in the form in which a user types it; an argument that is not in OPTIONS keeps its name."""
 
     name: str
 

@@ -1,4 +1,4 @@
-"""Define `baqueano blocks`: list the blocks, and check one."""
+"""Define `baqueano blocks`: list the blocks, and check a block."""
 
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
@@ -6,10 +6,10 @@ from typing import TYPE_CHECKING
 import click
 
 from baqueano.cli import Verbs, options
-from baqueano.cli.terminal import answer, talk
+from baqueano.cli.terminal import answer, print_message
 from baqueano.diagnostics import Diagnostic, Verdict, fault, note
-from baqueano.language import marked as N_
-from baqueano.language import translated as _
+from baqueano.language import mark as N_
+from baqueano.language import translate as _
 
 if TYPE_CHECKING:
     from baqueano.contracts.values import TableRow
@@ -26,9 +26,7 @@ WHICH = (
 def command() -> None: ...
 
 
-@command.command(
-    "ls", help="The blocks that can stand in a vehicle file, by room, and the estimator for its sensors."
-)
+@command.command("ls", help="List the blocks for a vehicle file, by type, and the estimator for its sensors.")
 @options.vehicle
 @options.as_json
 def ls(vehicle: str | None, settings: tuple[str, ...], as_json: bool) -> None:
@@ -36,11 +34,11 @@ def ls(vehicle: str | None, settings: tuple[str, ...], as_json: bool) -> None:
 
     file = options.load_vehicle(vehicle, settings)
     answer(RowsResult([{"room": room, "kind": kind} for room in ROOMS for kind in kinds(room)]), as_json)
-    talk(which_estimator(file))
+    print_message(which_estimator(file))
 
 
 def which_estimator(file: "VehicleFile") -> Diagnostic:
-    """Return the recommended estimator for the sensors of a vehicle."""
+    """Return a message with the recommended estimator for the sensors of a vehicle."""
     from baqueano.estimators.readings.velocity_readings import pose_sensors, readings_of
     from baqueano.vehicle_file.build import DEFAULT_KIND
 
@@ -63,8 +61,8 @@ def which_estimator(file: "VehicleFile") -> Diagnostic:
 @click.option(
     "--room",
     help=(
-        "Room of the block: vehicle, sensor, estimator, guide, controller or "
-        "supervisor; default: recognised by its methods."
+        "Type of the block: vehicle, sensor, estimator, guide, controller or supervisor; default: detected "
+        "from its methods."
     ),
 )
 @options.vehicle
@@ -79,7 +77,7 @@ def check(
     answer(report, as_json)
     if report.findings:
         raise AnswerNo(fault("cli.block-breaks", block=block, count=len(report.findings)))
-    talk(note("cli.block-sound", block=block))
+    print_message(note("cli.block-sound", block=block))
 
 
 WORDS = {  # columns that are words; the others are typed
@@ -95,11 +93,11 @@ class RowsResult:
     verdict: Verdict = Verdict.USABLE
 
     def rows(self) -> list["TableRow"]:
-        """Return the rows."""
+        """Return the rows of the listing."""
         return self.findings
 
     def table(self) -> str:
-        """Return the rows in columns, or the verdict if the list is empty."""
+        """Return the rows in columns; the verdict if the list is empty."""
         if not self.findings:
             return _(self.verdict)
         cells = [[_(str(v)) if key in WORDS else str(v) for key, v in row.items()] for row in self.findings]

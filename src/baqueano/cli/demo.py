@@ -1,4 +1,4 @@
-"""Define `baqueano demo`: the whole loop on the simulated small vehicle."""
+"""Define `baqueano demo`: show the whole method on the simulated small vehicle."""
 
 import shutil
 import sys
@@ -8,24 +8,27 @@ from pathlib import Path
 import click
 
 from baqueano.cli import options
-from baqueano.cli.terminal import answer, busy, steps, talk
+from baqueano.cli.terminal import answer, busy, print_message, steps
 from baqueano.diagnostics import note
 
 
 def typed_here() -> str:
-    """Return the command that starts this program: its name, or its path if the shell does not find it."""
+    """Return the command that a user types to start this program: its name, or its path if the shell does not
+    find it."""
     if shutil.which("baqueano") or not (own := Path(sys.argv[0])).is_file():
         return "baqueano"
     return str(own)
 
 
 def free_folder() -> Path:
-    """Return the first name of demo, demo-2, demo-3, … that does not exist, so that earlier demos are kept."""
+    """Return the first folder of demo, demo-2, demo-3, … that does not exist, so that earlier demos are kept."""
     names = (Path("demo" if k == 1 else f"demo-{k}") for k in count(1))
     return next(path for path in names if not path.exists())
 
 
-@click.command(help="The whole loop on the simulated small vehicle: identify, tune, teach, repeat, report.")
+@click.command(
+    help="Run the whole loop on the simulated small vehicle: identify, tune, teach, repeat, report."
+)
 @click.option(
     "-o",
     "--out",
@@ -67,11 +70,11 @@ def command(
     out = out or free_folder()
     with run_with_page(out, shown, pace) as motion:
         with steps() as begin:
-            result = demo(out, seed, backend, begin, motion.show, motion.tuned)
+            result = demo(out, seed, backend, begin, motion.show, motion.show_tuning)
         answer(result, as_json)
         with busy(note("cli.drawing")):
             page = result.page().save(out / "report.html")
             if moves is not None:
                 save_text(moves, result.animation(backend))
-        motion.say(note("web.demo-done", verdict=str(result.verdict)))
-    talk(note("cli.demo", page=page, program=typed_here()))
+        motion.show_event(note("web.demo-done", verdict=str(result.verdict)))
+    print_message(note("cli.demo", page=page, program=typed_here()))

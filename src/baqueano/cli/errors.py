@@ -1,7 +1,6 @@
 """End a command with one paragraph on stderr and an exit code.
 
-0 done, 1 the answer is no, 2 usage, 3 a file that cannot be used, 4 robot unreachable, 5 safety stop,
-130 Ctrl-C.
+0 done, 1 the answer is no, 2 wrong usage, 3 a file that cannot be used, 4 robot unreachable, 5 safety stop, 130 Ctrl-C.
 """
 
 import traceback
@@ -12,21 +11,21 @@ import click
 from baqueano.cli.arguments import Option
 from baqueano.cli.next_line import next_line
 from baqueano.diagnostics import Diagnostic, fault
-from baqueano.errors import INTERRUPTED, BaqueanoError, cause_of, from_outside, in_users_file, named
+from baqueano.errors import INTERRUPTED, BaqueanoError, cause_of, error_text, from_outside, in_users_file
 from baqueano.messages import text
-from baqueano.printable import typed
+from baqueano.printable import baqueano_command
 
 NO, USAGE, BAD_FILE = 1, 2, 3
 
 
 class Interruption(BaqueanoError):
-    """The error of a drive that Ctrl-C ended; the recording is complete up to then."""
+    """The error of a drive that Ctrl-C ended; its recording is complete until then."""
 
     exit_code = INTERRUPTED
 
 
 class CommandError(NamedTuple):
-    """The reason for which a command ended, the command to type next, and the exit code."""
+    """The reason why a command ended, the command to type next, and the exit code."""
 
     reason: Diagnostic
     next: Diagnostic | None
@@ -34,7 +33,7 @@ class CommandError(NamedTuple):
 
     @property
     def sentence(self) -> str:
-        """Return the reason and the command to type next, with arguments in the form in which they are typed."""
+        """Return the reason and the command to type next, with arguments in the form in which a user types them."""
         parts = (
             text(diagnostic, argument=Option)
             for diagnostic in (self.reason, self.next)
@@ -44,17 +43,17 @@ class CommandError(NamedTuple):
 
     @property
     def paragraph(self) -> str:
-        """Return the text for stderr."""
+        """Return the error as a paragraph for stderr."""
         return f"baqueano: {self.sentence}"
 
     def to_json(self) -> dict[str, object]:
-        """Return the error for --json: code, figures, the text, the command to type next, and the exit code."""
+        """Return the error for --json: code, figures, text, the command to type next, and the exit code."""
         after = {} if self.next is None else {"next": self.next.to_json()}
         return self.reason.to_json() | {"text": self.sentence} | after | {"exit_code": self.code}
 
 
 def command_error(error: BaseException, args: list[str]) -> CommandError:
-    """Return the end of the command for an error. args: the command line, without `baqueano`."""
+    """Return reason, next command and exit code for an error. `args`: the command line, without `baqueano`."""
     diagnostic, code = _diagnosis(error, args)
     return CommandError(diagnostic, next_line(diagnostic, code, args), code)
 
@@ -78,10 +77,10 @@ def _diagnosis(error: BaseException, args: list[str]) -> tuple[Diagnostic, int]:
         case OSError():
             place = fault("cli.output") if error.filename is None else error.filename
             return fault(
-                "cli.system", typed(*args), place=place, error=error.strerror or str(error)
+                "cli.system", baqueano_command(*args), place=place, error=error.strerror or str(error)
             ), BAD_FILE
     if place := in_users_file(error):  # outside the guards of the loop
         ends = "" if isinstance(error, Exception) else "-and-ended"
-        return fault(f"cli.block-raised{ends}", place=place, error=named(error)), BAD_FILE
+        return fault(f"cli.block-raised{ends}", place=place, error=error_text(error)), BAD_FILE
     last = traceback.extract_tb(error.__traceback__)[-1]
-    return fault("cli.unforeseen", error=named(error), file=last.filename, line=last.lineno), NO
+    return fault("cli.unforeseen", error=error_text(error), file=last.filename, line=last.lineno), NO

@@ -1,10 +1,10 @@
-"""Define `baqueano new`: make a project folder."""
+"""Define `baqueano new`: create a project folder."""
 
 import click
 
-from baqueano.cli.terminal import talk, tell
+from baqueano.cli.terminal import print_message, print_result
 from baqueano.diagnostics import note
-from baqueano.printable import quoted, typed
+from baqueano.printable import baqueano_command, shell_command
 
 
 @click.command(help="Make the project folder NAME: vehicle file, blocks of your own, and a notebook.")
@@ -21,7 +21,7 @@ def command(name: str, vehicle: str) -> None:
     from baqueano.vehicle_file import load
 
     folder = new(name, vehicle)
-    tell(note("cli.new", folder=folder, blocks=(*BLOCKS, NOTEBOOK)))
-    if load(folder / "vehicle.toml").guessed:
-        talk(note("cli.guesses"))
-    talk(note("cli.next-new", cd=quoted("cd", name), fix=typed("experiment")))
+    print_result(note("cli.new", folder=folder, blocks=(*BLOCKS, NOTEBOOK)))
+    if load(folder / "vehicle.toml").is_guess:
+        print_message(note("cli.guesses"))
+    print_message(note("cli.next-new", cd=shell_command("cd", name), fix=baqueano_command("experiment")))

@@ -1,9 +1,9 @@
-"""Suggest the command to type after an error: one that leads further, not the failed one unchanged.
+"""Suggest the command to type after an error: a command that helps, never the failed command unchanged.
 
-The code and figures of the error decide. A mistyped name (`found`, with the nearest in `near`, see names.py) is
-corrected in the command; a `missing` path is replaced by the nearest file; a decimal comma becomes a point. Otherwise
-the error's own suggestion (`fix`) stays. Without one it depends on the error: --help after a usage error, the help on
-maps after a bad map, the list of runs after a bad run.
+The code and figures of the error decide. A mistyped name (`found`, with the nearest name in `near`, see names.py) is
+corrected in the command. A `missing` path is replaced by the nearest file, and a decimal comma by a point. Otherwise
+the suggestion is the error's `fix`. Without a `fix` it depends on the error. After a usage error it is --help, after a
+bad map the help on maps, after a bad run the list of runs.
 """
 
 import difflib
@@ -12,7 +12,7 @@ from collections.abc import Iterator
 from pathlib import Path
 
 from baqueano.diagnostics import Diagnostic, fault
-from baqueano.printable import typed
+from baqueano.printable import baqueano_command
 
 USAGE, BAD_FILE = 2, 3
 GROUPS = (["runs"], ["study"], ["blocks"], ["robot"])
@@ -23,7 +23,7 @@ SHOWN = 5  # files of a folder that are named
 
 
 def next_line(message: Diagnostic, code: int, args: list[str]) -> Diagnostic | None:
-    """Return the command to type next, or None if the error already contains it.
+    """Return the command to type next; None if the error already contains it.
 
     args: the command line, without `baqueano`.
     """
@@ -32,30 +32,30 @@ def next_line(message: Diagnostic, code: int, args: list[str]) -> Diagnostic | N
     causes = list(_causes(message))
     for cause in causes:
         if (corrected_args := _put_right(cause, args)) is not None:
-            return fault("next.put-right", typed(*corrected_args))
+            return fault("next.put-right", baqueano_command(*corrected_args))
     if any(cause.code in TO_ALLOW for cause in causes):
-        return fault("next.allow-blocks", typed(*args, "--allow-blocks"))
+        return fault("next.allow-blocks", baqueano_command(*args, "--allow-blocks"))
     missing = [Path(str(cause.figures["missing"])) for cause in causes if "missing" in cause.figures]
     for path in missing:
         if (near_path := _nearest(path)) is not None and str(path) in args:
             corrected_args = [str(near_path) if Path(arg) == path else arg for arg in args]
-            return fault("next.near-file", typed(*corrected_args), meant=near_path)
+            return fault("next.near-file", baqueano_command(*corrected_args), meant=near_path)
     if code == USAGE and (corrected_args := _with_points(args)) != args:
-        return fault("next.decimal-comma", typed(*corrected_args))
+        return fault("next.decimal-comma", baqueano_command(*corrected_args))
     if any(cause.fix for cause in causes):
         return None
     if code == USAGE:
-        return fault("next.options", typed(*args[: 2 if args[:1] in GROUPS else 1], "--help"))
+        return fault("next.options", baqueano_command(*args[: 2 if args[:1] in GROUPS else 1], "--help"))
     if missing:
         return _in_place_of(missing[0])
     rooms = {cause.code.partition(".")[0] for cause in causes}
     if "map" in rooms:
-        return fault("next.map", typed("runs", "import", "--help"))
-    return fault("next.runs", typed("runs", "ls")) if "runs" in rooms else None
+        return fault("next.map", baqueano_command("runs", "import", "--help"))
+    return fault("next.runs", baqueano_command("runs", "ls")) if "runs" in rooms else None
 
 
 def _causes(message: Diagnostic) -> Iterator[Diagnostic]:
-    """Yield the message, and the messages in its figures."""
+    """Yield the message, and all messages in its figures."""
     yield message
     for figure in message.figures.values():
         if isinstance(figure, Diagnostic):
@@ -63,7 +63,7 @@ def _causes(message: Diagnostic) -> Iterator[Diagnostic]:
 
 
 def _put_right(cause: Diagnostic, args: list[str]) -> list[str] | None:
-    """Return the command with the mistyped word corrected, or None without a near word."""
+    """Return the command with the mistyped word corrected; None if no known word is near it."""
     mistyped_word, near = str(cause.figures.get("found", "")), cause.figures.get("near")
     suggestion = near.figures.get("meant") if isinstance(near, Diagnostic) else None
     for k, arg in enumerate(args):
@@ -77,7 +77,7 @@ def _put_right(cause: Diagnostic, args: list[str]) -> list[str] | None:
 
 
 def _with_points(args: list[str]) -> list[str]:
-    """Return the command with points in numbers such as 0,3 and KEY=0,3 and 2,5x2, but not after --bound."""
+    """Return the command with decimal points in numbers such as 0,3 and KEY=0,3 and 2,5x2, but not after --bound."""
     before = ["", *args]
     return [
         arg.replace(",", ".") if option != "--bound" and COMMA.fullmatch(arg.rpartition("=")[2]) else arg
@@ -86,13 +86,13 @@ def _with_points(args: list[str]) -> list[str]:
 
 
 def _nearest(missing: Path) -> Path | None:
-    """Return the file in the same folder with the most similar name, or None."""
+    """Return the file in the same folder with the most similar name; None without one."""
     near = difflib.get_close_matches(missing.name, _files(missing.parent), n=1, cutoff=NEAR)
     return missing.parent / near[0] if near else None
 
 
 def _in_place_of(path: Path) -> Diagnostic:
-    """Return the files of the same type in the folder of a missing path."""
+    """Return a message with the files of the same type in the folder of a missing path."""
     alike = [name for name in _files(path.parent) if Path(name).suffix == path.suffix]
     folder = path.parent.resolve().name
     if not alike:

@@ -1,4 +1,4 @@
-"""Parse numbers on the command line: finite and in their range, or refused with one sentence."""
+"""Parse numbers on the command line, which must be finite and in their range. An error explains it in one sentence."""
 
 import math
 from typing import Any
@@ -20,7 +20,7 @@ class Number(click.ParamType):
         self.range = f"{'>' if above else '≥'} {low:g}{upper} [{unit}]"
 
     def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> float:
-        """Return the typed number. Raise UsageError for other text and numbers outside the range."""
+        """Return the typed number. Raise UsageError for other text and for numbers outside the range."""
         try:
             x = float(value)
         except ValueError:

@@ -8,10 +8,10 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from baqueano.cli import BACKENDS, numbers
-from baqueano.cli.terminal import talk
+from baqueano.cli.terminal import print_message
 from baqueano.diagnostics import fault, note
-from baqueano.language import translated as _
-from baqueano.printable import typed
+from baqueano.language import translate as _
+from baqueano.printable import baqueano_command
 
 if TYPE_CHECKING:
     from baqueano.compare import Comparison
@@ -54,14 +54,14 @@ update = click.option("--update", is_flag=True, help="Write the result into the 
 
 
 class GroupedCommand(click.Command):
-    """A command whose help shows its options under headings: `groups` {heading: names of options}."""
+    """A command whose help shows its options under headings; `groups` is {heading: names of options}."""
 
     def __init__(self, *args: Any, groups: dict[str, tuple[str, ...]], **more: Any) -> None:
         super().__init__(*args, **more)
         self.groups = groups
 
     def format_options(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
-        """Write the options heading by heading, the options without a group last."""
+        """Write the options of each heading; the options without a group are last."""
         shown_options = [option for option in self.get_params(ctx) if isinstance(option, click.Option)]
         records = {
             option.name: record
@@ -75,7 +75,7 @@ class GroupedCommand(click.Command):
 
 
 def together(*options: Callable[[Any], Any]) -> Callable[[Any], Any]:
-    """Return several options as one decorator, in the order in which --help shows them."""
+    """Return one decorator that adds several options, in the order in which --help shows them."""
     return lambda command: reduce(lambda f, option: option(f), reversed(options), command)
 
 
@@ -94,7 +94,7 @@ vehicle = together(
         "settings",
         multiple=True,
         metavar="KEY=VALUE",
-        help="Value to use instead of that of the file: --set model.mass_kg=0.7",
+        help="Value that replaces a value of the vehicle file: --set model.mass_kg=0.7",
     ),
 )
 robot = click.option(
@@ -102,21 +102,23 @@ robot = click.option(
     default="simulated",
     show_default=True,
     metavar="simulated[:FILE|NAME]|emulated|HOST|here",
-    help="Vehicle to drive: a simulation of the vehicle file, or of another file; its firmware "
-    "on an emulated board; a vehicle by ssh; or this computer (here).",
+    help=(
+        "Vehicle: a simulation of this or of another vehicle file, its firmware on an emulated board, a "
+        "vehicle by ssh, or this computer (here)."
+    ),
 )
 
 
 def load_vehicle(name: str | None, settings: tuple[str, ...]) -> "VehicleFile":
-    """Return the vehicle file of the command line with its changes; print which file and changes are in force."""
+    """Return the vehicle file of the command line with its changes, and print the file and the changes in force."""
     from baqueano.vehicle_file import load
 
     if name is None:
         name = str(OWN_FILE) if OWN_FILE.exists() else "small"
-        talk(note("cli.vehicle" if OWN_FILE.exists() else "cli.vehicle-of-garage", name=name))
+        print_message(note("cli.vehicle" if OWN_FILE.exists() else "cli.vehicle-of-garage", name=name))
     file = load(name)
     for setting in settings:
-        talk(note("cli.set", setting=setting))
+        print_message(note("cli.set", setting=setting))
     if not settings:
         return file
     from baqueano.vehicle_file import override
@@ -124,31 +126,31 @@ def load_vehicle(name: str | None, settings: tuple[str, ...]) -> "VehicleFile":
     return override(file, settings)
 
 
-def measured(file: "VehicleFile", robot: str) -> bool:
+def is_measured(file: "VehicleFile", robot: str) -> bool:
     """Return True if the model was fitted, or is a garage vehicle in its own simulation."""
-    return not file.guessed or (file.path is None and robot in ("simulated", "emulated"))
+    return not file.is_guess or (file.path is None and robot in ("simulated", "emulated"))
 
 
 def advise_to_measure(file: "VehicleFile", robot: str = "simulated") -> None:
     """Print the commands to type first if the model was not measured.
 
-    A garage vehicle is its own truth in a simulation, and needs no advice there.
+    In a simulation a garage vehicle is its own truth, so it does not need this advice.
     """
-    if measured(file, robot):
+    if is_measured(file, robot):
         return
     vehicle_options, robot_options = naming(file), [] if robot == "simulated" else ["--robot", robot]
-    talk(
+    print_message(
         note(
             "cli.measure-first",
             vehicle=file.label,
-            experiment=typed("experiment", *vehicle_options, *robot_options),
-            identify=typed("identify", "last", *vehicle_options, "--update"),
+            experiment=baqueano_command("experiment", *vehicle_options, *robot_options),
+            identify=baqueano_command("identify", "last", *vehicle_options, "--update"),
         )
     )
 
 
 def naming(file: "VehicleFile", folder: str = "runs") -> list[str]:
-    """Return the options with which the next command uses the same vehicle, and the same folder of runs."""
+    """Return the options with which the next command uses the same vehicle and the same folder of runs."""
     name = file.layers[0].removeprefix("garage: ")
     if file.path is not None:
         name = str(file.path.relative_to(here) if file.path.is_relative_to(here := Path.cwd()) else file.path)
@@ -157,9 +159,9 @@ def naming(file: "VehicleFile", folder: str = "runs") -> list[str]:
 
 
 def naming_own(folder: str, run: "Run | None" = None) -> list[str]:
-    """Return the same options if only a run is known, without its vehicle file.
+    """Return the options of `naming` if only a run is known, without its vehicle file.
 
-    A `run` that contains a vehicle file needs no option for a replay.
+    A `run` that contains a vehicle file does not need a vehicle option for a replay.
     """
     vehicle = [] if OWN_FILE.exists() or (run is not None and run.vehicle_text) else ["--vehicle", "FILE"]
     return vehicle + _runs_in(folder)
@@ -170,16 +172,19 @@ def _runs_in(folder: str) -> list[str]:
 
 
 def advise_to_fit(compared: "Comparison", runs: "list[Run]", named: list[str], folder: str) -> None:
-    """Print the command to type if an estimator of these runs has larger errors than it states."""
+    """Print the command to type if the errors of an estimator in these runs are larger than it reports."""
     for comparison, run in zip(compared.runs, runs, strict=True):
         if comparison.too_sure:
             inside = run.path is None or run.path.parent == Path(folder)
             run_name = run.name if inside else run.path
-            return talk(note("cli.next-identify", fix=typed("identify", run_name, *named, "--update")))
+            return print_message(
+                note("cli.next-identify", fix=baqueano_command("identify", run_name, *named, "--update"))
+            )
 
 
 def load_truth(robot: str, vehicle: "VehicleFile") -> "VehicleFile":
-    """Return the vehicle file of the simulated or emulated robot, named by "simulated:FILE" or by the file."""
+    """Return the vehicle file of the simulated or emulated robot: FILE of "simulated:FILE", or the truth of
+    `vehicle`."""
     from baqueano.vehicle_file import load
 
     _, _, truth_path = robot.partition(":")
@@ -189,7 +194,7 @@ def load_truth(robot: str, vehicle: "VehicleFile") -> "VehicleFile":
 def run_path(out: Path | None, folder: str, label: str) -> Path:
     """Return the file for a new run.
 
-    Call it last, after all checks, as it reserves a name. Raise FileError if `out` exists.
+    Call this function last, after all checks, because it reserves a name. Raise FileError if `out` exists.
     """
     from baqueano.errors import FileError
     from baqueano.runs.folder import claim, release
@@ -204,7 +209,7 @@ def run_path(out: Path | None, folder: str, label: str) -> Path:
 
 
 def find_route(name: str) -> "Route":
-    """Return the stored route: `lab` is routes/lab.csv; a name with an ending is a path.
+    """Return the stored route: `lab` is routes/lab.csv; a name with a file extension is a path.
 
     Raise FileError if it is missing.
     """
@@ -218,22 +223,28 @@ def find_route(name: str) -> "Route":
             note("cli.routes", stored=", ".join(stored_names)) if stored_names else note("cli.no-routes")
         )
         raise FileError(
-            fault("cli.route-absent", typed("teach", name), found=name, missing=path, there=stored_routes)
+            fault(
+                "cli.route-absent",
+                baqueano_command("teach", name),
+                found=name,
+                missing=path,
+                there=stored_routes,
+            )
         )
     if b"\0" in path.read_bytes()[:1000]:
-        raise FileError(fault("cli.route-not-text", typed("teach", path.stem), path=path))
+        raise FileError(fault("cli.route-not-text", baqueano_command("teach", path.stem), path=path))
     return read_route(path)
 
 
 def route_path(name: str) -> Path:
-    """Return the path of a route: `lab` is routes/lab.csv; a name with an ending is a path."""
+    """Return the path of a route: `lab` is routes/lab.csv; a name with a file extension is a path."""
     return Path(name) if Path(name).suffix else ROUTES / f"{name}.csv"
 
 
 def own_block(file: "VehicleFile | None", room: str, kind: str | None) -> str | None:
-    """Return `kind` of --estimator, --guide or --controller, if it can be loaded.
+    """Return `kind` of --estimator, --guide or --controller if it can be loaded. Raise FileError if it cannot.
 
-    `file` is None without a vehicle file. Raise FileError for a block that cannot be loaded.
+    `file` is None without a vehicle file.
     """
     from baqueano.blocks import resolve
     from baqueano.errors import FileError
@@ -245,7 +256,9 @@ def own_block(file: "VehicleFile | None", room: str, kind: str | None) -> str | 
             raise FileError(
                 fault(
                     "cli.own-block",
-                    typed("blocks", "check", kind) if ":" in kind else typed("blocks", "ls"),
+                    baqueano_command("blocks", "check", kind)
+                    if ":" in kind
+                    else baqueano_command("blocks", "ls"),
                     room=room,
                     kind=kind,
                     cause=error.diagnostic,
@@ -255,44 +268,48 @@ def own_block(file: "VehicleFile | None", room: str, kind: str | None) -> str | 
 
 
 def raise_stop(run: "Run", path: Path) -> None:
-    """Raise the error of a stopped drive; its run is on disk."""
+    """Raise the error of a stopped drive, whose run is stored at `path`. Return if the drive was not stopped."""
     from baqueano.cli.errors import Interruption
     from baqueano.diagnostics import StopReason
     from baqueano.drive import stop_of
     from baqueano.errors import SafetyStop
 
-    warned(run)
+    print_warnings(run)
     stop_reason = stop_of(run)
     if stop_reason is None:
         return
     if stop_reason.code == StopReason.INTERRUPTED:
         raise Interruption(fault("cli.drive-interrupted", path=path, duration_s=run.duration_s))
-    raise SafetyStop(fault("cli.stopped", typed("runs", "show", path), cause=stop_reason, path=path))
+    raise SafetyStop(
+        fault("cli.stopped", baqueano_command("runs", "show", path), cause=stop_reason, path=path)
+    )
 
 
-def warned(run: "Run") -> None:
+def print_warnings(run: "Run") -> None:
     """Print the warnings of a run about its model and noise, and about degraded sensors."""
     for event in run.events:
         if event.source in ("drive", "model", "sensors") and event.level == "warning":
-            talk(note("cli.warning", cause=event.diagnostic or event.text))
+            print_message(note("cli.warning", cause=event.diagnostic or event.text))
 
 
 def find_runs(names: tuple[str, ...], folder: str) -> "list[Run]":
-    """Return the runs of these names, numbers or paths; `last` is the newest, `3-28` and `trial*` select several."""
+    """Return the runs of these names, numbers or paths; `last` is
+    the newest run, `3-28` and `trial*` select several runs.
+    """
     from baqueano.runs import read_run
     from baqueano.runs.folder import find_all
 
     loaded_runs = [read_run(path) for name in names for path in find_all(name, folder)]
     for run in loaded_runs:
         for cause in run.notes:
-            talk(note("cli.run-note", run=run.name, cause=cause))
+            print_message(note("cli.run-note", run=run.name, cause=cause))
     return loaded_runs
 
 
-def kept(vehicle: "VehicleFile", update: bool) -> None:
+def save_update(vehicle: "VehicleFile", update: bool) -> None:
     """Save a changed vehicle file to its path, or print the option that saves it."""
     if not update:
-        talk(note("cli.not-kept"))
+        print_message(note("cli.not-kept"))
         return
     path = vehicle.save(None if vehicle.path is not None else OWN_FILE)
-    talk(note("cli.written", path=path))
+    print_message(note("cli.written", path=path))

@@ -43,7 +43,8 @@ def _spell(error: UnicodeError) -> tuple[str, int]:
 
 
 def plain_letters(*streams: TextIO) -> None:
-    """Replace letters that the terminal's encoding lacks, such as ψ by psi, so that printing does not fail."""
+    """Replace letters that the terminal's encoding does not contain, such as ψ by psi, so that printing does
+    not fail."""
     codecs.register_error("baqueano", _spell)
     for stream in streams:
         reconfigure = getattr(stream, "reconfigure", None)
@@ -51,13 +52,13 @@ def plain_letters(*streams: TextIO) -> None:
             reconfigure(errors="baqueano")
 
 
-def talk(message: Diagnostic | str) -> None:
-    """Print a line for the user who waits; it is not part of the result."""
+def print_message(message: Diagnostic | str) -> None:
+    """Print a line on stderr for the user who waits; it is not part of the result."""
     _print(text(message), sys.stderr)
 
 
-def tell(message: Diagnostic | str) -> None:
-    """Print a result on stdout. A reader that has ended (`| head`, a terminal that hung up) does not end the work."""
+def print_result(message: Diagnostic | str) -> None:
+    """Print a result on stdout. The work continues if its reader has ended (`| head`, a terminal that hung up)."""
     _print(text(message), sys.stdout)
 
 
@@ -78,13 +79,13 @@ def _print(line: str, stream: TextIO) -> None:
 def answer(
     result: Any, as_json: bool, more: list["TableRow"] | None = None, **beside: list["TableRow"]
 ) -> None:
-    """Print a result: its table for people, or one JSON object.
+    """Print a result: its table for people, or one JSON object for programs.
 
-    The object has `rows`, followed by the rows `more`, `verdict`, `reasons` if the result has them, and the rows
-    `beside`.
+    The object has `rows`, followed by the rows `more`, `verdict`,
+    `reasons` if the result has them, and the rows `beside`.
     """
     if not as_json:
-        tell(result.table())
+        print_result(result.table())
         return
     import json
 
@@ -95,11 +96,13 @@ def answer(
         ]
     reply |= {name: list(map(_finite, rows)) for name, rows in beside.items()}
     answered.append(json.dumps(reply, allow_nan=False))
-    tell(answered[-1])
+    print_result(answered[-1])
 
 
 def _finite(row: "TableRow") -> "JsonObject":
-    """Return a row with NumPy numbers as Python's, and with null for NaN and infinity, which JSON does not have."""
+    """Return a row with Python numbers in place of NumPy's.
+    NaN and infinity become null, because JSON does not have them.
+    """
     import numpy as np
 
     def plain(value: object) -> Any:
@@ -114,15 +117,15 @@ def _finite(row: "TableRow") -> "JsonObject":
     return {name: plain(value) for name, value in row.items()}
 
 
-def watched() -> bool:
+def is_terminal() -> bool:
     """Return True if stderr is a terminal."""
     return sys.stderr is not None and sys.stderr.isatty()
 
 
 @contextmanager
 def progress(label: Diagnostic | str, length: int) -> Iterator[Callable[[int], None]]:
-    """Show a bar on stderr for long work, if stderr is a terminal; yield advance(n)."""
-    if not watched():
+    """Show a progress bar on stderr for long work, if stderr is a terminal. Yield advance(n)."""
+    if not is_terminal():
         yield lambda n: None
         return
     with click.progressbar(length=length, label=text(label), file=sys.stderr, width=30) as bar:
@@ -130,11 +133,12 @@ def progress(label: Diagnostic | str, length: int) -> Iterator[Callable[[int], N
 
 
 @contextmanager
-def clocked(label: Diagnostic | str, duration_s: float) -> Iterator[Callable[[float], None]]:
-    """Show a bar on stderr that follows the time of a run [s]; `duration_s` 0 means an unknown end. Yield show(t_s)."""
+def time_progress(label: Diagnostic | str, duration_s: float) -> Iterator[Callable[[float], None]]:
+    """Show a bar on stderr that follows the time of a run [s]; `duration_s` is 0 for an unknown end. Yield
+    show(t_s)."""
     done_tenths = 0
     if duration_s <= 0.0:
-        yield lambda t_s: _rewrite(text(note("cli.clocked", label=label, t_s=t_s))) if watched() else None
+        yield lambda t_s: _rewrite(text(note("cli.clocked", label=label, t_s=t_s))) if is_terminal() else None
         _rewrite("")
         return
 
@@ -148,10 +152,10 @@ def clocked(label: Diagnostic | str, duration_s: float) -> Iterator[Callable[[fl
         show(duration_s)
 
 
-class Say:
-    """A function that replaces the last progress report, and returns True once Ctrl-C requested the result so far.
+class ProgressLine:
+    """A function that replaces the previous progress report. It returns True after the user has pressed Ctrl-C.
 
-    From the first call on Ctrl-C has this meaning; a second one ends the work at once.
+    After the first call, Ctrl-C requests the result so far. A second Ctrl-C ends the work at once.
     """
 
     def __init__(self) -> None:
@@ -170,8 +174,8 @@ class Say:
     def _stop(self, number: int, frame: FrameType | None) -> None:
         self.stopped, self.text = True, text(note("cli.ending"))
         signal.signal(signal.SIGINT, signal.default_int_handler)
-        if not watched():
-            talk(self.text)
+        if not is_terminal():
+            print_message(self.text)
 
     def done(self) -> None:
         """Restore the previous handler of Ctrl-C."""
@@ -180,38 +184,38 @@ class Say:
 
 
 @contextmanager
-def busy(label: Diagnostic | str) -> Iterator[Say]:
-    """Show a line on stderr for work of unknown duration; yield say(text).
+def busy(label: Diagnostic | str) -> Iterator[ProgressLine]:
+    """Show a line on stderr for work of unknown duration. Yield say(text).
 
     On a terminal it counts the seconds, and shows the progress of the work. Otherwise a line is printed every EVERY_S.
     """
-    say, person, label = Say(), watched(), text(label)
+    status, person, label = ProgressLine(), is_terminal(), text(label)
     start, end_event = time.monotonic(), threading.Event()
 
     def count() -> None:
         while not end_event.wait(0.5 if person else EVERY_S):
-            suffix = f"  {say.text}" if say.text else ""
+            suffix = f"  {status.text}" if status.text else ""
             line = f"{label}  {time.monotonic() - start:.0f} s{suffix}"
-            _rewrite(line) if person else talk(line)
+            _rewrite(line) if person else print_message(line)
 
-    _rewrite(label) if person else talk(label)
+    _rewrite(label) if person else print_message(label)
     counting = threading.Thread(target=count, daemon=True)
     counting.start()
     try:
-        yield say
+        yield status
     finally:
         end_event.set()
         counting.join()
-        say.done()
+        status.done()
         _rewrite(f"{label}  {time.monotonic() - start:.1f} s\n")
 
 
 @contextmanager
-def steps() -> Iterator[Callable[[Diagnostic | str], Say]]:
+def steps() -> Iterator[Callable[[Diagnostic | str], ProgressLine]]:
     """Show a line on stderr for each step of the work. Yield begin(label), which returns the say(text) of the step."""
     with ExitStack() as step:
 
-        def begin(label: Diagnostic | str) -> Say:
+        def begin(label: Diagnostic | str) -> ProgressLine:
             step.close()
             return step.enter_context(busy(label))
 
@@ -219,8 +223,8 @@ def steps() -> Iterator[Callable[[Diagnostic | str], Say]]:
 
 
 def _rewrite(line: str) -> None:
-    """Replace the previous line on a terminal, cut to its width."""
-    if watched():
+    """Replace the previous line on a terminal by `line`, cut to the terminal's width."""
+    if is_terminal():
         import shutil  # it loads bz2 and lzma, for which --help does not wait
 
         wide = max(20, shutil.get_terminal_size((100, 24)).columns - 1)

@@ -1,9 +1,9 @@
 """Compare runs by the errors of estimate and vehicle, and by the consistency of the filter.
 
-One row per run: errors of the estimate against the truth (errors.py) and of the vehicle against its reference; how
-evenly it drove (evenness.py); NEES and NIS (filter_consistency.py); its corridor at the end (corridor.py). A figure
-that a run does not contain is NaN, never 0. With two or more runs of the same route, each row also contains the
-distance of that run's vehicle from the first run's path.
+Each run has a row with the errors of the estimate against the truth (errors.py) and of the vehicle against its
+reference. The row also contains the evenness of the drive (evenness.py), NEES and NIS (filter_consistency.py), and the
+corridor at the end (corridor.py). A figure is NaN, never 0, if the run does not determine it. With two or more runs of
+the same route, each row also contains the distance of the run's vehicle from the first run's path.
 """
 
 from collections.abc import Sequence
@@ -19,7 +19,7 @@ from baqueano.compare.divergence import NoCovariance, diverged_s, no_covariance,
 from baqueano.compare.filter_consistency import FilterConsistency, filter_consistency
 from baqueano.compare.laps import DriveLap, laps_of
 from baqueano.compare.table import WIDTH, table
-from baqueano.contracts.result import Result, shortened
+from baqueano.contracts.result import Result, shorten
 from baqueano.diagnostics import Diagnostic, Severity, Verdict, fault, note
 from baqueano.errors import UsageError, cause_of
 from baqueano.language import number
@@ -71,22 +71,24 @@ class RunComparison:
     refusals: tuple[
         Refusals, ...
     ] = ()  # how often the estimator refused each number; empty: it does not count refusals
-    laps: tuple[DriveLap, ...] = ()  # of a route that comes back
+    laps: tuple[DriveLap, ...] = ()  # of a route that returns to its beginning
 
     @property
     def verdict(self) -> str:
-        """Return the consistency of the estimate: by NEES if the truth is known, else by NIS."""
+        """Return the consistency of the estimate, by NEES if the truth is known, else by NIS.
+        A diverged estimate or an invalid covariance has its own verdict.
+        """
         if np.isfinite(self.diverged_s):
             return DIVERGED
         return self.consistency.verdict if self.no_covariance is None else NOT_DEFINITE
 
     @property
     def too_sure(self) -> bool:
-        """Return True if the estimate errs more than its covariance predicts."""
+        """Return True if the errors of the estimate are larger than its covariance predicts."""
         return self.verdict == "too sure"
 
     def row(self) -> "JsonObject":
-        """Return a flat row in SI units for machine use."""
+        """Return a flat row in SI units for programs."""
         row: TableRow = {"run": self.name, "duration_s": self.duration_s}
         for name in ("ate_m", "ate_heading_rad", "rpe_m", "rpe_heading_rad", "speed_error_m_s"):
             row[name] = getattr(self, name)
@@ -102,7 +104,7 @@ class RunComparison:
         return row | corridor_row(self.corridor)
 
     def lines(self) -> list[str]:
-        """Return a short text of the run: its known errors [cm rms], and its sentences."""
+        """Return a short text about the run: its known errors [cm rms], and its sentences."""
         errors = (
             ("front.across-true", self.across_true.rms_m), ("front.across-estimate", self.across_estimate.rms_m),
             ("front.position-off", self.ate_m), ("front.across-first", self.across_first.rms_m),
@@ -115,7 +117,9 @@ class RunComparison:
 
     @property
     def sentences(self) -> tuple[str, ...]:
-        """Return the time of divergence if the estimate diverged, else laps, corridor at the end and consistency."""
+        """Return sentences on laps, corridor at the end and consistency.
+        If the estimate diverged or a covariance is not valid, return only a sentence about this.
+        """
         if np.isfinite(self.diverged_s):
             return (text(note("compare.diverged", t_s=self.diverged_s)),)
         if self.no_covariance is not None:
@@ -124,7 +128,7 @@ class RunComparison:
         return (*self._of_laps(), *own, self.consistency.sentence)
 
     def _of_laps(self) -> tuple[str, ...]:
-        """Return a sentence on the laps if there were at least two, else an empty tuple."""
+        """Return a sentence about the laps if there were at least two, else an empty tuple."""
         if len(self.laps) < 2:
             return ()
         first, last, worst = self.laps[0], self.laps[-1], max(self.laps, key=lambda lap: lap.max_m)
@@ -148,11 +152,11 @@ class Comparison(Result):
     runs : tuple of RunComparison
         The measures of each run.
     alignment : str
-        Of the estimate to the truth: "none", "start" or "rigid".
+        Alignment of the estimate with the truth: "none", "start" or "rigid".
     over_s : float
         Span of the relative error.
     of_drives : bool
-        False if one of the runs is a replay: its vehicle then drove by another estimate.
+        False if a run is a replay, because its vehicle drove by another estimate.
 
     Examples
     --------
@@ -168,19 +172,21 @@ class Comparison(Result):
 
     def __repr__(self) -> str:
         rows = [line for run in self.runs for line in run.lines()]
-        return shortened([], rows, [verdict_line(self.verdict, self.reasons)])
+        return shorten([], rows, [verdict_line(self.verdict, self.reasons)])
 
     def rows(self) -> list["TableRow"]:
         """Return a flat row for each run."""
         return [run.row() for run in self.runs]
 
     def laps(self) -> list["TableRow"]:
-        """Return a flat row for each lap of each run, for routes that return to their beginning."""
+        """Return a flat row for each lap of each run. Only routes that return to their beginning have laps."""
         return [{"run": run.name, **lap.row()} for run in self.runs for lap in run.laps]
 
     @property
     def verdict(self) -> Verdict:
-        """Return CONSISTENT, INCONSISTENT with reasons, CANNOT TELL if a run is undecided, or NOT REPORTED."""
+        """Return INCONSISTENT with reasons, and NOT REPORTED if all verdicts are "not reported".
+        Otherwise return CONSISTENT if all reported verdicts are consistent, else CANNOT TELL.
+        """
         if self.reasons:
             return Verdict.INCONSISTENT
         verdicts = {run.verdict for run in self.runs} - {"not reported"}
@@ -190,7 +196,7 @@ class Comparison(Result):
 
     @property
     def reasons(self) -> tuple[Diagnostic, ...]:
-        """Return a warning for each inconsistent run, with its verdict."""
+        """Return a warning with the verdict for each run that is inconsistent."""
         return tuple(
             note("compare.inconsistent", Severity.WARNING, subject=run.name, how=run.verdict)
             for run in self.runs
@@ -198,7 +204,7 @@ class Comparison(Result):
         )
 
     def table(self) -> str:
-        """Return the figures with a column for each run, then the sentences on each run, 80 columns wide."""
+        """Return the figures, 80 columns wide, with a column for each run, then the sentences about each run."""
         sentences = [f"{run.name}: {sentence}" for run in self.runs for sentence in run.sentences]
         sentences += [verdict_line(self.verdict, self.reasons), *self._advice()]
         return "\n".join(
@@ -226,15 +232,15 @@ def compare(
     Parameters
     ----------
     runs : Run or sequence of Run
-        The runs; across_first is the distance from the path of the first.
+        The runs; across_first is the distance from the path of the first run.
     alignment : str
-        Lays the estimate on the truth: "none" (they share a map), "start" or "rigid"; only "none" leaves a NEES.
+        Alignment of estimate and truth: "none" (both in one map), "start" or "rigid"; only "none" allows a NEES.
     over_s : float
         Span of the relative error.
     skip_s : float
-        Seconds to leave out at the start.
+        Seconds at the start that are ignored.
     names : sequence of str, optional
-        Names that replace those of the runs.
+        Names that replace the names of the runs.
 
     Returns
     -------
@@ -244,7 +250,7 @@ def compare(
     Raises
     ------
     UsageError
-        For another alignment, a span not above 0, no run, or not as many names as runs.
+        For another alignment, a span that is not above 0, an empty `runs`, or another number of names than of runs.
 
     Examples
     --------
@@ -262,7 +268,7 @@ def compare(
         raise UsageError(fault("compare.no-runs"))
     if not (over_s > 0.0 and skip_s >= 0.0):
         raise UsageError(fault("compare.times", over_s=over_s, skip_s=skip_s))
-    errors.aligned(np.zeros((0, 3)), np.zeros((0, 3)), alignment)
+    errors.align_trajectory(np.zeros((0, 3)), np.zeros((0, 3)), alignment)
     cut_runs = [run.cut(skip_s) if skip_s else run for run in several]
     labels = list(names) if names else [run.name for run in several]
     if len(labels) != len(several):
@@ -301,7 +307,7 @@ def _against_truth(run: "Run", alignment: str, over_s: float) -> dict[str, float
     eta_true = poses_at(est.t_ns, truth.t_ns, truth.eta)
     nu_true = at_times(est.t_ns, truth.t_ns, truth.nu)
     try:
-        eta = errors.aligned(est.eta, eta_true, alignment)
+        eta = errors.align_trajectory(est.eta, eta_true, alignment)
     except UsageError as error:
         raise UsageError(fault("compare.of-run", run=run.name, cause=cause_of(error))) from error
     off = errors.absolute(eta, eta_true)
@@ -331,7 +337,7 @@ def _across(log: Any, run: "Run") -> Path:
 
 
 def _pace(log: Any, run: "Run") -> "Pace":
-    """Compare the forward speed of a log with that of its run's reference, until the guide finished."""
+    """Compare the forward speed of a log with the reference speed of its run, until the guide finished."""
     ref = run.guide_reference
     if log is None or ref is None or not len(ref.t_ns):
         return evenness.UNKNOWN
@@ -341,7 +347,9 @@ def _pace(log: Any, run: "Run") -> "Pace":
 
 
 def _command_figures(run: "Run") -> dict[str, float]:
-    """Return the figures of the sent command, or of the applied one if none was logged, until the guide finished."""
+    """Return the figures of the sent command until the guide
+    finished; of the applied command if no sent one was logged.
+    """
     ref, limits = run.guide_reference, evenness.limits_of(run.vehicle_text)
     k = slice(None) if ref is None or not len(ref.t_ns) else _until_done(run.t_ns, ref)
     u = (run.applied if run.sent is None else run.sent)[k]
@@ -350,13 +358,14 @@ def _command_figures(run: "Run") -> dict[str, float]:
 
 
 def _until_done(t_ns: np.ndarray, ref: Any) -> np.ndarray:
-    """Return (N,) bool: True at the times before the guide finished."""
+    """Return a mask (N,): True at the times before the guide finished."""
     over = ref.t_ns[ref.done > 0.0]
     return t_ns <= (over[0] if over.size else ref.t_ns[-1])
 
 
 def _across_run(run: "Run", first: "Run") -> Path:
-    """Return the distances of the vehicle from the path of another run, each timed from its own beginning."""
+    """Return the distances of the vehicle from the path of another run; the time of each run counts from its
+    beginning."""
     if run is first:
         return UNKNOWN
     a, b = (r.truth if r.truth is not None else r.estimate for r in (run, first))

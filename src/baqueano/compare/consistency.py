@@ -1,14 +1,14 @@
-"""Consistency of a covariance: errors in units of their standard deviations.
+"""Test the consistency of a covariance, by errors in units of their standard deviations.
     w_t = L⁻¹ e_t,   P = L Lᵀ;   e = estimate − truth with its heading wrapped, or an innovation, whose P is S    (1)
     NEES_t or NIS_t = w_tᵀ w_t;   mean d if consistent, d the number of known entries                            (2)
-    ρ̄ = Σ w_tᵀ w_t / Σ d,   1 if consistent; a consistent filter's lies in  χ²_f(a/2, 1 − a/2) / f               (3)
+    ρ̄ = Σ w_tᵀ w_t / Σ d,   1 if consistent; then it is mostly within  χ²_f(a/2, 1 − a/2) / f               (3)
     f = N (tr Γ_0)² / Σ_k (1 − |k|/N) |Γ_k|²,   Γ_k = mean of w_t w_{t+k}ᵀ, until |Γ_k|² < 0.05 |Γ_0|², then w̄ w̄ᵀ (4)
     l_i = 1 − mean of w_i² + w̄_i²  in place of w̄_i²  unless  w̄_i²/l_i < χ²_1(a)                                  (5)
 
-Bar-Shalom, Li & Kirubarajan 2001, section 5.4. By (4), f/d counts independent samples of Gaussian errors. They are
-correlated about 0, their known mean: an error that lasts for the whole drive is one sample. Such an error may be small
-by chance; then ρ̄ < 1 though the filter is right. So the variance that an entry lacks counts as a lasting error,
-unless that is improbable (5). The interval is the wider of (3) and of a circular block bootstrap (Politis, Romano
+Bar-Shalom, Li & Kirubarajan 2001, section 5.4. By (4), f/d counts independent samples of Gaussian errors. Their
+correlation is about the known mean 0: an error that lasts for the whole drive is one sample. Such an error may be small
+by chance; then ρ̄ < 1 although the filter is right. So the missing variance of an entry counts as a lasting error,
+unless that is improbable (5). The interval is the wider one of (3) and a circular block bootstrap (Politis, Romano
 1992) with blocks of ≥ 2 N d/f.
 """
 
@@ -29,7 +29,7 @@ FAR = 1.6  # the verdict is "cannot tell" if the band is wider than this factor 
 
 
 class Band(NamedTuple):
-    """The mean of normalised squared errors, and the interval that a consistent filter's mean lies in."""
+    """The mean of normalised squared errors, and the interval for this mean of a consistent filter."""
 
     mean: float  # per degree of freedom: 1 if consistent; NaN if nothing was reported
     low: float
@@ -53,10 +53,11 @@ class Band(NamedTuple):
 NOT_REPORTED = Band(float("nan"), float("nan"), float("nan"), 0, 0.0)
 
 
-def whitened(error: np.ndarray, cov: np.ndarray) -> np.ndarray:
-    """Return w (N, d) of errors (N, d) with covariances (N, d, d).  (1)
+def whiten(error: np.ndarray, cov: np.ndarray) -> np.ndarray:
+    """Return the whitened errors w (N, d) of errors (N, d) with covariances (N, d, d).  (1)
 
-    An entry that is not known, such as a silent sensor, is left out: its w is NaN. A row whose P is singular is NaN."""
+    An unknown entry, as of a sensor without a reading, is excluded: its w is NaN. A row whose P is singular is NaN.
+    """
     finite, w = (
         np.isfinite(error) & np.isfinite(np.diagonal(cov, axis1=1, axis2=2)),
         np.full(error.shape, np.nan),
@@ -69,7 +70,7 @@ def whitened(error: np.ndarray, cov: np.ndarray) -> np.ndarray:
             continue
         P = cov[np.ix_(rows, keep, keep)]
         scale = np.sqrt(np.maximum(np.diagonal(P, axis1=1, axis2=2), 1e-300))
-        R = P / (scale[:, :, None] * scale[:, None, :])  # correlations: metres and radians weigh alike
+        R = P / (scale[:, :, None] * scale[:, None, :])  # correlations: metres and radians have equal weight
         definite = np.linalg.eigvalsh(R)[:, 0] > 1e-12
         rows = rows[definite]
         if rows.size:
@@ -78,8 +79,8 @@ def whitened(error: np.ndarray, cov: np.ndarray) -> np.ndarray:
     return w
 
 
-def squared(w: np.ndarray) -> np.ndarray:
-    """Return NEES or NIS (N,) of whitened errors (N, d); NaN for a row without a known entry.  (2)"""
+def normalised_squared_error(w: np.ndarray) -> np.ndarray:
+    """Return NEES or NIS (N,) of whitened errors (N, d); NaN for a row whose entries are all unknown.  (2)"""
     return np.where(np.any(np.isfinite(w), axis=1), np.nansum(w**2, axis=1), np.nan)
 
 
@@ -122,7 +123,7 @@ def independent(w: np.ndarray) -> float:
 
 
 def whiteness(innovation: np.ndarray, cov: np.ndarray) -> np.ndarray:
-    """Return the lag-1 autocorrelation (m,) of each normalised innovation; a white one lies within ±1.96/√N."""
+    """Return the lag-1 autocorrelation (m,) of each normalised innovation; 95 % of white ones are within ±1.96/√N."""
     with np.errstate(invalid="ignore"):
         y = innovation / np.sqrt(np.diagonal(cov, axis1=1, axis2=2))
     out = np.full(y.shape[1], np.nan)

@@ -3,8 +3,8 @@
     position   (p − p̂)ᵀ P_p⁻¹ (p − p̂) ≤ χ²₂,  an ellipse of the area π χ²₂ √det P_p                       (1)
     across     ± 1.96 √(nᵀ P_p n),  n to the left of the heading;   heading   ± 1.96 σ_ψ                   (2)
 
-χ²₂ = 5.991 and 1.96 belong to 95 %. A heading with σ_ψ above LOST_RAD is unusable: from then on the vehicle is lost,
-the ellipse no longer bounds a region, and the corridor ends.
+χ²₂ = 5.991 and 1.96 are the 95 % quantiles. If σ_ψ exceeds LOST_RAD, the heading is unusable and the vehicle is lost.
+From then on the ellipse does not bound a region, so the corridor ends.
 """
 
 from typing import NamedTuple
@@ -23,7 +23,7 @@ BACK_M, BACK_RAD = 0.03, 0.15  # a reference this close to its first pose has re
 
 
 class Corridor(NamedTuple):
-    """The 95 % regions along a path, until the vehicle is lost; M ticks."""
+    """The 95 % regions along a path at M ticks, until the vehicle is lost."""
 
     t_s: np.ndarray  # (M,) since the first tick
     eta: np.ndarray  # (M, 3) middle
@@ -40,7 +40,7 @@ class Corridor(NamedTuple):
 
     @property
     def message(self) -> Diagnostic:
-        """Return the message of `sentence`."""
+        """Return the message that `sentence` expresses."""
         if np.isfinite(self.lost_s):
             if not np.isfinite(self.lap_s):
                 return note("corridor.lost", t_s=self.lost_s)
@@ -76,7 +76,7 @@ def corridor(t_s: np.ndarray, eta: np.ndarray, cov: np.ndarray, lap_s: float = f
 
 
 def corridor_of(run: Run) -> Corridor | None:
-    """Return the corridor of a run, or None if its filter does not report a covariance of the pose."""
+    """Return the corridor of a run; None if its filter does not report a covariance of the pose."""
     log = run.estimate
     if log is None or not len(log.t_ns) or not np.any(log.cov[:, :3, :3]):
         return None
@@ -84,7 +84,7 @@ def corridor_of(run: Run) -> Corridor | None:
 
 
 def corridor_row(corridor: Corridor | None) -> dict[str, float]:
-    """Return the last half-widths as a flat row, SI; NaN without a corridor, or if the vehicle is lost."""
+    """Return the half-widths at the end as a flat row (SI); NaN without a corridor, or if the vehicle is lost."""
     names = ("corridor_across_m", "corridor_area_m2", "corridor_heading_rad")
     if corridor is None:
         return dict.fromkeys((*names, "lost_s"), float("nan"))
@@ -96,7 +96,7 @@ def corridor_row(corridor: Corridor | None) -> dict[str, float]:
 
 
 def _lap_s(run: Run) -> float:
-    """Return the time after which the reference returned to its first pose; NaN: never."""
+    """Return the time after which the reference returned to its first pose [s]; NaN if it never returned."""
     ref = run.guide_reference
     if ref is None or len(ref.t_ns) < 2:
         return float("nan")

@@ -1,8 +1,8 @@
-"""Forecast of the corridor of a route, before it is driven.
+"""Predict the corridor of a route before it is driven.
 
-The vehicle of the file drives the route in simulation, without noise, with its own controller and estimator. The
+The vehicle of the file drives the route in simulation, without noise, with the file's controller and estimator. The
 covariance of the estimator along that drive is the forecast: it contains noise, biases and scales of the file. A
-vehicle that differs from the file drives farther off; the forecast does not include that.
+vehicle that differs from the file drives farther from its path; the forecast does not include this effect.
 """
 
 from dataclasses import dataclass
@@ -14,8 +14,8 @@ from baqueano.compare.corridor import Corridor, corridor_of
 from baqueano.contracts.result import Result
 from baqueano.diagnostics import fault
 from baqueano.errors import AnswerNo
-from baqueano.language import marked as N_
-from baqueano.language import translated as _
+from baqueano.language import mark as N_
+from baqueano.language import translate as _
 from baqueano.simulate import simulate_loop
 
 if TYPE_CHECKING:
@@ -52,7 +52,7 @@ class CorridorAhead(Result):
         return "LOST" if np.isfinite(self.corridor.lost_s) else "KNOWN"
 
     def rows(self) -> list["TableRow"]:
-        """Return one flat row per lap, SI; NaN if the vehicle is lost by its end."""
+        """Return one flat row per lap (SI); NaN if the vehicle is lost before its end."""
         out = []
         for lap in range(1, self.laps + 1):
             row = {"lap": lap, "t_s": lap * self.lap_s}
@@ -78,7 +78,7 @@ class CorridorAhead(Result):
         return "\n".join([*lines, f"{_(self.verdict)}: {self.corridor.sentence}"])
 
     def _tick(self, lap: int) -> int | None:
-        """Return the tick at which a lap ends; None if the vehicle is lost by then."""
+        """Return the tick at which a lap ends; None if the vehicle is lost before it."""
         if self.corridor.lost_s <= lap * self.lap_s:
             return None
         return min(int(np.searchsorted(self.corridor.t_s, lap * self.lap_s)), len(self.corridor.t_s) - 1)

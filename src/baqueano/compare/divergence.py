@@ -27,7 +27,7 @@ class NoCovariance(NamedTuple):
 
 
 def diverged_s(run: Run) -> float:
-    """Return the time since the beginning of a run at which its estimate diverged [s]; NaN if it never did.  (1)"""
+    """Return the time from the beginning of a run until its estimate diverged [s]; NaN without divergence.  (1)"""
     log = run.estimate
     if log is None or not len(log.t_ns):
         return float("nan")
@@ -55,7 +55,7 @@ def until_diverged(run: Run) -> Run:
 
 
 def no_covariance(run: Run) -> NoCovariance | None:
-    """Return the ticks at which the covariance of (η, ν) is not positive semidefinite, or None without any.  (2)"""
+    """Return the ticks at which the covariance of (η, ν) is not positive semidefinite; None if it always is.  (2)"""
     log = run.estimate
     if log is None or not len(log.t_ns):
         return None

@@ -1,15 +1,15 @@
-"""Errors of a trajectory against another one: absolute, relative, and across a path.
+"""Compute errors of a trajectory against another one: absolute, relative, and across a path.
 
     ATE     √ mean |A p − p*|²,  heading √ mean wrap(ψ + a − ψ*)²;  A the alignment, a its angle           (1)
     RPE     E_i = (T*_i⁻¹ T*_{i+Δ})⁻¹ (T_i⁻¹ T_{i+Δ}),   √ mean |trans E_i|²,   √ mean angle(E_i)²         (2)
     cross-track   the distance from a position to the nearest point of the reference path, left positive   (3)
 
-p, ψ is the estimate, p*, ψ* the truth at the same times, T the pose as a rigid transform of the plane. Sturm et al.
-2012 for (1) and (2), as the tool `evo` computes them: the alignment is rigid, without scale. (3) searches only within
-`window_s` of the time of the reference. So the other branch of a path that crosses itself is not taken by mistake.
+p, ψ is the estimate, p*, ψ* the truth at the same times, T the pose as a rigid transform of the plane. (1) and (2) are
+by Sturm et al. 2012, and as in the tool `evo`: the alignment is rigid, without scale. (3) searches only within
+`window_s` of the time of the reference. So it does not use the wrong branch of a path that crosses itself.
 
-A small position error alone may come from a lucky filter: report the heading error too. Usually RPE fits an estimator
-that has only an IMU, and ATE one whose pose is fixed by a sensor.
+A position error may be small by chance, so report the heading error too. Usually RPE is suitable for an estimator with
+only an IMU, and ATE for an estimator with a sensor that measures the pose.
 """
 
 from typing import NamedTuple
@@ -31,9 +31,9 @@ class PoseErrors(NamedTuple):
     heading_rad: np.ndarray  # (N,) wrapped, signed
 
 
-def aligned(eta: np.ndarray, eta_true: np.ndarray, alignment: str = "none") -> np.ndarray:
+def align_trajectory(eta: np.ndarray, eta_true: np.ndarray, alignment: str = "none") -> np.ndarray:
     """Return `eta` (N, 3) aligned to `eta_true` (N, 3): unchanged, by the first pose, or by all positions ("rigid").
-    "rigid" needs no true heading. Raise UsageError for "start" if no true heading is known."""
+    "rigid" works without a true heading. Raise UsageError for "start" if no true heading is known."""
     if alignment not in ALIGNMENTS:
         raise UsageError(fault("compare.alignment", found=alignment, known=ALIGNMENTS))
     finite = np.isfinite(eta) & np.isfinite(eta_true)
@@ -59,7 +59,7 @@ def absolute(eta: np.ndarray, eta_true: np.ndarray) -> PoseErrors:
 
 
 def relative(t_ns: np.ndarray, eta: np.ndarray, eta_true: np.ndarray, over_s: float = 1.0) -> PoseErrors:
-    """Return the errors (M,) of the motion over `over_s`, from each time that has a sample `over_s` later.  (2)"""
+    """Return the errors (M,) of the motion over `over_s`, from each time with a sample `over_s` later.  (2)"""
     span = round(over_s * NANOSECONDS)
     later = np.searchsorted(t_ns, t_ns + span)
     first = np.flatnonzero(later < len(t_ns))
@@ -77,7 +77,7 @@ def relative(t_ns: np.ndarray, eta: np.ndarray, eta_true: np.ndarray, over_s: fl
 def cross_track(
     t_ns: np.ndarray, xy: np.ndarray, ref_ns: np.ndarray, ref_xy: np.ndarray, window_s: float = 2.0
 ) -> np.ndarray:
-    """Return the signed distance (N,) [m] of points `xy` (N, 2) from the path `ref_xy` (K, 2), left positive.  (3)"""
+    """Return the signed distance (N,) [m] of `xy` (N, 2) from the path `ref_xy` (K, 2), positive to the left.  (3)"""
     if len(ref_xy) < 2:
         raise UsageError(fault("compare.reference-short", points=len(ref_xy)))
     reach = max(1, round(window_s * NANOSECONDS / max(float(np.median(np.diff(ref_ns))), 1.0)))
@@ -92,7 +92,7 @@ def cross_track(
 
 
 def rms(x: np.ndarray) -> float:
-    """Return the root mean square of the finite values, or NaN without any."""
+    """Return the root mean square of the finite values; NaN if all are NaN or x is empty."""
     finite = x[np.isfinite(x)]
     return float(np.sqrt(np.mean(finite**2))) if finite.size else float("nan")
 

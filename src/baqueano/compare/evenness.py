@@ -1,16 +1,16 @@
-"""Evenness of a drive: its forward speed compared with that of the reference, and its commands.
+"""Measure the evenness of a drive, by its commands and by its forward speed against the reference speed.
 
-With ν_x the forward speed, ν_r that of the reference, e = ν_x − ν_r, all after the first `AFTER_S`:
+ν_x is the forward speed, ν_r the reference speed, and e = ν_x − ν_r, all after the first `AFTER_S`:
 
     error        √ mean e²  /  mean |ν_r|                                                                (1)
     unevenness   √ mean (e − ē)²  /  mean |ν_r|,   ē the mean of e over 1 s, half of it before           (2)
     sign changes of the forward command per second, where |u_x| > dead band                              (3)
     at a limit   the share of ticks with |u_i| ≥ limit_i, or |w_k| ≥ limit of channel k,  w = mix(u)     (4)
 
-(1) also grows with a wrong model: a dead zone wrong by 10 % gives 15 % of speed error. (2) excludes a steady error
-and keeps a visible stutter. If the reference speed is steady, e − ē is the speed about its own 1 s mean. A stutter of
-1.4 Hz, the worst case, counts 1.22 times in (2), one of 5 Hz or more as much as in (1).
-Input: arrays; output: numbers. An unknown figure is NaN.
+(1) also grows with a wrong model: a dead zone that is wrong by 10 % causes 15 % of speed error. (2) excludes a steady
+error and keeps a visible stutter. If the reference speed is steady, e − ē is the speed minus its 1 s mean. Compared
+with (1), (2) counts a stutter of 1.4 Hz, the worst case, 1.22 times, and a stutter of 5 Hz or more once. Input: arrays;
+output: numbers. An unknown figure is NaN.
 """
 
 import tomllib
@@ -29,7 +29,7 @@ AT_LIMIT = 1.0 - 1e-9  # of a limit: a command scaled down to it may differ by r
 
 
 class Pace(NamedTuple):
-    """The errors of the forward speed against that of the reference."""
+    """The errors of the forward speed against the reference speed."""
 
     error_m_s: float  # rms
     error: float  # the same, divided by the mean reference speed  (1)
@@ -37,7 +37,7 @@ class Pace(NamedTuple):
 
 
 class Limits(NamedTuple):
-    """The limits of the commands of a vehicle, and of the channels behind its mixing."""
+    """The limits of the commands of a vehicle, and of the channels after its mixing."""
 
     command: np.ndarray  # (n,) of each entry; inf: no limit; 0: the entry is not used
     mixing: str = "none"
@@ -50,7 +50,8 @@ UNKNOWN = Pace(float("nan"), float("nan"), float("nan"))
 def pace(t_ns: np.ndarray, speed: np.ndarray, speed_ref: np.ndarray, after_s: float = AFTER_S) -> Pace:
     """Return (1) and (2) of a forward speed (N,) against the reference speed (N,) at the same times [m/s].
 
-    The first `after_s` seconds are left out. NaN if the reference speed is always 0: that is not a drive along a route.
+    The first `after_s` seconds are ignored. The result is NaN if the reference speed is always 0, because the vehicle
+    then does not drive along a route.
     """
     if not len(t_ns):
         return UNKNOWN
@@ -64,7 +65,7 @@ def pace(t_ns: np.ndarray, speed: np.ndarray, speed_ref: np.ndarray, after_s: fl
 
 
 def about_mean(t_ns: np.ndarray, x: np.ndarray, over_s: float = OVER_S) -> np.ndarray:
-    """Return x (N,) minus its centred mean over `over_s`; NaN if the span reaches beyond either end."""
+    """Return x (N,) minus its centred mean over `over_s`; NaN if this span is not completely inside the data."""
     half = round(0.5 * over_s * NANOSECONDS)
     first, last = np.searchsorted(t_ns, t_ns - half), np.searchsorted(t_ns, t_ns + half, side="right")
     finite = np.isfinite(x)
@@ -76,10 +77,10 @@ def about_mean(t_ns: np.ndarray, x: np.ndarray, over_s: float = OVER_S) -> np.nd
 
 
 def sign_changes(t_ns: np.ndarray, forward: np.ndarray) -> float:
-    """Return how often per second the forward command (N,) changes its sign.  (3)
+    """Return the sign changes per second of the forward command (N,).  (3)
 
-    A command within ± `DEAD_BAND` of the largest command of the drive counts as zero, so a pause or noise around 0 is
-    not a change. Forwards, 0, forwards is not a change either; forwards, 0, backwards is one.
+    A command within ± `DEAD_BAND` of the largest command of the drive counts as zero. So a pause or noise around 0 is
+    not a change. Forwards, 0, forwards is not a change, but forwards, 0, backwards is a change.
     """
     finite = np.isfinite(forward)
     t_ns, forward = t_ns[finite], forward[finite]
@@ -93,7 +94,7 @@ def sign_changes(t_ns: np.ndarray, forward: np.ndarray) -> float:
 def at_limit(u: np.ndarray, limits: Limits) -> np.ndarray:
     """Return (N,): 1.0 if the command u (N, n) reaches a limit, 0.0 if not, NaN if u is not known.  (4)
 
-    The two wheels are checked too: u_x and u_ψ may each be within their limits while a wheel reaches its own.
+    The two wheels are checked too, because a wheel may reach its limit while u_x and u_ψ are within their limits.
     """
     w = np.abs(mix(limits.mixing, u.T)).T
     full = np.any(_reaches(np.abs(u), limits.command), axis=1) | np.any(_reaches(w, limits.channel), axis=1)
@@ -101,7 +102,7 @@ def at_limit(u: np.ndarray, limits: Limits) -> np.ndarray:
 
 
 def share_at_limit(u: np.ndarray, limits: Limits | None) -> float:
-    """Return the share of ticks at which a command u (N, n) reaches a limit; NaN without limits of its size.  (4)"""
+    """Return the share of ticks at which a command u (N, n) reaches a limit; NaN without limits for n entries.  (4)"""
     if limits is None or u.shape[1] != len(limits.command):
         return float("nan")
     full = at_limit(u, limits)
@@ -110,9 +111,9 @@ def share_at_limit(u: np.ndarray, limits: Limits | None) -> float:
 
 
 def limits_of(vehicle_text: str) -> Limits | None:
-    """Return the limits from the text of a vehicle file; None if the text is empty or does not contain them.
+    """Return the limits from the text of a vehicle file; None if the text does not contain them.
 
-    Only two tables are read and no block is built, so the comparison of a run does not execute code from its file.
+    Only two tables are read and blocks are not built, so the comparison of a run does not execute code from its file.
     """
     try:
         data = tomllib.loads(vehicle_text)

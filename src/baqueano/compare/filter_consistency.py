@@ -1,10 +1,10 @@
-"""Consistency of a filter: NEES per state and joint, NIS per channel and joint, and one sentence.
+"""Test the consistency of a filter: NEES per state and joint, NIS per channel and joint, and one sentence.
 
-If the truth is known, the sentence reports the joint NEES of pose and velocity. A pose that no sensor bounds gives too
-few samples, and the sentence states so. If a NEES cannot tell, the NIS may still show too sure or too cautious. The
-false alarm rate of all of them together is FALSE_ALARM: each has its part of it.
+If the truth is known, the sentence reports the joint NEES of pose and velocity. If no sensor bounds the pose, its NEES
+has too few samples, and the sentence reports this. If a NEES cannot decide, the NIS may still show "too sure" or "too
+cautious". The false alarm rate FALSE_ALARM is for all tests together: each test has a part of it.
 
-    lag-1 autocorrelation of an innovation   Σ y_t y_{t−1} / Σ y_t²;  95 % of white ones lie within ± 1.96/√N   (1)
+    lag-1 autocorrelation of an innovation   Σ y_t y_{t−1} / Σ y_t²;  95 % of white ones are within ± 1.96/√N   (1)
 """
 
 from dataclasses import dataclass
@@ -16,7 +16,7 @@ from baqueano.compare import consistency
 from baqueano.compare.consistency import FALSE_ALARM, NOT_REPORTED, Band
 from baqueano.diagnostics import Diagnostic, note
 from baqueano.geometry import wrap
-from baqueano.language import marked as N_
+from baqueano.language import mark as N_
 from baqueano.messages import text
 from baqueano.runs.interpolated import at_times, poses_at
 
@@ -54,26 +54,31 @@ class FilterConsistency:
 
     @property
     def sentence(self) -> str:
-        """Return the verdict with its figure, the worst state, and the autocorrelation of the innovations."""
+        """Return the messages as sentences in the current language."""
+        return " ".join(f"{text(message)}." for message in self.messages)
+
+    @property
+    def messages(self) -> tuple[Diagnostic, ...]:
+        """Return the verdict with its figure and the worst state, then what limits it: few samples, autocorrelation."""
         verdict, name, band = self._decision()
         if band is None:
-            return text(note("consistency.not-reported")) + "."
+            return (note("consistency.not-reported"),)
         if verdict == "cannot tell":
-            return text(note("consistency.cannot-tell", of=JOINT[name], samples=band.samples)) + "."
+            return (note("consistency.cannot-tell", of=JOINT[name], samples=band.samples),)
         figures = {"mean": band.mean, "low": band.low, "high": band.high, "worst": self._worst(verdict)}
         figure = "NIS" if name == "nis" else "NEES"
         first = note(f"consistency.{verdict.replace(' ', '-')}", figure=figure, of=JOINT[name], **figures)
-        sentences = (first, self._few_samples(verdict), self._correlation())
-        return " ".join(f"{text(sentence)}." for sentence in sentences if sentence is not None)
+        messages = (first, self._few_samples(verdict), self._correlation())
+        return tuple(message for message in messages if message is not None)
 
     @property
     def correlation(self) -> float:
-        """Return the lag-1 autocorrelation of largest magnitude; NaN if no innovation arrived."""
+        """Return the lag-1 autocorrelation of largest magnitude; NaN without innovations."""
         finite = [correlation for correlation in self.correlations if np.isfinite(correlation)]
         return max(finite, key=abs) if finite else float("nan")
 
     def row(self) -> "JsonObject":
-        """Return a flat row for machine use."""
+        """Return a flat row for programs."""
         row: TableRow = {}
         for name, band in self._bands_by_name().items():
             row |= {name: band.mean, f"{name}_low": band.low, f"{name}_high": band.high}
@@ -116,7 +121,9 @@ class FilterConsistency:
         return "consistent" if right else "cannot tell", name, band
 
     def _worst(self, verdict: str) -> Diagnostic | str:
-        """Return the state that deviates most in the direction of the verdict, if the truth is known."""
+        """Return the state that deviates most in the direction of the
+        verdict; "" without one, or if the truth is not known.
+        """
         off = {
             name: band.mean for name, band in self.states.items() if band.verdict == verdict != "consistent"
         }
@@ -126,7 +133,7 @@ class FilterConsistency:
         return note("consistency.worst", state=STATES[name], nees=off[name])
 
     def _few_samples(self, verdict: str) -> Diagnostic | None:
-        """Return a note if the verdict is consistent and a joint NEES has too few samples, else None."""
+        """Return a note if the verdict is "consistent" but a joint NEES has too few samples, else None."""
         few = [n for n in ("nees_pose", "nees_velocity") if getattr(self, n).verdict == "cannot tell"]
         return note("consistency.unknown", of=JOINT[few[0]]) if few and verdict == "consistent" else None
 
@@ -137,7 +144,7 @@ class FilterConsistency:
 
 
 def filter_consistency(run: "Run", alignment: str = "none") -> FilterConsistency:
-    """Return the filter consistency of a run; only alignment "none" gives a NEES of the pose."""
+    """Return the filter consistency of a run. The NEES of the pose is known only for the alignment "none"."""
     log, truth = run.estimate, run.truth
     errors: dict[str, np.ndarray] = {}  # whitened
     states: dict[str, Band] = dict.fromkeys(STATES, NOT_REPORTED)
@@ -150,16 +157,16 @@ def filter_consistency(run: "Run", alignment: str = "none") -> FilterConsistency
         ])  # fmt: skip
         e[:, 2] = wrap(e[:, 2])
         e[:, :3] = e[:, :3] if alignment == "none" else np.nan
-        errors["nees_pose"] = consistency.whitened(e[:, :3], log.cov[:, :3, :3])
-        errors["nees_velocity"] = consistency.whitened(e[:, 3:], log.cov[:, 3:, 3:])
+        errors["nees_pose"] = consistency.whiten(e[:, :3], log.cov[:, :3, :3])
+        errors["nees_velocity"] = consistency.whiten(e[:, 3:], log.cov[:, 3:, 3:])
         for k, name in enumerate(STATES):
-            error = consistency.whitened(e[:, [k]], log.cov[:, [[k]], [k]])
+            error = consistency.whiten(e[:, [k]], log.cov[:, [[k]], [k]])
             states[name] = (
                 consistency.band(error) if np.nanmax(np.abs(error), initial=0.0) > 0.0 else NOT_REPORTED
             )
     if log is not None and log.innovation is not None and log.innovation_cov is not None:
         y, S = log.innovation, log.innovation_cov
-        errors["nis"] = consistency.whitened(y, S)
+        errors["nis"] = consistency.whiten(y, S)
         deviations = np.sqrt(np.diagonal(S, axis1=1, axis2=2))
         channels = tuple(consistency.band(channel[:, None]) for channel in (y / deviations).T)
         correlations = consistency.whiteness(y, S)

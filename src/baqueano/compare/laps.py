@@ -1,10 +1,11 @@
-"""Laps of a drive: distance from the route, duration, and closure of each lap.
+"""Measure the laps of a drive: distance from the route, duration, and closure of each lap.
 
-    lap   from one passage of the reference through the end of its route to the next                      (1)
+    lap   from a passage of the reference through the end of its route to the next passage                (1)
     gap   |p(end) − p(begin)|,  ψ(end) − ψ(begin)      of the vehicle                                      (2)
 
-A passage is where the reference is as near as its steps allow, with the heading of the end. So the crossing of a
-figure eight does not count. A lap that begins with a lead-in to the route counts from the beginning of the drive.
+A passage is the point at which the reference is nearest to the end of the route, with the heading of the end.
+So the crossing of a figure eight does not count.
+If a drive begins with a lead-in to the route, the first lap begins with the drive.
 """
 
 from typing import TYPE_CHECKING, NamedTuple
@@ -48,7 +49,7 @@ class DriveLap(NamedTuple):
     gap_rad: float
 
     def row(self) -> "JsonObject":
-        """Return a flat row in SI units for machine use."""
+        """Return a flat row in SI units for programs."""
         names = {"number": "lap", "rms_m": "across_rms_m", "max_m": "across_max_m"}
         return {names.get(name, name): value for name, value in self._asdict().items()}
 

@@ -1,5 +1,6 @@
-"""The table of a comparison in 80 columns: sections of figures with a column for each run. Columns that do not fit are
-printed in a block below."""
+"""Print the table of a comparison in 80 columns: sections of figures with a column for each run.
+Columns that do not fit are printed in a block below.
+"""
 
 from collections.abc import Callable, Iterator, Sequence
 from textwrap import wrap
@@ -8,9 +9,9 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 
 from baqueano.compare.filter_consistency import JOINT, STATES
-from baqueano.language import marked as N_
+from baqueano.language import mark as N_
 from baqueano.language import number
-from baqueano.language import translated as _
+from baqueano.language import translate as _
 
 if TYPE_CHECKING:
     from baqueano.compare.comparison import Comparison, RunComparison
@@ -28,7 +29,7 @@ ALIGNED = {
 
 
 class TableLine(NamedTuple):
-    """A line of the table: a figure of each run."""
+    """A row of the table: the same figure of each run."""
 
     label: str
     unit: str
@@ -37,7 +38,7 @@ class TableLine(NamedTuple):
 
 
 def table(comparison: "Comparison") -> str:
-    """Return the table of the figures that at least one run of a block has."""
+    """Return the table in blocks of columns. A block contains the figures that at least one of its runs has."""
     sections = [
         (title, [(line.label, line.unit, [_cell(line.of(run)) for run in comparison.runs]) for line in lines])
         for title, lines in _sections(comparison)
@@ -69,8 +70,9 @@ def table(comparison: "Comparison") -> str:
 
 
 def sections_of(comparison: "Comparison") -> "list[JsonObject]":
-    """Return the figures that at least one run has, for a page: {title, rows: [{label, unit, cells, best}]}.
-    `best` is the column of the smallest error, or None for a figure that is not an error."""
+    """Return the figures that at least one run contains, for a page: {title, rows: [{label, unit, cells, best}]}.
+    `best` is the column of the smallest error; None if the figure is not an error or the smallest error is not unique.
+    """
     sections: list[JsonObject] = []
     for title, lines in _sections(comparison):
         rows: list[JsonObject] = []
@@ -87,7 +89,7 @@ def sections_of(comparison: "Comparison") -> "list[JsonObject]":
 
 
 def _best(line: TableLine, values: Sequence[Any]) -> int | None:
-    """Return the column of the smallest error; None if the line is not an error, or the smallest one is not unique."""
+    """Return the column of the smallest error; None if `line` is not an error or several errors are the smallest."""
     numbers = [value if isinstance(value, float) and np.isfinite(value) else None for value in values]
     by_value = sorted((value, k) for k, value in enumerate(numbers) if value is not None)
     if not line.error or len(by_value) < 2 or by_value[0][0] == by_value[1][0]:
@@ -96,7 +98,7 @@ def _best(line: TableLine, values: Sequence[Any]) -> int | None:
 
 
 def _parts(wide: Sequence[int], room: int) -> Iterator[range]:
-    """Yield ranges of columns that fit side by side."""
+    """Yield ranges of columns that fit side by side in the width `room`."""
     first = 0
     while first < len(wide):
         last = first + 1
@@ -135,13 +137,13 @@ def _sections(comparison: "Comparison") -> Iterator[tuple[str, Sequence[TableLin
 
 
 def _of_the_vehicle() -> Iterator[tuple[str, Sequence[TableLine]]]:
-    """Yield the sections on path, speed and command of the vehicle; those of a replay do not rate the estimator."""
+    """Yield the sections on path, speed and command of the vehicle. A replay does not have them."""
     for title, kind in (
-        (_("vehicle across its reference, true"), "true"),
+        (_("true cross-track error of the vehicle"), "true"),
         (_("the same, as estimated"), "estimate"),
     ):
         yield title, [*_distances(f"across_{kind}"), *_paces(f"pace_{kind}")]
-    yield _("vehicle across the path of the first run"), _distances("across_first")
+    yield _("cross-track distance to the path of the first run"), _distances("across_first")
     yield (
         _("command"),
         [
@@ -201,7 +203,7 @@ def _of_the_filter(comparison: "Comparison") -> Iterator[tuple[str, Sequence[Tab
 
 
 def _refusal_text(run: "RunComparison", name: str) -> str:
-    """Return "540 of 1501" for a number; "-" if the estimator does not count, or none arrived."""
+    """Return a text such as "540 of 1501" for a number; "-" if refusals are not counted, or without readings."""
     refusals = [refusal for refusal in run.refusals if refusal.name == name and refusal.arrived]
     return _("{refused} of {arrived}", **refusals[0]._asdict()) if refusals else "-"
 
@@ -217,7 +219,7 @@ def _band(band: "Band") -> str:
 
 
 def _short(x: float) -> str:
-    """Return a NEES as a short text, with about three digits."""
+    """Return a NEES as text with about three digits."""
     return f"{number(x):{'.2f' if abs(x) < 10.0 else '.1f' if abs(x) < 100.0 else '.3g'}}"
 
 

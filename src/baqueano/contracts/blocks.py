@@ -1,6 +1,6 @@
-"""Define the contracts of the blocks with each other, and of the world with the loop. signals.py has their signals.
+"""Define the contracts of the blocks with each other, and of the world with the loop. signals.py defines the signals.
 
-No block derives from these classes: a class of yours with these methods works as ours do. Optional attributes of a
+Blocks do not derive from these classes: a class of yours with these methods works as ours do. Optional attributes of a
 block are in optional.py, with their defaults. The contract of a vehicle is `vehicles.Vehicle`.
 """
 
@@ -15,7 +15,7 @@ from baqueano.signals import ByName, Command, Estimate, Motion, Reference, Slot,
 
 
 class Block(Protocol):
-    """Any block: a state, and a step from one tick to the next.
+    """Protocol of any block: a state, and a step from one tick to the next.
 
     Examples
     --------
@@ -36,7 +36,7 @@ class Block(Protocol):
 
     @property
     def step(self) -> Callable[..., Tree]:
-        """Return the function that returns (the next state, the output) of a tick."""
+        """Return the function that computes the next state and the output of a tick."""
         ...
 
 
@@ -44,7 +44,7 @@ OwnBlock: TypeAlias = str | type | Block  # a kind or "file.py:Class", a class, 
 
 
 class Sensor(Protocol):
-    """A sensor, as the world, the estimators and the fit use it. m = `size`.
+    """Protocol of a sensor for the world, the estimators and the fit. m = `size`.
 
     Examples
     --------
@@ -60,7 +60,7 @@ class Sensor(Protocol):
 
     @property
     def noise_size(self) -> int:
-        """Return the number of unit normals that `step` takes."""
+        """Return the number of standard normal numbers that `step` needs."""
         ...
 
     @property
@@ -70,7 +70,7 @@ class Sensor(Protocol):
 
     @property
     def delay_s(self) -> float:
-        """Return the age of the signal when it is read [s]."""
+        """Return the age [s] of the measured motion when the reading arrives."""
         ...
 
     @property
@@ -83,11 +83,11 @@ class Sensor(Protocol):
         ...
 
     def init(self) -> Tree:
-        """Return the state of a sensor that was just switched on."""
+        """Return the state before the first tick."""
         ...
 
     def step(self, state: Tree, motion: Motion, dt_s: float, noise: np.ndarray) -> tuple[Tree, Slot]:
-        """Return the next state and the reading at the end of a tick; `noise` (noise_size,) are unit normals."""
+        """Return the next state and the reading at the end of a tick; `noise` (noise_size,) is standard normal."""
         ...
 
 
@@ -95,7 +95,7 @@ SensorBlocks: TypeAlias = ByName[Sensor]  # the sensors of a vehicle
 
 
 class Estimator(Protocol):
-    """An estimator: from measurements to an estimate.
+    """Protocol of an estimator, which computes an estimate from measurements.
 
     Examples
     --------
@@ -106,20 +106,20 @@ class Estimator(Protocol):
 
     @property
     def init(self) -> Callable[..., Tree]:
-        """Return `init()`, `init(eta)` or `init(eta, nu)`, which returns the belief before the first tick.
+        """Return the function that returns the belief before the first tick.
 
-        Its arguments are the pose and the velocity (3,) at the start.
+        It may have the arguments `eta` (3,), the pose at the start, and `nu` (3,), the velocity at the start.
         """
         ...
 
     def step(self, belief: Tree, tick: Tick, /) -> tuple[Tree, Estimate]:
-        """Return the next belief, and η, ν (3,) with their covariance (6, 6)."""
+        """Return the next belief, and the estimate of η (3,) and ν (3,) with their covariance (6, 6)."""
         ...
 
 
 @runtime_checkable
 class Guide(Protocol):
-    """A guide: from an estimate to a reference.
+    """Protocol of a guide, which computes a reference from an estimate.
 
     Examples
     --------
@@ -134,12 +134,12 @@ class Guide(Protocol):
         ...
 
     def step(self, state: Tree, estimate: Estimate, /) -> tuple[Tree, Reference]:
-        """Return the next state, and the wanted pose and velocity, (3,) each."""
+        """Return the next state, and the reference: the wanted pose (3,) and velocity (3,)."""
         ...
 
 
 class Controller(Protocol):
-    """A controller: from a reference to a command.
+    """Protocol of a controller, which computes a command from a reference and an estimate.
 
     Examples
     --------
@@ -155,12 +155,12 @@ class Controller(Protocol):
         ...
 
     def step(self, state: Tree, reference: Reference, estimate: Estimate, /) -> tuple[Tree, Command]:
-        """Return the next state, and u (n,) with the timestamp of the estimate."""
+        """Return the next state, and the command u (n,) with the timestamp of the estimate."""
         ...
 
 
 class Supervision(Protocol):
-    """The last block before the motors; `supervisor.Supervisor` is ours.
+    """Protocol of a supervisor, the last block before the motors; `supervisor.Supervisor` is ours.
 
     Examples
     --------
@@ -178,9 +178,9 @@ class Supervision(Protocol):
 
 
 class World(Protocol):
-    """A world in which the loop runs: simulated, replayed, or the real robot.
+    """Protocol of a world in which the loop runs: simulated, replayed, or the real robot.
 
-    The defaults are for a world that does not measure or count these quantities.
+    The defaults of attributes and methods are for a world without these quantities.
 
     Examples
     --------
@@ -201,11 +201,11 @@ class World(Protocol):
         ...
 
     def new_truths(self) -> list[tuple[int, Motion]]:
-        """Return time [ns] and motion since the last call, if this world has the true motion."""
+        """Return time [ns] and true motion of each tick since the last call; empty if this is not available."""
         return []
 
     def new_channels(self) -> list[tuple[str, int, np.ndarray]]:
-        """Return name, time [ns] and value of quantities of no sensor of the vehicle, since the last call."""
+        """Return name, time [ns] and value of quantities that are not of a sensor, since the last call."""
         return []
 
     def new_events(self) -> list[tuple[int, Diagnostic | str]]:

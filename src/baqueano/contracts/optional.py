@@ -1,6 +1,6 @@
 """Define the optional attributes of blocks with their defaults. Only this module reads optional attributes of a block.
 
-A class of yours needs the methods of its room's protocol (blocks.py, vehicles/vehicle.py) and none of these names.
+A class of yours needs only the methods of its protocol (blocks.py, vehicles/vehicle.py), not these attributes.
 """
 
 import dataclasses
@@ -19,7 +19,7 @@ NEUTRAL: dict[str, object] = {
     "usual_std": None,  # (m,) usual standard deviation of the noise, if it was not measured
     "cov": None,  # Q (m, m); None for a sensor that is only recorded
     "limit": INF,  # end of its range
-    "detects": None,  # True if it has something to measure there; default: always
+    "detects": None,  # motion → True if it can measure; default: always
     "difference": None,  # z − expected (m,), for an angle; default: the plain difference
     "reads": "",  # the part of a real vehicle that it reads: imu, wheels, odometer, encoders, mark; default: none
     "mistakes": None,  # errors of z after a confusion of marks or tags (k, m); default: no confusion
@@ -29,8 +29,8 @@ NEUTRAL: dict[str, object] = {
     "stacks_innovations": False,  # True if its innovations are those of the sensors in `use`, one after the other
     # of a guide
     "laps": None,  # number of laps
-    "joined": None,  # its state if the vehicle joins the route at a time along it; it began this time earlier
-    "want": None,  # sets the pace that the operator requests during a drive
+    "entry_state": None,  # its state if the vehicle joins the route at a time along it; it began this time earlier
+    "set_pace": None,  # sets the pace that the operator requests during a drive
     # of any block
     "as_written": False,  # True if it calls a person, a clock or a library: its step is never compiled
     "goes_around": (),  # names of its fields with the blocks that it contains, and of their states in its state
@@ -39,22 +39,22 @@ NEUTRAL: dict[str, object] = {
 
 
 def of(block: object, name: str) -> Tree:
-    """Return the attribute of this name of the block, or its default; KeyError for a name that is not above."""
+    """Return the optional attribute `name` of a block, or its default; KeyError for a name without a default."""
     return getattr(block, name, NEUTRAL[name])
 
 
-def nested(block: object) -> Iterator[Tree]:
-    """Yield the block and those that it contains, from outside to inside."""
+def nested_blocks(block: object) -> Iterator[Tree]:
+    """Yield the block and the blocks that it contains, from outside to inside."""
     yield block
     for name in of(block, "goes_around"):
-        yield from nested(getattr(block, name))
+        yield from nested_blocks(getattr(block, name))
 
 
 def is_dynamic(vehicle: object) -> bool:
-    """Return True for a model with an acceleration, False for one in which the command is a velocity."""
+    """Return True for a model with an acceleration; False for a model in which the command is a velocity."""
     return of(vehicle, "nu_dot") is not None
 
 
 def has_field(block: object, name: str) -> bool:
-    """Return True for a dataclass with a field of this name: a gyro has a `gyro_scale`."""
+    """Return True for a dataclass with a field of this name: a gyro has the field `gyro_scale`."""
     return dataclasses.is_dataclass(block) and name in (field.name for field in dataclasses.fields(block))

@@ -1,7 +1,7 @@
 """Define the presentation of every result: a short print, a card in a notebook, a figure, and a data frame.
 
-A class that derives from `Result` has `table()`, the whole as text, and `rows()`, flat dicts for programs. The code
-that draws is in `report`, a layer above all results, and is imported at its first use.
+A class that derives from `Result` has `table()`, the complete result as text, and `rows()`, flat dicts for programs.
+The code that draws is in `report`, a layer above all results, and is imported at its first use.
 """
 
 from collections.abc import Sequence
@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any, Protocol
 
 from baqueano.diagnostics import fault, note
 from baqueano.errors import UsageError
-from baqueano.language import marked as N_
+from baqueano.language import mark as N_
 from baqueano.messages import text
 from baqueano.printable import in_lines
 
@@ -24,7 +24,7 @@ LINES, LETTERS = 12, 110  # of a short print
 
 
 class Tabular(Protocol):
-    """An object with rows and a table: a Result, or a NamedTuple that takes its methods."""
+    """An object with rows and a table: a Result, or a NamedTuple that borrows the methods of Result."""
 
     def rows(self) -> list["TableRow"]:
         """Return flat dicts, one for each row."""
@@ -36,7 +36,7 @@ class Tabular(Protocol):
 
 
 class Result:
-    """A result as the user sees it. `print(result)` prints at most LINES lines, `result.table()` returns all of it.
+    """A result as the user sees it: `print(result)` prints at most LINES lines, `result.table()` returns all lines.
 
     Examples
     --------
@@ -57,7 +57,7 @@ class Result:
 
     def __repr__(self) -> str:
         lines = self.table().splitlines()
-        return shortened([], lines, []) if len(lines) > LINES else in_lines(map(_cut, lines))
+        return shorten([], lines, []) if len(lines) > LINES else in_lines(map(_cut, lines))
 
     def _repr_html_(self: Tabular) -> str:
         """Return the card that a notebook shows."""
@@ -71,10 +71,10 @@ class Result:
         figure: "Figure | SubFigure | None" = None,
         width: str | float | None = None,
     ) -> "Figure":
-        """Draw the result and return the figure, to be styled or written: `plot(width="column").savefig("run.pdf")`.
+        """Draw the result and return the figure: `plot(width="column").savefig("run.pdf")`.
 
-        `kind` chooses another of its drawings, `ax` or `figure` takes the drawing, `width` is "column", "page" or a
-        number of millimetres. UsageError for an unknown kind, with the known ones, or without matplotlib.
+        `kind` chooses another drawing of the result, `ax` or `figure` receives the drawing, `width` is "column", "page"
+        or a number [mm]. UsageError without matplotlib, or for an unknown kind; it lists the known kinds.
         """
         return import_module("baqueano.report.plots").plot(self, kind, ax or figure, width)
 
@@ -83,10 +83,10 @@ class Result:
         return pandas().DataFrame(self.rows())
 
 
-def shortened(head: Sequence[str], rows: Sequence[str], tail: Sequence[str], lines: int = LINES) -> str:
-    """Return `head`, as many `rows` as fit, the number of the others, and `tail`.
+def shorten(head: Sequence[str], rows: Sequence[str], tail: Sequence[str], lines: int = LINES) -> str:
+    """Return a text of at most `lines` lines: `head`, as many `rows` as fit, how many more exist, and `tail`.
 
-    >>> print(shortened(["gains"], ["a 1", "b 2", "c 3", "d 4"], ["USABLE"], lines=4))
+    >>> print(shorten(["gains"], ["a 1", "b 2", "c 3", "d 4"], ["USABLE"], lines=4))
     gains
     a 1
     3 more lines: .table()

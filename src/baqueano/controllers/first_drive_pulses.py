@@ -1,4 +1,4 @@
-"""The controller of a first drive: it sends growing pulses that depend on the response of the vehicle."""
+"""The controller of a first drive: it sends growing pulses, and adapts them to the response of the vehicle."""
 
 from dataclasses import dataclass
 from typing import ClassVar

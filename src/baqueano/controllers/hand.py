@@ -1,4 +1,4 @@
-"""Drive by hand: the commands come from a person."""
+"""Drive by hand: a person gives the commands."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -11,18 +11,18 @@ from baqueano.signals import Command, Estimate, Reference
 
 
 class DriveEnded(FromOutside, KeyboardInterrupt):
-    """The driver ended the drive."""
+    """Exception that ends a manual drive because the driver asked for the end."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Hand:
     """Controller that requests each command from a person.
 
-    It is the only block that is not pure: a run with it is replayed from the recorded commands.
+    It is the only block that is not pure, so a replay of its run uses the recorded commands.
 
     Parameters
     ----------
-    ask : callable
+    command : callable
         Returns the command (n,) that the person requests now; KeyboardInterrupt ends the drive.
 
     Examples
@@ -35,7 +35,7 @@ class Hand:
 
     as_written: ClassVar[bool] = True
 
-    ask: Callable[[], object]
+    command: Callable[[], object]
 
     def init(self) -> None:
         """Return None: this controller does not have a state."""
@@ -43,6 +43,6 @@ class Hand:
     def step(self, state: None, reference: Reference, estimate: Estimate) -> tuple[None, Command]:
         """Return the command (n,) that the person requests; raise `DriveEnded` if the person ends the drive."""
         try:
-            return None, Command(estimate.t_ns, np.array(self.ask(), dtype=float))
+            return None, Command(estimate.t_ns, np.array(self.command(), dtype=float))
         except KeyboardInterrupt as end:
             raise DriveEnded from end

@@ -8,8 +8,8 @@
 ψ, r: heading and yaw rate; u_ψ: turning command. With this p no gain is negative, and (1) tolerates a k up to 3.3 times
 as large, and any smaller k. The integral removes the effect of unequal wheels. A car turns in proportion to its speed
 v, so s = v₀ v / (v² + (v₀/4)²); else s is 1. `heading_gains` finds k, τ and T for a vehicle file. ψ_r is the heading at
-the first tick with |r| < QUIET_RAD_S, at the latest SETTLED (τ + T) after the end of the turn; before, only −K_r r
-acts.
+the first tick with |r| < QUIET_RAD_S after the end of the turn. It is set at the latest SETTLED (τ + T) after that end;
+before, only −K_r r acts.
 
 If an estimator has refused the IMU for LEFT_OUT_S, r and ψ follow the gyro: its innovation is added.
 """
@@ -43,11 +43,11 @@ class Gains(NamedTuple):
 
 
 class Gyro(NamedTuple):
-    """Description of an estimator that reports its use of the gyro."""
+    """Position of the gyro in the innovations of an estimator, and the gate of the IMU."""
 
-    at: slice  # of the IMU in the innovation; the gyro is the last entry
+    rows: slice  # of the IMU in the innovation; the gyro is the last entry
     scale: float
-    gate: float  # squared distance beyond which the estimator leaves the IMU out
+    gate: float  # squared distance beyond which the estimator refuses the IMU
 
 
 class HeadingHoldState(NamedTuple):
@@ -55,12 +55,12 @@ class HeadingHoldState(NamedTuple):
 
     hand: Tree
     t_ns: int  # of the last tick, -1 before the first
-    out_s: float  # duration for which the IMU has been left out
-    ahead: float = 0.0  # sign of the requested speed, 0 while no heading is held
+    out_s: float  # duration for which the IMU has been refused
+    ahead: float = 0.0  # sign of the requested speed, 0 without a reference heading
     since_ns: int = 0  # time of the first request of this speed without a turn
     psi: float = nan  # ψ_r [rad], NaN until it is set
     sum: float = 0.0  # ∫e dt [rad s]
-    left_out_rad: float = 0.0  # integral of the innovations that were left out [rad]
+    left_out_rad: float = 0.0  # integral of the refused innovations [rad]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -70,15 +70,15 @@ class HeadingHold:
     Parameters
     ----------
     hand : Controller
-        The controller that gives the commands.
+        Controller whose commands are corrected.
     gains : Gains
         Gains of (1), from (3): `drive.by_hand.heading_gains` finds them for a vehicle file.
     limit : float
-        Largest u_ψ; the hold uses a quarter of it.
+        Largest u_ψ; the correction is at most a quarter of it.
     of_speed : float
-        Bound of the correction over |u_x|.
+        Bound of the correction, as a ratio to |u_x|.
     gyro : Gyro, optional
-        Place of the gyro in the innovations of an estimator that may leave it out.
+        Position of the gyro in the innovations, for an estimator that may refuse it.
 
     Notes
     -----
@@ -88,7 +88,7 @@ class HeadingHold:
     --------
     >>> from baqueano.signals import Estimate
     >>> from baqueano.controllers.hand import Hand
-    >>> hold = HeadingHold(Hand(lambda: [0.3, 0.0, 0.0]), placed(k=8.0, tau_s=0.2, late_s=0.03), limit=1.0)
+    >>> hold = HeadingHold(Hand(lambda: [0.3, 0.0, 0.0]), place_poles(k=8.0, tau_s=0.2, late_s=0.03), limit=1.0)
     >>> state, command = hold.step(hold.init(), None, Estimate(0, np.zeros(3), np.zeros(3), np.eye(6)))
     >>> print(command.u)
     [0.3 0.  0. ]
@@ -103,13 +103,13 @@ class HeadingHold:
     gyro: Gyro | None = None
 
     def init(self) -> HeadingHoldState:
-        """Return a state without a heading to hold."""
+        """Return the state before the first tick, without a reference heading."""
         return HeadingHoldState(self.hand.init(), -1, 0.0)
 
     def step(
         self, state: HeadingHoldState, reference: Reference, estimate: Estimate
     ) -> tuple[HeadingHoldState, Command]:
-        """Return the state and the command (n,) of the hand, with a turn that holds the heading."""
+        """Return the state and the command (n,) of the hand, with a turning command that keeps the heading."""
         hand, command = self.hand.step(state.hand, reference, estimate)
         u, t_ns = command.u, estimate.t_ns
         dt_s = seconds(t_ns, state.t_ns) if state.t_ns >= 0 else 0.0
@@ -135,7 +135,7 @@ class HeadingHold:
     def _turn(
         self, e: float, sum_e: float, r: float, dt_s: float, v: float, speed: float
     ) -> tuple[float, float]:
-        """Return u_ψ and ∫e dt; the integral stops while u_ψ is at its bound.  (1)"""
+        """Return u_ψ and ∫e dt [rad s]; the integral does not grow while u_ψ is at its bound.  (1)"""
         K, bound = self.gains, min(AUTHORITY * self.limit, self.of_speed * speed)
         s = K.speed_m_s * v / (v * v + (0.25 * K.speed_m_s) ** 2) if K.speed_m_s else 1.0
         more = sum_e + e * dt_s
@@ -145,17 +145,17 @@ class HeadingHold:
         return min(max(turn, -bound), bound), more
 
     def _left_out(self, estimate: Estimate) -> float:
-        """Return the gyro's yaw rate minus the estimate [rad/s], if the estimator left the IMU out; else 0."""
+        """Return the gyro's yaw rate minus the estimate [rad/s] if the estimator refused the IMU; else 0."""
         y, S = estimate.innovation, estimate.innovation_cov
         if self.gyro is None or y is None or S is None:
             return 0.0
-        y, S = y[self.gyro.at], S[self.gyro.at, self.gyro.at]
+        y, S = y[self.gyro.rows], S[self.gyro.rows, self.gyro.rows]
         far = isfinite(sum(y.tolist())) and y @ np.linalg.solve(S, y) > self.gyro.gate
         return float(y[-1]) / self.gyro.scale if far else 0.0
 
 
-def placed(k: float, tau_s: float, late_s: float) -> Gains:
-    """Return the gains of (3) for a vehicle with the model (2)."""
+def place_poles(k: float, tau_s: float, late_s: float) -> Gains:
+    """Return the gains of (3) for the model (2) with gain `k`, time constant `tau_s` and total delay `late_s`."""
     omega = 1.0 / (SLOWER * late_s)
     tp = max(omega * tau_s, 1.0 - 2.0 * omega * tau_s)
     return Gains(

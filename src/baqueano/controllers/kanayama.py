@@ -3,9 +3,9 @@
     v = v_f cos e_χ + k_x e_x,    ω = ω_f + v_f (k_y e_y + k_χ sin e_χ)                                   (1)
 
 v_f, ω_f: speed and yaw rate of the reference without jumps; e_x, e_y, e_χ: errors ahead, beside and of the course. An
-error fades over a distance, not over a time: with k_χ² = 4 k_y, critically damped, over 2 / k_χ metres. A far path is
-approached at STEEPEST_RAD at most. At rest the law does not correct an error beside the vehicle. An error of a turn on
-the spot stays until the vehicle moves on.
+error fades over a distance, not over a time: with k_χ² = 4 k_y it is critically damped and fades over 2 / k_χ metres.
+The law approaches a far path at an angle of at most STEEPEST_RAD. At rest it does not correct an error beside the
+vehicle. The error after a turn on the spot remains until the vehicle moves on.
 
 Source: Kanayama, Kimura, Miyazaki and Noguchi, ICRA 1990. Prediction and command: model_following.py.
 """
@@ -16,10 +16,10 @@ import numpy as np
 
 from baqueano.contracts.values import Tree
 from baqueano.controllers.model_following import STEEPEST_RAD, ModelFollower, Tracking
-from baqueano.parameter import documented, parameter
+from baqueano.parameter import document, parameter
 
 
-@documented
+@document
 @dataclass(frozen=True, slots=True, eq=False)
 class Kanayama(ModelFollower):
     """Controller that tracks a moving reference with one gain per error.
@@ -38,12 +38,12 @@ class Kanayama(ModelFollower):
     0.20 m/s, 0.60 rad/s
     """
 
-    k_x: float = parameter("1/s", "speed per error ahead e_x", low=0.0, high=10.0, default=1.0)
-    k_y: float = parameter("1/m²", "curvature per error beside e_y", low=0.0, high=1e3, default=20.0)
-    k_chi: float = parameter("1/m", "curvature per error of the course e_χ", low=0.0, high=1e3, default=8.0)
+    k_x: float = parameter("1/s", "speed per along-track error e_x", low=0.0, high=10.0, default=1.0)
+    k_y: float = parameter("1/m²", "curvature per cross-track error e_y", low=0.0, high=1e3, default=20.0)
+    k_chi: float = parameter("1/m", "curvature per course error e_χ", low=0.0, high=1e3, default=8.0)
 
     def velocity_law(self, memory: np.ndarray, now: Tracking) -> tuple[np.ndarray, Tree]:
-        """Return the requested velocity.  (1)"""
+        """Return the unchanged memory, and the requested velocity (v, ω) [m/s, rad/s].  (1)"""
         (e_x, e_y, _), (v_f, _, omega_f) = now.e, now.nu_f
         steepest = self.k_chi * np.sin(STEEPEST_RAD)
         lateral = np.clip(self.k_y * e_y, -steepest, steepest)

@@ -7,8 +7,8 @@
 
 e: error; ν_f: velocity of the reference without jumps; δν: its correction; P: cost matrix; K: gain. One step of (3) a
 tick propagates the Riccati equation forward, without future references. An error of e_max has the same cost as a change
-of velocity of δν_max (Bryson's rule). A far path is approached at STEEPEST_RAD at most. At rest an error beside the
-vehicle cannot be corrected; there (2) is evaluated at SLOWEST_M_S. Prediction and command: model_following.py.
+of velocity of δν_max (Bryson's rule). The angle of approach to a far path is at most STEEPEST_RAD. At rest an error
+beside the vehicle cannot be corrected, so (2) is evaluated at SLOWEST_M_S. Prediction and command: model_following.py.
 
 Source: Anderson and Moore, Optimal Control, 1990; forward propagation: Prach, Tekinalp and Bernstein, IEEE Control
 Systems, 2015.
@@ -21,14 +21,14 @@ import numpy as np
 from baqueano.contracts.values import Tree, Value
 from baqueano.controllers.model_following import STEEPEST_RAD, ModelFollower, Tracking
 from baqueano.geometry import compose, map_from_body, pose_error
-from baqueano.parameter import documented, parameter
+from baqueano.parameter import document, parameter
 from baqueano.symbolic import jacobian
 
 SLOWEST_M_S = 0.05
 BEGIN_S = 10.0  # of (3) before the first tick, at SLOWEST_M_S
 
 
-@documented
+@document
 @dataclass(frozen=True, slots=True, eq=False)
 class Lqr(ModelFollower):
     """Controller with the optimal linear feedback for five weights that you choose.
@@ -50,7 +50,7 @@ class Lqr(ModelFollower):
 
     e_max: np.ndarray = parameter(
         "m, m, rad",
-        "errors ahead, beside and of the course with the same weight",
+        "along-track, cross-track and course errors with the same weight",
         low=1e-4,
         shape=(3,),
         default=(0.1, 0.05, 0.3),
@@ -64,7 +64,7 @@ class Lqr(ModelFollower):
     )
 
     def memory(self) -> np.ndarray:
-        """Return P (3, 3) for a slow vehicle."""
+        """Return the start value of P (3, 3): the solution of (3) for a slow vehicle."""
         A, B = _linear(np.array([SLOWEST_M_S, 0.0, 0.0]), 1.0 / self.rate_hz)
         P = np.diag(1.0 / self.e_max**2)
         for _ in range(round(BEGIN_S * self.rate_hz)):
@@ -72,7 +72,7 @@ class Lqr(ModelFollower):
         return P
 
     def velocity_law(self, memory: np.ndarray, now: Tracking) -> tuple[np.ndarray, Tree]:
-        """Return P (3, 3) one tick later, and the requested velocity.  (4)"""
+        """Return P (3, 3) one tick later, and the requested velocity (v, ω) [m/s, rad/s].  (4)"""
         v_f, _, omega_f = now.nu_f
         slow = np.where(now.ahead < 0.0, -SLOWEST_M_S, SLOWEST_M_S)
         v = np.where(np.abs(v_f) < SLOWEST_M_S, slow, v_f)
@@ -91,13 +91,13 @@ class Lqr(ModelFollower):
 
 
 def _linear(nu_f: np.ndarray, dt_s: Value) -> tuple[np.ndarray, np.ndarray]:
-    """Return A (3, 3) and B (3, 2) of a tick.  (2)"""
+    """Return A (3, 3) and B (3, 2) of the error over a tick, for a reference with the velocity ν_f (3,).  (2)"""
     A = jacobian(lambda e: _after(e, np.zeros(2), nu_f, dt_s))(np.zeros(3))
     return A, jacobian(lambda change: _after(np.zeros(3), change, nu_f, dt_s))(np.zeros(2))
 
 
 def _after(e: np.ndarray, change: np.ndarray, nu_f: np.ndarray, dt_s: Value) -> np.ndarray:
-    """Return the error (3,) one tick later.  (1)"""
+    """Return the error of the pose (3,) one tick later, after the change of velocity δν (2,).  (1)"""
     nu = nu_f + np.array([change[0], 0.0, change[1]])
     return pose_error(compose(e, _motion(nu_f, dt_s)), _motion(nu, dt_s))
 

@@ -1,16 +1,16 @@
-"""Base of the controllers with a model: a law requests a velocity, and the model gives the command for it.
+"""Base of the controllers with a model: a law requests a velocity, and the model computes the command for it.
 
     η_p = η + J(ψ + ½ T ω) T (ν + 2 ν_f + ν_r) / 4          the pose when a present command acts          (1)
     e = J(ψ_p)⁻¹ (η_r − η_p),    e_χ = ψ_r + β_r − ψ_p − β,    β = atan(ν_y / ν_x)                        (2)
     λ ν̇_f = ν_r − ν_f                                       a reference without jumps                     (3)
-    v_w = v(e, e_χ, ν_f) + v_i,    ω_w = ω(e, e_χ, ν_f),    v̇_i = k_i e_x     v, ω: the law of each       (4)
+    v_w = v(e, e_χ, ν_f) + v_i,    ω_w = ω(e, e_χ, ν_f),    v̇_i = k_i e_x     v, ω: the law               (4)
     u = drivetrain⁻¹(ε),    ε: the model at ν_w accelerates with ν̇_f                                      (5)
 
 η, ν: pose and velocity; ω: mean yaw rate over T; index r: reference; e_χ: error of the course; ν_w = (v_w, ω_w). (5)
 inverts friction, actuator matrix, unequal wheels and dead zone, so weak feedback (4) is enough: the same gains suit a
-small robot and a car. If a wheel reaches its limit, the turn has priority. Delay and lag of the motors are not
-inverted, which would amplify noise: the vehicle is T = delay + lag + λ late, and (1) predicts over T. (5) is one Newton
-step a tick, exact for a model linear in its effort. Use an identified model: a guessed dead zone gives a wrong speed.
+small robot and a car. If a wheel reaches its limit, the turn has priority. To invert delay and lag of the motors would
+amplify noise. So the vehicle is T = delay + lag + λ behind its reference, and (1) predicts over T. (5) is one Newton
+step a tick, exact for a model linear in its effort. Use an identified model: a guessed dead zone causes a wrong speed.
 Source of (5): computed torque, Slotine and Li, Applied Nonlinear Control, 1991, ch. 9;
 docs/derivations/pd_feedforward.md.
 """
@@ -22,9 +22,9 @@ import numpy as np
 
 from baqueano.contracts.values import Tree, Value
 from baqueano.diagnostics import fault
-from baqueano.errors import Invalid
+from baqueano.errors import Invalid, MissingMethod
 from baqueano.geometry import map_from_body, pose_error, wrap
-from baqueano.parameter import INF, documented, parameter
+from baqueano.parameter import INF, document, parameter
 from baqueano.signals import Command, Estimate, Reference, seconds
 from baqueano.symbolic import jacobian
 from baqueano.vehicles.bounds import check_bounds
@@ -54,7 +54,7 @@ class FollowerState(NamedTuple):
     effort : ndarray (n,) [unit of u]
         ε of (5), from which the command is computed.
     law : ndarray
-        Memory of the law, of any shape ().
+        Memory of the law, of any shape (…,).
     """
 
     t_ns: int
@@ -70,7 +70,7 @@ class Tracking(NamedTuple):
     Attributes
     ----------
     e : ndarray (3,) [m, m, rad]
-        Error of the pose in the body frame; e_x lies within ± REACH_M.
+        Error of the pose in the body frame; |e_x| is at most REACH_M.
     e_chi : float [rad]
         Error of the course.
     nu_f : ndarray (3,) [m/s, m/s, rad/s]
@@ -78,7 +78,7 @@ class Tracking(NamedTuple):
     kappa : float [1/m]
         Curvature of the reference.
     ahead : float
-        1 forward, −1 backward, 0 at rest, with a smooth transition.
+        Direction of the reference: 1 forward, −1 backward, 0 at rest, with a smooth transition.
     dt_s : float
         Time since the last tick.
 
@@ -97,7 +97,7 @@ class Tracking(NamedTuple):
     dt_s: Value
 
 
-@documented
+@document
 @dataclass(frozen=True, slots=True, eq=False)
 class ModelFollower:
     """Base of a controller that only defines its law: `velocity_law(memory, tracking) → memory, (v, ω)`.
@@ -105,7 +105,7 @@ class ModelFollower:
     Parameters
     ----------
     vehicle : DynamicVehicle
-        The model that gives the command for a velocity: a block of vehicles/.
+        The model that computes the command for a velocity: a block of vehicles/.
     rate_hz : float
         Ticks a second.
 
@@ -149,7 +149,7 @@ class ModelFollower:
 
     def velocity_law(self, memory: np.ndarray, now: Tracking) -> tuple[np.ndarray, Tree]:
         """Return the memory of the law, and the requested velocity (v, ω) [m/s, rad/s].  (4)"""
-        raise NotImplementedError(f"{type(self).__name__} gives no law: write velocity_law(memory, now).")
+        raise MissingMethod(fault("follower.no-law", block=type(self).__name__))
 
     def init(self) -> FollowerState:
         """Return the state of a vehicle at rest."""
@@ -199,14 +199,17 @@ class ModelFollower:
 
 
 def slip(nu: np.ndarray) -> Value:
-    """Return β [rad], the course relative to the heading for ν (3,), also backward; 0 at rest, left > 0.  (2)"""
+    """Return β [rad], the angle from the heading to the course for ν (3,), also backward; positive to the left.
+
+    It is 0 at rest.  (2)
+    """
     return np.arctan(nu[1] * nu[0] / (nu[0] * nu[0] + SLOW_M_S**2))
 
 
 def point_ahead(now: Tracking, way_m: Value) -> tuple[Value, Value]:
-    """Return x and y [m], in the vehicle's frame, of the point of the path `way_m` after the reference.
+    """Return x and y [m], in the body frame, of the point of the path `way_m` after the reference.
 
-    The path continues from the reference with the curvature that it has there; it bends by at most 1 rad over the way.
+    The path continues from the reference with the curvature of the reference. It bends by at most 1 rad over `way_m`.
     """
     bend = np.clip(now.kappa * way_m, -1.0, 1.0)
     chord_m, chord = way_m * (1.0 - bend**2 / 24.0), now.e_chi + 0.5 * bend

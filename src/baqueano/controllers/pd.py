@@ -20,7 +20,7 @@ import numpy as np
 from baqueano.diagnostics import fault
 from baqueano.errors import Invalid
 from baqueano.geometry import pose_error, wrap
-from baqueano.parameter import INF, documented, parameter
+from baqueano.parameter import INF, document, parameter
 from baqueano.signals import Command, Estimate, Reference, seconds
 from baqueano.vehicles.bounds import check_bounds
 
@@ -40,12 +40,12 @@ class PdState(NamedTuple):
     e_psi: float
 
 
-@documented
+@document
 @dataclass(frozen=True, slots=True, eq=False)
 class Pd:
     """PD controller of the paper: proportional along the path, proportional and derivative in heading.
 
-    Usually you want `PdFeedforward`: this one never corrects the error beside the path (errata 10).
+    `PdFeedforward` is usually better: `Pd` never corrects the error beside the path (errata 10).
 
     References
     ----------
@@ -61,7 +61,7 @@ class Pd:
     [0.4 0.  0.2]
     """
 
-    alpha: float = parameter("unit of u per m", "gain α of the error ahead, e_x")
+    alpha: float = parameter("unit of u per m", "gain α of the along-track error, e_x")
     beta: float = parameter("unit of u per rad", "gain β of the heading error e_ψ")
     gamma: float = parameter("unit of u per rad/s", "gain γ of its rate of change", default=0.0)
     limit: np.ndarray = parameter(

@@ -15,10 +15,10 @@ import numpy as np
 
 from baqueano.contracts.values import Tree
 from baqueano.controllers.model_following import ModelFollower, Tracking
-from baqueano.parameter import documented, parameter
+from baqueano.parameter import document, parameter
 
 
-@documented
+@document
 @dataclass(frozen=True, slots=True, eq=False)
 class PdFeedforward(ModelFollower):
     """Controller with feed-forward from the model and weak feedback of position and course: the recommended one.
@@ -37,13 +37,13 @@ class PdFeedforward(ModelFollower):
     0.20 m/s, 1.85 rad/s
     """
 
-    k_x: float = parameter("1/s", "speed per error ahead e_x", low=0.0, high=10.0, default=1.0)
-    k_chi: float = parameter("1/s", "turn per error of the course e_χ", low=0.0, high=20.0, default=4.0)
+    k_x: float = parameter("1/s", "speed per along-track error e_x", low=0.0, high=10.0, default=1.0)
+    k_chi: float = parameter("1/s", "yaw rate per course error e_χ", low=0.0, high=20.0, default=4.0)
     join_m: float = parameter(
         "m", "distance L within which the vehicle joins the path", low=0.01, high=10.0, default=0.25
     )
 
     def velocity_law(self, memory: np.ndarray, now: Tracking) -> tuple[np.ndarray, Tree]:
-        """Return the requested velocity.  (1)"""
+        """Return the unchanged memory, and the requested velocity (v, ω) [m/s, rad/s].  (1)"""
         turn = now.e_chi + now.ahead * np.arctan(now.e[1] / self.join_m)
         return memory, (now.nu_f[0] + self.k_x * now.e[0], now.nu_f[2] + self.k_chi * turn)

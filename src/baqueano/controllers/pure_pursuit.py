@@ -4,8 +4,8 @@
     v = v_f + k_x e_x,    ω = v_f 2 y / (x² + y²)                                                         (1)
 
 v_f is the speed of the reference without jumps, e_x the error ahead. (1) is the curvature of the arc that leaves the
-vehicle along its course and ends at (x, y). A longer L gives smoother motion, but cuts corners. The law cannot turn on
-the spot, and it does not correct at rest.
+vehicle along its course and ends at (x, y). With a longer L the motion is smoother, but cuts corners. The law cannot
+turn on the spot, and it does not correct at rest.
 
 Source: Coulter, CMU-RI-TR-92-01, 1992. Prediction and command: model_following.py.
 """
@@ -16,10 +16,10 @@ import numpy as np
 
 from baqueano.contracts.values import Tree
 from baqueano.controllers.model_following import ModelFollower, Tracking, point_ahead
-from baqueano.parameter import documented, parameter
+from baqueano.parameter import document, parameter
 
 
-@documented
+@document
 @dataclass(frozen=True, slots=True, eq=False)
 class PurePursuit(ModelFollower):
     """Controller that steers to a point of the path, with one length to choose.
@@ -38,12 +38,12 @@ class PurePursuit(ModelFollower):
     0.20 m/s, 0.74 rad/s
     """
 
-    k_x: float = parameter("1/s", "speed per error ahead e_x", low=0.0, high=10.0, default=1.0)
+    k_x: float = parameter("1/s", "speed per along-track error e_x", low=0.0, high=10.0, default=1.0)
     look_ahead_m: float = parameter("m", "distance L to the point, at rest", low=0.01, high=10.0, default=0.1)
-    look_ahead_s: float = parameter("s", "what each m/s adds to L", low=0.0, high=10.0, default=0.3)
+    look_ahead_s: float = parameter("s", "increase of L per m/s", low=0.0, high=10.0, default=0.3)
 
     def velocity_law(self, memory: np.ndarray, now: Tracking) -> tuple[np.ndarray, Tree]:
-        """Return the requested velocity.  (1)"""
+        """Return the unchanged memory, and the requested velocity (v, ω) [m/s, rad/s].  (1)"""
         v_f = now.nu_f[0]
         L = self.look_ahead_m + self.look_ahead_s * np.abs(v_f)
         nearer = now._replace(e=np.array([np.clip(now.e[0], -0.5 * L, 0.5 * L), now.e[1], now.e[2]]))

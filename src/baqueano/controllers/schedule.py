@@ -1,4 +1,4 @@
-"""Send commands that were defined before, over time: an experiment, a recording.
+"""Send commands from a list, each at its time: an experiment, a recording.
 
 `Schedule` replaces the controller in the loop. So an experiment has the same loop, the same supervisor and the same
 kind of run as any other drive.
@@ -15,19 +15,19 @@ TOLERANCE_NS = 1000  # tick times are rounded to whole nanoseconds
 
 
 class ScheduleState(NamedTuple):
-    """The time of the first tick."""
+    """State of a schedule: the time of the first tick."""
 
     t_ns: int  # -1 before the first tick
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Schedule:
-    """Controller that sends commands over time and ignores the estimate; each command holds until the next.
+    """Controller that sends each command at its time and ignores the estimate; a command lasts until the next.
 
     Parameters
     ----------
     t_ns : ndarray (N,)
-        Times from the first tick on, int64, increasing from 0.
+        Times since the first tick, int64, increasing from 0.
     u : ndarray (N, n) [unit of u]
         The commands.
 
@@ -60,7 +60,7 @@ class Schedule:
     def step(
         self, state: ScheduleState, reference: Reference, estimate: Estimate
     ) -> tuple[ScheduleState, Command]:
-        """Return the state and the command (n,) of this time."""
+        """Return the state and the command (n,) for the time of the estimate."""
         start = estimate.t_ns if state.t_ns < 0 else state.t_ns
         k = int(np.searchsorted(self.t_ns, estimate.t_ns - start + TOLERANCE_NS, side="right")) - 1
         return ScheduleState(start), Command(estimate.t_ns, self.u[max(k, 0)])

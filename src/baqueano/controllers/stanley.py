@@ -4,8 +4,8 @@
     v = v_f + k_x e_x,    ω = ω_f + |v_f| sin(δ) / l                                                      (1)
 
 v_f, ω_f: speed and yaw rate of the reference without jumps; e_x, e_y, e_χ: errors ahead, beside and of the course. y_f
-is the error beside of an axle l ahead, also when driving backward (−); it falls with the rate k. The axle is compared
-with the axle of the reference, so a bend does not cause an error. A two-wheeled robot does not need a real front axle.
+is the sideways error of an axle l ahead of the origin; − is for backward motion. It decreases with the rate k. The axle
+is compared with the axle of the reference, so a bend does not cause an error. The vehicle does not need a real axle.
 The law does not correct at rest, nor in a turn on the spot.
 
 Source: Hoffmann, Tomlin, Montemerlo and Thrun, ACC 2007. Prediction and command: model_following.py.
@@ -17,10 +17,10 @@ import numpy as np
 
 from baqueano.contracts.values import Tree
 from baqueano.controllers.model_following import ModelFollower, Tracking
-from baqueano.parameter import documented, parameter
+from baqueano.parameter import document, parameter
 
 
-@documented
+@document
 @dataclass(frozen=True, slots=True, eq=False)
 class Stanley(ModelFollower):
     """Controller that steers by the error of a front axle.
@@ -39,10 +39,12 @@ class Stanley(ModelFollower):
     0.20 m/s, 0.96 rad/s
     """
 
-    k_x: float = parameter("1/s", "speed per error ahead e_x", low=0.0, high=10.0, default=1.0)
-    k: float = parameter("1/s", "rate at which the error beside falls", low=0.0, high=20.0, default=2.0)
+    k_x: float = parameter("1/s", "speed per along-track error e_x", low=0.0, high=10.0, default=1.0)
+    k: float = parameter(
+        "1/s", "rate at which the cross-track error decreases", low=0.0, high=20.0, default=2.0
+    )
     axle_m: float = parameter(
-        "m", "way l from the vehicle to its front axle", low=0.01, high=10.0, default=0.15
+        "m", "distance l from the vehicle to its front axle", low=0.01, high=10.0, default=0.15
     )
     soft_m_s: float = parameter(
         "m/s", "v_soft: makes the steering softer at low speed", low=1e-3, high=10.0, default=0.05
@@ -50,7 +52,7 @@ class Stanley(ModelFollower):
     steepest_rad: float = parameter("rad", "largest δ", low=0.01, high=1.5, default=0.8)
 
     def velocity_law(self, memory: np.ndarray, now: Tracking) -> tuple[np.ndarray, Tree]:
-        """Return the requested velocity.  (1)"""
+        """Return the unchanged memory, and the requested velocity (v, ω) [m/s, rad/s].  (1)"""
         (e_x, e_y, _), (v_f, _, omega_f) = now.e, now.nu_f
         y_f = e_y + now.ahead * self.axle_m * np.sin(now.e_chi)
         delta = now.e_chi + now.ahead * np.arctan(self.k * y_f / (self.soft_m_s + np.abs(v_f)))

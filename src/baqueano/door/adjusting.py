@@ -1,9 +1,10 @@
-"""Apply gains and the pace that the holder changes during a drive: between two ticks, with an event in the run.
+"""Apply changes of gains and pace during a drive: between two ticks, each with an event in the run.
 
-The run also records, at its first tick, the blocks that a mission took in place of those of its vehicle file.
-Only numbers of the controller can be set, and `guide.pace` of a repetition, from 0 to 1: at 0 the vehicle brakes and
-waits, at 1 it drives at full pace. The limits of the supervisor clip each command of a controller. A changed
-controller runs as Python code, in about 0.1 ms a tick, because compiling it would delay the loop.
+The client that drives, the holder, requests the changes. The run also records, at its first tick, the blocks that a
+mission uses in place of the blocks of its vehicle file. Two kinds of parameters can be set: numbers of the controller,
+and `guide.pace` of a repetition, from 0 to 1. At pace 0 the vehicle brakes and waits, at 1 it drives at full pace. The
+limits of the supervisor clip each command of a controller. A changed controller runs as Python code, in about 0.1 ms a
+tick, because compiling it would delay the loop.
 """
 
 from dataclasses import replace
@@ -32,21 +33,24 @@ PACE, WHO = "guide.pace", "holder"
 
 
 class Adjustable:
-    """A controller whose parameters may change between two ticks."""
+    """A wrapper of a controller whose parameters may change between two ticks."""
 
     def __init__(self, block: Tree) -> None:
         self.block = block
 
     def init(self) -> Tree:
-        """Return the block's own initial state."""
+        """Return the initial state of the wrapped controller."""
         return self.block.init()
 
     def step(self, state: Tree, reference: "Reference", estimate: "Estimate") -> "tuple[Tree, Command]":
-        """Return the result of the block's own step."""
+        """Return the new state and the command of the wrapped controller."""
         return self.block.step(state, reference, estimate)
 
     def change(self, path: str, value: object) -> Diagnostic:
-        """Apply a change and return its message. Raise Invalid if the parameter or the value cannot be set."""
+        """Set a parameter by its path, and return the message about the change.
+
+        Raise Invalid if the path or the value is not allowed.
+        """
         own = getattr(self.block, "block", self.block)
         room, _, name = path.partition(".")
         paths = [f"{ROOM}.{name}" for name in numbers_in(own)]
@@ -65,24 +69,24 @@ class Adjustable:
 
 
 class Adjusting(Observer):
-    """Observer that applies the operator's changes to one drive; each is sent to the clients and recorded."""
+    """Observer of one drive that applies the holder's changes; each change is recorded and sent to the clients."""
 
     def __init__(
         self,
         operator: "Operator",
-        tell: "Callable[[JsonObject], None]",
+        broadcast: "Callable[[JsonObject], None]",
         blocks: "dict[str, str] | None" = None,
     ) -> None:
-        self._operator, self._tell = operator, tell
-        self._blocks = dict(blocks or {})  # in place of the file's, not yet told
+        self._operator, self._tell = operator, broadcast
+        self._blocks = dict(blocks or {})  # blocks in place of the file's blocks, not yet recorded
         self._controller = Adjustable(None)
-        self._want: Callable[[str, float], None] | None = None
+        self._set_pace: Callable[[str, float], None] | None = None
         self._pace = 1.0
-        operator.changes()  # of before this drive
+        operator.changes()  # drop changes from before this drive
 
     def begin(self, blocks: "Blocks") -> "Blocks":
         self._controller = Adjustable(blocks.controller)
-        self._want = optional.of(blocks.guide, "want")
+        self._set_pace = optional.of(blocks.guide, "set_pace")
         return blocks._replace(controller=self._controller)
 
     def events(self) -> list[LastLine]:
@@ -100,8 +104,11 @@ class Adjusting(Observer):
         return lines
 
     def _change(self, path: str, value: object) -> Diagnostic:
-        """Apply a change and return its message. Raise Invalid if the parameter or the value cannot be set."""
-        if path != PACE or self._want is None:
+        """Set the pace or a parameter of the controller, and return the message about the change.
+
+        Raise Invalid if the path or the value is not allowed.
+        """
+        if path != PACE or self._set_pace is None:
             return self._controller.change(path, value)
         try:
             pace = float(value)  # pyright: ignore[reportArgumentType]
@@ -109,6 +116,6 @@ class Adjusting(Observer):
             pace = float("nan")
         if not 0.0 <= pace <= 1.0:
             raise Invalid(fault("door.guide-pace", found=repr(value)[:80]))
-        self._want(WHO, pace)
+        self._set_pace(WHO, pace)
         before, self._pace = self._pace, pace
         return note("door.set", path=path, before=str(before), now=str(pace))

@@ -8,18 +8,18 @@ from pathlib import Path
 
 from baqueano.diagnostics import fault
 from baqueano.door.guests import Guest
-from baqueano.door.wire import encoded
+from baqueano.door.wire import encode
 from baqueano.errors import Invalid
 from baqueano.runs.folder import is_name
 
-CHUNK = 48 << 10  # bytes of a file in a line
-FRESH_S = 0.2  # the list of the runs is not made again so soon
-MOST_FETCHES = 8  # at a time
+CHUNK = 48 << 10  # bytes of a run in one message
+FRESH_S = 0.2  # the list of runs is not read again within this time
+MOST_FETCHES = 8  # transfers at the same time
 WAIT_S = 0.01
 
 
 class RunFiles:
-    """The names of the runs, and their bytes. All methods belong to the door's thread, which `ring` wakes."""
+    """A sender of the runs in `folder`. Only the door's thread may call the methods; `ring` wakes that thread."""
 
     def __init__(self, folder: Path, ring: Callable[[], object]) -> None:
         self.folder, self._ring = folder, ring
@@ -28,22 +28,23 @@ class RunFiles:
         self._looked_s = float("-inf")
         self._fetches = threading.BoundedSemaphore(MOST_FETCHES)
 
-    def changed(self, written: str | None) -> None:
+    def invalidate(self, written: str | None) -> None:
         """Read the folder again at the next request; `written` names the run that is being written."""
         self._open_run, self._looked_s = written, float("-inf")
 
     def list(self) -> bytes:
-        """Return the encoded names of the runs, complete or broken off, without the one that is being written."""
+        """Return the names of all runs, encoded as a message, except the run that is being written."""
         if time.monotonic() - self._looked_s > FRESH_S:
             paths = (p.name for p in self.folder.glob("*.mcap") if not p.is_symlink())
             names = sorted(name for name in paths if is_name(name) and name != self._open_run)
-            self._list, self._looked_s = encoded({"is": "runs", "runs": names}), time.monotonic()
+            self._list, self._looked_s = encode({"is": "runs", "runs": names}), time.monotonic()
         return self._list
 
     def fetch(self, guest: Guest, name: str, stays: Callable[[Guest], bool]) -> None:
-        """Send a run in chunks, each when little waits for the guest; the last one has `left` 0.
+        """Send a run in chunks to a guest while `stays` returns True for it; the last chunk has `left` 0.
 
-        Raise Invalid if the run does not exist or too many transfers are under way.
+        A thread sends each chunk once few bytes wait for the guest. Raise Invalid if the run does not exist or too many
+        transfers are under way.
         """
         path = self.folder / name
         if not is_name(name) or path.is_symlink() or not path.is_file():
@@ -66,7 +67,7 @@ class RunFiles:
                     data = file.read(min(CHUNK, remaining))
                     remaining = remaining - len(data) if data else 0
                     last = remaining == 0
-                    guest.say(
+                    guest.enqueue(
                         {
                             "is": "file",
                             "run": name,

@@ -1,9 +1,9 @@
-"""One connection to the door: received bytes, cut into lines, and messages to send, complete and in order.
+"""One connection to the door: received bytes are cut into lines, and messages are sent completely and in order.
 
-lines     at most BACKLOG wait to be answered, and LONG bytes in addition to one mission; further lines are dropped,
+lines     at most BACKLOG lines wait, with LONG bytes in total, and one mission; further lines are dropped,
           except a stop                                                                                          (1)
-messages  at most PENDING bytes wait; a guest with more is disconnected                                          (2)
-frame     only one waits, the newest: it replaces an unread one                                                  (3)
+messages  at most PENDING bytes wait; a guest for which more bytes wait is disconnected                          (2)
+frame     a frame is sent only if no other message waits, so that each frame is recent                           (3)
 """
 
 import re
@@ -13,70 +13,70 @@ from collections import deque
 from collections.abc import Iterator
 from typing import TYPE_CHECKING
 
-from baqueano.door.wire import encoded
+from baqueano.door.wire import encode
 
 if TYPE_CHECKING:
     from baqueano.contracts.values import JsonObject
 
-LONG = 64 << 10  # bytes of a line that can only be a mission
-LONGEST = 64 << 20  # bytes of a line: an hour of commands
+LONG = 64 << 10  # bytes; a longer line can only be a mission
+LONGEST = 64 << 20  # largest number of bytes of a line: an hour of commands
 PENDING = 1 << 20  # bytes that wait for a guest that does not read
-PIECE = 16 << 10  # bytes that are read at a time
-BACKLOG = 256  # lines
+PIECE = 16 << 10  # bytes that are read at once
+BACKLOG = 256  # most lines that wait
 STOP = re.compile(rb'"do"\s*:\s*"stop"')  # each stop contains this; a line that contains it is read at once
 
 
 class Guest:
-    """A connection. Its lines belong to the door's thread; any thread may call `say`."""
+    """A connection. Only the door's thread may use its lines; any thread may call `enqueue`."""
 
     def __init__(self, line: socket.socket) -> None:
         self.line = line
         self.lines: deque[bytes] = deque()
-        self.dropped = 0  # lines since one was answered
-        self.answered = -1  # the number, of all lines, of the last one that was
-        self.columns: tuple[int, ...] | None = None  # of the frames that it asked for; None: all
-        self.names: tuple[str, ...] | None = None  # the same by name
-        self.hz, self.turn = 0.0, 0  # frames a second; the last one's number in the time of the door
-        self.drive, self.shown = -1, 0  # the drive that it knows; rows of it that it had
+        self.dropped = 0  # lines dropped since the last refusal
+        self.answered = -1  # number of the last answered line, counted over all guests
+        self.columns: tuple[int, ...] | None = None  # indices of the requested columns; None: all
+        self.names: tuple[str, ...] | None = None  # names of the requested columns
+        self.hz, self.turn = 0.0, 0  # frames a second; the period in which the last frame was sent
+        self.drive, self.shown = -1, 0  # the drive that was described to it; rows of it that were sent
         self._coming = bytearray()  # the begin of a line
-        self._backlog = 0  # bytes of the lines that wait, without the mission
-        self._mission = False  # one that is longer than LONG waits: the beats behind it are not to be dropped
+        self._backlog = 0  # bytes of the waiting lines, without the mission
+        self._mission = False  # a line longer than LONG waits, after which heartbeats must not be dropped
         self._going: deque[bytes] = deque()
-        self._sent_bytes, self._waiting = 0, 0  # bytes of the first message that has gone; bytes of all
+        self._sent_bytes, self._waiting = 0, 0  # bytes sent of the first message; bytes of all messages
         self._lock = threading.Lock()
 
     @property
     def coming(self) -> int:
-        """Return the number of bytes of the line whose end has not arrived."""
+        """Return the number of bytes received of the line that is not yet complete."""
         return len(self._coming)
 
     @property
-    def overloaded(self) -> bool:
-        """Return True if too many bytes wait for the guest.  (2)"""
+    def is_overloaded(self) -> bool:
+        """Return True if too many bytes wait to be sent to the guest.  (2)"""
         return self._waiting > PENDING
 
     @property
     def waiting(self) -> int:
-        """Return the number of bytes that wait for the guest."""
+        """Return the number of bytes that wait to be sent to the guest."""
         return self._waiting
 
     @property
     def has_output(self) -> bool:
-        """Return True if a message waits for the guest.  (3)"""
+        """Return True if a message waits to be sent to the guest.  (3)"""
         return bool(self._going)
 
-    def say(self, message: "JsonObject") -> None:
-        """Put a message at the end of the queue."""
-        self.send_line(encoded(message))
+    def enqueue(self, message: "JsonObject") -> None:
+        """Append a message to the queue of messages to send."""
+        self.send_line(encode(message))
 
     def send_line(self, line: bytes) -> None:
-        """Put an encoded message at the end of the queue."""
+        """Append an encoded message to the queue of messages to send."""
         with self._lock:
             self._going.append(line)
             self._waiting += len(line)
 
     def receive(self) -> Iterator[bytes]:
-        """Yield the stops among the received lines; the others wait in `lines`.  (1)
+        """Receive bytes; yield each line that is a stop, and put the other lines into `lines`.  (1)
 
         Raise OSError if the connection has ended.
         """
@@ -105,7 +105,7 @@ class Guest:
                 self.dropped += 1
 
     def next(self) -> bytes:
-        """Return the line that has waited longest."""
+        """Remove and return the line that has waited longest."""
         line = self.lines.popleft()
         self._count(line, -1)
         return line

@@ -1,10 +1,11 @@
-"""Mailbox of the operator who drives from outside: one holder at a time. Its silence stops the vehicle.
+"""Mailbox of the operator who drives from outside: one client, the holder, at a time. Its silence stops the vehicle.
 
-  SILENCE_S without a message of the holder   the vehicle stops, unless the mission continues unattended      (1)
+  SILENCE_S without a message of the holder   the vehicle stops, unless the mission is unattended             (1)
   a set-point older than SILENCE_S            is ignored                                                      (2)
 
-For a holder who drives through a page the silence is shorter, as one more process is in between. Any client may stop
-the vehicle. The messages come from another thread than the loop's; both ends may be used at any time.
+For a holder who drives through a page the allowed silence is shorter, because one more process is in between. Any
+client may stop the vehicle. The clients' messages arrive in another thread than the loop's; both threads may call the
+methods at any time.
 """
 
 import threading
@@ -19,8 +20,8 @@ from baqueano.diagnostics import Diagnostic, Severity, StopReason, note, stop
 from baqueano.errors import SafetyStop
 
 STOP = "baqueano robot stop"
-MOST_CHANGES = 64  # of gains that wait for the next tick
-SILENCE_S = 0.4  # 0.5 s is promised: the loop and the firmware take their part
+MOST_CHANGES = 64  # most changes of gains that wait for the next tick
+SILENCE_S = 0.4  # 0.5 s is guaranteed; the loop and the firmware need the rest
 
 
 class Operator:
@@ -28,21 +29,21 @@ class Operator:
 
     def __init__(self, now_ns: Callable[[], int] = time.monotonic_ns) -> None:
         self._now_ns = now_ns
-        # a signal may stop the vehicle in the middle of any word of the same thread
+        # reentrant, because a signal handler of the same thread may stop the vehicle in any method
         self._lock = threading.RLock()
         self._last_beat_ns = -(1 << 62)
         self._u: np.ndarray | None = None
         self._u_ns = -(1 << 62)
         self._holder: Any = None
-        self._silence_s = SILENCE_S  # of that holder
+        self._silence_s = SILENCE_S  # allowed silence of the holder
         self._missions: deque[tuple[str, bool, str]] = deque(maxlen=1)
         self._stop: Diagnostic | None = None
         self._quit, self.clear_requested = False, False  # the last: a client has requested to clear a stop
         self._marks = 0
         self._changes: deque[tuple[str, object]] = deque(maxlen=MOST_CHANGES)
-        self._busy = False  # by a mission that is driven, or waits
+        self._busy = False  # a mission is driven or waits
 
-    # from outside
+    # called by the door
 
     def sign_of_life(self, guest: object) -> None:
         """Record a heartbeat of `guest`, if it is the holder."""
@@ -50,9 +51,9 @@ class Operator:
             self._last_beat_ns = self._now_ns()
 
     def hold(self, guest: object, silence_s: float | None = None) -> None:
-        """Make `guest` the holder, who counts as gone after a silence of `silence_s`.
+        """Make `guest` the holder, who counts as disconnected after a silence of `silence_s`.
 
-        Raise SafetyStop while another client drives.
+        Raise SafetyStop while another client is the holder.
         """
         with self._lock:
             self._nobody_but(guest)
@@ -61,9 +62,9 @@ class Operator:
         self.sign_of_life(guest)
 
     def release(self, guest: object) -> None:
-        """Take the vehicle from `guest`, if it was the holder.
+        """End the holding of `guest`, if it is the holder.
 
-        The drive of a holder that has disconnected ends by (1).
+        If its mission still drives, the mission ends by (1).
         """
         with self._lock:
             if self._holder is guest:
@@ -75,29 +76,29 @@ class Operator:
 
     @property
     def silence_s(self) -> float:
-        """Return the silence [s] after which the holder counts as gone."""
+        """Return the silence [s] after which the holder counts as disconnected."""
         return self._silence_s
 
     @property
-    def taken(self) -> bool:
-        """Return True while a mission is under way, or waits."""
+    def is_busy(self) -> bool:
+        """Return True while a mission is under way or waits."""
         return self._busy
 
-    def may_ask(self, guest: object) -> None:
+    def check_admission(self, guest: object) -> None:
         """Raise SafetyStop if a mission of `guest` would be refused now.
 
-        It is refused if a mission is under way or waits, or another client drives.
+        It is refused if a mission is under way or waits, or if another client is the holder.
         """
         with self._lock:
             if self._busy and guest is self._holder:
                 raise SafetyStop(note("door.own-mission", Severity.ERROR))
             if (
                 self._busy and self._holder is None
-            ):  # its holder has gone: a new operator must not lend it signs of life
+            ):  # its holder has disconnected: heartbeats of a new holder must not keep it alive
                 raise SafetyStop(note("door.mission", Severity.ERROR, STOP))
             self._nobody_but(guest)
 
-    def ask(
+    def queue_mission(
         self,
         guest: object,
         mission: str,
@@ -105,17 +106,18 @@ class Operator:
         name: str = "",
         silence_s: float | None = None,
     ) -> None:
-        """Queue a mission in JSON, to be driven when the vehicle is ready. Raise SafetyStop as `may_ask` does.
+        """Make `guest` the holder, and queue its mission in JSON. Raise SafetyStop as `may_ask` does.
 
-        The client recognises its mission by `name`; `silence_s` as in `hold`.
+        The client recognises the messages about its mission by `name`. `attended` is True if the silence of the holder
+        stops the mission; `silence_s` is as in `hold`.
         """
-        self.may_ask(guest)
+        self.check_admission(guest)
         self.hold(guest, silence_s)
         self._busy, self._quit = True, False
         self._missions.append((mission, attended, name))
 
-    def want(self, guest: object, u: object) -> None:
-        """Set the command (n,) that the holder wants now; ignore other clients and values that are not finite."""
+    def set_command(self, guest: object, u: object) -> None:
+        """Set the command (n,) of the holder; ignore other clients and values that are not finite."""
         if guest is self._holder:
             u = np.asarray(u, dtype=float)
             if u.ndim == 1 and np.all(np.isfinite(u)):
@@ -123,18 +125,21 @@ class Operator:
             self.sign_of_life(guest)
 
     def mark(self, guest: object) -> None:
-        """Record that the vehicle is on its mark now."""
+        """Record that the vehicle is on its mark now, if `guest` is the holder."""
         if guest is self._holder:
             self._marks += 1
 
     def change(self, guest: object, path: str, value: object) -> None:
-        """Set a gain from the next tick on. Raise SafetyStop if `guest` is not the holder or nothing is driven."""
+        """Set a gain from the next tick on.
+
+        Raise SafetyStop if `guest` is not the holder, or no mission is under way.
+        """
         if guest is not self._holder or not self._busy:
             raise SafetyStop(note("door.not-holder", Severity.ERROR))
         self._changes.append((path, value))
 
     def stop(self, reason: Diagnostic) -> None:
-        """Stop the vehicle for this reason, on request of any client."""
+        """Stop the vehicle on request of any client; the first reason is kept."""
         with self._lock:
             self._stop = self._stop or reason
 
@@ -143,10 +148,10 @@ class Operator:
         if guest is self._holder:
             self._quit = True
 
-    # of the loop
+    # called by the loop
 
     def command(self, n: int) -> np.ndarray:
-        """Return the command (n,) that is wanted now, zeros if it is too old.  (2)"""
+        """Return the present command (n,) of the holder, zeros if it is too old or has another length.  (2)"""
         u = self._u
         fresh = u is not None and len(u) == n and self._now_ns() - self._u_ns <= self._silence_s * 1e9
         return u.copy() if fresh and u is not None else np.zeros(n)
@@ -157,7 +162,7 @@ class Operator:
         return self._quit
 
     def next(self) -> tuple[str, bool, str] | None:
-        """Return the waiting mission in JSON, True if its holder's silence stops it, and its name; None without one."""
+        """Remove and return the waiting mission: (JSON, attended, name), or None without one."""
         return self._missions.popleft() if self._missions else None
 
     def stop_reason(self, attended: bool = True) -> Diagnostic | None:
@@ -170,7 +175,7 @@ class Operator:
         return None
 
     def changes(self) -> list[tuple[str, object]]:
-        """Return the gains that were set since the last call."""
+        """Return the gains set since the last call, as (path, value)."""
         return [self._changes.popleft() for _ in range(len(self._changes))]
 
     def marks(self) -> int:
@@ -179,7 +184,7 @@ class Operator:
         return marks
 
     def forget(self, reason: Diagnostic | None) -> None:
-        """Clear the handled requests and the stop for `reason`; a newer stop stays."""
+        """Clear the command, the requests to end or to clear, and the stop for `reason`; another stop remains."""
         with self._lock:
             self._stop = None if self._stop == reason else self._stop
             self.clear_requested, self._quit, self._u = False, False, None

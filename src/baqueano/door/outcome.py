@@ -1,13 +1,13 @@
-"""Return the end of a mission as data, after any error of its blocks: the reason of the stop, and the exit code."""
+"""Convert the end of a mission, also an error of its blocks, to the reason of the stop and an exit code."""
 
 from collections.abc import Callable
 
 from baqueano.diagnostics import Diagnostic, Severity, note
-from baqueano.errors import BaqueanoError, from_outside, in_users_file, named
+from baqueano.errors import BaqueanoError, error_text, from_outside, in_users_file
 
 
 def outcome_of(drive: Callable[[], Diagnostic | None]) -> tuple[Diagnostic | None, int]:
-    """Return the reason for which the drive ended, and its exit code.
+    """Call `drive`, and return the reason for which the drive ended and its exit code.
 
     sys.exit() in a block, outside the guards of the loop, ends its mission and not the service.
     """
@@ -19,5 +19,5 @@ def outcome_of(drive: Callable[[], Diagnostic | None]) -> tuple[Diagnostic | Non
         if from_outside(error):
             raise
         if place := in_users_file(error):
-            return note("block.raised-outside", Severity.ERROR, place=place, error=named(error)), 1
-        return note("service.unforeseen", Severity.ERROR, error=named(error)), 1
+            return note("block.raised-outside", Severity.ERROR, place=place, error=error_text(error)), 1
+        return note("service.unforeseen", Severity.ERROR, error=error_text(error)), 1

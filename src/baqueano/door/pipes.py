@@ -1,4 +1,4 @@
-"""Join a pair of pipes to a socket: the ends of ssh, or those of a parent process, also on Windows."""
+"""Join a pair of pipes to a socket: the pipes of ssh, or of a parent process, also on Windows."""
 
 import os
 import socket
@@ -13,9 +13,9 @@ PIECE = 1 << 16
 
 
 def attach(path: Path, coming: BinaryIO, going: BinaryIO) -> None:
-    """Join a pair of pipes to the socket of the service until one side ends.
+    """Join a pair of pipes to the socket `path` of the service until one side ends.
 
-    Raise RobotUnreachable without a service.
+    Raise RobotUnreachable if no service listens there.
     """
     from baqueano.door.remote import nobody_there  # it loads numpy, which the page does not need
 

@@ -1,4 +1,4 @@
-"""Drive the vehicle from the laptop: a mission goes there by ssh, heartbeats follow it, its run comes back.
+"""Drive the vehicle from the laptop: send a mission by ssh, then heartbeats, and receive its run.
 
   ssh HOST baqueano robot attach       joins the two ends; only ssh listens on the network
   a heartbeat every BEAT_S             the vehicle stops SILENCE_S after the last one (operator.py)
@@ -25,10 +25,10 @@ from baqueano.diagnostics import stop as because
 from baqueano.door import SOCKET, VERSION
 from baqueano.door.ssh import there
 from baqueano.door.states import DoorState
-from baqueano.door.wire import decoded, encoded
+from baqueano.door.wire import decode, encode
 from baqueano.errors import AnswerNo, FileError, RobotUnreachable, SafetyStop, UsageError, of_code
 from baqueano.messages import text
-from baqueano.printable import printable, typed
+from baqueano.printable import baqueano_command, printable
 from baqueano.runs import Run, read_run
 from baqueano.runs.appearing import appearing
 from baqueano.runs.folder import is_name
@@ -38,14 +38,14 @@ if TYPE_CHECKING:
     from baqueano.drive.mission import Mission
 
 BEAT_S = 0.1
-HAND_S = 0.02  # between set-points of somebody who drives
+HAND_S = 0.02  # between set-points of a person who drives
 PING_S = 0.5
-GREETING_S = 15.0  # ssh asks for a key, a Pi starts Python
-# from a stop that was heard to STOPPED: the motors are off long before, its run is closed first
+GREETING_S = 15.0  # ssh exchanges keys, and a Pi starts Python
+# from an acknowledged stop to STOPPED; the motors are off earlier, and the run is closed first
 STOP_S = 10.0
 LONGEST_LINE = 1 << 20  # bytes of a message; a piece of a run has 64 kB
 LONGEST_RUN = 4 << 30  # bytes: two days of driving
-WAITING = 256  # messages that wait for who listens; more states are left out, the rest waits there
+WAITING = 256  # most messages that wait for the reader; further states are dropped, others wait outside
 ATTACH = "exec baqueano robot attach"
 
 
@@ -55,26 +55,26 @@ class Remote:
     def __init__(self, to: BinaryIO, source: BinaryIO, name: str) -> None:
         self.name, self.inbox = name, queue.SimpleQueue()
         self.state: JsonObject = {}
-        self.acknowledged = ""  # the last word that was acknowledged
+        self.acknowledged = ""  # the last acknowledged message
         self.on_message: Callable[[JsonObject], object] = lambda message: None  # receives each message
         self.link_ms, self._pinged_s = float("nan"), float("-inf")
         self._to, self._of, self._lock = to, source, threading.Lock()
         self._hearing = threading.Thread(target=self._hear, name="vehicle", daemon=True)
         self._hearing.start()
 
-    def say(self, **words: Any) -> None:
+    def send(self, **words: Any) -> None:
         """Send a message to the vehicle. Raise RobotUnreachable if the connection does not accept it."""
         with self._lock:
             try:
-                self._to.write(encoded(words))
+                self._to.write(encode(words))
                 self._to.flush()
             except (OSError, ValueError) as error:
                 raise RobotUnreachable(fault("remote.gone", host=self.name, error=error)) from error
 
-    def hear(self, kinds: tuple[str, ...], within_s: float) -> "JsonObject":
-        """Return the next message of these kinds; store each "state", and raise each "no" as the error that it reports.
+    def receive(self, kinds: tuple[str, ...], within_s: float) -> "JsonObject":
+        """Return the next message of these kinds; store each "state", and raise the error that a "no" reports.
 
-        Raise RobotUnreachable if no such message comes within `within_s`, or the connection ends.
+        Raise RobotUnreachable if no such message arrives within `within_s`, or if the connection ends.
         """
         end = time.monotonic() + within_s
         while True:
@@ -85,7 +85,7 @@ class Remote:
             if message is None:
                 self.inbox.put(None)  # for the next reader
                 raise RobotUnreachable(
-                    fault("remote.closed", typed("robot", "status", self.name), host=self.name)
+                    fault("remote.closed", baqueano_command("robot", "status", self.name), host=self.name)
                 )
             self.on_message(message)
             match message["is"]:
@@ -103,7 +103,7 @@ class Remote:
         end = time.monotonic() + within_s
         while not true():
             try:
-                self.hear(("state", "heard"), end - time.monotonic())
+                self.receive(("state", "heard"), end - time.monotonic())
             except RobotUnreachable:
                 if not self._hearing.is_alive():
                     raise
@@ -118,21 +118,22 @@ class Remote:
         attended: bool = True,
         hand: Callable[[], Any] | None = None,
         progress: Callable[[float], None] = lambda seconds: None,
-        say: Callable[[str], object] = lambda text: None,
+        on_event: Callable[[str], object] = lambda text: None,
         words: Callable[[], list["TableRow"]] = list,
         on_state: Callable[["JsonObject"], Any] = lambda state: None,
     ) -> Run:
-        """Drive a mission there and return its run, which is then at `path`.
+        """Drive a mission on the vehicle, store its run at `path`, and return the run.
 
         `hand` returns the present command, and ends the drive by KeyboardInterrupt, as Ctrl-C does. `words` returns
-        further messages to send. `on_state` receives the vehicle's state and "link_ms", the round-trip time. Raise
-        SafetyStop if the vehicle was stopped; the run is stored also then.
+        further messages to send. `on_state` receives the vehicle's state with "link_ms", the round-trip time [ms].
+        Raise SafetyStop if the vehicle was stopped before it drove. Raise the error if the mission ended with one; a
+        run that exists is stored all the same.
         """
         self._drop_old_messages()
         name = uuid4().hex
         self._check_version()
-        self.say(do="mission", id=name, mission=mission.json(), attended=attended, door=VERSION)
-        outcome = self._await_end(name, hand, progress, say, words, on_state)
+        self.send(do="mission", id=name, mission=mission.json(), attended=attended, door=VERSION)
+        outcome = self._await_end(name, hand, progress, on_event, words, on_state)
         if outcome["run"] is not None:
             self.fetch(outcome["run"], path)
         reason, code = outcome["why"], int(outcome.get("code", 0))
@@ -145,47 +146,47 @@ class Remote:
         name: str,
         hand: Callable[[], Any] | None,
         progress: Callable[[float], None],
-        say: Callable[[str], object],
+        on_event: Callable[[str], object],
         words: Callable[[], list["TableRow"]],
         on_state: Callable[["JsonObject"], Any],
     ) -> "JsonObject":
-        """Return the end of the drive with this id; send heartbeats until then."""
+        """Send commands or heartbeats until the drive with this id ends, and return its message "done"."""
         start_s, ending = time.monotonic(), False
         while True:
             try:
                 if hand is not None and not ending:
-                    self.say(do="hand", u=[float(x) for x in hand()])
+                    self.send(do="hand", u=[float(x) for x in hand()])
                 else:
-                    self.say(do="beat")
+                    self.send(do="beat")
                 for word in words():
-                    self.say(**word)
+                    self.send(**word)
                 self._ping()
                 message = self._next(BEAT_S if hand is None or ending else HAND_S)
                 on_state(self.state | {"link_ms": self.link_ms})
                 if message is None:
                     progress(time.monotonic() - start_s)
                 elif message["is"] == "event":
-                    say(text(message["said"]))
+                    on_event(text(message["said"]))
                 elif message["is"] == "done" and message.get("id") == name:
                     return message
             except KeyboardInterrupt:
                 if ending:
-                    self.say(do="stop", why=because(StopReason.STOPPED_FROM_LAPTOP))
+                    self.send(do="stop", why=because(StopReason.STOPPED_FROM_LAPTOP))
                 ending = True
-                self.say(do="end")
+                self.send(do="end")
 
     def _check_version(self) -> None:
-        """Raise UsageError if the vehicle uses another version of the protocol, whose answers this one cannot read."""
+        """Raise UsageError if the vehicle uses another version of the protocol, which this program cannot read."""
         if (robot_version := self.state.get("door", 1)) != VERSION:
             figures = {"host": self.name, "theirs": str(robot_version), "ours": VERSION}
-            fix = typed("robot", "setup", self.name)
+            fix = baqueano_command("robot", "setup", self.name)
             raise UsageError(note("door.version-of-robot", Severity.ERROR, fix, **figures))
 
     def _drop_old_messages(self) -> None:
-        """Drop the messages so far, as they belong to other drives; keep the newest state."""
+        """Drop the received messages, which belong to other drives, and store the newest state."""
         while not self.inbox.empty():
             message = self.inbox.get()
-            if message is None:  # the connection was closed, which still holds
+            if message is None:  # the connection is closed; keep this for the next reader
                 self.inbox.put(None)
                 return
             if message["is"] == "state":
@@ -195,11 +196,11 @@ class Remote:
         """Send a ping if one is due."""
         if time.monotonic() - self._pinged_s >= PING_S:
             self._pinged_s = time.monotonic()
-            self.say(do="ping", token=self._pinged_s)
+            self.send(do="ping", token=self._pinged_s)
 
     def _next(self, within_s: float) -> "JsonObject | None":
         try:
-            message = self.hear(("event", "done", "pong"), within_s)
+            message = self.receive(("event", "done", "pong"), within_s)
             if message["is"] != "pong":
                 return message
             if message["token"] == self._pinged_s:
@@ -211,24 +212,28 @@ class Remote:
             return None
 
     def fetch(self, run: str, path: Path) -> Path:
-        """Store a run of the vehicle, one of `runs`, as the new file `path`, which appears only when it is complete.
+        """Store a run of the vehicle, one of `runs`, as the new file `path`, which exists only once it is complete.
 
-        Raise FileError for an invalid run name, for an existing file, and for a run that is too large for this disk.
+        Return `path`. Raise FileError for an invalid run name, for an existing file, or for a run that is too large for
+        this disk.
         """
         if not is_name(run):
             raise FileError(fault("remote.run-name", host=self.name, run=run))
         path.parent.mkdir(parents=True, exist_ok=True)
         with appearing(path) as file:
-            self.say(do="fetch", run=run)
+            self.send(do="fetch", run=run)
             for piece in self._pieces(run, shutil.disk_usage(path.parent).free):
                 file.write(piece)
         return path
 
     def _pieces(self, run: str, most: int) -> Iterator[bytes]:
-        """Yield the bytes of a run, at most `most`."""
+        """Yield a run in pieces.
+
+        Raise FileError if it has more than `most` bytes, RobotUnreachable if its pieces are not consistent.
+        """
         size, received_bytes = None, 0
         while size is None or received_bytes < size:
-            message = self.hear(("file",), 10.0)
+            message = self.receive(("file",), 10.0)
             try:
                 piece = base64.b64decode(message["data"], validate=True)
             except ValueError:
@@ -251,16 +256,16 @@ class Remote:
             yield piece
 
     def runs(self) -> list[str]:
-        """Return the names of the runs there."""
-        self.say(do="runs")
-        return self.hear(("runs",), 10.0)["runs"]
+        """Return the names of the runs on the vehicle."""
+        self.send(do="runs")
+        return self.receive(("runs",), 10.0)["runs"]
 
     def _hear(self) -> None:
         with suppress(OSError, ValueError):
             while (line := self._of.readline(LONGEST_LINE)).endswith(b"\n"):
-                if (message := decoded(line)) is None:
+                if (message := decode(line)) is None:
                     continue
-                while message["is"] != "state" and self.inbox.qsize() >= WAITING:  # nobody listens just now
+                while message["is"] != "state" and self.inbox.qsize() >= WAITING:  # the reader is busy
                     time.sleep(HAND_S)
                 if self.inbox.qsize() < WAITING:
                     self.inbox.put(message)
@@ -268,13 +273,13 @@ class Remote:
 
 
 @contextmanager
-def reached(host: str, **first: Any) -> Iterator[Remote]:
+def connect(host: str, **first: Any) -> Iterator[Remote]:
     """Connect to the vehicle at HOST: an address for ssh, "here", or the path of its service's socket.
 
-    `first` is sent before anything is received. Raise RobotUnreachable, with the message of ssh, if the vehicle does
-    not answer within GREETING_S.
+    The message `first`, if given, is sent before any message is received. Raise RobotUnreachable, with the message of
+    ssh, if the vehicle does not answer within GREETING_S.
 
-    >>> with reached("here") as robot:
+    >>> with connect("here") as robot:
     ...     print(robot.state["state"], robot.runs())
     READY ['0001-experiment.mcap']
     """
@@ -318,9 +323,9 @@ def _near(path: Path, first: "JsonObject") -> Iterator[Remote]:
         try:
             _greet(remote, first)
             yield remote
-        finally:  # or its thread waits for a word for ever, and nobody may close what it reads from
+        finally:  # otherwise its thread would wait for a message without end
             with suppress(OSError):
-                to.close()  # a word that nobody takes any more is dropped
+                to.close()  # a message that is no longer accepted is dropped
             with suppress(OSError):
                 line.shutdown(socket.SHUT_RDWR)
 
@@ -328,10 +333,11 @@ def _near(path: Path, first: "JsonObject") -> Iterator[Remote]:
 def stop(host: str, reason: Diagnostic) -> "JsonObject":
     """Stop the vehicle at HOST, and return its state once it is STOPPED.
 
-    Raise AnswerNo if it acknowledged the stop but was not STOPPED within STOP_S, as a drive in preparation ends later,
-    but before it moves. Raise RobotUnreachable if it did not acknowledge the stop.
+    Raise AnswerNo if it acknowledged the stop but was not STOPPED within STOP_S. That can happen while a drive is being
+    prepared: it then ends later, before the vehicle moves. Raise RobotUnreachable if the vehicle did not acknowledge
+    the stop.
     """
-    with reached(host, do="stop", why=reason) as remote:
+    with connect(host, do="stop", why=reason) as remote:
         if not remote.wait(lambda: remote.acknowledged == "stop" or _is_stopped(remote), GREETING_S):
             raise RobotUnreachable(fault("remote.stop-not-heard", host=host))
         if not remote.wait(lambda: _is_stopped(remote), STOP_S):
@@ -347,7 +353,7 @@ def stop(host: str, reason: Diagnostic) -> "JsonObject":
 
 
 def nobody_there(path: Path, error: OSError) -> Diagnostic:
-    """Return the fault of a socket on which no service listens."""
+    """Return the diagnostic for a socket at which no service listens."""
     return fault("door.nobody", "systemctl status baqueano", path=path, error=error.strerror)
 
 
@@ -357,8 +363,8 @@ def _is_stopped(remote: Remote) -> bool:
 
 def _greet(remote: Remote, first: "JsonObject") -> None:
     if first:
-        remote.say(**first)
-    remote.hear(("state", "heard"), GREETING_S)
+        remote.send(**first)
+    remote.receive(("state", "heard"), GREETING_S)
 
 
 def _greet_ssh(remote: Remote, ssh: Any, first: "JsonObject") -> None:
@@ -378,6 +384,6 @@ def _greet_ssh(remote: Remote, ssh: Any, first: "JsonObject") -> None:
 
 
 def _ssh(host: str) -> list[str]:
-    """Return the ssh command, with options that make it give up when the network is gone."""
+    """Return the ssh command to the service at HOST, with options that end it if the network is lost."""
     options = ("BatchMode=yes", "ConnectTimeout=8", "ServerAliveInterval=1", "ServerAliveCountMax=3")
     return ["ssh", "-T", *(x for option in options for x in ("-o", option)), *there(host), ATTACH]

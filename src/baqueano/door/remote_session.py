@@ -1,11 +1,12 @@
-"""Run a command at a vehicle that ends when its user is gone: by Ctrl-C, a lost ssh connection, or a dead laptop.
+"""Run a command at a vehicle, and end it once its user is lost: by Ctrl-C, a lost connection, or a dead laptop.
 
   ssh ends      only the command's stdin ends: without a terminal no signal arrives                             (1)
-  Wi-Fi ends    nothing ends, as sshd may wait for hours; so a heartbeat is written to stdin each BEAT_S        (2)
+  Wi-Fi ends    sshd may wait for hours, so a heartbeat is written to the command's stdin each BEAT_S           (2)
   HUP, TERM     the terminal has hung up, or the machine is switched off                                        (3)
 
-(1) applies only to a pipe, as /dev/null, a file or a terminal cannot be closed from its other end. (2) applies after
-the first heartbeat. All of them interrupt the command once, as Ctrl-C does, so that it can clean up.
+(1) applies only to a pipe or a socket, because /dev/null, a file or a terminal cannot be closed from the other end. (2)
+applies after the first heartbeat. Each of (1) to (3) interrupts the command once, as Ctrl-C does, so that it can clean
+up.
 """
 
 import os
@@ -21,20 +22,20 @@ from contextlib import contextmanager, suppress
 from types import FrameType
 
 from baqueano.door.ssh import answer, print_streams
-from baqueano.language import translated as _
+from baqueano.language import translate as _
 
 BEAT_S = 0.5
-SILENCE_S = 2.0  # a Wi-Fi loses half a second now and then
+SILENCE_S = 2.0  # Wi-Fi is sometimes interrupted for half a second
 LOOK_S = 0.1
-ENDING_S = 15.0  # for which the other end may put in order what it began
+ENDING_S = 15.0  # time for the other end to clean up
 STDIN = 0
 
 
 def answer_of(command: list[str]) -> tuple[bytes, int]:
-    """Return the answer of a program, and its exit code; show its messages as they arrive.
+    """Run a program, and return its stdout and its exit code; show its stderr as it arrives.
 
-    Heartbeats are written to its stdin meanwhile. Ctrl-C ends them and waits up to ENDING_S for the program, so that
-    its last messages are shown; a second Ctrl-C ends the wait.
+    During this time heartbeats are written to its stdin. Ctrl-C ends them and waits up to ENDING_S for the program, so
+    that its last messages are shown. A second Ctrl-C ends the wait.
     """
     program = subprocess.Popen(
         command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=subprocess.PIPE, bufsize=0,
@@ -70,13 +71,13 @@ def answer_of(command: list[str]) -> tuple[bytes, int]:
 
 
 def _deaf_to_ctrl_c() -> None:
-    """Ignore Ctrl-C in the child: ssh would end at once, and its other end could not clean up."""
+    """Ignore Ctrl-C in the child process; otherwise ssh ends at once, and the remote command cannot clean up."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
 
 
 @contextmanager
-def attended(say: Callable[[str], object]) -> Iterator[None]:
-    """Raise KeyboardInterrupt in the body once the user is gone. It works only in the main thread on Unix."""
+def interrupt_on_hangup(notify: Callable[[str], object]) -> Iterator[None]:
+    """Raise KeyboardInterrupt in the body once the user is lost; works only in the main thread and on Unix."""
     if threading.current_thread() is not threading.main_thread() or not hasattr(signal, "SIGHUP"):
         yield
         return
@@ -89,7 +90,7 @@ def attended(say: Callable[[str], object]) -> Iterator[None]:
 
     def look() -> None:
         if _silent(over):
-            say(_("the connection to the user is gone: this command ends"))
+            notify(_("the connection to the user was lost: this command ends"))
             signal.pthread_kill(threading.main_thread().ident or 0, signal.SIGHUP)
 
     before = {number: signal.signal(number, interrupt) for number in (signal.SIGHUP, signal.SIGTERM)}
@@ -105,7 +106,10 @@ def attended(say: Callable[[str], object]) -> Iterator[None]:
 
 
 def _silent(over: threading.Event) -> bool:
-    """Wait until stdin or its heartbeats end, and return True; return False if the work ends first.  (1), (2)"""
+    """Wait until stdin or its heartbeats end, and return True; return False if `over` is set first.  (1), (2)
+
+    Return False at once if stdin cannot be closed from its other end.
+    """
     try:
         kind = os.fstat(STDIN).st_mode
     except OSError:

@@ -5,18 +5,19 @@
   from the vehicle   state {door}, event {said}, done {id, run, why}, runs, file {run, data, left}, no {why, about},
                      pong {token}, heard {do}, vehicle, fields, route, frame {t_ns, n, x}
 
-`why`, `said` and `about` are diagnostics (wire.py), except the `why` of a `no`, a sentence. `door` is the version of
-the protocol: a mission of another version is refused, a stop never. A new connection receives the last state at once.
-All connections receive the events of each drive; its owner recognises its `id`. The socket is open to the user of the
-service and its group; other users need ssh (remote.py). In each turn the door reads all connections, handles the stops,
-sends the queued messages, and answers the other lines in equal shares. A malformed line is answered by `no`. A client
-that does not read is disconnected.
+`why`, `said` and `about` are diagnostics (wire.py), except the `why` of a `no`, which is a sentence. `door` is the
+version of the protocol: missions of other versions are refused, but stops are always accepted. A new connection
+receives the last state at once. All connections receive the events of each drive, which its client recognises by `id`.
+The user of the service and its group may open the socket; other users need ssh (remote.py). In each turn the door reads
+all connections, handles the stops, sends the queued messages, and answers the other lines in equal shares. A malformed
+line is answered by `no`. A client that does not read is disconnected.
 """
 
 import json
 import os
 import selectors
 import socket
+import sys
 import threading
 import time
 from collections import deque
@@ -30,8 +31,8 @@ from baqueano.door import VERSION
 from baqueano.door.files import RunFiles
 from baqueano.door.frames.rows import A_TURN, MOST_HZ, RING, Frames
 from baqueano.door.guests import LONG, LONGEST, Guest
-from baqueano.door.wire import encoded
-from baqueano.errors import BaqueanoError, Invalid, RobotUnreachable, UsageError, named
+from baqueano.door.wire import encode
+from baqueano.errors import BaqueanoError, Invalid, RobotUnreachable, UsageError, error_text
 from baqueano.messages import text
 
 if TYPE_CHECKING:
@@ -39,21 +40,20 @@ if TYPE_CHECKING:
     from baqueano.door.operator import Operator
 
 MOST_GUESTS = 32
-FOR_STOPS = 4  # more connections, for SHORT_S each: a stop is taken though all other places are occupied
-# until a stop arrives; after it, until the client has seen the vehicle stopped
-SHORT_S, STOPPED_S = 1.0, 15.0
-SHARE = 128  # lines that are answered in a turn, of all guests together
-TURN_S = 0.002  # then the others wait: a stop, or a message of the loop, comes before them
-LONGEST_ID = 64  # letters
-LOOK_S = 5.0  # at most: a message to send wakes the door
-BREATH_S = 0.001  # after a turn with many lines: the loop's thread comes first
-SENT_AHEAD = 16 << 10  # bytes buffered by the system for a slow reader: frames in there grow old
+FOR_STOPS = 4  # extra connections, for SHORT_S each, so that a stop is accepted when all places are occupied
+SHORT_S, STOPPED_S = 1.0, 15.0  # time of an extra connection before a stop, and after it, to report STOPPED
+SHARE = 128  # most lines answered in a turn, of all guests together
+TURN_S = 0.002  # time limit of a turn; then stops and messages of the loop are handled first
+LONGEST_ID, LOOK_S = 64, 5.0  # most letters of an id; longest wait, as a message to send wakes the door
+SWITCH_S = 5e-4  # the door and a computing loop wait at most this time for each other, not 5 ms
+BREATH_S = 0.001  # pause after a turn with many lines, so that the loop's thread runs
+SENT_AHEAD = 16 << 10  # bytes buffered by the system for a slow reader; more would delay its frames
 HIDDEN_S = 0.3  # silence of a page that drives, which stops the vehicle
 Word = Callable[[object, "JsonObject"], "JsonObject | None"]  # client and request → answer
 
 
 class Door:
-    """A thread that listens at `path`, if given, and passes the messages to `operator`; `words` has other handlers."""
+    """A thread that serves clients at the socket `path`, if any. `words` has the handlers of further messages."""
 
     def __init__(
         self, path: Path | None, operator: "Operator", folder: Path, words: Mapping[str, Word] | None = None
@@ -61,12 +61,12 @@ class Door:
         self.path, self.operator, self.frames = path, operator, Frames()
         self._words, self._files = dict(words or {}), RunFiles(folder, self._ring)
         self._guests: set[Guest] = set()
-        self._until: dict[Guest, float] = {}  # of guests that came when all places were occupied
-        self._state: JsonObject = {}  # the last one sent
+        self._until: dict[Guest, float] = {}  # end of the connection of guests in extra places
+        self._state: JsonObject = {}  # the last state sent
         self._outbox: deque[JsonObject] = deque()
         self._coming: deque[socket.socket] = deque()
-        self._behind = False  # ticks wait to be made into rows
-        self._busy, self._number = 0, 0  # lines that were answered in the last turn; in all
+        self._behind = False  # some ticks are not yet made into rows
+        self._busy, self._number = 0, 0  # lines answered in the last turn, and in total
         self._end_event = threading.Event()
         self._listener = None if path is None else _listening(path)
         self._bell, self._ear = socket.socketpair()
@@ -75,16 +75,17 @@ class Door:
             end.setblocking(False)
         for end in (self._ear, *([] if self._listener is None else [self._listener])):
             self._selector.register(end, selectors.EVENT_READ)
+        sys.setswitchinterval(SWITCH_S)
         self._thread = threading.Thread(target=self._work, name="door", daemon=True)
         self._thread.start()
 
-    def tell(self, message: "JsonObject") -> None:
-        """Send a message to all clients, without waiting. It is encoded in the door's thread."""
+    def broadcast(self, message: "JsonObject") -> None:
+        """Send a message to all clients without waiting; the door's thread encodes it."""
         self._outbox.append(message)
         self._ring()
 
     def welcome(self, line: socket.socket) -> None:
-        """Add an existing connection."""
+        """Add a connected socket as a client."""
         self._coming.append(line)
         self._ring()
 
@@ -103,7 +104,7 @@ class Door:
         self._selector.close()
 
     def _ring(self) -> None:
-        with suppress(OSError):  # full: it wakes anyway
+        with suppress(OSError):  # the buffer is full: the door wakes in any case
             self._bell.send(b".")
 
     def _work(self) -> None:
@@ -142,17 +143,17 @@ class Door:
         return max(0.0, (int(now * fastest) + 1) / fastest - now)
 
     def _tell_all(self) -> bool:
-        """Queue the outgoing messages for each guest; return True if there were any."""
+        """Queue the outgoing messages for all guests; return True if there were any."""
         before = len(self._outbox)
         while self._outbox:
             message = self._outbox.popleft()
             if message["is"] in ("state", "done"):
-                self._files.changed(message.get("run") if message["is"] == "state" else None)
+                self._files.invalidate(message.get("run") if message["is"] == "state" else None)
             if message["is"] == "done":
-                self._show_all(at_once=True)  # the last ticks come before the end
+                self._show_all(at_once=True)  # the last ticks are sent before the end
             if message["is"] == "state":
                 self._state = message = message | {"door": VERSION}
-            line = encoded(message)
+            line = encode(message)
             for guest in self._guests:
                 guest.send_line(line)
         return before > 0
@@ -172,12 +173,12 @@ class Door:
                 self._leave(min(self._until, key=self._until.__getitem__))
             self._until[guest] = time.monotonic() + SHORT_S
         elif self._state:
-            guest.say(self._state)
+            guest.enqueue(self._state)
         self._guests.add(guest)
         self._selector.register(line, selectors.EVENT_READ, guest)
 
     def _turn_away(self, guest: Guest) -> None:
-        """Refuse a guest because all places are occupied; only a stop is accepted."""
+        """Refuse and disconnect a guest that connected when all places were occupied; only its stops are accepted."""
         self._refuse(guest, note("door.full", Severity.ERROR, most=MOST_GUESTS), 1)
         self._last_words(guest)
 
@@ -199,9 +200,9 @@ class Door:
             self._leave(guest)
 
     def _may_be_long(self, guest: Guest) -> None:
-        """Refuse a line longer than LONG. One guest at a time may send a mission of LONGEST, to a free operator."""
+        """Refuse a line longer than LONG, except one mission at a time, up to LONGEST, that would be accepted."""
         try:
-            self.operator.may_ask(guest)
+            self.operator.check_admission(guest)
             busy = any(peer.coming > LONG for peer in self._guests if peer is not guest)
             if busy or guest.coming > LONGEST:
                 raise Invalid(fault("door.too-long", most_kb=LONG >> 10))
@@ -210,7 +211,7 @@ class Door:
             self._last_words(guest)
 
     def _answer_all(self) -> None:
-        """Answer lines in equal shares."""
+        """Answer the waiting lines of all guests in turn, at most SHARE lines or TURN_S."""
         for guest in [peer for peer in self._until if peer.lines]:
             self._turn_away(guest)
         self._busy, end_s = 0, time.monotonic() + TURN_S
@@ -228,28 +229,28 @@ class Door:
 
     def _answer(self, guest: Guest, line: bytes) -> None:
         try:
-            if len(line) > LONG:  # decoding it blocks every thread: not if it would be refused
-                self.operator.may_ask(guest)
+            if len(line) > LONG:  # decoding blocks every thread, so check first if it would be refused
+                self.operator.check_admission(guest)
             request = json.loads(line)
             self._do(guest, request, request["do"])
         except BaqueanoError as error:
             self._refuse(guest, error.diagnostic, error.exit_code)
         except Invalid as error:
             self._refuse(guest, error.diagnostic, UsageError.exit_code)
-        except Exception as error:  # any line may come, and this thread is the only reader of the service
-            self._refuse(guest, note("door.not-understood", Severity.ERROR, error=named(error)), 2)
+        except Exception as error:  # a line may contain any error, and this thread is the only reader
+            self._refuse(guest, note("door.not-understood", Severity.ERROR, error=error_text(error)), 2)
 
     def _refuse(self, guest: Guest, about: Diagnostic, code: int) -> None:
         """Send a refusal; its sentence `why` is for clients of another version, which cannot read diagnostics."""
-        guest.say({"is": "no", "why": text(about), "about": about, "code": code})
+        guest.enqueue({"is": "no", "why": text(about), "about": about, "code": code})
 
     def _do(self, guest: Guest, request: "JsonObject", word: str) -> None:
         words: dict[str, Callable[[], object]] = {
             "mission": lambda: self._ask(guest, request),
-            "hand": lambda: self.operator.want(guest, request["u"]),
+            "hand": lambda: self.operator.set_command(guest, request["u"]),
             "beat": lambda: self.operator.sign_of_life(guest),
             "mark": lambda: self.operator.mark(guest),
-            "ping": lambda: guest.say({"is": "pong", "token": request.get("token")}),
+            "ping": lambda: guest.enqueue({"is": "pong", "token": request.get("token")}),
             "end": lambda: self.operator.end(guest),
             "stop": lambda: self._stop(guest, _reason(request.get("why"))),
             "clear": lambda: setattr(self.operator, "clear_requested", True),
@@ -260,33 +261,34 @@ class Door:
         }
         if word in self._words:
             if (answer := self._words[word](guest, request)) is not None:
-                guest.say(answer)
+                guest.enqueue(answer)
         elif word in words:
             words[word]()
         else:
             raise Invalid(fault("door.unknown-word", found=repr(word), known=[*words, *self._words]))
 
     def _ask(self, guest: Guest, request: "JsonObject") -> None:
-        """Queue a mission. Raise UsageError for one of another version, whose messages could not be read."""
+        """Queue a mission. Raise UsageError if it is of another version of the protocol."""
         if (version := request.get("door", 1)) != VERSION:
             fix = "baqueano robot setup HOST"
             raise UsageError(note("door.version", Severity.ERROR, fix, theirs=str(version), ours=VERSION))
         name, attended = str(request.get("id", ""))[:LONGEST_ID], bool(request.get("attended", True))
         mission = str(request["mission"]) if "mission" in request else json.dumps(request)
-        self.operator.ask(guest, mission, attended, name, HIDDEN_S if request.get("by") == "page" else None)
+        silence_s = HIDDEN_S if request.get("by") == "page" else None
+        self.operator.queue_mission(guest, mission, attended, name, silence_s)
 
     def _set(self, guest: Guest, request: "JsonObject") -> None:
         self.operator.change(guest, str(request["path"]), request["value"])
-        guest.say({"is": "heard", "do": "set"})
+        guest.enqueue({"is": "heard", "do": "set"})
 
     def _stop(self, guest: Guest, reason: Diagnostic) -> None:
         self.operator.stop(reason)
-        guest.say({"is": "heard", "do": "stop"})
+        guest.enqueue({"is": "heard", "do": "stop"})
         if guest in self._until:
             self._until[guest] = time.monotonic() + STOPPED_S
 
     def _watch(self, guest: Guest, request: "JsonObject") -> None:
-        """Send frames of the ticks from now on; `hz` 0 ends them."""
+        """Begin to send frames of the next ticks to a guest, `hz` times a second; 0 ends this."""
         hz, names = float(request["hz"]), request.get("fields")
         guest.hz, guest.drive = (min(hz, MOST_HZ) if hz > 0.0 else 0.0), -1
         guest.names = None if names is None else tuple(map(str, names))
@@ -296,7 +298,7 @@ class Door:
         self._introduce(guest)
 
     def _introduce(self, guest: Guest) -> None:
-        """Send the description of the present drive and its columns, once."""
+        """Send a guest the description and the columns of the present drive, once per drive."""
         drive, words = self.frames.drive()
         if drive is None or drive.number == guest.drive or guest.hz <= 0.0:
             return
@@ -312,10 +314,10 @@ class Door:
                     name: [message[name][c] for c in guest.columns] for name in ("names", "units", "kinds")
                 }
                 message = message | selection
-            guest.say(message)
+            guest.enqueue(message)
 
     def _show_all(self, at_once: bool = False) -> None:
-        """Encode the new rows, if they are due or `at_once`, once for all guests that watch the same columns."""
+        """Send new rows to the guests for which they are due, or to all if `at_once`; equal rows are encoded once."""
         watching = [guest for guest in self._guests if guest.hz > 0.0]
         (drive, _), frames_by_columns, self._behind = self.frames.drive(), {}, False
         if drive is None or not watching:
@@ -349,7 +351,7 @@ class Door:
         except OSError:
             self._leave(guest)
             return
-        if guest.overloaded:
+        if guest.is_overloaded:
             self._leave(guest)
             return
         events = selectors.EVENT_READ | (selectors.EVENT_WRITE if guest.has_output else 0)
@@ -368,12 +370,12 @@ class Door:
 
 
 def _listening(path: Path) -> socket.socket:
-    """Return a listening socket. Raise RobotUnreachable if another service already listens there."""
+    """Return a socket that listens at `path`. Raise RobotUnreachable if another service already listens there."""
     probe = socket.socket(socket.AF_UNIX)
     try:
         probe.connect(str(path))
     except OSError:
-        path.unlink(missing_ok=True)  # of a service that was killed
+        path.unlink(missing_ok=True)  # left by a service that was killed
     else:
         raise RobotUnreachable(fault("door.runs-already", "systemctl status baqueano", path=path))
     finally:
@@ -391,7 +393,7 @@ def _listening(path: Path) -> socket.socket:
 
 
 def _reason(cause: object) -> Diagnostic:
-    """Return the reason of a stop request; a malformed one is a stop, too."""
+    """Return the reason in a stop request as a diagnostic, also if the reason is malformed."""
     try:
         return Diagnostic.of_json(cause)
     except (ValueError, RecursionError):

@@ -17,12 +17,15 @@ from baqueano.diagnostics import fault
 from baqueano.errors import RobotUnreachable, UsageError
 from baqueano.printable import one_line, printable
 
-LONGEST = 16 << 20  # bytes of an answer
-LAST_S = 1.0  # for the last words of a program that has ended
+LONGEST = 16 << 20  # most bytes of an answer
+LAST_S = 1.0  # time to show the last output of a program that has ended
 
 
 def there(host: str) -> list[str]:
-    """Return the arguments of ssh for HOST, "user@name" or "user@name:port". Raise UsageError if it is not a HOST."""
+    """Return the arguments of ssh for `host`, "user@name" or "user@name:port".
+
+    Raise UsageError if it does not have this form.
+    """
     name, colon, port = host.rpartition(":")
     port_words, name = (["-p", port], name) if colon and port.isdigit() else ([], host)
     computer = name.rpartition("@")[2]
@@ -38,7 +41,7 @@ def there(host: str) -> list[str]:
 
 
 def ssh(host: str, command: str, *options: str) -> list[str]:
-    """Return the command line that runs `command` at HOST. Raise UsageError if HOST is not a computer."""
+    """Return the command line that runs `command` at `host`. Raise UsageError if `host` is not a computer."""
     if host in ("emulated", "simulated"):
         raise UsageError(fault("ssh.no-hardware", host=host))
     if host.startswith(("/", "COM")):
@@ -49,10 +52,10 @@ def ssh(host: str, command: str, *options: str) -> list[str]:
 
 
 def run(command: list[str], given: bytes = b"", answers: bool = True) -> tuple[bytes, int]:
-    """Return the stdout of a program, and its exit code; show its stderr as it arrives.
+    """Run a program, and return its stdout and its exit code; show its stderr as it arrives.
 
-    With `answers` False stdout is shown too, and b"" is returned. `given` is its stdin; if empty, it has this
-    program's.
+    If `answers` is False, stdout is also shown, and b"" is returned. `given` is sent to its stdin; if it is empty, the
+    program reads the stdin of this program.
     """
     with tempfile.TemporaryFile() as file:
         file.write(given)
@@ -70,7 +73,7 @@ def run(command: list[str], given: bytes = b"", answers: bool = True) -> tuple[b
 
 
 def answer(stream: IO[bytes]) -> bytes:
-    """Return all bytes of a stream. Raise RobotUnreachable if there are more than LONGEST."""
+    """Return all bytes of a stream. Raise RobotUnreachable if it has more than LONGEST bytes."""
     output = bytearray()
     while data := os.read(stream.fileno(), 1 << 16):
         output += data
@@ -81,7 +84,7 @@ def answer(stream: IO[bytes]) -> bytes:
 
 @contextmanager
 def print_streams(*streams: tuple[IO[bytes], TextIO]) -> Iterator[None]:
-    """Show the text of each stream in printable form (printable.py) while the body runs."""
+    """Show the text of each source stream at its target, in printable form (printable.py), while the body runs."""
     threads = [threading.Thread(target=_show, args=each, daemon=True) for each in streams]
     for thread in threads:
         thread.start()
@@ -93,7 +96,7 @@ def print_streams(*streams: tuple[IO[bytes], TextIO]) -> Iterator[None]:
 
 
 def _show(source: IO[bytes], to: TextIO) -> None:
-    """Forward the bytes as they arrive, as a password prompt ends without a newline.
+    """Show the text of a stream as it arrives, because a password prompt ends without a newline.
 
     A raw terminal of ssh needs \\r.
     """
@@ -104,7 +107,7 @@ def _show(source: IO[bytes], to: TextIO) -> None:
         except (OSError, ValueError):
             return
         text = printable(decoder.decode(data, final=not data).replace("\r", ""))
-        with suppress(OSError, ValueError):  # a terminal that is gone does not end the work
+        with suppress(OSError, ValueError):  # a lost terminal does not end the work
             to.write(text.replace("\n", "\r\n") if to.isatty() else text)
             to.flush()
         if not data:

@@ -5,7 +5,7 @@
       │                 └──not ready──► DISARMED
       └──clear── STOPPED ◄──stop── any state
 
-A stop is latched with its reason: only a person clears it, by `clear`, and then everything is checked again.
+A stop is latched with its reason. Only a person can clear it, by `clear`; then all checks are made again.
 """
 
 from enum import StrEnum
@@ -15,7 +15,7 @@ from baqueano.errors import SafetyStop
 
 
 class DoorState(StrEnum):
-    """The names of the states as people read them."""
+    """The states of the vehicle, by the names that are shown to people."""
 
     DISARMED = "DISARMED"
     READY = "READY"
@@ -37,16 +37,17 @@ NEXT = {
 
 
 class Machine:
-    """The state, and the reason why the vehicle does not drive; `reason` is None if it may drive."""
+    """The present state; `reason` states why the vehicle does not drive, None if it may drive."""
 
     def __init__(self) -> None:
         self.state = DoorState.DISARMED
         self.reason: Diagnostic | None = stop(StopReason.NOT_CHECKED)
 
     def go(self, event: str, reason: Diagnostic | None = None) -> None:
-        """Change to the next state.
+        """Change to the state that follows an event.
 
-        A stop keeps its first reason. Raise SafetyStop if this state does not allow the event.
+        A second stop does not replace the reason of the first. Raise SafetyStop if the present state does not allow the
+        event.
         """
         target = NEXT.get((self.state, event))
         if target is None:
@@ -60,7 +61,7 @@ class Machine:
 
     @property
     def advice(self) -> Diagnostic:
-        """Return the advice to a person for leaving this state."""
+        """Return the advice on how to leave the present state."""
         if self.state is DoorState.DISARMED:
             return note("door.mend")
         if self.state is DoorState.STOPPED:

@@ -1,4 +1,4 @@
-"""Encode lines of JSON between a vehicle and its clients: the fields of a message, and diagnostics as data."""
+"""Encode and decode the messages between a vehicle and its clients: lines of JSON, with diagnostics as data."""
 
 import json
 from typing import TYPE_CHECKING, Any
@@ -9,7 +9,7 @@ from baqueano.printable import words
 if TYPE_CHECKING:
     from baqueano.contracts.values import JsonObject
 
-DATA = ("why", "said", "about", "imu_bus", "degraded")  # may be diagnostics
+DATA = ("why", "said", "about", "imu_bus", "degraded")  # fields that may be diagnostics
 FIELDS: dict[str, "JsonObject"] = {  # the required fields of a message; others are shown, or ignored
     "state": {"state": str}, "event": {"said": Diagnostic}, "done": {"run": str | None, "why": Diagnostic | None},
     "runs": {"runs": list}, "file": {"data": str, "left": int}, "no": {"why": str}, "pong": {}, "heard": {"do": str},
@@ -18,14 +18,14 @@ FIELDS: dict[str, "JsonObject"] = {  # the required fields of a message; others 
 }  # fmt: skip
 
 
-def encoded(message: "JsonObject") -> bytes:
-    """Return a message as a line. NaN, which JSON does not have, becomes null."""
+def encode(message: "JsonObject") -> bytes:
+    """Return a message as a line of JSON. NaN becomes null, because JSON does not have NaN."""
     plain = {k: None if isinstance(v, float) and v != v else v for k, v in message.items()}
     return json.dumps(plain, default=_data).encode() + b"\n"
 
 
-def decoded(line: bytes) -> "JsonObject | None":
-    """Return a message of a vehicle, its texts printable and of one line, or None if the line is invalid."""
+def decode(line: bytes) -> "JsonObject | None":
+    """Return the message in a line, with its texts printable and on one line each; None if the line is invalid."""
     try:
         message = words(json.loads(line))
         message |= {k: Diagnostic.of_json(message[k]) for k in DATA if isinstance(message.get(k), dict)}

@@ -1,9 +1,9 @@
 """Limit the time of blocks that run as Python code: a block that hangs ends with an error that names its line.
 
-A compiled block is straight arithmetic and cannot hang; Python code can. An alarm of the operating system interrupts it
-between two instructions of Python. A block that is stuck inside C (a call of a library, a huge matrix) is therefore
-named only when that call returns. Until then no command is sent, and the dead-man timer of the firmware has long
-stopped the motors.
+A compiled block consists of arithmetic without loops and cannot hang, but Python code can. An alarm of the operating
+system interrupts it between two instructions of Python. A block that is stuck inside C (a call of a library, a huge
+matrix) is therefore named only when that call returns. Until then no command is sent, and the firmware's dead man stops
+the motors.
 """
 
 import signal
@@ -15,21 +15,21 @@ from typing import Any, ClassVar, TypeVar
 
 from baqueano.contracts.values import Tree
 from baqueano.errors import FromOutside
-from baqueano.language import translated as _
+from baqueano.language import translate as _
 
 BUDGET_S = 0.1  # ten ticks: a third of the firmware's dead-man time
-AGAIN_S = 0.02  # for a block that swallows the first alarm
-PREPARE_S = 60.0  # to trace, compile and try the blocks, before anything moves
+AGAIN_S = 0.02  # between further alarms, for a block that swallows the first alarm
+PREPARE_S = 60.0  # to trace, compile and try the blocks before the vehicle moves
 Value = TypeVar("Value")
 
 
 class TooLong(FromOutside):
-    """The alarm. It is raised so that an `except Exception` in a block does not catch it."""
+    """The alarm, of a class that an `except Exception` in a block does not catch."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class BudgetedBlock:
-    """A block whose step ends within `budget_s`, with TimeoutError if it takes longer."""
+    """A wrapper of a block: its `init` and `step` raise TimeoutError if they take longer than `budget_s`."""
 
     goes_around: ClassVar[tuple[str, ...]] = ("block",)
 
@@ -37,18 +37,18 @@ class BudgetedBlock:
     budget_s: float = BUDGET_S
 
     def init(self, *start: object) -> Any:
-        """Return the block's own initial state."""
+        """Return the initial state of the wrapped block, within the budget."""
         return within(self.budget_s, self.block.init, *start)
 
     def step(self, state: Tree, *inputs: object) -> Any:
-        """Return the result of the block's own step."""
+        """Return the result of the wrapped block's step, within the budget."""
         return within(self.budget_s, self.block.step, state, *inputs)
 
 
 def within(seconds: float, call: Callable[..., Value], *inputs: object) -> Value:
-    """Return the result of `call`. Raise TimeoutError, at the line that is running, if it takes longer than `seconds`.
+    """Return the result of `call`. Raise TimeoutError, at the line that runs, if it takes longer than `seconds`.
 
-    The time is not limited in a system without alarms, nor in a thread.
+    The time is not limited on a system without alarms, or outside the main thread.
     """
     if not (hasattr(signal, "setitimer") and threading.current_thread() is threading.main_thread()):
         return call(*inputs)

@@ -5,9 +5,9 @@
   ∮ R(ψ) s_v ν dt = s_v ∮ R(ψ) ν dt = 0      for each s_v: no closure shows the scale of the speed       (3)
   s_v = s₀ ∫ z_v / s₀ dt / L                 L measured along the path, driven forward                   (4)
 
-z_ω is the reading of the gyro, s₀ its scale in the vehicle file, c the cosine of its tilt, b its zero at rest in the
-same run, σ_w the random walk of b, σ_z the noise of a sample, δ their interval, σ_mark = 2° [assumed]. (1) is refused
-if k = 0. k is certain while the gyro is off by less than WRONG and |k| < 1 / (2 WRONG). Derivation:
+z_ω is the reading of the gyro, and s₀ its scale in the vehicle file. c is the cosine of its tilt, b its zero at rest
+in the same run. σ_w is the random walk of b, σ_z the noise of a sample, δ the sampling interval, σ_mark = 2° [assumed].
+(1) is refused if k = 0. k is certain if the scale is wrong by less than WRONG and |k| < 1 / (2 WRONG). Derivation:
 docs/derivations/repeat_and_drift.md.
 """
 
@@ -23,28 +23,28 @@ from baqueano.contracts.values import TableRow, Tree, Value
 from baqueano.diagnostics import fault
 from baqueano.drive.session import marks_of
 from baqueano.errors import AnswerNo
-from baqueano.language import translated as _
+from baqueano.language import translate as _
 from baqueano.runs import Channel, Run
 from baqueano.signals import Motion, seconds
 from baqueano.vehicle_file.file import VehicleFile
 
 MARK_RAD = np.radians(2.0)
 WRONG = 0.1
-MOST_TURNS = 4  # of a lap
-REST_S, LEAST_S = 1.0, 1.0  # without a command before it counts as standing; of that, so much
+MOST_TURNS = 4  # most turns between two marks
+REST_S, LEAST_S = 1.0, 1.0  # time without a command before it counts as rest; least duration of rest
 
 
 @dataclass(frozen=True, repr=False)
 class Closure(Result):
-    """The motion of a run between its first mark and its last, and the scales that follow from it."""
+    """The motion of a run between its first and its last mark, and the scales of the sensors that follow from it."""
 
     gyro: str  # name of the IMU
     turns: int
-    turned_rad: float  # as the gyro has it with the scale of the vehicle file
+    turned_rad: float  # measured by the gyro with the scale in the vehicle file
     scale: float  # of the gyro
     sd: float  # (2)
     values: dict[str, object]  # of the vehicle file: path → value
-    travelled: dict[str, float]  # sensor of speed → metres by its scale in the vehicle file
+    travelled: dict[str, float]  # speed sensor → metres with its scale in the vehicle file
     length_m: float | None
 
     def rows(self) -> list["TableRow"]:
@@ -58,7 +58,7 @@ class Closure(Result):
         ]
 
     def table(self) -> str:
-        """Return sentences, with the command to type."""
+        """Return the results as sentences, with the options to type."""
         degrees = np.degrees(self.turned_rad)
         lines = [
             _(
@@ -90,9 +90,10 @@ class Closure(Result):
 
 
 def closure(run: Run, file: VehicleFile, length_m: float | None = None) -> Closure:
-    """Return the scales from the marks of `run`, for the vehicle of `file`; those of the wheels only with `length_m`.
+    """Return the scales from the marks of `run`, for the vehicle of `file`.
 
-    Raise AnswerNo if a mark, the IMU or a rest is missing, or if the turns between the marks are not whole or cancel.
+    The scales of speed sensors need `length_m`, the length of the path between the first and the last mark. Raise
+    AnswerNo if a mark, the IMU or a rest is missing, or if the turns between the marks are not whole or cancel.
     """
     marks = marks_of(run)
     if len(marks) < 2:
@@ -129,7 +130,7 @@ def _deviation(sensor: Tree, bias_sd: float, t_s: float) -> float:
 
 
 def _whole(turned_rad: float, name: str) -> int:
-    """Return k of a lap. Raise AnswerNo if the turn is not whole."""
+    """Return the number k of turns between two marks. Raise AnswerNo if it is not a whole number."""
     turns = round(turned_rad / (2.0 * np.pi))
     residual_rad = abs(turned_rad - 2.0 * np.pi * turns)
     if abs(turns) > MOST_TURNS or residual_rad > max(2.0 * np.pi * WRONG * abs(turns), 3.0 * MARK_RAD):
@@ -139,8 +140,11 @@ def _whole(turned_rad: float, name: str) -> int:
 
 
 def _at_rest(run: Run, channel: Channel) -> tuple[float, float]:
-    """Return (zero of the gyro while the vehicle was at rest, its standard deviation) [rad/s]."""
-    in_motion = np.any(run.applied != 0.0, axis=1)  # not known counts as driven
+    """Return the gyro's zero while the vehicle was at rest, and its standard deviation [rad/s].
+
+    Raise AnswerNo if the rest was too short.
+    """
+    in_motion = np.any(run.applied != 0.0, axis=1)  # an unknown command (NaN) counts as motion
     last = np.maximum.accumulate(np.where(in_motion, run.t_ns, run.t_ns[0] - round(REST_S * 1e9)))
     tick = np.clip(np.searchsorted(run.t_ns, channel.t_ns), 0, len(run.t_ns) - 1)
     at_rest = ~in_motion[tick] & (seconds(channel.t_ns, last[tick]) >= REST_S) & np.isfinite(channel.z[:, -1])
@@ -152,7 +156,7 @@ def _at_rest(run: Run, channel: Channel) -> tuple[float, float]:
 
 
 def _integral(channel: Channel, column: int, bias: float, from_ns: int, to_ns: int) -> float:
-    """Return ∫ (z − b) dt between two times, by the trapezoidal rule."""
+    """Return ∫ (z − b) dt of a column of `channel` between two times [ns], by the trapezoidal rule."""
     finite = np.isfinite(channel.z[:, column])
     t_s = seconds(channel.t_ns[finite], channel.t_ns[0])
     ends = [seconds(t, channel.t_ns[0]) for t in (from_ns, to_ns)]
@@ -164,7 +168,7 @@ def _integral(channel: Channel, column: int, bias: float, from_ns: int, to_ns: i
 
 
 def _gain(sensor: Sensor) -> float:
-    """Return the gyro's reading per rad/s, from the vehicle file."""
+    """Return the gyro's reading for a yaw rate of 1 rad/s, by the sensor model of the vehicle file."""
     unit_turn, none = (
         Motion(np.zeros(3), np.array([0.0, 0.0, w]), np.zeros(3), np.zeros(2)) for w in (1.0, 0.0)
     )
@@ -178,7 +182,7 @@ def _speed_scale(name: str, sensor: Sensor) -> tuple[str, Value]:
 
 
 def _distances(run: Run, file: VehicleFile, from_ns: int, to_ns: int) -> dict[str, float]:
-    """Return the distance [m] measured by each speed sensor, with its scale in the vehicle file."""
+    """Return the distance [m] between two times [ns] by each speed sensor, with its scale in the vehicle file."""
     distances = {}
     for name, sensor in file.sensors._asdict().items():
         if name in run.sensors and (has_field(sensor, "radius_scale") or has_field(sensor, "scale")):

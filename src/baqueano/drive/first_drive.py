@@ -1,4 +1,4 @@
-"""First drive of a vehicle whose response to a command is unknown: growing pulses around one spot.
+"""Drive a vehicle for the first time, when its response to a command is unknown: growing pulses around one spot.
 
   rough gain along = Σ v v̂ / Σ v̂²,  about z = Σ Δψ Δψ̂ / Σ Δψ̂²                                        (1)
   left forward    v > 0, Δψ < 0    correct                                                              (2)
@@ -6,10 +6,11 @@
                   v > 0, Δψ > 0    the right wheel turned: the two are swapped
                   v < 0, Δψ < 0    swapped, and the right motor runs backwards
 
-v is the largest speed after a pulse, Δψ the turn, from commands and IMU only; v̂, Δψ̂ are those of the file's model
-under the same commands. Its dead zones are replaced by the levels at which motion was first measured, unless all pulses
-fit better with those of the file. Two wheels are tried one at a time, forward and backward, so that each shows its own
-two dead zones. Correct the wiring before you fit anything. Pulses: first_drive_pulses.py.
+v is the largest speed after a pulse and Δψ the turn, both from commands and IMU only. v̂ and Δψ̂ are the same
+quantities of the file's model under the same commands. The model's dead zones are replaced by the levels at which
+motion was first measured, unless all pulses fit better with the file's dead zones. Two wheels are tried one at a time,
+forward and backward, because each has two dead zones. Correct the wiring before you fit parameters. Pulses:
+first_drive_pulses.py.
 """
 
 from collections.abc import Sequence
@@ -21,14 +22,14 @@ import numpy as np
 from baqueano.contracts.result import Result
 from baqueano.contracts.values import TableRow
 from baqueano.controllers import CarefulController
-from baqueano.diagnostics import Diagnostic, fault, joined
+from baqueano.diagnostics import Diagnostic, fault, merge
 from baqueano.drive.first_drive_pulses import GROWTH, SIGNIFICANT, STEP, Careful
 from baqueano.drive.session import drive
 from baqueano.errors import AnswerNo, UsageError
 from baqueano.estimators import Inertial
 from baqueano.guides import CarefulGuide
-from baqueano.language import marked as N_
-from baqueano.language import translated as _
+from baqueano.language import mark as N_
+from baqueano.language import translate as _
 from baqueano.loop import Blocks
 from baqueano.messages import texts
 from baqueano.parameter import all_parameters
@@ -37,8 +38,8 @@ from baqueano.signals import seconds
 from baqueano.vehicle_file.file import VehicleFile
 from baqueano.vehicles.freedoms import steers
 
-SURE = 3.0  # standard deviations of the sum of all speeds of a wheel, to believe its sign
-AFTER_S = 0.5  # after a pulse, in which its motion is measured
+SURE = 3.0  # standard deviations by which the sum of a wheel's speeds must exceed 0
+AFTER_S = 0.5  # time after a pulse in which its motion is measured
 
 
 class Pulse(NamedTuple):
@@ -72,7 +73,7 @@ class FirstDrive(Result):
     still : tuple of Diagnostic
         Directions in which the vehicle did not move.
     gain_along, gain_about : float
-        Gains of the vehicle divided by those of the file's model, along x and about z; NaN without measured motion.
+        Gains of the vehicle divided by the gains of the file's model, along x and about z; NaN without measured motion.
     moves_at : ndarray (D,)
         Part of the limit at which motion was first measured, per direction; NaN if it was never measured.
     late : bool
@@ -95,7 +96,7 @@ class FirstDrive(Result):
     late: bool = False
 
     @property
-    def moved(self) -> int:
+    def moving_pulses(self) -> int:
         """Return the number of pulses that moved the vehicle."""
         return sum(p.significance > SIGNIFICANT for p in self.pulses)
 
@@ -112,9 +113,13 @@ class FirstDrive(Result):
         ]
 
     def table(self) -> str:
-        """Return sentences."""
+        """Return gains, directions without motion, and wiring faults as sentences."""
         lines = [
-            _("{pulses} pulses, {moved} of them moved the vehicle", pulses=len(self.pulses), moved=self.moved)
+            _(
+                "{pulses} pulses, {moved} of them moved the vehicle",
+                pulses=len(self.pulses),
+                moved=self.moving_pulses,
+            )
         ]
         if np.isfinite(self.gain_along):
             lines.append(_("along: {times:.2g} times the gain in the file", times=self.gain_along))
@@ -124,7 +129,7 @@ class FirstDrive(Result):
 
 
 def first_drive(vehicle_file: VehicleFile, **options: Any) -> FirstDrive:
-    """Drive a vehicle carefully for about a minute, and measure how strongly it responds. Only an IMU is needed.
+    """Drive a vehicle carefully for about a minute, and measure its response to commands; only an IMU is needed.
 
     Parameters
     ----------
@@ -158,7 +163,7 @@ def first_drive(vehicle_file: VehicleFile, **options: Any) -> FirstDrive:
 
 
 def careful_drive(vehicle_file: VehicleFile, **options: Any) -> Run:
-    """Return the run of a first drive, before its evaluation; options and errors as in `first_drive`."""
+    """Return the run of a first drive without evaluating it; options and errors as in `first_drive`."""
     if "imu" not in vehicle_file.sensors._fields:
         raise UsageError(fault("first-drive.no-imu", name=vehicle_file.name))
     pulses = Careful(directions(vehicle_file))
@@ -167,7 +172,7 @@ def careful_drive(vehicle_file: VehicleFile, **options: Any) -> Run:
 
 
 def directions(vehicle_file: VehicleFile) -> np.ndarray:
-    """Return the commands (D, n) at full level whose pulses are tried; turns come first, as they lead nowhere.
+    """Return the commands (D, n) at full level to try by pulses; turns are first, because the vehicle stays in place.
 
     Raise UsageError if the command limits are not finite or all zero.
     """
@@ -187,7 +192,7 @@ def directions(vehicle_file: VehicleFile) -> np.ndarray:
 
 
 def two_wheels(vehicle_file: VehicleFile) -> bool:
-    """Return True if the commands are mixed to a left and a right wheel, and both may move."""
+    """Return True if the commands are mixed to a left and a right wheel, and the limits permit both to move."""
     limit = vehicle_file.command.limit
     return vehicle_file.vehicle.drivetrain.mixing == "two_wheels" and min(limit[0], limit[2]) > 0.0
 
@@ -210,7 +215,7 @@ def estimate_first_drive(run: Run, vehicle_file: VehicleFile) -> FirstDrive:
 
 
 def pulses_of(run: Run) -> tuple[Pulse, ...]:
-    """Return the pulses of a careful run, in order. Raise UsageError without estimates."""
+    """Return the pulses of a careful run and their motion, in order. Raise UsageError for a run without estimates."""
     on = np.any(run.applied != 0.0, axis=1).astype(int)
     begin, end = np.flatnonzero(np.diff(on, prepend=0) == 1), np.flatnonzero(np.diff(on, append=0) == -1)
     log, out = run.estimate, []
@@ -227,13 +232,16 @@ def pulses_of(run: Run) -> tuple[Pulse, ...]:
     return tuple(out)
 
 
-def with_dead_zones(vehicle_file: VehicleFile, ways: np.ndarray, at: np.ndarray) -> VehicleFile:
-    """Return the file with its dead zones, if it has any, set to the levels at which motion began."""
+def with_dead_zones(vehicle_file: VehicleFile, ways: np.ndarray, duties: np.ndarray) -> VehicleFile:
+    """Return the file with its dead zones set to the levels `duties` (D,) at which motion began in `ways` (D, n).
+
+    Dead zones that are 0 in the file stay 0.
+    """
     drivetrain, changes = vehicle_file.vehicle.drivetrain, {}
     channel = np.array([drivetrain.mix(way) for way in ways])  # (D, k)
     for name, sign in (("dead_zone_forward", 1.0), ("dead_zone_backward", -1.0)):
         now = np.broadcast_to(getattr(drivetrain, name), channel.shape[1])
-        size = np.where(sign * channel > 1e-9, sign * channel, np.nan) * onset_level(at)[:, None]
+        size = np.where(sign * channel > 1e-9, sign * channel, np.nan) * onset_level(duties)[:, None]
         onset = [np.min(c[np.isfinite(c)], initial=np.inf) for c in size.T]
         new = [x if n > 0.0 and np.isfinite(x) else n for n, x in zip(now, onset, strict=True)]
         if np.any(now > 0.0):
@@ -242,18 +250,18 @@ def with_dead_zones(vehicle_file: VehicleFile, ways: np.ndarray, at: np.ndarray)
 
 
 def onset_level(level: np.ndarray) -> np.ndarray:
-    """Return the midpoints (D,) between the previous level, at which the vehicle did not move, and this one."""
+    """Return the midpoints (D,) between each level and the previous level, at which the vehicle did not move."""
     before = np.maximum(level - STEP, 0.0)
     before = np.where(GROWTH * before > STEP, level / (1.0 + GROWTH), before)
     return 0.5 * (before + level)
 
 
 def rough(first: FirstDrive, vehicle_file: VehicleFile) -> VehicleFile:
-    """Return the file with the rough gains and dead zones, as a start for a fit.
+    """Return the file with the rough gains and dead zones, as initial values for a fit.
 
     Raise AnswerNo if the wiring is wrong or a direction did not move the vehicle.
     """
-    if (reason := joined([*first.wiring, *first.still])) is not None:
+    if (reason := merge([*first.wiring, *first.still])) is not None:
         raise AnswerNo(reason)
     file = vehicle_file
     if not first.late:
@@ -270,8 +278,8 @@ def rough(first: FirstDrive, vehicle_file: VehicleFile) -> VehicleFile:
 
 
 def _gains(run: Run, pulses: tuple[Pulse, ...], file: VehicleFile) -> tuple[tuple[float, float], float]:
-    """Return the gains (1), and the sum of the relative residuals of v and Δψ over all pulses."""
-    from baqueano.simulate import simulate  # a robot drives, and leaves the rest to a laptop
+    """Return the gains (1), and the sum of the relative squared residuals of v and Δψ over all pulses."""
+    from baqueano.simulate import simulate  # only a laptop needs it: a robot only drives
 
     model = simulate(file, np.clip(run.applied, -file.command.limit, file.command.limit), noise=False)
     truth = model.truth
@@ -296,7 +304,10 @@ def _gains(run: Run, pulses: tuple[Pulse, ...], file: VehicleFile) -> tuple[tupl
 
 
 def _wiring(pulses: tuple[Pulse, ...], ways: np.ndarray) -> tuple[Diagnostic, ...]:
-    """Return the wiring faults of (2), from the gyro only if the measured speeds are not significant."""
+    """Return the wiring faults of (2).
+
+    If the measured speeds are not significant, only the gyro is used.
+    """
     turn, both, var = np.zeros(2), np.zeros(2), np.zeros(2)
     for p in pulses:
         for wheel, forward in enumerate((ways[0], ways[2])):
@@ -310,7 +321,7 @@ def _wiring(pulses: tuple[Pulse, ...], ways: np.ndarray) -> tuple[Diagnostic, ..
     if np.any(np.abs(both) < SURE * np.sqrt(var)):
         wrong = [side for side, x in zip(("left", "right"), turn, strict=True) if x < 0.0]
         return tuple(fault(f"wiring.turns-wrong-{side}") for side in wrong)
-    own = both > 0.0  # the wheel that was asked is the one that turned
+    own = both > 0.0  # the commanded wheel is the wheel that turned
     if own.any() and not own.all():
         return (fault("wiring.answers-as-one"),)
     swap = [] if own.all() else [fault("wiring.swapped")]
@@ -320,12 +331,12 @@ def _wiring(pulses: tuple[Pulse, ...], ways: np.ndarray) -> tuple[Diagnostic, ..
 
 
 def _first_moved(pulses: tuple[Pulse, ...], way: np.ndarray) -> float:
-    """Return the smallest part of `way` (n,) that moved the vehicle, NaN if none did."""
+    """Return the smallest part of the command `way` (n,) that moved the vehicle, NaN if it never moved."""
     return min(_levels([p for p in pulses if p.significance > SIGNIFICANT], way), default=float("nan"))
 
 
 def _levels(pulses: Sequence[Pulse], way: np.ndarray) -> list[float]:
-    """Return the parts of `way` (n,) that were tried."""
+    """Return the parts of the command `way` (n,) that were tried, in order."""
     return [float(p.u @ way / (way @ way)) for p in pulses if p.u @ way > 0.0 and _along(p.u, way)]
 
 
@@ -336,7 +347,7 @@ def _nothing_moved(command: str, level: float) -> Diagnostic:
 
 
 def _along(u: np.ndarray, way: np.ndarray) -> bool:
-    """Return True if both are parallel."""
+    """Return True if the two commands are parallel."""
     return bool(abs(abs(u @ way) - np.linalg.norm(u) * np.linalg.norm(way)) < 1e-6 * (u @ u + way @ way))
 
 

@@ -1,15 +1,16 @@
-"""Give the pulses of a first drive, when the only known fact about the vehicle is its IMU.
+"""Plan the pulses of a first drive, when only the IMU of the vehicle is known.
 
-`Careful` gives one pulse after the other, each of PULSE_S and in one direction, as small as possible:
+`Careful` sends one pulse after the other, each of PULSE_S and in one direction, as small as possible:
 
-  level ← level + max(STEP, GROWTH level)          while neither |v| nor |Δψ| exceeds SIGNIFICANT sd      (1)
+  level ← level + max(STEP, GROWTH level)          while |v| and |Δψ| do not exceed SIGNIFICANT sd      (1)
 
-A pulse ends at once if |v| or |ω| passes its limit. A direction is done after such a pulse, after ENOUGH pulses that
-moved the vehicle, or at full command. The next pulse goes to the unfinished direction with the lowest level, so
-forward and backward, left and right alternate around one spot. A direction that leads back to the spot goes first; one
-that leads away waits for those whose effect is unknown. Levels are parts of [command] limit. The directions are those
-of the channels; for a car, the throttle with the wheel straight, left and right.
-`CarefulGuide` and `CarefulController` step the same `Careful` on the estimates of `Inertial`, so both stop together.
+A pulse ends at once if |v| or |ω| exceeds its limit. A direction is finished after a pulse that ended in this way,
+after ENOUGH pulses that moved the vehicle, or at full command. The next pulse uses the unfinished direction with the
+lowest level, so that forward and backward, left and right alternate around one spot. A direction that leads back to the
+spot has priority. A direction that leads away waits until all directions with an unknown effect are tried. Levels are
+parts of [command] limit. There are two directions per channel; for a car, the throttle with the wheel straight, left
+and right. `CarefulGuide` and `CarefulController` step the same `Careful` on the estimates of `Inertial`, so both stop
+together.
 """
 
 from dataclasses import dataclass
@@ -20,31 +21,31 @@ import numpy as np
 from baqueano.signals import Estimate, seconds
 
 PULSE_S, PAUSE_S, FIRST_S = 0.25, 0.8, 2.0
-STEP, GROWTH = 0.04, 0.12  # of a level
+STEP, GROWTH = 0.04, 0.12  # growth of a level, as in (1)
 SIGNIFICANT = 6.0  # standard deviations
 ENOUGH = 10  # pulses in one direction that moved the vehicle
-BACK_M = 0.05  # from the spot, above which the way back goes first
+BACK_M = 0.05  # distance from the spot above which the path back has priority
 
 
 class Pulses(NamedTuple):
-    """State of `Careful`, with D directions."""
+    """The state of `Careful`, for D directions."""
 
     begun_ns: int  # -1 before the first tick
-    since_ns: int  # of the pulse or the pause
+    since_ns: int  # begin of the pulse or the pause
     now: int  # the direction of the pulse; -1 in a pause
     last: int  # the direction of the last pulse; -1 before the first
-    level: np.ndarray  # (D,) of the next pulse
-    moved: np.ndarray  # (D,) pulses that moved the vehicle
-    gone: np.ndarray  # (D, 2) last displacement [m] of each, along and across the heading
+    level: np.ndarray  # (D,) level of the next pulse
+    moved: np.ndarray  # (D,) number of pulses that moved the vehicle
+    gone: np.ndarray  # (D, 2) last displacement [m] by each direction, along and across the heading
     done: np.ndarray  # (D,) bool
-    at: np.ndarray  # (3,) pose at the begin of the pulse
+    start_pose: np.ndarray  # (3,) pose at the begin of the pulse
     significance: float  # largest v or Δψ of this pulse in standard deviations
-    cut: bool  # it reached a limit
+    cut: bool  # the pulse reached a limit
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Careful:
-    """Growing pulses.  (1)"""
+    """A planner of growing pulses in D directions.  (1)"""
 
     directions: np.ndarray  # (D, n) commands at full level
     speed_m_s: float = 0.2
@@ -76,10 +77,10 @@ class Careful:
         return state, u, over
 
     def _observe(self, state: Pulses, estimate: Estimate) -> Pulses:
-        """Update the significance of the motion that the pulse caused, and `cut`."""
+        """Return the state with the significance of the motion after the pulse, and `cut`, updated by an estimate."""
         v, omega = abs(estimate.nu[0]), abs(estimate.nu[2])
         sd_v, sd_psi, sd_omega = np.sqrt(np.diagonal(estimate.cov)[[3, 2, 5]])
-        turn = abs(estimate.eta[2] - state.at[2])
+        turn = abs(estimate.eta[2] - state.start_pose[2])
         significance = max(v / max(sd_v, 1e-9), turn / max(sd_psi, 1e-9)) if sd_v > 0.0 else 0.0
         cut = v > max(self.speed_m_s, SIGNIFICANT * sd_v) or omega > self.turn_rad_s + SIGNIFICANT * sd_omega
         if state.now < 0 and state.last < 0:
@@ -94,8 +95,8 @@ class Careful:
         if k < 0:
             return state
         level, count, shifts, done = (x.copy() for x in (state.level, state.moved, state.gone, state.done))
-        shift = estimate.eta[:2] - state.at[:2]
-        c, s = np.cos(state.at[2]), np.sin(state.at[2])
+        shift = estimate.eta[:2] - state.start_pose[:2]
+        c, s = np.cos(state.start_pose[2]), np.sin(state.start_pose[2])
         if state.significance > SIGNIFICANT:
             count[k] += 1.0
             shifts[k] = c * shift[0] + s * shift[1], -s * shift[0] + c * shift[1]
@@ -105,7 +106,7 @@ class Careful:
         return state._replace(level=level, moved=count, gone=shifts, done=done)
 
     def _next(self, state: Pulses, estimate: Estimate) -> Pulses:
-        """Begin the next pulse, unless all directions are done."""
+        """Return the state with the next pulse begun, unless all directions are finished."""
         psi = estimate.eta[2]
         position = np.array([np.cos(psi) * estimate.eta[0] + np.sin(psi) * estimate.eta[1],
                          np.cos(psi) * estimate.eta[1] - np.sin(psi) * estimate.eta[0]])  # fmt: skip
@@ -119,4 +120,4 @@ class Careful:
             order = np.where(closer < 0.0, np.inf, order)
         k = int(np.argmin(order))
         at = estimate.eta.copy()
-        return state._replace(now=k, since_ns=estimate.t_ns, at=at, significance=0.0, cut=False)
+        return state._replace(now=k, since_ns=estimate.t_ns, start_pose=at, significance=0.0, cut=False)

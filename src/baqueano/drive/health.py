@@ -4,12 +4,11 @@ The filter predicts every measurement and the variance of its error:
 
   NIS = mean over the last WINDOW_S of min(yᵀ S⁻¹ y / m, FAR²)                                           (1)
 
-y are the innovations with their covariance S, m the numbers that arrived in a tick. A filter that fits its vehicle has
-NIS = 1. Above TOO_LARGE the innovations are √2 times as large as predicted: the vehicle is no longer the identified
-one. It is worn, loaded, on another floor, or its IMU is loose. This is reported once a run; stopping the motors is
-left to the supervisor. The monitor (monitor/) reports which channel of which sensor disagrees, and for how long. At
-the end of the run, a report states if it left the envelope of the fit, and how often the estimator refused each
-channel.
+y are the innovations with their covariance S, m the number of values that arrived in a tick. A filter that fits its
+vehicle has NIS = 1. Above TOO_LARGE the innovations are √2 times as large as predicted: the vehicle no longer fits the
+identified model. It is worn, loaded, on another floor, or its IMU is loose. This is reported once a run; only the
+supervisor stops the motors. The monitor (monitor/) reports which channel of which sensor disagrees, and for how long.
+The report at the end states if the run left the envelope of the fit, and how often the estimator refused each channel.
 """
 
 from collections import deque
@@ -18,8 +17,8 @@ from typing import Any
 
 import numpy as np
 
-from baqueano.diagnostics import Diagnostic, Severity, joined, note
-from baqueano.monitor import REFUSED, Finding, Notice, Watching, counted
+from baqueano.diagnostics import Diagnostic, Severity, merge, note
+from baqueano.monitor import REFUSED, Finding, Notice, Watching, refusal_event
 from baqueano.signals import Estimate, Tick, seconds
 from baqueano.vehicle_file.envelope import Envelope, Watch
 
@@ -32,12 +31,12 @@ Line = tuple[str, str, Diagnostic]  # source, level, message of an event
 
 
 def degraded_note(degraded: tuple[Finding, ...]) -> Diagnostic | None:
-    """Return the degraded sensors of a tick as one message, or None without any."""
-    return joined(finding.diagnostic for finding in degraded)
+    """Return the degraded sensors of a tick as one message, None if no sensor is degraded."""
+    return merge(finding.diagnostic for finding in degraded)
 
 
 class Health:
-    """The agreement of model and sensors during one run, for a vehicle whose fit covered `envelope`."""
+    """A monitor of model and sensors during one run; `envelope` is the range that the fit covered."""
 
     def __init__(self, envelope: Envelope | None = None, sensors: Watching | None = None) -> None:
         self._watch = Watch(envelope)
@@ -47,17 +46,17 @@ class Health:
         self.reported = False
 
     @property
-    def degraded(self) -> tuple[Finding, ...]:
-        """Return the sensors that still disagree after a long time."""
-        return () if self._sensors is None else self._sensors.degraded
+    def degraded_sensors(self) -> tuple[Finding, ...]:
+        """Return the findings about the sensors that are degraded now."""
+        return () if self._sensors is None else self._sensors.degraded_sensors
 
     def lines(self, tick: Tick, estimate: Estimate) -> list[Line]:
-        """Return the events of a tick."""
+        """Return the events of a tick about the model and the sensors."""
         self.count(tick)
         notices: list[Notice] = [] if self._sensors is None else self._sensors.update(tick, estimate)
         if (
             self._sensors is not None and self._sensors.suspect
-        ):  # a fit to readings of a broken sensor is useless
+        ):  # readings of a broken sensor do not show if the model fits
             self._forget()
         misfit = self.check(tick.t_ns, estimate)
         model = [] if misfit is None else [(SOURCE, "warning", misfit)]
@@ -71,21 +70,21 @@ class Health:
         self._sum = 0.0
 
     def last_lines(self) -> list[Line]:
-        """Return the events of the end."""
+        """Return the events at the end of the run: signals outside the envelope, and refused readings."""
         counts = () if self._sensors is None else self._sensors.refusals
         beyond = [(SOURCE, "warning", message) for message in self.beyond()]
-        return [*beyond, *([(REFUSED, "info", counted(counts))] if counts else [])]
+        return [*beyond, *([(REFUSED, "info", refusal_event(counts))] if counts else [])]
 
     def beyond(self) -> tuple[Diagnostic, ...]:
         """Return a message for each command and measurement that left the envelope."""
         return self._watch.flags(note("envelope.this-run"))
 
     def count(self, tick: Tick) -> None:
-        """Include a tick in the envelope that `beyond` reports."""
+        """Record the commands and measurements of a tick for `beyond`."""
         self._watch.update(tick)
 
     def check(self, t_ns: int, estimate: Any) -> Diagnostic | None:
-        """Return a message if the model no longer fits; None otherwise, and after the first report."""
+        """Return a message when the model no longer fits, once a run; None otherwise.  (1)"""
         y, S = estimate.innovation, estimate.innovation_cov
         if self.reported or y is None or S is None:
             return None
@@ -110,9 +109,9 @@ class Health:
 
 
 def normalised_square(y: list[float], S: list[list[float]]) -> float | None:
-    """Return yᵀ S⁻¹ y / m of the m innovations that arrived, or None if none arrived.
+    """Return yᵀ S⁻¹ y / m of the m finite innovations in `y`, None if m is 0.
 
-    `y` and `S` are overwritten. For three numbers NumPy takes five times as long.
+    `y` and `S` are overwritten. For three numbers NumPy would take five times as long.
     """
     finite, total = [k for k, value in enumerate(y) if isfinite(value)], 0.0
     for at, k in enumerate(finite, 1):

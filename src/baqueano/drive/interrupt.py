@@ -9,10 +9,10 @@ from types import FrameType
 
 @contextmanager
 def between_ticks(ticking: Iterable[int]) -> Iterator[Iterable[int]]:
-    """Yield the same ticks until Ctrl-C; then raise KeyboardInterrupt before the next one."""
+    """Yield the ticks, which after Ctrl-C raise KeyboardInterrupt in place of the next tick."""
     interrupted = False
 
-    def ask(number: int, frame: FrameType | None) -> None:
+    def request_end(number: int, frame: FrameType | None) -> None:
         nonlocal interrupted
         interrupted = True
         signal.signal(signal.SIGINT, signal.default_int_handler)
@@ -26,7 +26,7 @@ def between_ticks(ticking: Iterable[int]) -> Iterator[Iterable[int]]:
     if not ours():
         yield ticking
         return
-    before = signal.signal(signal.SIGINT, ask)
+    before = signal.signal(signal.SIGINT, request_end)
     try:
         yield ticks()
     finally:
@@ -34,6 +34,6 @@ def between_ticks(ticking: Iterable[int]) -> Iterator[Iterable[int]]:
 
 
 def ours() -> bool:
-    """Return True if Python handles Ctrl-C here: not in a thread, nor in a program that handles it itself."""
+    """Return True in the main thread of a program with Python's default handler of Ctrl-C."""
     main = threading.current_thread() is threading.main_thread()
     return main and signal.getsignal(signal.SIGINT) is signal.default_int_handler

@@ -1,7 +1,7 @@
 """Represent a mission as data: the same on the laptop, in a simulation and on the vehicle.
 
-`perform` turns it into a run with the functions of verbs.py. `packed` makes it ready to be sent: its JSON then holds
-every double with all its digits, the text of the vehicle file and of the blocks that the user wrote.
+`perform` drives it by the functions of verbs.py and returns the run. `pack` prepares it to be sent: its JSON then
+contains the texts of the vehicle file and of the user's blocks. The JSON contains every double with all its digits.
 """
 
 import json
@@ -31,10 +31,10 @@ MOST_LAPS = 10**9
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Mission:
-    """A mission. Raise UsageError if `u` or the route is missing.
+    """A mission as data. The constructor raises UsageError for an unknown kind or a missing `u` or route.
 
-    An experiment has `u`, a repetition a route. A lesson has a route, or none if a person drives. "drive" is by hand
-    and does not teach a route.
+    An experiment needs `u`, a repetition a route. A lesson has a route, or None if a person drives. In the kind "drive"
+    a person drives without teaching a route.
 
     >>> lesson_by_hand = Mission("teach")
     >>> spin = Mission("experiment", u=np.tile([0.0, 0.0, 0.6], (100, 1)))
@@ -45,14 +45,14 @@ class Mission:
     kind: str  # one of KINDS
     u: np.ndarray | None = None  # (N, n), a command per tick
     route: Route | None = None
-    laps: int = 1  # 0: for ever
-    hold: bool = True  # by hand: the heading, where the vehicle has a gyro
+    laps: int = 1  # 0: without end
+    hold: bool = True  # by hand: hold the heading, if the vehicle has a gyro
     blocks: dict[str, str] = field(default_factory=dict)  # room → "file.py:Class" in place of the file's own
     start: tuple[
         float, ...
     ] = ()  # pose x, y [m], ψ [rad] of the vehicle in the map; else where the route begins
     precautions: JsonObject = field(default_factory=dict)  # of a repetition, as Precautions.to_json
-    vehicle: str = ""  # text of the vehicle file, once it is packed
+    vehicle: str = ""  # text of the vehicle file, after `pack`
     texts: dict[str, str] = field(default_factory=dict)  # name of a file → its text, of the user's blocks
 
     def __post_init__(self) -> None:
@@ -66,7 +66,7 @@ class Mission:
                 raise UsageError(fault("mission.lacks", kind=kind, name=name))
 
     def json(self) -> str:
-        """Return a line of JSON."""
+        """Return the mission as one line of JSON."""
         route = None if self.route is None else {k: _lists(v) for k, v in self.route._asdict().items()}
         unusual = {"start": list(self.start), "precautions": self.precautions}
         return json.dumps(
@@ -80,7 +80,7 @@ class Mission:
 
     @classmethod
     def of_json(cls, text: str) -> "Mission":
-        """Return the mission of this JSON, the inverse of `json`. Raise UsageError for anything else."""
+        """Return the mission in this JSON, the inverse of `json`. Raise UsageError for any other text."""
         try:
             document = json.loads(text, parse_constant=_finite, parse_float=_finite)
             if document.pop("format") != FORMAT:
@@ -98,21 +98,21 @@ class Mission:
             raise UsageError(fault("mission.damaged", kind=type(error).__name__, error=error)) from error
 
 
-def packed(mission: Mission, vehicle_file: VehicleFile) -> Mission:
-    """Return the mission with the text of the vehicle file, and of all the user's files with blocks that are named.
+def pack(mission: Mission, vehicle_file: VehicleFile) -> Mission:
+    """Return the mission with the text of the vehicle file, and of all files with the user's blocks.
 
-    Mission and vehicle file name such blocks relative to the folder of the vehicle file. Raise FileError if two of
-    these files have the same name.
+    The mission and the vehicle file name these files relative to the folder of the vehicle file. Raise FileError if two
+    different files have the same name.
 
     >>> from baqueano.vehicle_file import load
-    >>> ready = packed(Mission("first drive"), load("small"))
+    >>> ready = pack(Mission("first drive"), load("small"))
     >>> 'name = "small"' in ready.vehicle, ready.texts
     (True, {})
     """
     texts: dict[str, str] = {}
     home = Path() if vehicle_file.path is None else vehicle_file.path.parent
 
-    def pack(kind: str) -> str:
+    def pack_kind(kind: str) -> str:
         file, colon, name = kind.partition(".py:")
         if not colon:
             return kind
@@ -122,19 +122,19 @@ def packed(mission: Mission, vehicle_file: VehicleFile) -> Mission:
             raise FileError(fault("mission.two-files", name=path.name))
         return f"{path.name}:{name}"
 
-    blocks, vehicle = {room: pack(kind) for room, kind in mission.blocks.items()}, vehicle_file.text
+    blocks, vehicle = {room: pack_kind(kind) for room, kind in mission.blocks.items()}, vehicle_file.text
     for kind in _kinds(vehicle_file.data):
-        vehicle = vehicle.replace(f'"{kind}"', f'"{pack(kind)}"')
+        vehicle = vehicle.replace(f'"{kind}"', f'"{pack_kind(kind)}"')
     return replace(mission, vehicle=vehicle, blocks=blocks, texts=texts)
 
 
 def perform(
     mission: Mission, vehicle_file: VehicleFile, hand: Callable[[], np.ndarray] | None = None, **options: Any
 ) -> Run:
-    """Return the run of a mission on the vehicle of the file. `hand` returns the present command (n,) of a person.
+    """Drive a mission with the vehicle of the file, and return the run.
 
-    Options as in `session.drive` and its `Conditions`: another `world` is another vehicle, see `worlds.Robot`. Raise
-    UsageError for a lesson without a route or a hand.
+    `hand` returns the present command (n,) of a person. Options are as in `session.drive` and its `Conditions`; another
+    `world`, as `worlds.Robot`, is a real vehicle. Raise UsageError for a lesson without a route and without `hand`.
 
     >>> from baqueano.vehicle_file import load
     >>> run = perform(Mission("experiment", u=np.tile([0.0, 0.0, 0.6], (50, 1))), load("small"))
@@ -159,8 +159,11 @@ def perform(
     return repeat(vehicle_file, mission.route, mission.laps, **mission.blocks, **(arguments | options))
 
 
-def unpacked(mission: Mission, folder: Path) -> VehicleFile:
-    """Write the vehicle file of a mission and the user's blocks into `folder`, and return the loaded file."""
+def unpack(mission: Mission, folder: Path) -> VehicleFile:
+    """Write the vehicle file of a mission and the user's blocks into `folder`, and return the loaded file.
+
+    Raise UsageError for an invalid name of a block file.
+    """
     for name, text in mission.texts.items():
         if Path(name).name != name or not name.endswith(".py"):
             raise UsageError(fault("mission.file-name", name=repr(name)))
@@ -173,14 +176,14 @@ def unpacked(mission: Mission, folder: Path) -> VehicleFile:
 
 
 def _kinds(data: JsonObject) -> list[str]:
-    """Return every kind that the tables of a vehicle file name."""
+    """Return every `kind` in the tables of a vehicle file."""
     tables = [t for t in data.values() if isinstance(t, dict)]
     tables += [t for t in data.get("sensors", {}).values() if isinstance(t, dict)]
     return [str(table["kind"]) for table in tables if "kind" in table]
 
 
 def _finite(number: str) -> float:
-    """Return a number of JSON. Raise ValueError for NaN, Infinity, and numbers that do not fit a double."""
+    """Return a number in JSON as a float. Raise ValueError for NaN, Infinity and numbers that do not fit a double."""
     value = float(number)
     if not abs(value) < float("inf"):
         raise ValueError(f"{number} is not finite")

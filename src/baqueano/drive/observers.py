@@ -1,5 +1,4 @@
-"""Define observers of a drive: each is called at every tick, and may stop the vehicle for reasons not in its
-signals."""
+"""Define observers of a drive, which are called at every tick and may stop the vehicle."""
 
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
@@ -18,7 +17,7 @@ LastLine = tuple[str, str, Diagnostic | str]  # source, level, message
 
 
 class Observer:
-    """An observer that does nothing; a subclass overrides the methods that it needs.
+    """An observer that does not act; a subclass overrides the methods that it needs.
 
     >>> class Loud(Observer):
     ...     def progress(self, done_s: float) -> None:
@@ -26,7 +25,7 @@ class Observer:
     """
 
     def begin(self, blocks: Blocks) -> Blocks:
-        """Return the blocks that are to drive, those given or wrapped ones, before the first tick."""
+        """Return the blocks that will drive, unchanged or wrapped; called before the first tick."""
         return blocks
 
     def stop_reason(self, t_ns: int) -> Diagnostic | None:
@@ -34,11 +33,11 @@ class Observer:
         return None
 
     def marks(self) -> int:
-        """Return how often a person has reported since the last tick that the vehicle is on its mark."""
+        """Return how often a person has reported since the last tick that the vehicle is on the mark."""
         return 0
 
     def events(self) -> Iterable[LastLine]:
-        """Return the events of the run since the last tick."""
+        """Return the events since the last tick, to be written into the run."""
         return ()
 
     def on_event(self, t_ns: int, source: str, event: Diagnostic | str) -> None:
@@ -51,10 +50,10 @@ class Observer:
         """Receive the duration [s] of the drive so far, from time to time."""
 
     def on_disk_full(self, reason: Diagnostic) -> None:
-        """Receive the message that the disk stores no more of the run; a live drive continues."""
+        """Receive the message that the disk is full and the rest of the run is not stored; a live drive continues."""
 
     def end(self, reason: Diagnostic | None) -> Iterable[LastLine]:
-        """Return the last events of the run; `reason` is None if nothing stopped it."""
+        """Return the last events of the run; `reason` is the reason of the stop, None if the drive was not stopped."""
         return ()
 
 
@@ -62,15 +61,15 @@ class Observer:
 class Progress(Observer):
     """An observer that passes the duration of the drive so far to a function."""
 
-    tell: Callable[[float], object]
+    callback: Callable[[float], object]
 
     def progress(self, done_s: float) -> None:
-        """Pass the duration [s] to `tell`."""
-        self.tell(done_s)
+        """Pass the duration [s] to `callback`."""
+        self.callback(done_s)
 
 
 class WatchdogState(NamedTuple):
-    """State of the watchdog: the supervisor's state, and the reason for stopped motors."""
+    """State of the watchdog: the supervisor's state, and the reason why the motors are stopped."""
 
     supervisor: Tree
     reason: Diagnostic | None  # None while it is not stopped
@@ -78,7 +77,7 @@ class WatchdogState(NamedTuple):
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Watchdog:
-    """A supervisor that stops also for the reasons of the observers; both kinds of stop are latched."""
+    """A supervisor that also stops for the reasons of the observers; both kinds of stop are latched."""
 
     goes_around: ClassVar[tuple[str, ...]] = ("supervisor",)
 
@@ -92,9 +91,9 @@ class Watchdog:
     def step(
         self, state: WatchdogState, command: Command, tick: Tick, estimate: Estimate
     ) -> tuple[WatchdogState, Command]:
-        """Return the new state, and the command (n,) that may reach the motors."""
+        """Return the new state, and the command (n,) for the motors, which is zero once a stop is latched."""
         inner, safe_command = self.supervisor.step(state.supervisor, command, tick, estimate)
-        # the cause before what follows from it
+        # the first cause has priority over its consequences
         reason = state.reason or self._reason(tick.t_ns) or stop_reason(inner)
         if reason is not None:
             safe_command = safe_command._replace(u=np.zeros(len(tick.u)))

@@ -1,4 +1,4 @@
-"""Record a drive: each tick, the messages of the world and the monitor, and the end."""
+"""Record a drive: each tick, the messages of the world, the monitor and the observers, and the end."""
 
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, field
@@ -9,7 +9,7 @@ from baqueano.contracts.values import Tree
 from baqueano.diagnostics import Diagnostic, Severity, note
 from baqueano.drive.health import Health
 from baqueano.drive.observers import Observer
-from baqueano.errors import named
+from baqueano.errors import error_text
 from baqueano.loop import Blocks, Record, World
 from baqueano.runs.in_memory import RunSink
 from baqueano.signals import seconds
@@ -32,7 +32,7 @@ class Recording:
     begun_ns: int
     diagnostics: dict[str, Callable[[Tree], Diagnostic | None]] = field(default_factory=dict)  # by room
     ticks: int = 0
-    logged: bool = True  # the disk takes the run
+    logged: bool = True  # the disk accepts the run
 
     def __post_init__(self) -> None:
         self.last_ns = self.begun_ns
@@ -44,7 +44,7 @@ class Recording:
             self.sink.event(self.begun_ns, "warning" if grave else "info", "drive", message)
 
     def tick(self, record: Record) -> None:
-        """Write a record of the loop."""
+        """Write a record of the loop, and all data and events that belong to its tick."""
         sink, t_ns = self.sink, record.tick.t_ns
         sink.record(record._replace(states=None))
         for truth_ns, motion in self.world.new_truths():
@@ -65,18 +65,18 @@ class Recording:
         self._show(record)
         self.ticks, self.last_ns = self.ticks + 1, t_ns
 
-    def stopped(self, t_ns: int, reason: Diagnostic) -> None:
-        """Write the reason for which the motors are stopped from now on."""
+    def record_stop(self, t_ns: int, reason: Diagnostic) -> None:
+        """Write the reason why the motors are stopped from now on."""
         self._event(t_ns, "error", STOP_SOURCE, reason)
 
     def end(self, reason: Diagnostic | None) -> None:
-        """Write the last events; `reason` is the reason of the stop, or None if nothing stopped the vehicle."""
+        """Write the last events; `reason` is the reason of the stop, None if the vehicle was not stopped."""
         lines = [line for observer in self.observers for line in observer.end(reason)]
         for source, level, message in (*self.health.last_lines(), *lines):
             self.sink.event(self.last_ns, level, source, message)
 
     def _ask(self, room: str, record: Record) -> None:
-        """Write the diagnostic of a block for its state; a block that raises an error is not called again."""
+        """Write the diagnostic that a block returns for its state; a block that raises an error is not called again."""
         state, t_ns = getattr(record.states, room, None), record.tick.t_ns
         if state is None:  # it was replaced after a fault
             return
@@ -84,7 +84,7 @@ class Recording:
             message = self.diagnostics[room](state)
         except Exception as error:
             del self.diagnostics[room]
-            message = note("drive.says-failed", Severity.WARNING, room=room, error=named(error))
+            message = note("drive.says-failed", Severity.WARNING, room=room, error=error_text(error))
         if message is not None:
             self._event(t_ns, "warning" if message.severity == Severity.WARNING else "info", room, message)
 
@@ -94,7 +94,7 @@ class Recording:
             observer.on_event(t_ns, source, message)
 
     def _show(self, record: Record) -> None:
-        failure, shown_record = self.sink.failure, record._replace(degraded=self.health.degraded)
+        failure, shown_record = self.sink.failure, record._replace(degraded=self.health.degraded_sensors)
         full = self.logged and failure is not None
         if full and failure is not None:
             self.logged = False
@@ -108,13 +108,13 @@ class Recording:
 
 
 def messages_of_blocks(blocks: Blocks) -> dict[str, Callable[[Tree], Diagnostic | None]]:
-    """Return by room a function that returns the diagnostic of its block, or of a block inside it, for a state."""
+    """Return, for each room whose block has diagnostics, a function from the block's state to a diagnostic or None."""
     sayings = {room: tuple(_sayings(block)) for room, block in blocks._asdict().items()}
     return {room: partial(_first, diagnose) for room, diagnose in sayings.items() if diagnose}
 
 
 def _sayings(block: Tree) -> Iterator[Callable[[Tree], Diagnostic | None]]:
-    """Yield `diagnostic` of a block and of the blocks inside it, for the state of the outermost."""
+    """Yield the `diagnostic` functions of a block and of the blocks inside it, as functions of the outer state."""
     if (
         inner := getattr(block, "block", None)
     ) is not None:  # timed, compiled: with the state of the one inside

@@ -1,4 +1,4 @@
-"""Run a drive: blocks and a world in, a run out. All functions of verbs.py end here."""
+"""Run a drive: drive blocks through a world, and return the run. All functions of verbs.py call `drive`."""
 
 import inspect
 from collections.abc import Iterable, Sequence
@@ -19,13 +19,13 @@ from baqueano.drive.health import Health
 from baqueano.drive.interrupt import between_ticks
 from baqueano.drive.observers import Observer, Watchdog
 from baqueano.drive.recording import MARK_SOURCE, STOP_SOURCE, Recording, messages_of_blocks
-from baqueano.errors import SafetyStop, UsageError, from_outside, named
+from baqueano.errors import SafetyStop, UsageError, error_text, from_outside
 from baqueano.loop import Blocks
 from baqueano.monitor import Watching
 from baqueano.runs import Run, RunWriter, read_run
 from baqueano.runs.in_memory import RunInMemory, RunSink
 from baqueano.signals import Command, Reference, Tick, silent
-from baqueano.symbolic import TraceError, compiled
+from baqueano.symbolic import TraceError, compile_block
 from baqueano.symbolic.function import CompiledBlock
 from baqueano.vehicle_file import VehicleFile
 from baqueano.worlds import ShakenWorld, SimulatedWorld
@@ -38,10 +38,10 @@ class Conditions:
 
     The world is a simulation of `truth` with the noise of `seed`, for `duration_s` at most. `truth` is a vehicle file;
     its default is the truth that the file of the drive names, or that file itself. Another `world` and its clock
-    `ticking` may be given. `shake` are the faults that happen to it, as `worlds.Fault` or as text ("12 s: push 0.3 N s
-    left"); an empty list gives the undisturbed twin of a shaken run, bit for bit equal up to its first fault. `eta`
-    (3,) [m, rad] is the pose at the start, or (6,) with the velocity of a vehicle that is moving then. `backend`: see
-    `symbolic.compiled`.
+    `ticking` may be given. `shake` are faults of the simulated vehicle, as `worlds.Fault` or as text ("12 s: push 0.3 N
+    s left"). An empty list yields the same drive without faults, bit for bit equal to a shaken run up to its first
+    fault. `eta` (3,) [m, rad] is the pose at the start, or (6,) with the velocity of a vehicle that is already moving.
+    For `backend` see `symbolic.compile_block`.
     """
 
     truth: VehicleFile | None = None
@@ -55,11 +55,14 @@ class Conditions:
 
     @property
     def start(self) -> np.ndarray:
-        """Return the start, (3,) or (6,)."""
+        """Return the pose (3,) at the start, or pose and velocity (6,); zeros by default."""
         return np.zeros(3) if self.eta is None else np.array(self.eta, dtype=float)
 
     def world_of(self, vehicle_file: VehicleFile) -> World:
-        """Return the world. Raise UsageError if file and world have different numbers of commands."""
+        """Return the world of the drive.
+
+        Raise UsageError if file and world have different numbers of commands, or if `shake` is given for another world.
+        """
         world = self.world or self._simulated_world(vehicle_file)
         if self.world is not None and self.shake is not None:
             raise UsageError(fault("shake.of-another-world", world=type(self.world).__name__))
@@ -75,22 +78,27 @@ class Conditions:
         """Return the times of the ticks [ns]."""
         if self.ticking is not None:
             return self.ticking
-        return clock.simulated(vehicle_file.rate_hz, self.duration_s)
+        return clock.simulated_ticks(vehicle_file.rate_hz, self.duration_s)
 
     def metadata(self, kind: str, blocks: Blocks) -> dict[str, str]:
-        """Return the metadata that a run contains about them."""
+        """Return the metadata of a run about these conditions: kind, seed, start and backend."""
         start = " ".join(map(repr, self.start.tolist()))
         backend = blocks.estimator.backend if isinstance(blocks.estimator, CompiledBlock) else "numpy"
         return {"kind": kind, "seed": str(self.seed), "start": start, "backend": backend}
 
 
 def texts_of_own(blocks: Blocks, vehicle_file: VehicleFile) -> tuple[dict[str, str], list[Diagnostic]]:
-    """Return the metadata on blocks that are not built in, and a message for each whose source text Python cannot find.
+    """Return the metadata about blocks that are not built in, and a message for each without a source text.
 
-    The key "controller" holds the class and its numbers, "controller.text" the source text.
+    The key "controller" contains the class and its numbers, "controller.text" the source text.
     """
     rooms = {**blocks._asdict(), "vehicle": vehicle_file.vehicle, **vehicle_file.sensors._asdict()}
-    own = {room: part for room in rooms for part in optional.nested(rooms[room]) if not is_ours(type(part))}
+    own = {
+        room: part
+        for room in rooms
+        for part in optional.nested_blocks(rooms[room])
+        if not is_ours(type(part))
+    }
     texts = {room: source_text(type(block)) for room, block in own.items()}
     text_notes = [
         note("drive.text-unknown", room=room, block=type(own[room]).__name__)
@@ -102,7 +110,7 @@ def texts_of_own(blocks: Blocks, vehicle_file: VehicleFile) -> tuple[dict[str, s
 
 
 def numbers_of(block: object) -> str:
-    """Return "MyController(k_x=3.0)": the class of a block, and those of its parameters that are numbers."""
+    """Return the class of a block and its numeric parameters as text: "MyController(k_x=3.0)"."""
     names = [f.name for f in fields(block)] if is_dataclass(block) else []
     values = {name: getattr(block, name) for name in names}
     numbers = ", ".join(
@@ -133,11 +141,11 @@ def drive(
     path : path, optional
         File to which the run is written during the drive.
     live : bool
-        True for a real vehicle, which waits neither for the disk nor for a block that hangs.
+        True for a real vehicle: the loop does not wait for the disk or for a block that hangs.
     observers : sequence of Observer
         Called at each tick with its record; they may stop the drive.
     **conditions : object
-        Keywords of `Conditions`: world, truth, seed, rate, back end.
+        Keywords of `Conditions`: `world`, `truth`, `seed`, `eta`, `backend`, …
 
     Returns
     -------
@@ -151,7 +159,7 @@ def drive(
     SafetyStop
         If the drive is stopped before its first tick. A later stop returns the run, and `stop_of` returns the reason.
     FileError
-        At the end of a drive whose disk was full; `path` holds what was written before.
+        At the end of a drive, if the disk was full; the file at `path` contains the run up to that time.
 
     Examples
     --------
@@ -200,9 +208,9 @@ def drive(
 def _prepare(
     blocks: Blocks, vehicle_file: VehicleFile, settings: Conditions, live: bool
 ) -> tuple[Blocks, Watching | None, list[Diagnostic]]:
-    """Return the blocks that drive, the monitor of the sensors, and the messages about both."""
+    """Return the compiled blocks, the monitor of the sensors or None, and the messages about both."""
     inputs = blocks, example_tick(vehicle_file), settings.backend
-    sensors, sensor_notes = within(PREPARE_S, watched, vehicle_file, blocks.estimator)
+    sensors, sensor_notes = within(PREPARE_S, sensor_monitor, vehicle_file, blocks.estimator)
     blocks, notes = within(PREPARE_S, compile_blocks, *inputs) if live else compile_blocks(*inputs)
     if live:
         blocks = Blocks._make(BudgetedBlock(b) if _may_hang(b) else b for b in blocks)
@@ -217,11 +225,11 @@ def _prepare(
 
 
 def stop_of(run: Run) -> Diagnostic | None:
-    """Return the reason why the motors were stopped in this run, or None if nothing stopped them."""
+    """Return the reason why the motors were stopped in this run, None if they were not stopped."""
     event = next((e for e in run.events if e.source == STOP_SOURCE and e.level == "error"), None)
     if event is None or event.diagnostic is not None:
         return None if event is None else event.diagnostic
-    return stop(StopReason.RECORDED, words=event.text)  # a run of before there were codes
+    return stop(StopReason.RECORDED, words=event.text)  # a run that is older than the codes
 
 
 def marks_of(run: Run) -> list[int]:
@@ -230,9 +238,10 @@ def marks_of(run: Run) -> list[int]:
 
 
 def compile_blocks(blocks: Blocks, tick: Tick, backend: str) -> tuple[Blocks, list[Diagnostic]]:
-    """Return the blocks compiled, each tried once so that the first tick does not wait for a compiler.
+    """Return the blocks compiled, after a first step of each, so that the first tick does not wait for a compiler.
 
-    A block that cannot be compiled runs as Python code, slower; the diagnostics name it and the reason.
+    A block that cannot be compiled runs as Python code, which is slower; the diagnostics state the block and the
+    reason.
     """
     if backend == "numpy":
         return blocks, []
@@ -254,8 +263,13 @@ def compile_blocks(blocks: Blocks, tick: Tick, backend: str) -> tuple[Blocks, li
     ]
 
 
-def watched(vehicle_file: VehicleFile, estimator: Estimator) -> tuple[Watching | None, list[Diagnostic]]:
-    """Return the monitor of the sensors for this estimator; None, and the reason, if it cannot be built."""
+def sensor_monitor(
+    vehicle_file: VehicleFile, estimator: Estimator
+) -> tuple[Watching | None, list[Diagnostic]]:
+    """Return the monitor of the sensors for this estimator, and messages.
+
+    The monitor is None for a vehicle without sensors, or, with the reason as a message, if it cannot be built.
+    """
     if not vehicle_file.sensors:
         return None, []
     tick = example_tick(vehicle_file)
@@ -263,20 +277,20 @@ def watched(vehicle_file: VehicleFile, estimator: Estimator) -> tuple[Watching |
         model = vehicle_file.estimator("augmented_ekf", use=(), speed_from=())
         _, estimate = estimator.step(estimator.init(), tick)
         return Watching(model, estimator, tick, estimate), []
-    except BaseException as error:  # a vehicle or an estimator of one's own; the loop meets it again
+    except BaseException as error:  # of the user's vehicle or estimator; the loop raises it again
         if from_outside(error):
             raise
-        return None, [note("drive.not-watched", error=named(error))]
+        return None, [note("drive.not-watched", error=error_text(error))]
 
 
 def compiled_or_unchanged(
     room: str, block: object, state: Tree, inputs: tuple[Any, ...], backend: str
 ) -> tuple[Any, Diagnostic | None]:
-    """Return the block compiled, or unchanged with the reason."""
+    """Return the block compiled, or unchanged with the reason if it cannot be compiled."""
     if optional.of(block, "as_written"):
         return block, None
     try:
-        quick = compiled(block, backend)
+        quick = compile_block(block, backend)
         quick.step(state, *inputs)
     except TraceError as error:
         return block, note(
@@ -290,14 +304,14 @@ def compiled_or_unchanged(
 
 
 def _may_hang(block: object) -> bool:
-    """Return True for Python code of the user: neither compiled nor built in."""
+    """Return True for a block that runs as Python code and may contain code of the user."""
     return not (optional.of(block, "as_written") or isinstance(block, CompiledBlock))
 
 
 def initial_pose_for(estimator: Estimator, start: np.ndarray) -> tuple[np.ndarray | None, Diagnostic | None]:
-    """Return as much of the start (3,) or (6,) as the estimator's init() takes, and a diagnostic or None.
+    """Return the part of the start (3,) or (6,) that the estimator's init() accepts, and a diagnostic or None.
 
-    The start is None for an estimator that takes none; the diagnostic reports this if the start is not zero.
+    The part is None if init() does not accept a start; the diagnostic reports this if the start is not zero.
     """
     if takes := len(inspect.signature(estimator.init).parameters):
         return start if takes > 1 else start[:3], None
@@ -320,7 +334,7 @@ def _run(blocks: Blocks, ticking: Iterable[int], start: np.ndarray | None, recor
     """Run the loop. Raise SafetyStop if it was stopped before its first tick."""
     with between_ticks(ticking) as until_interrupted:
         outcome = loop.run(
-            blocks, recording.world, until_interrupted, recording.tick, recording.stopped, start
+            blocks, recording.world, until_interrupted, recording.tick, recording.record_stop, start
         )
     if outcome.stopped is not None and not outcome.ticks:
         raise SafetyStop(fault("drive.never-began", cause=outcome.stopped), outcome.stopped)
@@ -328,7 +342,7 @@ def _run(blocks: Blocks, ticking: Iterable[int], start: np.ndarray | None, recor
 
 
 def _first_ns(ticking: Iterable[int]) -> int:
-    """Return the time of the first tick if it is known before the clock runs, else 0."""
+    """Return the time [ns] of the first tick if it is known before the clock runs, else 0."""
     return int(ticking[0]) if isinstance(ticking, list) and ticking else 0
 
 

@@ -1,4 +1,4 @@
-"""Smooth the estimates of a replayed run with its later measurements."""
+"""Smooth the estimates of a replayed run: each estimate then also uses the later measurements."""
 
 from dataclasses import replace
 from typing import Any
@@ -17,10 +17,10 @@ from baqueano.symbolic import TraceError
 from baqueano.vehicle_file.file import VehicleFile
 
 
-def smoothed(
+def smooth_run(
     run: Run, vehicle_file: VehicleFile, estimator: Estimator, start: np.ndarray, backend: str = "auto"
 ) -> Run:
-    """Return the run with the estimates of `estimator` smoothed over its ticks.
+    """Return the run with the smoothed estimates of `estimator` over its ticks.
 
     `start` is the pose (3,), or pose and velocity (6,). Raise UsageError for an estimator that is not a Kalman filter
     or cannot be compiled.
@@ -44,7 +44,10 @@ def smoothed(
 
 
 def _ticks(run: Run, sizes: dict[str, int]) -> Tick:
-    """Return the ticks of the run stacked, with N as the first axis; a sensor that is not in the run is silent."""
+    """Return the N ticks of the run as one Tick of arrays with N as the first axis.
+
+    A sensor that is not in the run is silent.
+    """
     ticks, n = list(run.ticks()), len(run.t_ns)
     slots = {}
     for name, m in sizes.items():

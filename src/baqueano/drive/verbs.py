@@ -1,11 +1,11 @@
-"""Drive a vehicle: experiment, teach, repeat, replay. Each function returns a run."""
+"""Drive a vehicle by an experiment, a lesson or a repetition, or replay a run; each function returns a run."""
 
 from collections.abc import Callable, Sequence
 from typing import Any, NamedTuple, TypeAlias
 
 import numpy as np
 
-from baqueano.blocks import allowed
+from baqueano.blocks import permit_blocks
 from baqueano.contracts.blocks import Controller, Guide, OwnBlock
 from baqueano.contracts.result import Result
 from baqueano.contracts.values import TableRow
@@ -28,29 +28,29 @@ from baqueano.worlds import ReplayedWorld
 
 ROUTE_RATE_HZ = 20.0  # a taught route keeps this many poses a second
 STILL_M_S, STILL_RAD_S = 0.01, 0.05  # slower motion at both ends of a drive counts as waiting
-CLOSE_M, CLOSE_RAD = 0.3, 0.6  # a drive that ends this near its start came back to it
+CLOSE_M, CLOSE_RAD = 0.3, 0.6  # a drive that ends this near its start is closed
 
 
 def experiment(
     vehicle_file: VehicleFile, u: np.ndarray, *, estimator: OwnBlock | None = None, **options: Any
 ) -> Run:
-    """Play commands open loop, one per tick; supervisor and recording are those of any drive.
+    """Play commands open loop, one per tick, with the supervisor and the recording of a normal drive.
 
     Parameters
     ----------
     vehicle_file : VehicleFile
         The vehicle; it is simulated unless a `world` is given.
     u : ndarray (N, n) [unit of the file's [command]]
-        One command per tick. The run has N + 1 ticks, the first under no command.
+        One command per tick. The run has N + 1 ticks; the first tick precedes the first command.
     estimator : str, type or block, optional
-        In place of the file's, as in `repeat`.
+        The estimator in place of the file's, as in `repeat`.
     **options : object
         Keywords of `drive` and of its `Conditions`: `path`, `seed`, `truth`, `world`, …
 
     Returns
     -------
     Run
-        Commands, measurements, estimate, and the true motion where the vehicle is simulated.
+        Commands, measurements, estimate, and the true motion if the vehicle is simulated.
 
     Raises
     ------
@@ -88,7 +88,7 @@ class TeachResult(NamedTuple):
     run : Run
         The drive.
     route : Route
-        The estimated path, at ROUTE_RATE_HZ, in the map in which the drive began.
+        The estimated path at ROUTE_RATE_HZ, in the map of the drive.
 
     Examples
     --------
@@ -108,7 +108,7 @@ class TeachResult(NamedTuple):
         return self.run.rows()
 
     def table(self) -> str:
-        """Return the route, and the content of the run."""
+        """Return the route and the content of the run as text."""
         return f"{self.route!r}\n{self.run.table()}"
 
     _repr_html_ = Result._repr_html_
@@ -117,15 +117,15 @@ class TeachResult(NamedTuple):
 
 
 def teach(vehicle_file: VehicleFile, driver: Driver, closed: bool = False, **options: Any) -> TeachResult:
-    """Drive as `driver` directs, and keep the estimated path as a route.
+    """Drive as `driver` directs, and return the run with the estimated path as a route.
 
     Parameters
     ----------
     vehicle_file : VehicleFile
         The vehicle; it is simulated unless a `world` is given.
     driver : Route, guide, list or callable
-        A route or a guide to follow with the vehicle's own controller; a list of (seconds, command (n,)); or a function
-        without arguments that returns the command (n,) of this moment.
+        A route or a guide, which the vehicle's controller follows; a list of (seconds, command (n,)); or a function
+        without arguments that returns the present command (n,).
     closed : bool
         True if the drive returns to its start.
     **options : object
@@ -140,7 +140,7 @@ def teach(vehicle_file: VehicleFile, driver: Driver, closed: bool = False, **opt
     Raises
     ------
     UsageError
-        For another type of driver.
+        If `driver` has another type.
     AnswerNo
         If the vehicle did not move, or a closed drive ended farther from its start than CLOSE_M and CLOSE_RAD.
 
@@ -159,7 +159,7 @@ def lesson(
     vehicle_file: VehicleFile, driver: Driver, hold: bool = False, kind: str = "teach", *,
     estimator: OwnBlock | None = None, controller: OwnBlock | None = None, **options: Any,
 ) -> Run:  # fmt: skip
-    """Return the run of a drive as `driver` directs, see `teach`; its metadata contain `kind`."""
+    """Drive as `driver` directs, see `teach`, and return the run; its metadata contain `kind`."""
     n, rate_hz = vehicle_file.vehicle.commands, vehicle_file.rate_hz
     if isinstance(driver, Route):
         driver = Repeat.along(driver)
@@ -186,7 +186,8 @@ def repeat(
     """Repeat a route with the blocks of the file.
 
     The route is checked before the vehicle moves (`routes.examine`). The vehicle begins at the start of the route, or
-    at the pose `eta`, and then drives to the route first. A doubtful estimate slows and stops it.
+    at the pose `eta`, from which it first drives to the route. If the estimate becomes doubtful, the vehicle slows down
+    and stops.
 
     Parameters
     ----------
@@ -197,8 +198,8 @@ def repeat(
     laps : int
         Laps of a closed route; 0 repeats it without end.
     estimator, guide, controller : str, type or block, optional
-        In place of the file's: a built-in kind, "file.py:Class", a class, built with the values of the file, or a
-        finished block. The run records the text of those that are not built in.
+        A block in place of the file's: a built-in kind, "file.py:Class", a class, which is built with the values of the
+        file, or a finished block. The run records the text of each block that is not built in.
     **options : object
         `check`: False to skip the check of the route; `anyway`: drive also a route that is too fast or has gaps;
         `room`: stop before the vehicle may leave it; `lead_in`: False to begin with the route at any pose;
@@ -209,12 +210,12 @@ def repeat(
     Returns
     -------
     Run
-        Commands, measurements, estimate, reference, and the true motion where the vehicle is simulated.
+        Commands, measurements, estimate, reference, and the true motion if the vehicle is simulated.
 
     Raises
     ------
     AnswerNo
-        If the route jumps, has a gap or a wall in its way, or is faster than the vehicle.
+        If the route jumps, has a gap, leads into a wall, or is too fast for the vehicle.
     FileError
         If the file lacks gains or noise: `tune` and `identify` find them.
     UsageError
@@ -231,7 +232,7 @@ def repeat(
     care, options = Precautions.of(options)
     options = {"eta": route.eta[0], "backend": "auto"} | options
     if care.check:
-        measured = not vehicle_file.guessed or (vehicle_file.path is None and options.get("world") is None)
+        measured = not vehicle_file.is_guess or (vehicle_file.path is None and options.get("world") is None)
         conditions = {"measured": measured, "anyway": care.anyway, "backend": options["backend"]}
         warnings_of(route, vehicle_file, care.room, **conditions)
     blocks = Blocks(
@@ -252,19 +253,19 @@ def replay(
 ) -> Run:  # fmt: skip
     """Pass the ticks of a run through blocks again; no vehicle moves.
 
-    The same blocks and back end give the same numbers, bit for bit. The commands of a controller are recorded as
-    requested, and do not move anything.
+    The same blocks and back end return the same numbers, bit for bit. The commands of a controller are recorded as
+    requested, without any effect on the motion.
 
     Parameters
     ----------
     run : Run
         A recorded run.
     vehicle_file : VehicleFile, optional
-        The source of the blocks; without it the file in the run.
+        The file that defines the blocks; by default the file in the run.
     blocks : Blocks, optional
         All blocks of the loop at once.
     estimator, guide, controller : str, type or block, optional
-        In place of the file's, as in `repeat`.
+        A block in place of the file's, as in `repeat`.
     allow_blocks : bool
         True to execute the user's blocks that the run names.
     **options : object
@@ -293,7 +294,7 @@ def replay(
     file = vehicle_of(run, allow_blocks) if vehicle_file is None else vehicle_file
     world = ReplayedWorld(run, file.sensors)
     options = {"backend": run.metadata.get("backend", "auto"), "eta": initial_pose(run)} | options
-    with allowed(allow_blocks):
+    with permit_blocks(allow_blocks):
         replay_blocks = blocks_of(run, file, estimator, guide, controller) if blocks is None else blocks
     return drive(replay_blocks, file, "replay", world=world, ticking=world.times, **options)
 
@@ -301,12 +302,12 @@ def replay(
 def vehicle_of(run: Run, allow_blocks: bool = False) -> VehicleFile:
     """Return the vehicle file that a run contains. Raise UsageError for a run without one.
 
-    Raise FileError if it names a user's block, unless the vehicle.toml of this folder names it or `allow_blocks` is
-    True.
+    Raise FileError if the file names a user's block that the vehicle.toml of this folder does not name. `allow_blocks`
+    permits such blocks.
     """
     if not run.vehicle_text:
         raise UsageError(fault("drive.no-vehicle-in-run", run=run.name))
-    with allowed(allow_blocks):
+    with permit_blocks(allow_blocks):
         return parse(run.vehicle_text, f"the vehicle file of {run.name}")
 
 
@@ -314,10 +315,10 @@ def blocks_of(
     run: Run, vehicle_file: VehicleFile, estimator: OwnBlock | None = None, guide: OwnBlock | None = None,
     controller: OwnBlock | None = None,
 ) -> Blocks:  # fmt: skip
-    """Return the blocks of `vehicle_file`, or those given, around the recorded references and commands.
+    """Return the blocks for a replay: of `vehicle_file`, or as given, with the recorded references and commands.
 
-    A guide that takes a route gets the recorded references as a route. For a file without gains, the recorded commands
-    are played.
+    A given `guide` receives the recorded references as a route. Without `controller` the recorded commands are played,
+    except for a repetition whose file has gains.
     """
     ref = run.reference
     leader = Idle(float("inf")) if ref is None else Playback(*ref)
@@ -336,7 +337,7 @@ def blocks_of(
 
 
 def _with_gains(vehicle_file: VehicleFile) -> Controller | None:
-    """Return the controller, or None if the file lacks its gains."""
+    """Return the controller of the file, None if the file lacks its gains."""
     try:
         return vehicle_file.controller()
     except FileError as error:
@@ -346,7 +347,7 @@ def _with_gains(vehicle_file: VehicleFile) -> Controller | None:
 
 
 def commands_of(script: Sequence[tuple[float, Sequence[float]]], n: int, rate_hz: float) -> np.ndarray:
-    """Return the commands (N, n) of [(seconds, command), …], each held for its time.
+    """Return the commands (N, n) of a script [(seconds, command), …], one row per tick.
 
     Raise UsageError for a malformed entry.
     """
@@ -365,9 +366,9 @@ def commands_of(script: Sequence[tuple[float, Sequence[float]]], n: int, rate_hz
 
 
 def route_of(run: Run, closed: bool = False) -> Route:
-    """Return the estimated path of a run at ROUTE_RATE_HZ, without the waiting at both ends.
+    """Return the estimated path of a run at ROUTE_RATE_HZ, without the rest at both ends.
 
-    Raise AnswerNo without estimates or motion, or if the path should be `closed` and its ends are too far apart.
+    Raise AnswerNo for a run without estimates or motion, or if `closed` is True and the ends are too far apart.
     """
     log = run.estimate
     if log is None or len(log.t_ns) < 2:

@@ -2,8 +2,8 @@
 
     init(eta=None) -> belief;   step(belief, tick) -> (belief, Estimate)
 
-`eta` (3,) is the pose at the start. An estimator whose `init` takes no argument starts at its own origin. `step` is
-called at every tick, also when no measurement arrived: it then predicts, and its covariance grows.
+`eta` (3,) is the pose at the start. An estimator whose `init` does not have an argument starts at the origin. `step` is
+called at every tick, also when no measurement arrived: then it predicts, and its covariance grows.
 
 To add an estimator, put its file beside `ekf.py`, or name it in the vehicle file as "file.py:Class".
 """

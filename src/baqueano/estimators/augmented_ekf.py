@@ -2,7 +2,7 @@
 
     x = (η, ν, d, κ, b)     pose, velocity, disturbance, scale errors, biases                               (1)
 
-augmented/motion.py contains the motion of x, augmented/state.py its layout.
+augmented/motion.py contains the motion of x, augmented/state.py the layout of x.
 
 Two different parameters describe the error of the model (σ_d, T) and the noise of a sensor (Q). If the model turns
 wrongly, d_ψ explains the difference, and the gyro determines the yaw rate. A model that was identified with a gyro has
@@ -23,16 +23,16 @@ import numpy as np
 from baqueano.contracts.blocks import SensorBlocks
 from baqueano.contracts.optional import is_dynamic
 from baqueano.contracts.values import Value
-from baqueano.estimators.augmented.correction import corrected
-from baqueano.estimators.augmented.motion import ahead, scaled, slow_part, wheel_velocity_cov
+from baqueano.estimators.augmented.correction import correct_tick
+from baqueano.estimators.augmented.motion import ahead, slow_part, velocity_error, wheel_velocity_cov
 from baqueano.estimators.augmented.state import BIASES, FORWARD, SCALES, layout, start_std
-from baqueano.estimators.covariance import block_diagonal, mirrored
+from baqueano.estimators.covariance import block_diagonal, mirror_upper
 from baqueano.estimators.kalman import Gaussian
-from baqueano.estimators.pauses import chosen, effort_of, either, in_rows, row_of, rows_before
-from baqueano.estimators.readings.doubt import doubted
+from baqueano.estimators.pauses import effort_of, either, in_rows, row_of, rows_before, tree_where
+from baqueano.estimators.readings.doubt import update_doubt
 from baqueano.estimators.readings.place_gate import PlaceDoubt, no_doubt
 from baqueano.estimators.readings.sensor_numbers import check_use
-from baqueano.parameter import documented, parameter
+from baqueano.parameter import document, parameter
 from baqueano.signals import Estimate, Tick
 from baqueano.symbolic import jacobian
 from baqueano.vehicles.bounds import check_bounds
@@ -53,16 +53,16 @@ class AugmentedBelief(NamedTuple):
     slow: np.ndarray  # (2,) d̄ of motion.py: the part of d that does not fade
     model_nu: np.ndarray  # (3,) ν of the model, computed only from the commands
     gap: np.ndarray  # (m,) the last innovation of each number
-    doubt: np.ndarray  # (2, 2) of speed and yaw rate: by how much, for how long  doubt.py
-    place_doubt: PlaceDoubt  # of the sensors that show the pose
+    doubt: np.ndarray  # (2, 2) of speed and yaw rate: size and duration, see doubt.py
+    place_doubt: PlaceDoubt  # of the sensors that measure the pose
     quiet_s: Value  # time since the last command, or since the last number that was refused
     drivetrain: DrivetrainState
 
 
-@documented
+@document
 @dataclass(frozen=True, slots=True, eq=False)
 class AugmentedEkf:
-    """EKF that estimates disturbances and biases, and considers scales: the recommended estimator.
+    """EKF that estimates disturbances and biases and considers scale errors: the recommended estimator.
 
     Parameters
     ----------
@@ -97,22 +97,22 @@ class AugmentedEkf:
     use: tuple[str, ...] = ("imu",)
     speed_from: tuple[str, ...] = ()
     gate_sigma: float = parameter(
-        "1", "a number further from its prediction than this loses its weight", low=1.0, default=4.0
+        "1", "a measurement further from its prediction than this gets a smaller weight", low=1.0, default=4.0
     )
     disturbance_std: np.ndarray = parameter(
-        "m/s², rad/s² (kinematic: m/s, rad/s)", "σ_d of what the model does not explain, forward and turning",
+        "m/s², rad/s² (kinematic: m/s, rad/s)", "σ_d of the motion that the model does not explain, forward and yaw",
         low=0.0, default=(0.3, 3.0), shape=(2,),
     )  # fmt: skip
     disturbance_fade_s: np.ndarray = parameter(
-        "s", "T, over which each of them fades", low=1e-3, default=(1.0, 0.2), shape=(2,)
+        "s", "T, time constant with which each of them decays", low=1e-3, default=(1.0, 0.2), shape=(2,)
     )
     velocity_walk_std: np.ndarray = parameter(
-        "m/s^1.5, m/s^1.5, rad/s^1.5", "random walk of ν in 1 s: the floor", low=0.0,
+        "m/s^1.5, m/s^1.5, rad/s^1.5", "random walk of ν in 1 s, due to the floor", low=0.0,
         default=(0.03, 0.01, 0.1), shape=(3,),
     )  # fmt: skip
     course_std: float = parameter(
         "rad",
-        "β: how far the course may be from where the model says, as by wheels that toe in",
+        "β: standard deviation between the course and the model, for example due to toe-in of the wheels",
         low=0.0,
         default=0.01,
     )
@@ -137,7 +137,7 @@ class AugmentedEkf:
         )
 
     def step(self, belief: AugmentedBelief, tick: Tick) -> tuple[AugmentedBelief, Estimate]:
-        """Predict, then correct with the measurements that arrived. A tick that is not newer changes nothing."""
+        """Predict, then correct with the measurements that arrived. A tick that is not newer is ignored."""
         return in_rows(self, belief, tick)
 
     def pause(self, belief: AugmentedBelief, tick: Tick) -> Sequence[Tick]:
@@ -145,7 +145,7 @@ class AugmentedEkf:
         return rows_before(belief.t_ns, tick, self.rate_hz)
 
     def row(self, belief: AugmentedBelief, tick: Tick) -> tuple[AugmentedBelief, Estimate]:
-        """Advance by one row of any length; the result is finite and positive definite."""
+        """Return belief and estimate after a row of any duration; they are finite and positive definite."""
         row = row_of(belief.t_ns, tick, self.rate_hz)
         drivetrain, effort = effort_of(self.vehicle.drivetrain, belief, row)
         x = ahead(self, Gaussian(belief.mean, belief.cov), belief.slow, effort, row)
@@ -162,26 +162,26 @@ class AugmentedEkf:
         def correct(x: Gaussian, at_rest: bool) -> Value:
             if not np.any(layout(self).moving[:, FORWARD[0]]):
                 x = x._replace(mean=np.concatenate([x.mean[:3], model_nu[:1], x.mean[4:]]))
-            return corrected(self, x, before, effort, nu_dot, tick, at_rest, row.dt_s)
+            return correct_tick(self, x, before, effort, nu_dot, tick, at_rest, row.dt_s)
 
         x, innovations = either(at_rest, lambda: correct(_at_rest(x), True), lambda: correct(x, False))
         quiet_s = np.where(innovations.refused > 0.0, 0.0, quiet_s)
         exceeds = np.abs(x.mean[6:SCALES]) > self.gate_sigma * self.disturbance_std
         against = np.where(exceeds, np.abs(x.mean[[3, 5]] - model_nu[[0, 2]]), 0.0)
-        update = doubted(belief.doubt, layout(self).slope, innovations, against, x.mean[2], row.dt_s)
+        update = update_doubt(belief.doubt, layout(self).slope, innovations, against, x.mean[2], row.dt_s)
         x = x._replace(cov=x.cov + block_diagonal([update.of_pose, np.zeros((len(x.mean) - 3,) * 2)]))
         gap, place_doubt = innovations[:2]
         slow = slow_part(belief.slow, x.mean[6:SCALES], row.dt_s)
         after = AugmentedBelief(
             tick.t_ns, x.mean, x.cov, slow, model_nu, gap, update.doubt, place_doubt, quiet_s, drivetrain
         )
-        after = chosen(row.new, after, belief)
+        after = tree_where(row.new, after, belief)
         pose_and_velocity, of_nu = (
             _pose_and_velocity(after.mean),
             update.of_nu + wheel_velocity_cov(self, after.mean[3], gain),
         )
         out = jacobian(_pose_and_velocity)(after.mean)
-        cov = mirrored(out @ after.cov @ out.T) + block_diagonal([np.zeros((3, 3)), of_nu])
+        cov = mirror_upper(out @ after.cov @ out.T) + block_diagonal([np.zeros((3, 3)), of_nu])
         return after, Estimate(
             tick.t_ns,
             pose_and_velocity[:3],
@@ -192,19 +192,19 @@ class AugmentedEkf:
 
     @property
     def process_noise_cov(self) -> np.ndarray:
-        """Return R (6, 6) of (ν, ν̇) per tick: roughly the same disturbance, for a filter that only has white noise."""
+        """Return R (6, 6) of (ν, ν̇) per tick: about the same disturbance, for a filter that only has white noise."""
         dt_s, d = 1.0 / self.rate_hz, self.disturbance_std[[0, 0, 1]]
         fading = 1.0 - np.exp(-2.0 * dt_s / self.disturbance_fade_s[[0, 0, 1]])
         return np.diag(np.concatenate([self.velocity_walk_std**2 * dt_s, np.maximum(d**2 * fading, 1e-9)]))
 
 
 def _at_rest(x: Gaussian) -> Gaussian:
-    """Return the state with ν = 0 and d = 0."""
+    """Return the state with ν = 0 and d = 0, each with the standard deviation AT_REST_STD."""
     keep, rest = np.ones(len(x.mean)), np.zeros(len(x.mean))
     keep[3:SCALES], rest[3:SCALES] = 0.0, AT_REST_STD**2
     return Gaussian(x.mean * keep, x.cov * keep[:, None] * keep[None, :] + np.diag(rest))
 
 
 def _pose_and_velocity(x: np.ndarray) -> np.ndarray:
-    """Return (η, (1 + K) ν) (6,); K holds the scale errors."""
-    return np.concatenate([x[:3], x[3:6] + scaled(x[SCALES:BIASES], x[3:6])])
+    """Return η and (1 + K) ν, (6,): the pose, and the velocity with the scale errors K."""
+    return np.concatenate([x[:3], x[3:6] + velocity_error(x[SCALES:BIASES], x[3:6])])

@@ -1,4 +1,4 @@
-"""Complementary filter: take the fast part of the speed from the model, and the slow part from the wheels.
+"""Complementary filter: use the fast part of the speed from the model, and the slow part from the wheels.
 
     v ← v + a δ,   v ← v + (1 − e^(−δ/T)) (v_wheels − v)                                                  (1)
     ψ ← ψ + (ω − b) δ,   at rest  b ← b + (1 − e^(−δ/T_b)) (ω − b)                                         (2)
@@ -7,9 +7,9 @@
 
 δ is the tick, v the speed, a the acceleration of the model. η = (x, y, ψ) is the pose with covariance Σ_η, J the
 rotation from body to map. a is available at once, but its errors add up: (1) uses only its changes faster than T.
-The wheels are noisy but correct on average: (1) uses only their changes slower than T. Without wheels, v is the
-model's. ω is the yaw rate of the gyro; its bias b is learned while |ω − b| < 0.1 rad/s and no command came for 1 s. V
-is the covariance of the errors of ν, which count as independent after each T.
+The wheels are noisy but correct on average: (1) uses only their changes slower than T. Without wheels, v follows the
+model. ω is the yaw rate of the gyro. Its bias b is estimated while |ω − b| < 0.1 rad/s and the last command is at least
+1 s old. V is the covariance of the errors of ν, which are treated as independent after each T.
 """
 
 from collections.abc import Sequence
@@ -20,12 +20,12 @@ import numpy as np
 
 from baqueano.contracts.blocks import SensorBlocks
 from baqueano.contracts.values import Value
-from baqueano.estimators.covariance import block_diagonal, mirrored
+from baqueano.estimators.covariance import block_diagonal, mirror_upper
 from baqueano.estimators.kalman import boxplus
-from baqueano.estimators.pauses import chosen, in_rows, row_of, rows_before
+from baqueano.estimators.pauses import in_rows, row_of, rows_before, tree_where
 from baqueano.estimators.readings.velocity_readings import Reading, readings_of, velocity
 from baqueano.geometry import map_from_body
-from baqueano.parameter import documented, parameter
+from baqueano.parameter import document, parameter
 from baqueano.signals import Estimate, Tick
 from baqueano.symbolic import jacobian
 from baqueano.vehicles.state import DynamicVehicle
@@ -43,12 +43,12 @@ class ComplementaryBelief(NamedTuple):
     model: Value  # state of the vehicle, simulated by the model from the commands only
 
 
-@documented
+@document
 @dataclass(frozen=True, slots=True, eq=False)
 class Complementary:
     """Complementary filter of wheels and model, with an integrated gyro: short code for a first course.
 
-    Usually you want `AugmentedEkf`.
+    `AugmentedEkf` is usually better.
 
     Parameters
     ----------
@@ -76,7 +76,7 @@ class Complementary:
     vehicle: DynamicVehicle
     sensors: SensorBlocks
     rate_hz: float = parameter("Hz", "ticks a second", low=1e-3, default=100.0)
-    blend_time_s: float = parameter("s", "T: slower than this is the wheels'", low=1e-3, default=0.5)
+    blend_time_s: float = parameter("s", "T: slower changes are taken from the wheels", low=1e-3, default=0.5)
     rest_time_s: float = parameter("s", "T_b to learn the gyro's bias", low=1e-3, default=1.0)
     velocity_std: np.ndarray = parameter(
         "m/s, m/s, rad/s", "√V", low=0.0, default=(0.03, 0.03, 0.01), shape=(3,)
@@ -92,7 +92,7 @@ class Complementary:
         return ComplementaryBelief(-1, eta, nu, 1e-6 * np.eye(3), 0.0, 0.0, self.vehicle.init(eta, nu))
 
     def step(self, belief: ComplementaryBelief, tick: Tick) -> tuple[ComplementaryBelief, Estimate]:
-        """Advance by one tick. A tick that is not newer changes nothing."""
+        """Return belief and estimate after a tick. A tick that is not newer is ignored."""
         return in_rows(self, belief, tick)
 
     def pause(self, belief: ComplementaryBelief, tick: Tick) -> Sequence[Tick]:
@@ -100,7 +100,7 @@ class Complementary:
         return rows_before(belief.t_ns, tick, self.rate_hz)
 
     def row(self, belief: ComplementaryBelief, tick: Tick) -> tuple[ComplementaryBelief, Estimate]:
-        """Advance by one row.  (1)-(4)"""
+        """Return belief and estimate after one row.  (1)-(4)"""
         row = row_of(belief.t_ns, tick, self.rate_hz)
         eta, dt_s = belief.eta, row.moved_s
         model, motion = self.vehicle.step(belief.model, row.u, dt_s, np.zeros(3))
@@ -113,7 +113,9 @@ class Complementary:
         nu = self.vehicle.init(eta, np.array([v, 0.0, omega])).nu  # a car's ν_y follows from its turning
         J, V = map_from_body(eta[2] + 0.5 * dt_s * omega), np.diag(self.velocity_std**2)
         F = jacobian(lambda eta: eta + map_from_body(eta[2] + 0.5 * dt_s * omega) @ (dt_s * nu))(eta)
-        cov = mirrored(F @ belief.cov @ F.T + (2.0 * self.blend_time_s * row.dt_s) * (J @ V @ J.T))
+        cov = mirror_upper(F @ belief.cov @ F.T + (2.0 * self.blend_time_s * row.dt_s) * (J @ V @ J.T))
         eta, bias = boxplus(eta, J @ (dt_s * nu)), belief.bias + learnt * omega
-        belief = chosen(row.new, ComplementaryBelief(tick.t_ns, eta, nu, cov, bias, rest_s, model), belief)
+        belief = tree_where(
+            row.new, ComplementaryBelief(tick.t_ns, eta, nu, cov, bias, rest_s, model), belief
+        )
         return belief, Estimate(tick.t_ns, belief.eta, belief.nu, block_diagonal([belief.cov, V]))

@@ -1,6 +1,6 @@
-"""Check a covariance, and restore one: it must be symmetric, with eigenvalues ≥ 0.
+"""Check and repair covariances: a covariance must be symmetric, with eigenvalues ≥ 0.
 
-The nearest valid matrix in the Frobenius norm comes from the symmetric part V Λ Vᵀ (Higham 1988):
+The nearest valid matrix in the Frobenius norm follows from the symmetric part V Λ Vᵀ (Higham 1988):
 
     V max(Λ, 0) Vᵀ                                                                                        (1)
 
@@ -14,7 +14,7 @@ import numpy as np
 from baqueano.contracts.values import Value
 from baqueano.diagnostics import fault
 from baqueano.errors import Invalid
-from baqueano.language import translated as _
+from baqueano.language import translate as _
 
 ROUNDING = 1e-14  # of a variance
 
@@ -50,16 +50,16 @@ def covariance(matrix: Value, size: int, name: str) -> np.ndarray:
                 offer=_offer(P),
             )
         )
-    return mirrored(P)
+    return mirror_upper(P)
 
 
 def nearest_covariance(matrix: np.ndarray) -> np.ndarray:
     """Return the symmetric positive semidefinite matrix (n, n) that is nearest to `matrix`.  (1)"""
     values, vectors = np.linalg.eigh(0.5 * (matrix + matrix.T))
-    return mirrored((vectors * np.maximum(values, 0.0)) @ vectors.T)
+    return mirror_upper((vectors * np.maximum(values, 0.0)) @ vectors.T)
 
 
-def mirrored(P: np.ndarray) -> np.ndarray:
+def mirror_upper(P: np.ndarray) -> np.ndarray:
     """Return `P` (n, n) with its upper triangle copied onto the lower one, so that it is exactly symmetric."""
     return P[_upper(len(P))]
 
@@ -77,7 +77,7 @@ def block_diagonal(blocks: list[np.ndarray]) -> np.ndarray:
 
 
 def root(P: np.ndarray) -> np.ndarray:
-    """Return the lower triangular L (n, n) with L Lᵀ = P of a covariance. A direction without variance gets zeros."""
+    """Return the lower triangular L (n, n) with L Lᵀ = P; a direction without variance has a column of zeros."""
     n = len(P)
     L: list[list[Value]] = [[0.0] * n for _ in range(n)]
     for j in range(n):

@@ -7,9 +7,9 @@
     η = η₋ + J ((ν₋ + ν) δ/2 + d (ν − ν₋) + (ν − ν̄) t/2)                                                  (3)
     Σ = F diag(Σ₋, R, Q) Fᵀ,   F = ∂(η, ν, b, s, s_v) / ∂(η₋, ν₋, b, s, s_v, w, n)                        (4)
 
-h(0), H and L are those of velocity_readings.py: L H = I, so a reading replaces the velocity of the model. No reading is
-gated. ν has the age d of its reading, η is current: summed, (3) is the trapezoid rule plus d times the last ν. t is the
-time without a reading before this tick; the error of the model is assumed to have grown linearly in it. b is the bias
+velocity_readings.py defines h(0), H and L: L H = I, so a reading replaces the velocity of the model. Readings are not
+gated. ν has the age d of its reading, η is current: the sum of (3) is the trapezoid rule plus d times the last ν.
+During t, the time without a reading before this tick, the error of the model is assumed to grow linearly. b is the bias
 of the gyro, a random walk; s and s_v are the constant scale errors of gyro and speed. All three stay 0, and only their
 uncertainty counts (consider states, Schmidt 1966).
 """
@@ -22,13 +22,25 @@ import numpy as np
 
 from baqueano.contracts.blocks import SensorBlocks
 from baqueano.contracts.values import Value
-from baqueano.estimators.covariance import block_diagonal, covariance, mirrored
+from baqueano.estimators.covariance import block_diagonal, covariance, mirror_upper
 from baqueano.estimators.kalman import boxplus
-from baqueano.estimators.pauses import chosen, effort_of, in_rows, row_of, rows_before, unmoved_cov
-from baqueano.estimators.readings.sensor_numbers import UncertainNumber, age_s, arrived, scale_std, uncertain
-from baqueano.estimators.readings.velocity_readings import SIDEWAYS, TURNING, Reading, readings_of, replaced
+from baqueano.estimators.pauses import effort_of, in_rows, row_of, rows_before, tree_where, unmoved_cov
+from baqueano.estimators.readings.sensor_numbers import (
+    UncertainNumber,
+    age_s,
+    has_measurement,
+    scale_std,
+    uncertain,
+)
+from baqueano.estimators.readings.velocity_readings import (
+    SIDEWAYS,
+    TURNING,
+    Reading,
+    readings_of,
+    replace_velocity,
+)
 from baqueano.geometry import map_from_body
-from baqueano.parameter import documented, parameter
+from baqueano.parameter import document, parameter
 from baqueano.signals import ByName, Estimate, Slot, Tick
 from baqueano.symbolic import jacobian
 from baqueano.vehicles.bounds import check_bounds
@@ -47,10 +59,10 @@ class DeadReckoningBelief(NamedTuple):
     drivetrain: DrivetrainState
 
 
-@documented
+@document
 @dataclass(frozen=True, slots=True, eq=False)
 class DeadReckoning:
-    """Dead reckoning with gyro and wheels, and with the model if a sensor is missing. It estimates its own error.
+    """Dead reckoning with gyro and wheels, and with the model if a sensor is missing. It also estimates its error.
 
     It does not correct the pose. Prefer `AugmentedEkf` if a camera or a floor mark measures the pose.
 
@@ -61,7 +73,7 @@ class DeadReckoning:
     sensors : NamedTuple of Sensor
         The sensors, by name.
     use : tuple of str
-        Sensors that are read; if empty, all that measure a velocity.
+        Sensors that are read; if empty, all sensors that measure a velocity.
     readings : tuple of Reading
         Computed from the sensors; not an argument.
     gyro_bias : tuple of UncertainNumber
@@ -84,10 +96,12 @@ class DeadReckoning:
     vehicle: DynamicVehicle
     sensors: SensorBlocks
     process_noise_cov: np.ndarray = parameter(
-        "(m/s, m/s, rad/s, m/s², m/s², rad/s²)²", "R of (ν, ν̇) per tick at rate_hz, (6, 6); that of ν is used",
+        "(m/s, m/s, rad/s, m/s², m/s², rad/s²)²", (
+            "R of (ν, ν̇) per tick at rate_hz, (6, 6); only the part of ν is used"
+        ),
         shape=(6, 6),
     )  # fmt: skip
-    rate_hz: float = parameter("Hz", "the rate that process_noise_cov is given for", low=1e-3, default=100.0)
+    rate_hz: float = parameter("Hz", "the rate for which process_noise_cov is given", low=1e-3, default=100.0)
     use: tuple[str, ...] = ()
     initial_std: np.ndarray = parameter(
         "m, m, rad, m/s, m/s, rad/s", "standard deviations of (η, ν) at the start", low=0.0,
@@ -118,7 +132,7 @@ class DeadReckoning:
         )
 
     def step(self, belief: DeadReckoningBelief, tick: Tick) -> tuple[DeadReckoningBelief, Estimate]:
-        """Predict one tick, then use the readings that arrived. A tick that is not newer changes nothing."""
+        """Predict one tick, then use the readings that arrived. A tick that is not newer is ignored."""
         return in_rows(self, belief, tick)
 
     def pause(self, belief: DeadReckoningBelief, tick: Tick) -> Sequence[Tick]:
@@ -126,7 +140,7 @@ class DeadReckoning:
         return rows_before(belief.t_ns, tick, self.rate_hz)
 
     def row(self, belief: DeadReckoningBelief, tick: Tick) -> tuple[DeadReckoningBelief, Estimate]:
-        """Advance by one row. The mean is predicted for at most the longest row; then only its covariance grows."""
+        """Return belief and estimate after a row. Beyond the longest row only the covariance is predicted."""
         row = row_of(belief.t_ns, tick, self.rate_hz)
         drivetrain, effort = effort_of(self.vehicle.drivetrain, belief, row)
         noise = [self.process_noise_cov[:3, :3] * (row.dt_s * self.rate_hz)]
@@ -138,18 +152,18 @@ class DeadReckoning:
         walk = sum((bias.of(self.sensors, bias.walk) ** 2 * row.dt_s for bias in self.gyro_bias), 0.0)
         walk = np.diag(np.array([walk, 0.0, 0.0]))
         more = block_diagonal([unmoved_cov(row, belief.mean, belief.cov), np.zeros((3, 3)), walk])
-        cov = mirrored(F @ block_diagonal([belief.cov, *noise]) @ F.T + more)
-        belief = chosen(row.new, DeadReckoningBelief(tick.t_ns, mean, cov, since_s, drivetrain), belief)
+        cov = mirror_upper(F @ block_diagonal([belief.cov, *noise]) @ F.T + more)
+        belief = tree_where(row.new, DeadReckoningBelief(tick.t_ns, mean, cov, since_s, drivetrain), belief)
         return belief, Estimate(tick.t_ns, belief.mean[:3], belief.mean[3:6], belief.cov[:6, :6])
 
     def _times(self, belief: DeadReckoningBelief, tick: Tick, dt_s: Value) -> tuple[np.ndarray, np.ndarray]:
-        """Return d and t (3,) of ν after this row. A reading of ν_ψ also counts for ν_y, which follows it in a car."""
+        """Return d and t (3,) [s] of ν after this row. A reading of ν_ψ counts for ν_y too, as in a car."""
         ages_s, since_s = [0.0, 0.0, 0.0], [t + dt_s for t in belief.since_s]
         for reading in self.readings:
             sensor, slot = getattr(self.sensors, reading.name), getattr(tick.sensors, reading.name)
             for i in {*reading.of, *(SIDEWAYS for k in reading.of if k == TURNING)}:
                 ages_s[i] = age_s(sensor, slot)
-                since_s[i] = np.where(arrived(sensor, slot), 0.0, since_s[i])
+                since_s[i] = np.where(has_measurement(sensor, slot), 0.0, since_s[i])
         return np.array(ages_s), np.array(since_s)
 
     def _travel(
@@ -175,7 +189,7 @@ class DeadReckoning:
                 len(reading.rows),
             )
             bias, scale = (x[6], x[7]) if reading.is_gyro else (0.0, x[8])
-            nu, n = replaced(reading, sensor, slot, nu, bias - n[:m], scale), n[m:]
+            nu, n = replace_velocity(reading, sensor, slot, nu, bias - n[:m], scale), n[m:]
         nu = self.vehicle.init(eta, nu).nu
         way = 0.5 * dt_s * (before + nu) + ages_s * (nu - before) + 0.5 * since_s * (nu - model_nu)
         return np.concatenate([boxplus(eta, map_from_body(eta[2] + 0.5 * way[2]) @ way), nu, x[6:9]])

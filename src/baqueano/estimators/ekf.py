@@ -25,22 +25,22 @@ from baqueano.contracts.optional import is_dynamic
 from baqueano.contracts.values import Value
 from baqueano.diagnostics import fault
 from baqueano.errors import Invalid
-from baqueano.estimators.covariance import block_diagonal, covariance, mirrored
+from baqueano.estimators.covariance import block_diagonal, covariance, mirror_upper
 from baqueano.estimators.kalman import Gaussian, boxplus, correct, predict
 from baqueano.estimators.pauses import (
     FilterRow,
-    bounded,
-    chosen,
     effort_of,
     in_rows,
+    limit_covariance,
     row_of,
     rows_before,
+    tree_where,
     unmoved_cov,
 )
 from baqueano.estimators.readings.gate import gate
-from baqueano.estimators.readings.sensor_numbers import age_s, arrived, check_use
+from baqueano.estimators.readings.sensor_numbers import age_s, check_use, has_measurement
 from baqueano.geometry import map_from_body, wrap
-from baqueano.parameter import INF, documented, parameter
+from baqueano.parameter import INF, document, parameter
 from baqueano.sensors.sampling import difference
 from baqueano.signals import Estimate, Motion, Slot, Tick
 from baqueano.symbolic import jacobian
@@ -59,13 +59,13 @@ class Belief(NamedTuple):
     t_ns : int
         Time of the last tick; -1 before the first.
     mean : ndarray (9,)
-        η, ν, ν̇.
+        Estimate of (η, ν, ν̇).
     cov : ndarray (9, 9)
-        Their covariance.
+        Covariance of (η, ν, ν̇).
     effort : ndarray (n,) [unit of u]
         Effort on the body at the end of the last interval.
     drivetrain : DrivetrainState
-        Delay line and motor lag.
+        State of the delay and the motor lag.
     """
 
     t_ns: int
@@ -75,12 +75,12 @@ class Belief(NamedTuple):
     drivetrain: DrivetrainState
 
 
-@documented
+@document
 @dataclass(frozen=True, slots=True, eq=False)
 class Ekf:
     """Extended Kalman filter for any vehicle and any sensors, with the state of the paper.
 
-    Usually you want `AugmentedEkf`.
+    `AugmentedEkf` is usually better.
 
     Parameters
     ----------
@@ -91,7 +91,7 @@ class Ekf:
     mode : str
         "default", or "paper": the equations as printed.
     use : tuple of str
-        Sensors that correct; the others are only recorded.
+        Sensors that correct the state; the others are only recorded.
 
     References
     ----------
@@ -115,14 +115,14 @@ class Ekf:
     process_noise_cov: np.ndarray = parameter(
         "(m/s, m/s, rad/s, m/s², m/s², rad/s²)²", "R of (ν, ν̇) per tick at rate_hz, (6, 6)", shape=(6, 6)
     )
-    rate_hz: float = parameter("Hz", "the rate that process_noise_cov is given for", low=1e-3, default=100.0)
+    rate_hz: float = parameter("Hz", "the rate for which process_noise_cov is given", low=1e-3, default=100.0)
     mode: str = "default"
     gate_sigma: float = parameter(
-        "1", "a measurement further from its prediction than this is left out", low=0.0, default=4.0
+        "1", "a measurement further from its prediction than this is excluded", low=0.0, default=4.0
     )
     use: tuple[str, ...] = ("imu",)
     disturbance_time_s: float = parameter(
-        "s", "T_d, time over which an unexplained acceleration fades", low=1e-6, default=0.5
+        "s", "T_d, time constant with which an unexplained acceleration decays", low=1e-6, default=0.5
     )
     initial_std: np.ndarray = parameter(
         "m, m, rad, m/s, m/s, rad/s, m/s², m/s², rad/s²",
@@ -163,7 +163,7 @@ class Ekf:
     def step(self, belief: Belief, tick: Tick) -> tuple[Belief, Estimate]:
         """Predict, then correct with the measurements that arrived.
 
-        A tick that is not newer than the last one changes nothing. A tick after a pause is split into rows.
+        A tick that is not newer than the last tick is ignored. A tick after a pause is split into rows.
         """
         return in_rows(self, belief, tick)
 
@@ -172,7 +172,7 @@ class Ekf:
         return rows_before(belief.t_ns, tick, self.rate_hz)
 
     def row(self, belief: Belief, tick: Tick) -> tuple[Belief, Estimate]:
-        """Advance by one row of any length; the result is finite and positive definite.
+        """Return belief and estimate after a row of any duration; they are finite and positive definite.
 
         The mean is predicted for at most the longest row; after that only its covariance grows.
         """
@@ -184,7 +184,7 @@ class Ekf:
             mean, cov, *innovation = self._correct(name, mean, cov, getattr(tick.sensors, name))
             y, s, w = [*y, innovation[0]], [*s, innovation[1]], [*w, innovation[2]]
         after = Belief(tick.t_ns, mean, cov, effort.last, drivetrain)
-        belief = chosen(row.new, after, belief)
+        belief = tree_where(row.new, after, belief)
         innovations = (np.concatenate(y), block_diagonal(s), np.concatenate(w)) if y else ()
         mean, cov = belief.mean, belief.cov
         return belief, Estimate(tick.t_ns, mean[:3], mean[3:6], cov[:6, :6], *innovations)
@@ -200,22 +200,22 @@ class Ekf:
         ahead = predict(before, lambda x: g(x, belief.effort, effort, row.moved_s), np.zeros((9, 9)))
         R = self.process_noise_cov * (row.dt_s * self.rate_hz)
         unsure = unmoved_cov(row, ahead.mean, belief.cov + block_diagonal([np.zeros((3, 3)), R]))  # (8)
-        return ahead.mean, bounded(ahead.cov + block_diagonal([unsure, R]))  # (9)
+        return ahead.mean, limit_covariance(ahead.cov + block_diagonal([unsure, R]))  # (9)
 
-    def _move_paper(self, mean: np.ndarray, before: np.ndarray, effort: Effort, dt_s: float) -> np.ndarray:
-        """Return g(u, μ) (9,) as printed in the paper.  (4)"""
+    def _move_paper(self, mean: np.ndarray, previous: np.ndarray, effort: Effort, dt_s: float) -> np.ndarray:
+        """Return g(u, μ) (9,), the mean after a tick as printed in the paper.  (4)"""
         eta, nu, nu_dot = mean[:3], mean[3:6], mean[6:]
         midway = map_from_body(eta[2] + 0.5 * dt_s * nu[2])
         eta_next = eta + midway @ (nu * dt_s + 0.5 * dt_s**2 * nu_dot)
         return _state(eta_next, nu + nu_dot * dt_s, self.vehicle.nu_dot(nu, effort.last, eta[2]))
 
-    def _move(self, mean: np.ndarray, before: np.ndarray, effort: Effort, dt_s: float) -> np.ndarray:
-        """Return g(u, μ) (9,) of the default mode.  (5, 6)"""
+    def _move(self, mean: np.ndarray, previous: np.ndarray, effort: Effort, dt_s: float) -> np.ndarray:
+        """Return g(u, μ) (9,), the mean after a tick in the default mode.  (5, 6)"""
         eta, nu, nu_dot = mean[:3], mean[3:6], mean[6:]
         eta_next, nu_next, nu_dot_next = self.vehicle.advance(eta, nu, effort, dt_s)
         if not self._dynamic:
             return _state(eta_next, nu_next, nu_dot_next)
-        a_d = nu_dot - self.vehicle.nu_dot(nu, before, eta[2])
+        a_d = nu_dot - self.vehicle.nu_dot(nu, previous, eta[2])
         eta_next = eta_next + map_from_body(eta_next[2]) @ (0.5 * dt_s**2 * a_d)
         nu_next = nu_next + a_d * dt_s
         f = self.vehicle.nu_dot(nu_next, effort.last, eta_next[2])
@@ -226,25 +226,25 @@ class Ekf:
         sensor = getattr(self.sensors, name)
         old_s = self._age_s(sensor, slot)
         z_bar, H, Q = self._h(mean, sensor, old_s), jacobian(self._h)(mean, sensor, old_s), sensor.cov
-        came = arrived(sensor, slot)
+        came = has_measurement(sensor, slot)
         y = difference(sensor, np.where(came, slot.z, z_bar), z_bar)
         update = correct(cov, y, H, Q)
         limit = INF if self.mode == "paper" else gate(self.gate_sigma, len(y))
         take = came if limit == INF else came & (np.sum(update.e**2) <= limit)
         mean = np.where(take, boxplus(mean, update.move), mean)
-        S = mirrored(H @ cov @ H.T + Q)
+        S = mirror_upper(H @ cov @ H.T + Q)
         y, w = (np.where(came, x, np.nan) for x in (y, np.where(take, 1.0, 0.0) * np.ones(len(y))))
         return mean, np.where(take, update.cov, cov), y, S, w
 
     def _age_s(self, sensor: Sensor, slot: Slot) -> Value:
-        """Return the age of the measurement [s]; None if it is always 0, or in mode "paper"."""
+        """Return the age [s] of the measurement; None if it is always 0, or in mode "paper"."""
         if self.mode == "paper":
             return None
         old_s = age_s(sensor, slot)
         return None if isinstance(old_s, float) and old_s == 0.0 else old_s
 
     def _h(self, mean: np.ndarray, sensor: Sensor, old_s: Value) -> np.ndarray:
-        """Return the predicted measurement (m,).  (7)"""
+        """Return the predicted measurement (m,) for a reading of the age `old_s`.  (7)"""
         eta, nu, nu_dot = mean[:3], mean[3:6], mean[6:]
         if old_s is not None:
             turn = old_s * nu[2]

@@ -1,13 +1,14 @@
 """Dead reckoning with the IMU only, with zero-velocity updates: for a vehicle without a model.
 
-When the command has been zero for CALM_S, the vehicle is assumed to be at rest with speed 0. Readings at rest give the
-biases b and the noise σ of the channels. While it drives, with v the speed, ψ the heading, s the distance, δ the tick:
+When the command has been zero for CALM_S, the vehicle is assumed to be at rest with speed 0. The biases b and the noise
+σ of the channels are computed from readings at rest. While the vehicle drives, with v the speed, ψ the heading, s the
+distance, δ the tick:
 
     v ← v + (a_x − b_x) δ,   ψ ← ψ + (ω − b_ω) δ,   s ← s + v δ along ψ                                   (1)
     var v = σ_x² δ² k + σ_x² (k δ)² / n_rest,   the same for ψ with σ_ω                                   (2)
 
-k counts the ticks since the last rest, n_rest the samples at rest; a_x and ω are the readings of the IMU. A speed that
-remains when the vehicle stops is integrated noise. Then the distance is corrected:
+k counts the ticks since the last rest, n_rest the samples at rest; a_x and ω are the readings of the IMU. If a speed
+remains when the vehicle stops, it is integrated noise, and the distance is corrected:
 
     s ← s − ½ v k δ,   var s = σ_x² δ⁴ (k³/3 + k⁴/(4 n_rest) + Σ k³/12 over the earlier drives)           (3)
 """
@@ -98,7 +99,7 @@ class Inertial:
 
 
 def _cov(s: InertialBelief, dt_s: float) -> Value:
-    """Return the covariance (6, 6): variances (2) and (3) of x, y, ψ, v and ω; zeros before three samples at rest."""
+    """Return the covariance (6, 6), diagonal, with (2) and (3); zeros before three samples at rest."""
     cov = np.zeros((6, 6))
     if s.rest > 2.0:
         var = s.spread / (s.rest - 1.0)

@@ -9,8 +9,8 @@ number at a time. With Q = L diag(q) Lᵀ, the numbers of L⁻¹ z have independ
     s = H_c P H_cᵀ + q_c,   e = (y_c − H_c Δ)/√s,   K = E P H_cᵀ/s,   Δ ← Δ + K √s e                        (3)
     D = P − K H_c P,   P ← D + (q_c K − D H_cᵀ) Kᵀ                    Joseph's form, multiplied out        (4)
 
-(3) gives the same Δ and P as all rows at once, without a matrix to invert; yᵀ S⁻¹ y = Σ e² and log |S| = Σ log s. E is
-1 for an estimated state, 0 for a considered one: its uncertainty counts, but its estimate does not change. A weight
+(3) computes the same Δ and P as all rows at once, without a matrix to invert; yᵀ S⁻¹ y = Σ e², log |S| = Σ log s. E is
+1 for an estimated state, 0 for a considered state, whose uncertainty counts but whose estimate is constant. A weight
 w ≤ 1 replaces q_c by q_c + s (1/w − 1): an outlier of weight 0 has no effect. Derivation: docs/derivations/kalman.md.
 Sources: Bierman 1977 for (2), (3); Bucy and Joseph 1968 for (4); Schmidt 1966 for E.
 """
@@ -21,7 +21,7 @@ from typing import NamedTuple
 import numpy as np
 
 from baqueano.contracts.values import Value
-from baqueano.estimators.covariance import mirrored
+from baqueano.estimators.covariance import mirror_upper
 from baqueano.geometry import wrap
 from baqueano.symbolic import jacobian
 
@@ -36,7 +36,7 @@ class Gaussian(NamedTuple):
 
 
 class Correction(NamedTuple):
-    """The change that a measurement makes, and its normalised innovations."""
+    """The change of mean and covariance by a measurement, and the normalised innovations."""
 
     move: np.ndarray  # Δ (n,), to be added to the mean
     cov: np.ndarray  # (n, n) afterwards
@@ -51,7 +51,7 @@ def predict(
 ) -> Gaussian:
     """Return the state after `g`, with the process noise covariance R (n, n), or R(x̄, G).  (1)"""
     mean, G = g(x.mean), jacobian(g)(x.mean)
-    return Gaussian(mean, mirrored(G @ x.cov @ G.T + (R(mean, G) if callable(R) else R)))
+    return Gaussian(mean, mirror_upper(G @ x.cov @ G.T + (R(mean, G) if callable(R) else R)))
 
 
 def correct(
@@ -65,8 +65,8 @@ def correct(
     """Return the change that the innovation y (m,) causes; the caller adds it to the mean.  (2)-(4)
 
     H (m, n) is ∂h/∂x̄. Q is the measurement noise: (m, m), or (m,) for independent numbers; each variance is above 0.
-    `estimated` is E of all numbers (n,), or of each number (m, n); the default is all ones. `weight(c, e, s)` returns w
-    of number c.
+    `estimated` is E: (n,) for all numbers, or (m, n) with a row for each number; the default is ones. `weight(c, e, s)`
+    returns the weight w of number c.
     """
     y, H, q = independent(y, H, Q)
     E = None if estimated is None else np.broadcast_to(estimated, H.shape)
@@ -84,7 +84,7 @@ def correct(
         D = P - K[:, None] * PH[None, :]
         noise = q[c] * K if weight is None else PH * (1.0 - cross * (w / s[c]))  # (q_c + s (1/w − 1)) K
         noise = noise if weight is None or E is None else E[c] * noise
-        P = mirrored(D + (noise - D @ H[c])[:, None] * K[None, :])
+        P = mirror_upper(D + (noise - D @ H[c])[:, None] * K[None, :])
     return Correction(move, P, np.array(e), np.array(s))
 
 
@@ -109,7 +109,7 @@ def independent(y: np.ndarray, H: np.ndarray, Q: np.ndarray) -> tuple[np.ndarray
 
 
 def boxplus(mean: np.ndarray, move: np.ndarray) -> np.ndarray:
-    """Return mean + move (n,) with its heading wrapped: x ⊞ Δ of a state that begins with a pose."""
+    """Return x ⊞ Δ: mean + move (n,) with the heading wrapped, for a state that begins with a pose."""
     x = mean + move
     return np.concatenate([x[:HEADING], np.array([wrap(x[HEADING])]), x[HEADING + 1 :]])
 

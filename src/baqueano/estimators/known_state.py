@@ -1,7 +1,7 @@
-"""An estimator that returns the true state: for tuning, and for judging a controller without estimation errors.
+"""An estimator that returns the true state: to tune and to judge a controller without estimation errors.
 
-`KnownState` returns the reading of the sensor `truth` (sensors/truth.py), with a covariance of zero. The pair stands in
-a loop like any other sensor and estimator, so a loop with perfect pose is the same loop. No real vehicle has them.
+`KnownState` returns the reading of the sensor `truth` (sensors/truth.py), with a covariance of zero. Both work in the
+loop like any other sensor and estimator, so the same loop serves for a perfect pose. Real vehicles do not have them.
 """
 
 from collections.abc import Callable
@@ -14,14 +14,14 @@ from baqueano.signals import Estimate, Motion, Tick
 
 
 class KnownStateBelief(NamedTuple):
-    """The last true state."""
+    """The last true state (η, ν) that was measured."""
 
     z: np.ndarray  # (6,) η, ν
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class KnownState:
-    """Estimator that takes the measurement of the sensor named `sensor` as the state.
+    """Estimator that uses the measurement of the sensor named `sensor` as the state.
 
     Parameters
     ----------
@@ -52,12 +52,12 @@ class KnownState:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class StateOfWorld:
-    """Estimator that takes the state from the simulated world itself, if the vehicle does not have a sensor `Truth`.
+    """Estimator that reads the state of the simulated world, for a vehicle without a sensor `Truth`.
 
     Parameters
     ----------
     now : callable
-        () → Motion of the vehicle at the last tick.
+        Function without arguments that returns the Motion of the vehicle at the last tick.
 
     Examples
     --------

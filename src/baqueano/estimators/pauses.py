@@ -1,11 +1,12 @@
-"""Cut a pause between two ticks into rows: an integrator of fixed step diverges on a stiff model over half a second.
+"""Split a pause between two ticks into rows: over half a second, a fixed-step integrator of a stiff model diverges.
 
     dt ≤ longest          one row, the tick itself                                                        (1)
-    dt ≤ HELD_S           equal rows of about a period: silent ones, then the tick with its measurements  (2)
+    dt ≤ HELD_S           equal rows of about a period: silent rows, then the tick with its measurements  (2)
     dt > HELD_S           silent rows over HELD_S − longest, then the tick: the prediction stops there    (3)
 
-dt is the time since the previous tick. longest is ROW_S, or 1.25 periods of the ticks if that is longer. So jitter of
-the clock does not split a tick. A delay line holds one command per period, so a pause does not shorten a delay.
+dt is the time since the previous tick. The time `longest` is ROW_S, or 1.25 periods of the ticks if that is longer. So
+jitter of the clock does not split a tick. A silent row is a tick without measurements. A delay line contains one
+command per period, so a pause does not shorten a delay.
 """
 
 from collections.abc import Callable, Sequence
@@ -48,15 +49,15 @@ def silent_times(since_ns: int, t_ns: int, rate_hz: float) -> list[int]:
 
 
 def silent_rows(since_ns: int, tick: Tick, rate_hz: float) -> list[Tick]:
-    """Return the silent rows before a tick; each has the command of the tick.  (1)-(3)"""
+    """Return the silent rows between `since_ns` and a tick; each has the command of the tick.  (1)-(3)"""
     quiet = type(tick.sensors)(*(Slot(0.0, np.zeros_like(slot.z)) for slot in tick.sensors))
     return [Tick(t_ns, tick.u, quiet) for t_ns in silent_times(int(since_ns), int(tick.t_ns), rate_hz)]
 
 
-def bounded(cov: np.ndarray) -> np.ndarray:
+def limit_covariance(cov: np.ndarray) -> np.ndarray:
     """Return a covariance (n, n) whose variances of x, y, ψ stay near FARTHEST.
 
-    A larger variance would spoil the other entries by rounding.
+    Rounding of a larger variance would make the other entries inaccurate.
     """
     far = np.diag(cov)[:3] > FARTHEST
     D = np.concatenate([np.where(far, 0.5, 1.0), np.ones(cov.shape[0] - 3)])
@@ -90,16 +91,16 @@ def split(ticks: Tick, rate_hz: float) -> tuple[Tick, np.ndarray]:
 
 
 class FilterRow(NamedTuple):
-    """A row of the filter: its length and its command."""
+    """A row of the filter: its duration and its command."""
 
-    new: Value  # True if it is newer than the last row; else it changes nothing
+    new: Value  # True if the row is newer than the last row; else it is ignored
     dt_s: Value  # its length; a nominal period for the first row
-    moved_s: Value  # how much of it is predicted: at most the longest row
+    moved_s: Value  # the part of it that is predicted: at most the longest row
     u: np.ndarray  # (n,) the command; 0 for an entry that is not finite
 
 
 def row_of(since_ns: Value, tick: Tick, rate_hz: float) -> FilterRow:
-    """Return length and command of the row that ends with this tick."""
+    """Return duration and command of the row that ends with this tick."""
     new = tick.t_ns > since_ns
     dt_s = np.where(new & (since_ns >= 0), seconds(tick.t_ns, since_ns), 1.0 / rate_hz)
     u = np.where(np.isfinite(tick.u), tick.u, 0.0)
@@ -109,18 +110,18 @@ def row_of(since_ns: Value, tick: Tick, rate_hz: float) -> FilterRow:
 def effort_of(motors: Drivetrain, belief: Tree, row: FilterRow) -> tuple[DrivetrainState, Effort]:
     """Return the state of the motors after a row, and the effort in it.
 
-    A vehicle that moves before its first tick has had a command already. The command of the first tick is its best
-    guess.
+    A vehicle that moves before its first tick already had a command, which is unknown. The command of the first tick
+    is used instead.
     """
     begins = (belief.t_ns < 0) & (np.sum(np.abs(belief.mean[3:6])) > 0.0)
-    state = either(begins, lambda: motors.settled(row.u), lambda: belief.drivetrain)
+    state = either(begins, lambda: motors.steady_state(row.u), lambda: belief.drivetrain)
     return motors.step(state, row.u, row.moved_s)
 
 
 def unmoved_cov(row: FilterRow, mean: np.ndarray, cov: np.ndarray) -> np.ndarray:
-    """Return the covariance (3, 3) that the pose gains in the part of a row beyond the longest one.
+    """Return the covariance (3, 3) that is added to the pose in the part of a row beyond the longest duration.
 
-    The state (η, ν, …) is not predicted in that part.
+    The mean (η, ν, …) is not predicted in that part.
     """
     way = (row.dt_s - row.moved_s) ** 2 * (mean[3:6] ** 2 + np.diag(cov)[3:6])
     return np.diag(np.minimum(np.array([way[0] + way[1], way[0] + way[1], way[2]]), FARTHEST))
@@ -129,7 +130,7 @@ def unmoved_cov(row: FilterRow, mean: np.ndarray, cov: np.ndarray) -> np.ndarray
 def in_rows(block: Tree, belief: Tree, tick: Tick) -> Tree:
     """Return the result of `block.row` for a tick, after the silent rows of `block.pause` before it.
 
-    In a trace the times are not known, and the tick is one row.
+    While a step is traced the times are not known, and the tick is one row.
     """
     if isinstance(tick.t_ns, WHOLE) and isinstance(belief.t_ns, WHOLE):
         for silent in block.pause(belief, tick):
@@ -138,20 +139,21 @@ def in_rows(block: Tree, belief: Tree, tick: Tick) -> Tree:
 
 
 def rows_before(since_ns: Value, tick: Tick, rate_hz: float) -> Sequence[Tick]:
-    """Return the silent rows before a tick; an empty sequence if the tick follows without a pause."""
+    """Return the silent rows before a tick; empty if the tick follows without a pause."""
     return () if tick.t_ns - since_ns <= ROW_NS else silent_rows(since_ns, tick, rate_hz)
 
 
-def chosen(condition: Value, a: Tree, b: Tree) -> Tree:
-    """Return np.where over the leaves of two trees of NamedTuples; numbers stay numbers."""
+def tree_where(condition: Value, a: Tree, b: Tree) -> Tree:
+    """Return a tree with np.where(condition, …) of each pair of leaves; `a` and `b` are trees of NamedTuples."""
     if isinstance(a, tuple):
-        return tuple.__new__(type(a), [chosen(condition, x, y) for x, y in zip(a, b, strict=True)])
+        return tuple.__new__(type(a), [tree_where(condition, x, y) for x, y in zip(a, b, strict=True)])
     leaf = None if a is None else np.where(condition, a, b)
     return leaf[()] if isinstance(leaf, np.ndarray) else leaf
 
 
 def either(condition: Value, yes: Callable[[], Tree], no: Callable[[], Tree]) -> Tree:
-    """Return yes() if the condition holds, else no(). In a trace compute both and return `chosen`."""
+    """Return yes() if the condition is true, else no(). While a step is traced, compute both and return
+    `tree_where`."""
     if isinstance(condition, TRUTH):
         return yes() if condition else no()
-    return chosen(condition, yes(), no())
+    return tree_where(condition, yes(), no())

@@ -1,6 +1,6 @@
 """The unscented transform: mean and covariance of a function of an uncertain state, from points around its mean.
 
-With P = L Lᵀ and a unit normal ξ (n,), the state is x̄ ⊞ L ξ. The 2n points ξ = ±√n e_i, each with the weight 1/(2n),
+With P = L Lᵀ and standard normal ξ (n,), the state is x̄ ⊞ L ξ. The 2n points ξ = ±√n e_i, each with the weight 1/(2n),
 have the same moments as ξ up to the third order. L_i is column i of L, and f is a function with f(x̄) = 0:
 
     p_i, q_i = f(x̄ ⊞ ±√n L_i),   m = Σ (p_i + q_i)/(2n)                                                   (1)

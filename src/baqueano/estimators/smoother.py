@@ -1,13 +1,13 @@
-"""The Rauch-Tung-Striebel smoother: estimate each row of a run from all its measurements, also from the later ones.
+"""The Rauch-Tung-Striebel smoother: estimate each row of a run from earlier and later measurements.
 
-The filter runs once. Of each row it stores its state x, P, the prediction x̄⁺, P̄⁺ of the next row, and G = ∂x̄⁺/∂x. A
-backward pass then gives the smoothed x_s, P_s. It starts at the last row, which it does not change:
+The filter runs once. For each row it stores its state x, P, the prediction x̄⁺, P̄⁺ of the next row, and G = ∂x̄⁺/∂x. A
+backward pass then computes the smoothed x_s, P_s. It starts at the last row, which it does not change:
 
     C = P Gᵀ (P̄⁺)⁻¹,   x_s = x ⊞ C (x_s⁺ ⊟ x̄⁺)                                                            (1)
     P_s = (I − C G) P (I − C G)ᵀ + C (P_s⁺ + R) Cᵀ,   R = P̄⁺ − G P Gᵀ                                      (2)
 
 (2) equals P + C (P_s⁺ − P̄⁺) Cᵀ, but stays a covariance despite rounding, as Joseph's form does. ⊞ and ⊟ wrap the
-heading. The inverse leaves out the directions in which P̄⁺ has almost no variance. Source: Rauch, Tung, Striebel 1965.
+heading. The inverse excludes the directions with almost zero variance in P̄⁺. Source: Rauch, Tung, Striebel 1965.
 
 The prediction is a step of the filter with a tick in which every sensor is silent. So one smoother serves every filter
 whose belief has `mean` (n,), starting with η, ν, and `cov` (n, n), and whose estimate contains its innovations.
@@ -20,7 +20,7 @@ import numpy as np
 from baqueano.contracts import optional
 from baqueano.contracts.blocks import Estimator
 from baqueano.contracts.values import Tree
-from baqueano.estimators.covariance import mirrored
+from baqueano.estimators.covariance import mirror_upper
 from baqueano.estimators.kalman import HEADING, boxplus
 from baqueano.geometry import wrap
 from baqueano.signals import Slot, Tick
@@ -34,7 +34,7 @@ class ForwardPass(NamedTuple):
 
     mean: np.ndarray  # (N, n) after the row
     cov: np.ndarray  # (N, n, n)
-    ahead: np.ndarray  # (N, n) as it was predicted for the row
+    ahead: np.ndarray  # (N, n) mean that was predicted for the row
     ahead_cov: np.ndarray  # (N, n, n)
     G: np.ndarray  # (N, n, n) of that prediction
 
@@ -54,7 +54,7 @@ def can_be_smoothed(estimator: Estimator, belief: Tree, tick: Tick) -> bool:
 def smooth(
     estimator: Estimator, belief: Tree, ticks: Tick, backend: str = "auto"
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Return mean (N, n) and covariance (N, n, n) of each row, given all rows; the leaves of `ticks` have N rows.
+    """Return mean (N, n) and covariance (N, n, n) of each row from all measurements; leaves of `ticks` have N rows.
 
     Raise TraceError for an estimator that cannot be compiled.
     """
@@ -93,12 +93,12 @@ def backward(passed: ForwardPass) -> tuple[np.ndarray, np.ndarray]:
         gap = mean[k + 1] - passed.ahead[k + 1]
         gap[HEADING] = wrap(gap[HEADING])
         mean[k] = boxplus(mean[k], C[k] @ gap)
-        cov[k] = mirrored(own_cov[k] + C[k] @ cov[k + 1] @ C[k].T)
+        cov[k] = mirror_upper(own_cov[k] + C[k] @ cov[k + 1] @ C[k].T)
     return mean, cov
 
 
 def _inverse(P: np.ndarray) -> np.ndarray:
-    """Return the inverses of covariances (N, n, n), without the directions that have almost no variance."""
+    """Return the inverses of covariances (N, n, n); directions with almost zero variance are excluded."""
     sd = np.sqrt(np.maximum(np.einsum("kii->ki", P), 0.0))
     scale = np.where(sd > 0.0, 1.0 / np.where(sd > 0.0, sd, 1.0), 0.0)
     values, vectors = np.linalg.eigh(P * scale[:, :, None] * scale[:, None, :])

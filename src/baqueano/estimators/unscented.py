@@ -1,12 +1,12 @@
 """The unscented Kalman filter: it evaluates g and h at points around the mean, and does not need derivatives.
 
-The state is x = (η, ν, ν̇): pose, velocity and acceleration. g and h are those of ekf.py in its default mode. e is the
+The state is x = (η, ν, ν̇): pose, velocity and acceleration. ekf.py defines g and h, in its default mode. e is the
 effort, e₋ the previous one, δ the tick, f the acceleration of the model, T_d the fading time of a_d:
 
     a_d = ν̇ − f(ν, e₋),   (η, ν)⁺ = advance(η, ν, e) + (½ J a_d δ², a_d δ),   ν̇⁺ = f(ν⁺, e) + e^(−δ/T_d) a_d   (1)
 
 sigma_points.py returns the mean m of a function, its linear part o and its even part ē. With x = x̄ ⊞ L ξ, L Lᵀ = P,
-the correction is that of kalman.py for the unit normal ξ, and ē counts as noise. R is the process noise, Q that of z:
+kalman.py corrects the standard normal ξ, and ē counts as noise. R is the process noise, Q the noise of z:
 
     P̄ = o oᵀ + ē ēᵀ + R                                                                                   (2)
     y = z ⊟ (h(x̄) ⊞ m),   H = o,   noise Q + ē ēᵀ,   x̄ ← x̄ ⊞ L Δ,   P ← L P_ξ Lᵀ                         (3)
@@ -24,14 +24,22 @@ from baqueano.contracts.blocks import SensorBlocks
 from baqueano.contracts.optional import is_dynamic
 from baqueano.diagnostics import fault
 from baqueano.errors import Invalid
-from baqueano.estimators.covariance import block_diagonal, covariance, mirrored
+from baqueano.estimators.covariance import block_diagonal, covariance, mirror_upper
 from baqueano.estimators.kalman import Gaussian, boxplus, correct
-from baqueano.estimators.pauses import FilterRow, chosen, effort_of, in_rows, row_of, rows_before, unmoved_cov
+from baqueano.estimators.pauses import (
+    FilterRow,
+    effort_of,
+    in_rows,
+    row_of,
+    rows_before,
+    tree_where,
+    unmoved_cov,
+)
 from baqueano.estimators.readings.gate import gate
-from baqueano.estimators.readings.sensor_numbers import age_s, arrived, check_use
+from baqueano.estimators.readings.sensor_numbers import age_s, check_use, has_measurement
 from baqueano.estimators.sigma_points import spread
 from baqueano.geometry import map_from_body, wrap
-from baqueano.parameter import documented, parameter
+from baqueano.parameter import document, parameter
 from baqueano.sensors.sampling import difference
 from baqueano.signals import Estimate, Motion, Slot, Tick
 from baqueano.vehicles.bounds import check_bounds
@@ -50,12 +58,12 @@ class UnscentedBelief(NamedTuple):
     drivetrain: DrivetrainState
 
 
-@documented
+@document
 @dataclass(frozen=True, slots=True, eq=False)
 class Unscented:
     """Kalman filter without derivatives, for a model that is nonlinear within its uncertainty.
 
-    Usually you want `AugmentedEkf`.
+    `AugmentedEkf` is usually better.
 
     Parameters
     ----------
@@ -64,7 +72,7 @@ class Unscented:
     sensors : NamedTuple of Sensor
         The sensors, by name.
     use : tuple of str
-        Sensors that correct; the others are only recorded.
+        Sensors that correct the state; the others are only recorded.
 
     References
     ----------
@@ -85,13 +93,13 @@ class Unscented:
     process_noise_cov: np.ndarray = parameter(
         "(m/s, m/s, rad/s, m/s², m/s², rad/s²)²", "R of (ν, ν̇) per tick at rate_hz, (6, 6)", shape=(6, 6)
     )
-    rate_hz: float = parameter("Hz", "the rate that process_noise_cov is given for", low=1e-3, default=100.0)
+    rate_hz: float = parameter("Hz", "the rate for which process_noise_cov is given", low=1e-3, default=100.0)
     gate_sigma: float = parameter(
-        "1", "a measurement further from its prediction than this is left out", low=0.0, default=4.0
+        "1", "a measurement further from its prediction than this is excluded", low=0.0, default=4.0
     )
     use: tuple[str, ...] = ("imu",)
     disturbance_time_s: float = parameter(
-        "s", "T_d, time over which an unexplained acceleration fades", low=1e-6, default=0.5
+        "s", "T_d, time constant with which an unexplained acceleration decays", low=1e-6, default=0.5
     )
     initial_std: np.ndarray = parameter(
         "m, m, rad, m/s, m/s, rad/s, m/s², m/s², rad/s²", "standard deviations of (η, ν, ν̇) at the start", low=0.0,
@@ -114,7 +122,7 @@ class Unscented:
         return UnscentedBelief(-1, mean, np.diag(self.initial_std**2), effort, self.vehicle.drivetrain.init())
 
     def step(self, belief: UnscentedBelief, tick: Tick) -> tuple[UnscentedBelief, Estimate]:
-        """Predict, then correct with the measurements that arrived. A tick that is not newer changes nothing."""
+        """Predict, then correct with the measurements that arrived. A tick that is not newer is ignored."""
         return in_rows(self, belief, tick)
 
     def pause(self, belief: UnscentedBelief, tick: Tick) -> Sequence[Tick]:
@@ -122,21 +130,21 @@ class Unscented:
         return rows_before(belief.t_ns, tick, self.rate_hz)
 
     def row(self, belief: UnscentedBelief, tick: Tick) -> tuple[UnscentedBelief, Estimate]:
-        """Advance by one row. The mean is predicted for at most the longest row; then only its covariance grows."""
+        """Return belief and estimate after a row. Beyond the longest row only the covariance is predicted."""
         row = row_of(belief.t_ns, tick, self.rate_hz)
         drivetrain, effort = effort_of(self.vehicle.drivetrain, belief, row)
         x, y, s, w = self._predict(belief, effort, row), [], [], []
         for name in self.use:
             x, innovation, S, weight = self._correct(name, x, getattr(tick.sensors, name))
             y, s, w = [*y, innovation], [*s, S], [*w, weight]
-        belief = chosen(row.new, UnscentedBelief(tick.t_ns, *x, effort.last, drivetrain), belief)
+        belief = tree_where(row.new, UnscentedBelief(tick.t_ns, *x, effort.last, drivetrain), belief)
         innovations = (np.concatenate(y), block_diagonal(s), np.concatenate(w)) if y else ()
         return belief, Estimate(
             tick.t_ns, belief.mean[:3], belief.mean[3:6], belief.cov[:6, :6], *innovations
         )
 
     def _predict(self, belief: UnscentedBelief, effort: Effort, row: FilterRow) -> Gaussian:
-        """Return the state one row later.  (1, 2)"""
+        """Return mean and covariance of the state one row later.  (1, 2)"""
 
         def g(x: np.ndarray) -> np.ndarray:
             eta, nu, f = x[:3], x[3:6], self.vehicle.nu_dot
@@ -153,7 +161,9 @@ class Unscented:
             unmoved_cov(row, belief.mean, belief.cov),
             self.process_noise_cov * (row.dt_s * self.rate_hz),
         ]
-        cov = mirrored(spread_points.odd @ spread_points.odd.T + spread_points.even @ spread_points.even.T)
+        cov = mirror_upper(
+            spread_points.odd @ spread_points.odd.T + spread_points.even @ spread_points.even.T
+        )
         return Gaussian(boxplus(centre, spread_points.mean), cov + block_diagonal(noise))
 
     def _correct(
@@ -170,17 +180,17 @@ class Unscented:
 
         centre = h(x.mean)
         spread_points = spread(lambda x: difference(sensor, h(x), centre), x)
-        came = arrived(sensor, slot)
+        came = has_measurement(sensor, slot)
         y = np.where(
             came, difference(sensor, np.where(came, slot.z, centre), centre) - spread_points.mean, 0.0
         )
-        Q = mirrored(sensor.cov + spread_points.even @ spread_points.even.T)
+        Q = mirror_upper(sensor.cov + spread_points.even @ spread_points.even.T)
         update = correct(np.eye(9), y, spread_points.odd, Q)
         take = came & (np.sum(update.e**2) <= gate(self.gate_sigma, len(y)))
         mean = np.where(take, boxplus(x.mean, spread_points.root @ update.move), x.mean)
-        cov = np.where(take, mirrored(spread_points.root @ update.cov @ spread_points.root.T), x.cov)
+        cov = np.where(take, mirror_upper(spread_points.root @ update.cov @ spread_points.root.T), x.cov)
         y, w = (np.where(came, x, np.nan) for x in (y, np.where(take, 1.0, 0.0) * np.ones(len(y))))
-        return Gaussian(mean, cov), y, mirrored(spread_points.odd @ spread_points.odd.T + Q), w
+        return Gaussian(mean, cov), y, mirror_upper(spread_points.odd @ spread_points.odd.T + Q), w
 
 
 def _difference(x: np.ndarray, y: np.ndarray) -> np.ndarray:

@@ -4,9 +4,9 @@
 
 To add a guide, put its file beside `repeat.py`, or name it in the vehicle file as "file.py:Class".
 
-The driven route fills the fields `t_s`, `eta`, `nu`, `closed` of its class, or the field `route` for all four; the
-number of laps fills `laps`. A guide without these fields computes its own references. A guide does not need a way onto
-the route, a pause or a way back: `InTurn` and `AtPace` add them to any guide.
+The route of a drive fills the fields `t_s`, `eta`, `nu`, `closed` of the class, or the field `route` instead. The
+number of laps fills `laps`. A guide without these fields computes its references from other data. A guide does not need
+a path onto the route, a pause or a path back: `InTurn` and `AtPace` add them to any guide.
 """
 
 from baqueano.contracts.blocks import Guide

@@ -1,13 +1,13 @@
-"""Drive from the vehicle's pose to the nearest of several goals, on the shortest way of a smallest radius.
+"""Drive from the vehicle's pose to the nearest of several goals, on the shortest path with a smallest radius.
 
-    way     of the goals η_j, the one with the shortest way (dubins.py) from the first estimate            (1)
+    path = the shortest of the shortest paths (dubins.py) from the first estimate to the goals η_j         (1)
     v²  ≤   speed²,   (v_0 + a t)²,   v_j² + 2 a (length − σ)                                              (2)
-    σ̇ = v,   η_r = way(σ),   ν_r = (± v, 0, κ v),   done when σ ≥ length                                  (3)
+    σ̇ = v,   η_r = path(σ),   ν_r = (± v, 0, κ v),   done when σ ≥ length                                 (3)
 
-σ is the distance along the way, a the acceleration, κ the curvature, η_r and ν_r the reference. v_0 is the speed of the
-first estimate, v_j that of the route at the goal. The sign is that of v_j: a route that is driven backward is reached
-backward. The guide is done at once if the vehicle is within NEAR_M and NEAR_RAD of the first goal. Beside a route, the
-best goal lies some distance along it, depending on R: so (1) compares several goals.
+σ is the distance along the path, a the acceleration, κ the curvature, η_r and ν_r the reference. v_0 is the speed of
+the first estimate, v_j the speed of the route at the goal. ν_r has the sign of v_j: a route that is driven backward is
+reached backward. The guide is done at once if the vehicle is within NEAR_M and NEAR_RAD of the first goal. For a
+vehicle beside a route, the best goal is some distance along the route. It depends on R, so (1) compares several goals.
 """
 
 from dataclasses import dataclass
@@ -19,7 +19,7 @@ from baqueano.contracts.values import Tree, Value
 from baqueano.geometry import wrap
 from baqueano.guides.dubins import DubinsWay, pose_at, shorter, shortest
 from baqueano.guides.route import Route
-from baqueano.parameter import documented, parameter
+from baqueano.parameter import document, parameter
 from baqueano.signals import Estimate, Reference, seconds
 from baqueano.vehicles.bounds import check_bounds
 
@@ -30,7 +30,7 @@ REACH_M = 1.0  # length of the route, from its start, on which the vehicle may j
 
 
 class DriveToState(NamedTuple):
-    """Progress along the way."""
+    """Progress along the path to the goal."""
 
     t_ns: int  # -1 before the first tick
     start: Value  # (3,)
@@ -40,10 +40,10 @@ class DriveToState(NamedTuple):
     v_m_s: float
 
 
-@documented
+@document
 @dataclass(frozen=True, slots=True, eq=False)
 class DriveTo:
-    """Guide that drives to the nearest of several poses, and stops there.
+    """Guide that drives to the nearest of several goals.
 
     Notes
     -----
@@ -66,7 +66,7 @@ class DriveTo:
     tau_s: np.ndarray = parameter("s", "times of the route at the goals, (k,)", default=(0.0,), shape=None)
     v_m_s: np.ndarray = parameter("m/s", "speeds of the route there, (k,)", default=(0.0,), shape=None)
     radius_m: float = parameter("m", "smallest radius of a curve", low=0.01, high=1e3, default=0.25)
-    speed_m_s: float = parameter("m/s", "speed on the way", low=0.01, high=100.0, default=0.2)
+    speed_m_s: float = parameter("m/s", "speed on the path to there", low=0.01, high=100.0, default=0.2)
     acceleration_m_s2: float = parameter("m/s²", "change of the speed", low=0.01, default=0.3)
 
     def __post_init__(self) -> None:
@@ -79,7 +79,7 @@ class DriveTo:
 
     @classmethod
     def join(cls, route: Route, reach_m: float = REACH_M, **limits: float) -> "DriveTo":
-        """Return the guide to the first part of a route, up to `reach_m`, at most half of the route."""
+        """Return the guide to a route: the goals are poses in its first `reach_m`, at most its first half."""
         s = np.append(0.0, np.cumsum(np.hypot(*np.diff(route.eta[:, :2], axis=0).T)))
         distances = np.linspace(0.0, min(reach_m, 0.5 * s[-1]), GOALS)
         at = np.unique(np.searchsorted(s, distances - 1e-12))
@@ -91,7 +91,7 @@ class DriveTo:
         return DriveToState(-1, np.zeros(3), nowhere, np.zeros(3), 0.0, 0.0)
 
     def step(self, state: Tree, estimate: Estimate) -> tuple[Tree, Reference]:
-        """Return the state, and the pose and velocity on the way.  (3)"""
+        """Return the state, and the reference pose and velocity on the path.  (3)"""
         began = state.t_ns >= 0
         start = np.where(began, state.start, estimate.eta)
         plan, goal = self._nearest(estimate.eta)
@@ -119,7 +119,7 @@ class DriveTo:
         return now, Reference(estimate.t_ns, eta, nu, is_over)
 
     def _nearest(self, eta: Value) -> tuple[DubinsWay, Value]:
-        """Return the way to the nearest goal, and time, speed and direction of the route there.  (1)"""
+        """Return the path to the nearest goal, and time, speed and direction of the route at that goal.  (1)"""
         ahead = np.where(self.v_m_s < 0.0, -1.0, 1.0)
         back = 0.5 * np.pi * (1.0 - ahead)
         x, y, psi = self.goals.T

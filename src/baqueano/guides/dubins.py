@@ -1,6 +1,6 @@
-"""The shortest way between two poses on arcs of one radius R and a straight line between them.
+"""The shortest path between two poses: two arcs of the radius R and a straight line between them.
 
-    (x, y)/R of the goal relative to the start, turned so that it lies at (D, 0); α, β are the headings there
+    (x, y)/R of the goal relative to the start is turned to (D, 0); α, β: headings of start and goal after it
     LSL  p² = 2 + D² − 2 cos(α − β) + 2 D (sin α − sin β),   χ = atan2(cos β − cos α, D + sin α − sin β)
     LSR  p² = D² − 2 + 2 cos(α − β) + 2 D (sin α + sin β),   χ = atan2(−cos α − cos β, D + sin α + sin β) + atan2(2, p)
     t = (χ − α) mod 2π,   q = (β − χ) mod 2π of LSL, (χ − β) mod 2π of LSR                                 (1)
@@ -8,7 +8,7 @@
 
 The word LSL means left arc, straight, left arc. t and q are the angles of the arcs, p R is the length of the line, χ
 its heading. Source: Dubins, American Journal of Mathematics, 1957; Shkel and Lumelsky, Robotics and Autonomous Systems,
-2001. Departure: words of three arcs are left out. They are shorter for some goals nearer than 4 R; LSL and RSR always
+2001. Departure: words of three arcs are excluded. They are shorter for some goals nearer than 4 R; LSL and RSR always
 exist.
 """
 
@@ -25,7 +25,7 @@ WORDS = ((1.0, 1.0), (1.0, -1.0), (-1.0, -1.0), (-1.0, 1.0))  # first and last a
 
 
 class DubinsWay(NamedTuple):
-    """Two arcs and the line between them."""
+    """A path of two arcs and the line between them."""
 
     length_m: Value
     arcs_m: Value  # (3,) of the first arc, the line and the last arc
@@ -33,9 +33,9 @@ class DubinsWay(NamedTuple):
 
 
 def shortest(start: Value, goal: Value, radius_m: float) -> DubinsWay:
-    """Return the shortest way from the pose `start` (3,) to the pose `goal` (3,).  (1), (2)
+    """Return the shortest path from the pose `start` (3,) to the pose `goal` (3,).  (1), (2)
 
-    `goal` may also be (3, k), the x, y and ψ of k goals; the result then contains the way to each.
+    `goal` may also be (3, k), the x, y and ψ of k goals; the result then contains the path to each goal.
     """
     dx, dy = (goal[0] - start[0]) / radius_m, (goal[1] - start[1]) / radius_m
     D, towards = np.sqrt(dx * dx + dy * dy), np.arctan2(dy, dx)
@@ -51,13 +51,13 @@ def shortest(start: Value, goal: Value, radius_m: float) -> DubinsWay:
 
 
 def shorter(one: DubinsWay, other: DubinsWay) -> DubinsWay:
-    """Return the shorter of two ways, `other` if both are equally long."""
+    """Return the shorter of two paths, `other` if both are equally long."""
     less = one.length_m < other.length_m
     return DubinsWay(*(np.where(less, a, b) for a, b in zip(one, other, strict=True)))
 
 
 def pose_at(start: Value, way: DubinsWay, sigma_m: Value, radius_m: float) -> tuple[Value, Value]:
-    """Return the pose (3,) after `sigma_m` of a way from `start`, with continuous heading, and the curvature there."""
+    """Return pose (3,) and curvature [1/m] after `sigma_m` of a path from `start`; the heading is continuous."""
     x, y, psi = start[0], start[1], start[2]
     left_m, kappa = sigma_m, 0.0 * sigma_m
     for k, turn in enumerate((way.turns[0], 0.0, way.turns[1])):
@@ -74,7 +74,7 @@ def pose_at(start: Value, way: DubinsWay, sigma_m: Value, radius_m: float) -> tu
 
 
 def _word(D: Value, alpha: Value, beta: Value, same: bool) -> tuple[Value, Value, Value, Value]:
-    """Return t, p, q of a word that begins to the left, and True if it exists.  (1)"""
+    """Return t, p, q of LSL if `same`, else of LSR, and True if this word exists.  (1)"""
     sa, sb, ca, cb = np.sin(alpha), np.sin(beta), np.cos(alpha), np.cos(beta)
     if same:
         square = 2.0 + D * D - 2.0 * np.cos(alpha - beta) + 2.0 * D * (sa - sb)

@@ -11,14 +11,14 @@ TOLERANCE_NS = 1000  # tick times are rounded to whole nanoseconds
 
 
 class IdleState(NamedTuple):
-    """The time of the first tick."""
+    """State of an idle guide: the time of the first tick."""
 
     t_ns: int  # -1 before the first tick
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Idle:
-    """Guide that requests no motion: the reference is the pose of the vehicle. It is done after `duration_s`.
+    """Guide without motion: the reference is the pose of the vehicle, at rest. It is done after `duration_s`.
 
     Parameters
     ----------

@@ -1,9 +1,9 @@
-"""Two guides in turn: a lead-in and its route, or a route and the way back to its start.
+"""Two guides in turn: a lead-in and its route, or a route and the path back to its start.
 
     first  until it is done,  then second                                                                 (1)
     if `first` drives to a route: second begins at the time τ of its route at which `first` arrived        (2)
 
-A guide without `joined` gets a first tick τ earlier instead.
+A guide without `entry_state` starts with a tick that is τ earlier instead.
 """
 
 from dataclasses import dataclass
@@ -20,7 +20,7 @@ from baqueano.signals import NANOSECONDS, Estimate, Reference
 
 
 class InTurnState(NamedTuple):
-    """The states of both guides, and which of them leads."""
+    """The states of both guides, and a flag: 1 after the end of the first guide."""
 
     first: Tree
     second: Tree
@@ -62,12 +62,12 @@ class InTurn:
 
     @classmethod
     def led_in(cls, guide: Guide, route: Route, **limits: Value) -> "InTurn":
-        """Return the guide with a way from the vehicle's pose onto its route; `limits` are those of DriveTo."""
+        """Return the guide with a path from the vehicle's pose onto its route; DriveTo has the same `limits`."""
         return cls(DriveTo.join(route, **limits), guide, True)
 
     @classmethod
     def with_way_back(cls, guide: Guide, route: Route, **limits: Value) -> "InTurn":
-        """Return the guide with a way back to the start of its route; `limits` are those of DriveTo."""
+        """Return the guide with a path back to the start of its route; DriveTo has the same `limits`."""
         return cls(guide, DriveTo(route.eta[:1], **limits))
 
     def init(self) -> InTurnState:
@@ -75,7 +75,7 @@ class InTurn:
         return InTurnState(self.first.init(), self.second.init(), 0.0)
 
     def step(self, state: Tree, estimate: Estimate) -> tuple[Tree, Reference]:
-        """Return the state, and the reference of the guide that leads.  (1)"""
+        """Return the state, and the reference of the present guide: first, then second.  (1)"""
         first, led = self.first.step(state.first, estimate)
         over: Value = np.where((state.over > 0.0) | (led.done > 0.0), 1.0, 0.0)
         entry = _either(state.over > 0.0, state.second, self._entry(first, estimate))
@@ -89,7 +89,7 @@ class InTurn:
         if not self.joins:
             return self.second.init()
         tau_s = first.goal[0]
-        entry_at = optional.of(self.second, "joined")
+        entry_at = optional.of(self.second, "entry_state")
         if entry_at is not None:
             return entry_at(estimate.t_ns, tau_s)
         before = estimate._replace(t_ns=estimate.t_ns - np.rint(tau_s * NANOSECONDS))
@@ -97,7 +97,7 @@ class InTurn:
 
 
 def _either(condition: Value, a: Tree, b: Tree) -> Tree:
-    """Return `a` if the condition holds, else `b`, number by number; both trees have the same shape."""
+    """Return `a` if the condition is true, else `b`, number by number; both trees have the same shape."""
     if isinstance(a, tuple):
         parts = [_either(condition, x, y) for x, y in zip(a, b, strict=True)]
         return tuple(parts) if type(a) is tuple else type(a)(*parts)

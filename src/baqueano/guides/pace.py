@@ -3,9 +3,9 @@
     |p_k − p_{k−1}| ≤ Δt / ramp_s,   p → pace                                                             (1)
     t′ = ∫ p dt,   η_r, ν_r = guide(t′),   ν_r ← p ν_r                                                    (2)
 
-p is the present pace, Δt the length of a tick, t′ the time that the guide gets, η_r and ν_r its reference. At p = 0 the
-time t′ stops, so a pause does not skip any part of the route. From pace 1 to 0 the vehicle brakes within ramp_s. With
-p = 1 the references equal those of the guide exactly.
+p is the present pace, Δt the length of a tick, t′ the time that the guide receives, η_r and ν_r its reference. At p = 0
+the time t′ stops, so a pause does not skip any part of the route. From pace 1 to 0 the vehicle brakes within ramp_s.
+With p = 1 the reference of the guide is unchanged.
 """
 
 from dataclasses import dataclass
@@ -14,13 +14,13 @@ from typing import ClassVar, NamedTuple
 import numpy as np
 
 from baqueano.contracts.values import Tree, Value
-from baqueano.parameter import documented, parameter
+from baqueano.parameter import document, parameter
 from baqueano.signals import Estimate, Reference, seconds
 from baqueano.vehicles.bounds import check_bounds
 
 
 class PaceState(NamedTuple):
-    """The pace, and the time of the guide."""
+    """The present pace, the time t′ of the guide, and its state."""
 
     t_ns: int  # -1 before the first tick
     own_ns: int  # t′
@@ -28,7 +28,7 @@ class PaceState(NamedTuple):
     guide: Tree
 
 
-@documented
+@document
 @dataclass(frozen=True, slots=True, eq=False)
 class AtPace:
     """Guide that follows another guide at a pace from 0, at rest, to 1.

@@ -1,4 +1,4 @@
-"""Repeat the references of a recorded run."""
+"""Repeat the references of a recorded run exactly."""
 
 from dataclasses import dataclass
 from typing import ClassVar
@@ -10,7 +10,7 @@ from baqueano.signals import Estimate, Reference
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Playback:
-    """Guide that gives the references of a run again, exactly.
+    """Guide that repeats the references of a recorded run exactly.
 
     Parameters
     ----------
@@ -21,7 +21,7 @@ class Playback:
     nu : ndarray (N, 3) [m/s, m/s, rad/s]
         Velocities in the body frame.
     done : ndarray (N,)
-        1.0 at the rows after the end of the guide.
+        1.0 in the rows after the end of the guide, else 0.0.
 
     Examples
     --------
@@ -42,6 +42,6 @@ class Playback:
         """Return None: this guide does not have a state."""
 
     def step(self, state: None, estimate: Estimate) -> tuple[None, Reference]:
-        """Return the reference of this time."""
+        """Return the recorded reference at the time of the estimate; before the first time, the first reference."""
         k = max(int(np.searchsorted(self.t_ns, estimate.t_ns, side="right")) - 1, 0)
         return None, Reference(estimate.t_ns, self.eta[k], self.nu[k], float(self.done[k]))

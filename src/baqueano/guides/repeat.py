@@ -1,4 +1,4 @@
-"""Repeat a route, as the paper's Teach and Repeat does: the reference is the teacher's pose at this time.
+"""Repeat a route, as the paper's Teach and Repeat does: the reference is the teacher's pose at the same time.
 
     t = time since the first tick,   lap = ⌊t / T⌋,   η_r = route(t − lap T),   done when lap ≥ laps
     (1)
@@ -21,19 +21,19 @@ from baqueano.diagnostics import fault
 from baqueano.errors import Invalid, UsageError
 from baqueano.geometry import wrap
 from baqueano.guides.route import Route
-from baqueano.parameter import documented, parameter
+from baqueano.parameter import document, parameter
 from baqueano.signals import NANOSECONDS, Estimate, Reference, seconds
 
 BEFORE = -1
 
 
 class RepeatState(NamedTuple):
-    """The start time of the route."""
+    """State of a repeated route: the time at which it started."""
 
     start_ns: int  # BEFORE until the first tick; may be below 0 after the vehicle joined the route
 
 
-@documented
+@document
 @dataclass(frozen=True, slots=True, eq=False)
 class Repeat:
     """Guide that follows a route over time, for `laps` laps.
@@ -89,12 +89,12 @@ class Repeat:
         """Return the state before the first tick."""
         return RepeatState(BEFORE)
 
-    def joined(self, t_ns: Value, tau_s: Value) -> Tree:
-        """Return the state of a vehicle that joins the route at its time `tau_s`."""
+    def entry_state(self, t_ns: Value, tau_s: Value) -> Tree:
+        """Return the state of a vehicle that joins the route at the time `tau_s` of the route."""
         return RepeatState(t_ns - np.rint(tau_s * NANOSECONDS))
 
     def step(self, state: RepeatState, estimate: Estimate) -> tuple[RepeatState, Reference]:
-        """Return the state, and the teacher's pose and velocity at this time.  (1)"""
+        """Return the state, and the reference: the teacher's pose and velocity at this time of the lap.  (1)"""
         start_ns: Value = np.where(state.start_ns == BEFORE, estimate.t_ns, state.start_ns)
         t = seconds(estimate.t_ns, start_ns)
         period = self.t_s[-1]
@@ -110,8 +110,8 @@ class Repeat:
 def with_laps(guide: Guide, laps: int) -> Guide:
     """Return the guide with this number of laps, as a new object of the same class.
 
-    A guide without an attribute `laps` is returned unchanged. A dataclass is checked again. A plain class must read
-    self.laps in its step. Raise UsageError if `laps` cannot be set.
+    A guide without an attribute `laps` is returned unchanged. The fields of a dataclass are checked again. A plain
+    class must read self.laps in its step. Raise UsageError if `laps` cannot be set.
     """
     before = optional.of(guide, "laps")
     if before is None or before == laps:

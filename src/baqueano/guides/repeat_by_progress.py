@@ -1,16 +1,16 @@
 """Repeat a route by the progress of the vehicle along it: the reference waits, moves back, or catches up.
 
-    s*(η) = s_k of the route's point nearest to the vehicle,  |s_k − s(τ)| ≤ reach_m                      (1)
+    s*(η) = s_k of the point k nearest to the vehicle, among those with |s_k − s(τ)| ≤ reach_m            (1)
     d = s(τ) − s*(η)                                          distance of the vehicle behind              (2)
     τ̇ = 1                                                     while |d| ≤ slack
       = max(1 − (d − slack) / wait_m, −1)                     behind: slower, stop, move back
       = min(1 − (d + slack) / wait_m, fastest)                in front: faster                            (3)
     η_r = route(τ),   ν_r = max(τ̇, 0) ν(τ),   lap = ⌊τ / T⌋,   done when lap ≥ laps                       (4)
 
-τ: time of the teacher; s: distance along the route; T: its duration; η: pose; η_r, ν_r: reference. τ changes steadily
-and (1) searches only near it, so the crossing of an eight is not a short cut. slack = slack_m + slack_s |v| allows for
-delay and lag. If the vehicle is held, the reference stops wait_m + slack ahead of it. In (1) a radian of heading counts
-as HEADING_M. Source: the virtual target of Aicardi et al., IEEE Robotics and Automation Magazine, 1995.
+τ: time of the teacher; s: distance along the route; T: its duration; η: pose; η_r, ν_r: reference. τ is continuous and
+(1) searches only near it, so the crossing of an eight is not a short cut. slack = slack_m + slack_s |v| allows for
+delay and lag. If the vehicle is blocked, the reference stops wait_m + slack ahead of it. In (1) a radian of heading
+counts as HEADING_M. Source: the virtual target of Aicardi et al., IEEE Robotics and Automation Magazine, 1995.
 """
 
 from dataclasses import dataclass
@@ -21,7 +21,7 @@ import numpy as np
 from baqueano.contracts.values import Tree, Value
 from baqueano.geometry import wrap
 from baqueano.guides.repeat import Repeat
-from baqueano.parameter import documented, parameter
+from baqueano.parameter import document, parameter
 from baqueano.signals import Estimate, Reference, seconds
 
 HEADING_M = 0.1
@@ -35,7 +35,7 @@ class ProgressState(NamedTuple):
     tau_s: float  # time of the teacher, over all laps
 
 
-@documented
+@document
 @dataclass(frozen=True, slots=True, eq=False)
 class RepeatByProgress(Repeat):
     """Guide along a route that waits for its vehicle, for `laps` laps; 0 laps repeat without end.
@@ -54,22 +54,26 @@ class RepeatByProgress(Repeat):
     [0. 0. 0.]
     """
 
-    slack_m: float = parameter("m", "way that the vehicle may be off along the route", low=0.0, default=0.03)
-    slack_s: float = parameter("s", "time by which it may be late", low=0.0, high=10.0, default=0.3)
-    wait_m: float = parameter("m", "way beyond the slack at which the route stands", low=0.01, default=0.1)
-    reach_m: float = parameter("m", "way along which the vehicle is looked for", low=0.05, default=0.5)
+    slack_m: float = parameter(
+        "m", "along-track distance that the vehicle may lag or lead", low=0.0, default=0.03
+    )
+    slack_s: float = parameter("s", "time by which it may be delayed", low=0.0, high=10.0, default=0.3)
+    wait_m: float = parameter(
+        "m", "distance beyond the slack at which the route stops", low=0.01, default=0.1
+    )
+    reach_m: float = parameter("m", "length of route in which the vehicle is searched", low=0.05, default=0.5)
     fastest: float = parameter("1", "largest pace τ̇, to catch up", low=1.0, high=10.0, default=1.5)
 
     def init(self) -> Tree:
         """Return the state before the first tick."""
         return ProgressState(-1, 0.0)
 
-    def joined(self, t_ns: Value, tau_s: Value) -> Tree:
-        """Return the state of a vehicle that joins the route at its time `tau_s`."""
+    def entry_state(self, t_ns: Value, tau_s: Value) -> Tree:
+        """Return the state of a vehicle that joins the route at the time `tau_s` of the route."""
         return ProgressState(t_ns, tau_s)
 
     def step(self, state: Tree, estimate: Estimate) -> tuple[Tree, Reference]:
-        """Return the state, and the reference at the vehicle's progress.  (4)"""
+        """Return the state, and the reference at the teacher's time τ.  (4)"""
         period, laps = self.t_s[-1], self.laps if self.closed else 1
         end = laps * period if laps > 0 else FAR
         phase = state.tau_s - period * np.floor(state.tau_s / period)
@@ -115,7 +119,7 @@ class RepeatByProgress(Repeat):
         return np.concatenate([[0.0], np.cumsum(steps)])
 
     def _window(self) -> tuple[int, int]:
-        """Return the largest number of points within reach of a point of the route, behind it and in front of it.
+        """Return how many points are within `reach_m` of a point at most: behind it, and in front of it.
 
         The compiled step searches only these points.
         """

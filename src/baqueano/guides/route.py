@@ -51,13 +51,13 @@ class Route(NamedTuple):
         return f"Route({len(self.t_s)} poses, {self.t_s[-1]:.1f} s, {length_m:.2f} m, {kind})"
 
     def rows(self) -> list["TableRow"]:
-        """Return one flat row per pose."""
+        """Return one flat dict per pose."""
         names = ("t_s", "x_m", "y_m", "psi_rad", "v_x_m_s", "v_y_m_s", "yaw_rate_rad_s")
         numbers = np.column_stack([self.t_s, self.eta, self.nu])
         return [dict(zip(names, map(float, row), strict=True)) for row in numbers]
 
     def table(self) -> str:
-        """Return a text with number of poses, duration, length, and "closed" or "open"."""
+        """Return one line: number of poses, duration, length, and "closed" or "open"."""
         return repr(self)
 
     _repr_html_ = Result._repr_html_
@@ -74,7 +74,7 @@ def route_of_curve(
     *,
     closed: bool = True,
 ) -> Route:
-    """Return the route of a curve p(θ) (m, 2) with derivatives p′, p″ at a steady speed, in its own frame.  (1)
+    """Return the route of a curve p(θ) (m, 2) with derivatives p′, p″ at a steady speed.  (1)
 
     It starts at the origin, along x.
     """
@@ -88,21 +88,21 @@ def route_of_curve(
 
 
 def from_start(eta: np.ndarray) -> np.ndarray:
-    """Return poses (m, 3) relative to the first one: the route then starts at the origin, along x."""
+    """Return poses (m, 3) in the frame of the first pose: the route then starts at the origin, along x."""
     back = map_from_body(eta[0, 2])[:2, :2]
     return np.column_stack([(eta[:, :2] - eta[0, :2]) @ back, eta[:, 2] - eta[0, 2]])
 
 
-def moved(route: Route, start: np.ndarray) -> Route:
-    """Return the same route in the map, with its origin at the pose `start` (3,)."""
+def move_route(route: Route, start: np.ndarray) -> Route:
+    """Return the route in the map, moved and turned so that its origin is at the pose `start` (3,)."""
     xy = start[:2] + route.eta[:, :2] @ map_from_body(start[2])[:2, :2].T
     return route._replace(eta=np.column_stack([xy, route.eta[:, 2] + start[2]]))
 
 
 def closed_up(route: Route) -> Route:
-    """Return the route with its end moved onto its start.
+    """Return the closed route whose end is equal to its start.
 
-    The driver returned to the mark, so the difference between the two poses is drift. It is spread evenly over the
+    The driver returned to the mark, so the difference between the two poses is drift. It is distributed linearly over
     time.
     """
     turns = 2.0 * np.pi * np.round((route.eta[-1, 2] - route.eta[0, 2]) / (2.0 * np.pi))
@@ -114,9 +114,9 @@ def closed_up(route: Route) -> Route:
 def run_through(route: Route) -> Route:
     """Return a closed route that does not start from rest, so that laps follow one another without a stop.
 
-    v is the speed at the end of the route, or its median if that is less. Before the teacher reached v, the time steps
-    are multiplied by speed / v. The velocities there change linearly from those of the end to those that were reached.
-    A start with a turn on the spot, and a route that ends at rest, stay unchanged.
+    v is the speed at the end of the route, or the median speed if it is less. Before the teacher reached v, the time
+    steps are multiplied by speed / v. In this part the velocities change linearly from the velocity at the end to the
+    velocity that was reached. A start with a turn on the spot, and a route that ends at rest, stay unchanged.
     """
     speed = np.abs(route.nu[:, 0])
     v = min(speed[-1], float(np.median(speed)))
@@ -130,6 +130,6 @@ def run_through(route: Route) -> Route:
 
 
 def end_gap(route: Route) -> tuple[float, float]:
-    """Return the distance [m] and the angle [rad] between the end and the start."""
+    """Return the distance [m] and the absolute angle [rad] between the end and the start of a route."""
     d = route.eta[-1] - route.eta[0]
     return float(np.hypot(d[0], d[1])), float(abs(wrap(d[2])))

@@ -19,7 +19,7 @@ from baqueano.diagnostics import fault
 from baqueano.errors import Invalid
 from baqueano.guides.repeat import Repeat, RepeatState
 from baqueano.guides.route import Route, from_start, route_of_curve
-from baqueano.parameter import documented, parameter
+from baqueano.parameter import document, parameter
 from baqueano.signals import Estimate, Reference
 from baqueano.vehicles.bounds import check_bounds
 
@@ -207,7 +207,7 @@ def line(length_m: float, speed_m_s: float) -> Route:
 
 
 def slalom(length_m: float, width_m: float, waves: int, speed_m_s: float) -> Route:
-    """Return a wavy line that starts and ends along x.
+    """Return a slalom: a wavy line that starts and ends along x.
 
     Parameters
     ----------
@@ -274,14 +274,14 @@ def clothoid(length_m: float, turn_rad: float, speed_m_s: float) -> Route:
 
 
 def _points(length_m: float) -> int:
-    """Return the number of poses of a line, one per centimetre."""
+    """Return the number of poses of a line, one per centimetre; Invalid for a length that is not above 0."""
     if not length_m > 0.0:
         raise Invalid(fault("shape.length", found=length_m))
     return max(3, round(100.0 * length_m) + 1)
 
 
 def _of_curvature(kappa: np.ndarray, length_m: float, speed_m_s: float) -> Route:
-    """Return the path with the curvatures (m,) [1/m] at even distances along it, by the midpoint rule."""
+    """Return the open route with the curvatures (m,) [1/m] at even distances along it, by the midpoint rule."""
     s = np.linspace(0.0, length_m, len(kappa))
     psi = np.append(0.0, np.cumsum(0.5 * (kappa[1:] + kappa[:-1]) * np.diff(s)))
     middle = 0.5 * (psi[1:] + psi[:-1])
@@ -292,7 +292,7 @@ def _of_curvature(kappa: np.ndarray, length_m: float, speed_m_s: float) -> Route
 
 
 def shape(name: str, size_m: float, speed_m_s: float) -> Route:
-    """Return the route of a name in SHAPES: `size_m` is the radius of a circle, half the length of another shape."""
+    """Return the route of a name in SHAPES; `size_m` is the radius of a circle or half the length of another shape."""
     match name:
         case "sinuous-circle":
             return sinuous_circle(size_m, 0.1 * size_m, 6, speed_m_s)
@@ -311,7 +311,7 @@ def shape(name: str, size_m: float, speed_m_s: float) -> Route:
     raise Invalid(fault("shape.unknown", found=repr(name), known=SHAPES))
 
 
-@documented
+@document
 @dataclass(frozen=True, slots=True, eq=False)
 class SinuousCircle:
     """The paper's sinuous circle as a guide, repeated for `laps` laps.

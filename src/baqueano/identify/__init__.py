@@ -3,7 +3,7 @@
 u = excitation("random_steps", file.command.limit, 60.0, file.rate_hz, seed=0)
 fit = identify(run, file)
 noise = measure_noise(fit, run)
-noise.updated(fit.vehicle_file).save("my.toml")
+noise.updated_file(fit.vehicle_file).save("my.toml")
 """
 
 from baqueano.identify.dataset import Dataset, dataset, parameters_of

@@ -2,9 +2,10 @@
 
     D = Σ_c (ẽ_c² − ê_c²)/n_c² / Σ_c ê_c²/n_c²                                                            (1)
 
-c is a channel of a held-out run. ê is its open-loop error by the fit of the simulation error, ẽ its error by the fit of
-the innovations. n is the noise in ê (validation.py). If D is below 0, the innovations are recommended. Without held-out
-runs, or if these have too few segments of motion, segments of the runs of the fit decide: objective_choice.py.
+The sums are over the channels c of held-out runs. Their open-loop error is ê by the fit of the simulation error, and ẽ
+by the fit of the innovations. The noise in ê is n (validation.py). If D is below 0, the innovations are recommended.
+Without held-out runs, or if they have too few segments of motion, segments of the fitted runs decide:
+objective_choice.py.
 """
 
 from collections.abc import Callable, Sequence
@@ -37,8 +38,9 @@ def with_cost_advice(
 ) -> Fit:
     """Return the fit with a note on the cost that its held-out `runs` recommend.
 
-    `validation` is the validation of the fit on these runs, and `refit(cost)` returns the fit by another cost. The fit
-    is unchanged if its notes do not compare costs, or if the runs cannot tell.
+    `validation` is the validation of the fit on these runs, and `refit(cost)` returns the fit by another cost. The
+    fit is unchanged if its notes do not compare costs, or if the validation is inconclusive. If the other fit is
+    refused, the note that compares costs is removed.
     """
     at = next((k for k, message in enumerate(fit.notes) if message.code in OPEN), None)
     if at is None or any(message.severity == Severity.UNKNOWN for message in validation.messages):
@@ -62,7 +64,7 @@ def by_other_cost(
 
 
 def more_error(simulation: Validation, innovations: Validation) -> float:
-    """Return by which share the squared error of the innovations is larger: D.  (1)"""
+    """Return D, the relative change of the squared error if the innovations replace the simulation error.  (1)"""
     squares = {(f.run, f.channel): f.error**2 for f in innovations.figures}
     pairs = [
         (f.error**2 / f.noise**2, squares[f.run, f.channel] / f.noise**2)

@@ -33,13 +33,13 @@ class Dataset:
     Parameters
     ----------
     file : VehicleFile
-        The vehicle file, with the gyro zero measured at rest if only that shows it.
+        The vehicle file. Its gyro bias is the value measured at rest if a drive cannot show it.
     blocks : FittedBlocks
         The model, and the sensors that are used.
     runs : tuple of Run
         The runs without invalid samples.
     channels : dict of str to list of int
-        Sensor → channels, of sensors that are not used whole.
+        Sensor → channels in use, for partly used sensors.
     findings : tuple of Diagnostic
         Faults of the data.
     note : Diagnostic, optional
@@ -61,7 +61,7 @@ class Dataset:
 
     @property
     def is_usable(self) -> bool:
-        """Return False if the data refuse a fit."""
+        """Return True if none of the findings is an error, so that a fit is possible."""
         return not any(finding.severity == Severity.ERROR for finding in self.findings)
 
 
@@ -92,7 +92,7 @@ def dataset(
     Raises
     ------
     UsageError
-        If runs, file and sensors do not belong together.
+        If the runs or the sensors do not fit the vehicle file.
 
     Examples
     --------
@@ -129,7 +129,7 @@ def parameters_of(
     Returns
     -------
     Parameters
-        θ (p,), where its search begins, and its bounds.
+        θ (p,), its start and its bounds.
 
     Raises
     ------
@@ -167,8 +167,8 @@ def same_commands(file: "VehicleFile", runs: Sequence[Run]) -> None:
 def sensors_of(
     file: "VehicleFile", runs: list[Run], use: Sequence[str] | None
 ) -> tuple[FittedBlocks, list[Run], dict[str, list[int]]]:
-    """Return the blocks with the sensors in use (the truth if requested), the runs, and the channels of sensors in
-    partial use."""
+    """Return the blocks with the sensors in use, the runs, and the channels of partly used sensors. If `use` names
+    the truth, it is added as a sensor."""
     if not runs:
         raise UsageError(fault("runs.none"))
     names_of_file = file.sensors._fields
@@ -192,7 +192,8 @@ def sensors_of(
 
 
 def _nothing_in_common(names: Sequence[str], runs: list[Run]) -> UsageError:
-    """Return the error for runs in which none of the file's sensors, `names`, is read in every run."""
+    """Return the error for runs without a common sensor: none of the file's sensors `names` has readings in every
+    run."""
     read = [{name for name, channel in run.sensors.items() if len(channel.z)} for run in runs]
     name = max(names, key=lambda name: sum(name in has for has in read), default="")
     without = [run.name for run, has in zip(runs, read, strict=True) if name not in has]
@@ -206,7 +207,7 @@ def _nothing_in_common(names: Sequence[str], runs: list[Run]) -> UsageError:
 
 
 def _channels(use: Sequence[str]) -> dict[str, list[int]]:
-    """Return sensor → channels, from "imu[2]" and the like, without sensors that are also named whole."""
+    """Return sensor → channels from entries such as "imu[2]", without sensors that are also named whole."""
     only: dict[str, list[int]] = {}
     for channel in use:
         name, bracket, entry = channel.partition("[")
@@ -217,7 +218,7 @@ def _channels(use: Sequence[str]) -> dict[str, list[int]]:
     return only
 
 
-def unused(runs: Sequence[Run], file: "VehicleFile") -> list[Diagnostic]:
+def unused_sensors(runs: Sequence[Run], file: "VehicleFile") -> list[Diagnostic]:
     """Return a note for each sensor of the runs that the vehicle file does not describe, with the table to add."""
     read: dict[str, Channel] = {}
     for run in runs:

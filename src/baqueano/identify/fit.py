@@ -2,9 +2,9 @@
 
     C(p) = Σ_t ‖s(t) − h_p(t)‖_Huber          Grotz et al., `equ:cost_function`                           (1)
 
-over all channels of all sensors, each in units of its own noise σ, k = 1.345 σ. The minimisation is damped Gauss-Newton
-with exact derivatives over the free parameters and, run by run, the sensors' biases and the velocity at the start.
-Parameters that the data do not show are held at their start, and the rest is fitted again.
+The sum is over all channels of all sensors, each in units of its noise σ; k = 1.345 σ. The minimisation is damped
+Gauss-Newton with exact derivatives over the free parameters and, run by run, the sensors' biases and the velocity at
+the start. Parameters that the data do not show are fixed at their start, and the others are fitted again.
 
     Dataset → Parameters → Residuals, the residuals → solve → Fit
 
@@ -51,7 +51,7 @@ def identify(
     options: FitOptions = FitOptions(),  # noqa: B008  it is frozen
     residuals: type[Residuals] = Residuals,
     solver: Minimiser = minimise,
-    say: Callable[[str], object] | None = None,
+    progress: Callable[[str], object] | None = None,
 ) -> Fit:
     """Return the fit: the parameters of a vehicle file that explain the runs.
 
@@ -62,18 +62,18 @@ def identify(
     vehicle_file : VehicleFile
         The vehicle; its values are the start of the search.
     free : sequence of str, optional
-        Dotted paths of the file, "model.friction.linear", "model.actuator_matrix[0,2]"; default: those that
+        Dotted paths of the file, "model.friction.linear", "model.actuator_matrix[0,2]"; default: the parameters that
         the model needs. "+PATH" adds a path to the default.
     use : sequence of str, optional
-        Sensors, or single channels, "imu[2]"; default: all that every run has. "truth" uses the velocity of a
-        simulation, or the pose that a camera measured, as a measurement.
+        Sensors, or single channels, "imu[2]"; default: all sensors that every run has. "truth" uses the velocity of
+        a simulation, or the pose that a camera measured, as a measurement.
     options : FitOptions
-        Bounds, noise, cost and the like.
+        Bounds, noise, cost and other options.
     residuals : type of Residuals
-        Replaces the stage of the residuals.
+        Class that replaces the stage of the residuals.
     solver : Minimiser
-        Replaces the solver.
-    say : callable, optional
+        Solver that replaces `minimise`.
+    progress : callable, optional
         Receives the progress as text; True from it ends the search.
 
     Returns
@@ -102,18 +102,25 @@ def identify(
     if own and options.gyro_leads:
         raise UsageError(fault("imu-only.others", others=["residuals"]))
     if not own and imu_only.gyro_leads(vehicle_file, runs, use, free, options):
-        settings = {"options": options, "solver": solver, "say": say}
+        settings = {"options": options, "solver": solver, "progress": progress}
         return imu_only.fit_imu_only(runs, vehicle_file, free, use, **settings)
     data = dataset(runs, vehicle_file, use, options)
     parameters = parameters_of(data, free, options)
     problem = residuals.of(parameters, options.backend)
-    task, end = solve(problem, parameters, options, solver=solver, say=say, again=data.is_usable)
+    task, end = solve(problem, parameters, options, solver=solver, progress=progress, again=data.is_usable)
     steps = None if end.stopped else duty_step(parameters.blocks, end.problem, end.solution.theta)
     if steps is None:
         return conclude(data, parameters, task, end, options)
     stepped_file = vehicle_file.with_values({PATH: 1.0 / steps})
     fit = identify(
-        runs, stepped_file, free, use=use, options=options, residuals=residuals, solver=solver, say=say
+        runs,
+        stepped_file,
+        free,
+        use=use,
+        options=options,
+        residuals=residuals,
+        solver=solver,
+        progress=progress,
     )
     return replace(fit, notes=(*fit.notes, note("fit.duty-step", steps=steps)))
 
@@ -124,10 +131,10 @@ def solve(
     options: FitOptions = FitOptions(),  # noqa: B008  it is frozen
     *,
     solver: Minimiser = minimise,
-    say: Callable[[str], object] | None = None,
+    progress: Callable[[str], object] | None = None,
     again: bool = True,
 ) -> tuple[Task, Search]:
-    """Return the task of the search for the least cost, and its end.
+    """Return the task of the search for the least cost, and the result of the search.
 
     Parameters
     ----------
@@ -139,7 +146,7 @@ def solve(
         Options of the fit.
     solver : Minimiser
         `minimise`, or a custom solver.
-    say : callable, optional
+    progress : callable, optional
         Receives the progress as text; True from it ends the search.
     again : bool
         If the search is not sound, begin it again from other starts.
@@ -163,7 +170,7 @@ def solve(
     task = Task(
         problem, parameters.first, parameters.low, parameters.high, smallest_spread(sensors, problem.z, problem.has),
         None if options.sigma is None else given_sigma(options.sigma, sensors),
-        options.speed_noise, say, sigma_of_few(sensors, problem.has), again, solver,
+        options.speed_noise, progress, sigma_of_few(sensors, problem.has), again, solver,
     )  # fmt: skip
     return best_search_of_all(task, _begin(task, parameters))
 
@@ -175,7 +182,8 @@ def conclude(
     result: Search,
     options: FitOptions = FitOptions(),  # noqa: B008  it is frozen
 ) -> Fit:
-    """Return the fit of a search. Parameters that the data do not show stay at their start; the others get errors.
+    """Return the fit of a search. Parameters that the data do not show stay at their start; the others receive
+    errors.
 
     Parameters
     ----------
@@ -193,7 +201,7 @@ def conclude(
     Returns
     -------
     Fit
-        The same as from `identify`.
+        The fit, as `identify` returns it.
 
     Examples
     --------
@@ -219,7 +227,7 @@ def conclude(
 
 
 def _begin(task: Task, parameters: Parameters) -> np.ndarray:
-    """Return θ (p,) at the start of the search. Without a compiler rows are slow, so it is the end of a rough
+    """Return θ (p,) at the start of the search. Without a compiler, rows are slow: then return the end of a rough
     search over the first part of each run."""
     if task.problem.scan.backend == "c":
         return task.first

@@ -1,14 +1,14 @@
 """Forecast the error of an open-loop drive that follows from the errors of a fit.
 
-    ∂η_k/∂θ along the drive, of the model's own equations                                                 (1)
+    ∂η_k/∂θ along the drive, from the equations of the model                                              (1)
     Σ_η = (∂η/∂θ) P (∂η/∂θ)ᵀ,   position √(Σ_xx + Σ_yy),   heading √Σ_ψψ                                  (2)
-    η: the pose after AHEAD_S, seen from its start: every second of the runs of the fit                   (3)
+    η: the pose after AHEAD_S relative to its start, once per second of the runs of the fit               (3)
 
-P is the covariance of the fit. (1) is linear: from LOST_RAD of heading on the vehicle may be anywhere, and the message
-states that instead of a distance. The forecast is a lower limit of the error. It does not contain what the runs did not
-show, the floor, the battery, or an error of the start.
-The model drives the lap with the recommended controller and a known pose; its commands are then given to the model
-again, in open loop. Drives of drawn vehicles (`simulate_many`) agree with (2): tests/identify/test_forecast.py.
+P is the covariance of the fit. (1) is linear. If the standard deviation of the heading exceeds LOST_RAD, the vehicle
+may be anywhere, and the message states this in place of a distance. The forecast is a lower limit of the error. It does
+not contain effects that the runs did not show, the floor, the battery, or an error of the start. The model drives the
+lap with the recommended controller and a known pose. Then it repeats the commands in open loop. Drives of drawn
+vehicles (`simulate_many`) agree with (2): tests/identify/test_forecast.py.
 """
 
 from collections.abc import Sequence
@@ -26,11 +26,11 @@ from baqueano.identify.data.record import FittedBlocks, record_of
 from baqueano.identify.parameters.free import substitute, value
 from baqueano.identify.result.fit_result import Fit
 from baqueano.language import number
-from baqueano.language import translated as _
+from baqueano.language import translate as _
 from baqueano.messages import text, texts, with_full_stop
 from baqueano.runs.run import Run
 from baqueano.signals import NANOSECONDS, seconds, sensor_slots
-from baqueano.simulate.closed_loop import closed, closed_loop, start_of, ticks_of
+from baqueano.simulate.closed_loop import close_loop, closed_loop, start_of, ticks_of
 from baqueano.simulate.open_loop import times
 from baqueano.simulate.system import Input, begin
 from baqueano.symbolic import scan
@@ -106,7 +106,7 @@ class Forecast(Result):
 
 
 class _ModelDrive(NamedTuple):
-    """The model along a drive."""
+    """Motion of the model along a drive, and its derivatives."""
 
     t_s: np.ndarray  # (N,)
     eta: np.ndarray  # (N, 3)
@@ -136,7 +136,7 @@ def forecast(fit: "Fit", runs: Run | Sequence[Run], route: "Route | None" = None
     Raises
     ------
     UsageError
-        If the fit is refused, or lacks a parameter of the model with a known error.
+        If the fit is refused, lacks a parameter of the model with a known error, or diverges along a drive.
 
     Examples
     --------
@@ -254,7 +254,7 @@ def _lap(
     file = fit.vehicle_file
     of_controller = (f"controller.vehicle.{path.removeprefix('model.')}" for path in paths)
     try:
-        system = closed(file, route, perfect=True, controller=file.controller("pd_feedforward"))
+        system = close_loop(file, route, perfect=True, controller=file.controller("pd_feedforward"))
         kernel = closed_loop(
             system, file.rate_hz, noise=False, backend=fit.backend, output=_command_and_pose,
             paths=(*paths, *of_controller),
@@ -276,7 +276,7 @@ def _command_and_pose(outputs: "Tree") -> tuple[np.ndarray, np.ndarray, np.ndarr
 
 
 def _beyond(fit: "Fit", u: np.ndarray) -> tuple[Diagnostic, ...]:
-    """Return a message if the lap contains commands outside those of the fit, else an empty tuple."""
+    """Return a message if the lap contains commands outside the range of the fit, else an empty tuple."""
     t_ns = np.arange(1, len(u) + 1) * NANOSECONDS
     flags = fit.envelope.flags(Run(_("The lap"), None, t_ns, u))
     return flags[:1]

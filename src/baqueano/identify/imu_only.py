@@ -1,15 +1,16 @@
 """Fit a vehicle from its commands and its IMU only, without encoder or camera.
 
 The gyro leads the simulation (gyro_aided.py), and each channel is weighted by its information on slow motion
-(noise_level.py). Free are also the position l of the IMU along the vehicle, which acts on a_x by −l ν_ψ² and on a_y by
-l ν̇_ψ, and for a car the delay of the commands. The IMU itself does not show the scales of gyro and accelerometers:
-twice the gyro's scale and half the speed fit as well. So the scales are fixed, and so is the zero of a car's gyro,
-which acts like a small steering offset. Their possible errors go into the error bars (scale_uncertainty.py), as does
-the scatter between parts of the run (jackknife.py). A change of the leading yaw rate changes the best delay. So both
-are searched in turn until they settle; a fit that starts from its own result then stays there.
+(noise_level.py). The position l of the IMU along the vehicle is free too; it acts on a_x by −l ν_ψ² and on a_y by l
+ν̇_ψ. For a car, the delay of the commands is also free. The IMU itself does not show the scales of gyro and
+accelerometers: twice the gyro's scale and half the speed fit equally well. So the scales are fixed, and so is the zero
+of a car's gyro, which acts like a small steering offset. Their possible errors go into the error bars
+(scale_uncertainty.py), as does the scatter between parts of the run (jackknife.py). A change of the leading yaw rate
+changes the best delay. So both are searched in turn until they settle; a fit that starts from its result then stays
+there.
 
-Figures: `baqueano study without-encoders` of a real car, benchmarks/coverage_without_encoders.py of simulated ones, of
-which viscous drag is 2 % too high. The method does not help a vehicle of two wheels; a recording at 10 Hz whose a_y
+Figures: `baqueano study without-encoders` for a real car, benchmarks/coverage_without_encoders.py for simulated cars,
+whose viscous drag is 2 % too high. The method does not help a vehicle with two wheels. A recording at 10 Hz whose a_y
 scatters by 2 m/s² is not sufficient.
 """
 
@@ -36,7 +37,7 @@ from baqueano.identify.parameters.free import (
     DELAY,
     Free,
     default_free,
-    described,
+    free_parameter,
     free_parameters,
     has_offset,
     requested_paths,
@@ -67,14 +68,15 @@ def fit_imu_only(
     options: FitOptions = FitOptions(),  # noqa: B008  it is frozen
     tolerance: Mapping[str, float] | None = None,
     solver: Minimiser = minimise,
-    say: Callable[[str], object] | None = None,
+    progress: Callable[[str], object] | None = None,
 ) -> Fit:
     """Return the parameters of `vehicle_file` that explain what an IMU measured in `runs`.
 
-    `free`, `solver` and the `options` in GOES_WITH are those of `identify`, which calls this function for a car
-    with only an IMU. `use` names the IMU; default: the only one of the file. `tolerance` {"gyro": 0.01, "accel":
-    0.02} is the largest relative error ± of the scales; default: that of the calibration in the file, else 3 % and
-    2 % of a data sheet. Raise UsageError without an IMU.
+    `free`, `solver` and the `options` in GOES_WITH are as in `identify`, which calls this function for a car with
+    only an IMU. `use` names the IMU; default: the only IMU of the file. `tolerance` {"gyro": 0.01, "accel": 0.02} is
+    the largest relative error ± of the scales. Its default is the error of the calibration in the file, else 3 % and
+    2 % of a data sheet. Raise UsageError without an IMU, for other options, and for a model that the gyro cannot
+    lead.
     """
     if names := _other_options(options):
         raise UsageError(fault("imu-only.others", others=names))
@@ -91,7 +93,7 @@ def fit_imu_only(
     problem = GyroAidedResiduals(blocks, parameters.shape, parameters.records, options.backend)
     floor = smallest_spread(blocks.sensors, problem.z, problem.has)
     begin = parameters.first, parameters.low, parameters.high
-    task = Task(problem, *begin, floor, None, by_speed=True, say=say, minimise=solver)
+    task = Task(problem, *begin, floor, None, by_speed=True, progress=progress, minimise=solver)
     within, result = _settle(task)
     result, identifiability, info = fix_unidentifiable(within, result, parameters.free)
     result = bounds_of(task, result)
@@ -102,7 +104,9 @@ def fit_imu_only(
         data.file, blocks, task._replace(problem=result.problem), list(parameters.requested), list(parameters.frozen),
         result, identifiability, info, data.note, data.findings,
     )  # fmt: skip
-    errors = fit_of(end._replace(ask=False))  # the jackknife already contains effects that the model lacks
+    errors = fit_of(
+        end._replace(score_test=False)
+    )  # the jackknife already contains effects that the model lacks
     fit = replace(fit_of(end), cov=errors.cov, sd=errors.sd)
     return _with_notes(fit, imu, scales)
 
@@ -138,10 +142,10 @@ def _follow_gyro(task: Task, end: Search) -> Search:
     return end._replace(evaluations=count)
 
 
-def _is_settled(before: np.ndarray, end: Search) -> bool:
-    """Return True if a search moved all parameters together by less than STILL standard deviations from `before`
+def _is_settled(previous: np.ndarray, end: Search) -> bool:
+    """Return True if a search moved all parameters together by less than STILL standard deviations from `previous`
     (p,)."""
-    step = end.solution.theta - before
+    step = end.solution.theta - previous
     return float(step @ information(end.problem, end.solution.theta).bread @ step) < STILL**2
 
 
@@ -167,7 +171,7 @@ def gyro_leads(
     file: "VehicleFile", runs: Sequence[Run], use: Sequence[str] | None, free: Sequence[str] | None,
     options: FitOptions,
 ) -> bool:  # fmt: skip
-    """Return True if the gyro leads the fit: as the options set it, else for a car with only an IMU."""
+    """Return True if the gyro leads the fit. The option decides if it is set, else True for a car with only an IMU."""
     if options.gyro_leads is not None:
         return options.gyro_leads
     return not _other_options(options) and imu_is_all(file, runs, use, free)
@@ -175,7 +179,7 @@ def gyro_leads(
 
 def _other_options(options: FitOptions) -> list[str]:
     """Return the names of changed options that are not allowed if the gyro leads."""
-    return [name for name in options.changed if name not in GOES_WITH]
+    return [name for name in options.non_defaults if name not in GOES_WITH]
 
 
 def imu_is_all(
@@ -195,7 +199,8 @@ def imu_is_all(
 
 
 def _imu(file: "VehicleFile", use: Sequence[str] | None) -> str:
-    """Return the name of the IMU."""
+    """Return the name of the IMU. Raise UsageError if `use` names another sensor, or if the IMU is ambiguous or
+    missing."""
     names = [name for name, sensor in file.sensors._asdict().items() if has_field(sensor, "gyro_scale")]
     if use is None and len(names) == 1:
         return names[0]
@@ -209,7 +214,7 @@ def _imu(file: "VehicleFile", use: Sequence[str] | None) -> str:
 def _requested_parameters(
     blocks: FittedBlocks, free: Sequence[str] | None, options: FitOptions, imu: str
 ) -> list[Free]:
-    """Return the free parameters: those requested, and the IMU's position along the vehicle if it is not fixed."""
+    """Return the requested free parameters, and the position of the IMU along the vehicle if it is not fixed."""
     lever = f"sensors.{imu}.{LEVER}"
     is_fixed = any(lever == path or lever.startswith(f"{path}[") for path in options.fixed)
     if has_offset(blocks.model):
@@ -217,7 +222,7 @@ def _requested_parameters(
     bounds = {path: b for path, b in options.bounds.items() if path != lever}
     requested = free_parameters(blocks, free, options.fixed, bounds)
     if not is_fixed and lever not in [parameter.path for parameter in requested]:
-        requested.append(described(blocks, lever, options.bounds))
+        requested.append(free_parameter(blocks, lever, options.bounds))
     return requested
 
 

@@ -19,13 +19,13 @@ class FitOptions:
     fixed : sequence of str
         Paths that keep their values in the file.
     bounds : mapping of str to (float, float)
-        Path → lowest and highest value, within those of the field.
+        Path → lowest and highest value, within the bounds of the field.
     start : mapping of str to float
         Path → start of the search; default: the file's value.
     per_run : sequence of str
         Paths that are estimated for each run separately.
     biases : bool
-        Estimate the biases of the IMU run by run; that of a car's gyro is measured at rest (data/rest.py).
+        Estimate the biases of the IMU run by run; the bias of a car's gyro is measured at rest (data/rest.py).
     at_rest : bool
         The runs begin at rest.
     clocks : sequence of str
@@ -43,7 +43,8 @@ class FitOptions:
     gyro_leads : bool, optional
         The gyro leads the simulation (imu_only.py); None: only for a car with an IMU as its only sensor.
     diagnose : bool
-        Test at the end for effects that the model lacks (diagnostics/residual_checks.py); as slow as the fit itself.
+        Test at the end for effects that the model lacks (diagnostics/residual_checks.py); it takes as long as the
+        fit.
     backend : str
         "auto", "c", "python" or "numpy".
 
@@ -54,7 +55,7 @@ class FitOptions:
 
     Examples
     --------
-    >>> FitOptions(segment_s=5.0, clocks=("camera",)).changed
+    >>> FitOptions(segment_s=5.0, clocks=("camera",)).non_defaults
     ('clocks', 'segment_s')
     """
 
@@ -88,7 +89,7 @@ class FitOptions:
                 raise UsageError(fault("parameter.bounds", path=path, low=low, high=high))
 
     @property
-    def changed(self) -> tuple[str, ...]:
+    def non_defaults(self) -> tuple[str, ...]:
         """Return the names of the options that differ from their defaults."""
         plain = FitOptions()
         both = [(entry.name, getattr(self, entry.name), getattr(plain, entry.name)) for entry in fields(self)]

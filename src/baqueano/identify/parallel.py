@@ -1,7 +1,7 @@
 """Do the same work on each run of a fit, on all cores if that is faster.
 
 Kernels and long NumPy calls release the GIL, so threads speed them up. Many short NumPy calls do not: two threads
-exchange the lock all the time, and take longer than one. So within one run only a single long call goes `ahead` in a
+exchange the lock all the time, and take longer than one. So within one run only a single long call runs `ahead` in a
 thread. Work inside a thread must not start other work in the threads: all could wait for each other.
 """
 
@@ -19,8 +19,8 @@ ENOUGH = 4_000  # rows in all, from which on threads are faster
 AT_ONCE = 200_000  # operations of a product that runs on one core
 
 
-def each(work: Callable[..., R], *lists: Sequence[Any], rows: int) -> list[R]:
-    """Return the results of `work` for the first entries of the lists, for the second ones, and so on. `rows` is
+def parallel_map(work: Callable[..., R], *lists: Sequence[Any], rows: int) -> list[R]:
+    """Return the results of `work` for the first entries of the lists, for the second entries, and so on. `rows` is
     the total number of data rows."""
     if len(lists[0]) < 2 or rows < ENOUGH:
         return list(map(work, *lists))
@@ -52,14 +52,19 @@ def in_cache(n: int, operations: int) -> Iterator[slice]:
 
 
 def gram(x: np.ndarray, weight: np.ndarray | None = None) -> np.ndarray:
-    """Return Σ w x xᵀ (p, p) over the rows of x (n, p), with the weights w (n,), or 1.
+    """Return Σ w x xᵀ (p, p) over the rows of x (n, p), with the weights w (n,), or 1."""
+    return inner(x, x, weight)
 
-    It copies x: for a product of an array with itself NumPy calls a routine for half the product, which is three
-    times slower with so few columns.
+
+def inner(x: np.ndarray, y: np.ndarray, weight: np.ndarray | None = None) -> np.ndarray:
+    """Return Σ w x yᵀ (p, q) over the rows of x (n, p) and of y (n, q), with the weights w (n,), or 1.
+
+    It copies x. For a product of an array with itself, NumPy calls a routine for half the product. This routine is
+    three times slower with few columns.
     """
-    out = np.zeros((x.shape[1], x.shape[1]))
+    out = np.zeros((x.shape[1], y.shape[1]))
     for at in in_cache(len(x), out.size):
-        out += (x[at].copy() if weight is None else x[at] * weight[at, None]).T @ x[at]
+        out += (x[at].copy() if weight is None else x[at] * weight[at, None]).T @ y[at]
     return out
 
 

@@ -4,12 +4,12 @@ Each run is fitted separately, θ̂_k with its covariance Σ_k; the vehicle's pa
 
     θ_k = θ_{k−1} + w_k,  w_k ~ N(0, diag q²),   θ̂_k = θ_k + e_k,  e_k ~ N(0, Σ_k)                        (1)
 
-filtered and smoothed (Rauch, Tung, Striebel 1965); q, one per parameter, maximises the likelihood of (1). A parameter
-that a run did not show keeps its value, with a growing error. Each parameter is tested for one step:
+(1) is filtered and smoothed (Rauch, Tung, Striebel 1965). q, with one entry per parameter, maximises its likelihood. A
+parameter that a run did not show keeps its value, with a growing error. Each parameter is tested for one step:
 
     z_k = (mean after k − mean before k) / its standard error,   z = max_k |z_k|                          (2)
 
-with means weighted by 1/(Σ_kk + s²), s the scatter from run to run beyond the error bars, from differences of
+The means are weighted by 1/(Σ_kk + s²). s is the scatter from run to run beyond the error bars, from differences of
 neighbouring runs. A parameter moved if the probability of z among K − 1 places and p parameters is below ALPHA
 (Bonferroni). If a straight line explains the runs better than the step, it drifted.
 """
@@ -30,9 +30,9 @@ from baqueano.identify.options import FitOptions
 from baqueano.identify.parameters.free import substitute
 from baqueano.identify.result.verdict import short
 from baqueano.language import number
-from baqueano.language import translated as _
+from baqueano.language import translate as _
 from baqueano.messages import text
-from baqueano.printable import typed
+from baqueano.printable import baqueano_command
 from baqueano.runs.run import Run
 
 if TYPE_CHECKING:
@@ -78,7 +78,7 @@ class ParameterChange(NamedTuple):
 
 @dataclass(frozen=True, slots=True, eq=False, repr=False)
 class ParameterHistory(Result):
-    """Parameters run by run."""
+    """Parameters run by run: single fits, filtered and smoothed values, and changes."""
 
     names: tuple[str, ...]  # (p,)
     units: tuple[str, ...]
@@ -151,7 +151,7 @@ class ParameterHistory(Result):
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Drift:
-    """The parameters of a `ParameterHistory` that changed; only these are its rows."""
+    """The parameters of a `ParameterHistory` that changed; `rows` contains only these."""
 
     followed: ParameterHistory
 
@@ -181,11 +181,11 @@ def parameter_history(
     *,
     use: Sequence[str] | None = None,
     options: FitOptions = FitOptions(),  # noqa: B008  it is frozen
-    say: Callable[[str], object] | None = None,
+    progress: Callable[[str], object] | None = None,
 ) -> ParameterHistory:
     """Return the parameters of `vehicle_file` over `runs` in order of time.
 
-    The order is by their stamps if these are dates, else as given. `free`, `use` and `options` are those of `identify`.
+    The order is by their stamps if these are dates, else as given. `free`, `use` and `options` are as in `identify`.
     Raise UsageError if fewer than two runs can be fitted.
     """
     if len(runs) < 2:
@@ -194,20 +194,25 @@ def parameter_history(
         runs = sorted(runs, key=lambda run: int(run.t_ns[0]))
     fits, refusals = [], []
     for run in runs:
-        if say is not None:
-            say(_("fitting {run}, {duration_s:.0f} s", run=run.name, duration_s=run.duration_s))
+        if progress is not None:
+            progress(_("fitting {run}, {duration_s:.0f} s", run=run.name, duration_s=run.duration_s))
         fit = identify(run, vehicle_file, free, use=use, options=options)
         refusals += [run.name] if fit.verdict == Verdict.REFUSED else []
         fits.append(fit)
     good = [fit for fit in fits if fit.verdict != Verdict.REFUSED]
     if len(good) < 2:
         raise UsageError(
-            fault("over-time.few-fits", typed("identify", refusals[0]), good=len(good), count=len(fits))
+            fault(
+                "over-time.few-fits",
+                baqueano_command("identify", refusals[0]),
+                good=len(good),
+                count=len(fits),
+            )
         )
-    return followed(fits, tuple(refusals), [_when(run) for run in runs])
+    return track_parameters(fits, tuple(refusals), [_when(run) for run in runs])
 
 
-def followed(
+def track_parameters(
     fits: Sequence["Fit"], refused: tuple[str, ...] = (), when: Sequence[str] = ()
 ) -> ParameterHistory:
     """Return the history of the parameters from fits in order of time.  (1), (2)"""
@@ -238,7 +243,7 @@ def followed(
 def _smooth(
     single: np.ndarray, covs: np.ndarray, walk: np.ndarray
 ) -> tuple[tuple[np.ndarray, np.ndarray], np.ndarray, tuple[np.ndarray, np.ndarray]]:
-    """Return the filtered values of (1), their last covariance (p, p), and the smoothed ones. Values and standard
+    """Return the filtered values of (1), their last covariance (p, p), and the smoothed values. Values and standard
     errors are (K, p) each, NaN before the first estimate of a parameter."""
     K, p = single.shape
     typical = np.nanmedian(np.sqrt(np.einsum("kii->ki", covs)), axis=0, keepdims=True)[0]

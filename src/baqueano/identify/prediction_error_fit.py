@@ -1,11 +1,11 @@
-"""Repeat a finished search with the innovations cost, and choose between its result and the simulation's.
+"""Repeat a finished search with the innovations cost, and choose between the results of the two costs.
 
 The second search starts from the result of the simulation, which has already found the identifiable parameters and the
-noise of the sensors. Parameters that were fixed stay fixed. Channels and verdict are still those of the simulation with
-the new numbers: a prediction over one step does not support a model.
-For a fit by simulation error the second search is a test. The errors of its parameters already contain the
-autocorrelation of the residuals (covariance/). Autocorrelation and size are doubts, because a model that lacks an
-effect leaves them too. They are dropped if process noise explains them (result/objective_choice.py).
+noise of the sensors. Parameters that were fixed stay fixed. Channels and verdict still come from a simulation, with the
+new numbers: a prediction over one step does not support a model. For a fit by simulation error the second search is a
+test. The errors of its parameters already contain the autocorrelation of the residuals (covariance/). Autocorrelation
+and size are doubts, because a model that lacks an effect causes them too. They are dropped if process noise explains
+them (result/objective_choice.py).
 """
 
 from collections.abc import Sequence
@@ -21,7 +21,7 @@ from baqueano.identify.data.segments import without
 from baqueano.identify.estimation.least_squares import Solution
 from baqueano.identify.estimation.prediction_error import MaximumLikelihood, Prediction, most_likely
 from baqueano.identify.identifiability.identifiable import FinishedFit
-from baqueano.identify.parameters.free import FLOOR, described, value
+from baqueano.identify.parameters.free import FLOOR, free_parameter, value
 from baqueano.identify.residuals.block_arrow import Evaluation, dense
 from baqueano.identify.result.assemble import fit_of, only_autocorrelated, sigma_of_file, verdict_basis
 from baqueano.identify.result.fit_result import Fit
@@ -35,7 +35,7 @@ from baqueano.symbolic import put
 
 
 class PredictionErrorFit(NamedTuple):
-    """The second search, and the choice between it and the first."""
+    """The second search, and the choice between its result and the result of the first search."""
 
     end: FinishedFit
     likely: MaximumLikelihood
@@ -71,7 +71,7 @@ def fit_by_innovations(first: FinishedFit) -> Fit:
     second = search_prediction_error(first)
     fit, floor = fit_of(second.end), second.likely.noise.floor
     paths = [f"{FLOOR}[{axis}]" for axis in second.axes]
-    free = [described(first.blocks, path, {}) for path in paths]
+    free = [free_parameter(first.blocks, path, {}) for path in paths]
     std = np.sqrt(floor)
     cov = _covariance(second, fit)
     return replace(
@@ -112,17 +112,17 @@ def _covariance(second: PredictionErrorFit, fit: Fit) -> np.ndarray:
 
 
 def search_prediction_error(first: FinishedFit) -> PredictionErrorFit:
-    """Return the search by the second cost, started at the end of the first."""
+    """Return the search by the second cost, started at the end of the first search."""
     problem, theta, task = first.task.problem, first.search.solution.theta, first.task
     prediction = Prediction(problem, first.blocks)
     is_fixed = np.zeros(problem.size, bool)
     is_fixed[: len(first.identifiability.mask)] = ~first.identifiability.mask
-    likely = most_likely(prediction, theta, task.low, task.high, is_fixed, task.floor, task.say)
+    likely = most_likely(prediction, theta, task.low, task.high, is_fixed, task.floor, task.progress)
     choice = choose_objective(
         likely, prediction.axes, _compare_objectives(first, prediction, likely), _times(first, likely)
     )
     with_noise, info = _of_parameters(likely, first)
-    optimum, at, p = likely.solution, likely.solution.at, problem.size
+    optimum, at, p = likely.solution, likely.solution.evaluation, problem.size
     at = Evaluation(at.cost, at.gradient[:p], dense(at.hessian)[:p, :p])
     solution = Solution(
         likely.theta, at, optimum.converged, optimum.decrement, optimum.evaluations, optimum.bound[:p]
@@ -145,7 +145,7 @@ def search_prediction_error(first: FinishedFit) -> PredictionErrorFit:
 def _compare_objectives(
     first: FinishedFit, prediction: Prediction, likely: MaximumLikelihood
 ) -> LeftOutBlocks | None:
-    """Return the comparison of both results on blocks that were left out of each."""
+    """Return the comparison of both results on left-out blocks, or None with too few blocks."""
     problem, ends = first.task.problem, first.search.solution
     mask = first.identifiability.mask
     identifiable = np.flatnonzero(mask & (ends.bound[: len(mask)] == 0))
@@ -162,7 +162,7 @@ def _free(likely: MaximumLikelihood) -> np.ndarray:
 
 
 def _of_parameters(likely: MaximumLikelihood, first: FinishedFit) -> tuple[Information, Information]:
-    """Return the information on the identifiable θ with the noise, and that on the identifiable θ only.
+    """Return the information on the identifiable θ with the noise, and the information on the identifiable θ only.
 
     The starts of segments are eliminated from both. The noise is eliminated from the second: it is unknown too, and
     correlated with fading motions.
@@ -180,8 +180,8 @@ def _of_parameters(likely: MaximumLikelihood, first: FinishedFit) -> tuple[Infor
 
 
 def _times(first: FinishedFit, likely: MaximumLikelihood) -> np.ndarray:
-    """Return the sensor noise (m,) without the floor's part, relative to that of the file, or 0 if the file does
-    not contain it."""
+    """Return the sensor noise (m,) without the floor's part, relative to the noise in the file, or 0 if the file
+    does not contain it."""
     of_file = sigma_of_file(first.blocks)
     estimate = first.task.problem.sigma * np.exp(likely.noise.sensors)
     return np.where(of_file > 0.0, estimate / np.where(of_file > 0.0, of_file, 1.0), 0.0)

@@ -1,13 +1,13 @@
 """Calibrate gyro, odometer and clocks against a truth, without a model of the vehicle.
 
-A camera gives the pose (p, ψ) at t_i on its own clock. For many windows [t_i, t_i + T], T = 2 s:
+A camera measures the pose (p, ψ) at t_i of its own clock. For many windows [t_i, t_i + T], T = 2 s:
 
     ψ(t_i + T) − ψ(t_i) = a ∫ z_g(t + o) dt − c T                    a = 1/scale, c = bias/scale           (1)
     p(t_i + T) − p(t_i) = ∫ R(ψ(t)) (k_x, k_y) z_o(t + o) dt + (R(ψ(t_i + T)) − R(ψ(t_i))) l              (2)
 
 o is the offset of the truth's stamps, z_g the gyro, z_o the odometer, R a rotation. (k_x, k_y) is 1/scale, turned by
 the angle between the mark and the rolling direction. l is the position of the mark from the point without side slip.
-Both are linear except in o: Gauss-Newton starts from the best offset of a grid. Error bars: covariance/clusters.py.
+For a given o both are linear. Gauss-Newton starts from the best offset of a grid. Errors: covariance/clusters.py.
 """
 
 from collections.abc import Callable
@@ -22,9 +22,9 @@ from baqueano.diagnostics import Diagnostic, Severity, Verdict, fault, note
 from baqueano.errors import UsageError
 from baqueano.identify.covariance.clusters import batch_covariance, regress
 from baqueano.identify.covariance.quantiles import students
-from baqueano.language import marked as N_
+from baqueano.language import mark as N_
 from baqueano.language import number
-from baqueano.language import translated as _
+from baqueano.language import translate as _
 from baqueano.messages import verdict_line
 from baqueano.parameter import parameters
 from baqueano.signals import seconds
@@ -38,7 +38,7 @@ if TYPE_CHECKING:
 WINDOW_S = 2.0
 STEP_S = 0.1  # between the beginnings of windows
 BATCH_S, BATCHES = 5.0, 8  # the longest batch, and the least number of them
-GAP_S = 0.25  # a window with a longer gap between measurements is left out
+GAP_S = 0.25  # a window with a longer gap between measurements is excluded
 LARGEST_S, GRID_S = 0.5, 0.01  # largest clock offset, and step of the grid
 LOOSE = 0.02  # of a scale: a larger half interval gives a warning
 CLOCK_LOOSE_S = 0.02
@@ -110,7 +110,7 @@ class Calibration(Result):
 
     def mount(self, file: "VehicleFile") -> tuple[dict[str, float], dict[str, float]]:
         """Return position, angle and clock offset of the mark, and the half widths of their 95 % intervals. The keys
-        are those of a map (runs/maps/mount.py). Raise UsageError if the run shows none of them."""
+        are the keys of a map (runs/maps/mount.py). Raise UsageError if the run shows none of them."""
         origin = getattr(file.vehicle, "rear_axle_m", 0.0)  # of a car, ahead of the axle without slip
         names = {"clock.truth": "shift_s", "mark.x_m": "lever_arm_m[0]", "mark.y_m": "lever_arm_m[1]",
                  "mark.heading_rad": "heading_rad"}  # fmt: skip
@@ -120,7 +120,7 @@ class Calibration(Result):
         values = {names[entry.name]: entry.value - origin * (entry.name == "mark.x_m") for entry in usable}
         return values, {names[entry.name]: entry.half for entry in usable}
 
-    def updated(self, file: "VehicleFile") -> "VehicleFile":
+    def updated_file(self, file: "VehicleFile") -> "VehicleFile":
         """Return the file with the scales of the sensors and their errors, the bias of the gyro, and their origin."""
         from baqueano.vehicle_file import Provenance
         from baqueano.vehicle_file.file import today
@@ -135,7 +135,7 @@ class Calibration(Result):
 
 
 def scale_std_path(file: "VehicleFile", path: str) -> str | None:
-    """Return the key of a scale's standard deviation ("sensors.imu.gyro_scale_std"), or None if `path` lacks one."""
+    """Return the key of a scale's standard deviation ("sensors.imu.gyro_scale_std"), or None without one."""
     owner, _, field = path.rpartition(".")
     field_of_block = dict(parameters(get(file, owner)))[field]
     return f"{owner}.{field_of_block.std}" if field_of_block.std and not field_of_block.walk else None
@@ -148,7 +148,7 @@ class TruthSignal(NamedTuple):
     z: np.ndarray  # (M,)
     sum: np.ndarray  # (M,) ∫ z dt
 
-    def at(self, t_s: np.ndarray) -> np.ndarray:
+    def interpolate(self, t_s: np.ndarray) -> np.ndarray:
         """Return z at the times `t_s`."""
         return np.interp(t_s, self.t_s, self.z)
 
@@ -170,7 +170,7 @@ class Windows(NamedTuple):
     batch: np.ndarray  # (N,)
 
     def of(self, x: np.ndarray) -> np.ndarray:
-        """Return x(b) − x(a) of a quantity per frame (K, …)."""
+        """Return the change x(b) − x(a) (N, …) of a quantity x (K, …) per frame."""
         return x[self.b] - x[self.a]
 
 
@@ -190,7 +190,8 @@ class WindowRegression(NamedTuple):
 def calibrate(run: "Run", file: "VehicleFile") -> Calibration:
     """Return scale and bias of the gyro, scale of the odometer, position of the mark, and clock offset of the truth.
 
-    `file` names the sensors. Raise UsageError if the run is too short, or lacks a pose of a truth or both sensors.
+    `file` names the sensors. Raise UsageError if the run is too short, lacks a pose of a truth, or lacks both
+    sensors.
     """
     gyro = channel_of(run, file, "gyro_scale", -1)
     odometer = channel_of(run, file, "scale", 0)
@@ -215,8 +216,8 @@ def calibrate(run: "Run", file: "VehicleFile") -> Calibration:
 
 
 def channel_of(run: "Run", file: "VehicleFile", field: str, entry: int) -> tuple[str, TruthSignal] | None:
-    """Return the first sensor of the run with such a field, and its channel, or None. Samples of an IMU that repeat
-    the previous one in all entries are left out, as a driver repeats them, not the chip."""
+    """Return the first sensor of the run whose block has `field`, and its channel `entry`, or None. Samples of an
+    IMU that repeat the previous sample in all entries are excluded: a driver repeats them, not the chip."""
     for name, block in file.sensors._asdict().items():
         channel = run.sensors.get(name)
         if not has_field(block, field) or channel is None or np.isfinite(channel.z[:, entry]).sum() < 10:
@@ -293,7 +294,7 @@ def _turn_equations(w: Windows, gyro: TruthSignal, offset_s: float) -> Equations
     """Return (1): y (N,), derivatives (N, 2) by (a, −c), and their change per second of offset (N, 2)."""
     t = w.t_s + offset_s
     slopes = np.stack([w.of(gyro.until(t)), w.of(w.t_s)], axis=1)
-    return w.of(w.eta[:, 2]), slopes, np.stack([w.of(gyro.at(t)), np.zeros(len(w.a))], axis=1)
+    return w.of(w.eta[:, 2]), slopes, np.stack([w.of(gyro.interpolate(t)), np.zeros(len(w.a))], axis=1)
 
 
 def _motion_equations(w: Windows, odometer: TruthSignal, offset_s: float) -> Equations:
@@ -310,9 +311,9 @@ def _motion_equations(w: Windows, odometer: TruthSignal, offset_s: float) -> Equ
 
     t = w.t_s + offset_s
     lever = np.stack([np.stack([w.of(c), w.of(s)], axis=1), np.stack([-w.of(s), w.of(c)], axis=1)], axis=2)
-    slopes = np.concatenate([both(way(odometer.at(t))), lever], axis=2)
+    slopes = np.concatenate([both(way(odometer.interpolate(t))), lever], axis=2)
     h = 0.5 * GRID_S
-    faster = (way(odometer.at(t + h)) - way(odometer.at(t - h))) / (2.0 * h)
+    faster = (way(odometer.interpolate(t + h)) - way(odometer.interpolate(t - h))) / (2.0 * h)
     change = np.concatenate([both(faster), np.zeros((len(w.a), 2, 2))], axis=2)
     return w.of(w.eta[:, :2]).ravel(), slopes.reshape(-1, 4), change.reshape(-1, 4)
 
@@ -364,7 +365,7 @@ def _number(
 
 
 def _clock(answer: WindowRegression) -> list[CalibratedNumber]:
-    words = _("to be added to the truth's stamps")
+    words = _("to be added to the truth's timestamps")
     return [_number(answer, "clock.truth", lambda x: x[-1], "s", None, words)]
 
 
@@ -378,7 +379,8 @@ def _gyro(answer: WindowRegression, name: str, file: "VehicleFile") -> list[Cali
 
 
 def _odometer(answer: WindowRegression, name: str, file: "VehicleFile") -> list[CalibratedNumber]:
-    """Return the odometer's scale, and the mark's position and heading in body axes, x along the wheels' rolling."""
+    """Return the odometer's scale, and the mark's position and heading in body axes, with x along the rolling
+    direction."""
     scale, path = float(getattr(file.sensors, name).scale), f"sensors.{name}.scale"
     words = _("the truth moves {ratio:.4f} × the odometer", ratio=float(np.hypot(*answer.x[:2])))
 
@@ -389,7 +391,7 @@ def _odometer(answer: WindowRegression, name: str, file: "VehicleFile") -> list[
         _("the mark ahead of the axle that does not slip"),
         _("the mark to the left of that axle's middle"),
     )
-    heading = _("the mark's heading, left of the way the wheels roll")
+    heading = _("heading of the mark, to the left of the rolling direction of the wheels")
     return [
         _number(answer, path, lambda x: 1.0 / float(np.hypot(x[0], x[1])), "1", scale, words),
         _number(answer, "mark.x_m", lambda x: rotate(x, x[2], x[3]), "m", None, ahead),

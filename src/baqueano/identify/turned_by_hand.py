@@ -5,11 +5,11 @@
     cov G = s² σ_a² I + L diag(q) Lᵀ,   q_j = T_j² (var b_j + (b_{j+1} − b_j)²/12)                        (2)
 
 s and one constant are estimated by generalised least squares. a_k is the error of the hand on the mark. Its σ_a is
-ANGLE_STD_RAD, or the scatter of the rests if that is significantly larger (probability 1 in 100). L sums up, and T_j is
-the duration of a turn. A bias that changed from rest to rest has a uniform distribution between the two.
-A rest is REST_S or more in which the gyro scatters as little as at its quietest. N_k is the nearest whole number, if a
-scale off by TOLERANCE cannot change it; otherwise the user must give the number of turns. A rest in the middle of a
-turn is off the mark and is not used.
+ANGLE_STD_RAD, or the scatter of the rests if that is significantly larger (probability 1 in 100). L computes the
+cumulative sum, and T_j is the duration of a turn. A bias that changed from rest to rest has a uniform distribution
+between the two. A rest is REST_S or more in which the gyro scatters about as little as in its quietest time. N_k is the
+nearest whole number, if a scale off by TOLERANCE cannot change it; otherwise the user must give the number of turns. A
+rest in the middle of a turn is off the mark and is not used.
 """
 
 from itertools import pairwise
@@ -25,9 +25,9 @@ from baqueano.identify.covariance.quantiles import QUANTILE_95, students
 from baqueano.identify.data.hand_measurements import ANGLE_STD_RAD
 from baqueano.identify.data.record import range_of
 from baqueano.identify.sensor_calibration import GAP_S, CalibratedNumber, Calibration, TruthSignal, channel_of
-from baqueano.language import marked as N_
-from baqueano.language import translated as _
-from baqueano.printable import typed
+from baqueano.language import mark as N_
+from baqueano.language import translate as _
+from baqueano.printable import baqueano_command
 from baqueano.runs.run import Run
 
 if TYPE_CHECKING:
@@ -35,8 +35,8 @@ if TYPE_CHECKING:
 
 REST_S, PIECE_S = 2.0, 0.5  # the shortest rest, and the windows that are tested for rest
 QUIETEST, LOUDER = 0.05, 3.0  # quantile of the windows' scatter; up to LOUDER times it is a rest
-SLOWEST = 0.02  # rad/s: a mean that differs by more from that of the first rest is a turn
-TOLERANCE = 0.06  # of a scale: twice that of a data sheet
+SLOWEST = 0.02  # rad/s: a mean that differs by more from the mean of the first rest is a turn
+TOLERANCE = 0.06  # of a scale: twice the tolerance of a data sheet
 OFF_MARK = 4.0  # standard errors of the hand
 
 
@@ -57,8 +57,8 @@ class Rest(NamedTuple):
 def by_hand(run: Run, file: "VehicleFile", turns: float | None = None) -> Calibration:
     """Calibrate the gyro of `run`, in which the vehicle was turned by hand between rests on a mark.
 
-    `turns` is the number of whole turns between two rests, either way; None: the nearest whole number. Raise UsageError
-    if the run lacks a gyro, two rests or whole turns, or if the gyro has a gap or was saturated.
+    `turns` is the number of whole turns between two rests, in either direction; None: the nearest whole number.
+    Raise UsageError if the run lacks a gyro, two rests or whole turns, or if the gyro has a gap or was saturated.
     """
     channel = channel_of(run, file, "gyro_scale", -1)
     if channel is None:
@@ -101,7 +101,7 @@ def _whole_record(name: str, gyro: TruthSignal, limit: np.ndarray | None) -> Non
         raise UsageError(
             fault(
                 "turns.silent",
-                typed("runs", "cut", name, "--to", f"{at_s:.1f}"),
+                baqueano_command("runs", "cut", name, "--to", f"{at_s:.1f}"),
                 run=name,
                 gap_s=gap.max(),
                 at_s=at_s,
@@ -125,7 +125,7 @@ def turned_by_hand(run: Run) -> bool:
 
 
 def _rests(gyro: TruthSignal) -> list[Rest]:
-    """Return the rests: joined windows with a scatter close to the quietest ones."""
+    """Return the rests: joined windows with a scatter close to the scatter of the quietest windows."""
     t_s, z = gyro.t_s, gyro.z
     piece = ((t_s - t_s[0]) // PIECE_S).astype(int)
     ends = np.flatnonzero(np.diff(piece, append=piece[-1] + 1)) + 1

@@ -7,11 +7,12 @@
     error² − s² > χ²_{1,1−α} n² / (T / SHORT_S),   s² = mean (z − z̄)²,
                   n² = min(noise², s²), or w² if the own runs are explained by less than 0 too            (5)
 
-Values of a run are estimated on it: biases, clocks, the mount of a truth, the start unless the run begins at rest. The
-error is compared with noise (2): the residual of the fit on its own runs, and the excess of this run's white noise (von
-Neumann's w). WARN: the model's own part of e² is larger than noise, significantly (3), over blocks of BLOCK_S of both,
-SHORT_S if these are few; or one block fulfils (4). REFUSED: explained is significantly below 0 (5). CANNOT TELL: too
-few independent pieces of motion here of a command that moved in the fit. α is half of CHANCE.
+Biases, clocks and the mount of a truth are estimated on each run, and also the start if the run does not begin at rest.
+The error is compared with noise (2). This noise contains the residual of the fit on its runs, and the excess of this
+run's white noise (von Neumann's w). WARN: the model's part of e² is significantly larger than the noise (3), or one
+block fulfils (4). Blocks have BLOCK_S, or SHORT_S if these are few. REFUSED: explained is significantly below 0 (5).
+CANNOT TELL: the runs contain too few independent pieces of motion of a command that moved in the fit. α is half of
+CHANCE.
 """
 
 from collections.abc import Sequence
@@ -31,12 +32,12 @@ from baqueano.identify.data.rest import begins_at_rest
 from baqueano.identify.fit import identify
 from baqueano.identify.options import FitOptions
 from baqueano.identify.parameters.setup import POSE_S
-from baqueano.identify.result.fit_result import ChannelFit, Fit, requested
+from baqueano.identify.result.fit_result import ChannelFit, Fit, is_requested
 from baqueano.identify.result.ratios import percent, times
 from baqueano.identify.selection.held_out import BLOCK_S, SHORT_S, pieces_of
 from baqueano.identify.selection.held_out import LEAST as ENOUGH_PIECES
 from baqueano.language import number, shown_unit
-from baqueano.language import translated as _
+from baqueano.language import translate as _
 from baqueano.messages import text, verdict_line
 from baqueano.runs.run import Run
 from baqueano.sensors.sampling import measures_pose
@@ -46,7 +47,7 @@ WORSE = 2.0  # of error² to noise²: above it more than half of the error is th
 CHANCE = 0.01  # probability of a warning on one channel of one run, for a model that is right
 CLIPPED = 10.0  # times the noise, at which an error is clipped: one spike is not an error of the model
 LEAST = 10  # readings of a block that is counted
-# Of 30 drives of SHORT_S * ENOUGH_PIECES, 7 had too few segments of motion; of this duration, none had.
+# Of 30 drives of SHORT_S * ENOUGH_PIECES, 7 had too few segments of motion. Drives of this duration had enough.
 ADVISED_S = 1.5 * SHORT_S * ENOUGH_PIECES
 ENOUGH = 6  # blocks on both sides; with fewer blocks of BLOCK_S, they have SHORT_S
 
@@ -74,7 +75,7 @@ class Validation(Result):
 
     figures: tuple[Figure, ...]
     channels: tuple[ChannelFit, ...]
-    messages: tuple[Diagnostic, ...]  # evidence against the model, and reasons why none is possible
+    messages: tuple[Diagnostic, ...]  # evidence against the model, and reasons why a test is not possible
     outside: tuple[Diagnostic, ...]  # runs that leave the envelope of the fit
     basis: Diagnostic  # "20 s open loop from standstill, 12 independent pieces of motion"
 
@@ -133,7 +134,7 @@ def validate(fit: Fit, runs: Run | Sequence[Run]) -> Validation:
         raise UsageError(fault("runs.fitted-to", "--held-out RUN", run=runs_of_fit[0]))
     use = _channels_used(fit)
     sigma = {name: noise for name, noise in fit.sigma.items() if any(u.split("[")[0] == name for u in use)}
-    own = [name for name in fit.own_names if requested(name)]
+    own = [name for name in fit.own_names if is_requested(name)]
     clocks = [name.removeprefix("clock.") for name in own if name.startswith("clock.")]
     per_run = [name for name in (*own, *fit.names) if name in own or name.startswith(MOUNT)]
     per_run = [name for name in per_run if not name.startswith("clock.")]
@@ -158,7 +159,7 @@ def validate(fit: Fit, runs: Run | Sequence[Run]) -> Validation:
 def _too_few(fit: Fit, runs: Sequence[Run]) -> list[Diagnostic]:
     """Return the reasons why no test of the model is possible, for each command that moved in the fit."""
     out = []
-    for k in fit.envelope.moved:
+    for k in fit.envelope.moved_commands:
         count, name = pieces_of(runs, k), fit.envelope.names[k]
         if not count:
             out.append(note("validation.still", Severity.UNKNOWN, subject=name, needed_s=ADVISED_S))
@@ -179,7 +180,7 @@ def _basis(fit: Fit, runs: Sequence[Run], rest: Sequence[bool]) -> Diagnostic:
         start = note("validation.some-from-velocity", count=rest.count(False), of=len(rest))
     else:
         start = note("validation.from-velocity")
-    count = min((pieces_of(runs, k) for k in fit.envelope.moved), default=0.0)
+    count = min((pieces_of(runs, k) for k in fit.envelope.moved_commands), default=0.0)
     span = least if least == most else f"{least} … {most}"
     return note("validation.basis", span_s=span, start=start, pieces=count)
 
@@ -258,7 +259,8 @@ def _against(figure: Figure, errors: _ChannelError, own: np.ndarray) -> list[Dia
 
 
 def _channel_errors(c: ChannelFit, own: Sequence[ChannelFit]) -> tuple[_ChannelError, list[_ChannelError]]:
-    """Return the residuals of a channel and of its `own` runs, in blocks of BLOCK_S if ENOUGH, else of SHORT_S."""
+    """Return the residuals of a channel and of its `own` runs, in blocks of BLOCK_S. If these are fewer than ENOUGH,
+    use blocks of SHORT_S if this gives more."""
     every = np.concatenate([channel.measured - channel.predicted for channel in own])
     spread, trials = float(np.sqrt(np.nanmean(every**2))), []
     for block_s in (BLOCK_S, SHORT_S):

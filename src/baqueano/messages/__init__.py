@@ -1,10 +1,10 @@
-"""The sentences of diagnostics: a template by code, one module for each room, translated by language.py.
+"""The sentences of diagnostics: a template for each code, one module for each room, translated by language.py.
 
-A template is a format string over the figures of the diagnostic, `{subject}` and `{fix}`. A figure named `unit` brings
-the space before it, so that `{x:.3g}{unit}` holds without one; `of_run` names the run among several, and stands before
-the sentence. `{arg[use]}` names an argument in the reader's notation, and `{arg[use]:{sensor}}` gives it that
-value. `{what:word}` is a figure of words, which are translated too. A message without a template, or with other
-figures, is shown by its code: another version said it.
+A template is a format string with the figures of the diagnostic, `{subject}` and `{fix}`. A figure named `unit`
+includes the space before it, so that `{x:.3g}{unit}` is also correct without a unit. The figure `of_run` names one run
+of several, and is written before the sentence. `{arg[use]}` is an argument in the reader's notation, and
+`{arg[use]:{sensor}}` is the argument with that value. `{what:word}` is a figure whose words are translated too. A
+message of another version may lack its template or have other figures: then its code is shown.
 """
 
 from collections.abc import Callable, Iterable, Sequence
@@ -35,7 +35,7 @@ def templates() -> dict[str, str]:
 
 @dataclass(frozen=True, slots=True)
 class Argument:
-    """An argument of a function as Python writes it: `use`, and with a value `use = "gps"`."""
+    """An argument of a function in Python's notation: `use`, or with a value `use = "gps"`."""
 
     name: str
 
@@ -45,7 +45,7 @@ class Argument:
 
 @dataclass(frozen=True, slots=True)
 class _Arguments:
-    """All of them by name, for `{arg[use]}`."""
+    """All arguments by name, for `{arg[use]}` in a template."""
 
     written: Callable[[str], object]
 
@@ -54,18 +54,18 @@ class _Arguments:
 
 
 class _Words(str):
-    """A figure that is text: `word` as its format translates it."""
+    """A figure that is a text; the format `word` translates it."""
 
     __slots__ = ()
 
     def __format__(self, spec: str) -> str:
-        return language.translated(str(self)) if spec == "word" else format(str(self), spec)
+        return language.translate(str(self)) if spec == "word" else format(str(self), spec)
 
 
 def text(message: "Diagnostic | str | None", argument: Callable[[str], object] = Argument) -> str:
-    """Return the sentence of a diagnostic in the current language, "" of none. A text is returned as it is.
+    """Return the sentence of a diagnostic in the current language; "" for None. A text is returned unchanged.
 
-    `argument` writes the name of an argument for the reader, and its value behind the colon of a format.
+    `argument` returns the name of an argument in the reader's notation; the format after a colon is its value.
 
     >>> from baqueano.diagnostics import StopReason, stop
     >>> text(stop(StopReason.UNO_SILENT, silent_ms=320.0))
@@ -79,7 +79,7 @@ def text(message: "Diagnostic | str | None", argument: Callable[[str], object] =
     template = templates().get(str(message.code))
     try:
         if template is not None:
-            template = language.translated(template, str(message.code))
+            template = language.translate(template, str(message.code))
             subject = message.subject.removeprefix("model.")
             sentence = template.format_map(
                 {"subject": subject, "fix": message.fix, "arg": _Arguments(argument)} | figures
@@ -92,18 +92,18 @@ def text(message: "Diagnostic | str | None", argument: Callable[[str], object] =
 
 
 def in_english(message: "Diagnostic | str | None") -> str:
-    """Return the English sentence of a diagnostic, as files have it."""
+    """Return the English sentence of a diagnostic, for files."""
     with language.within("en"):
         return text(message)
 
 
 def texts(messages: "Iterable[Diagnostic | str]") -> list[str]:
-    """Return the sentence of each."""
+    """Return the sentence of each message, in the current language."""
     return [text(message) for message in messages]
 
 
 def with_full_stop(sentence: str) -> str:
-    """Return a sentence with the full stop that it may lack.
+    """Return a sentence with a full stop at its end; unchanged if it already ends with ".", "?" or "!".
 
     >>> with_full_stop("was it touched?"), with_full_stop("the run is short")
     ('was it touched?', 'the run is short.')
@@ -117,18 +117,18 @@ def row_of(message: Diagnostic) -> dict[str, Any]:
 
 
 def verdict_line(verdict: Verdict, reasons: "Iterable[Diagnostic | str]", otherwise: str = "") -> str:
-    """Return a verdict and its reasons in one line, `otherwise` without any.
+    """Return a verdict and its reasons in one line; without reasons, the verdict and `otherwise`.
 
     >>> verdict_line(Verdict.WARN, ["the run is short", "the floor is soft"])
     'WARN: the run is short; the floor is soft'
     """
     sentences = "; ".join(texts(reasons)) or otherwise
-    word = language.translated(str(verdict))
+    word = language.translate(str(verdict))
     return f"{word}: {sentences}" if sentences else word
 
 
-def grouped(messages: Sequence[Diagnostic]) -> list[str]:
-    """Return a sentence for each kind of message: those that differ in subject, run and numbers alone are one."""
+def group_sentences(messages: Sequence[Diagnostic]) -> list[str]:
+    """Return a sentence for each kind of message; one kind differs only in subject, run and numbers."""
     alike: dict[Any, list[Diagnostic]] = {}
     for message in messages:
         alike.setdefault((message.severity, _kind(message)), []).append(message)
@@ -136,7 +136,7 @@ def grouped(messages: Sequence[Diagnostic]) -> list[str]:
 
 
 def _kind(message: Diagnostic) -> tuple[Any, ...]:
-    """Return the code, and the figures that are words."""
+    """Return a key for `group_sentences`: the code, and the figures that are texts or diagnostics."""
     words = {k: v for k, v in message.figures.items() if isinstance(v, str | Diagnostic) and k != "of_run"}
     return message.code, *((k, _kind(v) if isinstance(v, Diagnostic) else v) for k, v in words.items())
 
@@ -155,7 +155,7 @@ def _merge(same: Sequence[Diagnostic]) -> Diagnostic:
 
 
 def _figure_texts(message: Diagnostic, argument: Callable[[str], object]) -> dict[str, Any]:
-    """Return the figures as the language writes them, a cause among them as its sentence."""
+    """Return the figures in the notation of the current language; a diagnostic as its sentence."""
     return {
         name: text(value, argument).rstrip(".")
         if isinstance(value, Diagnostic)

@@ -1,12 +1,12 @@
-"""Detect a wrong sensor: compare runs of readings with the model of the commands; other numbers are the third witness.
+"""Detect a wrong sensor: compare its readings with a model of the commands; other sensors are a third witness.
 
-agreement.py judges the numbers, witness.py decides between sensor and model, findings.py formulates the message.
+agreement.py checks each number, witness.py decides between sensor and model, findings.py formulates the message.
 """
 
 from baqueano.monitor.agreement import Agreement
 from baqueano.monitor.findings import Finding
 from baqueano.monitor.memory import DEGRADED_S, EVENT_S
-from baqueano.monitor.refusals import REFUSED, Refusals, counted, refusals_of
+from baqueano.monitor.refusals import REFUSED, Refusals, refusal_event, refusals_of
 from baqueano.monitor.watching import Notice, Watching
 
 __all__ = ["Finding", "Refusals", "refusals_of"]

@@ -1,4 +1,4 @@
-"""Agreement of each number of each sensor with the model and the estimator. It returns figures; findings.py names them.
+"""Measure the agreement of each number of each sensor with the model and the estimator. findings.py names the result.
 
 A reading z disagrees if it is not finite, if it is at the end of its range, or if
 
@@ -6,13 +6,13 @@ A reading z disagrees if it is not finite, if it is at the end of its range, or 
     |y| > SIGMA √S                                                                                        (2)
 
 x̂, P: state and covariance of the model, from the commands only (an estimator that follows a wrong sensor agrees with
-it); h, H: measurement function and Jacobian; Q: noise; b, p: bias learned at rest, and its variance; y, S: innovation
-of the estimator. Runs of readings give the doubt in [0, DEGRADED_S]; δ: time, s: expected signal, σ: root of (1):
+it). h, H: measurement function and Jacobian. Q: noise. b, p: bias at rest and its variance. y, S: innovation of the
+estimator and its covariance. Readings change the doubt in [0, DEGRADED_S]. δ: time, s: expected signal, σ: root in (1):
 
     doubt ← doubt + δ while it disagrees;   doubt − δ (SLOW + (FAST − SLOW) i) while it agrees            (3)
     i = s²/(s² + (SIGMA σ)²),   s = h(x̂) − h(rest)                                                        (4)
 
-For i = 0 a stuck sensor also agrees. Gertler 1998 (analytical redundancy). Sensor or model: witness.py.
+For i = 0 a stuck sensor also agrees. Method: Gertler 1998 (analytical redundancy). witness.py decides which is wrong.
 """
 
 from dataclasses import dataclass
@@ -21,10 +21,10 @@ import numpy as np
 
 from baqueano.contracts.optional import is_dynamic
 from baqueano.contracts.values import Value
-from baqueano.estimators.augmented.correction import WITHIN, expected
+from baqueano.estimators.augmented.correction import WITHIN, predict_measurement
 from baqueano.estimators.augmented_ekf import REST_S, STILL, AugmentedBelief, AugmentedEkf
-from baqueano.estimators.covariance import block_diagonal, mirrored
-from baqueano.estimators.pauses import chosen, row_of
+from baqueano.estimators.covariance import block_diagonal, mirror_upper
+from baqueano.estimators.pauses import row_of, tree_where
 from baqueano.monitor.memory import DEGRADED_S, FROZEN_S, Memory, MonitorState, stuck
 from baqueano.monitor.numbers import Numbers, numbers_of
 from baqueano.monitor.witness import log_odds
@@ -43,10 +43,10 @@ MEMORY_S = 2.0  # time constant of the ratio and of the evidence
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Agreement:
-    """Monitor of the doubt of each number of `sensors`, in the order of a tick."""
+    """A monitor of the doubt about each number of `sensors`, in the order of a tick."""
 
     model: AugmentedEkf  # without sensors
-    at: tuple[int, ...] | None = None  # index of the number of each innovation; None: not known
+    entries: tuple[int, ...] | None = None  # index of the number of each innovation; None: not known
 
     @property
     def numbers(self) -> Numbers:
@@ -54,7 +54,7 @@ class Agreement:
         return numbers_of(self.model)
 
     def init(self, eta: np.ndarray | None = None, nu: np.ndarray | None = None) -> MonitorState:
-        """Return the state without any doubt."""
+        """Return the initial state, in which every doubt is 0."""
         zero = np.zeros(len(self.numbers.names))
         rows = Memory(*[zero] * len(Memory._fields))
         rows = rows._replace(bias_var=(BEFORE_REST * self.numbers.bias_std) ** 2)
@@ -63,7 +63,7 @@ class Agreement:
     def step(
         self, state: MonitorState, tick: Tick, y: np.ndarray | None, S: np.ndarray | None
     ) -> tuple[MonitorState, np.ndarray]:
-        """Return the state and the doubt (m,) [s] after a tick; y and S are innovation and covariance of the filter."""
+        """Return the state and the doubt (m,) [s] after a tick; y, S are innovation and covariance of the estimator."""
         its, before, was = self.numbers, state.model, Memory(*state.memory)
         row = row_of(before.t_ns, tick, self.model.rate_hz)
         model, _ = self.model.row(before, tick)
@@ -85,7 +85,7 @@ class Agreement:
         longest_s = np.where(has & ~same, np.maximum(was.longest_s, was.same_s), was.longest_s)
         is_constant = its.inertial & stuck(was._replace(same_s=same_s, longest_s=longest_s)) & ~at_rest
 
-        C = mirrored(H @ model.cov @ H.T)
+        C = mirror_upper(H @ model.cov @ H.T)
         p = was.bias_var + its.walk**2 * row.dt_s
         N = block_diagonal([getattr(self.model.sensors, name).cov for name in its.sensors]) + np.diag(p)
         r = np.where(good, self._difference(z, expected) - was.bias, 0.0)
@@ -98,7 +98,7 @@ class Agreement:
         fading = np.where(its.inertial & (same_s >= FROZEN_S), 0.0, SLOW + (FAST - SLOW) * signal_share)
         doubt_s = np.clip(was.doubt_s + dt_s * np.where(off, 1.0, -fading), 0.0, DEGRADED_S)
 
-        G = mirrored(K @ model.cov[3:6, 3:6] @ K.T)
+        G = mirror_upper(K @ model.cov[3:6, 3:6] @ K.T)
         G = np.where(its.inertial & ~its.turning, np.diag(r), G * r / (np.diag(G) + TINY))
         usable = np.where(good & ~its.pose & ~(its.inertial & (same_s >= FROZEN_S)), 1.0, 0.0)
         memory_factor = np.exp(-dt_s / MEMORY_S)
@@ -116,24 +116,26 @@ class Agreement:
             memory_factor * was.ss + shown_s * s * s, memory_factor * was.sz + shown_s * s * (s + r),
             memory_factor * was.zz + shown_s * (s + r) * (s + r),
         )  # fmt: skip
-        state = chosen(row.new, MonitorState(model, np.stack(after)), state)
+        state = tree_where(row.new, MonitorState(model, np.stack(after)), state)
         return state, state.memory[0]
 
     def _expectation(
-        self, before: AugmentedBelief, model: AugmentedBelief, row: Value, tick: Tick
+        self, previous: AugmentedBelief, model: AugmentedBelief, row: Value, tick: Tick
     ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Return h (m,) of the model, ∂h/∂x (m, n), and ∂h/∂ν (m, 3) with constant ν̇."""
         vehicle = self.model.vehicle
-        _, effort = vehicle.drivetrain.step(before.drivetrain, row.u, row.moved_s)
+        _, effort = vehicle.drivetrain.step(previous.drivetrain, row.u, row.moved_s)
         eta, nu, nu_dot, constant = model.mean[:3], model.mean[3:6], None, np.zeros(3)
         if not is_dynamic(vehicle):
-            nu_dot = constant = vehicle.advance(before.mean[:3], before.mean[3:6], effort, row.moved_s)[2]
+            nu_dot = constant = vehicle.advance(previous.mean[:3], previous.mean[3:6], effort, row.moved_s)[2]
         values, slopes, kinematic = [], [], []
         for name in self.numbers.sensors:
             sensor = getattr(self.model.sensors, name)
 
             def h(mean: np.ndarray, name: str = name) -> np.ndarray:
-                return expected(self.model, mean, name, effort, nu_dot, getattr(tick.sensors, name))
+                return predict_measurement(
+                    self.model, mean, name, effort, nu_dot, getattr(tick.sensors, name)
+                )
 
             values.append(h(model.mean))
             slopes.append(jacobian(h)(model.mean))
@@ -154,9 +156,9 @@ class Agreement:
     def _is_refused(self, y: Value, S: Value) -> Value:
         """Return a mask (m,): True if the innovation of the estimator is too large.  (2)"""
         far = [np.zeros(()) > 0.0] * len(self.numbers.names)
-        if self.at is None or y is None or S is None:
+        if self.entries is None or y is None or S is None:
             return np.array(far)
-        for k, c in enumerate(self.at):
+        for k, c in enumerate(self.entries):
             far[c] = np.where(np.isfinite(y[k]), y[k], 0.0) ** 2 > SIGMA**2 * S[k, k]
         return np.array(far)
 
@@ -164,7 +166,7 @@ class Agreement:
 def _only_suspect(suspect: np.ndarray) -> np.ndarray:
     """Return a mask (m,): True if no other number is suspect.
 
-    An estimator that follows a wrong number refuses the correct ones, so (2) alone does not count.
+    An estimator that follows a wrong number refuses the correct ones, so (2) counts only without another suspect.
     """
     count = np.sum(np.where(suspect, 1.0, 0.0))
     return count - np.where(suspect, 1.0, 0.0) < 0.5

@@ -1,4 +1,4 @@
-"""Describe a number that disagrees, and report which of sensor and model is wrong."""
+"""Describe a number that disagrees, and report if the sensor or the model is wrong."""
 
 from dataclasses import dataclass
 
@@ -28,7 +28,7 @@ class Finding:
     t_ns : int
         Time of the finding.
     doubt_s : float
-        Duration of the disagreement, less that of the agreement since.
+        Duration of the disagreement, minus the weighted duration of later agreement.
     looks : str
         One of NO_NUMBER, AT_ITS_END, FROZEN, ZERO, SLIPS, SCALED, AWAY.
     off : str
@@ -38,11 +38,11 @@ class Finding:
     expected : float
         The number as the model predicts it from the commands.
     ratio : float
-        Reading over expectation, both minus the value at rest.
+        Reading divided by expectation, both minus the value at rest.
 
     Examples
     --------
-    >>> Finding("imu[2]", 0, 3.0, SCALED, SENSOR, 0.5, 1.0, 0.5).degraded
+    >>> Finding("imu[2]", 0, 3.0, SCALED, SENSOR, 0.5, 1.0, 0.5).is_degraded
     True
     """
 
@@ -56,7 +56,7 @@ class Finding:
     ratio: float
 
     @property
-    def degraded(self) -> bool:
+    def is_degraded(self) -> bool:
         """Return True if the number has disagreed for DEGRADED_S."""
         return self.doubt_s >= DEGRADED_S
 
@@ -68,7 +68,7 @@ class Finding:
         message = note(f"sensor.{self.looks}", subject=self.name, **figures)
         return (
             note("sensor.degraded", Severity.WARNING, subject=self.name, cause=message)
-            if self.degraded
+            if self.is_degraded
             else message
         )
 

@@ -1,4 +1,4 @@
-"""Memory of the monitor for each number between ticks, and its time limits."""
+"""Store the memory of the monitor for each number between ticks, and its time limits."""
 
 from typing import NamedTuple
 
@@ -13,7 +13,7 @@ ALIVE = 50  # changes of a reading before a constant one is suspect
 
 
 class Memory(NamedTuple):
-    """Memory of each number, (m,) each."""
+    """The memory of each number: arrays (m,)."""
 
     doubt_s: np.ndarray
     evidence: np.ndarray  # log odds: above 0 the sensor is off, below 0 the model
@@ -32,12 +32,13 @@ class Memory(NamedTuple):
 
 
 class MonitorState(NamedTuple):
-    """State of the monitor between two ticks."""
+    """The state of the monitor between two ticks."""
 
     model: AugmentedBelief  # belief of the model, from the commands only
     memory: np.ndarray  # (14, m): a Memory
 
 
 def stuck(memory: Memory) -> np.ndarray:
-    """Return a mask (m,): True if a reading stays exactly equal for far longer than before, as noise would prevent."""
+    """Return a mask (m,): True if a reading stays exactly equal for far longer than before, which noise would
+    prevent."""
     return (memory.same_s >= FROZEN_S + LONGER * memory.longest_s) & (memory.changes >= ALIVE)

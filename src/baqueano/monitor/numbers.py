@@ -1,4 +1,4 @@
-"""Properties of each number of each sensor: the measured quantity, bias, range, and the numbers that fail with it."""
+"""List properties of each number of each sensor: measured quantity, bias, range, and the numbers that fail with it."""
 
 from functools import lru_cache
 from typing import NamedTuple
@@ -31,14 +31,14 @@ class Numbers(NamedTuple):
 
 @lru_cache(maxsize=64)
 def numbers_of(model: AugmentedEkf) -> Numbers:
-    """Return the numbers of the sensors of a `model`."""
+    """Return the properties of all numbers of the sensors of a `model`."""
     sensors = model.sensors
     each = [(name, i) for name in sensors._fields for i in range(getattr(sensors, name).size)]
     slope = np.concatenate([slopes(getattr(sensors, name)) for name in sensors._fields])
     at_rest = np.concatenate([slopes(getattr(sensors, name), np.zeros(9)) for name in sensors._fields])
     biases = np.array([_bias(sensors, name, i) for name, i in each])
     inertial = biases[:, 1] >= 0.0
-    # a gyro fails alone; the other numbers of one sensor, as accelerometers or wheels, fail together
+    # a gyro fails independently; the other numbers of one sensor, as accelerometers or wheels, fail together
     kinds = [(name, k if inertial[k] and at_rest[k, 5] else -1) for k, (name, _) in enumerate(each)]
     groups = tuple(
         (k, *(j for j, kind_j in enumerate(kinds) if kind_j == kind and j != k))

@@ -1,4 +1,4 @@
-"""Readings that an estimator refused, counted by number: one event at the end of a run, and its reader."""
+"""Count the readings that an estimator refused, by number: one event at the end of a run, and its reader."""
 
 from collections.abc import Iterable, Sequence
 from typing import Any, NamedTuple
@@ -11,12 +11,12 @@ OF_REFUSED, OF_ARRIVED = ".refused", ".arrived"  # endings of the figures of a n
 
 
 class Refusals(NamedTuple):
-    """Count of the readings of a number that the estimator refused in a run.
+    """The count of the readings of a number that the estimator refused in a run.
 
     Attributes
     ----------
     name : str
-        "imu[2]".
+        Name of the number, such as "imu[2]".
     refused : int
         Readings beyond the gate.
     arrived : int
@@ -33,7 +33,7 @@ class Refusals(NamedTuple):
     arrived: int
 
 
-def counted(counts: Sequence[Refusals]) -> Diagnostic:
+def refusal_event(counts: Sequence[Refusals]) -> Diagnostic:
     """Return the message with the counts."""
     figures: dict[str, Any] = {count.name + OF_REFUSED: count.refused for count in counts}
     figures |= {count.name + OF_ARRIVED: count.arrived for count in counts}
@@ -52,7 +52,7 @@ def refusals_of(events: Iterable[Tree]) -> tuple[Refusals, ...]:
     Returns
     -------
     tuple of Refusals
-        One per number; empty if the estimator does not report weights.
+        An entry per number; empty if the estimator does not report weights.
 
     Examples
     --------

@@ -1,4 +1,5 @@
-"""Monitor the sensors during a drive: from ticks and estimates to events, degraded sensors and counts of refusals."""
+"""Monitor the sensors during a drive: derive events, degraded sensors and counts of refusals from ticks and
+estimates."""
 
 from typing import NamedTuple
 
@@ -7,7 +8,7 @@ import numpy as np
 from baqueano.contracts.blocks import Estimator, SensorBlocks
 from baqueano.contracts.values import Tree
 from baqueano.diagnostics import Diagnostic, Severity, note
-from baqueano.errors import from_outside, named
+from baqueano.errors import error_text, from_outside
 from baqueano.estimators.augmented_ekf import AugmentedEkf
 from baqueano.estimators.readings.sensor_numbers import rows_of, split
 from baqueano.monitor.agreement import Agreement
@@ -15,11 +16,11 @@ from baqueano.monitor.findings import MODEL, Finding, finding
 from baqueano.monitor.memory import DEGRADED_S, EVENT_S, Memory
 from baqueano.monitor.refusals import Refusals
 from baqueano.signals import Estimate, Tick, seconds
-from baqueano.symbolic import compiled
+from baqueano.symbolic import compile_block
 
 
 class Notice(NamedTuple):
-    """A message for the run."""
+    """A message for the run, with its finding if there is one."""
 
     message: Diagnostic
     finding: Finding | None = None  # the finding that began or became degraded
@@ -28,8 +29,8 @@ class Notice(NamedTuple):
 class Watching:
     """Monitor of the sensors during one drive.
 
-    `model` is an AugmentedEkf without sensors in use. `estimator` is the one that drives; `tick` and `estimate` are
-    examples of its input and its output.
+    `model` is an AugmentedEkf without sensors in use. `estimator` is the estimator of the drive; `tick` and `estimate`
+    are examples of its input and its output.
     """
 
     def __init__(self, model: AugmentedEkf, estimator: Estimator, tick: Tick, estimate: Estimate) -> None:
@@ -37,7 +38,7 @@ class Watching:
         self._at = innovations_of(estimator, model.sensors, m)
         self._model, agreement = model, Agreement(model, self._at)
         self.numbers = agreement.numbers
-        self._block = compiled(agreement)
+        self._block = compile_block(agreement)
         self._block.step(agreement.init(), tick, estimate.innovation, estimate.innovation_cov)
         self._innovations = m
         self.begin()
@@ -51,10 +52,10 @@ class Watching:
         self._counts = self._has_failed = False
 
     @property
-    def degraded(self) -> tuple[Finding, ...]:
-        """Return the findings of the sensors that are degraded now."""
+    def degraded_sensors(self) -> tuple[Finding, ...]:
+        """Return the findings of the sensors that are degraded at present."""
         return (
-            tuple(sensor_finding for sensor_finding in self._findings.values() if sensor_finding.degraded)
+            tuple(sensor_finding for sensor_finding in self._findings.values() if sensor_finding.is_degraded)
             if self._findings
             else ()
         )
@@ -66,7 +67,7 @@ class Watching:
 
     @property
     def refusals(self) -> tuple[Refusals, ...]:
-        """Return the counts until now; empty for an estimator that does not report weights."""
+        """Return the counts of refusals until now; empty for an estimator that does not report weights."""
         if not self._counts:
             return ()
         at = range(len(self._arrivals)) if self._at is None else self._at
@@ -76,7 +77,7 @@ class Watching:
         )
 
     def update(self, tick: Tick, estimate: Estimate) -> list[Notice]:
-        """Return a notice for each finding that begins, becomes degraded or ends with this tick."""
+        """Return a notice for each finding that begins, becomes degraded or ends at this tick."""
         if estimate.weight is not None:
             self._counts = True
             for k, weight in enumerate(estimate.weight.tolist()):
@@ -90,11 +91,11 @@ class Watching:
                 nothing = None if y is None else np.full(len(y), np.nan)
                 self._state, _ = self._block.step(self._state, silent, nothing, S)
             self._state, doubt = self._block.step(self._state, tick, y, S)
-        except BaseException as error:  # a drive goes on without its monitor
+        except BaseException as error:  # a drive continues without its monitor
             if from_outside(error):
                 raise
             self._has_failed, self._findings = True, {}
-            return [Notice(note("monitor.raised", Severity.WARNING, error=named(error)))]
+            return [Notice(note("monitor.raised", Severity.WARNING, error=error_text(error)))]
         doubts = doubt.tolist()
         if not self._since_ns and max(doubts, default=0.0) < EVENT_S:
             return []
@@ -109,7 +110,7 @@ class Watching:
                 self._since_ns[c] = t_ns - round(1e9 * d)
                 self._findings[c] = finding(self.numbers, c, memory, t_ns, d)
                 notices.append(Notice(self._findings[c].diagnostic, self._findings[c]))
-            elif d >= DEGRADED_S and not self._findings[c].degraded:
+            elif d >= DEGRADED_S and not self._findings[c].is_degraded:
                 self._findings[c] = finding(self.numbers, c, memory, t_ns, d)
                 notices.append(Notice(self._findings[c].diagnostic, self._findings[c]))
             elif d <= 0.0:
@@ -120,7 +121,7 @@ class Watching:
 
 
 def innovations_of(estimator: Estimator, sensors: SensorBlocks, m: int) -> tuple[int, ...] | None:
-    """Return the index of the number of each of m innovations, by the estimator's `use`; None if it is not known."""
+    """Return for each of m innovations the index of its number, by the estimator's `use`; None if it is not known."""
     names = [(name, i) for name in sensors._fields for i in range(getattr(sensors, name).size)]
     uses = getattr(getattr(estimator, "block", estimator), "use", sensors._fields)
     try:

@@ -1,3 +1,3 @@
-"""Make a project folder: a vehicle file, own blocks that run without changes, and a notebook."""
+"""Make a project folder: a vehicle file, example blocks that run without changes, and a notebook."""
 
 from baqueano.project.folder import new

@@ -1,4 +1,4 @@
-"""Make the folder of a project with `new`."""
+"""Make the folder of a new project with `new`."""
 
 import re
 import zlib
@@ -9,9 +9,9 @@ import numpy as np
 
 from baqueano.diagnostics import fault
 from baqueano.errors import UsageError
-from baqueano.language import translated as _
+from baqueano.language import translate as _
 from baqueano.parameter import all_parameters
-from baqueano.printable import typed
+from baqueano.printable import baqueano_command
 from baqueano.project.notebook import notebook
 from baqueano.vehicle_file import VehicleFile, load, parse
 from baqueano.vehicle_file.garage import names
@@ -33,15 +33,15 @@ verdict = "GUESS"
 
 
 def new(folder: str | Path, vehicle: str | Path = "small") -> Path:
-    """Make a project folder: a vehicle file, own blocks (estimator, guide, controller), and a notebook.
+    """Make a project folder: a vehicle file, example blocks (estimator, guide, controller), and a notebook.
 
     Parameters
     ----------
     folder : path
         The folder to make: empty or absent.
     vehicle : str or path
-        The vehicle with which it begins: a name of the garage, whose project has guesses and simulates the one
-        of the garage, or a file. A file of guesses gets a second file with the vehicle that its simulation drives.
+        Name of a vehicle of the garage, or a file. For a name, the vehicle file contains guesses, and the simulation
+        drives the vehicle of the garage. For a file of guesses, a second file with a simulated vehicle is written.
 
     Returns
     -------
@@ -62,10 +62,10 @@ def new(folder: str | Path, vehicle: str | Path = "small") -> Path:
     """
     folder = Path(folder)
     if folder.exists() and any(folder.iterdir()):
-        raise UsageError(fault("cli.folder-not-empty", typed("new", f"{folder}-2"), folder=folder))
+        raise UsageError(fault("cli.folder-not-empty", baqueano_command("new", f"{folder}-2"), folder=folder))
     file = guess_of(vehicle)
     folder.mkdir(parents=True, exist_ok=True)
-    if file.guessed and file.simulation.truth not in names():
+    if file.is_guess and file.simulation.truth not in names():
         others_than(file).save(folder / TRUTH)
         file = with_truth(file)
     file.save(folder / "vehicle.toml")
@@ -78,7 +78,7 @@ def new(folder: str | Path, vehicle: str | Path = "small") -> Path:
 
 
 def with_truth(file: VehicleFile) -> VehicleFile:
-    """Return the file with the vehicle beside it as the truth of its simulation."""
+    """Return the file with the vehicle of the file TRUTH, in the same folder, as the truth of its simulation."""
     text = file.text if "[simulation]" in file.text else f"{file.text}\n[simulation]\n"
     text = re.sub(r"^truth *=.*\n", "", text, flags=re.MULTILINE)
     text = text.replace(
@@ -88,7 +88,7 @@ def with_truth(file: VehicleFile) -> VehicleFile:
 
 
 def others_than(file: VehicleFile) -> VehicleFile:
-    """Return a vehicle that differs from the guesses in all that a fit finds: each number times exp N(0, OFF²).
+    """Return a vehicle in which each number that a fit finds is the guess times exp N(0, OFF²), within its bounds.
 
     >>> mine = load("small")
     >>> other = others_than(mine)
@@ -105,7 +105,7 @@ def others_than(file: VehicleFile) -> VehicleFile:
     return truth.with_values(values)
 
 
-def explained(file: VehicleFile) -> VehicleFile:
+def localise(file: VehicleFile) -> VehicleFile:
     """Return a file of guesses with its comments and its `about` in the current language."""
     text = re.sub(r"# (.*)", lambda comment: f"# {_(comment[1])}", file.text)
     text = re.sub(r'^about = "(.*)"', lambda about: f'about = "{_(about[1])}"', text, flags=re.MULTILINE)
@@ -113,18 +113,19 @@ def explained(file: VehicleFile) -> VehicleFile:
 
 
 def guess_of(vehicle: str | Path = "small") -> VehicleFile:
-    """Return the file with which a project begins: guesses for a vehicle of the garage, another file with its numbers.
+    """Return the first vehicle file of a project.
 
-    The latter are marked as guesses unless a fit measured them.
+    For a vehicle of the garage it contains guesses. Another file keeps its numbers; if a fit did not measure them, they
+    are marked as guesses.
 
     >>> guess = guess_of("small")
-    >>> guess.guessed, guess.truth.path is None, guess.value("model.drivetrain.gain").tolist()
+    >>> guess.is_guess, guess.truth.path is None, guess.value("model.drivetrain.gain").tolist()
     (True, True, [1.0, 1.0])
     """
     file = load(vehicle)
     if file.path is None:
-        return explained(load(GUESSED / file.label))
-    if not file.guessed or "model" in file.provenance:
+        return localise(load(GUESSED / file.label))
+    if not file.is_guess or "model" in file.provenance:
         return file
     advice = _(
         "The vehicle is not measured yet. `baqueano identify last --update` writes measured values below."

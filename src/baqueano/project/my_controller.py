@@ -3,7 +3,7 @@
     u_x = v_r cos e_ψ / v_1 + k_x e_x
     u_ψ = (ω_r + v_r (k_y e_y + k_ψ sin e_ψ)) / ω_1              after Kanayama et al., ICRA 1990
 
-It runs as it is. Change it, then:
+It runs without changes. Change it, then:
 
     baqueano blocks check my_controller.py:MyController
     baqueano repeat lab --vehicle vehicle.toml --controller my_controller.py:MyController
@@ -20,10 +20,10 @@ from baqueano.signals import Command, Estimate, Reference
 
 @dataclass(frozen=True, slots=True, eq=False)
 class MyController:
-    """A controller with gains from the table [controller]. Its speeds at a command of 1 are v_1 and ω_1.
+    """A controller with gains from the table [controller] of the vehicle file.
 
-    v_1 is full_speed_m_s, ω_1 is full_turn_rad_s. `baqueano tune` searches the fields that are parameters, within their
-    bounds.
+    v_1 (full_speed_m_s) and ω_1 (full_turn_rad_s) are the speed and the yaw rate at a command of 1. `baqueano tune`
+    searches the fields that are parameters, within their bounds.
     """
 
     k_x: float = parameter("unit of u per m", "push ahead", low=0.0, high=20.0, default=3.0)
@@ -33,11 +33,11 @@ class MyController:
     full_turn_rad_s: float = 8.0
 
     def init(self) -> None:
-        """Return the state, which is always None."""
+        """Return None: this controller does not have a state."""
         return None
 
     def step(self, state: None, reference: Reference, estimate: Estimate) -> tuple[None, Command]:
-        """Return u = (u_x, 0, u_psi), each in [-1, 1]: the reference's velocity, and a correction towards its pose."""
+        """Return the command (u_x, 0, u_psi), each in [-1, 1]: the reference's velocity plus a correction."""
         e = pose_error(reference.eta, estimate.eta)
         v, w = reference.nu[0], reference.nu[2]
         u_x = v * np.cos(e[2]) / self.full_speed_m_s + self.k_x * e[0]

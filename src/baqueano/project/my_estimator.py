@@ -1,6 +1,6 @@
 """An estimator of your own: the vehicle's model, with its turning rate pulled towards the gyro.
 
-It runs as it is. Change it, then ask what others would say of it, and compare it with ours on a run:
+It runs without changes. Change it, then check it, and compare it with ours on a run:
 
     baqueano blocks check my_estimator.py:MyEstimator
     baqueano replay runs/0001-experiment.mcap --vehicle vehicle.toml --estimator my_estimator.py:MyEstimator
@@ -15,7 +15,7 @@ from baqueano.signals import Estimate, Tick, seconds
 
 
 class Belief(NamedTuple):
-    """The state of the estimator from tick to tick."""
+    """The state of the estimator between two ticks."""
 
     t_ns: int  # of the last tick; -1 before the first, whose clock may begin anywhere
     eta: np.ndarray  # (3,) pose in the map [m, m, rad]
@@ -26,19 +26,22 @@ class Belief(NamedTuple):
 
 @dataclass(frozen=True, slots=True, eq=False)
 class MyEstimator:
-    """An estimator with vehicle and sensors from the vehicle file; gyro_trust, 0 to 1, is in its table [estimator]."""
+    """An estimator with vehicle and sensors of the vehicle file.
+
+    gyro_trust, from 0 to 1, is a key of the table [estimator].
+    """
 
     vehicle: Any
     sensors: Any
     gyro_trust: float = 0.8
 
     def init(self, eta: Any = None) -> Belief:
-        """Return a belief at rest at the pose `eta` (3,), by default the origin of the map, within 1 mm."""
+        """Return a belief at rest at `eta` (3,), by default the origin; the standard deviations are 1e-3."""
         pose = np.zeros(3) if eta is None else np.array(eta, dtype=float)
         return Belief(-1, pose, np.zeros(3), 1e-6 * np.eye(6), self.vehicle.drivetrain.init())
 
     def step(self, belief: Belief, tick: Tick) -> tuple[Belief, Estimate]:
-        """Return the model's step with the command that reached the motors, its turning rate pulled to the gyro's."""
+        """Return belief and estimate after a tick: a step of the model, with its yaw rate corrected by the gyro."""
         dt_s = np.where(belief.t_ns < 0, 0.0, seconds(tick.t_ns, belief.t_ns))
         drivetrain, effort = self.vehicle.drivetrain.step(belief.drivetrain, tick.u, dt_s)
         eta, nu, _ = self.vehicle.advance(belief.eta, belief.nu, effort, dt_s)

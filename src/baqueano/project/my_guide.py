@@ -3,7 +3,7 @@
     s = t − T (1 − e^(−t/T)),   ṡ = 1 − e^(−t/T)      the time along the route, t since the first tick, T = ease_s
     η_r = route(s),   ν_r = ṡ · velocity of the route at s
 
-It runs as it is. Change it, then:
+It runs without changes. Change it, then:
 
     baqueano blocks check my_guide.py:MyGuide
     baqueano repeat lab --vehicle vehicle.toml --guide my_guide.py:MyGuide
@@ -20,14 +20,17 @@ from baqueano.signals import Estimate, Reference, seconds
 
 
 class GuideState(NamedTuple):
-    """The state of the guide from one tick to the next."""
+    """The state of the guide between two ticks."""
 
     start_ns: int  # -1 before the first tick
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class MyGuide:
-    """A guide along a route: t_s (m,), eta (m, 3), nu (m, 3) and closed come with it, ease_s from the table [guide]."""
+    """A guide along a route.
+
+    The route of the drive fills t_s (m,), eta (m, 3), nu (m, 3) and closed. ease_s is a key of the table [guide].
+    """
 
     t_s: np.ndarray
     eta: np.ndarray
@@ -41,7 +44,7 @@ class MyGuide:
         return GuideState(-1)
 
     def step(self, state: GuideState, estimate: Estimate) -> tuple[GuideState, Reference]:
-        """Return the reference pose and velocity of this time; done at the end of the last lap."""
+        """Return the state, and the reference pose and velocity of this time; done at the end of the last lap."""
         start_ns: Value = np.where(state.start_ns < 0, estimate.t_ns, state.start_ns)
         t = seconds(estimate.t_ns, start_ns)
         pace = 1.0 - np.exp(-t / self.ease_s)  # ṡ

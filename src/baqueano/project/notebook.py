@@ -3,20 +3,20 @@
 import json
 from itertools import count
 
-from baqueano.language import marked as N_
-from baqueano.language import translated as _
+from baqueano.language import mark as N_
+from baqueano.language import translate as _
 
 CELLS = (  # a text begins with #
     N_("""# {name}: from a drive to a controller of your own
 Everything here happens in a simulation. Run the cells one by one, with Shift and Enter; then change them.
 
-The file `vehicle.toml` holds guesses. The simulation drives the vehicle that the file names under `[simulation]`, whose
-numbers the fit has to find."""),
+The file `vehicle.toml` contains guesses. The simulation drives the vehicle that the file names under
+`[simulation]`. The fit must find the parameters of that vehicle."""),
     N_("""import baqueano as bq
 
-robot = bq.load("vehicle.toml")  # what we believe of the vehicle
+robot = bq.load("vehicle.toml")  # our present model of the vehicle
 robot"""),
-    N_("""## 1. Drive it, and find out what it is
+    N_("""## 1. Drive it, and identify it
 Random commands excite all of its dynamics. The fit gives each parameter with its error bar, and a verdict."""),
     """u = bq.excitation("random_steps", robot.command.limit, 30.0, robot.rate_hz)
 run = bq.experiment(robot, u)
@@ -26,9 +26,9 @@ fit""",
     N_("""## 2. Noise and gains
 `robot.save()` would write all of it into vehicle.toml, with its origin."""),
     N_("""path = bq.guides.shapes.sinuous_circle(0.6, 0.08, 5, 0.2)  # radius, amplitude [m], waves, speed [m/s]
-robot = bq.measure_noise(fit, run).updated(fit.vehicle_file)
+robot = bq.measure_noise(fit, run).updated_file(fit.vehicle_file)
 tuned = bq.tune(robot, path, starts=2)
-robot = tuned.applied()
+robot = tuned.updated_file()
 tuned"""),
     N_("""## 3. Teach a path, and repeat it"""),
     """route = bq.teach(robot, path, closed=True).route
@@ -76,7 +76,7 @@ mine  # mine.to_pandas() is a data frame; it needs: pip install pandas"""),
 
 
 def notebook(name: str) -> str:
-    """Return the text of the notebook of a project, in the current language."""
+    """Return the text (JSON) of the notebook of the project `name`, in the current language."""
     numbers = count(1)
     cells = []
     for text in CELLS:

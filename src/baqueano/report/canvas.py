@@ -1,4 +1,4 @@
-"""Create figures of this package: shown in a notebook, or written as SVG, PDF or PNG at the width of a printed page.
+"""Create figures that a notebook shows, or that are written as SVG, PDF or PNG at the width of a printed page.
 
 This module is imported only when a figure is drawn, because it loads matplotlib.
 """
@@ -25,27 +25,27 @@ LONGEST = 28  # letters of a title or a label of a narrow figure
 
 
 class CommaFormatter(ScalarFormatter):
-    """A formatter that writes the numbers at an axis with a decimal comma."""
+    """A formatter that writes the numbers of an axis with a decimal comma."""
 
     def __call__(self, x: float, pos: int | None = None) -> str:
         return super().__call__(x, pos).replace(".", ",")
 
     def get_offset(self) -> str:
-        """Return the factor at the end of the axis."""
+        """Return the factor at the end of the axis as text, with a decimal comma."""
         return super().get_offset().replace(".", ",")
 
 
 class Canvas(Figure):
-    """A figure without a window: the last line of a notebook's cell shows it."""
+    """A figure without a window: a notebook shows it if it is the last expression of a cell."""
 
     def savefig(self, fname: Any, **options: Any) -> None:
-        """Write the figure in the format of the file ending or of `format`; text stays text."""
+        """Write the figure in the format of the file extension or of `format`; text stays text."""
         salt = rcParams["svg.hashsalt"] or "baqueano"
         with rc_context({"svg.fonttype": "none", "pdf.fonttype": 42, "svg.hashsalt": salt}):
             super().savefig(fname, **options)
 
     def _repr_png_(self) -> bytes:
-        """Return the picture for a notebook."""
+        """Return the figure as PNG, for a notebook."""
         buffer = io.BytesIO()
         self.savefig(buffer, format="png", dpi=110, facecolor="white")
         return buffer.getvalue()

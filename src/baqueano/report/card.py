@@ -1,4 +1,4 @@
-"""Show the card of a result in a notebook: its name and verdict, its main rows, and the whole table to unfold."""
+"""Show the card of a result in a notebook: its name and verdict, its main rows, and the whole table to expand."""
 
 import html
 from dataclasses import dataclass, field
@@ -18,7 +18,7 @@ from baqueano.identify.result.fit_result import verdict_lines
 from baqueano.identify.sensor_calibration import Calibration
 from baqueano.identify.validation import Validation
 from baqueano.language import shown_unit
-from baqueano.language import translated as _
+from baqueano.language import translate as _
 from baqueano.messages import text, texts
 from baqueano.report.fit_report import row_of
 from baqueano.report.page import TONES, cell
@@ -93,7 +93,9 @@ def _table(rows: "Sequence[TableRow]") -> str:
 
 @singledispatch
 def card_of(result: Tabular) -> Card:
-    """Return the card of a result: by default its type, its verdict, and its rows unless they have too many columns."""
+    """Return the card of a result: its name, its verdict and its main rows. By default the name is the result's type.
+    The default rows are `rows()`, if they do not have too many columns.
+    """
     rows = result.rows()
     table_rows = rows if rows and len(rows[0]) <= COLUMNS else []
     return Card(type(result).__name__, str(getattr(result, "verdict", "")), table_rows)
@@ -185,7 +187,10 @@ def _of_vehicle(result: VehicleFile) -> Card:
 def _of_import(result: ImportedRun) -> Card:
     run = card_of(result.run)
     return Card(
-        run.title, result.verdict, run.rows, [doubt.advice for doubt in result.noticed.doubts][:SENTENCES]
+        run.title,
+        result.verdict,
+        run.rows,
+        [doubt.advice for doubt in result.without_common_doubts.doubts][:SENTENCES],
     )
 
 

@@ -6,10 +6,10 @@ import numpy as np
 
 from baqueano.identify.covariance.quantiles import QUANTILE_95
 from baqueano.language import number, shown_unit
-from baqueano.language import translated as _
+from baqueano.language import translate as _
 from baqueano.messages import text
-from baqueano.printable import typed
-from baqueano.report.lab import panels, styled
+from baqueano.printable import baqueano_command
+from baqueano.report.lab import panels, with_style
 from baqueano.report.page import Headline, Page, Section, Table, draw
 
 if TYPE_CHECKING:
@@ -46,16 +46,16 @@ def page_of_drift(history: "ParameterHistory") -> Page:
             Section(_("Run by run"), "", [draw(curves(history, entries), caption)] if entries else []),
             Section(_("Figures"), "", [Table(history.rows())]),
         ],
-        reproduce=typed("runs", "wear", *history.runs),
+        reproduce=baqueano_command("runs", "wear", *history.runs),
     )
 
 
 def with_curves(history: "ParameterHistory") -> list[int]:
-    """Return the indices of the parameters that at least two runs estimate."""
+    """Return the indices of the parameters with estimates from at least two runs."""
     return [i for i in range(len(history.names)) if np.isfinite(history.single[:, i]).sum() > 1]
 
 
-@styled
+@with_style
 def curves(history: "ParameterHistory", entries: list[int]) -> "Figure":
     """Draw these parameters over the runs."""
     columns = 2 if len(entries) > 1 else 1

@@ -1,15 +1,14 @@
-"""Write the sections of a page about an estimate: path and corridor, errors, innovations, comparison with another
-estimate."""
+"""Write the sections of a page about an estimate: path and corridor, errors, innovations, a second estimate."""
 
 import numpy as np
 
 from baqueano.compare import Comparison, RunComparison
 from baqueano.compare.corridor import Corridor, corridor_of
 from baqueano.compare.divergence import until_diverged
-from baqueano.compare.errors import aligned
+from baqueano.compare.errors import align_trajectory
 from baqueano.compare.filter_consistency import FilterConsistency
 from baqueano.geometry import map_from_body, wrap
-from baqueano.language import translated as _
+from baqueano.language import translate as _
 from baqueano.report import figures
 from baqueano.report.page import Drawing, Section, Table, draw
 from baqueano.runs import Run
@@ -20,11 +19,11 @@ PLACES = 400  # of the corridor, along a path
 
 
 def beside_each_other(comparison: Comparison) -> list[Section]:
-    """Return the section that compares two estimates of one drive, a column each."""
+    """Return the section that compares two estimates of one drive, with a column for each estimate."""
     rows = [run.row() for run in comparison.runs]
     columns = {
-        _("estimated position off, rms [m]"): "ate_m", _("at the end [m]"): "end_error_m",
-        _("drift over 1 s [m]"): "rpe_m", _("estimated speed off, rms [m/s]"): "speed_error_m_s",
+        _("error of the estimated position, rms [m]"): "ate_m", _("at the end [m]"): "end_error_m",
+        _("drift over 1 s [m]"): "rpe_m", _("error of the estimated speed, rms [m/s]"): "speed_error_m_s",
         _("NEES of the velocity"): "nees_velocity", "NIS": "nis", _("verdict"): "verdict",
     }  # fmt: skip
     lines = [
@@ -50,8 +49,10 @@ def sentence_of_path(comparison: RunComparison, alignment: str) -> str:
             + " "
         )
         sentence += f"{corridor.sentence[:1].upper()}{corridor.sentence[1:]}."
-    alignment_sentence = {"none": "", "start": " " + _("The estimate is laid on the truth at its start."),
-            "rigid": " " + _("The estimate is laid on the truth by the best rigid motion.")}[alignment]  # fmt: skip
+    alignment_sentence = {"none": "", "start": " " + _("The estimate is aligned with the truth at its start."),
+            "rigid": " " + _(
+                "The estimate is aligned with the truth by the best rigid motion."
+            )}[alignment]  # fmt: skip
     return sentence + alignment_sentence
 
 
@@ -65,7 +66,7 @@ def _laps(corridor: Corridor) -> float:
 def paths(run: Run, alignment: str = "none", beside: Run | None = None) -> list[Table | Drawing]:
     """Return the drawing of the path of a run: reference, truth, and estimate with the corridor of its last lap.
 
-    The estimate of the run `beside` is drawn too. Data that a run lacks are left out.
+    The estimate of the run `beside` is drawn too. Data that the run does not contain are not drawn.
     """
     lines: dict[str, np.ndarray] = {}
     band, end = None, None
@@ -97,7 +98,7 @@ def paths(run: Run, alignment: str = "none", beside: Run | None = None) -> list[
         return []
     caption = _("The path of {run}.", run=run.name)
     if band is not None:
-        caption = _("The path of {run}, and where it may be with 95 % probability.", run=run.name)
+        caption = _("The path of {run}, and the region that contains it with 95 % probability.", run=run.name)
     return [draw(figures.paths(lines, band, end), caption)]
 
 
@@ -106,11 +107,13 @@ def _aligned_path(run: Run, alignment: str) -> np.ndarray:
     assert run.estimate is not None
     if run.truth is None:
         return run.estimate.eta
-    return aligned(run.estimate.eta, poses_at(run.estimate.t_ns, run.truth.t_ns, run.truth.eta), alignment)
+    return align_trajectory(
+        run.estimate.eta, poses_at(run.estimate.t_ns, run.truth.t_ns, run.truth.eta), alignment
+    )
 
 
 def errors(run: Run, alignment: str = "none", beside: Run | None = None) -> list[Section]:
-    """Return the section of the errors against the truth with the filter's own ±2σ, [] without a truth.
+    """Return the section of the errors against the truth with the filter's ±2σ; [] without a truth.
 
     The errors of the run `beside` are drawn as a line.
     """
@@ -132,13 +135,14 @@ def errors(run: Run, alignment: str = "none", beside: Run | None = None) -> list
                 (label, curves | {n: (at, scale * e[:, k]) for n, (at, e) in second_errors.items()})
             )
     drawing = draw(
-        figures.over_time(panels), _("Estimate minus truth; the band is the error that the filter claims.")
+        figures.over_time(panels),
+        _("Estimate minus truth; the band is the uncertainty that the filter reports."),
     )
     return [Section(_("Errors against the truth"), "", [drawing])]
 
 
 def _off(run: Run, truth_of: Run, alignment: str) -> tuple[np.ndarray, np.ndarray]:
-    """Return times [s], and x, y, ψ, ν_x of an estimate minus those of the truth (N, 4), the heading wrapped."""
+    """Return times [s], and the errors (N, 4) of x, y, ψ, ν_x: estimate minus truth, with the heading wrapped."""
     log, truth = run.estimate, truth_of.truth
     assert log is not None
     assert truth is not None
@@ -149,7 +153,7 @@ def _off(run: Run, truth_of: Run, alignment: str) -> tuple[np.ndarray, np.ndarra
 
 
 def consistency_sections(corridor: FilterConsistency, run: Run) -> list[Section]:
-    """Return the section on the consistency of the filter: sentence, figures and innovations, [] without data."""
+    """Return the section on the consistency of the filter: sentence, figures and innovations; [] without data."""
     rows, log = corridor.figures(), run.estimate
     caption = _(
         "1 if the filter is consistent; a correct covariance gives a value between the "
@@ -164,7 +168,7 @@ def consistency_sections(corridor: FilterConsistency, run: Run) -> list[Section]
             for k, y in enumerate((log.innovation / sd).T) if np.isfinite(y).any()
         ]  # fmt: skip
         remark = _(
-            "Innovations over time, in standard deviations: with a correct covariance 95 % lie in the band."
+            "Innovations over time, in standard deviations: with a correct covariance 95 % are in the band."
         )
         parts += [draw(figures.over_time(panels, height_in=1.4), remark)] if panels else []
     return [Section(_("Consistency of the filter"), corridor.sentence, parts)] if rows else []

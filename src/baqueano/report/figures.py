@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from baqueano.language import translated as _
-from baqueano.report.lab import panel, panels, styled
+from baqueano.language import translate as _
+from baqueano.report.lab import panel, panels, with_style
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -24,7 +24,7 @@ WIDE = 100.0  # %: an interval that reaches further is cut off in the figure of 
 ABOVE: "JsonObject" = {"loc": "lower left", "bbox_to_anchor": (0.0, 1.0), "ncols": 4, "borderaxespad": 0.2}
 
 
-def thinned(t: np.ndarray, y: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def decimate(t: np.ndarray, y: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Return at most about MOST_POINTS points that keep every peak: the minimum and the maximum of each span."""
     if len(t) <= MOST_POINTS:
         return t, y
@@ -39,11 +39,10 @@ def thinned(t: np.ndarray, y: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 
 
 def most_motion(t_s: np.ndarray, y: np.ndarray, span_s: float) -> slice:
-    """Return the rows of the `span_s` seconds in which y (N, m) varies most, or of all if the data are not longer.
+    """Return the rows of the `span_s` seconds in which y (N, m) varies most, or all rows if the data are not longer.
 
-    The spans begin at whole seconds. Each channel counts by its variance within the span, relative to its variance
-    over the whole time. Values beyond its 1st and 99th percentile are clipped, so that a spike does not count as
-    motion.
+    The spans begin at whole seconds. Each channel counts by its variance within the span, relative to its variance over
+    the whole time. Values beyond its 1st and 99th percentile are clipped, so that a spike does not count as motion.
     """
     over_s = float(t_s[-1] - t_s[0]) - span_s
     y = y[:, np.isfinite(y).any(axis=0)]
@@ -65,7 +64,7 @@ def most_motion(t_s: np.ndarray, y: np.ndarray, span_s: float) -> slice:
     return slice(int(first[most]), int(last[most]))
 
 
-@styled
+@with_style
 def channels(t_s: np.ndarray, measured: np.ndarray, model: np.ndarray, names: Sequence[str]) -> "Figure":
     """Draw the measurements of the sensors and the model's predictions, a panel per channel.
 
@@ -73,19 +72,19 @@ def channels(t_s: np.ndarray, measured: np.ndarray, model: np.ndarray, names: Se
     """
     figure, axes = panels(len(names), 1, (9.2, 1.75 * len(names) + 0.5), sharex=True)
     for k, axis in enumerate(axes[:, 0]):
-        axis.plot(*thinned(t_s, measured[:, k]), color=MEASURED, lw=0.8, alpha=0.75, label=_("measured"))
-        axis.plot(*thinned(t_s, model[:, k]), color=MODEL, lw=1.4, label=_("model"))
+        axis.plot(*decimate(t_s, measured[:, k]), color=MEASURED, lw=0.8, alpha=0.75, label=_("measured"))
+        axis.plot(*decimate(t_s, model[:, k]), color=MODEL, lw=1.4, label=_("model"))
         axis.set_ylabel(names[k])
     axes[0, 0].legend(**ABOVE)
     axes[-1, 0].set_xlabel(_("time [s]"))
     return figure
 
 
-@styled
+@with_style
 def residuals(residual: np.ndarray, names: Sequence[str], lags: int = 60) -> "Figure":
     """Draw the standardised residuals against the normal density, and their autocorrelation with its 95 % band.
 
-    residual (N, m), in standard deviations; NaN is left out; a channel without numbers stays empty.
+    residual (N, m), in standard deviations; NaN is ignored. The panel of a channel without numbers stays empty.
     """
     figure, axes = panels(len(names), 2, (9.2, 1.9 * len(names) + 0.3))
     grid = np.linspace(-4.5, 4.5, 200)
@@ -113,11 +112,12 @@ def autocorrelation(r: np.ndarray, lags: int) -> np.ndarray:
     return np.array([float(r[k:] @ r[:-k]) / power for k in range(1, min(lags, len(r) - 1) + 1)])
 
 
-@styled
+@with_style
 def estimates(
     names: Sequence[str], value: np.ndarray, sd: np.ndarray, truth: np.ndarray | None = None
 ) -> "Figure":
-    """Draw each estimate with its 95 % interval, relative to the truth, or to itself without one [%]."""
+    """Draw each estimate with its 95 % interval, relative to the truth [%]; without a truth relative to the
+    estimate."""
     base = value if truth is None else truth
     scale = np.where(np.abs(base) > 0, np.abs(base), np.nan)
     centre, half = 100 * (value - base) / scale, 100 * 1.96 * sd / scale
@@ -138,7 +138,7 @@ def estimates(
     return figure
 
 
-@styled
+@with_style
 def correlation(names: Sequence[str], matrix: np.ndarray) -> "Figure":
     """Draw the correlation matrix (n, n) of the estimates."""
     n = len(names)
@@ -151,7 +151,7 @@ def correlation(names: Sequence[str], matrix: np.ndarray) -> "Figure":
     return figure
 
 
-@styled
+@with_style
 def paths(
     lines: dict[str, np.ndarray], band: np.ndarray | None = None, end: np.ndarray | None = None
 ) -> "Figure":
@@ -207,14 +207,14 @@ def ellipse(centre: np.ndarray, cov: np.ndarray) -> np.ndarray:
     return centre + (axes @ (np.sqrt(CHI_SQUARE_95 * np.clip(size, 0, None))[:, None] * circle)).T
 
 
-@styled
+@with_style
 def over_time(
     curves: Sequence[tuple[str, dict[str, tuple[np.ndarray, np.ndarray]]]], height_in: float = 1.75
 ) -> "Figure":
     """Draw curves over time, a panel of `height_in` each: (label of the axis, {name of the curve: (t_s, y)}).
 
-    A curve named "±2σ" is drawn as a band around zero, "limit" as dashed lines at ± its value, and "at its limit" as
-    points.
+    A curve named "±2σ" is drawn as a band around zero, "limit" as
+    dashed lines at ± its value, and "at its limit" as points.
     """
     figure, axes = panels(len(curves), 1, (9.2, height_in * len(curves) + 0.5), sharex=True)
     for axis, (label, lines) in zip(axes[:, 0], curves, strict=True):
@@ -251,7 +251,7 @@ def _curve(axis: Any, name: str, t: np.ndarray, y: np.ndarray) -> None:
     if name == "at its limit":
         axis.plot(t, y, ".", color=ALARM, ms=3, label=_(name))
         return
-    t, y = thinned(t, y)
+    t, y = decimate(t, y)
     if name == "±2σ":
         axis.fill_between(t, -y, y, color=MODEL, alpha=0.15, lw=0, label=name)
     else:

@@ -7,13 +7,13 @@ import numpy as np
 
 from baqueano.diagnostics import Verdict, by_weight, fault
 from baqueano.errors import UsageError
-from baqueano.identify.result.fit_result import Fit, marks, rounded
+from baqueano.identify.result.fit_result import Fit, marks, round_to_error
 from baqueano.identify.result.ratios import percent
-from baqueano.language import marked as N_
+from baqueano.language import mark as N_
 from baqueano.language import number, shown_unit
-from baqueano.language import translated as _
+from baqueano.language import translate as _
 from baqueano.messages import texts, with_full_stop
-from baqueano.printable import typed
+from baqueano.printable import baqueano_command
 from baqueano.report import figures
 from baqueano.report.of_run import page_of_run
 from baqueano.report.page import Drawing, Headline, Page, Section, Table, draw
@@ -36,10 +36,10 @@ SHOWN_S = 20.0  # of the data, in the figure: the span with most motion
 def page_of_fit(
     fit: Fit, truth: np.ndarray | None = None, held_out: "Validation | None" = None, ahead: Any = None
 ) -> Page:
-    """Return the page about one fit, also of a refused one, with its raw data.
+    """Return the page about a fit, with its raw data. A refused fit has a page too.
 
-    `truth` (p,) is drawn beside the estimates. `held_out` is the validation on other runs, `ahead` the forecast of
-    drives.
+    `truth` (p,) is drawn beside the estimates.
+    `held_out` is the validation on other runs, `ahead` the forecast of drives.
     """
     return Page(
         title=_("Fit of {name}", name=fit.file.name),
@@ -61,14 +61,14 @@ def page_of_fit(
         sections=[
             _next_step(fit, held_out),
             *(
-                [Section(_("What it means for a drive"), "\n".join(texts(ahead.sentences)), [])]
+                [Section(_("Consequences for a drive"), "\n".join(texts(ahead.sentences)), [])]
                 if ahead
                 else []
             ),
             *sections_of_fit(fit, truth, reasons=False),
             *_of_unseen(held_out),
         ],
-        reproduce=typed("identify", *(fit.runs if len(fit.runs) <= DRAWN else ["RUNS"])),
+        reproduce=baqueano_command("identify", *(fit.runs if len(fit.runs) <= DRAWN else ["RUNS"])),
     )
 
 
@@ -91,7 +91,9 @@ def sections_of_fit(fit: Fit, truth: np.ndarray | None = None, reasons: bool = T
         parts.append(
             draw(
                 drawing,
-                _("Each estimate with its 95 % interval; an interval that leaves the figure may include 0."),
+                _(
+                    "Each estimate with its 95 % interval; an interval that extends beyond the figure may include 0."
+                ),
             )
         )
     sections = [Section(_("Parameters"), messages, parts), *_runs(fit)]
@@ -105,9 +107,9 @@ def sections_of_fit(fit: Fit, truth: np.ndarray | None = None, reasons: bool = T
 
 
 def row_of(row: "TableRow") -> "JsonObject":
-    """Return a parameter as a table row: no digits below its error, and with its notes."""
+    """Return a parameter as a table row with its notes; the digits below its error are omitted."""
     sd = row["sd"]
-    value = None if row["estimate"] is None else rounded(row["estimate"], sd)
+    value = None if row["estimate"] is None else round_to_error(row["estimate"], sd)
     return {
         "parameter": short(row["name"]),
         "estimate": value,
@@ -119,7 +121,7 @@ def row_of(row: "TableRow") -> "JsonObject":
 
 
 def _next_step(fit: Fit, held_out: "Validation | None") -> Section:
-    """Return the meaning of the verdict for the reader, and the next step."""
+    """Return a section with the meaning of the verdict for the reader, and the next step."""
     reasons_ = [with_full_stop(reason) for reason in texts(by_weight(fit.reasons))]
     reasons_ = [f"• {reason}" for reason in reasons_] if len(reasons_) > 1 else reasons_
     if held_out is not None:
@@ -129,11 +131,11 @@ def _next_step(fit: Fit, held_out: "Validation | None") -> Section:
         ]
     needs = [message.figures["needs"] for message in fit.unobservable if "needs" in message.figures]
     if fit.verdict == Verdict.REFUSED:
-        reasons_.append(_("Next: look at the data below. The vehicle file stays as it is."))
+        reasons_.append(_("Next: check the data below. The vehicle file stays as it is."))
     elif needs:
         reasons_.append(_("Next: drive again. {needs}.", needs=". ".join(dict.fromkeys(texts(needs)))))
     elif held_out is not None and held_out.verdict == Verdict.REFUSED:
-        reasons_.append(_("Next: look at the held-out runs below. The vehicle file stays as it is."))
+        reasons_.append(_("Next: check the held-out runs below. The vehicle file stays as it is."))
     elif held_out is None:
         reasons_.append(_("Next: test it with a run that the fit does not use: add --held-out RUN."))
     else:
@@ -142,10 +144,10 @@ def _next_step(fit: Fit, held_out: "Validation | None") -> Section:
 
 
 def _of_unseen(held_out: "Validation | None") -> list[Section]:
-    """Return the section with the table and the figures of runs that the fit has not used."""
+    """Return the section with the table and the figures of runs that were not used in the fit."""
     if held_out is None:
         return []
-    caption = _("Sensors and model of a held-out run; the model uses its commands only.")
+    caption = _("Sensors and model of a held-out run; the model uses only its commands.")
     drawings = []
     for run in _runs_to_draw(held_out.channels):
         drawing, channels_shown = where_most_moves(_channels_of(held_out.channels, run))
@@ -154,12 +156,12 @@ def _of_unseen(held_out: "Validation | None") -> list[Section]:
 
 
 def _channels_of(channels: Any, run: str) -> list[Any]:
-    """Return the channels of one run for which the explained share is known."""
+    """Return the channels of one run with a known explained share."""
     return [c for c in channels if c.run == run and np.isfinite(c.explained)]
 
 
 def _least(channels: Any) -> dict[str, float]:
-    """Return for each run, in order, the share that the model explains of its worst channel."""
+    """Return run → explained share of its worst channel, in the order of the runs."""
     least: dict[str, float] = {}
     for c in channels:
         if np.isfinite(c.explained):
@@ -168,7 +170,7 @@ def _least(channels: Any) -> dict[str, float]:
 
 
 def _of_worst(channels: object) -> list[Any]:
-    """Return the channels of the run that the model explains worst."""
+    """Return the channels of the run that the model explains worst; [] without runs."""
     least = _least(channels)
     return _channels_of(channels, min(least, key=lambda run: least[run])) if least else []
 
@@ -180,24 +182,24 @@ def _few(channels: list[Any]) -> list[Any]:
 
 
 def _runs_to_draw(channels: object) -> list[str]:
-    """Return the runs to draw, in their order: at most DRAWN, those that the model explains worst."""
+    """Return the runs to draw in their order: at most DRAWN runs, those that the model explains worst."""
     least = _least(channels)
     worst = sorted(least, key=lambda run: least[run])[:DRAWN]
     return [run for run in least if run in worst]
 
 
 def _runs(fit: Fit) -> list[Section]:
-    """Return the section with a row for each of several runs, and the runs that the page shows."""
+    """Return the section with a row for each of several runs. It also lists the runs that the page shows."""
     worst = _of_worst(fit.channels)
     if len(fit.runs) < 2 or not worst:
         return []
     caption, run_names = (
-        _("The model explains least of {run}.", run=worst[0].run),
+        _("The model explains {run} least of all runs.", run=worst[0].run),
         _runs_to_draw(fit.channels),
     )
     if len(run_names) < len(fit.runs):
         caption += "\n" + _(
-            "Drawn are the {drawn} runs of {runs} of which the model explains least.",
+            "Of {runs} runs, the plot shows the {drawn} that the model explains least.",
             drawn=len(run_names),
             runs=len(fit.runs),
         )
@@ -235,12 +237,13 @@ def _of_run(fit: Fit, run: str) -> Section:
         draw(few, _("Sensors and model, {shown}. The model uses only the commands.", shown=channels_shown)),
         draw(
             over_time,
-            _("Residuals over time, in standard deviations: if they are white, 95 % lie in the band."),
+            _("Residuals over time, in standard deviations: if they are white, 95 % are in the band."),
         ),
         draw(
             figures.residuals(residual, [label(c) for c in channels]),
             _(
-                "Residuals beside the normal density, and their autocorrelation by lag, with the band of white noise."
+                "Distribution of the residuals with the normal density, and their autocorrelation by lag "
+                "with the band of white noise."
             ),
         ),
     ]
@@ -248,7 +251,9 @@ def _of_run(fit: Fit, run: str) -> Section:
 
 
 def where_most_moves(channels: list[Any]) -> tuple[Any, str]:
-    """Return data and model of one run over the SHOWN_S with most motion, and the span as text: "20 s from 14 s"."""
+    """Return data and model of one run over the SHOWN_S seconds
+    with most motion, and this span as text: "20 s from 14 s".
+    """
     t_s = channels[0].t_s
     measured, predicted = (
         np.stack([getattr(c, k) for c in channels], axis=1) for k in ("measured", "predicted")

@@ -1,4 +1,4 @@
-"""Load the two libraries that a report needs, matplotlib and jinja2, when one is written."""
+"""Load matplotlib and jinja2, the two libraries for a report, when a report is written."""
 
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
@@ -12,7 +12,7 @@ import numpy as np
 from baqueano.diagnostics import fault
 from baqueano.errors import UsageError
 from baqueano.language import current
-from baqueano.language import marked as N_
+from baqueano.language import mark as N_
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -54,7 +54,7 @@ Drawn = TypeVar("Drawn")
 
 @contextmanager
 def onto(target: "Target") -> Iterator[None]:
-    """Draw on the user's axes, figure or subfigure, in their style; None: on a new figure of this package."""
+    """Draw on the user's axes, figure or subfigure, in their style. For None, draw on a new figure of this package."""
     token = _TARGET.set(target)
     try:
         yield
@@ -62,7 +62,7 @@ def onto(target: "Target") -> Iterator[None]:
         _TARGET.reset(token)
 
 
-def styled(draw: Callable[P, Drawn]) -> Callable[P, Drawn]:
+def with_style(draw: Callable[P, Drawn]) -> Callable[P, Drawn]:
     """Return `draw` with the style of this package, which does not apply to the user's own figures."""
 
     @wraps(draw)
@@ -78,9 +78,9 @@ def styled(draw: Callable[P, Drawn]) -> Callable[P, Drawn]:
 def panels(
     rows: int, columns: int, size_in: tuple[float, float], sharex: bool = False
 ) -> tuple["Figure", np.ndarray]:
-    """Return a figure of `size_in` and its axes (rows, columns), or those of `onto`.
+    """Return a figure of `size_in` [in] and its axes (rows, columns), or the axes that `onto` set.
 
-    Raise UsageError if matplotlib is missing, or axes are given for a drawing of several panels.
+    Raise UsageError if matplotlib is missing, or if axes are given for a drawing of several panels.
     """
     matplotlib()
     from matplotlib.axes import Axes
@@ -115,7 +115,7 @@ def panel(size_in: tuple[float, float]) -> tuple["Figure", "Axes"]:
 
 
 def matplotlib() -> ModuleType:
-    """Return the drawing library. Raise UsageError, with the command to install it, if it is missing."""
+    """Return the module matplotlib. If it is missing, raise UsageError with the command to install it."""
     try:
         import matplotlib
     except ImportError as error:
@@ -126,7 +126,7 @@ def matplotlib() -> ModuleType:
 
 
 def jinja2() -> ModuleType:
-    """Return the template engine. Raise UsageError, with the command to install it, if it is missing."""
+    """Return the module jinja2. If it is missing, raise UsageError with the command to install it."""
     try:
         import jinja2
     except ImportError as error:

@@ -9,9 +9,9 @@ from baqueano.compare import compare, evenness
 from baqueano.compare.divergence import until_diverged
 from baqueano.diagnostics import Verdict
 from baqueano.language import number
-from baqueano.language import translated as _
+from baqueano.language import translate as _
 from baqueano.monitor import REFUSED, Refusals
-from baqueano.printable import typed
+from baqueano.printable import baqueano_command
 from baqueano.report import figures
 from baqueano.report.estimate_report import (
     beside_each_other,
@@ -41,7 +41,7 @@ VERDICTS = {
 def page_of_run(run: Run, alignment: str = "none", beside: Run | None = None) -> Page:
     """Return the page of a run: path, errors, innovations, commands, events. `alignment` is as in `compare`.
 
-    The estimate of the run `beside`, of another estimator on the same drive, is drawn and assessed too.
+    The run `beside` is of another estimator on the same drive: its estimate is drawn and assessed too.
     """
     both = compare([run] if beside is None else [run, beside], alignment=alignment)
     run_figures = both.runs[0]
@@ -53,7 +53,7 @@ def page_of_run(run: Run, alignment: str = "none", beside: Run | None = None) ->
     sections += driving(run, row) if drove else []
     sections += errors(run, alignment, beside)
     sections += consistency_sections(run_figures.consistency, run)
-    sections += refused(run_figures.refusals)
+    sections += refused_section(run_figures.refusals)
     sections += [Section(_("Measurements"), "", [sensors_of(run)])] if run.sensors else []
     contents = show(run)
     sections.append(Section(_("Content of the run"), "", [Table(contents.rows()), *_events(run)]))
@@ -69,24 +69,24 @@ def page_of_run(run: Run, alignment: str = "none", beside: Run | None = None) ->
         verdict=VERDICTS.get(row["verdict"], ""),
         headlines=headlines(row, drove),
         sections=sections,
-        reproduce=typed("report", run.name),
+        reproduce=baqueano_command("report", run.name),
     )
 
 
 def headlines(judged: dict, drove: bool = True) -> list[Headline]:
     """Return the known figures of a comparison as headlines.
 
-    Those of the vehicle are left out unless it `drove` by the assessed estimate.
+    The figures of the vehicle are included only if it `drove` by the assessed estimate.
     """
     by, source = ("pace_true", _("true"))
     if not np.isfinite(judged["pace_true_error"]):
         by, source = ("pace_estimate", _("by the estimate"))
     of_vehicle = (
-        ("across_true_rms_m", _("across the path, true"), _("rms"), 100, "cm"),
+        ("across_true_rms_m", _("across the path, true value"), _("rms"), 100, "cm"),
         (
             f"{by}_error",
-            _("speed off its reference"),
-            _("rms, of the mean asked; {whose}", whose=source),
+            _("error of the speed from its reference"),
+            _("rms, relative to the requested mean; {whose}", whose=source),
             100,
             "%",
         ),
@@ -94,8 +94,8 @@ def headlines(judged: dict, drove: bool = True) -> list[Headline]:
         ("sign_changes_per_s", _("changes of sign"), _("of the forward command"), 1, _("per s")),
     )
     of_estimate = (
-        ("ate_m", _("estimated position off"), _("rms against truth"), 100, "cm"),
-        ("speed_error_m_s", _("estimated speed off"), _("rms against truth"), 1000, "mm/s"),
+        ("ate_m", _("error of the estimated position"), _("rms against truth"), 100, "cm"),
+        ("speed_error_m_s", _("error of the estimated speed"), _("rms against truth"), 1000, "mm/s"),
         (
             "nees_velocity",
             _("NEES of the velocity"),
@@ -112,15 +112,16 @@ def headlines(judged: dict, drove: bool = True) -> list[Headline]:
     ]
 
 
-def refused(counts: tuple[Refusals, ...]) -> list[Section]:
-    """Return the section with the refused readings of each channel, [] if the estimator does not count them."""
+def refused_section(counts: tuple[Refusals, ...]) -> list[Section]:
+    """Return the section with the refused readings of each channel; [] if the estimator does not count refusals."""
     rows = [
         {"number": count.name, "refused": count.refused, "arrived": count.arrived,
          _("refused [%]"): 100.0 * count.refused / max(count.arrived, 1)}
         for count in counts
     ]  # fmt: skip
     caption = _(
-        "A number far from its prediction loses its weight. Sensors that disagreed for long are below."
+        "A measurement far from its prediction gets a smaller weight. Sensors that disagreed for a long "
+        "time are listed below."
     )
     return [Section(_("Refused readings"), caption, [Table(rows)])] if rows else []
 
@@ -144,7 +145,7 @@ def driving(run: Run, judged: dict) -> list[Section]:
 
 
 def speed(run: Run) -> Drawing | None:
-    """Return the drawing of the forward speed against its reference, or None for a run without speeds."""
+    """Return the drawing of the forward speed against its reference; None for a run without speeds."""
     curves = {}
     for name, log in (("truth", run.truth), ("estimate", run.estimate), ("reference", run.guide_reference)):
         if log is not None and np.isfinite(log.nu[:, 0]).any():
@@ -157,12 +158,12 @@ def speed(run: Run) -> Drawing | None:
 
 
 def _paces(row: dict) -> list[Table | Drawing]:
-    """Return the table of the speed errors against the reference, after the first second."""
+    """Return the table of the speed errors against the reference, without the first second."""
     rows = [
         {
             "speed": source,
-            _("off its reference, rms [m/s]"): row[f"{name}_error_m_s"],
-            _("of the mean asked [%]"): 100.0 * row[f"{name}_error"],
+            _("error from its reference, rms [m/s]"): row[f"{name}_error_m_s"],
+            _("of the requested mean [%]"): 100.0 * row[f"{name}_error"],
             _("uneven, about its 1 s mean [%]"): 100.0 * row[f"{name}_uneven"],
         }
         for name, source in (("pace_true", _("true")), ("pace_estimate", _("by the estimate")))
@@ -176,7 +177,7 @@ def _paces(row: dict) -> list[Table | Drawing]:
 
 
 class _CommandCurve(NamedTuple):
-    """A command, or a wheel after the mixing."""
+    """The curve of a command, or of a wheel after the mixing."""
 
     name: str
     curves: dict[str, np.ndarray]  # name → (N,)
@@ -202,13 +203,13 @@ def commands(run: Run) -> Section:
         })  # fmt: skip
     drawing = draw(
         figures.over_time(panels),
-        _("Requested, applied, and sent to each wheel; red: at its limit or beyond."),
+        _("The command as requested, as applied, and as sent to each wheel; red: at its limit or beyond."),
     )
     return Section(_("Commands"), "", [drawing, Table(rows)])
 
 
 def _channels(run: Run) -> list[_CommandCurve]:
-    """Return the commands that this vehicle uses, then its two wheels."""
+    """Return the curves of the commands that this vehicle uses, then the curves of its two wheels."""
     limits, (names, unit) = evenness.limits_of(run.vehicle_text), _command_names(run)
     commands_sent = run.applied if run.sent is None else run.sent
     n = commands_sent.shape[1]

@@ -1,4 +1,5 @@
-"""Write one self-contained HTML page: headline figures, tables, drawings; without script or network, ready to print."""
+"""Write one self-contained HTML page to read or print: headline figures, tables, drawings; without script or
+network."""
 
 import html
 import io
@@ -12,7 +13,7 @@ from typing import TYPE_CHECKING
 from baqueano.diagnostics import Verdict, fault, nearest
 from baqueano.errors import UsageError
 from baqueano.language import current, number
-from baqueano.language import translated as _
+from baqueano.language import translate as _
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -30,7 +31,7 @@ FORMATS, DPI = ("svg", "pdf", "png"), 300  # of figures as files; dots per inch 
 
 @dataclass(frozen=True)
 class Headline:
-    """A headline figure."""
+    """A figure at the top of a page, with its label and a note."""
 
     label: str
     value: str
@@ -61,7 +62,7 @@ class Drawing:
 
     @cached_property
     def svg(self) -> str:
-        """Return the figure as SVG text for the page, in full width and again in the width of a phone."""
+        """Return the figure as SVG text for the page, in full width and, if `narrow`, again in the width of a phone."""
         svg = _svg(self.figure, "wide", self.caption)
         wide_in, high_in = self.figure.get_size_inches()
         if self.narrow and wide_in > NARROW_IN:
@@ -96,7 +97,7 @@ class Page:
     sections : list of Section
         Heading, text, tables and drawings.
     reproduce : str
-        The command that gives these numbers again.
+        The command that reproduces these numbers.
 
     Examples
     --------
@@ -125,26 +126,26 @@ class Page:
 
     @property
     def footer(self) -> str:
-        """Return the last line."""
-        return _("Written by baqueano. SI units; angles in degrees where it says so.")
+        """Return the last line of the page."""
+        return _("Written by baqueano. SI units; angles in degrees if stated.")
 
     @property
     def again(self) -> str:
-        """Return the text before `reproduce`."""
-        return _("To get these numbers again:")
+        """Return the sentence before the command `reproduce`."""
+        return _("To reproduce these numbers:")
 
     def __repr__(self) -> str:
         return f"Page({self.title!r}, {len(self.sections)} sections, {len(self.drawings())} figures)"
 
     def _repr_html_(self) -> str:
-        """Return the page in a frame, for a notebook."""
+        """Return the page in a frame as HTML, for a notebook."""
         whole = html.escape(self.html(), quote=True)
         return (
             f'<iframe srcdoc="{whole}" style="width: 100%; height: 640px; border: 1px solid #8884"></iframe>'
         )
 
     def drawings(self) -> dict[str, Drawing]:
-        """Return the figures by names that are valid file names, "01-path", in their order."""
+        """Return the figures in their order, with names that are valid file names, such as "01-path"."""
         all_drawings = [
             (section.title, part)
             for section in self.sections
@@ -181,13 +182,13 @@ class Page:
     def save(self, path: str | Path) -> Path:
         """Write the page, and return its path.
 
-        The file is replaced at once, so that a reader never gets a partial page.
+        The file is replaced at once, so that a reader never receives an incomplete page.
         """
         return save_text(path, self.html())
 
 
 def save_text(path: str | Path, text: str) -> Path:
-    """Write a file that appears complete, replacing an old one of this name, and return its path."""
+    """Write a file that appears complete or not at all, and return its path. It replaces an older file of this name."""
     path = Path(path)
     path.parent.mkdir(parents=True, exist_ok=True)
     part_file = path.with_name(path.name + ".part")
@@ -197,7 +198,9 @@ def save_text(path: str | Path, text: str) -> Path:
 
 
 def cell(value: object, key: str = "") -> str:
-    """Return a cell of the column `key`: four significant digits, a dash if unknown, words in the current language."""
+    """Return the text of a cell in column `key`: four significant
+    digits, a dash if unknown, words in the current language.
+    """
     if value is None or value != value:
         return "–"
     if isinstance(value, bool):
@@ -215,7 +218,7 @@ def draw(figure: "Figure", caption: str, narrow: bool = True) -> Drawing:
 def _svg(figure: "Figure", shape: str, caption: str) -> str:
     """Return one <svg> whose ids differ between the wide and the narrow shape.
 
-    Hiding one shape then does not affect the other.
+    So the page can hide one shape, and the other one stays intact.
     """
     import matplotlib as mpl
 

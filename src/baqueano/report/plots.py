@@ -1,4 +1,4 @@
-"""Draw `result.plot(kind)`: the figures of the reports, one by one, which the user may style."""
+"""Draw the figures of the reports for `result.plot(kind)`, one by one; the user may style them."""
 
 from collections.abc import Callable, Sequence
 from functools import partial, singledispatch
@@ -19,12 +19,12 @@ from baqueano.identify.parameter_drift import ParameterHistory
 from baqueano.identify.sensor_calibration import Calibration
 from baqueano.identify.validation import Validation
 from baqueano.language import number
-from baqueano.language import translated as _
+from baqueano.language import translate as _
 from baqueano.report import figures
 from baqueano.report.drift_report import curves, with_curves
 from baqueano.report.figures import MEASURED, MODEL, REFERENCE, TRUTH
 from baqueano.report.fit_report import label, short, where_most_moves
-from baqueano.report.lab import onto, panel, panels, styled
+from baqueano.report.lab import onto, panel, panels, with_style
 from baqueano.report.of_run import commands, errors, paths, sensors_of, speed
 from baqueano.report.page import Drawing, Table
 from baqueano.runs import Run
@@ -47,7 +47,7 @@ def plot(
 ) -> "Figure":
     """Draw `kind` of a result, or its first available drawing, onto `target` or a figure of `width`.
 
-    Raise UsageError for an unknown kind, or if the result lacks the data.
+    Raise UsageError for an unknown kind, or if the result does not contain the data.
     """
     drawings = drawings_of(result)
     name = type(result).__name__.lower()
@@ -65,7 +65,7 @@ def plot(
 
 @singledispatch
 def drawings_of(result: Tabular) -> dict[str, Draw]:
-    """Return the drawings of a result by their names, the most informative first."""
+    """Return the drawings of a result by name, the most informative drawing first."""
     return {}
 
 
@@ -181,9 +181,9 @@ def _of_many(result: Ensemble) -> dict[str, Draw]:
     return {"path": lambda: cloud(result)}
 
 
-@styled
+@with_style
 def comparison(result: Comparison) -> "Figure":
-    """Draw the errors of each run, and the consistency of its estimator: 1 is ideal, the bar is its expected range."""
+    """Draw the errors of each run, and the consistency of its estimator: 1 is ideal, the bar is the expected range."""
     runs = result.runs
     figure, axes = panels(2, 1, (7.2, 0.7 * len(runs) + 2.6))
     upper, lower = axes[:, 0]
@@ -214,9 +214,9 @@ def comparison(result: Comparison) -> "Figure":
     return figure
 
 
-@styled
+@with_style
 def search(result: TuneResult) -> "Figure":
-    """Draw the lowest cost so far along each descent."""
+    """Draw the lowest cost so far along each descent of the tuning."""
     figure, axes = panel((7.2, 3.6))
     for k, descent in enumerate(result.descents):
         costs = np.minimum.accumulate(descent.costs)
@@ -231,7 +231,7 @@ def search(result: TuneResult) -> "Figure":
     return figure
 
 
-@styled
+@with_style
 def cost_around(result: TuneResult) -> "Figure":
     """Draw the cost around the optimum, with one gain at a time decreased and increased."""
     figure, axes = panel((7.2, 3.6))
@@ -242,13 +242,13 @@ def cost_around(result: TuneResult) -> "Figure":
     axes.set_xscale("log")
     axes.set_xticks(FACTORS, [f"{number(factor):g}" for factor in FACTORS], minor=False)
     axes.minorticks_off()
-    axes.set_xlabel(_("gain over the tuned one"))
+    axes.set_xlabel(_("gain divided by the tuned gain"))
     axes.set_ylabel(_("more cost [%]"))
     axes.legend()
     return figure
 
 
-@styled
+@with_style
 def corridor(result: CorridorAhead) -> "Figure":
     """Draw the half-width of the 95 % corridor across the path over time."""
     figure, axes = panel((7.2, 3.0))
@@ -262,9 +262,9 @@ def corridor(result: CorridorAhead) -> "Figure":
     return figure
 
 
-@styled
+@with_style
 def way(result: Route) -> "Figure":
-    """Draw the path of a route and its start."""
+    """Draw the path of a route and its start pose."""
     figure, axes = panel((7.2, 6.2))
     axes.plot(result.eta[:, 0], result.eta[:, 1], color=REFERENCE, lw=1.6)
     axes.plot(*result.eta[0, :2], "o", ms=6, color=MODEL, label=_("start"))
@@ -275,7 +275,7 @@ def way(result: Route) -> "Figure":
     return figure
 
 
-@styled
+@with_style
 def drives(result: Forecast) -> "Figure":
     """Draw the standard deviation of the final position of each drive."""
     figure, axes = panel((7.2, 0.5 * len(result.ahead) + 0.9))
@@ -291,9 +291,9 @@ def drives(result: Forecast) -> "Figure":
     return figure
 
 
-@styled
+@with_style
 def cloud(result: Ensemble) -> "Figure":
-    """Draw the paths of all vehicles, at most MOST of them."""
+    """Draw the paths of the vehicles, of at most MOST of them."""
     figure, axes = panel((7.2, 6.2))
     sample = result.eta[:: max(1, len(result.eta) // MOST)]
     axes.plot(sample[:, :, 0].T, sample[:, :, 1].T, color=MODEL, lw=0.8, alpha=0.25)

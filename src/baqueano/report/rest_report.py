@@ -5,10 +5,10 @@ from typing import Any
 import numpy as np
 
 from baqueano.language import number
-from baqueano.language import translated as _
+from baqueano.language import translate as _
 from baqueano.messages import texts
-from baqueano.printable import typed
-from baqueano.report.lab import panel, styled
+from baqueano.printable import baqueano_command
+from baqueano.report.lab import panel, with_style
 from baqueano.report.page import Headline, Page, Section, Table, draw
 
 COLOURS = ("#3b6fb6", "#238b45", "#c2410c", "#7c3aed", "#a16207", "#0e7490")
@@ -39,11 +39,11 @@ def page_of_rest(rest: Any) -> Page:
             for c in rest.channels[:4]
         ],
         sections=sections,
-        reproduce=typed("runs", "noise", rest.run),
+        reproduce=baqueano_command("runs", "noise", rest.run),
     )
 
 
-@styled
+@with_style
 def _curves(channels: list[Any]) -> Any:
     figure, axis = panel((9.2, 4.2))
     for c, colour in zip(channels, COLOURS * len(channels), strict=False):

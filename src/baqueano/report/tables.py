@@ -24,7 +24,7 @@ AXIS = ("x", "y", r"\psi")
 
 
 def csv_text(rows: list["TableRow"]) -> str:
-    """Return rows as CSV, RFC 4180; unknown values are empty."""
+    """Return rows as CSV (RFC 4180); the cell of an unknown value is empty."""
     out = io.StringIO()
     writer = csv.DictWriter(out, list(rows[0]) if rows else [], lineterminator="\n")
     writer.writeheader()
@@ -71,7 +71,7 @@ def symbol(path: str, blocks: object = None) -> str:
 
 
 def _under(letter: str, index: str) -> str:
-    """Return the symbol with one more index."""
+    """Return the symbol `letter` with `index` added to its subscript."""
     return f"${letter[:-1]},{index}}}$" if letter.endswith("}") else f"${letter}_{{{index}}}$"
 
 
@@ -86,14 +86,16 @@ def with_error(value: float, sd: float | None) -> tuple[str, str]:
 
 
 def suffix_of(path: Path) -> str:
-    """Return ".csv" or ".tex". Raise UsageError for another ending."""
+    """Return ".csv" or ".tex". Raise UsageError for another file extension."""
     if path.suffix not in (".csv", ".tex"):
         raise UsageError(fault("report.table-ending", f"--table {path.stem}.csv", found=path))
     return path.suffix
 
 
 def save_table(rows: list["TableRow"], path: str | Path, caption: str = "", blocks: object = None) -> Path:
-    """Write rows as .csv or .tex, by the ending, and return the path; a reader never gets a partial file."""
+    """Write rows as .csv or .tex, by the file extension, and return the path.
+    A reader never receives an incomplete file.
+    """
     path = Path(path)
     text = csv_text(rows) if suffix_of(path) == ".csv" else latex_text(rows, caption, blocks)
     path.parent.mkdir(parents=True, exist_ok=True)

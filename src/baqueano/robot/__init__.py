@@ -3,7 +3,7 @@
 uno         the microcontroller: frames, their codec, the link, the serial line, its settings, its firmware
 imu         the MPU-6050 and its relatives on the I2C bus
 service     the program that runs on the vehicle all day
-workshop    checks and calibrations by the operator, at a vehicle at rest
+workshop    checks and calibrations by the operator
 setup       the set-up of a Raspberry Pi as a vehicle
 """
 

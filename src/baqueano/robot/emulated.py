@@ -24,17 +24,17 @@ TREE = Path(baqueano.__file__).resolve().parents[2]
 
 
 @contextmanager
-def emulated(
+def emulate_vehicle(
     vehicle_file: "VehicleFile", truth: object, seed: int = 0
 ) -> Iterator[Callable[[], "JsonObject"]]:
-    """Return a function that returns the options `world` and `ticking` of each drive on the emulated vehicle.
+    """Yield a function that returns the options `world` and `ticking` for the next drive on the emulated vehicle.
 
-    `truth` is the vehicle file of the simulated body. UsageError outside a source tree, or if Debian packages are
-    missing: it names them.
+    `truth` is the vehicle file of the simulated body. Raise UsageError outside a source tree, or if Debian packages are
+    missing; the error names these packages.
 
     >>> from baqueano.drive import experiment
     >>> from baqueano.vehicle_file import load
-    >>> with emulated(load("small"), load("small")) as one_drive:
+    >>> with emulate_vehicle(load("small"), load("small")) as one_drive:
     ...     run = experiment(load("small"), [[0.0, 0.0, 0.6]] * 50, **one_drive())
     >>> print(f"{run.applied[-1, 2]:.1f} reached the motors, {run.truth.nu[-1, 2]:.0f} rad/s")
     0.6 reached the motors, 4 rad/s

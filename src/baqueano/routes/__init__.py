@@ -4,7 +4,7 @@
     route = routes.fastest(route, robot)                      # as fast as this vehicle can
     print(routes.examine(route, robot, "2x3"))                # its demands on vehicle and room
 
-No function changes a route; each returns a new one. The type itself is `guides.Route`.
+The functions do not change a route but return a new one. The type is `guides.Route`.
 """
 
 from baqueano.routes.edit import cut, join, reverse, scale

@@ -3,9 +3,9 @@
     ε: the model at ν = (v, 0, r) accelerates with (v̇, ṙ)      NEWTON steps from ε = 0                   (1)
     share = max |u_i| / limit_i,   u = drivetrain⁻¹(ε),   of commands and of wheels                      (2)
 
-v is the speed, r the yaw rate, ε the effort, u the command. A share above 1 is beyond the motors. A vehicle that cannot
-turn at rest, as a car, steers ahead of its path; ṙ is then not required. Friction, dead zones, unequal motors and the
-battery are those of the identified model.
+v is the speed, r the yaw rate, ε the effort, u the command. A share above 1 exceeds the limits of the motors. A vehicle
+that cannot turn at rest, such as a car, steers ahead of its path; then ṙ is not required. Friction, dead zones, unequal
+motors and the battery are included, as in the identified model.
 """
 
 from collections.abc import Callable
@@ -27,7 +27,7 @@ FASTEST_M_S, FASTEST_RAD_S, FASTEST_M_S2 = 100.0, 100.0, 100.0  # upper ends of 
 
 
 class Capability:
-    """The command that a vehicle needs for a motion, compiled, for arrays of motions."""
+    """The share of its command that a vehicle needs, compiled for arrays of motions."""
 
     def __init__(self, vehicle_file: "VehicleFile", backend: str = "auto") -> None:
         self._share = scan(
@@ -35,24 +35,26 @@ class Capability:
         )
 
     def share(self, v: Value, r: Value, v_dot: Value = 0.0, r_dot: Value = 0.0) -> np.ndarray:
-        """Return the share (…,) of the command that each motion needs: v [m/s], r [rad/s], and their rates."""
+        """Return the share (…,) of the command for each motion: v [m/s], r [rad/s], v̇ [m/s²], ṙ [rad/s²]."""
         rows = np.stack(np.broadcast_arrays(v, r, v_dot, r_dot), axis=-1).astype(float)
         _, share = self._share.run(rows.reshape(-1, 4))
         return np.where(np.isfinite(share), share, np.inf).reshape(rows.shape[:-1])
 
     def fastest_turn(self, v: np.ndarray) -> np.ndarray:
-        """Return the largest yaw rate (m,) [rad/s] that the vehicle can hold at the speeds `v` (m,)."""
+        """Return the largest steady yaw rate (m,) [rad/s] of the vehicle at the speeds `v` (m,) [m/s]."""
         return most(lambda r: self.share(v, r) <= 1.0, np.full(np.shape(v), FASTEST_RAD_S))
 
     def fastest_speed(self, kappa: np.ndarray, high: np.ndarray, share: float = 1.0) -> np.ndarray:
-        """Return the largest speed (m,) [m/s], at most `high`, that the vehicle can hold on curvatures (m,) [1/m]."""
+        """Return the largest steady speed (m,) [m/s], at most `high`, on curvatures (m,) [1/m]."""
         return most(lambda v: self.share(v, kappa * v) <= share, high)
 
 
 def most(holds: Callable[[np.ndarray], np.ndarray], high: np.ndarray) -> np.ndarray:
-    """Return the largest x (m,) from 0 to `high` (m,) with `holds(x)` True, by bisection; 0 if it is always False.
+    """Return the largest x (m,) from 0 to `high` (m,) for which `holds(x)` is True, by bisection.
 
-    `holds` must be False above a limit and True below.
+    It is 0 if `holds` is False in the whole range.
+
+    `holds` must be True below a limit and False above it.
     """
     low, top = np.zeros_like(high, dtype=float), np.array(high, dtype=float)
     whole = holds(top)
@@ -64,7 +66,7 @@ def most(holds: Callable[[np.ndarray], np.ndarray], high: np.ndarray) -> np.ndar
 
 
 def _share_of(vehicle: Tree, limit: np.ndarray) -> Callable[[float, np.ndarray], tuple[float, Value]]:
-    """Return the step that computes the share of one motion (v, r, v̇, ṙ).  (1), (2)"""
+    """Return the step of a scan that computes the share of one motion (v, r, v̇, ṙ).  (1), (2)"""
     commands, drivetrain = vehicle.commands, vehicle.drivetrain
     dynamic = optional.is_dynamic(vehicle)
 

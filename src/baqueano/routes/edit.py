@@ -1,6 +1,6 @@
 """Cut, join, reverse and scale routes.
 
-the other direction: the vehicle is turned round   ψ + π,  (ν_x, −ν_y, −ν_ψ),  from the end to the start  (1)
+the other direction: the vehicle is turned by 180° ψ + π,  (ν_x, −ν_y, −ν_ψ),  from the end to the start  (1)
 backing up along the same poses                    ψ,      −ν                                             (2)
 """
 
@@ -9,8 +9,8 @@ import numpy as np
 from baqueano.diagnostics import fault
 from baqueano.errors import UsageError
 from baqueano.geometry import wrap
-from baqueano.guides.route import Route, from_start, moved
-from baqueano.printable import typed
+from baqueano.guides.route import Route, from_start, move_route
+from baqueano.printable import baqueano_command
 from baqueano.routes.path import CLOSE_M, CLOSE_RAD, NAME, way
 
 
@@ -27,12 +27,12 @@ def cut(route: Route, from_m: float = 0.0, to_m: float | None = None) -> Route:
     Returns
     -------
     Route
-        Open, and at the same position in the map.
+        The open part, at the same position in the map.
 
     Raises
     ------
     UsageError
-        If the two places do not lie on the route in this order.
+        If the two distances are not on the route, in this order.
 
     Examples
     --------
@@ -55,7 +55,7 @@ def join(first: Route, second: Route) -> Route:
     Parameters
     ----------
     first, second : Route
-        Open or closed; the second is moved so that its start lies on the end of the first.
+        Open or closed; the second is moved so that its start is at the end of the first.
 
     Returns
     -------
@@ -77,12 +77,12 @@ def join(first: Route, second: Route) -> Route:
         raise UsageError(
             fault(
                 "route.join-reverses",
-                typed("route", "reverse", NAME),
+                baqueano_command("route", "reverse", NAME),
                 first_m_s=float(first.nu[-1, 0]),
                 second_m_s=float(second.nu[0, 0]),
             )
         )
-    shifted_route = moved(second._replace(eta=from_start(second.eta)), first.eta[-1])
+    shifted_route = move_route(second._replace(eta=from_start(second.eta)), first.eta[-1])
     eta = np.concatenate([first.eta, shifted_route.eta[1:]])
     t_s = np.concatenate([first.t_s, first.t_s[-1] + second.t_s[1:]])
     nu = np.concatenate([first.nu, second.nu[1:]])
@@ -98,7 +98,7 @@ def reverse(route: Route, backing: bool = False) -> Route:
     route : Route
         The route; it is not changed.
     backing : bool
-        True: the vehicle drives the same poses backward. False: it is turned round, and drives forward.
+        True: the vehicle drives the same poses backward. False: it is turned by 180° and drives forward.
 
     Returns
     -------
@@ -157,7 +157,7 @@ def scale(route: Route, factor: float) -> Route:
 
 
 def meets(route: Route) -> bool:
-    """Return True if the end of a route lies within CLOSE_M and CLOSE_RAD of its start, after a longer way."""
+    """Return True if a route longer than 4 CLOSE_M ends within CLOSE_M and CLOSE_RAD of its start."""
     gap = route.eta[-1] - route.eta[0]
     near = np.hypot(gap[0], gap[1]) <= CLOSE_M and abs(float(wrap(gap[2]))) <= CLOSE_RAD
     return bool(near and way(route.eta[:, :2])[-1] > 4.0 * CLOSE_M)

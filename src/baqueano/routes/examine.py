@@ -1,12 +1,12 @@
 """Check a route against its vehicle and its room before the drive.
 
-    r_has(v): the largest yaw rate that the identified vehicle holds at the speed v                       (1)
+    r_has(v): the largest steady yaw rate of the identified vehicle at the speed v                        (1)
     share = max |u| / limit of the command that the model needs for ν and ν̇ of the route                   (2)
     free = half a side of the room − radius of the body − the largest |x| or |y| of the route             (3)
 
-u is the command, ν the velocity. An acceleration of the route is averaged over SMOOTH_S, because at a corner of a drawn
-route the yaw rate jumps. Too little acceleration makes the vehicle late for a moment, and gives a warning. Too little
-speed has a lasting effect, and the route is refused.
+u is the command, ν the velocity. The route's acceleration is averaged over SMOOTH_S, because at a corner of a drawn
+route the yaw rate jumps. A vehicle with too little acceleration is behind its reference for a moment: a warning. A
+vehicle with too little speed remains behind: the route is refused.
 """
 
 from dataclasses import dataclass
@@ -16,11 +16,11 @@ import numpy as np
 
 from baqueano.contracts.result import Result
 from baqueano.diagnostics import Diagnostic, Severity, Verdict, fault, note
-from baqueano.guides.route import Route, from_start, moved
+from baqueano.guides.route import Route, from_start, move_route
 from baqueano.language import number
-from baqueano.language import translated as _
+from baqueano.language import translate as _
 from baqueano.messages import verdict_line
-from baqueano.printable import in_lines, typed
+from baqueano.printable import baqueano_command, in_lines
 from baqueano.routes.capability import FASTEST_M_S, Capability
 from baqueano.routes.gaps import unknown_places
 from baqueano.routes.path import NAME, way
@@ -36,16 +36,16 @@ BRIEF_S = 0.3  # the controller compensates a shorter lack of command
 
 
 class Walls(Protocol):
-    """Protocol of a room: `free` (2,) [m] from its middle, and the `start` x, y [m], ψ [rad] in it."""
+    """Protocol of a room: the `free` distances from its middle, and the pose `start` in it."""
 
     @property
     def free(self) -> np.ndarray:
-        """Return the largest distance (2,) [m] of the body's origin from the middle."""
+        """Return the largest distance (2,) [m] of the body's origin from the middle of the room, along x and y."""
         ...
 
     @property
     def start(self) -> tuple[float, float, float]:
-        """Return the pose at the start of the route, relative to the middle: x, y [m], ψ [rad]."""
+        """Return the pose at the start of the route, relative to the middle of the room: x, y [m], ψ [rad]."""
         ...
 
 
@@ -62,7 +62,7 @@ class RouteReport(Result):
     fastest_m_s, fastest_rad_s, sideways_m_s2 : float
         Largest speed, yaw rate, and acceleration to the side.
     radius_m : float [m]
-        Radius of the tightest curve; 0 for a turn on the spot.
+        Smallest radius of a curve; 0 for a turn on the spot.
     share : float
         Largest part of the command that the route needs; NaN without a vehicle.
     free_m : float [m]
@@ -96,7 +96,7 @@ class RouteReport(Result):
         return Verdict.REFUSED if wrong else Verdict.USABLE
 
     def rows(self) -> list["TableRow"]:
-        """Return one row with all figures."""
+        """Return one flat dict with all figures."""
         names = (
             "length_m",
             "duration_s",
@@ -110,7 +110,7 @@ class RouteReport(Result):
         return [{"poses": len(self.route.t_s), "closed": self.route.closed, **figures}]
 
     def table(self) -> str:
-        """Return the figures in words, and the findings."""
+        """Return a text with the figures and the findings."""
         lines = [
             _("length {m:.2f} m, {s:.1f} s a lap", m=self.length_m, s=self.duration_s) if self.route.closed
             else _("length {m:.2f} m, {s:.1f} s", m=self.length_m, s=self.duration_s),
@@ -120,7 +120,7 @@ class RouteReport(Result):
         if np.isfinite(self.share):
             lines.append(_("needs up to {share} of the command", share=number(f"{100.0 * self.share:.0f} %")))
         if np.isfinite(self.free_m):
-            lines.append(_("keeps {m:.2f} m from the walls", m=self.free_m))
+            lines.append(_("stays {m:.2f} m from the walls", m=self.free_m))
         return in_lines([*lines, verdict_line(self.verdict, self.findings)])
 
 
@@ -131,14 +131,14 @@ def examine(
     *,
     backend: str = "auto",
 ) -> RouteReport:
-    """Judge a route by its own figures, by an identified vehicle, and by a room.
+    """Check a route: its figures alone, for an identified vehicle, and in a room.
 
     Parameters
     ----------
     route : Route
         The route.
     vehicle_file : VehicleFile, optional
-        The vehicle that is to drive it.
+        The vehicle that will drive it.
     room : Room, optional
         Walls, as `identify.design.room.room_of` returns them; the route begins at the start of the room.
     backend : str
@@ -148,7 +148,7 @@ def examine(
     -------
     RouteReport
         REFUSED if a number is not finite, a pose jumps or samples are missing. Also REFUSED if the vehicle is too slow,
-        or a wall is in the way.
+        or hits a wall.
 
     Notes
     -----
@@ -169,7 +169,7 @@ def examine(
         findings = needs
     free_m = float("nan")
     if room is not None and np.isfinite(s[-1]):
-        xy = moved(route._replace(eta=from_start(route.eta)), np.array(room.start)).eta[:, :2]
+        xy = move_route(route._replace(eta=from_start(route.eta)), np.array(room.start)).eta[:, :2]
         free = np.min(room.free - np.abs(xy), axis=1)
         free_m, at = float(np.min(free)), int(np.argmin(free))
         if free_m < 0.0:
@@ -177,7 +177,7 @@ def examine(
                 *findings,
                 fault(
                     "route.through-wall",
-                    typed("route", "scale", NAME, "0.8"),
+                    baqueano_command("route", "scale", NAME, "0.8"),
                     at_m=float(s[at]),
                     beyond_m=-free_m,
                 ),
@@ -194,7 +194,7 @@ def _needs(route: Route, s: np.ndarray, can: Capability) -> tuple[float, list[Di
     v, r = (_smooth(t_s, np.interp(t_s, route.t_s, route.nu[:, k])) for k in (0, 2))
     steady = can.share(v, r)
     lasting = _least_over(can.share(v, r, np.gradient(v, t_s), np.gradient(r, t_s)), t_s)
-    share, slower = float(np.max(lasting)), typed("route", "faster", NAME)
+    share, slower = float(np.max(lasting)), baqueano_command("route", "faster", NAME)
     too_fast = bool(np.any(_least_over(steady, t_s) > OVER))
     if not too_fast and share <= OVER:
         return share, []
@@ -212,13 +212,13 @@ def _needs(route: Route, s: np.ndarray, can: Capability) -> tuple[float, list[Di
 
 
 def _smooth(t_s: np.ndarray, x: np.ndarray) -> np.ndarray:
-    """Return the mean of x (m,) over SMOOTH_S."""
+    """Return the moving mean (m,) of x (m,) over SMOOTH_S."""
     n = max(1, round(SMOOTH_S / max(t_s[1] - t_s[0], 1e-9)))
     return np.convolve(np.pad(x, (n // 2, n - 1 - n // 2), mode="edge"), np.ones(n) / n, mode="valid")
 
 
 def _least_over(share: np.ndarray, t_s: np.ndarray) -> np.ndarray:
-    """Return the least share in the BRIEF_S after each time: the share that lasts that long."""
+    """Return the least share (m,) in the BRIEF_S after each time: the share that lasts at least BRIEF_S."""
     n = max(1, round(BRIEF_S / max(t_s[1] - t_s[0], 1e-9)))
     padded_share = np.pad(share, (0, n - 1), mode="edge")
     return np.min(np.lib.stride_tricks.sliding_window_view(padded_share, n), axis=1)

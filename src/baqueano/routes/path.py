@@ -3,7 +3,7 @@
     s_k = Σ |p_j − p_{j−1}|,   κ = dχ/ds,   ψ = χ forward,  χ + π backward                                (1)
 
 p is the position, s the distance along the path, κ the curvature, ψ the heading; χ is the course, the direction of
-travel. Samples closer than STEP_M belong to a stop, or to a turn on the spot, and are left out.
+travel. Samples closer than STEP_M belong to a stop, or to a turn on the spot, and are excluded.
 """
 
 from typing import NamedTuple
@@ -13,17 +13,17 @@ import numpy as np
 from baqueano.diagnostics import fault
 from baqueano.errors import UsageError
 from baqueano.guides.route import Route
-from baqueano.printable import typed
+from baqueano.printable import baqueano_command
 
 NAME = "NAME"  # placeholder for the name of a route in a command line
 STEP_M = 1e-3  # a shorter step is a stop
 GRID_M = 0.01  # distance between the points of a new path
 BACK_M_S = 0.02  # speed from which a vehicle drives backward
-CLOSE_M, CLOSE_RAD = 0.3, np.radians(45.0)  # ends that lie closer meet
+CLOSE_M, CLOSE_RAD = 0.3, np.radians(45.0)  # a start and an end that are closer count as one
 
 
 class RoutePath(NamedTuple):
-    """Points of a path.
+    """A path: its points, with distance, direction and curvature.
 
     Attributes
     ----------
@@ -44,12 +44,12 @@ class RoutePath(NamedTuple):
 
 
 def way(xy: np.ndarray) -> np.ndarray:
-    """Return the distance s (m,) [m] along points (m, 2).  (1)"""
+    """Return the distance s (m,) [m] from the first point along points (m, 2).  (1)"""
     return np.append(0.0, np.cumsum(np.hypot(*np.diff(xy, axis=0).T)))
 
 
 def moving(route: Route) -> np.ndarray:
-    """Return the indices of the samples at least STEP_M after the previous one; the last sample stays.
+    """Return the indices of samples about STEP_M or more apart: without stops, but with the last sample.
 
     Raise UsageError if fewer than four samples remain: the vehicle was at rest, or turned on the spot.
     """
@@ -64,7 +64,7 @@ def moving(route: Route) -> np.ndarray:
 
 
 def direction(route: Route) -> float:
-    """Return 1 for a route that is driven forward, −1 backward; raise UsageError with the place if it does both."""
+    """Return 1 for a route that is driven forward, −1 for backward. UsageError, with the place, if it is both."""
     speed = route.nu[:, 0]
     back, ahead = speed < -BACK_M_S, speed > BACK_M_S
     if np.any(back) and np.any(ahead):
@@ -74,7 +74,7 @@ def direction(route: Route) -> float:
         raise UsageError(
             fault(
                 "route.both-ways",
-                typed("route", "cut", NAME, "--to", f"{at_m:.2f}"),
+                baqueano_command("route", "cut", NAME, "--to", f"{at_m:.2f}"),
                 at_m=at_m,
                 count=len(turns),
             )
@@ -92,7 +92,7 @@ def route_along(path: RoutePath, speed: np.ndarray, ahead: float, closed: bool) 
 
 
 def path_of(route: Route) -> RoutePath:
-    """Return the path of a route as it was taught, with the curvature of its own headings.  (1)"""
+    """Return the path of a route as it was taught; its curvature is computed from the headings.  (1)"""
     keep = moving(route)
     xy = route.eta[keep, :2]
     s = way(xy)

@@ -22,19 +22,19 @@ def through_points(xy: np.ndarray, speed_m_s: float, closed: bool = False, corne
     speed_m_s : float
         Speed along the path.
     closed : bool
-        True: the route returns from the last point to the first.
+        True if the route returns from the last point to the first.
     corner_m : float [m]
         Distance before a corner at which the bend begins; less if points lie close together.
 
     Returns
     -------
     Route
-        A pose each centimetre; corners are parabolas, so that it passes each point at a distance below corner_m / 2.
+        A pose each centimetre. Corners are parabolas, so the route passes each point at a distance below corner_m / 2.
 
     Raises
     ------
     UsageError
-        For fewer than two points, a point that is not a number, two that are the same, or a speed that is not positive.
+        For fewer than two points, a point that is not a number, two equal points, or a speed that is not positive.
 
     Examples
     --------
@@ -75,7 +75,10 @@ def through_points(xy: np.ndarray, speed_m_s: float, closed: bool = False, corne
 def _round_corners(
     corners: np.ndarray, legs: np.ndarray, closed: bool, corner_m: float
 ) -> Iterator[np.ndarray]:
-    """Yield the segments of the line: the ends of the legs, and parabolas between them."""
+    """Yield the first point (1, 2), the parabola (41, 2) of each corner, and the last point (1, 2).
+
+    A closed line begins at the end of its last parabola, and does not have a last point.
+    """
     t = np.linspace(0.0, 1.0, 41)[:, None]
     inner = range(1, len(corners) - (0 if closed else 1))
     first, last = corners[0], corners[-1]

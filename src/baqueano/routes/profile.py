@@ -3,9 +3,9 @@
     v(s) ≤ v_most(κ):   share(v, κ v, 0, 0) ≤ share,   |κ| v² ≤ a_y,   v ≤ v_limit                        (1)
     d(v²)/ds = 2 v̇,     share(v, κ v, v̇, κ v̇ + κ′ v²) ≤ share,   forward from the start, backward from the end   (2)
 
-v is the speed, s the distance, κ the curvature, a_y the limit of the sideways acceleration; share(v, r, v̇, ṙ) is that
-of capability.py. (1) limits the speed in a steady curve, (2) the acceleration and the braking. The speed within both is
-the fastest profile within the limits. Source: Bobrow, Dubowsky and Gibson, International Journal of Robotics Research,
+v is the speed, s the distance, κ the curvature, a_y the limit of the sideways acceleration. capability.py computes
+share(v, r, v̇, ṙ). (1) limits the speed in a steady curve, (2) limits acceleration and braking. The result is the
+fastest profile within both limits. Source: Bobrow, Dubowsky and Gibson, International Journal of Robotics Research,
 1985; Kunz and Stilman, Robotics: Science and Systems, 2012.
 """
 
@@ -16,7 +16,7 @@ import numpy as np
 from baqueano.diagnostics import fault
 from baqueano.errors import UsageError
 from baqueano.guides.route import Route
-from baqueano.printable import typed
+from baqueano.printable import baqueano_command
 from baqueano.routes.capability import FASTEST_M_S, FASTEST_M_S2, Capability, most
 from baqueano.routes.path import GRID_M, NAME, RoutePath, direction, path_of, route_along
 
@@ -36,7 +36,7 @@ def at_speed(route: Route, speed_m_s: float) -> Route:
     Parameters
     ----------
     route : Route
-        Driven forward, or backward, throughout; it is not changed.
+        Driven only forward or only backward; it is not changed.
     speed_m_s : float
         Speed along the path, above 0.
 
@@ -76,17 +76,18 @@ def fastest(
     Parameters
     ----------
     route : Route
-        Smooth, and driven forward or backward throughout; it is not changed.
+        Smooth, and driven only forward or only backward; it is not changed.
     vehicle_file : VehicleFile
         The identified vehicle: its model and the limits of its command.
     share : float
-        Part of the command that the route may need, above 0, at most 1; the controller keeps the rest.
+        Part of the command that the route may need, above 0, at most 1; the controller uses the rest.
     sideways_m_s2 : float [m/s²]
-        Largest acceleration to the side; tyres and small objects slip beyond.
+        Largest acceleration to the side; above it, tyres and small objects slip.
     speed_m_s : float
         Largest speed.
     from_rest : bool, optional
-        True: it begins and ends at rest. By default an open route does; a closed one repeats without a stop.
+        True if the route begins and ends at rest. Default: True for an open route; a closed route repeats without a
+        stop.
     backend : str
         "auto", "c", "python", or "numpy".
 
@@ -115,24 +116,24 @@ def fastest(
             raise UsageError(fault("route.limit", name=name, found=value))
     if not speed_m_s > SLOWEST_M_S:
         raise UsageError(fault("route.speed", found=speed_m_s))
-    path, ahead = _even(path_of(route)), direction(route)
+    path, ahead = _resample(path_of(route)), direction(route)
     can = Capability(vehicle_file, backend)
     bend = np.abs(path.kappa)
     high = np.minimum(speed_m_s, np.sqrt(sideways_m_s2 / np.maximum(bend, 1e-9)))
     v_most = can.fastest_speed(ahead * path.kappa, np.minimum(high, FASTEST_M_S), share)
     if np.any(slow := v_most < SLOWEST_M_S):
         at = int(np.argmax(slow))
-        fix = typed("route", "smooth", NAME, "--rms", "0.05")
+        fix = baqueano_command("route", "smooth", NAME, "--rms", "0.05")
         raise UsageError(
             fault("route.too-tight", fix, at_m=float(path.s[at]), radius_m=float(1.0 / bend[at]))
         )
     stops = not route.closed if from_rest is None else from_rest
     up, down = (_rates(can, path, ahead, sign, v_most, share) for sign in (1.0, -1.0))
-    return route_along(path, _swept(path, v_most, up, down, stops), ahead, route.closed)
+    return route_along(path, _sweep(path, v_most, up, down, stops), ahead, route.closed)
 
 
-def _even(path: RoutePath) -> RoutePath:
-    """Return the path with a point each GRID_M; its curvature is the mean over that distance."""
+def _resample(path: RoutePath) -> RoutePath:
+    """Return the path with a point each GRID_M; its curvature is averaged over that distance."""
     s = np.linspace(0.0, path.s[-1], max(8, round(path.s[-1] / GRID_M) + 1))
     xy = np.column_stack([np.interp(s, path.s, column) for column in path.xy.T])
     course = np.interp(s, path.s, path.course)
@@ -142,7 +143,7 @@ def _even(path: RoutePath) -> RoutePath:
 def _rates(
     can: Capability, path: RoutePath, ahead: float, sign: float, v_most: np.ndarray, share: float
 ) -> np.ndarray:
-    """Return the largest |v̇| (m, SPEEDS) in the direction `sign` at fractions of v_most.  (2)"""
+    """Return the largest |v̇| (m, SPEEDS) [m/s²] of the sign `sign`, at fractions of the speed v_most (m,).  (2)"""
     v = v_most[:, None] * np.linspace(0.0, 1.0, SPEEDS)
     kappa, slope = ahead * path.kappa[:, None], ahead * np.gradient(path.kappa, path.s)[:, None]
 
@@ -156,8 +157,8 @@ def _rates(
     return most(holds, np.full(v.shape, FASTEST_M_S2))
 
 
-def _swept(path: RoutePath, v_most: np.ndarray, up: np.ndarray, down: np.ndarray, stops: bool) -> np.ndarray:
-    """Return the speed (m,) within (1) that the vehicle can reach and brake by (2)."""
+def _sweep(path: RoutePath, v_most: np.ndarray, up: np.ndarray, down: np.ndarray, stops: bool) -> np.ndarray:
+    """Return the largest speed (m,) [m/s] that satisfies (1), and (2) with the rates `up` and `down`."""
     v, ds, parts = v_most.copy(), np.diff(path.s), np.linspace(0.0, 1.0, SPEEDS)
     if stops:
         v[[0, -1]] = SLOWEST_M_S

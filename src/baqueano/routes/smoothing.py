@@ -5,8 +5,8 @@
     κ = (p′_x p″_y − p′_y p″_x) / |p′|³                                                                  (3)
 
 p is the position, s the distance along the path, p̂_k and ω_k amplitude and frequency of a wave, κ the curvature. The
-cut ω_c is the smallest one within the tolerance, at least 2π/WAVE_M: longer curves keep their position, and a drawn
-shape hardly changes. Stops, and turns on the spot, are left out. (2) is the smoothing spline of Schoenberg, Proceedings
+cut ω_c is the smallest cut within the tolerance, at least 2π/WAVE_M: longer curves keep their position, and a drawn
+shape hardly changes. Stops, and turns on the spot, are excluded. (2) is the smoothing spline of Schoenberg, Proceedings
 of the National Academy of Sciences, 1964, on evenly spaced points.
 """
 
@@ -27,7 +27,7 @@ HALVINGS = 30
 
 
 class Spectrum(NamedTuple):
-    """A path as waves along its length."""
+    """A path as a Fourier series along its length, with its points and the straight line that was subtracted."""
 
     p: np.ndarray  # (n,) positions x + iy [m] at even distances, minus the straight part
     straight: np.ndarray  # (n,) the straight line from the first to the last point
@@ -43,7 +43,7 @@ def smooth(route: Route, tolerance_m: float = 0.02, kind: Literal["rms", "max"] 
     Parameters
     ----------
     route : Route
-        Driven forward, or backward, throughout; it is not changed.
+        Driven only forward or only backward; it is not changed.
     tolerance_m : float [m]
         Largest allowed distance between the new path and the old one.
     kind : {"rms", "max"}
@@ -52,7 +52,7 @@ def smooth(route: Route, tolerance_m: float = 0.02, kind: Literal["rms", "max"] 
     Returns
     -------
     Route
-        A pose each centimetre; closed if the ends meet. The speed is the taught one, without its stops.
+        A pose each centimetre; closed if the ends meet. The speed is the taught speed, without stops.
 
     Raises
     ------
@@ -83,7 +83,7 @@ def smooth(route: Route, tolerance_m: float = 0.02, kind: Literal["rms", "max"] 
 
 
 def _spectrum(xy: np.ndarray, s: np.ndarray, closed: bool) -> Spectrum:
-    """Return the waves of points (m, 2) at the distances s (m,).  (1)"""
+    """Return the Fourier series of a path through points (m, 2) at the distances s (m,).  (1)"""
     n = max(8, round(s[-1] / GRID_M) + 1)
     grid = np.linspace(0.0, s[-1], n)
     p = np.interp(grid, s, xy[:, 0]) + 1j * np.interp(grid, s, xy[:, 1])
@@ -107,21 +107,21 @@ def _cut(waves: Spectrum, tolerance_m: float, kind: str) -> float:
 
 
 def _low_pass(waves: Spectrum, cut_rad_m: float, order: int = 0) -> np.ndarray:
-    """Return the path without waves above a cut, or its derivative of the given `order`, at the points.  (2)"""
+    """Return the low-passed path as complex numbers (points,), or its derivative of the given `order`.  (2)"""
     gain = (1j * waves.omega) ** order / (1.0 + (waves.omega / cut_rad_m) ** 6)
     p = np.fft.ifft(gain * waves.hat)
     return np.append(p, p[0])[: waves.points] if len(p) < waves.points else p[: waves.points]
 
 
 def _off(waves: Spectrum, cut_rad_m: float, kind: str) -> float:
-    """Return the distance of the smooth path from the points, rms or at most [m]."""
+    """Return the distance [m] between smooth path and points: the largest if `kind` is "max", else the rms."""
     taught_points = np.append(waves.p, waves.p[0])[: waves.points]
     off = np.abs(_low_pass(waves, cut_rad_m) - taught_points)
     return float(np.max(off) if kind == "max" else np.sqrt(np.mean(off**2)))
 
 
 def _path(waves: Spectrum, cut_rad_m: float, closed: bool) -> RoutePath:
-    """Return the smooth path, one point each GRID_M.  (3)"""
+    """Return the smooth path with one point each GRID_M, at least eight points.  (3)"""
     p = _low_pass(waves, cut_rad_m) + waves.straight
     p1, p2 = _low_pass(waves, cut_rad_m, 1) + waves.slope, _low_pass(waves, cut_rad_m, 2)
     kappa = np.imag(np.conj(p1) * p2) / np.maximum(np.abs(p1), 1e-9) ** 3

@@ -1,6 +1,6 @@
-"""A run on disk: write, read, recover, cut, list, import, export.
+"""Write, read, recover, cut, list, import and export runs on disk.
 
-The code that records a drive is imported here; the rest is imported when it is first used.
+The code that records a drive is imported here; the other modules are imported when they are first used.
 
 run            the run in memory;  folder, show, export, recover, route_file: operations on it
 container/     its MCAP file

@@ -13,7 +13,7 @@ from baqueano.errors import FileError
 
 @contextmanager
 def appearing(path: Path) -> Iterator[BinaryIO]:
-    """Yield a stream to a temporary file that gets the name `path` when it is complete. FileError if `path` exists."""
+    """Yield a stream to a temporary file that is named `path` when it is complete. Raise FileError if `path` exists."""
     part = path.with_name(f".{uuid4().hex}.part")
     _free(path)
     try:
@@ -25,7 +25,8 @@ def appearing(path: Path) -> Iterator[BinaryIO]:
 
 
 def _give_name(part: Path, path: Path) -> None:
-    """Give the file its name by a link, which fails if `path` exists; by a rename on a file system without links."""
+    """Give `part` the name `path` by a link, which fails if `path` exists. Without links on the file system,
+    rename it."""
     try:
         os.link(part, path)
     except FileExistsError:

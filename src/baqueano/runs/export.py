@@ -1,8 +1,8 @@
 """Export a run as CSV (all signals, one row per tick) or as TUM trajectories (t x y z qx qy qz qw).
 
-CSV: times in seconds since the first tick, SI, a decimal point and commas, every double with all its digits. A cell is
-empty if nothing was measured at that tick, or the value is not known. `decimal=","` writes semicolons and decimal
-commas for a spreadsheet that requires them.
+A CSV file contains SI units, and times in seconds since the first tick. It has a decimal point, commas between columns,
+and all digits of a double. A cell is empty if nothing was measured at that tick, or if the value is not known.
+`decimal=","` writes semicolons and decimal commas for a spreadsheet that requires them.
 """
 
 import csv
@@ -23,7 +23,7 @@ PATHS = ("estimate", "reference", "truth")
 
 
 def export_csv(run: Run, path: Path | str, decimal: str = ".") -> Path:
-    """Write a run as one table; a value measured between two ticks is in the row of the next tick.
+    """Write a run as one table; a value that was measured between two ticks is in the row of the later tick.
 
     Parameters
     ----------
@@ -101,7 +101,7 @@ def _columns(run: Run) -> Iterator[tuple[str, np.ndarray]]:
 
 
 def at_ticks(t_ns: np.ndarray, times: np.ndarray, values: np.ndarray) -> np.ndarray:
-    """Return (N, m): at each tick the newest row since the previous tick, or NaN without one."""
+    """Return (N, m): for each tick the newest of `values` (M, m) since the previous tick; NaN without one."""
     newest = np.searchsorted(times, t_ns, side="right") - 1
     fresh = np.diff(newest, prepend=-1) > 0
     rows = np.full((len(t_ns), values.shape[1]), np.nan)

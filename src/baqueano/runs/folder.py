@@ -1,7 +1,7 @@
-"""The folder of runs: numbered files, newest last.
+"""Manage the folder of runs: numbered files, newest last.
 
-`runs/0001-experiment.mcap`, `runs/0002-teach.mcap`, …: a number never occurs twice, even if two programs request one
-at the same time.
+`runs/0001-experiment.mcap`, `runs/0002-teach.mcap`, …: a number never occurs twice, even if two programs request a
+number at the same time.
 """
 
 import os
@@ -15,9 +15,9 @@ from typing import TYPE_CHECKING, NamedTuple, TypeGuard
 from baqueano.diagnostics import fault
 from baqueano.errors import BaqueanoError, FileError
 from baqueano.language import number
-from baqueano.language import translated as _
+from baqueano.language import translate as _
 from baqueano.messages import text
-from baqueano.printable import in_lines, typed
+from baqueano.printable import baqueano_command, in_lines
 from baqueano.runs.container.reader import read_run
 
 if TYPE_CHECKING:
@@ -46,8 +46,9 @@ class ListedRun(NamedTuple):
 
 
 def new_path(folder: Path | str, label: str) -> Path:
-    """Return `folder/NNNN-label.mcap` with the next free number. The folder is created if it does not exist;
-    FileError if that fails."""
+    """Return `folder/NNNN-label.mcap` with the next free number.
+    Create the folder if it does not exist; raise FileError if that fails.
+    """
     folder = Path(folder)
     try:
         folder.mkdir(parents=True, exist_ok=True)
@@ -60,7 +61,7 @@ def new_path(folder: Path | str, label: str) -> Path:
 
 
 def plain_label(label: str) -> str:
-    """Return a label without the characters that a file name may not contain."""
+    """Return a label without the characters that are not allowed in a file name."""
     plain = unicodedata.normalize("NFC", label).strip().replace(" ", "-")
     return re.sub(r'[<>:"/\\|?*]', "", "".join(filter(str.isprintable, plain))).strip(".")[:60] or "run"
 
@@ -87,7 +88,9 @@ def _by_number(path: Path) -> tuple[int, str]:
 
 
 def find(name: str, folder: Path | str = "runs") -> Path:
-    """Find a run by its path, number (`3`, `0003`), name, or `last`. FileError if no run matches, or several do."""
+    """Return the run with this path, number (`3`, `0003`) or name, or the `last` run.
+    Raise FileError without exactly one.
+    """
     path, folder = Path(name), Path(folder)
     if path.suffix or path.exists():
         return path
@@ -107,19 +110,20 @@ def find(name: str, folder: Path | str = "runs") -> Path:
 
 
 def _list_of(folder: Path | str) -> str:
-    """Return the command line that lists the runs of a folder."""
-    return typed("runs", "ls", *([] if Path(folder) == Path("runs") else ["--runs", folder]))
+    """Return the command that a user types to list the runs of a folder."""
+    return baqueano_command("runs", "ls", *([] if Path(folder) == Path("runs") else ["--runs", folder]))
 
 
 def _standing(runs: list[Path]) -> list[Path]:
-    """Return the runs without those that have a recovered version next to them."""
+    """Return the runs, except originals that have a recovered version in the list."""
     names = {run.stem for run in runs}
     return [run for run in runs if run.stem + RECOVERED not in names]
 
 
 def find_all(name: str, folder: Path | str = "runs") -> list[Path]:
-    """Return the runs that a name refers to: the one of `find`, all of a folder by its path, or all that match a name
-    with *. `3-28` selects by number, and `3-28:2` every second of those. A recovered run replaces its original."""
+    """Return the runs that a name selects: a run as in `find`, all runs in a folder, or all that match a pattern (*).
+    `3-28` selects numbers, and `3-28:2` every second number of them. A recovered run replaces its original.
+    """
     path = Path(name)
     if path.is_dir() and not (path / "metadata.yaml").exists():
         runs = sorted(path.glob("*.mcap"))
@@ -140,8 +144,9 @@ def find_all(name: str, folder: Path | str = "runs") -> list[Path]:
 
 
 def listing(folder: Path | str = "runs") -> list[ListedRun]:
-    """Return all runs of a folder, by number and name, with the fault of each file that is not a run. Raise
-    FileError if the folder does not exist."""
+    """Return all runs of a folder, by number and name, with the fault of each file that is not a run.
+    Raise FileError if the folder does not exist.
+    """
     folder = Path(folder)
     if not folder.is_dir():
         raise FileError(fault("runs.no-folder", "baqueano experiment", folder=folder))
@@ -201,7 +206,9 @@ def listing_rows(rows: list[ListedRun]) -> list["TableRow"]:
 
 
 def claim(folder: Path | str, label: str) -> Path:
-    """Return a path like `new_path` and reserve it: no other program gets the number, even before a run is written."""
+    """Return a path like `new_path` and reserve its number, so that
+    other programs cannot use it before the run is written.
+    """
     while True:
         path = new_path(folder, label)
         part_path = path.with_name(path.name + ".part")
@@ -213,7 +220,7 @@ def claim(folder: Path | str, label: str) -> Path:
 
 
 def release(path: Path) -> None:
-    """Free the number that `claim` reserved; a written run keeps its number by its own name."""
+    """Release the number that `claim` reserved; a written run keeps its number."""
     part_path = path.with_name(path.name + ".part")
     with suppress(OSError):
         if part_path.stat().st_size == 0:

@@ -1,4 +1,4 @@
-"""Recorders of a drive: a RunWriter writes it to a file, `RunInMemory` stores it in memory."""
+"""Record a drive: a RunWriter writes it to a file, `RunInMemory` stores it in memory."""
 
 from dataclasses import dataclass, field
 from typing import Protocol
@@ -17,11 +17,11 @@ class RunSink(Protocol):
 
     @property
     def failure(self) -> OSError | None:
-        """Return the error that stopped the writing, or None."""
+        """Return the error that stopped the writing; None without an error."""
         ...
 
     def record(self, record: Record) -> None:
-        """Record a tick."""
+        """Record a tick: commands, measurements, estimate and reference."""
         ...
 
     def truth(self, t_ns: int, motion: Motion) -> None:
@@ -29,11 +29,11 @@ class RunSink(Protocol):
         ...
 
     def channel(self, name: str, t_ns: int, z: np.ndarray) -> None:
-        """Record a measurement (m,) that belongs to none of the vehicle's sensors."""
+        """Record a measurement (m,) of a sensor outside the vehicle file."""
         ...
 
     def event(self, t_ns: int, level: str, source: str, message: Diagnostic | str) -> None:
-        """Record an event: a line of text for the user."""
+        """Record an event: a message for the user."""
         ...
 
 
@@ -50,7 +50,7 @@ class RunInMemory:
     failure: OSError | None = None  # always None: memory does not fail
 
     def record(self, record: Record) -> None:
-        """Record a tick."""
+        """Record a tick: commands, measurements, estimate and reference."""
         self.records.append(record)
 
     def truth(self, t_ns: int, motion: Motion) -> None:
@@ -58,11 +58,11 @@ class RunInMemory:
         self.truths.append((t_ns, motion))
 
     def channel(self, name: str, t_ns: int, z: np.ndarray) -> None:
-        """Record a channel that belongs to none of the vehicle's sensors."""
+        """Record a measurement (m,) of a sensor outside the vehicle file."""
         self.channels.setdefault(name, []).append((t_ns, z))
 
     def event(self, t_ns: int, level: str, source: str, message: Diagnostic | str) -> None:
-        """Record an event: a line of text for the user."""
+        """Record an event: a message for the user."""
         data = message if isinstance(message, Diagnostic) else None
         self.events.append(Event(t_ns, level, source, in_english(message), data))
 

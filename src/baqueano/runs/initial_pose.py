@@ -1,13 +1,13 @@
 """Find the initial pose of a replay from the run.
 
-A run of baqueano contains its start. In an external recording it is interpolated from the truth. If the truth
-lacks velocities (a camera), the velocity is
+A run of baqueano contains its initial pose. For an external recording it is interpolated from the truth. If the truth
+is without velocities (a camera), the velocity is
 
     ν = J(ψ)ᵀ (η(t₀ + T) − η(t₀)) / T,   ψ in the middle                                                  (1)
     ν = 0  if  |ν_i(t₀)| < 0.1 max |ν_i| until t₀ + T  on every axis that moves                            (2)
 
-A motion that begins with the first command is a start from rest (2): for a moving vehicle, an estimator assumes that
-its motors have had the command for a long time.
+(2) treats a motion that begins with the first command as a start from rest. This matters, because an estimator assumes
+that the motors of a moving vehicle have had their command for a long time.
 """
 
 import numpy as np
@@ -51,7 +51,7 @@ def _with_pose(truth: TruthLog) -> TruthLog:
 
 
 def _pose(t_ns: int, truth: TruthLog) -> np.ndarray:
-    """Return η (3,) at one time, interpolated between two samples."""
+    """Return the pose η (3,) of the truth at one time, interpolated between two samples."""
     smooth = truth.eta.copy()
     smooth[:, 2] = np.unwrap(smooth[:, 2])
     x, y, psi = _at(t_ns, truth.t_ns, smooth)
@@ -59,6 +59,6 @@ def _pose(t_ns: int, truth: TruthLog) -> np.ndarray:
 
 
 def _at(t_ns: int, of_ns: np.ndarray, rows: np.ndarray) -> np.ndarray:
-    """Return rows (K, 3) interpolated at one time, (3,)."""
+    """Return the rows (K, 3) interpolated at one time: (3,)."""
     since = of_ns - of_ns[0]  # small enough for a float to hold it exactly
     return np.array([np.interp(t_ns - of_ns[0], since, column) for column in rows.T])

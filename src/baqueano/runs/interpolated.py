@@ -1,7 +1,7 @@
-"""Interpolate a log between its samples; a gap gives NaN.
+"""Interpolate a log between its samples; in a gap the result is NaN.
 
-Speed is ν_x. For a truth without velocities it is the slope of a parabola through its positions within ± HALF_S,
-along the heading.
+Speed is ν_x. If the truth is without velocities, a parabola is fitted to its positions within ± HALF_S. The speed is
+then the parabola's slope along the heading.
 """
 
 import numpy as np
@@ -17,8 +17,7 @@ HALF_S = 0.15  # of the parabola
 def at_times(t_ns: np.ndarray, of_ns: np.ndarray, rows: np.ndarray) -> np.ndarray:
     """Return `rows` (K, m), sampled at `of_ns` (K,), interpolated at `t_ns` (N,): (N, m).
 
-    NaN before the first sample, after the last one, and in gaps longer than LONGEST_GAP_S: no value is
-    invented.
+    The result is NaN before the first sample, after the last one, and in gaps longer than LONGEST_GAP_S.
     """
     out = np.column_stack([np.interp(t_ns, of_ns, column, np.nan, np.nan) for column in rows.T])
     after = np.clip(np.searchsorted(of_ns, t_ns, side="left"), 1, max(len(of_ns) - 1, 1))
@@ -29,7 +28,7 @@ def at_times(t_ns: np.ndarray, of_ns: np.ndarray, rows: np.ndarray) -> np.ndarra
 
 
 def poses_at(t_ns: np.ndarray, of_ns: np.ndarray, eta: np.ndarray) -> np.ndarray:
-    """Return poses (K, 3) interpolated at other times, (N, 3); the heading goes the short way across ±π."""
+    """Return poses (K, 3) interpolated at other times: (N, 3). The heading takes the shorter direction across ±π."""
     smooth = eta.copy()
     valid = np.isfinite(smooth[:, 2])
     smooth[valid, 2] = np.unwrap(smooth[valid, 2])

@@ -1,4 +1,4 @@
-"""The parts of a run in memory: measurements, estimates, references, true motion, events; and their checks."""
+"""Define and check the parts of a run in memory: measurements, estimates, references, true motion, events."""
 
 from typing import TYPE_CHECKING, Any, NamedTuple
 
@@ -97,7 +97,7 @@ class ReferenceLog(NamedTuple):
 
 
 class TruthLog(NamedTuple):
-    """The true motion: from a simulation, or a camera, which leaves ν and ν̇ NaN.
+    """The true motion, from a simulation or a camera. With a camera ν and ν̇ may be NaN.
 
     Attributes
     ----------
@@ -132,11 +132,11 @@ class Event(NamedTuple):
     level : str
         One of LEVELS.
     source : str
-        The block or verb from which it comes.
+        The block or command that sent it.
     text : str
         Its sentence, in English.
     diagnostic : Diagnostic or None
-        The same as data; None in runs older than diagnostics.
+        The same message as data; None in old runs, from before diagnostics.
 
     Examples
     --------
@@ -168,9 +168,8 @@ def times(t_ns: Value, name: str, strictly: bool = False) -> np.ndarray:
         k = int(np.argmax(wrong))
         raise Invalid(
             fault(
-                "run.order",
+                "run.times-not-increasing" if strictly else "run.times-decreasing",
                 name=name,
-                order="increase" if strictly else "not decrease",
                 entry=k,
                 t_ns=t[k],
                 next_ns=t[k + 1],

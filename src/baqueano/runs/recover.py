@@ -31,12 +31,12 @@ def recover(path: Path | str, to: Path | str | None = None) -> RecoveredRun:
     Returns
     -------
     RecoveredRun
-        The new file, its run, and notes on what was lost.
+        The new file, and its run with notes on the losses.
 
     Raises
     ------
     FileError
-        If nothing in it can be read, or the new file exists.
+        If the file is unreadable, or the new file exists.
 
     Examples
     --------

@@ -1,16 +1,17 @@
-"""A route as a CSV file that a user can read, edit and plot:
+"""Write and read a route as a CSV file that a user can read, edit and plot:
 
     # closed = true
     t_s,x_m,y_m,psi_rad,nu_x_m_s,nu_y_m_s,nu_psi_rad_s
 
-Every double has all its digits, so that a route is the same after writing and reading. Semicolons and decimal commas
-of a spreadsheet are accepted too. By hand, or from another program, poses by path length with a speed are easier:
+Every double has all its digits, so that a route is the same after writing and reading. Semicolons and decimal commas of
+a spreadsheet are accepted too. For a user or another program, it is easier to write poses by path length with a speed:
 
     s_m,x_m,y_m,psi_rad,v_m_s,wait_s          wait_s is optional
 
     t_k+1 = t_k + 2 Δs / (|v_k| + |v_k+1|) + wait_k,   ν_ψ = v dψ/ds                                      (1)
 
-wait_s is the time that the vehicle waits at a row before it goes on; a turn on the spot, Δs = 0, takes 1 s per radian.
+wait_s is the time that the vehicle waits at a row before it continues.
+A turn on the spot (Δs = 0) lasts 1 s per radian.
 """
 
 import os
@@ -32,7 +33,7 @@ _CLOSED = re.compile(r"^#\s*closed\s*=\s*(true|false)\b", re.IGNORECASE)
 
 
 def write_route(route: Route, path: Path | str) -> Path:
-    """Write a route as a CSV file that a user can read and edit; it replaces an older one.
+    """Write a route as a CSV file that a user can read and edit; it replaces an older file.
 
     Parameters
     ----------

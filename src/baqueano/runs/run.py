@@ -1,8 +1,8 @@
 """A run in memory: commands, measurements, estimates, and in simulation the truth.
 
-Times are integer nanoseconds. A measurement has two: its instant (`t_ns`) and its arrival at the loop (`arrival_ns`).
-A tick at t_k gets the measurements that arrived in (t_{k-1}, t_k]; `applied[k]` was in force during the same interval.
-Two runs are equal (==) if all recorded data are equal bit by bit; name, path and notes do not count.
+Times are integer nanoseconds. A measurement has two times: its instant (`t_ns`) and its arrival at the loop
+(`arrival_ns`). A tick at t_k contains the measurements that arrived in (t_{k-1}, t_k]; `applied[k]` was in force during
+the same interval. Two runs are equal (==) if all recorded data are equal bit by bit; name, path and notes do not count.
 """
 
 from collections.abc import Iterator
@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from baqueano.contracts.result import Result, pandas, shortened
+from baqueano.contracts.result import Result, pandas, shorten
 from baqueano.contracts.values import Value
 from baqueano.diagnostics import Diagnostic
 from baqueano.runs.logs import (
@@ -53,7 +53,7 @@ class Run(Result):
     applied : ndarray (N, n) [unit of u]
         Commands in force during the interval that ends at t_ns.
     requested : ndarray (N, n), optional [unit of u]
-        Commands of the controller at t_ns; NaN if it did not send one.
+        Commands of the controller at t_ns; NaN without a command.
     sensors : dict of Channel
         Measurements by sensor, in the order of the vehicle file.
     estimate : EstimateLog, optional
@@ -69,7 +69,7 @@ class Run(Result):
     metadata : dict of str
         Seed, versions, back end, kind.
     sent : ndarray (N, n), optional [unit of u]
-        Commands that the supervisor let pass at t_ns; NaN if it did not send one.
+        Commands that the supervisor sent at t_ns; NaN without a command.
     notes : tuple of Diagnostic
         Remarks of the reader about the file.
 
@@ -128,7 +128,7 @@ class Run(Result):
     def __repr__(self) -> str:
         lines = self.table().splitlines()
         topics = len(self.rows()) + 2  # the name, the head of the columns
-        return shortened(lines[:topics], lines[topics:], [])
+        return shorten(lines[:topics], lines[topics:], [])
 
     def rows(self) -> list["TableRow"]:
         """Return one flat dict per topic; an unknown value is None."""
@@ -143,8 +143,9 @@ class Run(Result):
         return show(self).table()
 
     def to_pandas(self) -> Any:
-        """Return a pandas DataFrame with a row per tick, by time in seconds: commands in force, estimate, reference,
-        truth, and each number of each sensor, NaN if none arrived since the previous tick."""
+        """Return a pandas DataFrame with a row per tick, by time in seconds. Its columns are commands in force,
+        estimate, reference, truth, and each number of each sensor; NaN if no reading arrived since the previous tick.
+        """
         from baqueano.runs.interpolated import at_times, poses_at
 
         columns = {f"applied_{k}": u for k, u in enumerate(self.applied.T)}
@@ -168,19 +169,20 @@ class Run(Result):
 
     @property
     def t_s(self) -> np.ndarray:
-        """Return the ticks (N,) in seconds since the first one."""
+        """Return the time (N,) of each tick [s], from 0 at the first tick."""
         return seconds(self.t_ns, self.t_ns[0]) if len(self.t_ns) else np.zeros(0)
 
     @property
     def guide_reference(self) -> ReferenceLog | None:
-        """Return the reference of the guide; None if it equals the estimate, as in a drive without a guide."""
+        """Return the reference of the guide. Return None if it equals the estimate, as in a drive without a guide."""
         ref, log = self.reference, self.estimate
         if ref is None or log is None or not np.array_equal(ref.eta, log.eta, equal_nan=True):
             return ref
         return None
 
     def ticks(self) -> Iterator[Tick]:
-        """Yield the ticks as in the loop: per sensor the newest measurement since the previous tick, if any."""
+        """Yield the ticks as in the loop, with the newest measurement of each sensor since the previous tick,
+        if any."""
         slots = sensor_slots(tuple(self.sensors))
         columns = [_slots(channel, self.t_ns) for channel in self.sensors.values()]
         for t_ns, u, *row in zip(self.t_ns.tolist(), self.applied, *columns, strict=True):
@@ -235,13 +237,13 @@ def _slots(channel: Channel, t_ns: np.ndarray) -> Iterator[Slot]:
 
 
 def age_s(measured_ns: Value, t_ns: Value) -> Value:
-    """Return the age of a measurement at `t_ns` [s]; 0 if its timestamp is later, or of another clock."""
+    """Return the age of a measurement at `t_ns` [s]; 0 if its timestamp is later or from another clock."""
     age = seconds(t_ns, measured_ns)
     return np.where((age >= 0.0) & (age <= OLDEST_S), age, 0.0)[()]
 
 
 def _same(a: object, b: object) -> bool:
-    """Return True if both are equal bit by bit, in arrays, tuples and dicts too; NaN equals the same NaN."""
+    """Return True if both are equal bit by bit, also inside arrays, tuples and dicts. NaN equals the same NaN."""
     if isinstance(a, np.ndarray) and isinstance(b, np.ndarray):
         return a.shape == b.shape and a.dtype == b.dtype and a.tobytes() == b.tobytes()
     if isinstance(a, dict) and isinstance(b, dict):

@@ -1,4 +1,4 @@
-"""The content of a run: topics, counts, rates, gaps, events.
+"""Show the content of a run: topics, counts, rates, gaps, events.
 
 rate = (N − 1) / (t_N − t_1),   a gap is a step longer than 1.8 times the median step                  (1)
 """
@@ -8,9 +8,9 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from baqueano.language import marked as N_
+from baqueano.language import mark as N_
 from baqueano.language import number
-from baqueano.language import translated as _
+from baqueano.language import translate as _
 from baqueano.messages import texts
 from baqueano.printable import in_lines
 from baqueano.signals import NANOSECONDS
@@ -113,7 +113,7 @@ class ShownRun:
 
 
 def _topic(name: str) -> str:
-    """Return a topic for display; the name of a sensor is not translated."""
+    """Return the name of a topic for display; sensor names are not translated."""
     word, _space, sensor = name.partition(" ")
     return f"{_(word)} {sensor}" if word == N_("sensor") else _(name)
 

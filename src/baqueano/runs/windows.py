@@ -1,4 +1,5 @@
-"""Means over time windows: to compare two channels of different rates, or to remove vibration from one."""
+"""Compute means over time windows, to compare two channels of different rates, or to remove vibration from a
+channel."""
 
 import numpy as np
 
@@ -8,7 +9,8 @@ from baqueano.signals import NANOSECONDS
 
 def means(channel: Channel, origin_ns: int, width_s: float) -> tuple[np.ndarray, np.ndarray]:
     """Return the numbers (W,) of the windows that have rows, counted from `origin_ns`, and their means (W, m).
-    A mean is of the finite entries; NaN without one."""
+    A mean contains only finite entries; it is NaN without any.
+    """
     number = ((channel.t_ns - origin_ns) / NANOSECONDS / width_s).astype(np.int64)
     windows, row = np.unique(number, return_inverse=True)
     good = np.isfinite(channel.z)

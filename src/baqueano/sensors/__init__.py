@@ -1,7 +1,7 @@
 """Sensors turn a motion into a measurement. To add one, write a frozen dataclass with the methods of `Sensor`.
 
 Some sensors need one more method. A sensor of an angle has `difference(z, expected)` (m,): z − expected with the angle
-wrapped (see `Pose`); the default does not wrap. A sensor that is silent at times has `detects(motion)` (see
+wrapped (see `Pose`); the default does not wrap. A sensor that is sometimes silent has `detects(motion)` (see
 `Rangefinder`). A sensor that may mistake one object for another has `mistakes(z)` (k, m): the corrections of z for each
 possible mistake (see `Tags`).
 """

@@ -3,10 +3,10 @@
     h = √((b − s)² + z²) + d,   s = p + R(ψ) l                                                            (1)
 
 b is the position of the beacon in the map, z its height above the sensor, d the offset of the range. s is the position
-of the sensor: p is the body's origin, l the lever arm forward and to the left, R(ψ) the rotation by the heading.
+of the sensor. p is the body's origin, l the lever arm forward and to the left, R(ψ) the rotation by the heading.
 
 h depends only on the pose, so an estimator corrects all states that are correlated with the pose. One range corrects
-along one line; the motion between two ranges gives the rest.
+the position only along the beam; the other direction needs a second range after some motion.
 """
 
 from dataclasses import dataclass
@@ -15,17 +15,17 @@ from typing import ClassVar
 import numpy as np
 
 from baqueano.contracts.values import Value
-from baqueano.parameter import INF, documented, parameter
+from baqueano.parameter import INF, document, parameter
 from baqueano.sensors.sampling import SampledSensor, place_of
 from baqueano.signals import Motion
 
 SMALL_M = 1e-3  # keeps (1) differentiable exactly under the beacon
 
 
-@documented
+@document
 @dataclass(frozen=True, slots=True, eq=False)
 class Beacon(SampledSensor):
-    """Sensor of z = (r,) [m], the distance to one beacon: ultra-wideband, ultrasound. Three of them give the position.
+    """Sensor of z = (r,) [m], the distance to one beacon: ultra-wideband, ultrasound. A position needs three beacons.
 
     Parameters
     ----------
@@ -45,26 +45,30 @@ class Beacon(SampledSensor):
 
     size: ClassVar[int] = 1
 
-    point_m: np.ndarray = parameter("m", "place of the beacon, in the map, b", low=-1e4, high=1e4, shape=(2,))
+    point_m: np.ndarray = parameter(
+        "m", "position of the beacon in the map, b", low=-1e4, high=1e4, shape=(2,)
+    )
     above_m: float = parameter(
         "m", "height of the beacon above the sensor, z", low=0.0, high=100.0, default=0.0
     )
     delay_slots: int = 0
     rate_hz: float = parameter("Hz", "measurements a second", low=1e-3, high=1e5, default=10.0)
     noise_std: float = parameter("m", "white noise of the range", low=0.0, high=100.0, default=0.1)
-    offset_m: float = parameter("m", "reads more than the distance, d", low=-10.0, high=10.0, default=0.0)
-    farthest_m: float = parameter("m", "beyond this it is silent", low=1e-3, default=INF)
+    offset_m: float = parameter(
+        "m", "offset of the reading from the distance, d", low=-10.0, high=10.0, default=0.0
+    )
+    farthest_m: float = parameter("m", "beyond this distance it does not respond", low=1e-3, default=INF)
     lever_arm_m: np.ndarray = parameter(
-        "m", "place of the sensor in the body, l", low=-100.0, high=100.0, default=(0.0, 0.0), shape=(2,),
+        "m", "position of the sensor in the body, l", low=-100.0, high=100.0, default=(0.0, 0.0), shape=(2,),
         measured_by="the tape",
     )  # fmt: skip
     delay_s: float = parameter("s", "age of the range that is read", low=0.0, high=2.0, default=0.0)
     measurement_noise_cov: np.ndarray | None = parameter(
-        "m²", "covariance Q to believe in; left out: from the noise", default=None, shape=(1, 1)
+        "m²", "covariance Q that the filter assumes; if missing: from the noise", default=None, shape=(1, 1)
     )
 
     def h(self, motion: Motion) -> np.ndarray:
-        """Return the range (1,) without noise.  (1)"""
+        """Return the range (1,) [m] without noise.  (1)"""
         x, y = self.point_m - place_of(self.lever_arm_m, motion)
         return np.array([np.sqrt(x * x + y * y + self.above_m**2 + SMALL_M**2) + self.offset_m])
 

@@ -6,7 +6,7 @@
 vehicle, plus the heading of the map's x. b is the field of the vehicle's own iron and currents along the axes of the
 magnetometer, in units of the earth's horizontal field. It turns with the vehicle; half a unit causes an error of 30°.
 
-Indoors the field bends by tens of degrees within a metre, and by the same angle at each visit of a place. Set the noise
+Indoors the direction of the field changes by tens of degrees within a metre; at one place it is constant. Set the noise
 of an indoor compass accordingly.
 """
 
@@ -16,12 +16,12 @@ from typing import ClassVar
 import numpy as np
 
 from baqueano.geometry import wrap
-from baqueano.parameter import documented, parameter
+from baqueano.parameter import document, parameter
 from baqueano.sensors.sampling import SampledSensor
 from baqueano.signals import Motion
 
 
-@documented
+@document
 @dataclass(frozen=True, slots=True, eq=False)
 class Compass(SampledSensor):
     """Sensor of z = (ψ,) [rad], the heading in the map, wrapped.
@@ -48,20 +48,23 @@ class Compass(SampledSensor):
     rate_hz: float = parameter("Hz", "measurements a second", low=1e-3, high=1e5, default=10.0)
     noise_std: float = parameter("rad", "white noise of the heading", low=0.0, high=10.0, default=0.1)
     heading_rad: float = parameter(
-        "rad", "what it reads where the vehicle points along the map's x, χ", low=-7.0, high=7.0, default=0.0,
+        "rad", "reading when the vehicle points along x of the map, χ", low=-7.0, high=7.0, default=0.0,
         measured_by="pointing the vehicle along the map's x",
     )  # fmt: skip
     iron: np.ndarray = parameter(
-        "1", "field of the vehicle's iron ahead and to the left, of the earth's horizontal one", low=-10.0, high=10.0,
+        "1", (
+            "magnetic field of the vehicle's iron, forward and left, as a fraction of the earth's "
+            "horizontal field"
+        ), low=-10.0, high=10.0,
         default=(0.0, 0.0), shape=(2,), shown_by="a whole turn on the spot",
     )  # fmt: skip
     delay_s: float = parameter("s", "age of the heading that is read", low=0.0, high=2.0, default=0.0)
     measurement_noise_cov: np.ndarray | None = parameter(
-        "rad²", "covariance Q to believe in; left out: from the noise", default=None, shape=(1, 1)
+        "rad²", "covariance Q that the filter assumes; if missing: from the noise", default=None, shape=(1, 1)
     )
 
     def h(self, motion: Motion) -> np.ndarray:
-        """Return the heading (1,) without noise.  (1)"""
+        """Return the heading (1,) [rad] without noise.  (1)"""
         phi = motion.eta[2] + self.heading_rad
         return np.array([np.arctan2(np.sin(phi) - self.iron[1], np.cos(phi) + self.iron[0])])
 

@@ -1,15 +1,16 @@
 """Encoders that count: the mean speed of each wheel between two readings of its counter.
 
     n = ⌊s/c⌋ mod N,   z = c ((n − n₋ + N/2) mod N − N/2) / δ,   s the distance that the wheel has rolled  (1)
-    h = that of wheels: v_l = s_l (ν_x − ν_ψ b/2),  v_r = s_r (ν_x + ν_ψ b/2),   ½ δ ago                  (2)
+    h = (v_l, v_r) as in wheels.py: s_l (ν_x − ν_ψ b/2),  s_r (ν_x + ν_ψ b/2),   ½ δ ago                  (2)
     Q = (σ² + c²/(6 δ²)) I                                                                                (3)
 
 n is the counter, n₋ its previous reading, c the distance of one count. The counter restarts at 0 after N counts. δ =
-1/rate_hz is the time between two readings, σ = noise_std. ν_x, ν_ψ, s_l, s_r and b are those of wheels.py.
+1/rate_hz is the time between two readings, σ = noise_std. wheels.py defines ν_x, ν_ψ, s_l, s_r and b.
 
 A mean speed belongs to the middle of δ, so the slot of a reading has the age ½ δ. Counts are rounded at both ends of δ,
-each time with the variance c²/12. The errors of successive readings cancel: their sum is never wrong by more than c.
-Slower readings are finer, but older. A wheel that rolls more than N/2 counts between two readings is read wrongly.
+each time with the variance c²/12. The errors of successive readings cancel: the error of their sum is at most c. At a
+lower rate the readings are more precise, but older. If a wheel rolls more than N/2 counts between two readings, the
+reading is wrong.
 """
 
 from dataclasses import dataclass
@@ -18,7 +19,7 @@ from typing import ClassVar, NamedTuple
 import numpy as np
 
 from baqueano.contracts.values import Value
-from baqueano.parameter import documented, parameter
+from baqueano.parameter import document, parameter
 from baqueano.sensors.sampling import PHASE_TOLERANCE
 from baqueano.sensors.wheels import fade, radii, rolling, slip, std_of_scale, track
 from baqueano.signals import Motion, Slot
@@ -29,7 +30,7 @@ EDGE = 1e-6  # of a count: tolerance for the rounding of the distance
 
 
 class EncodersState(NamedTuple):
-    """State of the encoders."""
+    """State of the encoders between two ticks."""
 
     phase: Value  # part of a period since the last reading
     way: np.ndarray  # (2,) distance that the wheels have rolled, s [m]
@@ -37,7 +38,7 @@ class EncodersState(NamedTuple):
     since_s: Value  # time since the last reading
 
 
-@documented
+@document
 @dataclass(frozen=True, slots=True, eq=False)
 class Encoders:
     """Sensor of z = (v_l, v_r) [m/s], the mean speeds of the left and the right wheel since the previous reading.
@@ -61,8 +62,8 @@ class Encoders:
 
     track_m: float = track()
     count_m: float = parameter(
-        "m", "way of one count, c: 2π times the radius, divided by the counts of a turn", low=1e-7, high=1.0,
-        role="known", measured_by="rolling it for a metre",
+        "m", "distance per count, c: 2π times the radius, divided by the counts of a turn", low=1e-7, high=1.0,
+        role="known", measured_by="rolling it over one metre",
     )  # fmt: skip
     counter: float = parameter(
         "1",
@@ -74,12 +75,17 @@ class Encoders:
     )
     rate_hz: float = parameter("Hz", "readings a second", low=1e-3, high=1e5, default=50.0)
     radius_scale: np.ndarray = radii()
-    noise_std: float = parameter("m/s", "white noise beside the counts", low=0.0, high=100.0, default=0.0)
+    noise_std: float = parameter(
+        "m/s", "white noise in addition to the counts", low=0.0, high=100.0, default=0.0
+    )
     radius_scale_std: float = std_of_scale()
     slip_std: float = slip()
     slip_fade_s: float = fade()
     measurement_noise_cov: np.ndarray | None = parameter(
-        "m²/s²", "covariance Q to believe in; left out: from noise and counts", default=None, shape=(2, 2)
+        "m²/s²",
+        "covariance Q that the filter assumes; if missing: from noise and counts",
+        default=None,
+        shape=(2, 2),
     )
 
     def __post_init__(self) -> None:
@@ -93,7 +99,7 @@ class Encoders:
         return np.eye(2) * (self.noise_std**2 + (self.count_m * self.rate_hz) ** 2 / 6.0)
 
     def h(self, motion: Motion) -> np.ndarray:
-        """Return the speeds of the wheels (2,).  (2)"""
+        """Return the speeds of the wheels (2,) [m/s] without noise.  (2)"""
         return rolling(self, motion)
 
     def init(self) -> EncodersState:
@@ -103,7 +109,7 @@ class Encoders:
     def step(
         self, state: EncodersState, motion: Motion, dt_s: float, noise: np.ndarray
     ) -> tuple[EncodersState, Slot]:
-        """Return the state and the mean speeds since the last reading; `noise` (2,) are unit normals.  (1)"""
+        """Return the state and the mean speeds since the last reading; `noise` (2,) is standard normal.  (1)"""
         begin, middle, end = motion.tick or (motion, motion, motion)
         way = state.way + dt_s / 6.0 * (self.h(begin) + 4.0 * self.h(middle) + self.h(end))
         phase, since_s = state.phase + self.rate_hz * dt_s + PHASE_TOLERANCE, state.since_s + dt_s

@@ -3,15 +3,15 @@
     f_x = ν̇_x − ν_ψ ν_y − l_x ν_ψ² − l_y ν̇_ψ − g_x      specific force at (l_x, l_y) from the origin      (1)
     f_y = ν̇_y + ν_ψ ν_x − l_y ν_ψ² + l_x ν̇_ψ − g_y      ν: velocity; g_x, g_y: gravity along the floor    (2)
     f_x, f_y ← cos ζ f_x + sin ζ f_y,  cos ζ f_y − sin ζ f_x            turned by ζ to the left
-    a_x = cos θ f_x − sin θ g                             roll φ and pitch θ about its own x and y        (3)
+    a_x = cos θ f_x − sin θ g                             roll φ, pitch θ: about x and y of the IMU       (3)
     a_y = sin φ sin θ f_x + cos φ f_y + sin φ cos θ g     (right-handed: positive pitch is nose down)     (4)
     ω_z = cos φ cos θ ν_ψ                                                                                 (5)
     h = scale · (a_x, a_y, ω_z) + bias + slope (T − T₀)   T: temperature, T₀: its reference               (6)
 
 `paper` replaces (3)-(5) by (ν̇_x, ν̇_y, ν_ψ), as Grotz et al., `equ:h` (errata 3): correct only without turning. The
 simulation adds, in this order: the walk of the bias b⁺ = b + σ_b √δ n, white noise, the limit of the range, the step of
-the converter; sampling.py adds rate, low-pass and delay. n is a unit normal, δ the tick. Roll, pitch and bias have the
-same effect at rest: a fit finds their sum, or one if the other is fixed. The slope of the floor is small: cos α = 1.
+the converter; sampling.py adds rate, low-pass and delay. n is standard normal, δ the tick. Roll, pitch and bias have
+the same effect at rest: a fit finds only their sum, or one if the others are fixed. For the floor's slope, cos α = 1.
 """
 
 from dataclasses import dataclass
@@ -21,15 +21,15 @@ import numpy as np
 
 from baqueano.diagnostics import fault
 from baqueano.errors import Invalid
-from baqueano.parameter import INF, documented, parameter
+from baqueano.parameter import INF, document, parameter
 from baqueano.sensors.sampling import SensorState, check, sample, start
 from baqueano.signals import STANDARD_GRAVITY, Motion, Slot
-from baqueano.vehicles.drivetrain import quantised
+from baqueano.vehicles.drivetrain import quantise
 
 MODELS = ("physical", "paper")
 
 
-@documented
+@document
 @dataclass(frozen=True, slots=True, eq=False)
 class Imu:
     """Sensor of z = (a_x, a_y, ω_z) [m/s², m/s², rad/s], body axes: two accelerometers and the gyro about z.
@@ -89,19 +89,19 @@ class Imu:
         measured_by="two turns on its mark, measured by hand", symbol=r"s_{\omega}", std="gyro_scale_std",
     )  # fmt: skip
     lever_arm_m: np.ndarray = parameter(
-        "m", "place of the IMU in the body", low=-100.0, high=100.0, default=(0.0, 0.0), shape=(2,),
-        shown_by=("turning fast", "hard changes of turning"), measured_by="the tape",
+        "m", "position of the IMU in the body", low=-100.0, high=100.0, default=(0.0, 0.0), shape=(2,),
+        shown_by=("turning fast", "sudden changes of yaw rate"), measured_by="the tape",
         symbol=("r_{x}", "r_{y}"),
     )  # fmt: skip
     tilt_rad: np.ndarray = parameter(
         "rad", "roll and pitch of the IMU on the vehicle", low=-1.5, high=1.5, default=(0.0, 0.0),
         shape=(2,),
-        shown_by="a bias that is known: fix accel_bias with the mean of two rests, turned around between",
+        shown_by="a known bias: fix accel_bias at the mean of two rests, with the vehicle turned around between them",
         measured_by="a level", symbol=(r"\theta_{x}", r"\theta_{y}"),
     )  # fmt: skip
     heading_rad: float = parameter(
         "rad", "turn of the IMU on the vehicle, to the left", low=-3.2, high=3.2, default=0.0,
-        shown_by="hard starts and stops straight ahead", symbol=r"\psi_{s}",
+        shown_by="sudden starts and stops in a straight line", symbol=r"\psi_{s}",
     )  # fmt: skip
     accel_limit: float = parameter("m/s²", "end of the accelerometers' range", low=1e-3, default=INF)
     gyro_limit: float = parameter("rad/s", "end of the gyro's range", low=1e-3, default=INF)
@@ -111,7 +111,7 @@ class Imu:
     gyro_step: float = parameter("rad/s", "step of the converter; 0 for none", low=0.0, high=1.0, default=0.0)
     temperature_c: float = parameter("°C", "temperature of the chip", low=-100.0, high=200.0, default=25.0)
     temperature_reference_c: float = parameter(
-        "°C", "temperature at which the biases hold", low=-100.0, high=200.0, default=25.0
+        "°C", "temperature at which the biases are valid", low=-100.0, high=200.0, default=25.0
     )
     accel_temperature_slope: np.ndarray = parameter(
         "m/s² per °C", "change of the bias", low=-1.0, high=1.0, default=(0.0, 0.0), shape=(2,)
@@ -136,7 +136,10 @@ class Imu:
         low=0.0, high=1.0, default=0.03, role="noise",
     )  # fmt: skip
     measurement_noise_cov: np.ndarray | None = parameter(
-        "m²/s⁴, rad²/s²", "covariance Q to believe in; left out: from the noise", default=None, shape=(3, 3)
+        "m²/s⁴, rad²/s²",
+        "covariance Q that the filter assumes; if missing: from the noise",
+        default=None,
+        shape=(3, 3),
     )
 
     def __post_init__(self) -> None:
@@ -153,7 +156,7 @@ class Imu:
 
     @property
     def noise_size(self) -> int:
-        """Return the number of unit normals that a tick needs: three of white noise, three of the bias walk."""
+        """Return the number of standard normals that a tick needs: three of white noise, three of the bias walk."""
         return 6
 
     @property
@@ -165,11 +168,11 @@ class Imu:
 
     @property
     def limit(self) -> np.ndarray:
-        """Return the ends of the ranges (3,)."""
+        """Return the largest absolute reading (3,) of each channel."""
         return self._channels(self.accel_limit * np.ones(2), self.gyro_limit)
 
     def h(self, motion: Motion) -> np.ndarray:
-        """Return the measurement (3,) without noise.  (6)"""
+        """Return the measurement (a_x, a_y, ω_z) (3,) without noise.  (6)"""
         if self.measurement_model == "paper":
             ideal = np.array([motion.nu_dot[0], motion.nu_dot[1], motion.nu[2]])
         else:
@@ -182,18 +185,18 @@ class Imu:
         return self._channels(self.accel_scale, self.gyro_scale) * ideal + bias
 
     def init(self) -> SensorState:
-        """Return the state of an IMU that was just switched on."""
+        """Return the state of an IMU before its first tick."""
         return start(self)
 
     def step(
         self, state: SensorState, motion: Motion, dt_s: float, noise: np.ndarray
     ) -> tuple[SensorState, Slot]:
-        """Return the reading of the IMU at the end of a tick; `noise` (6,) are unit normals."""
+        """Return the state and the reading at the end of a tick; `noise` (6,) is standard normal."""
         state, has, z = sample(self, state, motion, dt_s)
         walk = self._channels(self.accel_bias_walk * np.ones(2), self.gyro_bias_walk)
         bias = state.bias + walk * np.sqrt(dt_s) * noise[3:]
         z = z + bias + self._channels(self.accel_noise_std, self.gyro_noise_std) * noise[:3]
-        z = quantised(
+        z = quantise(
             np.clip(z, -self.limit, self.limit), self._channels(self.accel_step * np.ones(2), self.gyro_step)
         )
         return state._replace(bias=bias), Slot(has, np.where(has > 0.0, z, 0.0))
@@ -214,5 +217,5 @@ class Imu:
 
     @staticmethod
     def _channels(accel: np.ndarray, gyro: float) -> np.ndarray:
-        """Return the values of the three channels (3,)."""
+        """Return one array (3,) of the values for two accelerometers (2,) and the gyro."""
         return np.array([accel[0], accel[1], gyro])

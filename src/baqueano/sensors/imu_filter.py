@@ -5,8 +5,8 @@
 The filter of h is of the first order (sampling.py) and has the delay of the chip's filter at low frequencies. A filter
 with the chip's bandwidth would have 1.0 ms less delay at setting 3, and 13 ms more at setting 6.
 
-Sources: register maps RM-MPU-6000A 4.2, RM-MPU-6500A 2.1. The accelerometer delay of the 6500 is that of the latest
-map. An earlier map has 11.80 ms instead of 4.88 ms (at 44.8 Hz), more than a filter of that width can have.
+Sources: register maps RM-MPU-6000A 4.2, RM-MPU-6500A 2.1. The accelerometer delay of the 6500 is from the latest map.
+An earlier map has 11.80 ms instead of 4.88 ms (at 44.8 Hz), which is too long for a filter of that bandwidth.
 """
 
 from typing import NamedTuple

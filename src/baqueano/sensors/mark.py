@@ -3,12 +3,12 @@
     h = (x − p_x) cos χ + (y − p_y) sin χ                                                                 (1)
 
 h is the distance of the body, at (x, y), beyond the line through p, which is crossed in the direction χ; all in the
-map. The sensor measures only while the line is crossed, from h < 0 to h ≥ 0, at most `half_width_m` to the side of p.
-The reading is the distance beyond the line at the end of the tick, or 0 if the crossing itself was timed. A run begins
-at the origin of the map unless a sensor measures its pose, so a mark at the start has p = 0, χ = 0.
+map. The sensor measures only in the tick of a crossing, from h < 0 to h ≥ 0, at most `half_width_m` to the side of p.
+The reading is the distance beyond the line at the end of the tick, or 0 if the crossing itself was timed. Without a
+sensor of the pose, a run begins at the origin of the map, so a mark at the start has p = 0, χ = 0.
 
-A fit uses `noise_std` unchanged. On a floor that disturbs the vehicle, give the error of a simulation at the mark, not
-the sharpness of the line.
+A fit uses `noise_std` unchanged. On a floor that disturbs the vehicle, set it to the error of a simulation at the mark,
+not to the precision of the line.
 """
 
 from dataclasses import dataclass
@@ -17,18 +17,18 @@ from typing import ClassVar, NamedTuple
 import numpy as np
 
 from baqueano.contracts.values import Value
-from baqueano.parameter import INF, documented, parameter
+from baqueano.parameter import INF, document, parameter
 from baqueano.signals import Motion, Slot
 from baqueano.vehicles.bounds import check_bounds
 
 
 class MarkState(NamedTuple):
-    """State of a mark."""
+    """State of a mark between two ticks."""
 
-    before: float  # h at the previous tick [m]
+    previous_h: float  # h at the previous tick [m]
 
 
-@documented
+@document
 @dataclass(frozen=True, slots=True, eq=False)
 class Mark:
     """Sensor of z = (h,) [m], the distance beyond a line on the floor, when the vehicle crosses the line.
@@ -53,12 +53,14 @@ class Mark:
         "m", "a point of the line, in the map, p", low=-1e4, high=1e4, default=(0.0, 0.0), shape=(2,)
     )
     heading_rad: float = parameter(
-        "rad", "direction in which the line is passed, χ", low=-7.0, high=7.0, default=0.0
+        "rad", "direction in which the vehicle crosses the line, χ", low=-7.0, high=7.0, default=0.0
     )
-    half_width_m: float = parameter("m", "how far the line reaches to each side", low=0.0, default=INF)
-    noise_std: float = parameter("m", "where exactly it is seen", low=0.0, high=100.0, default=0.005)
+    half_width_m: float = parameter("m", "extent of the line to each side", low=0.0, default=INF)
+    noise_std: float = parameter(
+        "m", ("standard deviation of the position of a crossing"), low=0.0, high=100.0, default=0.005
+    )
     measurement_noise_cov: np.ndarray | None = parameter(
-        "m²", "covariance Q to believe in; left out: from the noise", default=None, shape=(1, 1)
+        "m²", "covariance Q that the filter assumes; if missing: from the noise", default=None, shape=(1, 1)
     )
 
     def __post_init__(self) -> None:
@@ -71,7 +73,7 @@ class Mark:
 
     @property
     def noise_size(self) -> int:
-        """Return the number of unit normals that a tick needs."""
+        """Return the number of standard normals that a tick needs."""
         return 1
 
     @property
@@ -82,12 +84,12 @@ class Mark:
         return np.eye(1) * self.noise_std**2
 
     def h(self, motion: Motion) -> np.ndarray:
-        """Return the distance beyond the line [m] (1,).  (1)"""
+        """Return the distance (1,) [m] beyond the line; negative before the line.  (1)"""
         x, y = motion.eta[0] - self.point_m[0], motion.eta[1] - self.point_m[1]
         return np.array([x * np.cos(self.heading_rad) + y * np.sin(self.heading_rad)])
 
     def init(self) -> MarkState:
-        """Return the state before any crossing; a vehicle that starts on the line does not cross it by leaving."""
+        """Return the state before the first tick; a vehicle that starts on the line does not cross it by leaving."""
         return MarkState(0.0)
 
     def step(
@@ -95,11 +97,11 @@ class Mark:
     ) -> tuple[MarkState, Slot]:
         """Return the state, and the distance beyond the line if the body crossed it in this tick.
 
-        `noise` (1,) is a unit normal.
+        `noise` (1,) is standard normal.
         """
         h = self.h(motion)
         x, y = motion.eta[0] - self.point_m[0], motion.eta[1] - self.point_m[1]
         aside = np.abs(y * np.cos(self.heading_rad) - x * np.sin(self.heading_rad))
-        passed = (state.before < 0.0) & (h[0] >= 0.0) & (aside <= self.half_width_m)
+        passed = (state.previous_h < 0.0) & (h[0] >= 0.0) & (aside <= self.half_width_m)
         has: Value = np.where(passed, 1.0, 0.0)
         return MarkState(h[0]), Slot(has, np.where(has > 0.0, h + self.noise_std * noise, 0.0))

@@ -14,12 +14,12 @@ import numpy as np
 
 from baqueano.contracts.values import Value
 from baqueano.geometry import wrap
-from baqueano.parameter import documented, parameter
+from baqueano.parameter import document, parameter
 from baqueano.sensors.sampling import SampledSensor
 from baqueano.signals import Motion
 
 
-@documented
+@document
 @dataclass(frozen=True, slots=True, eq=False)
 class Pose(SampledSensor):
     """Sensor of z = (x, y, ψ) [m, m, rad], the pose in the map.
@@ -50,19 +50,22 @@ class Pose(SampledSensor):
     )
     delay_s: float = parameter("s", "age of the pose that is read", low=0.0, high=2.0, default=0.0)
     lever_arm_m: np.ndarray = parameter(
-        "m", "place of the mark in the body, l", low=-100.0, high=100.0, default=(0.0, 0.0), shape=(2,)
+        "m", "position of the mark in the body, l", low=-100.0, high=100.0, default=(0.0, 0.0), shape=(2,)
     )
     heading_rad: float = parameter(
         "rad", "angle to the left by which the mark is turned, χ", low=-7.0, high=7.0, default=0.0
     )
     measurement_noise_cov: np.ndarray | None = parameter(
-        "m², rad²", "covariance Q to believe in; left out: from the noise", default=None, shape=(3, 3)
+        "m², rad²",
+        "covariance Q that the filter assumes; if missing: from the noise",
+        default=None,
+        shape=(3, 3),
     )
 
     def h(self, motion: Motion) -> np.ndarray:
-        """Return the measurement (3,) without noise.  (1)"""
+        """Return the measured pose (x, y, ψ) (3,) without noise.  (1)"""
         x, y, psi = motion.eta
-        ahead, left = turned(self.lever_arm_m, psi)
+        ahead, left = rotate(self.lever_arm_m, psi)
         return np.array([x + ahead, y + left, psi + self.heading_rad])
 
     def difference(self, z: np.ndarray, expected: np.ndarray) -> np.ndarray:
@@ -70,8 +73,8 @@ class Pose(SampledSensor):
         return _wrap_heading(z - expected)
 
 
-def turned(way: np.ndarray, psi: Value) -> tuple[Value, Value]:
-    """Return a vector (2,) turned by ψ to the left."""
+def rotate(way: np.ndarray, psi: Value) -> tuple[Value, Value]:
+    """Return the vector `way` (2,) rotated by ψ [rad] to the left."""
     c, s = np.cos(psi), np.sin(psi)
     return c * way[0] - s * way[1], s * way[0] + c * way[1]
 

@@ -2,12 +2,12 @@
 
     h = (w − s)·n / cos α,   n = (cos χ, sin χ),   α = ψ + ζ − χ,   s = p + R(ψ) l                        (1)
 
-w is a point of the wall, n its normal: a vehicle with the heading χ faces the wall squarely. ψ is the heading of the
-vehicle, ζ the angle of the beam on it, to the left; α is the angle of incidence. s is the position of the sensor: p is
-the body's origin, l the lever arm forward and to the left, R(ψ) the rotation by the heading.
+w is a point of the wall, n its normal: a vehicle with the heading χ looks at the wall at a right angle. ψ is the
+heading of the vehicle, ζ the angle of the beam on it, to the left; α is the angle of incidence. s is the position of
+the sensor. p is the body's origin, l the lever arm forward and to the left, R(ψ) the rotation by the heading.
 
 The sensor is silent beyond `farthest_m`, beyond the ends of the wall, and if |α| is above `incidence_rad`: a smooth
-wall then reflects the sound away. If a chair is in the way, the gate of an estimator rejects the reading.
+wall then reflects the sound away. If a chair is before the wall, the gate of an estimator rejects the reading.
 """
 
 from dataclasses import dataclass
@@ -17,14 +17,14 @@ import numpy as np
 
 from baqueano.contracts.values import Value
 from baqueano.geometry import wrap
-from baqueano.parameter import INF, documented, parameter
+from baqueano.parameter import INF, document, parameter
 from baqueano.sensors.sampling import SampledSensor, place_of
 from baqueano.signals import Motion
 
 LEAST_COS = 0.1  # keeps (1) finite for an estimated pose that faces away from the wall
 
 
-@documented
+@document
 @dataclass(frozen=True, slots=True, eq=False)
 class Rangefinder(SampledSensor):
     """Sensor of z = (r,) [m], the distance along a beam to one wall: ultrasound, infrared, laser.
@@ -51,18 +51,18 @@ class Rangefinder(SampledSensor):
         "m", "the middle of the wall, in the map, w", low=-1e4, high=1e4, shape=(2,)
     )
     wall_heading_rad: float = parameter(
-        "rad", "heading of a vehicle that faces the wall squarely, χ", low=-7.0, high=7.0
+        "rad", "heading of a vehicle that faces the wall at a right angle, χ", low=-7.0, high=7.0
     )
-    half_width_m: float = parameter("m", "how far the wall reaches to each side", low=0.0, default=INF)
+    half_width_m: float = parameter("m", "extent of the wall to each side", low=0.0, default=INF)
     delay_slots: int = 0
     rate_hz: float = parameter("Hz", "measurements a second", low=1e-3, high=1e5, default=20.0)
     noise_std: float = parameter("m", "white noise of the range", low=0.0, high=100.0, default=0.01)
-    farthest_m: float = parameter("m", "beyond this it is silent", low=1e-3, default=4.0)
+    farthest_m: float = parameter("m", "beyond this distance it does not respond", low=1e-3, default=4.0)
     incidence_rad: float = parameter(
         "rad", "largest angle between beam and normal of the wall", low=0.0, high=1.5, default=0.35
     )
     lever_arm_m: np.ndarray = parameter(
-        "m", "place of the sensor in the body, l", low=-100.0, high=100.0, default=(0.0, 0.0), shape=(2,),
+        "m", "position of the sensor in the body, l", low=-100.0, high=100.0, default=(0.0, 0.0), shape=(2,),
         measured_by="the tape",
     )  # fmt: skip
     heading_rad: float = parameter(
@@ -70,16 +70,16 @@ class Rangefinder(SampledSensor):
     )
     delay_s: float = parameter("s", "age of the range that is read", low=0.0, high=2.0, default=0.0)
     measurement_noise_cov: np.ndarray | None = parameter(
-        "m²", "covariance Q to believe in; left out: from the noise", default=None, shape=(1, 1)
+        "m²", "covariance Q that the filter assumes; if missing: from the noise", default=None, shape=(1, 1)
     )
 
     def h(self, motion: Motion) -> np.ndarray:
-        """Return the range (1,) without noise.  (1)"""
+        """Return the range (1,) [m] without noise.  (1)"""
         square, alpha = self._facing(motion)
         return np.array([square / np.maximum(np.cos(alpha), LEAST_COS)])
 
     def detects(self, motion: Motion) -> Value:
-        """Return True if the beam hits the wall within reach, and squarely enough."""
+        """Return True if the beam hits the wall within `farthest_m`, at an angle of at most `incidence_rad`."""
         (square, alpha), r = self._facing(motion), self.h(motion)[0]
         beam, n = motion.eta[2] + self.heading_rad, self.wall_heading_rad
         x, y = (

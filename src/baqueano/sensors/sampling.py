@@ -1,4 +1,4 @@
-"""Sampling times, low-pass and delay, which all sensors share.
+"""Compute sampling times, low-pass and delay, which are the same for all sensors.
 
 A sensor of rate f measures when its phase φ passes a whole number; δ is the length of a tick:
 
@@ -10,8 +10,8 @@ middle and end:
 
     y⁺ = q(δ) + (y − q(0)) e^(−δ/τ),   q = p − τ ṗ + τ² p̈                                                (2)
 
-The reading is the signal of delay_s ago, from a line of past values (vehicles/delay.py). The sensor is silent until the
-line is long enough.
+The reading is the signal of delay_s ago, from a list of past values (vehicles/delay.py). The sensor is silent until
+that list is long enough.
 """
 
 from typing import ClassVar, NamedTuple
@@ -43,7 +43,7 @@ class SensorState(NamedTuple):
     phase : float
         Part of a period since the last measurement.
     ticks : float
-        Ticks so far.
+        Number of ticks so far.
     signal : Signal
         Low-pass and delay between the sensor and its reading.
     bias : ndarray (m,)
@@ -65,8 +65,8 @@ def check(sensor: Tree) -> None:
 class SampledSensor:
     """Base of a sensor with white noise: a subclass adds its parameters, `size` and h(motion) → (m,).
 
-    The parameters include rate_hz, delay_s, delay_slots, noise_std and measurement_noise_cov. A sensor that is silent
-    at times adds detects(motion), a sensor of angles adds difference(z, expected).
+    The parameters include rate_hz, delay_s, delay_slots, noise_std and measurement_noise_cov. A sensor that is
+    sometimes silent adds detects(motion); a sensor of angles adds difference(z, expected).
     """
 
     __slots__ = ()
@@ -80,7 +80,7 @@ class SampledSensor:
 
     @property
     def noise_size(self) -> int:
-        """Return the number of unit normals that a tick needs."""
+        """Return the number of standard normals that a tick needs."""
         return self.size
 
     @property
@@ -90,13 +90,13 @@ class SampledSensor:
         return np.eye(self.size) * self.noise_std**2 if Q is None else Q
 
     def init(self) -> SensorState:
-        """Return the state of a sensor that was just switched on."""
+        """Return the state of a sensor before its first tick."""
         return start(self)
 
     def step(
         self, state: SensorState, motion: Motion, dt_s: float, noise: np.ndarray
     ) -> tuple[SensorState, Slot]:
-        """Return the state one tick later, and the measurement at the end of the tick; `noise` (m,): unit normals."""
+        """Return the state one tick later, and the reading at the end of the tick; `noise` (m,) is standard normal."""
         state, has, z = sample(self, state, motion, dt_s)
         has: Value = np.where(detects(self, motion), has, 0.0)
         z = difference(self, z + self.noise_std * noise, np.zeros(self.size))  # an angle is wrapped
@@ -104,7 +104,7 @@ class SampledSensor:
 
 
 def start(sensor: Tree) -> SensorState:
-    """Return the state of a sensor that was just switched on."""
+    """Return the state of a sensor before its first tick."""
     signal = steady_signal(sensor, np.zeros(sensor.size))
     return SensorState(0.0, 0.0, signal, np.zeros(sensor.size))
 
@@ -117,7 +117,7 @@ def steady_signal(sensor: Tree, h: np.ndarray) -> Signal:
 
 
 def step_signal(sensor: Tree, signal: Signal, motion: Motion, dt_s: Value) -> tuple[Signal, np.ndarray]:
-    """Return the signal one tick later, and the measurement (m,) then, without noise.  (2)"""
+    """Return the signal one tick later, and the measurement (m,) at that time without noise.  (2)"""
     h, smooth = sensor.h(motion), signal.smooth
     if smooth.shape[0]:
         h = smooth = _smooth(sensor, smooth, motion, dt_s)
@@ -131,7 +131,10 @@ def step_signal(sensor: Tree, signal: Signal, motion: Motion, dt_s: Value) -> tu
 def sample(
     sensor: Tree, state: SensorState, motion: Motion, dt_s: float
 ) -> tuple[SensorState, float, np.ndarray]:
-    """Return the state one tick later, `has`, and the measurement (m,) without noise.  (1)"""
+    """Return the state one tick later, `has` (1 if the sensor measures, else 0), and the measurement (m,).
+
+    The measurement is without noise.  (1)
+    """
     phase = state.phase + sensor.rate_hz * dt_s + PHASE_TOLERANCE
     periods = np.floor(phase)
     line_s = state.ticks * np.maximum(dt_s, SHORTEST_TICK_S) + PHASE_TOLERANCE * dt_s
@@ -146,26 +149,26 @@ def sample(
 
 
 def detects(sensor: Tree, motion: Motion) -> Value:
-    """Return True if the sensor has something to measure at this motion; the default is True."""
+    """Return the sensor's `detects(motion)`: True if it can measure; also True for a sensor without this method."""
     own = optional.of(sensor, "detects")
     return True if own is None else own(motion)
 
 
 def place_of(lever_arm_m: np.ndarray, motion: Motion) -> np.ndarray:
-    """Return the position (2,) in the map of a sensor at `lever_arm_m` (2,) in the body."""
+    """Return the position (2,) [m] in the map of a sensor at `lever_arm_m` (2,) in the body frame."""
     (x, y, psi), (ahead, left) = motion.eta, lever_arm_m
     c, s = np.cos(psi), np.sin(psi)
     return np.array([x + c * ahead - s * left, y + s * ahead + c * left])
 
 
 def difference(sensor: Tree, z: np.ndarray, expected: np.ndarray) -> np.ndarray:
-    """Return z − expected (m,), by the sensor's method `difference` if it has one."""
+    """Return z − expected (m,), by the sensor's method `difference` if it has this method."""
     own = optional.of(sensor, "difference")
     return z - expected if own is None else own(z, expected)
 
 
 def mistakes(sensor: Tree, z: np.ndarray) -> np.ndarray:
-    """Return the corrections (k, m) of z (m,), one for each object that the sensor may have mistaken for another."""
+    """Return the corrections (k, m) of z (m,), one for each possible mistake of an object; (0, m) by default."""
     own = optional.of(sensor, "mistakes")
     return np.zeros((0, len(z))) if own is None else own(z)
 

@@ -1,14 +1,14 @@
 """Tags on the floor at known positions: QR codes, RFID tags, crossings of two tapes. A reader passes over them.
 
     h = p + R(ψ) l             position of the reader: body's origin p, heading ψ, lever arm l             (1)
-    Q = σ² I,   without the offset (σ² + ¼ r²) I          σ: noise_std, r: radius_m                       (2)
+    Q = σ² I, or (σ² + ¼ r²) I without the offset         σ: noise_std, r: radius_m                       (2)
     z = h + pᵢ − pⱼ            if the tag j is mistaken for the tag i                                     (3)
 
 The reader reports once for each tag that it passes within `radius_m`, at the tick in which the tag is nearest. A camera
 over a QR code measures the offset from the tag. A reader without an offset (`sees_offset = false`) reports the position
 of the tag; its error is a point of a disc, with variance ¼ r² along each axis. An estimator may test for (3), because
-the shift is known. One reader reads any number of tags. Two tags bound the errors of position and heading, one tag only
-that of the position.
+the shift is known. One reader reads any number of tags. Two tags limit the errors of position and heading, one tag only
+the error of the position.
 """
 
 from dataclasses import dataclass
@@ -19,22 +19,22 @@ import numpy as np
 from baqueano.contracts.values import Value
 from baqueano.diagnostics import fault
 from baqueano.errors import Invalid
-from baqueano.parameter import INF, documented, parameter
+from baqueano.parameter import INF, document, parameter
 from baqueano.sensors.sampling import place_of
 from baqueano.signals import Motion, Slot
 from baqueano.vehicles.bounds import check_bounds
 
-ABEAM = 1e-9  # of the way of a tick: tolerance of "abeam", for the rounding of a position
+ABEAM = 1e-9  # of the distance in a tick: tolerance of "abeam", for the rounding of a position
 
 
 class TagsState(NamedTuple):
-    """State of a tag reader."""
+    """State of a tag reader between two ticks."""
 
-    before: np.ndarray  # (2,) position of the reader at the previous tick [m]
+    previous_position: np.ndarray  # (2,) position of the reader at the previous tick [m]
     ready: Value  # 1.0 after the reader was outside the radius of all tags, until it reads one
 
 
-@documented
+@document
 @dataclass(frozen=True, slots=True, eq=False)
 class Tags:
     """Sensor of z = (x, y) [m], map frame, at the moments when the vehicle passes a tag on the floor.
@@ -61,17 +61,19 @@ class Tags:
     delay_s: ClassVar[float] = 0.0
 
     points_m: np.ndarray = parameter(
-        "m", "places of the tags, in the map, one row each", low=-1e4, high=1e4, shape=None, role="known"
+        "m", "positions of the tags in the map, one row each", low=-1e4, high=1e4, shape=None, role="known"
     )
-    radius_m: float = parameter("m", "how far beside a tag it is read", low=1e-4, high=100.0, default=0.05)
+    radius_m: float = parameter(
+        "m", "lateral distance within which a tag is read", low=1e-4, high=100.0, default=0.05
+    )
     sees_offset: bool = True
     noise_std: float = parameter("m", "white noise of each number", low=0.0, high=100.0, default=0.005)
     lever_arm_m: np.ndarray = parameter(
-        "m", "place of the reader in the body, l", low=-100.0, high=100.0, default=(0.0, 0.0), shape=(2,),
+        "m", "position of the reader in the body, l", low=-100.0, high=100.0, default=(0.0, 0.0), shape=(2,),
         measured_by="the tape",
     )  # fmt: skip
     measurement_noise_cov: np.ndarray | None = parameter(
-        "m²", "covariance Q to believe in; left out: from the noise", default=None, shape=(2, 2)
+        "m²", "covariance Q that the filter assumes; if missing: from the noise", default=None, shape=(2, 2)
     )
 
     def __post_init__(self) -> None:
@@ -88,17 +90,17 @@ class Tags:
         return np.eye(2) * (self.noise_std**2 + offset_variance)
 
     def h(self, motion: Motion) -> np.ndarray:
-        """Return the position of the reader (2,).  (1)"""
+        """Return the position (2,) [m] of the reader in the map.  (1)"""
         return place_of(self.lever_arm_m, motion)
 
     def mistakes(self, z: np.ndarray) -> np.ndarray:
-        """Return the ways (n, 2) from the tag nearest to z to each tag: the corrections for a mistaken tag.  (3)"""
+        """Return the vectors (n, 2) from the tag nearest to z to each tag: corrections for a mistaken tag.  (3)"""
         far = np.sum((self.points_m - z) ** 2, axis=1)
         is_nearest = np.where(far <= np.min(far), 1.0, 0.0)
         return self.points_m - is_nearest @ self.points_m / np.sum(is_nearest)
 
     def init(self) -> TagsState:
-        """Return the state before any reading; a vehicle that starts on a tag does not read it by leaving."""
+        """Return the state before the first tick; a vehicle that starts on a tag does not read it by leaving."""
         return TagsState(np.zeros(2), 0.0)
 
     def step(
@@ -106,10 +108,14 @@ class Tags:
     ) -> tuple[TagsState, Slot]:
         """Return the state, and the position of reader or tag if a tag was nearest in this tick.
 
-        `noise` (2,) are unit normals.
+        `noise` (2,) is standard normal.
         """
         place = self.h(motion)
-        way, before, now = place - state.before, state.before - self.points_m, place - self.points_m  # (n, 2)
+        way, before, now = (
+            place - state.previous_position,
+            state.previous_position - self.points_m,
+            place - self.points_m,
+        )  # (n, 2)
         cross_product = np.abs(before[:, 0] * way[1] - before[:, 1] * way[0])  # times the length of the way
         passed = (before @ way < 0.0) & (now @ way >= -ABEAM * (way @ way))
         nearest = passed & (cross_product <= self.radius_m * np.hypot(*way))

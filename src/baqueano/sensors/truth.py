@@ -17,7 +17,7 @@ class Truth:
     size : int
         Length of the measurement.
     noise_size : int
-        Unit normals that `step` takes.
+        Number of standard normals that `step` needs.
     rate_hz : float
         Measurements a second.
     delay_s : float
@@ -40,11 +40,11 @@ class Truth:
         return np.zeros((6, 6))
 
     def h(self, motion: Motion) -> np.ndarray:
-        """Return (η, ν) (6,)."""
+        """Return the true (η, ν) (6,)."""
         return np.concatenate([motion.eta, motion.nu])
 
     def init(self) -> tuple[()]:
-        """Return an empty state."""
+        """Return an empty tuple: this sensor does not have a state."""
         return ()
 
     def step(

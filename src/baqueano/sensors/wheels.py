@@ -3,9 +3,9 @@
     wheels      v_l = s_l (ν_x − ν_ψ b/2),   v_r = s_r (ν_x + ν_ψ b/2)        b the track                 (1)
     odometer    v = s ν_x                                                                                 (2)
 
-ν_x is the speed, ν_ψ the yaw rate, s the scale: a wheel smaller than its stated size turns faster and reads more. On a
-floor s is not constant, because wheels slip and their radius depends on the load. `slip_std` is the changing part of s,
-which fades within `slip_fade_s`.
+ν_x is the speed, ν_ψ the yaw rate, s the scale: a wheel smaller than its nominal size turns faster and measures more.
+On a floor s is not constant, because wheels slip and their radius depends on the load. The variable part of s has the
+standard deviation `slip_std` and fades within `slip_fade_s`.
 """
 
 from dataclasses import dataclass
@@ -14,7 +14,7 @@ from typing import Any, ClassVar
 import numpy as np
 
 from baqueano.contracts.values import Tree
-from baqueano.parameter import documented, parameter
+from baqueano.parameter import document, parameter
 from baqueano.sensors.sampling import SampledSensor
 from baqueano.signals import Motion
 
@@ -24,13 +24,13 @@ SLIP_STD, SLIP_FADE_S = 0.02, 0.5  # of a small wheel with gentle traction on a 
 def track() -> Any:
     """Return the parameter b [m], the distance between two wheels."""
     return parameter(
-        "m", "from the left wheel to the right one, b", low=1e-3, high=100.0, measured_by="the tape",
+        "m", "distance from the left to the right wheel, b", low=1e-3, high=100.0, measured_by="the tape",
         shown_by="turns whose angle is known", symbol="b_{t}",
     )  # fmt: skip
 
 
 def radii() -> Any:
-    """Return the parameter (s_l, s_r) (2,), the scales of two wheels."""
+    """Return the parameter (s_l, s_r) (2,), the scales of the left and the right wheel."""
     return parameter(
         "1", "scale of the left and the right wheel", low=0.1, high=10.0, default=(1.0, 1.0), shape=(2,),
         role="scale", shown_by="a distance that is known, by tape or camera", symbol="s_{r}", std="radius_scale_std",
@@ -39,23 +39,32 @@ def radii() -> Any:
 
 
 def std_of_scale() -> Any:
-    """Return the parameter for the standard deviation of a scale."""
+    """Return the parameter for the standard deviation of the scale of a wheel or odometer."""
     return parameter("1", "standard deviation of a scale", low=0.0, high=1.0, default=0.01, role="noise")
 
 
 def slip() -> Any:
-    """Return the parameter for the slip of a wheel, the changing part of its scale."""
+    """Return the parameter for the slip of a wheel: the standard deviation of the variable part of its scale."""
     return parameter(
-        "1", "by which part a wheel slips, rms: what comes and goes", low=0.0, high=1.0, default=SLIP_STD, role="noise"
+        "1", (
+            "fraction by which a wheel slips, rms: its variable part"
+        ), low=0.0, high=1.0, default=SLIP_STD, role="noise"
     )  # fmt: skip
 
 
 def fade() -> Any:
     """Return the parameter for the time [s] over which slip fades."""
-    return parameter("s", "over which slip fades", low=1e-3, high=1e3, default=SLIP_FADE_S, role="noise")
+    return parameter(
+        "s",
+        ("time constant with which the slip decays"),
+        low=1e-3,
+        high=1e3,
+        default=SLIP_FADE_S,
+        role="noise",
+    )
 
 
-@documented
+@document
 @dataclass(frozen=True, slots=True, eq=False)
 class Wheels(SampledSensor):
     """Sensor of z = (v_l, v_r) [m/s], the speeds at which the left and the right wheel roll.
@@ -91,15 +100,18 @@ class Wheels(SampledSensor):
     slip_std: float = slip()
     slip_fade_s: float = fade()
     measurement_noise_cov: np.ndarray | None = parameter(
-        "m²/s²", "covariance Q to believe in; left out: from the noise", default=None, shape=(2, 2)
+        "m²/s²",
+        "covariance Q that the filter assumes; if missing: from the noise",
+        default=None,
+        shape=(2, 2),
     )
 
     def h(self, motion: Motion) -> np.ndarray:
-        """Return the measurement (2,) without noise.  (1)"""
+        """Return the speeds of the wheels (2,) [m/s] without noise.  (1)"""
         return rolling(self, motion)
 
 
-@documented
+@document
 @dataclass(frozen=True, slots=True, eq=False)
 class Odometer(SampledSensor):
     """Sensor of z = (v,) [m/s], the forward speed.
@@ -128,7 +140,7 @@ class Odometer(SampledSensor):
     delay_slots: int = 0
     rate_hz: float = parameter("Hz", "measurements a second", low=1e-3, high=1e5, default=100.0)
     scale: float = parameter(
-        "1", "what it reads per metre", low=0.1, high=10.0, default=1.0, role="scale",
+        "1", "reading per metre", low=0.1, high=10.0, default=1.0, role="scale",
         shown_by="a distance that is known, by tape or camera", symbol="s_{v}", std="scale_std",
         slip="slip_std", fade="slip_fade_s",
     )  # fmt: skip
@@ -138,11 +150,14 @@ class Odometer(SampledSensor):
     slip_std: float = slip()
     slip_fade_s: float = fade()
     measurement_noise_cov: np.ndarray | None = parameter(
-        "m²/s²", "covariance Q to believe in; left out: from the noise", default=None, shape=(1, 1)
+        "m²/s²",
+        "covariance Q that the filter assumes; if missing: from the noise",
+        default=None,
+        shape=(1, 1),
     )
 
     def h(self, motion: Motion) -> np.ndarray:
-        """Return the measurement (1,) without noise.  (2)"""
+        """Return the forward speed (1,) [m/s] without noise.  (2)"""
         return np.array([self.scale * motion.nu[0]])
 
 

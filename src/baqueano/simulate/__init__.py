@@ -1,5 +1,4 @@
-"""Simulate a vehicle file and return the run: one vehicle or ten thousand, driven by a signal or by the blocks of the
-loop.
+"""Simulate a vehicle file and return the run: one vehicle or ten thousand, driven by a signal or by the loop.
 
 simulate(vehicle, u)               # a signal, one kernel over the whole run
 simulate_loop(vehicle, route)      # estimator, guide, controller, supervisor and vehicle, one kernel

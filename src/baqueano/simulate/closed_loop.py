@@ -2,8 +2,8 @@
 
   state, (record, truth) = advance(system, δ, state, (t, noise))          system.py                     (1)
 
-It is the loop that `drive` runs tick by tick over a simulated world: the command of one tick is in force in the next.
-Here it is traced once, so that a lap takes a millisecond, and a gradient through it little more.
+It is the loop that `drive` runs tick by tick over a simulated world: the command of a tick is in force during the next
+tick. Here it is traced once and compiled, so a lap takes about a millisecond, and its gradient only a little more.
 """
 
 from collections.abc import Callable, Iterable, Iterator, Sequence
@@ -22,15 +22,15 @@ from baqueano.estimators import KnownState
 from baqueano.guides.repeat import with_laps
 from baqueano.guides.route import Route
 from baqueano.messages import in_english
-from baqueano.printable import typed
+from baqueano.printable import baqueano_command
 from baqueano.runs.run import EstimateLog, Event, ReferenceLog, Run, TruthLog
 from baqueano.sensors.truth import truth_sensor
 from baqueano.signals import NANOSECONDS, Estimate, Reference, seconds
 from baqueano.simulate.open_loop import beyond, channels, draw, metadata, times
-from baqueano.simulate.system import Input, System, SystemState, advance, begin, flat, varied
-from baqueano.supervisor import REASONS, numbered
+from baqueano.simulate.system import Input, System, SystemState, advance, begin, flat, with_parameters
+from baqueano.supervisor import REASONS, diagnostic_of
 from baqueano.symbolic import scan
-from baqueano.symbolic.backends import chosen
+from baqueano.symbolic.backends import resolve_backend
 from baqueano.symbolic.scan import Scan
 from baqueano.worlds.simulated import no_noise, rows_of_tick, with_rows
 
@@ -52,7 +52,7 @@ def simulate_loop(vehicle_file: "VehicleFile", route: Route | Guide, seed: int =
     seed : int
         Seed of the noise.
     **options : object
-        Keywords of `simulate_loops`.
+        Other arguments of `simulate_loops`.
 
     Returns
     -------
@@ -84,7 +84,7 @@ def simulate_loops(
     name: str = "closed loop",
     backend: str = "auto",
 ) -> Iterator[Run]:
-    """Simulate a loop once per seed, through one kernel.
+    """Simulate the loop once per seed, all with the same kernel.
 
     Parameters
     ----------
@@ -99,11 +99,11 @@ def simulate_loops(
     duration_s : float, optional
         Duration of each run; by default until the guide is done.
     perfect : bool
-        True: the pose is known, and no estimator is in the loop.
+        True: the loop uses the true pose instead of an estimator.
     eta0 : ndarray (3,), optional [m, m, rad]
-        Pose at the start in the map; by default the start of the route. The estimator gets it too.
+        Pose at the start in the map; by default the start of the route. The estimator also starts at this pose.
     controller : block, optional
-        In place of the file's.
+        Controller that replaces the controller of the file.
     noise : bool
         False: without noise of vehicle and sensors.
     name : str
@@ -128,7 +128,7 @@ def simulate_loops(
     >>> [len(run.t_ns) for run in runs]
     [10, 10]
     """
-    system = closed(vehicle_file, route, laps, perfect, controller=controller)
+    system = close_loop(vehicle_file, route, laps, perfect, controller=controller)
     rate = vehicle_file.rate_hz
     ticks = ticks_of(system, rate) if duration_s is None else max(1, round(duration_s * rate))
     t_ns = times(ticks, rate)
@@ -146,14 +146,14 @@ def simulate_loops(
         yield replace(run, vehicle_text=vehicle_file.text, events=events)
 
 
-def closed(
+def close_loop(
     vehicle_file: "VehicleFile",
     route: Route | Guide,
     laps: int = 1,
     perfect: bool = False,
     controller: Controller | None = None,
 ) -> System:
-    """Return the system of all blocks of the file that repeats `route`, with `controller` if one is given."""
+    """Return the system of all blocks of the file on `route`; `controller` replaces the file's controller."""
     guide = with_laps(route if isinstance(route, Guide) else vehicle_file.guide(route), laps)
     sensors = truth_sensor() if perfect else vehicle_file.sensors
     estimator = KnownState() if perfect else vehicle_file.estimator()
@@ -172,12 +172,11 @@ def closed_loop(
     output: Callable[[Tree], Tree] | None = None,
     paths: tuple[str, ...] = (),
 ) -> Scan:
-    """Return the compiled closed loop (1): a `scan` over Input, SystemState → LoopOutput, or → output(LoopOutput).
+    """Return the compiled closed loop (1): a `scan` from Input and SystemState to LoopOutput, or output(LoopOutput).
 
-    With `paths` into the system, the kernel takes the numbers at these paths as θ. Raise UsageError for a block that
-    cannot be compiled.
+    The numbers of the system at `paths` are its parameters θ. Raise UsageError for a block that cannot be compiled.
     """
-    if chosen(backend) != "numpy":
+    if resolve_backend(backend) != "numpy":
         compilable(**system.blocks._asdict())
     dt_s = 1.0 / rate_hz
     example = Input(1, no_noise(system.sensors, rows_of_tick(dt_s)) if noise else None)
@@ -190,21 +189,21 @@ def closed_loop(
         return scan(lambda state, x: step_of(system, state, x), begin(system), example, backend=backend)
 
     def step(theta: Tree, state: SystemState, x: Input) -> tuple[SystemState, Tree]:
-        return step_of(varied(system, paths, theta), state, x)
+        return step_of(with_parameters(system, paths, theta), state, x)
 
     return scan(step, begin(system), example, flat(system, paths), backend=backend)
 
 
 def compilable(**blocks: Tree) -> None:
-    """Raise UsageError, with a command that works, for a block whose step is never compiled."""
+    """Raise UsageError, with a command to use instead, if the step of a block must not be compiled."""
     for room, block in blocks.items():
         if optional.of(block, "as_written"):
-            command = typed("repeat", "ROUTE", *(f"--{room}", "KIND"))
+            command = baqueano_command("repeat", "ROUTE", *(f"--{room}", "KIND"))
             raise UsageError(fault("simulate.as-written", command, room=room, block=type(block).__name__))
 
 
 def as_run(name: str, t_ns: np.ndarray, output: Tree, about: dict[str, str]) -> Run:
-    """Return the run of N ticks of LoopOutput."""
+    """Return the run of N ticks from `output`, a LoopOutput whose leaves begin with the axis N."""
     record, truth = output.record, output.truth
     est, ref = record.estimate, record.reference
     return Run(
@@ -251,7 +250,7 @@ def _is_over(system: System, t_ns: int) -> bool:
 
 
 def references_of(system: System, times_ns: Sequence[int]) -> list[Reference]:
-    """Return the references of a new guide at these times, for a vehicle at rest at the origin."""
+    """Return the references of the guide, from its start, at these times, for a vehicle at rest at the origin."""
     state, out = system.guide.init(), []
     for t_ns in times_ns:
         resting = Estimate(t_ns, np.zeros(3), np.zeros(3), np.zeros((6, 6)))
@@ -265,5 +264,5 @@ def _stop_event(supervisor: Supervision, t_ns: int) -> tuple[Event, ...]:
     code = round(float(getattr(supervisor, "reason", 0.0)))
     if not 0 < code < len(REASONS):
         return ()
-    message = numbered(code)
+    message = diagnostic_of(code)
     return (Event(t_ns, "error", "supervisor", in_english(message), message),)

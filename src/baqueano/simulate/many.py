@@ -1,9 +1,9 @@
-"""Simulate thousands of vehicles: the same signal, other parameters, many side by side in one kernel.
+"""Simulate thousands of vehicles: the same signal, other parameters, many in parallel in one kernel.
 
   x_{k+1} = step(vehicle(θ_l), x_k, u_k, δ, noise_k),   l = 1 … L                                       (1)
 
-Every θ_l is drawn from the covariance of the file's fit, or given. Pose and velocity are stored each `every_s`. The
-vehicles run in batches, so that their noise fits into memory. The kernel uses all processors.
+Every θ_l is drawn from the covariance of the file's fit, or given by the user. Pose and velocity are stored each
+`every_s`. The vehicles run in batches, so that their noise fits into memory. The kernel uses all processors.
 """
 
 from collections.abc import Mapping
@@ -19,12 +19,12 @@ from baqueano.contracts.values import TableRow, Tree
 from baqueano.diagnostics import Diagnostic, Severity, Verdict, fault, note
 from baqueano.errors import UsageError
 from baqueano.language import number
-from baqueano.language import translated as _
+from baqueano.language import translate as _
 from baqueano.messages import verdict_line
 from baqueano.parameter import parameters
 from baqueano.signals import seconds
 from baqueano.simulate.open_loop import command_signal, times
-from baqueano.simulate.system import System, flat, labels, value, varied
+from baqueano.simulate.system import System, flat, labels, value, with_parameters
 from baqueano.symbolic import get, scan
 from baqueano.symbolic.scan import Scan
 from baqueano.vehicle_file.envelope import Watch
@@ -47,19 +47,19 @@ class Ensemble(Result):
     names : tuple of str
         Dotted keys of the p parameters that vary.
     theta : ndarray (L, p)
-        Their values.
+        Values of these parameters for each vehicle.
     t_s : ndarray (K,)
-        Times.
+        Times of the stored poses.
     eta : ndarray (L, K, 3) [m, m, rad]
         Poses in the map.
     nu : ndarray (L, K, 3) [m/s, m/s, rad/s]
         Velocities in the body frame.
     clipped : int
-        Vehicles with a drawn parameter that was set to its bound.
+        Number of vehicles with a drawn parameter that was set to its bound.
     backend : str
         Back end of the kernel.
     outside : tuple of Diagnostic
-        Commands that leave the envelope of the fit.
+        Commands outside the envelope of the fit.
 
     Examples
     --------
@@ -78,7 +78,7 @@ class Ensemble(Result):
     outside: tuple[Diagnostic, ...] = ()
 
     def rows(self) -> list[TableRow]:
-        """Return a flat row per time: mean and standard deviation over the vehicles."""
+        """Return a flat dict per time: mean and standard deviation over the vehicles."""
         good = self.eta[self._finite], self.nu[self._finite]
         columns = ("x_m", "y_m", "psi_rad", "nu_x_m_s", "nu_y_m_s", "nu_psi_rad_s")
         out = []
@@ -96,7 +96,7 @@ class Ensemble(Result):
         return out
 
     def table(self) -> str:
-        """Return the table as text."""
+        """Return a text with the rows as a table."""
         head = f"{'t [s]':>8} {'x [m]':>18} {'y [m]':>18} {_('heading [°]'):>18} {_('speed [m/s]'):>18}"
         lines = [
             _(
@@ -118,7 +118,7 @@ class Ensemble(Result):
 
     @property
     def verdict(self) -> Verdict:
-        """Return DONE, or WARN with reasons."""
+        """Return WARN if `reasons` is not empty, else DONE."""
         return Verdict.WARN if self.reasons else Verdict.DONE
 
     @property
@@ -168,7 +168,7 @@ def simulate_many(
     process_noise : bool
         True: each vehicle has separate process noise.
     every_s : float, optional
-        Keep poses and velocities at this period; by default only at the end.
+        Period at which poses and velocities are stored; by default only at the end.
     eta0 : ndarray (3,), optional [m, m, rad]
         Pose at the start in the map; the vehicles begin at rest.
     backend : str
@@ -199,9 +199,9 @@ def simulate_many(
     u = command_signal(vehicle_file, u)
     system = System(vehicle_file.vehicle, vehicle_file.sensors)
     if vary is None:
-        paths, theta, clips = drawn(vehicle_file, system, vehicles, seed)
+        paths, theta, clips = draw_parameters(vehicle_file, system, vehicles, seed)
     else:
-        (paths, theta), clips = given(system, vary, vehicles), 0
+        (paths, theta), clips = parameter_sets(system, vary, vehicles), 0
     rate = vehicle_file.rate_hz
     each = len(u) if every_s is None else max(1, round(every_s * rate))
     ends = sorted({*range(each, len(u) + 1, each), len(u)})
@@ -232,12 +232,12 @@ def simulate_many(
 def lanes_kernel(
     system: System, paths: tuple[str, ...], rate_hz: float, process_noise: bool, backend: str
 ) -> Scan:
-    """Return the compiled vehicles (1): θ, VehicleState, (u, noise) → VehicleState."""
+    """Return the scan (1): from θ, VehicleState and (u, noise) to the next VehicleState."""
     dt_s = 1.0 / rate_hz
 
     def step(theta: Tree, state: VehicleState, x: Tree) -> tuple[VehicleState, Tree]:
         u, noise = x
-        model = varied(system, paths, theta).model
+        model = with_parameters(system, paths, theta).model
         state, _ = model.step(state, u, dt_s, np.zeros(3) if noise is None else noise)
         return state, state.eta
 
@@ -245,7 +245,7 @@ def lanes_kernel(
     return scan(step, system.model.init(), example, flat(system, paths), backend=backend)
 
 
-def given(
+def parameter_sets(
     system: System, vary: Mapping[str, ArrayLike], vehicles: int | None
 ) -> tuple[tuple[str, ...], np.ndarray]:
     """Return the paths and θ (L, p) of `vary`. Raise UsageError for a wrong shape or count."""
@@ -269,10 +269,10 @@ def given(
     return tuple(vary), np.concatenate(columns, axis=1) if columns else np.zeros((count, 0))
 
 
-def drawn(
+def draw_parameters(
     vehicle_file: "VehicleFile", system: System, vehicles: int | None, seed: int
 ) -> tuple[tuple[str, ...], np.ndarray, int]:
-    """Return the paths, θ (L, p) drawn from the covariance of the fit, and the number of vehicles that were clipped.
+    """Return the paths, θ (L, p) drawn from the covariance of the fit, and the number of clipped vehicles.
 
     Raise UsageError for a file without a covariance of the model.
     """
@@ -293,7 +293,7 @@ def drawn(
 
 
 def bounds(system: System, path: str) -> tuple[float, float]:
-    """Return the allowed range of a parameter from its field, (−∞, ∞) without one."""
+    """Return the allowed range (low, high) of the parameter at `path`; (−∞, ∞) if the field does not have bounds."""
     parent, _, name = path.rpartition(".")
     block = get(system, parent)
     field = dict(parameters(block)).get(name.partition("[")[0]) if is_dataclass(block) else None
@@ -301,7 +301,7 @@ def bounds(system: System, path: str) -> tuple[float, float]:
 
 
 def _chunks(vehicles: int, process_noise: bool, ticks: int) -> list[slice]:
-    """Return the rows of θ for each call of the kernel, which runs `ticks` ticks."""
+    """Return the rows of θ for each call of the kernel: few enough that the noise of `ticks` ticks fits in memory."""
     size = max(8, min(CHUNK, NOISE_BYTES // (24 * ticks))) if process_noise else CHUNK
     return [slice(i, min(i + size, vehicles)) for i in range(0, vehicles, size)]
 

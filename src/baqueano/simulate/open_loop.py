@@ -3,8 +3,8 @@
   x_{k+1}, truth, slots = world_step(x_k, u_k, δ, noise_k)        worlds/simulated.py                  (1)
 
 Tick k ends at (k + 1) δ and is driven by u_k. With the same seed, tick k has the noise of tick k of the simulated
-world. Adding a sensor does not change the others, as each name has its stream (worlds/noise.py). A kernel is built once
-for a vehicle and a rate, and cached.
+world. An additional sensor does not change the others, because each name has a separate stream (worlds/noise.py). A
+kernel is built once for a vehicle and a rate, and cached.
 """
 
 from dataclasses import replace
@@ -34,14 +34,14 @@ if TYPE_CHECKING:
 
 
 class OpenLoopInput(NamedTuple):
-    """The inputs of a tick."""
+    """The inputs of one tick of an open loop: command and noise."""
 
     u: np.ndarray  # (n,) the command
     noise: DrawnNoise | None  # unit normals; None: without noise
 
 
 class Readings(NamedTuple):
-    """The outputs of a tick."""
+    """The outputs of one tick of an open loop: true motion and readings."""
 
     truth: Motion
     slots: ByName[Slot]
@@ -68,9 +68,9 @@ def simulate(
     u : array_like (N, n) [unit of the file's [command]]
         The commands.
     seed : int
-        Seed of the noise; the same seed gives the same run.
+        Seed of the noise; the same seed yields the same run.
     rate_hz : float, optional
-        Ticks a second; by default the file's.
+        Ticks a second; by default the rate of the file.
     eta0 : ndarray (3,), optional [m, m, rad]
         Pose at the start in the map; by default the origin.
     nu0 : ndarray (3,), optional [m/s, m/s, rad/s]
@@ -90,7 +90,7 @@ def simulate(
     Raises
     ------
     UsageError
-        For a wrong shape, a number that is not finite, or a command beyond the file's limit.
+        For a wrong shape, a number that is not finite, or a command above the limit of the file.
 
     Notes
     -----
@@ -129,7 +129,7 @@ def simulate(
 
 
 def beyond(vehicle_file: "VehicleFile", run: Run) -> tuple[Event, ...]:
-    """Return an event for each command and measurement outside the envelope of the file's fit."""
+    """Return an event for each warning of the envelope: a command or measurement outside the data of the fit."""
     flags = vehicle_file.envelope.flags(run) if vehicle_file.envelope else ()
     return tuple(Event(int(run.t_ns[-1]), "warning", "model", in_english(flag), flag) for flag in flags)
 
@@ -138,7 +138,7 @@ def beyond(vehicle_file: "VehicleFile", run: Run) -> tuple[Event, ...]:
 def open_loop(
     model: Vehicle, sensors: SensorBlocks, rate_hz: float, noise: bool = True, backend: str = "auto"
 ) -> Scan:
-    """Return the compiled open loop (1): a `scan` over OpenLoopInput, WorldState → Readings."""
+    """Return the compiled open loop (1): a `scan` from OpenLoopInput and WorldState to Readings."""
     dt_s = 1.0 / rate_hz
     silence = no_noise(sensors, rows_of_tick(dt_s))
 
@@ -152,18 +152,18 @@ def open_loop(
 
 
 def draw(sensors: SensorBlocks, seed: int, ticks: int, rows: int = 1) -> DrawnNoise:
-    """Return unit normals for `ticks` ticks of `rows` rows, leading axis (ticks,) or (ticks, rows).
+    """Return standard normals for `ticks` ticks; the leading axes are (ticks,), or (ticks, rows) with `rows`.
 
-    The vehicle has a stream, and each sensor has one.
+    The vehicle and each sensor have separate random streams.
     """
     lead = (ticks,) if rows == 1 else (ticks, rows)
 
-    def drawn(name: str, size: int) -> np.ndarray:
+    def draw_normals(name: str, size: int) -> np.ndarray:
         return unit_normals(seed, name, ticks * rows, size).reshape((*lead, size))
 
     sensors_by_name = zip(sensors._fields, sensors, strict=True)
-    each = tuple(drawn(sensor_stream(name), sensor.noise_size) for name, sensor in sensors_by_name)
-    return DrawnNoise(drawn(PROCESS, 3), each)
+    each = tuple(draw_normals(sensor_stream(name), sensor.noise_size) for name, sensor in sensors_by_name)
+    return DrawnNoise(draw_normals(PROCESS, 3), each)
 
 
 def times(ticks: int, rate_hz: float) -> np.ndarray:
@@ -172,7 +172,7 @@ def times(ticks: int, rate_hz: float) -> np.ndarray:
 
 
 def channels(t_ns: np.ndarray, slots: ByName[Slot]) -> dict[str, Channel]:
-    """Return the measurements in the slots of N ticks, with the times of their arrival."""
+    """Return a channel per sensor: the measurements in the slots of N ticks, with the times of their arrival."""
     out = {}
     for name, slot in zip(slots._fields, slots, strict=True):
         came = slot.has > 0.5
@@ -196,7 +196,7 @@ def metadata(
 
 
 def command_signal(vehicle_file: "VehicleFile", u: ArrayLike) -> np.ndarray:
-    """Return `u` as (N, n) floats. Raise UsageError for a wrong shape, a NaN, or a command beyond the limit."""
+    """Return `u` as floats (N, n). UsageError for a wrong shape, a number not finite, or one above the limit."""
     names, limit = vehicle_file.command.names, vehicle_file.command.limit
     u = np.array(u, dtype=float)
     if u.ndim != 2 or u.shape[1] != len(names) or not len(u):

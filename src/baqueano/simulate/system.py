@@ -1,8 +1,8 @@
-"""Combine a vehicle, its sensors and the blocks of its loop into one tree of parameters, and advance all of them by a
-tick.
+"""Combine a vehicle, its sensors and the blocks of its loop into one tree of parameters, and advance it by a tick.
 
 The fields have the names of the tables of the vehicle file. A path of the file ("model.friction.linear",
-"sensors.imu.gyro_bias", "controller.alpha") is therefore a path into the tree. `varied` replaces the numbers at some
+"sensors.imu.gyro_bias", "controller.alpha") is therefore a path into the tree. `with_parameters` replaces the
+numbers at some
 paths by a flat vector θ: paths in their order, arrays row by row.
 """
 
@@ -24,7 +24,7 @@ from baqueano.worlds.simulated import DrawnNoise, WorldState, no_noise, rows_of_
 
 
 class System(NamedTuple):
-    """All blocks, by the tables of the vehicle file; None if a simulation lacks such a block."""
+    """All blocks, named as the tables of the vehicle file; None for a block that the simulation does not use."""
 
     model: Vehicle
     sensors: SensorBlocks  # NamedTuple of sensor blocks, by name
@@ -40,14 +40,14 @@ class System(NamedTuple):
 
 
 class Input(NamedTuple):
-    """The inputs of a tick of a loop."""
+    """The inputs of one tick of a simulated loop: its time and the noise."""
 
     t_ns: Value  # the end of the tick, int; (N,) for a whole run
     noise: DrawnNoise | None  # unit normals; None: without noise
 
 
 class SystemState(NamedTuple):
-    """State of a simulated loop."""
+    """State of a simulated loop: world, blocks, and the command in force."""
 
     world: WorldState
     blocks: loop.States
@@ -68,7 +68,7 @@ def begin(system: System, eta0: np.ndarray | None = None) -> SystemState:
 
 
 def advance(system: System, dt_s: float, state: SystemState, x: Input) -> tuple[SystemState, LoopOutput]:
-    """Advance the world by a tick under the command in force, then the loop; this is a pure function."""
+    """Return state and output after a tick: first the world moves under the command in force, then the loop runs."""
     noise = no_noise(system.sensors, rows_of_tick(dt_s)) if x.noise is None else x.noise
     world, truth, slots = world_step(system.model, system.sensors, state.world, state.u, dt_s, noise)
     states, record = loop.step(system.blocks, state.blocks, Tick(x.t_ns, state.u, slots))
@@ -81,7 +81,7 @@ def sizes(system: System, paths: Sequence[str]) -> list[int]:
 
 
 def value(system: System, path: str) -> np.ndarray:
-    """Return the present number or array at `path`. Raise UsageError for a path without a number."""
+    """Return the number or array of the system at `path`. Raise UsageError for a path without a number."""
     try:
         array = np.asarray(get(system, path), dtype=float)
     except (AttributeError, KeyError, IndexError, TypeError, ValueError) as error:
@@ -90,7 +90,7 @@ def value(system: System, path: str) -> np.ndarray:
 
 
 def flat(system: System, paths: Sequence[str]) -> np.ndarray:
-    """Return θ (p,), the present values at `paths`."""
+    """Return θ (p,), the values of the system at `paths`, arrays row by row."""
     return np.concatenate([value(system, path).ravel() for path in paths]) if paths else np.zeros(0)
 
 
@@ -104,7 +104,7 @@ def labels(system: System, paths: Sequence[str]) -> list[str]:
     return out
 
 
-def varied(system: System, paths: Sequence[str], theta: Tree) -> System:
+def with_parameters(system: System, paths: Sequence[str], theta: Tree) -> System:
     """Return the system with θ (p,) at `paths`; θ may be traced. Ranges are not checked here."""
     at = 0
     for path in paths:

@@ -1,1 +1,1 @@
-"""The demo, the paper's case studies, and the evaluation on real recordings: each a command with a verdict."""
+"""Provide the studies, each a command with a verdict: demo, the paper's cases, simulated vehicles, real recordings."""

@@ -6,9 +6,9 @@ A model is fitted to one run (throttle, servo → speed, yaw rate) and evaluated
     pose              the EKF with this model, IMU and odometer, from the camera's first pose on, against the
                       camera; nothing on board measures a position
 
-The table also shows the run that the model was fitted to. Not held out are the scales of odometer and gyro, the gyro's
-bias and the delay: they are the garage's values, taken from these recordings. The recordings do not come with the
-package: they are read from the folder BAQUEANO_DATA, else from ../shared/data.
+The table also shows the run that the model was fitted to. The scales of odometer and gyro, the gyro's bias and the
+delay are not held out: the garage took them from these recordings. The package does not contain the recordings: they
+are read from the folder BAQUEANO_DATA, else from ../shared/data.
 """
 
 from collections.abc import Callable
@@ -23,9 +23,9 @@ from baqueano.drive import replay, stop_of
 from baqueano.identify import Fit, FitOptions, identify
 from baqueano.identify.data.record import FitRecord, record_of
 from baqueano.identify.noise.covariances import Noise, measure_noise
-from baqueano.language import marked as N_
+from baqueano.language import mark as N_
 from baqueano.language import number, shown_unit
-from baqueano.language import translated as _
+from baqueano.language import translate as _
 from baqueano.runs.importing import import_run
 from baqueano.study.recordings import MAPS, check_present
 from baqueano.symbolic import scan
@@ -43,7 +43,8 @@ LOST = 0.05  # of the distance driven: an estimate with a larger rms error has l
 CAVEATS = (
     N_("The model is simulated from the commands alone, from the first tick to the last."),
     N_(
-        "Scales of odometer and gyro, the gyro's bias and the delay are the garage's, read off both recordings."
+        "The scales of odometer and gyro, the gyro's bias and the delay are those of the garage; they were "
+        "read from both recordings."
     ),
 )
 
@@ -52,7 +53,7 @@ class RunPrediction(NamedTuple):
     """Speed and yaw rate of a run, predicted by a model from the commands only."""
 
     t_s: np.ndarray  # (N,)
-    measured: np.ndarray  # (N, 2) odometer [m/s] and gyro [rad/s]; NaN where there was none
+    measured: np.ndarray  # (N, 2) odometer [m/s] and gyro [rad/s]; NaN without a reading
     model: np.ndarray  # (N, 2)
 
     @property
@@ -61,14 +62,14 @@ class RunPrediction(NamedTuple):
         return np.sqrt(np.nanmean((self.measured - self.model) ** 2, axis=0))
 
     @property
-    def explained(self) -> np.ndarray:
-        """Return the explained part (2,) of the variance of speed and yaw rate."""
+    def explained_variance(self) -> np.ndarray:
+        """Return the share (2,) of the variance of speed and yaw rate that the model explains: at most 1."""
         return 1.0 - self.rmse**2 / np.nanvar(self.measured, axis=0)
 
 
 @dataclass(frozen=True)
 class RunFit:
-    """The fit to a run, its noise, and the vehicle file from both."""
+    """A fit to a run, the noise measured in the run, and the vehicle file with both."""
 
     fit: Fit
     noise: Noise
@@ -92,19 +93,19 @@ class Judgement:
         return self.fitted_on != self.judged_on
 
     @property
-    def lost(self) -> bool:
-        """Return True if the estimate lost the car, or the loop stopped."""
+    def is_lost(self) -> bool:
+        """Return True if the position error is at least LOST times the driven distance, or if the replay stopped."""
         return not self.figures["ate_m"] < LOST * self.driven_m or bool(stop_of(self.replayed))
 
     def row(self) -> "JsonObject":
         """Return a flat row in SI units."""
-        rmse, part, figures = self.predicted.rmse, self.predicted.explained, self.figures
+        rmse, part, figures = self.predicted.rmse, self.predicted.explained_variance, self.figures
         row = {"fitted_on": self.fitted_on, "judged_on": self.judged_on, "held_out": self.held_out}
         row |= {"speed_rmse_m_s": float(rmse[0]), "speed_explained": float(part[0])}
         row |= {"yaw_rate_rmse_rad_s": float(rmse[1]), "yaw_rate_explained": float(part[1])}
         row |= {key: figures[key] for key in ("ate_m", "ate_heading_rad", "end_error_m")}
         row |= {key: figures[key] for key in ("rpe_m", "rpe_heading_rad")}
-        row |= {"driven_m": self.driven_m, "duration_s": self.replayed.duration_s, "lost": self.lost}
+        row |= {"driven_m": self.driven_m, "duration_s": self.replayed.duration_s, "lost": self.is_lost}
         return row | {key: figures[key] for key in ("nees_pose", "nees_pose_is", "nis", "nis_is")}
 
 
@@ -134,13 +135,13 @@ class CrossValidation:
         return out
 
     def figures(self) -> list[dict[str, str]]:
-        """Return a row per figure, a column per model and run, as text."""
+        """Return a row of text per figure, with a column for each pair of model and run."""
         rows = {_head(judgement): judgement.row() for judgement in self.judged}
         return [{"figure": label} | {head: cell(row) for head, row in rows.items()} for label, cell in _LINES]
 
     @property
     def notes(self) -> tuple[str, ...]:
-        """Return a sentence for each command of a run that exceeds the range of the model's run."""
+        """Return a sentence for each command of a run that is clearly beyond the range in the run of the fit."""
         out, applied = [], {judgement.judged_on: judgement.replayed.applied for judgement in self.judged}
         for judgement in self.judged if len(applied) > 1 else ():
             names = self.fitted[judgement.fitted_on].file.command.names
@@ -151,7 +152,7 @@ class CrossValidation:
                 if least < low - BEYOND * (high - low) or most > high + BEYOND * (high - low):
                     out.append(
                         _(
-                            "{head}: {name} from {least:.2f} to {most:.2f} leaves what the model was fitted to, "
+                            "{head}: {name} from {least:.2f} to {most:.2f} leaves the range of the fit, "
                             "{low:.2f} to {high:.2f}",
                             head=_head(judgement),
                             name=name,
@@ -165,18 +166,18 @@ class CrossValidation:
 
     @property
     def reasons(self) -> tuple[str, ...]:
-        """Return the reasons why the verdict is not USABLE."""
+        """Return a sentence for each fit or evaluation that prevents the verdict USABLE."""
         out = [_("the fit on {run} is {verdict}", run=run, verdict=_(fitted_run.fit.verdict)) 
                for run, fitted_run in self.fitted.items() if fitted_run.fit.verdict != Verdict.USABLE]  # fmt: skip
         for judgement in self.judged:
             place = _(
-                "fitted on {fitted_on}, judged on {judged_on}",
+                "fitted on {fitted_on}, tested on {judged_on}",
                 fitted_on=judgement.fitted_on,
                 judged_on=judgement.judged_on,
             )
-            if judgement.lost:
+            if judgement.is_lost:
                 out.append(_("{where}: the estimate lost the car", where=place))
-            if judgement.held_out and np.min(judgement.predicted.explained) < EXPLAINS:
+            if judgement.held_out and np.min(judgement.predicted.explained_variance) < EXPLAINS:
                 out.append(
                     _(
                         "{where}: less than {explains:.0f} % of speed or yaw rate is explained",
@@ -196,7 +197,7 @@ class CrossValidation:
     def verdict(self) -> Verdict:
         """Return REFUSED if a fit is refused or an estimate lost the car, WARN with other reasons, else USABLE."""
         is_refused = any(fitted_run.fit.verdict == Verdict.REFUSED for fitted_run in self.fitted.values())
-        if is_refused or any(judgement.lost for judgement in self.judged):
+        if is_refused or any(judgement.is_lost for judgement in self.judged):
             return Verdict.REFUSED
         return Verdict.WARN if self.reasons else Verdict.USABLE
 
@@ -220,7 +221,7 @@ class CrossValidation:
             lines.append(f"{_(row['figure']):30}" + "".join(f"{row[head]:>13}" for head in heads))
         lines += ["", *map(_, CAVEATS)]
         lines += [f"- {note}" for note in self.notes]
-        return "\n".join([*lines, f"{_(self.verdict)}: {'; '.join(self.reasons) or _('both ways round')}"])
+        return "\n".join([*lines, f"{_(self.verdict)}: {'; '.join(self.reasons) or _('in both directions')}"])
 
 
 _LINES: tuple[tuple[str, Callable[["JsonObject"], str]], ...] = (
@@ -233,25 +234,25 @@ _LINES: tuple[tuple[str, Callable[["JsonObject"], str]], ...] = (
     (N_("EKF, position at the end [m]"), lambda r: f"{number(r['end_error_m']):.3f}"),
     (N_("EKF, heading [° rms]"), lambda r: f"{number(np.degrees(r['ate_heading_rad'])):.2f}"),
     (N_("EKF, drift over 1 s [m rms]"), lambda r: f"{number(r['rpe_m']):.3f}"),
-    (N_("NEES of the pose, 1 is right"), lambda r: f"{number(r['nees_pose']):.2f}"),
-    (N_("NIS, 1 is right"), lambda r: f"{number(r['nis']):.2f}"),
+    (N_("NEES of the pose, 1 is ideal"), lambda r: f"{number(r['nees_pose']):.2f}"),
+    (N_("NIS, 1 is ideal"), lambda r: f"{number(r['nis']):.2f}"),
 )
 
 
 def cross_validate(
-    backend: str = "auto", say: Callable[[str], object] = lambda text: None
+    backend: str = "auto", progress: Callable[[str], object] = lambda text: None
 ) -> CrossValidation:
     """Fit the car to each run and evaluate it on both. Raise FileError with the names of missing files."""
     check_present()
     runs = {SHORT[name]: import_run(name).run for name in MAPS}
     fitted = {}
     for name, run in runs.items():
-        say(_("fitting run {name}, {duration_s:.0f} s", name=name, duration_s=run.duration_s))
+        progress(_("fitting run {name}, {duration_s:.0f} s", name=name, duration_s=run.duration_s))
         fitted[name] = fit_to(run, backend)
     judgements = []
     for name, fitted_run in fitted.items():
         for test_name, run in runs.items():
-            say(_("the model of run {name} on run {other}", name=name, other=test_name))
+            progress(_("the model of run {name} on run {other}", name=name, other=test_name))
             judgements.append(judge(fitted_run.file, name, run, test_name, backend))
     return CrossValidation(fitted, tuple(sorted(judgements, key=lambda judgement: not judgement.held_out)))
 
@@ -260,7 +261,7 @@ def fit_to(run: "Run", backend: str = "auto") -> RunFit:
     """Return the garage's car fitted to a run by odometer and gyro, with the noise measured in the run."""
     fit = identify(run, load("car"), use=USE, options=FitOptions(backend=backend))
     noise = measure_noise(fit, run, backend=backend)
-    return RunFit(fit, noise, noise.updated(fit.vehicle_file, run.name))
+    return RunFit(fit, noise, noise.updated_file(fit.vehicle_file, run.name))
 
 
 def judge(file: VehicleFile, fitted_on: str, run: "Run", judged_on: str, backend: str = "auto") -> Judgement:
@@ -269,10 +270,10 @@ def judge(file: VehicleFile, fitted_on: str, run: "Run", judged_on: str, backend
     figures = compare(replay_run, names=[judged_on]).rows()[0]
     assert run.truth is not None
     driven_m = float(np.nansum(np.hypot(*np.diff(run.truth.eta[:, :2], axis=0).T)))
-    return Judgement(fitted_on, judged_on, predicted(file, run, backend), replay_run, figures, driven_m)
+    return Judgement(fitted_on, judged_on, predict_run(file, run, backend), replay_run, figures, driven_m)
 
 
-def predicted(file: VehicleFile, run: "Run", backend: str = "auto") -> RunPrediction:
+def predict_run(file: VehicleFile, run: "Run", backend: str = "auto") -> RunPrediction:
     """Predict speed and yaw rate by the model of `file` under the commands of `run`, from the first measured
     velocity."""
     odometer, imu, vehicle = file.sensors.odometer, file.sensors.imu, file.vehicle
@@ -295,7 +296,7 @@ def predicted(file: VehicleFile, run: "Run", backend: str = "auto") -> RunPredic
 
 
 def _first(record: FitRecord, sensor: str, entry: int) -> float:
-    """Return the first measurement of a channel."""
+    """Return the first measurement of entry `entry` of a sensor."""
     readings = record.sensors[sensor]
     return float(readings.z[np.argmax(readings.has[:, entry] > 0.0), entry])
 

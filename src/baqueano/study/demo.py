@@ -13,15 +13,15 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from baqueano.compare import Comparison, compare
-from baqueano.diagnostics import Verdict, fault, joined
+from baqueano.diagnostics import Verdict, fault, merge
 from baqueano.drive import experiment, repeat, stop_of, teach
 from baqueano.errors import AnswerNo
 from baqueano.guides.shapes import sinuous_circle
 from baqueano.identify import Fit, FitOptions, excitation, identify
 from baqueano.identify.noise.covariances import Noise, measure_noise
-from baqueano.language import marked as N_
+from baqueano.language import mark as N_
 from baqueano.language import number
-from baqueano.language import translated as _
+from baqueano.language import translate as _
 from baqueano.messages import verdict_line
 from baqueano.report import Headline, Page, Section, Table
 from baqueano.report.animation.bars import bars
@@ -32,7 +32,7 @@ from baqueano.report.fit_report import sections_of_fit
 from baqueano.report.of_run import driving, headlines
 from baqueano.runs import read_run
 from baqueano.runs.route_file import write_route
-from baqueano.symbolic.backends import chosen
+from baqueano.symbolic.backends import resolve_backend
 from baqueano.tune import TuneResult, tune
 from baqueano.vehicle_file import VehicleFile, load
 
@@ -88,7 +88,7 @@ class Demo:
         out = []
         for row, truth in zip(self.fit.rows(), self.true_values, strict=True):
             z = None if row["estimate"] is None or not row["sd"] else (row["estimate"] - truth) / row["sd"]
-            verdict = N_("not identifiable") if z is None else "ok" if abs(z) < 3 else N_("off")
+            verdict = N_("not identifiable") if z is None else "ok" if abs(z) < 3 else N_("inconsistent")
             out.append({**row, "truth": float(truth), "z": z, "verdict": verdict})
         return out
 
@@ -108,12 +108,11 @@ class Demo:
             name = row["name"].removeprefix("model.")
             lines.append(f"{name:<34} {value} {number(row['truth']):9.4g}  {_(row['verdict'])}")
         lines += ["", *self._summary()]
-        if any(row["verdict"] == "off" for row in self.rows()):
+        if any(row["verdict"] == "inconsistent" for row in self.rows()):
             lines.append(
                 _(
-                    "off: the gyro reads {percent:.1f} % too much. Nothing on board shows this, "
-                    "and the turning parameters are off by the same share. Two turns on a mark "
-                    "show it.",
+                    "inconsistent: the gyro reads {percent:.1f} % too much. No sensor on board shows this, "
+                    "and the yaw parameters have the same relative error. Two turns on a mark show it.",
                     percent=100.0 * (SCALE - 1.0),
                 )
             )
@@ -125,11 +124,13 @@ class Demo:
         gains = ", ".join(f"{name} {number(value):.3g}" for name, value in self.tuned.values.items())
         lines = {
             _("gains"): _(
-                "{gains}: a lap that begins beside its route costs {cost:.2g} m², before {before:.2g} m²",
+                "{gains}: a lap that begins beside its route costs {cost:.2g} m²; before, it cost "
+                "{before:.2g} m²",
                 gains=gains, cost=self.tuned.cost, before=self.tuned.cost_before,
             ),
             _("repeat, {laps} laps", laps=LAPS): _(
-                "across the path: {estimate_cm:.1f} cm rms by the estimate, {true_cm:.1f} cm in truth",
+                "cross-track error: {estimate_cm:.1f} cm rms according to the estimate; the true value is "
+                "{true_cm:.1f} cm",
                 estimate_cm=100 * figures["across_estimate_rms_m"], true_cm=100 * figures["across_true_rms_m"],
             ),
             _("speed"): _(
@@ -171,9 +172,9 @@ class Demo:
         """Return the report page of the demo."""
         figures = self.judged.rows()[0]
         text = _(
-            "The taught path, driven again {laps} times with IMU and model only. Nothing on "
-            "board measures a position, so the true path drifts away from the estimated one; the "
-            "corridor shows how far it may be.",
+            "The taught path, driven again {laps} times with IMU and model only. No sensor on board "
+            "measures a position, so the true path drifts away from the estimated path. The corridor shows "
+            "how far.",
             laps=LAPS,
         )
         identifiable = [r for r in self.rows() if r["z"] is not None]
@@ -193,9 +194,9 @@ class Demo:
                 Section(
                     _("Gains"),
                     _(
-                        "Tuned on the identified model, from a start beside the route, with the "
-                        "paper's cost and a weight on changes of the command: {cost:.2g} m², "
-                        "before {before:.2g} m².",
+                        "The gains were tuned on the identified model, from a start beside the route. The "
+                        "paper's cost, with a weight on changes of the command, is {cost:.2g} m²; before, "
+                        "it was {before:.2g} m².",
                         cost=self.tuned.cost,
                         before=self.tuned.cost_before,
                     ),
@@ -211,7 +212,7 @@ def demo(
     folder: Path,
     seed: int = 0,
     backend: str = "auto",
-    say: Callable[[str], object] = lambda text: None,
+    progress: Callable[[str], object] = lambda text: None,
     show: Callable[[Path], object] = lambda run: None,
     show_gains: Callable[[TuneResult], object] = lambda result: None,
 ) -> Demo:
@@ -222,35 +223,35 @@ def demo(
     truth, file = small.with_values({"sensors.imu.gyro_scale": SCALE}), small.with_values(GUESS)
     options = {"truth": truth, "backend": backend}
 
-    say(_("1/6 experiment  60 s of random steps"))
+    progress(_("1/6 experiment  60 s of random steps"))
     u = excitation("random_steps", file.command.limit, 60.0, file.rate_hz, seed, rest_s=2.0)
     # one run with this model does not repay compiling C
-    once = "python" if chosen(backend) == "c" else backend
+    once = "python" if resolve_backend(backend) == "c" else backend
     run = experiment(file, u, seed=seed, path=folder / EXPERIMENT, truth=truth, backend=once)
     show(folder / EXPERIMENT)
-    say(_("2/6 identify    the model from commands and IMU"))
+    progress(_("2/6 identify    the model from commands and IMU"))
     fit = identify(run, file, options=FitOptions(backend=backend))
     if fit.verdict == Verdict.REFUSED:
-        raise AnswerNo(fault("demo.refused", cause=joined(fit.reasons)))
+        raise AnswerNo(fault("demo.refused", cause=merge(fit.reasons)))
     file = fit.vehicle_file
-    say(_("3/6 noise       covariances of sensors and model"))
+    progress(_("3/6 noise       covariances of sensors and model"))
     noise = measure_noise(fit, run, backend=backend)
-    file = noise.updated(file, run.name)
-    say(_("4/6 tune        gains on the identified model"))
+    file = noise.updated_file(file, run.name)
+    progress(_("4/6 tune        gains on the identified model"))
     shape = sinuous_circle(0.6, 0.08, 5, 0.2)
-    quick = chosen(backend) == "c"  # without a compiler an evaluation takes fifty times as long
+    quick = resolve_backend(backend) == "c"  # without a compiler an evaluation takes fifty times as long
     less = {} if quick else {"starts": 1, "polish": False, "duration_s": 10.0}
     tune_result = tune(file, shape, backend=backend, **less)
     show_gains(tune_result)
-    file = tune_result.applied()
+    file = tune_result.updated_file()
     file.save(folder / "vehicle.toml")
-    say(_("5/6 teach       a sinuous circle"))
+    progress(_("5/6 teach       a sinuous circle"))
     lesson = teach(
         file, shape, closed=True, eta=shape.eta[0], seed=seed + 1, path=folder / "2-teach.mcap", **options
     )
     show(folder / "2-teach.mcap")
     write_route(lesson.route, folder / "route.csv")
-    say(_("6/6 repeat      {laps} laps", laps=LAPS))
+    progress(_("6/6 repeat      {laps} laps", laps=LAPS))
     repeat_run = repeat(file, lesson.route, LAPS, seed=seed + 2, path=folder / "3-repeat.mcap", **options)
     show(folder / "3-repeat.mcap")
     return Demo(truth, fit, noise, tune_result, repeat_run, compare(repeat_run), folder)

@@ -1,14 +1,14 @@
-"""`baqueano study driving`: how evenly identified robots drive, simulated with independent physics.
+"""`baqueano study driving`: measure how evenly identified robots drive, simulated with independent physics.
 
 Robots of truth/ with the tolerances of real parts are driven for 60 s and identified from commands and IMU only. The
 fit starts from a rough guess, with centre of mass and delay free. Then they follow three shapes at three speeds with
 the recommended controller and its default gains. Those gains were chosen on robots 0 to 5: --seed 100 is a fresh set.
-At 0.3 m/s no shape requires more than 1.5 rad/s. An eight of 0.6 m requires 2.4 rad/s there: the weakest robot then
-needs 98.6 % of its duty without any feedback, and no controller stays below the limit. The cases:
+At 0.3 m/s these shapes require at most 1.5 rad/s. An eight of 0.6 m would require 2.4 rad/s. Then the weakest robot
+needs 98.6 % of its duty without any feedback, and every controller exceeds the limit. The cases:
     imu          the estimator has commands and IMU, the model is the identified one
     pose         the estimator receives pose and velocity: the errors of the controller only
     breakaway    dry friction and dead zone are 1.3 times higher at rest; pose known
-    late         another 100 ms from command to motor; pose known
+    late         100 ms more delay from command to motor; pose known
     dead_zone    10 % more dead zone than identified
     battery      7 % less voltage than at the identification
 """
@@ -30,9 +30,9 @@ from baqueano.guides import Idle
 from baqueano.guides.repeat import Repeat
 from baqueano.guides.shapes import eight, rectangle, sinuous_circle
 from baqueano.identify import excitation, identify
-from baqueano.language import marked as N_
+from baqueano.language import mark as N_
 from baqueano.language import number
-from baqueano.language import translated as _
+from baqueano.language import translate as _
 from baqueano.runs import Run
 from baqueano.runs.run import Channel
 from baqueano.sensors.truth import truth_sensor
@@ -64,7 +64,7 @@ SLOWER = (0.2,)  # of the cases with one speed
 
 
 class Case(NamedTuple):
-    """A difference between the robot that drives and the one that was identified."""
+    """A difference between the driven robot and the identified robot."""
 
     changed: Callable[[Robots], Robots]
     perfect: bool  # pose and velocity are known
@@ -74,10 +74,12 @@ class Case(NamedTuple):
 CASES = {
     N_("imu"): Case(lambda q: q, False, SPEEDS),
     N_("pose"): Case(lambda q: q, True, SPEEDS),
-    N_("breakaway"): Case(lambda q: q.changed(breakaway=1.3 * q.breakaway), True, SPEEDS),
-    N_("late"): Case(lambda q: q.changed(delay_s=q.delay_s + 0.1), True, SLOWER),
-    "dead_zone": Case(lambda q: q.changed(forward=1.1 * q.forward, backward=1.1 * q.backward), False, SLOWER),
-    "battery": Case(lambda q: q.changed(supply=0.93 * q.supply), False, SLOWER),
+    N_("breakaway"): Case(lambda q: q.with_parameters(breakaway=1.3 * q.breakaway), True, SPEEDS),
+    N_("late"): Case(lambda q: q.with_parameters(delay_s=q.delay_s + 0.1), True, SLOWER),
+    "dead_zone": Case(
+        lambda q: q.with_parameters(forward=1.1 * q.forward, backward=1.1 * q.backward), False, SLOWER
+    ),
+    "battery": Case(lambda q: q.with_parameters(supply=0.93 * q.supply), False, SLOWER),
 }
 
 
@@ -159,7 +161,7 @@ class Driving:
                     value, most = (limit.scale * x for x in (row[f"{limit.figure}_p95"], limit.most))
                     out.append(
                         _(
-                            "{where}: {figure} {found:.1f} {unit}, at most {most:g} {unit} expected",
+                            "{where}: {figure} {found:.1f} {unit}; expected at most {most:g} {unit}",
                             where=place,
                             figure=limit.figure,
                             found=value,
@@ -208,7 +210,7 @@ class Driving:
                 f"%{number(r['sign_changes_worst']):6.0f}"
             )
         return "\n".join(
-            [*lines, "", f"{_(self.verdict)}: {'; '.join(self.reasons) or _('all limits are kept')}"]
+            [*lines, "", f"{_(self.verdict)}: {'; '.join(self.reasons) or _('all limits are met')}"]
         )
 
 
@@ -226,15 +228,15 @@ def _figures(laps: list[EvenDrive]) -> dict[str, float]:
 
 def driving(
     seeds: int = 100, first: int = 0, processes: int = 1, backend: str = "auto", cases: tuple[str, ...] = tuple(CASES),
-    speeds: tuple[float, ...] = SPEEDS, controller: str | None = None, each: Callable[[int], None] = lambda k: None,
+    speeds: tuple[float, ...] = SPEEDS, controller: str | None = None, advance: Callable[[int], None] = lambda k: None,
 ) -> Driving:  # fmt: skip
-    """Return the laps of robots `first` … `first + seeds − 1`; `each` is called with the number that is done.
-    `controller` is a kind of the package or "file.py:Class"; it replaces that of the file, with its default gains.
+    """Return the laps of robots `first` … `first + seeds − 1`. `advance` receives the number of robots just finished.
+    `controller` is a kind of the package or "file.py:Class": it replaces the file's controller, with default gains.
     """
     compilable(controller=guess().controller(controller))  # refuses before the first drive
     jobs = [range(k, min(k + BATCH, first + seeds)) for k in range(first, first + seeds, BATCH)]
     work = partial(batch, backend=backend, cases=cases, speeds=speeds, controller=controller)
-    parts = spread_over(work, jobs, processes, lambda batches: each(batches * BATCH))
+    parts = spread_over(work, jobs, processes, lambda batches: advance(batches * BATCH))
     drives = tuple(sorted(d for _, laps, _ in parts for d in laps))
     refusals = tuple(sorted(k for _, _, seeds_refused in parts for k in seeds_refused))
     return Driving(drives, sum(count for count, _, _ in parts), refusals)
@@ -371,5 +373,5 @@ def _at_rest(t_ns: int = 0) -> Estimate:
 
 
 def together(robots: list[Robots]) -> Robots:
-    """Return robots that were drawn one by one as one group."""
-    return robots[0].joined(robots[1:])
+    """Return separately drawn robots as one group."""
+    return robots[0].merge(robots[1:])

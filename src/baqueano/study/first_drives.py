@@ -1,9 +1,10 @@
-"""`baqueano study first-drives`: unknown vehicles, driven carefully in a small room.
+"""`baqueano study first-drives`: simulate careful first drives of unknown vehicles in a small room.
 
-Robots of truth/, with independent physics, and a planner that has garage/small unchanged. Both gains are 0.3 to 3 times
-those of the file (log-uniform, equal within ± 25 %). The four dead zones are 0 to 0.4; friction at rest is up to 1.3
-times that in motion. The wiring is in turn right, with the left or the right motor inverted, or with both motors
-swapped. The criteria are contact of a body with a wall, its smallest distance, and the right diagnosis of the wiring.
+The robots of truth/ have independent physics; the planner uses the unchanged file garage/small. Both gains of a robot
+are 0.3 to 3 times the file's gains (log-uniform, equal within ± 25 %). The four dead zones are 0 to 0.4, and friction
+at rest is 1 to 1.3 times the friction in motion. The wiring is in turn right, with the left or the right motor
+inverted, or with both motors swapped. The criteria are contact of a body with a wall, its smallest distance, and the
+right diagnosis of the wiring.
 """
 
 from collections.abc import Callable
@@ -17,9 +18,9 @@ from baqueano.contracts.blocks import World
 from baqueano.diagnostics import Verdict
 from baqueano.drive import first_drive
 from baqueano.identify.design.room import room_of
-from baqueano.language import marked as N_
+from baqueano.language import mark as N_
 from baqueano.language import number
-from baqueano.language import translated as _
+from baqueano.language import translate as _
 from baqueano.signals import Command, Motion, Tick
 from baqueano.study.counterpart import LoopWorld, robot_values
 from baqueano.study.truth import Robots, draw_robots
@@ -35,8 +36,7 @@ WEAKEST, STRONGEST, DEAD_ZONE, BREAKAWAY = 0.3, 3.0, 0.4, 1.3
 
 
 class MiswiredLink(World):
-    """A simulated two-wheeled vehicle with wrongly connected motors; its ticks contain the commands that were
-    sent."""
+    """A simulated two-wheeled vehicle with wrongly connected motors; its ticks contain the commands that were sent."""
 
     def __init__(self, inner: World, wiring: str) -> None:
         self.inner, self.wiring, self.commands = inner, wiring, inner.commands
@@ -83,13 +83,13 @@ class FirstDrives:
 
     @property
     def reasons(self) -> tuple[str, ...]:
-        """Return a sentence for each kind of failure: a touched wall, a wrong diagnosis."""
+        """Return a sentence if a body touched a wall, and one if a wiring was diagnosed wrongly."""
         touches = sum(row.touched for row in self.each)
         misnamed = sum(row.drives - row.named for row in self.each)
         return (
             *([_("in {touched} drives the body touched a wall", touched=touches)] if touches else []),
             *(
-                [_("after {unnamed} drives the wiring was named wrongly", unnamed=misnamed)]
+                [_("after {unnamed} drives the wiring was identified wrongly", unnamed=misnamed)]
                 if misnamed
                 else []
             ),
@@ -138,10 +138,12 @@ class FirstDriveFigures(NamedTuple):
 
 def first_drives(
     seeds: int = 40, first: int = 0, processes: int = 1, backend: str = "auto",
-    each: Callable[[int], None] = lambda k: None,
+    advance: Callable[[int], None] = lambda k: None,
 ) -> FirstDrives:  # fmt: skip
-    """Return the table over vehicles `first` … `first + seeds − 1`; `each` receives the number that is done."""
-    drives = spread_over(partial(drive_one, backend=backend), range(first, first + seeds), processes, each)
+    """Return the table over vehicles `first` … `first + seeds − 1`.
+    `advance` receives the number of drives just finished.
+    """
+    drives = spread_over(partial(drive_one, backend=backend), range(first, first + seeds), processes, advance)
     rows = []
     for wiring in WIRINGS:
         some = [drive for drive in drives if drive.wiring == wiring]
@@ -185,19 +187,19 @@ def drive_one(seed: int, backend: str = "auto") -> FirstDriveFigures:
 
 
 def unknown(seed: int) -> Robots:
-    """Return a robot with random gains, dead zones and breakaway."""
+    """Return a robot with random gains, dead zones and friction at rest."""
     draw, q = np.random.default_rng([seed, 70]), draw_robots(1, seed)
     gain = np.exp(draw.uniform(np.log(WEAKEST), np.log(STRONGEST))) * draw.uniform(0.75, 1.25, 2)
     along, about = np.clip(gain, WEAKEST, STRONGEST)
     forward, backward = draw.uniform(0.0, DEAD_ZONE, (2, 1, 2))
-    return q.changed(
+    return q.with_parameters(
         gain=along * q.gain, arm_m=about / along * q.arm_m, forward=forward, backward=backward,
         breakaway=draw.uniform(1.0, BREAKAWAY, 1),
     )  # fmt: skip
 
 
 def gains(robot: Robots, file: VehicleFile) -> np.ndarray:
-    """Return the accelerations (2,) along x and about z by a command, divided by those of the file."""
+    """Return the robot's gains (2,), acceleration per command along x and about z, divided by the file's gains."""
     true, body = robot_values(robot), file.vehicle
     size = {0: (robot.mass_kg, body.mass_kg), 2: (robot.inertia_kg_m2, body.inertia_kg_m2)}
     return np.array([

@@ -1,17 +1,18 @@
 """Fit a real car from throttle, servo and IMU only, and evaluate it with its hidden odometer (CPM Lab µCar, 1:18).
 
-Each of two runs is fitted twice, without its odometer: with the raw gyro (scale 1, known to a data sheet's 3 %), and
-with a gyro that was calibrated to 1 %. Each fit is evaluated
-    on the other run    speed simulated from throttle and servo only, against the odometer; and compared with the
-                        same model fitted to odometer and gyro
-    by its intervals    coverage of the odometer's fit of the same run by the 95 % intervals, both errors counted,
-                        for gain, viscous and dry friction, cornering drag and the steady speed at 0.4 throttle;
-                        and their width
-    by its messages     no IMU shows the gyro's scale, and the other run leaves the range of the fit
+Each of two runs is fitted twice, without its odometer. One fit uses the raw gyro (scale 1, known to 3 % by the data
+sheet), the other one a gyro calibrated to 1 %. Each fit is evaluated
+    on the other run    The speed is simulated from throttle and servo only. Its error against the odometer is compared
+                        with the error of the same model fitted to odometer and gyro.
+    by its intervals    The 95 % intervals have a width, and cover or miss the odometer's fit of the same run, whose
+                        errors count too. They belong to gain, viscous and dry friction, cornering drag, and the steady
+                        speed at 0.4 throttle.
+    by its messages     They must report that an IMU does not determine the gyro's scale. They must also report that
+                        the other run leaves the range of the fit.
 
-The odometer's scale is the garage's, by the camera. The gyro's zero is the mean of the 76 readings of run a at rest:
-neither run rests long enough for a fit of it. From the garage's file of this car come only dimensions, dead zone and
-delay; it also gives the initial values of the fitted parameters.
+The camera determined the garage's odometer scale. The gyro's zero is the mean of the 76 readings of run a at rest,
+because neither run rests long enough to fit it. Dimensions, dead zone, delay and the initial values of the fitted
+parameters are from the garage's file of this car.
 """
 
 from collections.abc import Callable
@@ -24,11 +25,11 @@ from baqueano.diagnostics import Verdict
 from baqueano.identify import Fit, FitOptions, identify
 from baqueano.identify.covariance.quantiles import QUANTILE_95
 from baqueano.identify.imu_only import fit_imu_only
-from baqueano.language import marked as N_
+from baqueano.language import mark as N_
 from baqueano.language import number
-from baqueano.language import translated as _
+from baqueano.language import translate as _
 from baqueano.runs.importing import import_run
-from baqueano.study.cross_validation_cpm import predicted
+from baqueano.study.cross_validation_cpm import predict_run
 from baqueano.study.recorded.bars import row
 from baqueano.study.recordings import RecordingStudy, check_present
 from baqueano.vehicle_file import Provenance, VehicleFile, load
@@ -53,7 +54,7 @@ NAMES = (
 
 
 class GyroCalibration(NamedTuple):
-    """A calibration of the gyro: its scale, and the tolerance that a user gives."""
+    """A calibration of the gyro: its scale, and the tolerance that a user states."""
 
     name: str
     scale: float
@@ -67,21 +68,25 @@ class FittedDrive(NamedTuple):
     sd: np.ndarray  # (5,)
 
 
-def imu_only_study(backend: str = "auto", say: Callable[[str], object] = lambda text: None) -> RecordingStudy:
+def imu_only_study(
+    backend: str = "auto", progress: Callable[[str], object] = lambda text: None
+) -> RecordingStudy:
     """Fit both runs with both gyros. Raise FileError with the names of the files if recordings are missing."""
     check_present()
-    return RecordingStudy(tuple(rows(say, backend)), ())
+    return RecordingStudy(tuple(rows(progress, backend)), ())
 
 
-def rows(say: Callable[[str], object] = lambda text: None, backend: str = "auto") -> list["TableRow"]:
-    """Return the rows of the study: recording, quantity, value, bar, ok."""
+def rows(progress: Callable[[str], object] = lambda text: None, backend: str = "auto") -> list["TableRow"]:
+    """Return the rows of the study, with recording, quantity, value, bar and ok."""
     runs = {name: import_run(path).run for name, path in MAPS.items()}
     car = load("car").with_values(
         BARE, {ZERO: Provenance("standing, run a", RECORDED, ZERO_SD, Verdict.USABLE)}
     )
     reference = {}
     for name, run in runs.items():
-        say(_("run {name}: fitting the odometer, {duration_s:.0f} s", name=name, duration_s=run.duration_s))
+        progress(
+            _("run {name}: fitting the odometer, {duration_s:.0f} s", name=name, duration_s=run.duration_s)
+        )
         reference[name] = identify(
             run, car, FREE, use=("odometer", "imu[2]"), options=FitOptions(backend=backend)
         )
@@ -93,7 +98,9 @@ def rows(say: Callable[[str], object] = lambda text: None, backend: str = "auto"
     inside, width, fits = [], [], []
     for gyro in gyros:
         for name, test_name in (("a", "b"), ("b", "a")):
-            say(_("run {name}, gyro {gyro}: fitting the IMU, odometer hidden", name=name, gyro=_(gyro.name)))
+            progress(
+                _("run {name}, gyro {gyro}: fitting the IMU, odometer hidden", name=name, gyro=_(gyro.name))
+            )
             file = car.with_values({"sensors.imu.gyro_scale": gyro.scale})
             fit = fit_imu_only(
                 runs[name],
@@ -114,17 +121,17 @@ def rows(say: Callable[[str], object] = lambda text: None, backend: str = "auto"
 
 
 def held_out(fit: Fit, reference: Fit, run: "Run", label: str, backend: str) -> list["TableRow"]:
-    """Return the rows on the speed of a run that neither fit has used."""
+    """Return the rows on the simulated speed of `run`, which neither `fit` nor `reference` has used."""
     car = reference.vehicle_file  # odometer and gyro unchanged: only the model is evaluated
     fitted_car = car.with_values(
         {name: float(fit.value(name)) for name in FREE if np.isfinite(fit.value(name))}
     )
-    error = [float(predicted(model, run, backend).rmse[0]) for model in (fitted_car, car)]
+    error = [float(predict_run(model, run, backend).rmse[0]) for model in (fitted_car, car)]
     ratio = error[0] / error[1]
     return [
         row(
             label,
-            _("speed error, over that of the odometer's fit"),
+            _("speed error, divided by the error of the odometer's fit"),
             ratio,
             f"≤ {number(WORSE):g}",
             ratio <= WORSE,
@@ -134,7 +141,7 @@ def held_out(fit: Fit, reference: Fit, run: "Run", label: str, backend: str) -> 
 
 
 def drive_of(fit: Fit, file: VehicleFile) -> FittedDrive:
-    """Return gain, frictions and the steady speed on the straight, with their errors."""
+    """Return gain, frictions and the steady speed on a straight path, with their standard errors."""
     at = [fit.names.index(name) for name in DRIVE]
     gain, viscous, dry = (fit.value(name) for name in DRIVE[:3])
     effort = AT - float(file.vehicle.drivetrain.dead_zone_forward[0])
@@ -148,7 +155,9 @@ def drive_of(fit: Fit, file: VehicleFile) -> FittedDrive:
 def of_intervals(inside: np.ndarray, width: np.ndarray) -> list["TableRow"]:
     """Return the rows on the coverage and the width of the intervals, from arrays (cases, 5)."""
     part = float(np.mean(inside))
-    out = [row("cpm", _("intervals that hold the odometer's fit"), part, f"≥ {number(HELD):g}", part >= HELD)]
+    out = [
+        row("cpm", _("intervals that contain the odometer's fit"), part, f"≥ {number(HELD):g}", part >= HELD)
+    ]
     for k, name in enumerate(NAMES):
         if np.isfinite(WIDE[k]):
             widest = float(np.max(width[:, k]))
@@ -169,6 +178,6 @@ def of_messages(fit: Fit, runs: dict[str, "Run"]) -> list["TableRow"]:
     is_reported = any(message.code == "identifiability.gyro-scale" for message in fit.never)
     beyond = bool(fit.envelope.flags(runs["a"]))  # a fit of run b
     return [
-        row("cpm", _("the gyro's scale is called not identifiable"), is_reported, _("yes"), is_reported),
+        row("cpm", _("the gyro's scale is reported as not identifiable"), is_reported, _("yes"), is_reported),
         row("cpm b → a", _("the run that leaves the envelope is flagged"), beyond, _("yes"), beyond),
     ]

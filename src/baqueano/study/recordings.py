@@ -1,8 +1,8 @@
-"""Evaluate fits on recordings of real vehicles by other authors: the results of each, and their bars.
+"""Evaluate fits on recordings of real vehicles by other authors, and compare the results with bars.
 
-Each module of `recorded` is for one recording: it imports it by a map, fits a vehicle file of guesses to one part of it
-and evaluates the fit on another part. The recordings do not come with the package: they are read from the folder
-BAQUEANO_DATA, else from ../shared/data; a missing recording is left out, and reported.
+Each module of `recorded` imports one recording by a map. It fits a vehicle file of guesses to one part, and evaluates
+the fit on another part. The package does not contain the recordings: they are read from the folder BAQUEANO_DATA, else
+from ../shared/data. A missing recording is skipped, and reported.
 """
 
 import glob
@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING
 from baqueano.diagnostics import Verdict, fault
 from baqueano.errors import FileError
 from baqueano.language import number
-from baqueano.language import translated as _
+from baqueano.language import translate as _
 from baqueano.runs.maps.column_map import data_folders, load_map
 
 if TYPE_CHECKING:
@@ -33,7 +33,7 @@ class RecordingStudy:
     stopped: bool = False  # from the keyboard, before all were evaluated
 
     def rows(self) -> list["TableRow"]:
-        """Return rows of recording, quantity, value, bar, ok."""
+        """Return the rows of all recordings, with recording, quantity, value, bar and ok."""
         return list(self.each)
 
     @property
@@ -70,7 +70,7 @@ class RecordingStudy:
             [
                 *lines,
                 _(
-                    "{verdict}: {met} of {all} bars are met",
+                    "{verdict}: {met} of {all} requirements are met",
                     verdict=_(self.verdict),
                     met=passes,
                     all=len(self.each),
@@ -80,10 +80,13 @@ class RecordingStudy:
 
 
 def recordings(
-    backend: str = "auto", say: Callable[[str], object] = lambda text: None, names: Sequence[str] = RECORDED
+    backend: str = "auto",
+    progress: Callable[[str], object] = lambda text: None,
+    names: Sequence[str] = RECORDED,
 ) -> RecordingStudy:
-    """Return the results of all recordings; after Ctrl-C those that are done. Raise FileError with the names of the
-    files if all recordings are missing."""
+    """Return the results of all recordings; after Ctrl-C only the finished results.
+    Raise FileError with the names of the files if all recordings are missing.
+    """
     rows, left_out = [], []
     for name in names:
         module = import_module(f"baqueano.study.recorded.{name}")
@@ -91,18 +94,18 @@ def recordings(
         if missing:
             left_out.append(
                 _(
-                    "{name} is left out: {missing} is missing; set BAQUEANO_DATA to its folder",
+                    "{name} is excluded: {missing} is missing; set BAQUEANO_DATA to its folder",
                     name=name,
                     missing=missing[0],
                 )
             )
         else:
             try:
-                rows += module.rows(say, backend)
+                rows += module.rows(progress, backend)
             except KeyboardInterrupt:
                 if not rows:
                     raise
-                last = _("stopped from the keyboard: {name} and what follows are left out", name=name)
+                last = _("stopped from the keyboard: {name} and all later results are excluded", name=name)
                 return RecordingStudy(tuple(rows), (*left_out, last), stopped=True)
     if not rows:
         check_present()
@@ -115,7 +118,7 @@ def files_of(maps: Sequence[str]) -> list[str]:
 
 
 def missing_of(paths: Sequence[str]) -> list[str]:
-    """Return the paths that are in none of the folders of recordings; a path may have *."""
+    """Return the paths that are in none of the folders of recordings; a path may contain the wildcard *."""
     folders = data_folders()
     return [path for path in paths if not any(glob.glob(str(folder / path)) for folder in folders)]
 

@@ -1,8 +1,8 @@
-"""The page about the recordings: results of each fit, models on held-out runs, and paths."""
+"""Write the page about the recordings: results of each fit, models on held-out runs, and paths."""
 
-from baqueano.language import marked as N_
+from baqueano.language import mark as N_
 from baqueano.language import number
-from baqueano.language import translated as _
+from baqueano.language import translate as _
 from baqueano.report import figures
 from baqueano.report.estimate_report import errors, paths
 from baqueano.report.page import Headline, Page, Section, Table, draw
@@ -14,8 +14,9 @@ SHOWN_S = 30.0
 
 
 def page_of_recordings(recorded: RecordingStudy | None, study: CrossValidation | None) -> Page:
-    """Return the page: the table of all recordings, then the tables of the car that was driven twice. For each held-out
-    run it shows the model, the path and the errors."""
+    """Return the page: the table of all recordings, then the tables of the car that was driven twice.
+    For each held-out run the page shows the model, the path and the errors.
+    """
     sections, headlines = [], []
     if recorded is not None:
         text = "\n".join((*recorded.reasons, *recorded.left_out))
@@ -23,7 +24,7 @@ def page_of_recordings(recorded: RecordingStudy | None, study: CrossValidation |
             Section(
                 _("All recordings"),
                 text,
-                [Table(recorded.rows(), _("Each judged on what the fit has not seen."))],
+                [Table(recorded.rows(), _("Each fit is tested with data that it did not use."))],
             )
         )
     if study is not None:
@@ -31,7 +32,9 @@ def page_of_recordings(recorded: RecordingStudy | None, study: CrossValidation |
         text = "\n".join((*study.reasons, *study.notes))
         sections.append(
             Section(
-                _("A car of 1:18: models on runs"), text, [Table(study.figures(), " ".join(map(_, CAVEATS)))]
+                _("1:18 car: the models on each run"),
+                text,
+                [Table(study.figures(), " ".join(map(_, CAVEATS)))],
             )
         )
         sections.append(Section(_("Parameters"), _("Fitted to one run each."), [Table(study.parameters())]))
@@ -41,10 +44,8 @@ def page_of_recordings(recorded: RecordingStudy | None, study: CrossValidation |
     result = recorded or study
     assert result is not None
     return Page(
-        title=_("Real vehicles, judged on what their models have not seen"),
-        subtitle=_(
-            "Recordings that others made; the car of 1:18 is the CPM Lab's µCar under an overhead camera"
-        ),
+        title=_("Real vehicles, tested with data that their models did not use"),
+        subtitle=_("Recordings made by others; the 1:18 car is the CPM Lab's µCar under an overhead camera"),
         verdict=result.verdict,
         headlines=headlines,
         sections=sections,
@@ -53,9 +54,9 @@ def page_of_recordings(recorded: RecordingStudy | None, study: CrossValidation |
 
 
 def sections_of(judgement: Judgement) -> list[Section]:
-    """Return the sections on the evaluation of a model on a run."""
+    """Return the sections of the page on the evaluation of a model on a run."""
     title = _(
-        "Fitted on {fitted_on}, judged on {judged_on}",
+        "Fitted on {fitted_on}, tested on {judged_on}",
         fitted_on=judgement.fitted_on,
         judged_on=judgement.judged_on,
     )
@@ -63,11 +64,11 @@ def sections_of(judgement: Judgement) -> list[Section]:
     first = t_s <= t_s[0] + SHOWN_S
     drawing = figures.channels(t_s[first], measured[first], model[first], [_(name) for name in CHANNELS])
     drawings = draw(
-        drawing, _("The first {shown_s:.0f} s. The model sees the commands alone.", shown_s=SHOWN_S)
+        drawing, _("The first {shown_s:.0f} s. The model uses only the commands.", shown_s=SHOWN_S)
     )
     text = _(
-        "The EKF begins at the camera's first pose and sees IMU and odometer: nothing on board measures a "
-        "position. Shaded: where it believes the car to be, with 95 % probability."
+        "The EKF begins at the camera's first pose and uses IMU and odometer: no sensor on board measures "
+        "a position. Shaded: the region that contains the car with 95 % probability, according to the EKF."
     )
     return [
         Section(_("{title}: the model", title=title), "", [drawings]),

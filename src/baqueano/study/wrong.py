@@ -1,4 +1,4 @@
-"""The definition of a wrong estimate: off by many standard errors and by a visible part of the truth."""
+"""Define a wrong estimate: its error is many standard errors and a visible fraction of the truth."""
 
 import numpy as np
 
@@ -6,7 +6,7 @@ ERRORS, PART = 5.0, 0.05  # standard errors, and part of the true value
 
 
 def wrong(estimate: np.ndarray, sd: np.ndarray, truth: np.ndarray) -> np.ndarray:
-    """Return (p,) bool: True for each wrong parameter; False if its error is not known."""
+    """Return a bool (p,): True for each wrong parameter; False if its error is not finite."""
     off = np.abs(estimate - truth)
     return (
         np.isfinite(off) & (off > ERRORS * np.where(np.isfinite(sd), sd, 0.0)) & (off > PART * np.abs(truth))

@@ -1,4 +1,4 @@
-"""One drive of one cell: the blocks in the file's simulated vehicle, or on the ticks of a recorded run."""
+"""Do one drive of one cell: simulate the blocks in the file's vehicle, or replay a recorded run through them."""
 
 from pathlib import Path
 from typing import TYPE_CHECKING, NamedTuple
@@ -27,13 +27,13 @@ class FileText(NamedTuple):
     path: Path | None
     on_disk: str | None
 
-    def parsed(self) -> VehicleFile:
+    def parse(self) -> VehicleFile:
         """Parse the text and return the vehicle file."""
         return parse(self.text, self.label, self.path, on_disk=self.on_disk)
 
 
 class SweepBlocks(NamedTuple):
-    """The blocks that replace those of the file; None: the file's own."""
+    """The blocks that replace the file's blocks; None keeps the file's block."""
 
     estimator: "OwnBlock | None" = None
     controller: "OwnBlock | None" = None
@@ -41,7 +41,7 @@ class SweepBlocks(NamedTuple):
 
 
 class SweepSettings(NamedTuple):
-    """The settings shared by all drives."""
+    """The settings that all drives share."""
 
     laps: int = 1
     # initial pose of the vehicle, relative to the route's first pose
@@ -52,7 +52,7 @@ class SweepSettings(NamedTuple):
 
 
 class SweepJob(NamedTuple):
-    """A drive to be done."""
+    """A drive or replay to be done."""
 
     cell: SweepCell
     drive: str  # its name: vehicle, route and seed, or the run
@@ -85,14 +85,14 @@ def _drive(job: SweepJob) -> "Run":
         "patience_s": np.inf,
     }  # only the blocks are compared
     return repeat(
-        job.file.parsed(), job.route, job.settings.laps, **job.blocks._asdict(), eta=start, seed=job.seed,
+        job.file.parse(), job.route, job.settings.laps, **job.blocks._asdict(), eta=start, seed=job.seed,
         backend=job.settings.backend, **bare,
     )  # fmt: skip
 
 
 def _replay(job: SweepJob) -> "Run":
     assert job.run is not None
-    return replay(job.run, job.file.parsed(), estimator=job.blocks.estimator, backend=job.settings.backend)
+    return replay(job.run, job.file.parse(), estimator=job.blocks.estimator, backend=job.settings.backend)
 
 
 def as_row(drive: SweepDrive) -> dict[str, object]:
@@ -104,7 +104,7 @@ def as_row(drive: SweepDrive) -> dict[str, object]:
 
 
 def of_row(job: SweepJob, row: dict) -> SweepDrive:
-    """Return the drive of a job from its row."""
+    """Return the drive of a job from its stored row."""
     pieces = {
         name: Pieces(tuple(squares), tuple(samples), *times)
         for name, (squares, samples, *times) in row["pieces"].items()

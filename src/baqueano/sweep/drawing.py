@@ -8,11 +8,11 @@ import numpy as np
 from baqueano.contracts.result import Result
 from baqueano.diagnostics import note
 from baqueano.language import number
-from baqueano.language import translated as _
+from baqueano.language import translate as _
 from baqueano.messages import text
 from baqueano.report.card import Card, card_of
 from baqueano.report.figures import MEASURED, MODEL, REFERENCE
-from baqueano.report.lab import panel, styled
+from baqueano.report.lab import panel, with_style
 from baqueano.report.page import Drawing, Headline, Page, Section, Table, draw
 from baqueano.report.plots import drawings_of
 from baqueano.sweep.result import ALL, SUMMED, SweepResult
@@ -24,7 +24,7 @@ if TYPE_CHECKING:
 
 
 @cache
-def registered() -> None:
+def register() -> None:
     """Register `.plot()` and a notebook card for the results of sweeps."""
     drawings_of.register(
         SweepResult, lambda result: {"drives": lambda: spread(result), "differences": lambda: ratios(result)}
@@ -34,7 +34,7 @@ def registered() -> None:
 
 def _card(result: Result) -> Card:
     assert isinstance(result, SweepResult)
-    names = result.shown()[:6]
+    names = result.figure_names()[:6]
     rows = [
         {"cell": row["cell"], **{_head(name): row[name] * ALL[name].scale for name in names}}
         for row in result.cells()
@@ -51,11 +51,12 @@ def page_of_sweep(result: SweepResult, title: str = "", reproduce: str = "") -> 
     headlines = [Headline(_("cells"), str(len(rows)), ""), Headline(_("drives"), str(len(result.drives)), "")]
     if best is not None:
         value = f"{number(best[main] * ALL[main].scale):.3g} {ALL[main].unit}"
-        headlines.append(Headline(_("least error"), value, best["cell"]))
+        headlines.append(Headline(_("smallest error"), value, best["cell"]))
     parts: list[Table | Drawing] = [draw(spread(result), text(note("sweep.spread")))]
     if len(rows) > 1:
         parts.append(draw(ratios(result), text(note("sweep.ratios", reference=result.reference))))
-    medians = [{"cell": row["cell"], **{_head(name): _plain(row[name] * ALL[name].scale) for name in result.shown()}}
+    names = result.figure_names()
+    medians = [{"cell": row["cell"], **{_head(name): _plain(row[name] * ALL[name].scale) for name in names}}
                for row in rows]  # fmt: skip
     return Page(
         title or _("Sweep"),
@@ -93,7 +94,7 @@ def _plain(value: float) -> float | None:
     return value if np.isfinite(value) else None
 
 
-@styled
+@with_style
 def spread(result: SweepResult) -> "Figure":
     """Draw the main figure of each drive, and the median of each cell."""
     main, rows = result.main_figure(), result.cells()
@@ -112,7 +113,7 @@ def spread(result: SweepResult) -> "Figure":
     return figure
 
 
-@styled
+@with_style
 def ratios(result: SweepResult) -> "Figure":
     """Draw the main figure of each cell divided by the reference's, with its interval."""
     main, rows = result.main_figure(), [row for row in result.cells() if row["cell"] != result.reference]

@@ -1,10 +1,10 @@
-"""The figures of a drive, and the segments (pieces.py) of each rms figure, by which two drives are compared.
+"""Compute the figures of a drive, and the segments (pieces.py) of each rms figure, by which two drives are compared.
     effort          e_t = |u_t / limit| / √m,   m entries of the command with a limit                      (1)
     roughness       e_t = |u_t − u_{t−1}| / limit / (√m δ)   [1/s]                                         (2)
     joined          the length of the reference after which the vehicle stays within JOINED_M of its path  (3)
     laps            complete laps before it is LOST_M from its path, or stops                              (4)
 
-Cross-track, speed, ATE and RPE are those of compare/. The motion of the vehicle is the truth if it is known, else
+Cross-track, speed, ATE and RPE are computed as in compare/. The motion of the vehicle is the truth if it is known, else
 the estimate. NEES and NIS are means per degree of freedom, 1 if consistent.
 """
 
@@ -14,7 +14,7 @@ import numpy as np
 
 from baqueano.compare import errors, evenness
 from baqueano.compare.filter_consistency import filter_consistency
-from baqueano.language import marked as N_
+from baqueano.language import mark as N_
 from baqueano.runs.interpolated import at_times, poses_at
 from baqueano.signals import seconds
 from baqueano.sweep.pieces import Pieces, pieces_of
@@ -58,7 +58,8 @@ SINGLE = {
 def figures_of(
     run: "Run", laps: int = 1, alignment: str = "none", over_s: float = 1.0
 ) -> tuple[dict[str, float], dict[str, Pieces]]:
-    """Return the figures of a drive or a replay by their names in SUMMED and SINGLE, and the segments of the first."""
+    """Return the figures of a drive or a replay by name (SUMMED and SINGLE), and the segments of the figures
+    in SUMMED."""
     series = _of_estimate(run, alignment, over_s)
     single = dict.fromkeys(SINGLE, NAN)
     if run.metadata.get("kind") != "replay":
@@ -73,12 +74,12 @@ def figures_of(
 
 
 def _of_estimate(run: "Run", alignment: str, over_s: float) -> dict[str, tuple[np.ndarray, np.ndarray]]:
-    """Return times and errors of the estimate against the truth, by figure."""
+    """Return figure → times and errors of the estimate against the truth."""
     est, truth = run.estimate, run.truth
     if est is None or truth is None or len(truth.t_ns) < 2:
         return {}
     eta_true = poses_at(est.t_ns, truth.t_ns, truth.eta)
-    eta = errors.aligned(est.eta, eta_true, alignment)
+    eta = errors.align_trajectory(est.eta, eta_true, alignment)
     off, drift = errors.absolute(eta, eta_true), errors.relative(est.t_ns, eta, eta_true, over_s)
     start_ns = est.t_ns[: len(drift.position_m)]
     return {
@@ -88,7 +89,7 @@ def _of_estimate(run: "Run", alignment: str, over_s: float) -> dict[str, tuple[n
 
 
 def _of_drive(run: "Run", laps: int) -> tuple[dict[str, tuple[np.ndarray, np.ndarray]], dict[str, float]]:
-    """Return times and errors of the vehicle by figure, and the single figures of its path."""
+    """Return figure → times and errors of the vehicle, and the single figures of its path."""
     log: Tree = run.truth if run.truth is not None else run.estimate
     ref = run.guide_reference
     if log is None or ref is None or len(ref.t_ns) < 2 or not np.ptp(ref.eta[:, :2], axis=0).any():
@@ -106,14 +107,16 @@ def _of_drive(run: "Run", laps: int) -> tuple[dict[str, tuple[np.ndarray, np.nda
         "speed_error_m_s": (t_ns[late], (speed - speed_reference)[late]),
     }
     single = {
-        "across_max_m": float(np.max(np.abs(across))), "joined_m": joined(at, across),
+        "across_max_m": float(np.max(np.abs(across))), "joined_m": joining_distance(at, across),
         "laps": _laps(run, t_ns, across, at / way[-1] if way[-1] else at, laps),
     }  # fmt: skip
     return series | _of_command(run, run.t_ns <= t_ns[-1]), single
 
 
-def joined(way_m: np.ndarray, across_m: np.ndarray) -> float:
-    """Return the path length after which all distances (N,) are within JOINED_M; NaN if the last one is not.  (3)"""
+def joining_distance(way_m: np.ndarray, across_m: np.ndarray) -> float:
+    """Return the path length [m] after which all distances (N,) are within JOINED_M; NaN if the last distance is not.
+    (3)
+    """
     outside = np.flatnonzero(~(np.abs(across_m) <= JOINED_M))
     if not outside.size:
         return 0.0
@@ -121,7 +124,9 @@ def joined(way_m: np.ndarray, across_m: np.ndarray) -> float:
 
 
 def _laps(run: "Run", t_ns: np.ndarray, across: np.ndarray, part: np.ndarray, laps: int) -> float:
-    """Return the laps out of `laps` that were driven within LOST_M; `part` is the fraction of the whole way.  (4)"""
+    """Return the complete laps, of `laps`, within LOST_M and before a stop; `part` (N,) is the fraction of the route.
+    (4)
+    """
     stops = [event.t_ns for event in run.events if event.level == "error"]
     if not stops and np.all(np.abs(across) <= LOST_M):
         return float(laps)

@@ -1,4 +1,4 @@
-"""Vehicles or runs × estimators × controllers × guides × routes × seeds → drives, all checked before the first one."""
+"""Combine vehicles or runs, blocks, routes and seeds to drives, which are all checked before the first one."""
 
 from collections.abc import Callable, Iterable, Sequence
 from pathlib import Path
@@ -13,7 +13,7 @@ from baqueano.errors import UsageError
 from baqueano.guides.route import Route
 from baqueano.runs import Run
 from baqueano.sweep.cell import FileText, SweepBlocks, SweepJob, SweepSettings
-from baqueano.sweep.drawing import registered
+from baqueano.sweep.drawing import register
 from baqueano.sweep.result import SweepCell, SweepResult
 from baqueano.sweep.stored_drives import Resources, run_all
 from baqueano.sweep.workers import processors
@@ -39,7 +39,7 @@ def sweep(
     keep: Path | str | None = None,
     processes: int | None = None,
     cluster: str | None = None,
-    each: Callable[[int], None] | None = None,
+    advance: Callable[[int], None] | None = None,
     **settings: float | str | tuple[float, float, float],
 ) -> SweepResult:
     """Drive or replay each combination of blocks under the same conditions, and compare them.
@@ -47,25 +47,25 @@ def sweep(
     Parameters
     ----------
     over : VehicleFile, Run, str, or sequence of them
-        Vehicles, which are simulated like by `repeat`; or recorded runs, for which only estimators can vary.
+        Vehicles, which are simulated as by `repeat`; or recorded runs, for which only estimators can vary.
     routes : Route, sequence or dict of Route
         The routes of the vehicles; a dict gives their names.
     estimators, controllers, guides : str, type or block, or sequence of them
-        A kind of the package, "file.py:Class", a class or a block; empty: that of the vehicle file.
+        A kind of the package, "file.py:Class", a class or a block; empty: the block of the vehicle file.
     seeds : iterable of int
-        Seeds of the noise; each cell has the same.
+        Seeds of the noise, the same for each cell.
     reference : str, optional
-        Label of the cell with which the others are compared; else the first cell.
+        Label of the cell with which the other cells are compared; by default the first cell.
     vehicle : VehicleFile, optional
-        For runs: the vehicle file of the estimators, else the one in the run.
+        For runs: the vehicle file of the estimators; by default the file in the run.
     keep : path, optional
         A folder in which each finished drive is stored. The same call later resumes from there.
     processes : int, optional
-        Number of processes, by default one per processor. Blocks known only to this process are driven in it.
+        Number of processes, by default one per processor. Blocks that only this process can import are driven in it.
     cluster : str, optional
         Address of a Dask scheduler, instead of processes.
-    each : callable, optional
-        Called with the number of drives that have just been done.
+    advance : callable, optional
+        Called with the number of drives that have just finished.
     **settings : object
         `laps`; `start` (3,) [m, m, rad] of the vehicle, relative to the route's first pose; `alignment` and `over_s`
         [s] as in `compare`; `backend`.
@@ -103,15 +103,15 @@ def sweep(
     if reference is not None and reference not in labels:
         raise UsageError(fault("sweep.reference", found=reference, near=nearest(reference, labels)))
     count = processors() if processes is None else processes
-    drives = run_all(jobs, Resources(count, cluster, None if keep is None else Path(keep)), each)
+    drives = run_all(jobs, Resources(count, cluster, None if keep is None else Path(keep)), advance)
     if not drives:
         raise KeyboardInterrupt
-    registered()
+    register()
     return SweepResult(tuple(drives), len(jobs), reference or labels[0])
 
 
 def _several(value: Tree) -> list:
-    """Return one value or several as a list."""
+    """Return a list: the values if there are several, or the single value."""
     if isinstance(value, str | type | Route | Result | VehicleFile) or not isinstance(value, Iterable):
         return [value]
     return list(value)
@@ -140,7 +140,7 @@ def _by_name(routes: Tree) -> dict[str, Route]:
 def _of_vehicles(
     files: list, rooms: dict[str, list], routes: dict[str, Route], seeds: list[int], settings: SweepSettings
 ) -> list[SweepJob]:
-    """Return the jobs, cell by cell; each block is built once, so that a wrong one fails before the first drive."""
+    """Return the jobs, cell by cell. Each block is built once, so that a wrong block fails before the first drive."""
     if not files or not routes or not seeds:
         raise UsageError(fault("sweep.nothing", vehicles=len(files), routes=len(routes), seeds=len(seeds)))
     if wrong := [file for file in files if not isinstance(file, VehicleFile)]:
@@ -168,7 +168,9 @@ def _of_runs(
     settings: SweepSettings,
     routes: list,
 ) -> list[SweepJob]:
-    """Return the jobs of recorded runs; a controller, guide or route cannot vary there."""
+    """Return the jobs of recorded runs.
+    Raise UsageError if a controller, guide or route is given: they cannot vary there.
+    """
     for values, name in (
         (rooms["controller"], "controllers"),
         (rooms["guide"], "guides"),
@@ -186,7 +188,7 @@ def _of_runs(
 
 
 def _cells(rooms: dict[str, list], file: VehicleFile) -> list[tuple[SweepCell, SweepBlocks]]:
-    """Return every combination of blocks with its label: the names of the blocks that vary."""
+    """Return every combination of blocks, each with a label from the names of the blocks that vary."""
     choices = {}
     for room in LOOP:
         own = str(file.data.get(room, {}).get("kind", DEFAULT_KIND[room]))
@@ -222,7 +224,7 @@ def _name(block: object) -> str:
 
 
 def _labels(names: list[str]) -> list[str]:
-    """Return the names, with numbers if two are equal."""
+    """Return the names; equal names are numbered."""
     out: list[str] = []
     for name in names:
         before = sum(label == name or label.startswith(f"{name} #") for label in out)

@@ -1,10 +1,10 @@
-"""The ratio of two cells on the same drives, with an interval that accounts for dependent errors.
+"""Compute the ratio of two cells on the same drives, with an interval that accounts for dependent errors.
 
     θ = mean over drives d of ½ ln(E_d / Ẽ_d),   E_d = Σ_b S_b / Σ_b n_b,   ratio = exp θ                  (1)
     s² = Σ_d (n_d − 1) / n_d Σ_b (θ_{−b} − mean_b θ_{−b})²,   θ_{−b}: (1) without the block b of n_d         (2)
     interval = exp(θ ± t s),   t: Student's, with Σ_d (n_d − 1) degrees of freedom                         (3)
 
-With FEWEST drives or more, each drive is a block with independent noise: (2) is then the error of a mean. With fewer
+With FEWEST drives or more, each drive is a block with independent noise: (2) is then the variance of a mean. With fewer
 drives, blocks are segments of at least TIMES correlation times, and the interval is valid only for these drives. With
 fewer than FEWEST blocks the interval is NaN. A bootstrap of so few blocks is too narrow. Source of (2), the delete-one
 jackknife: Künsch, Annals of Statistics, 1989.
@@ -24,12 +24,12 @@ NAN = float("nan")
 
 
 class PairedDifference(NamedTuple):
-    """A figure of a cell divided by that of another cell.
+    """A figure of a cell divided by the same figure of another cell.
 
     Attributes
     ----------
     ratio : float
-        Below 1: smaller than the other's; the geometric mean over the drives.
+        Geometric mean over the drives; below 1 if the first cell's figure is smaller.
     low, high : float
         Its 95 % interval; NaN if there are too few blocks.
     blocks : int
@@ -40,7 +40,7 @@ class PairedDifference(NamedTuple):
     Examples
     --------
     >>> ones, twos = Pieces((1.0,) * 6, (1.0,) * 6), Pieces((4.0,) * 6, (1.0,) * 6)
-    >>> paired([ones], [twos]).ratio
+    >>> paired_difference([ones], [twos]).ratio
     0.5
     """
 
@@ -59,7 +59,7 @@ class PairedDifference(NamedTuple):
 UNKNOWN = PairedDifference(NAN, NAN, NAN, 0, False)
 
 
-def paired(ours: Sequence[Pieces], theirs: Sequence[Pieces]) -> PairedDifference:
+def paired_difference(ours: Sequence[Pieces], theirs: Sequence[Pieces]) -> PairedDifference:
     """Return the ratio of two cells; drive k of `ours` and of `theirs` is the same drive.  (1)"""
     both = [_blocks(a, b) for a, b in zip(ours, theirs, strict=True) if sum(a.squares) * sum(b.squares) > 0.0]
     if not both:

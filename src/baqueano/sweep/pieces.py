@@ -1,11 +1,11 @@
-"""A series of errors as sums of squares over time segments, and its correlation time.
+"""Summarize a series of errors by sums of squares over time segments, and by its correlation time.
 
     rms = √(Σ_b S_b / Σ_b n_b),   S_b = Σ e², n_b samples of the segment b                                 (1)
     T = δ (1 + 2 Σ_{k ≤ w} ρ_k),   ρ: autocorrelation of e²,  w: the first k with k δ ≥ WINDOW T           (2)
 
-A sample for a span of time, such as a relative error, belongs to a segment only if its whole span does. T is the time
-in which the samples contain as much information as one independent sample; it is corrected for the bias from the
-mean of a short series. Source: Sokal, Monte Carlo Methods in Statistical Mechanics, 1989, section 3.
+A sample for a span of time, such as a relative error, belongs to a segment only if its whole span is inside. Samples
+over the time T contain as much information as one independent sample. T is corrected for the bias from the mean of a
+short series. Source: Sokal, Monte Carlo Methods in Statistical Mechanics, 1989, section 3.
 """
 
 from typing import NamedTuple

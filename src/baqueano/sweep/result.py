@@ -1,4 +1,4 @@
-"""The result of a sweep: the figures of each drive, the medians of each cell, and its differences from a reference."""
+"""Result of a sweep: the figures of each drive, the medians of each cell, and its differences from a reference."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -6,13 +6,13 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
-from baqueano.contracts.result import Result, shortened
+from baqueano.contracts.result import Result, shorten
 from baqueano.diagnostics import Diagnostic, Severity, Verdict, note
 from baqueano.language import number
-from baqueano.language import translated as _
+from baqueano.language import translate as _
 from baqueano.messages import text, verdict_line
 from baqueano.sweep.figures import SINGLE, SUMMED
-from baqueano.sweep.paired import UNKNOWN, PairedDifference, paired
+from baqueano.sweep.paired import UNKNOWN, PairedDifference, paired_difference
 from baqueano.sweep.pieces import Pieces
 
 if TYPE_CHECKING:
@@ -99,7 +99,7 @@ class SweepResult(Result):
     requested : int
         Number of drives of the call; after Ctrl-C, `drives` contains fewer.
     reference : str
-        Label of the cell with which the others are compared.
+        Label of the cell with which the other cells are compared.
 
     Examples
     --------
@@ -115,7 +115,7 @@ class SweepResult(Result):
 
     def __repr__(self) -> str:
         lines = self._lines([[name for name in SHORT if self._has(name)][:4]])
-        return shortened(lines[:3], lines[3:], [verdict_line(self.verdict, self.reasons)])
+        return shorten(lines[:3], lines[3:], [verdict_line(self.verdict, self.reasons)])
 
     def rows(self) -> list["TableRow"]:
         """Return a flat row for each cell and drive."""
@@ -152,14 +152,14 @@ class SweepResult(Result):
         return out
 
     def difference(self, label: str, figure: str) -> PairedDifference:
-        """Return a figure of the cell `label` divided by the reference's, on the drives of both."""
+        """Return a figure of the cell `label` divided by the reference's figure, over the drives of both cells."""
         cells = self._by_cell()
         drives, references = ({d.name: d for d in cells.get(cell, ())} for cell in (label, self.reference))
         both = [(drives[name], references[name]) for name in drives if name in references]
         pairs = [
             (a.pieces[figure], b.pieces[figure]) for a, b in both if figure in a.pieces and figure in b.pieces
         ]
-        return paired([a for a, _b in pairs], [b for _a, b in pairs]) if pairs else UNKNOWN
+        return paired_difference([a for a, _b in pairs], [b for _a, b in pairs]) if pairs else UNKNOWN
 
     @property
     def verdict(self) -> Verdict:
@@ -168,7 +168,7 @@ class SweepResult(Result):
 
     @property
     def reasons(self) -> tuple[Diagnostic, ...]:
-        """Return a warning for each cell with stopped drives, and one if drives are missing."""
+        """Return a warning for each cell with stopped drives, and a warning if drives are missing."""
         out = [
             note(
                 "sweep.stopped",
@@ -201,15 +201,15 @@ class SweepResult(Result):
         ]
         return available[0] if available else MAIN[-1]
 
-    def shown(self) -> list[str]:
-        """Return the names of the figures that at least one drive has, those of the vehicle first."""
+    def figure_names(self) -> list[str]:
+        """Return the names of the figures that at least one drive has; the figures of the vehicle are first."""
         return [name for names in BLOCKS for name in names if self._has(name)]
 
     def _has(self, name: str) -> bool:
         return any(np.isfinite(d.figures.get(name, np.nan)) for d in self.drives)
 
     def _lines(self, blocks: Sequence[Sequence[str]]) -> list[str]:
-        """Return a table for each block of known figures; the first one also has the ratios."""
+        """Return the lines of a table for each block of known figures; the first table also contains the ratios."""
         rows, out = self.cells(), []
         wide = min(max([len(row["cell"]) for row in rows], default=4), NARROW) + 2
         for names in ([name for name in block if self._has(name)] for block in blocks):

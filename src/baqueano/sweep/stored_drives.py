@@ -1,7 +1,8 @@
 """Run drives in processes or on a cluster; each finished drive is stored, and a stored drive is read instead of run.
 
-The file name is the digest of all inputs of its row: version, columns, vehicle file, route or run, blocks with the
-source text of the user's own, seed and settings. JSON stores doubles exactly, so a stored drive equals the original.
+The file name is the digest of all inputs of a row: version, columns, vehicle file,
+route or run, blocks, seed and settings. A block of the user counts with its source
+text. JSON stores doubles exactly, so a stored drive equals the original.
 """
 
 import json
@@ -35,25 +36,26 @@ class Resources(NamedTuple):
 
 
 def run_all(
-    jobs: Sequence[SweepJob], resources: Resources, each: Callable[[int], None] | None
+    jobs: Sequence[SweepJob], resources: Resources, advance: Callable[[int], None] | None
 ) -> "list[SweepDrive]":
-    """Run or read all jobs, and return their drives in order; after Ctrl-C only the finished ones."""
+    """Run all jobs, or read their stored drives, and return the drives in order; after Ctrl-C only the
+    finished drives."""
     if resources.keep is not None:
         resources.keep.mkdir(parents=True, exist_ok=True)
     names = [digest(job) for job in jobs] if resources.keep is not None else [""] * len(jobs)
-    each, rows = each or (lambda n: None), {}
+    advance, rows = advance or (lambda n: None), {}
     for k, name in enumerate(names):
         if resources.keep is not None and (row := _stored_row(resources.keep / f"{name}.json")) is not None:
             rows[k] = row
-            each(1)
+            advance(1)
     ahead = [NumberedJob(k, job) for k, job in enumerate(jobs) if k not in rows]
     task = partial(
         _run_and_store, keep=resources.keep, names={job.number: names[job.number] for job in ahead}
     )
     if resources.cluster is not None and ahead:
-        results = on_cluster(ahead, resources, names, each)
+        results = on_cluster(ahead, resources, names, advance)
     else:
-        results = spread_over(task, ahead, resources.processes if _travels(ahead) else 1, each)
+        results = spread_over(task, ahead, resources.processes if _travels(ahead) else 1, advance)
     rows |= dict(results)
     return [of_row(jobs[k], rows[k]) for k in sorted(rows)]
 
@@ -80,7 +82,7 @@ def _write(path: Path, row: dict) -> None:
 
 
 def _stored_row(path: Path) -> dict | None:
-    """Return the row of a stored drive; None if it does not exist, or is incomplete."""
+    """Return the row of a stored drive; None if it does not exist or is incomplete."""
     try:
         row = json.loads(path.read_text(encoding="utf-8"))
     except (OSError, ValueError):
@@ -89,7 +91,7 @@ def _stored_row(path: Path) -> dict | None:
 
 
 def _travels(jobs: Sequence[NumberedJob]) -> bool:
-    """Return True if another process can import the blocks; it cannot import a block of a notebook cell."""
+    """Return True if another process can import the blocks. A block of a notebook cell cannot be imported."""
     blocks = {block for job in jobs for block in job.job.blocks if not isinstance(block, str | None)}
     if any((b if isinstance(b, type) else type(b)).__module__ in ("__main__", "builtins") for b in blocks):
         return False
@@ -101,7 +103,7 @@ def _travels(jobs: Sequence[NumberedJob]) -> bool:
 
 
 def digest(job: SweepJob) -> str:
-    """Return the name under which the drive of a job is stored."""
+    """Return the digest under which the drive of a job is stored."""
     import hashlib
 
     parts = [__version__, *Pieces._fields, job.file.text, repr(job.settings), str(job.seed), job.drive]
@@ -134,10 +136,11 @@ def _block_text(room: str, block: object, job: SweepJob) -> str:
 
 
 def on_cluster(
-    jobs: Sequence[NumberedJob], resources: Resources, names: Sequence[str], each: Callable[[int], None]
+    jobs: Sequence[NumberedJob], resources: Resources, names: Sequence[str], advance: Callable[[int], None]
 ) -> list[tuple[int, dict]]:
-    """Return the rows of the jobs from the workers of a Dask scheduler; they are stored here, not there. Raise
-    UsageError if the scheduler does not answer."""
+    """Return the rows of the jobs from the workers of a Dask scheduler. The rows are stored on this computer.
+    Raise UsageError if the scheduler does not answer.
+    """
     try:
         from distributed import Client, as_completed  # pyright: ignore[reportMissingImports]
     except ImportError as error:
@@ -155,7 +158,7 @@ def on_cluster(
                 if resources.keep is not None:
                     _write(resources.keep / f"{names[k]}.json", row)
                 results.append((k, row))
-                each(1)
+                advance(1)
         except KeyboardInterrupt:
             client.cancel(waiting)
     return results

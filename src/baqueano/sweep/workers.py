@@ -1,7 +1,7 @@
 """Spread long jobs over processes; after Ctrl-C the finished results are kept.
 
-A fit spends half of its time in Python, whose threads wait for each other: so jobs run in processes. Only the parent
-process handles Ctrl-C; the workers finish their present job, which takes about a second.
+A fit spends half of its time in Python, whose threads wait for each other, so jobs run in processes. Only the parent
+process handles Ctrl-C. The workers finish their present job, which needs about a second.
 """
 
 import os
@@ -27,19 +27,19 @@ def spread_over(
     work: Callable[[J], R],
     jobs: Sequence[J],
     processes: int = 1,
-    each: Callable[[int], None] | None = None,
+    advance: Callable[[int], None] | None = None,
 ) -> list[R]:
-    """Return `work` of each job, in the order in which they end; `each` is called with 1 after each of them.
+    """Return `work` of each job, in the order in which they end; `advance` is called with 1 after each job.
 
     `work`, a function of a module, jobs and results are pickled if there is more than one process. After Ctrl-C,
     return the finished results.
     """
-    tell, results = each or (lambda n: None), []
+    report, results = advance or (lambda n: None), []
     if processes < 2 or len(jobs) < 2:
         try:
             for job in jobs:
                 results.append(work(job))
-                tell(1)
+                report(1)
         except KeyboardInterrupt:
             pass
         return results
@@ -51,7 +51,7 @@ def spread_over(
     try:
         for future in as_completed(waiting):
             results.append(future.result())
-            tell(1)
+            report(1)
     except KeyboardInterrupt:
         pool.shutdown(cancel_futures=True)
         return [future.result() for future in waiting if future.done() and not future.cancelled()]
@@ -61,7 +61,7 @@ def spread_over(
 
 
 def _end_with_parent() -> None:
-    """End this worker when its parent ends, as it would otherwise wait for jobs for ever."""
+    """End this worker process when its parent ends, because it would otherwise wait for jobs forever."""
     parent = parent_process()
 
     def watch() -> None:
@@ -74,7 +74,9 @@ def _end_with_parent() -> None:
 
 @contextmanager
 def _ignore_interrupt() -> Iterator[None]:
-    """Ignore Ctrl-C, which is possible only in the main thread; elsewhere do nothing."""
+    """Ignore Ctrl-C in the main thread.
+    In other threads do nothing, because Python allows this only in the main thread.
+    """
     try:
         before: Any = signal.signal(signal.SIGINT, signal.SIG_IGN)
     except ValueError:

@@ -1,9 +1,10 @@
-"""Compile plain NumPy functions: a function → its graph → derivatives → C or Python. No vehicle occurs here.
+"""Compile plain NumPy functions: a function → its graph → derivatives → C or Python. It is independent of vehicles.
 
-`scan` runs a step over time, `function` and `compiled` make one call fast, `jacobian` differentiates. The functions
+`scan` runs a step over time, `function` and `compile_block` make one call fast, `jacobian` differentiates. The
+functions
 given to them are ordinary NumPy code: pure, without `if` on a value that is known only at run time.
 
-A call goes through the modules from the top down; each one imports only those below it:
+A call passes through the modules from top to bottom; each module imports only modules below it:
 
     function, scan      the calls of the user; plain runs the step unchanged, batch many at once, packing and paths
                         convert trees to rows and back
@@ -11,15 +12,15 @@ A call goes through the modules from the top down; each one imports only those b
     derivatives/        the rule of each operator, dual numbers, tangents of a program
     graph/              trace → node → simplify → assemble → program → emit (the order of the arithmetic)
     arrays/             scalars and arrays that represent numbers while a function is traced
-    ieee, errors        arithmetic that never raises; errors that point at the user's line
+    ieee, errors        arithmetic that never raises; errors that name the line of the user's code
 """
 
 from baqueano.symbolic.arrays.array import interp, where
 from baqueano.symbolic.derivatives.dual import jacobian
 from baqueano.symbolic.errors import TraceError
-from baqueano.symbolic.function import compiled, function
+from baqueano.symbolic.function import compile_block, function
 from baqueano.symbolic.graph.program import NormalEquations
 from baqueano.symbolic.paths import get, put
 from baqueano.symbolic.scan import Scan, scan
 
-__all__ = ["Scan", "TraceError", "compiled", "function", "interp", "jacobian", "scan", "where"]
+__all__ = ["Scan", "TraceError", "compile_block", "function", "interp", "jacobian", "scan", "where"]

@@ -1,4 +1,4 @@
-"""Choose the back end: "c" if there is a compiler, else "python"; "numpy" runs the code unchanged."""
+"""Choose the back end: "c" if a compiler is available, else "python"; "numpy" runs the code unchanged."""
 
 import os
 import sys
@@ -14,8 +14,8 @@ NAMES = ("auto", "c", "python", "numpy")
 _report_log: set[Diagnostic] = set()
 
 
-def chosen(backend: str) -> str:
-    """Return `backend`; "auto" is replaced by the variable BAQUEANO_BACKEND. Invalid for an unknown name."""
+def resolve_backend(backend: str) -> str:
+    """Return `backend`, or for "auto" the environment variable BAQUEANO_BACKEND. Invalid for an unknown name."""
     if backend == "auto":
         backend = os.environ.get("BAQUEANO_BACKEND", "") or "auto"
     if backend not in NAMES:
@@ -42,7 +42,7 @@ class Runner:
 
     @property
     def source(self) -> str:
-        """Return the generated code."""
+        """Return the generated code of the kernel."""
         return self._kernel.source
 
     def call(self, method: str, *args: Value) -> Value:

@@ -1,4 +1,4 @@
-"""Prepare the inputs of a scan over many lanes: those common to all lanes, and the separate inputs of each."""
+"""Prepare the inputs of a scan over many lanes: inputs common to all lanes, and separate inputs of each lane."""
 
 from typing import TYPE_CHECKING, NamedTuple
 
@@ -24,7 +24,7 @@ class Batch(NamedTuple):
 
     @classmethod
     def from_trees(cls, scan: "Scan", inputs: Tree, theta: np.ndarray, carry: Tree) -> "Batch":
-        """Return the batch of trees whose leaves may begin with a lane axis, which their number of axes shows."""
+        """Return the batch of these trees; a leaf has a lane axis in front if it has one axis more than usual."""
         leaves_and_values = list(zip(leaves(scan.input_shape), values(scan.input_shape, inputs), strict=True))
         own = [np.ndim(value) == len(leaf.shape) + 2 for leaf, value in leaves_and_values]
         start = scan.example if carry is None else carry

@@ -1,4 +1,4 @@
-"""Raise errors that point at the user's line: file, line, what was found, and its replacement."""
+"""Raise errors that name the line of the user's code: file, line, the fault, and its replacement."""
 
 import linecache
 import sys
@@ -33,12 +33,12 @@ class TraceError(DiagnosticError, TypeError, ValueError):
 
 
 def untraceable(code: str, **figures: Value) -> TraceError:
-    """Return the error for the user's innermost running line."""
+    """Return the error with this code, for the innermost running line of the user's code."""
     return TraceError(fault(code, place=here(), **figures))
 
 
 def here() -> str:
-    """Return the user's innermost running line, as 'model.py:36: if x[0] > 0:'."""
+    """Return the innermost running line of the user's code, as 'model.py:36: if x[0] > 0:'."""
     frame = sys._getframe(1)
     while frame is not None:
         if _is_users(frame.f_code):
@@ -48,8 +48,8 @@ def here() -> str:
 
 
 @contextmanager
-def located() -> Iterator[None]:
-    """Turn an error of NumPy inside (wrong shapes, a missing method) into a TraceError with the user's line."""
+def locate_errors() -> Iterator[None]:
+    """Convert an error of NumPy within the context (wrong shapes, a missing method) to a TraceError with the line."""
     try:
         yield
     except TraceError:

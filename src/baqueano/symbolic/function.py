@@ -1,12 +1,12 @@
-"""Make a call fast: `function` for a function, `compiled` for the step of a block.
+"""Compile a function for fast calls: `function` for a function, `compile_block` for the step of a block.
 
 The numbers of the arguments are written into one row of floats. The kernel of a scan of one tick fills another row,
 which is read as the result. Types, None and text belong to the shape of an argument, and are checked.
 
-A filter carries many zeros: states that never correlate. If zeros of the first state stay zero by induction, the kernel
-is simplified for them. Each call checks these zeros; if one is not 0, a general kernel runs instead.
+The state of a filter contains many zeros, for states that are never correlated. If zeros of the first state stay zero
+by induction, the kernel is simplified for them. Each call checks these zeros; if one is not 0, a general kernel runs.
 
-The methods of blocks with equal parameters have the same code: graph and kernel of the newest ones are kept.
+The methods of blocks with equal parameters have the same code. Graphs and kernels of the latest blocks are cached.
 """
 
 import inspect
@@ -22,7 +22,7 @@ import numpy as np
 from baqueano.contracts.values import Tree
 from baqueano.diagnostics import fault
 from baqueano.errors import Misuse
-from baqueano.symbolic.backends import Runner, chosen
+from baqueano.symbolic.backends import Runner, resolve_backend
 from baqueano.symbolic.graph.assemble import assemble, lasting_zeros
 from baqueano.symbolic.graph.program import Program
 from baqueano.symbolic.graph.trace import trace_function
@@ -38,7 +38,7 @@ def function(f: Callable[..., Tree], *examples: Tree, backend: str = "auto") -> 
     Parameters
     ----------
     f : callable
-        NumPy, pure, without `if` on values.
+        A pure function in NumPy, without `if` on values.
     *examples : tree
         One example per argument.
     backend : str
@@ -47,7 +47,7 @@ def function(f: Callable[..., Tree], *examples: Tree, backend: str = "auto") -> 
     Returns
     -------
     Function
-        To be called like `f`; another shape of an argument is an error.
+        To be called like `f`; ValueError if an argument has another shape than its example.
 
     Examples
     --------
@@ -58,16 +58,16 @@ def function(f: Callable[..., Tree], *examples: Tree, backend: str = "auto") -> 
     return Function(f, examples, backend)
 
 
-def compiled(block: Tree, backend: str = "auto") -> "CompiledBlock":
+def compile_block(block: Tree, backend: str = "auto") -> "CompiledBlock":
     """Return the block with a compiled `step`. Its fields are constants; its other attributes are unchanged.
 
-    A step with a loop over time has `row`, the step of one input, which is compiled. It also has `pause(state, input)`,
-    which returns the inputs that come before this one.
+    A block whose step contains a loop over time has the method `row`, the step of one input, which is compiled. It also
+    has `pause(state, input)`, which returns the inputs before this input.
 
     Parameters
     ----------
     block : block
-        With init() and step(...).
+        A block with init() and step(...).
     backend : str
         "auto", "c", "python" or "numpy".
 
@@ -78,7 +78,7 @@ def compiled(block: Tree, backend: str = "auto") -> "CompiledBlock":
 
     Examples
     --------
-    >>> law = compiled(bq.controllers.Pd(alpha=4.0, beta=1.0))
+    >>> law = compile_block(bq.controllers.Pd(alpha=4.0, beta=1.0))
     >>> law.alpha, law.init()
     (4.0, PdState(t_ns=-1, e_psi=0.0))
     """
@@ -92,14 +92,14 @@ class Function:
         self.f = f
         self._names = _argument_names(f, len(examples))
         self._shapes = [shape_of(x, name) for x, name in zip(examples, self._names, strict=True)]
-        backend = chosen(backend)
+        backend = resolve_backend(backend)
         self.call = f  # the call without checks, for as many arguments as examples
         self._runner = None if backend == "numpy" else self._compile(backend, examples)
         self.backend = "numpy" if self._runner is None else self._runner.backend
 
     @property
     def source(self) -> str:
-        """Return the generated code."""
+        """Return the generated code; "" with the back end "numpy"."""
         return "" if self._runner is None else self._runner.source
 
     def __call__(self, *args: Tree, **kwargs: Tree) -> Tree:
@@ -116,17 +116,17 @@ class Function:
         parts, nothing = _compile_parts(self.f, self._shapes, examples, backend), np.zeros(0)
         row, result = np.zeros((1, parts.inputs)), np.zeros((1, parts.outputs))
 
-        def bound(runner: Runner) -> Callable[[], object]:
+        def bind(runner: Runner) -> Callable[[], object]:
             return runner.call("bind", 1, nothing, nothing, row, result, nothing)
 
-        general = cache(lambda: bound(parts.general()))
-        run = bound(parts.quick)
+        general = cache(lambda: bind(parts.general()))
+        run = bind(parts.quick)
         self.call = caller(self._shapes, row[0], run, lambda: general()(), result[0], parts.shape)
         return parts.quick
 
 
 class _CompiledParts(NamedTuple):
-    """The compiled parts that all functions of one code share."""
+    """The compiled parts that are common to all functions of the same code."""
 
     quick: Runner  # for states that are 0 in the same entries as the example
     general: Callable[[], Runner]
@@ -142,7 +142,7 @@ _lock = Lock()
 def _compile_parts(
     f: Callable[..., Tree], shapes: list[Shape], examples: tuple[Tree, ...], backend: str
 ) -> _CompiledParts:
-    """Return the compiled parts of the same code from the cache, or make them: a second drive is ready at once."""
+    """Return the compiled parts from the cache, or make them; so a second drive with equal blocks starts at once."""
     key = _key(f, shapes, examples, backend)
     parts = _cache.get(key) or _make(f, shapes, examples, backend)
     if key is not None:
@@ -155,7 +155,7 @@ def _compile_parts(
 
 
 def _key(f: Callable[..., Tree], shapes: list[Shape], examples: tuple[Tree, ...], backend: str) -> Hashable:
-    """Return a key that is equal for equal code; None for a plain function, or a block with more than its fields."""
+    """Return a cache key, equal for equal code; None for a plain function, or a block with data outside its fields."""
     if not inspect.ismethod(f) or not shapes:
         return None
     try:
@@ -185,7 +185,7 @@ def _make(
 
 
 def _same(x: object) -> Hashable:
-    """Return a value that is equal for blocks of equal parameters; TypeError if a block has more than its fields."""
+    """Return a key, equal for blocks with equal parameters; TypeError for a block with data outside its fields."""
     if x is None or isinstance(x, str | int):
         return type(x), x
     if isinstance(x, float | np.number | np.ndarray) and (array := np.asarray(x)).dtype != object:
@@ -218,7 +218,7 @@ class CompiledBlock:
 
     def __init__(self, block: Tree, backend: str = "auto") -> None:
         self.block = block
-        self.backend = chosen(backend)
+        self.backend = resolve_backend(backend)
         self._requested_backend = self.backend
         self._steps: dict[tuple[Shape, ...], Function] = {}
         self._last: Callable[..., Tree] = _never
@@ -226,7 +226,7 @@ class CompiledBlock:
         self._text = block.step if self._pause is None else block.row
 
     def step(self, *args: Tree, **kwargs: Tree) -> Tree:
-        """Return the result of the block's step."""
+        """Return the result of the block's step, compiled for the shape of these arguments."""
         if kwargs:
             args = inspect.signature(self.block.step).bind(*args, **kwargs).args
         if self._pause is not None:

@@ -1,6 +1,6 @@
 """Compute with doubles as IEEE 754 defines it: an operator of this package never raises and never warns.
 
-Python raises if the hardware returns inf or NaN (1/0, exp of 1000, sqrt of −1); then NumPy computes it, without a
+Python raises if the hardware returns inf or NaN (1/0, exp of 1000, sqrt of −1); then NumPy computes the value without a
 warning.
 """
 
@@ -26,12 +26,12 @@ def _quiet(fast: Callable[..., float], exact: Value) -> Callable[..., float]:
 
 
 def minimum(a: float, b: float) -> float:
-    """Return the smaller one; NaN if either is NaN."""
+    """Return the smaller number; NaN if either is NaN."""
     return a if a < b or a != a else b
 
 
 def maximum(a: float, b: float) -> float:
-    """Return the larger one; NaN if either is NaN."""
+    """Return the larger number; NaN if either is NaN."""
     return a if a > b or a != a else b
 
 
@@ -41,7 +41,7 @@ def sign(a: float) -> float:
 
 
 def interp(x: float, xp: Sequence[float], fp: Sequence[float]) -> float:
-    """Return the piecewise linear value, constant beyond the ends, as np.interp; NaN for NaN."""
+    """Return the piecewise linear interpolation, constant outside the table, as np.interp; NaN for NaN."""
     if x <= xp[0]:
         return fp[0]
     if x >= xp[-1]:
@@ -51,7 +51,7 @@ def interp(x: float, xp: Sequence[float], fp: Sequence[float]) -> float:
 
 
 def interp_slope(x: float, xp: Sequence[float], fp: Sequence[float]) -> float:
-    """Return the slope of the segment that begins at or before x; 0 beyond the ends."""
+    """Return the slope of the segment that begins at or before x; 0 outside the table."""
     if x < xp[0] or x > xp[-1]:
         return 0.0
     j = _cell(x, xp)

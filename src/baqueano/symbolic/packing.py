@@ -1,9 +1,9 @@
-"""Convert trees to rows and back, fast: code generated for one shape, for calls that take microseconds.
+"""Convert trees to rows and back fast, by code generated for one shape, for calls that take microseconds.
 
-`tree.values` and `tree.build` do the same, slowly, for any shape; they also report the errors of a tree.
+`tree.values` and `tree.build` do the same for any shape, but slowly; they also report the errors of a tree.
 
 The state that a step returned is usually the state of its next call. Its arrays are parts of the row that the kernel
-filled. That row is then copied whole, with the present content of those arrays.
+filled. Then that row is copied as a whole, with the present content of those arrays.
 """
 
 import threading
@@ -22,14 +22,14 @@ from baqueano.symbolic.graph.tree import (
     as_floats,
     leaves,
     make,
-    restored,
+    restore,
     size,
     values,
 )
 
 
 class ShapeMismatch(Invalid):
-    """The error of a tree whose shape differs from that of the generated code."""
+    """The error of a tree whose shape differs from the shape of the generated code."""
 
 
 def caller(
@@ -50,7 +50,7 @@ def caller(
         "lock": threading.Lock(),
         "ndarray": np.ndarray, "number": _number, "array": _array, "wrong": _wrong,
         "numbers": frozenset((float, int, bool, np.float64, np.int64, np.bool_)),
-        "make": make, "new": tuple.__new__, "restored": restored, "asarray": np.asarray,
+        "make": make, "new": tuple.__new__, "restore": restore, "asarray": np.asarray,
     }  # fmt: skip
     packs, at = [], 0
     for k, input_shape in enumerate(shapes):
@@ -88,14 +88,14 @@ def state_of(shapes: Sequence[Shape], shape: Shape) -> Shape | None:
 
 
 def _is_fixed(shape: Shape) -> bool:
-    """Return True if only the numbers in its arrays, which are parts of a row, can change."""
+    """Return True if a tree of this shape can change only in its arrays, which are parts of a row."""
     if isinstance(shape, Branch):
         return issubclass(shape.kind, tuple) and all(map(_is_fixed, shape.children))
     return isinstance(shape, ConstantLeaf) or not shape.is_array or (shape.kind == "f" and shape.shape != ())
 
 
 def _alike(a: Shape, b: Shape) -> bool:
-    """Return True if two trees differ only in paths and the kinds of their numbers."""
+    """Return True if two shapes differ at most in the paths and the kinds of their numbers."""
     if isinstance(a, Branch):
         if not isinstance(b, Branch) or (a.kind, a.keys) != (b.kind, b.keys):
             return False
@@ -105,13 +105,13 @@ def _alike(a: Shape, b: Shape) -> bool:
     return isinstance(b, ConstantLeaf) and a.value is b.value
 
 
-def _pack(shape: Shape, name: str, at: int, lines: list[str], space: dict[str, Tree]) -> int:
+def _pack(shape: Shape, name: str, offset: int, lines: list[str], space: dict[str, Tree]) -> int:
     k = len(space)
     space[f"shape{k}"] = shape
     if isinstance(shape, ConstantLeaf):
         space[f"value{k}"] = shape.value
         lines.append(f"if {name} is not value{k}: wrong(shape{k}, {name})")
-        return at
+        return offset
     if isinstance(shape, Branch):
         space[f"kind{k}"] = shape.kind
         test = f"{name}.__class__ is not kind{k}"
@@ -128,10 +128,10 @@ def _pack(shape: Shape, name: str, at: int, lines: list[str], space: dict[str, T
             if not issubclass(shape.kind, tuple):
                 plain = shape.kind in (list, dict)
                 lines.append(f"{part} = {name}[{key!r}]" if plain else f"{part} = {name}.{key}")
-            at = _pack(child, part, at, lines, space)
-        return at
+            offset = _pack(child, part, offset, lines, space)
+        return offset
     if shape.is_array:
-        space[f"place{k}"] = space["row"][at : at + shape.size].reshape(shape.shape)
+        space[f"place{k}"] = space["row"][offset : offset + shape.size].reshape(shape.shape)
         space[f"size{k}"] = shape.shape
         lines.append(f"if {name}.__class__ is not ndarray or {name}.shape != size{k}: "
                      f"{name} = array(shape{k}, {name})")  # fmt: skip
@@ -139,12 +139,12 @@ def _pack(shape: Shape, name: str, at: int, lines: list[str], space: dict[str, T
             lines.append(f"place{k}[...] = {name}")
     else:
         lines.append(f"if {name}.__class__ not in numbers: {name} = number(shape{k}, {name})")
-        lines.append(f"cells[{at}] = {name}")
-    return at + shape.size
+        lines.append(f"cells[{offset}] = {name}")
+    return offset + shape.size
 
 
 def _unpack(shape: Shape, state: Shape | None, count: int, space: dict[str, Tree]) -> list[str]:
-    """Return lines of code that return the tree of a row. NumPy splits the row in one call, as a record."""
+    """Return the lines of code that convert a row to a tree. NumPy splits the row in one call, as a record."""
     shapes = list(leaves(shape))
     space["record"] = np.dtype([(f"x{k}", "f8", leaf.shape) for k, leaf in enumerate(shapes)])
     names = iter(f"x{k}" for k in range(len(shapes)))
@@ -183,7 +183,7 @@ def _leaf(leaf: Leaf, name: str, k: int, space: dict[str, Tree]) -> str:
     if leaf.kind == "f":
         return name
     space[f"leaf{k}"] = leaf
-    return f"restored(leaf{k}, {name})"
+    return f"restore(leaf{k}, {name})"
 
 
 def _number(leaf: Leaf, value: Tree) -> float:
@@ -198,7 +198,7 @@ def _array(leaf: Leaf, value: Tree) -> np.ndarray:
 
 
 def _wrong(shape: Shape, tree: Tree) -> None:
-    """Raise ShapeMismatch if the tree is wrong. A text that is equal, but another object, is correct."""
+    """Raise ShapeMismatch if the tree does not have this shape. An equal text, though another object, is correct."""
     try:
         flat = values(shape, tree)
     except ValueError as error:

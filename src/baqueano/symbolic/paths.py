@@ -1,8 +1,8 @@
 """Read and replace values in a tree by dotted paths.
 
 Examples are `get(robot, "friction.linear[0]")` and `put(robot, "model.T[0,2]", x)`. A name is a field of a dataclass or
-NamedTuple, or a key of a dict; an index stands in brackets. `put` copies the objects on the path and runs no
-`__post_init__`: its range checks would be `if`s on values that are known only at run time.
+NamedTuple, or a key of a dict; an index is in brackets. `put` copies the objects on the path. It does not call
+`__post_init__`, because checks of ranges would be `if`s on values known only at run time.
 """
 
 import dataclasses
@@ -35,7 +35,7 @@ def get(tree: Tree, path: str) -> Tree:
 
 
 def put(tree: Of, path: str, value: Tree) -> Of:
-    """Return a copy of `tree` with `value` at `path`; the shape there must not change."""
+    """Return a copy of `tree` with `value` at `path`; the new value must have the shape of the old value."""
     return _replace_at(tree, _steps(path), value, path)
 
 

@@ -1,6 +1,6 @@
 """Run the step of a scan unchanged, under NumPy: for debugging, and for comparison.
 
-print and pdb work in it. Derivatives come from dual numbers.
+print and pdb work in the step. Derivatives are computed with dual numbers.
 """
 
 from collections.abc import Iterator
@@ -13,9 +13,9 @@ from baqueano.errors import Invalid
 from baqueano.symbolic.arrays.array import TracedArray, as_array
 from baqueano.symbolic.arrays.tracing import tracing
 from baqueano.symbolic.batch import Batch
-from baqueano.symbolic.derivatives.dual import Dual, rows_of, seeded
+from baqueano.symbolic.derivatives.dual import Dual, rows_of, seed_array
 from baqueano.symbolic.derivatives.residuals import normal_equations
-from baqueano.symbolic.errors import located
+from baqueano.symbolic.errors import locate_errors
 from baqueano.symbolic.graph.program import NormalEquations
 from baqueano.symbolic.graph.tree import (
     Shape,
@@ -23,7 +23,7 @@ from baqueano.symbolic.graph.tree import (
     build,
     flat_row,
     leaves,
-    restored,
+    restore,
     shape_of,
     size,
     tree_of,
@@ -50,8 +50,8 @@ class PlainScan(Scan):
     def sensitivities(self, inputs: Tree, theta: Tree, carry: Tree = None) -> tuple[np.ndarray, np.ndarray]:
         self._need_theta()
         theta = self._theta(theta)
-        with tracing() as level, located():
-            _, outputs = self._loop(inputs, seeded(theta, level), carry)
+        with tracing() as level, locate_errors():
+            _, outputs = self._loop(inputs, seed_array(theta, level), carry)
             shape = shape_of(outputs[0], "output")
             flat = [
                 np.concatenate([as_array(v).ravel() for v in (0.0, *values(shape, output))])[1:]
@@ -137,11 +137,11 @@ class PlainScan(Scan):
         pairs = zip(leaves(self.input_shape), values(self.input_shape, inputs), strict=True)
         columns = [(leaf, as_floats(leaf, value, (n,))) for leaf, value in pairs]
         for k in range(n):
-            yield build(self.input_shape, iter([restored(leaf, column[k]) for leaf, column in columns]))
+            yield build(self.input_shape, iter([restore(leaf, column[k]) for leaf, column in columns]))
 
 
 def _shape_of_all(outputs: list[Tree]) -> Shape:
-    """Return the shape of every output; a number that is an integer only at some ticks is a float."""
+    """Return the common shape of all outputs; a number that is an integer only at some ticks is a float."""
     shape = shape_of(outputs[0], "output")
     kinds = zip(*([leaf.kind for leaf in leaves(shape_of(y, "output"))] for y in outputs), strict=True)
     return with_kinds(shape, iter([min(set(own), key="fib".index) for own in kinds]))

@@ -1,9 +1,9 @@
-"""Define the scan: a step, repeated over time, with all its uses.
+"""Define the scan: a step that is repeated over time, with its derivatives, costs and batches.
 
     carry_{k+1}, output_k = step(θ, carry_k, input_k)                                                     (1)
 
-`scan` traces the step once, at once, so that its errors are raised here. Code is generated and compiled when a method
-is first called. With the back end "numpy" nothing is traced: the step runs unchanged.
+`scan` traces the step immediately and once, so that it raises the errors of the step. Code is generated and compiled
+when a method is first called. With the back end "numpy" the step is not traced, but runs unchanged.
 """
 
 from abc import ABC, abstractmethod
@@ -14,8 +14,8 @@ import numpy as np
 from baqueano.contracts.values import Tree
 from baqueano.diagnostics import fault
 from baqueano.errors import Invalid
-from baqueano.symbolic.backends import Runner, chosen
-from baqueano.symbolic.derivatives.sums import summed
+from baqueano.symbolic.backends import Runner, resolve_backend
+from baqueano.symbolic.derivatives.sums import with_sums
 from baqueano.symbolic.graph.assemble import Assembly, assemble
 from baqueano.symbolic.graph.node import below
 from baqueano.symbolic.graph.program import NormalEquations, Program
@@ -26,7 +26,7 @@ from baqueano.symbolic.graph.tree import Leaf, Shape, as_floats, flat_row, leave
 def scan(
     step: Callable[..., Tree], carry: Tree, inputs: Tree, theta: Tree = None, *, backend: str = "auto"
 ) -> "Scan":
-    """Return a step, ready to run over time; its result is that of this loop:
+    """Return a step that is ready to run over time; its result equals the result of this loop:
 
         outputs = []
         for x in inputs:
@@ -36,11 +36,11 @@ def scan(
     Parameters
     ----------
     step : callable
-        (carry, x) → (carry, output), or (theta, carry, x) → (carry, output); NumPy, pure, without `if` on values.
+        (carry, x) → (carry, output), or (theta, carry, x) → (carry, output): pure NumPy code without `if` on values.
     carry : tree
-        The start, or a function of theta that returns it.
+        The carry at the start, or a function of theta that returns it.
     inputs : tree
-        An example of the inputs of one tick: any numbers of the right shapes.
+        An example of the inputs of one tick: any numbers of the correct shapes.
     theta : array_like (p,), optional
         An example of the parameters.
     backend : str
@@ -65,7 +65,7 @@ def scan(
     >>> print(speeds.round(3))
     [0.    0.1   0.195]
     """
-    name = chosen(backend)
+    name = resolve_backend(backend)
     theta = None if theta is None else np.array(theta, dtype=float)
     if theta is not None and theta.ndim != 1:
         raise Invalid(fault("engine.theta-vector", found=str(theta.shape)))
@@ -77,14 +77,14 @@ def scan(
 
 
 class Scan(ABC):
-    """A step, ready to run over time, made by `scan`. Leaves of `inputs` begin with the axis of the ticks (N, …).
+    """A step that is ready to run over time, made by `scan`. Leaves of `inputs` begin with the axis N of the ticks.
 
     Parameters
     ----------
     step : callable
-        As for `scan`.
+        The same as for `scan`.
     carry : tree
-        The start, or a function of theta that returns it; a method may be given another.
+        The carry at the start, or a function of theta that returns it; methods accept another start.
     inputs : tree
         An example of the inputs of one tick.
     theta : ndarray (p,) or None
@@ -113,11 +113,11 @@ class Scan(ABC):
     @property
     @abstractmethod
     def backend(self) -> str:
-        """Return "c", "python" or "numpy"."""
+        """Return the back end in use: "c", "python" or "numpy"."""
 
     @property
     def operations(self) -> int:
-        """Return the count of operations in one tick; 0 without a trace."""
+        """Return the number of operations in one tick; 0 without a trace."""
         return 0
 
     @property
@@ -140,11 +140,11 @@ class Scan(ABC):
 
     @abstractmethod
     def cost(self, inputs: Tree, theta: Tree = None, carry: Tree = None) -> float:
-        """Return the sum of the output, one number per tick."""
+        """Return the sum over the ticks of the output, which must be one number per tick."""
 
     @abstractmethod
     def cost_and_gradient(self, inputs: Tree, theta: Tree, carry: Tree = None) -> tuple[float, np.ndarray]:
-        """Return the sum of the output, one number per tick, and its gradient (p,)."""
+        """Return the sum over the ticks of the output, one number per tick, and its gradient (p,)."""
 
     @abstractmethod
     def normal_equations(
@@ -159,7 +159,7 @@ class Scan(ABC):
     def batch(
         self, inputs: Tree, theta: Tree = None, carry: Tree = None, outputs: bool = False
     ) -> tuple[Tree, Tree]:
-        """Run L lanes: theta (L, p); leaves of `carry` (L, …) or shared; leaves of `inputs` (L, N, …) or shared.
+        """Run L lanes: theta (L, p), leaves of `carry` (L, …) or shared, leaves of `inputs` (L, N, …) or shared.
 
         Return the carry after the last tick, (L, …), and the outputs, (L, N, …), or None.
         """
@@ -209,7 +209,7 @@ def count_ticks(shape: Shape, inputs: Tree) -> int:
 
 
 class TracedScan(Scan):
-    """A scan whose step is a graph."""
+    """A scan whose step was traced to a graph."""
 
     def __init__(
         self, step: Callable[..., Tree], carry: Tree, inputs: Tree, theta: np.ndarray | None, backend: str
@@ -311,8 +311,8 @@ class TracedScan(Scan):
         key = id(assembly), slopes
         with self.trace.graph.lock:
             if key not in self.summing:
-                program = summed(assembly.program, slopes)
-                # the id stays taken
+                program = with_sums(assembly.program, slopes)
+                # keeps the object, so that its id is not used again
                 self.summing[key] = assembly, program, Runner(program, self.requested_backend)
         return self.summing[key][1:]
 
@@ -339,7 +339,7 @@ class TracedScan(Scan):
         return self.runners[key]
 
     def _prepare(self, keep_all: bool, carry: Tree, flat: np.ndarray | None = None) -> Tree:
-        """Return the kernel to run, and its start values (…, s)."""
+        """Return the kernel to run, and its start values (…, s): from `carry`, or by default from the given start."""
         if carry is None and flat is None:
             if keep_all not in self.begun:
                 self.begun[keep_all] = self._begin(keep_all)
@@ -347,7 +347,7 @@ class TracedScan(Scan):
         return self._check(keep_all, self._flat_start(carry) if flat is None else flat)
 
     def _begin(self, keep_all: bool) -> Tree:
-        """Return the kernel to run and its start values for the start that was given with the step."""
+        """Return the kernel to run, and its start values for the carry that was given to `scan`."""
         if self.carry_function is not None:
             return self._runner(keep_all, given_start=False), np.zeros(0)
         return self._check(keep_all, self._flat_start(None))
@@ -362,7 +362,7 @@ class TracedScan(Scan):
         return flat_row(self.carry_shape, self.example if carry is None else carry)
 
     def _rows(self, inputs: Tree) -> np.ndarray:
-        """Return the inputs as rows (N, ·) to read from, without a copy if they are one suitable array."""
+        """Return the inputs as rows (N, ·), only to be read: if they are one suitable array, it is not copied."""
         shape = self.input_shape
         if isinstance(shape, Leaf) and type(inputs) is np.ndarray and inputs.dtype == float:
             fits = inputs.shape[1:] == shape.shape and inputs.ndim == 1 + len(shape.shape)
@@ -381,7 +381,7 @@ class TracedScan(Scan):
 
 
 def _symmetric_leaves(shape: Shape, start: np.ndarray | None) -> Iterator[Leaf]:
-    """Yield the square matrices that start symmetric, or whose start is unknown."""
+    """Yield the leaves that are square matrices, symmetric at the start or with an unknown start."""
     at = 0
     for leaf in leaves(shape):
         if len(leaf.shape) == 2 and leaf.shape[0] == leaf.shape[1] > 1:

@@ -6,10 +6,10 @@
 
 g: gains; η: pose of the simulated vehicle ("obtained by simulating the system with the dynamic parameters"); η_ref:
 reference; u: command; Δ: errors. The paper adds metres and radians; here w [m] is the weight of a radian. Its default
-is half the track (errata 13): the way of a wheel per radian of a turn in place. The paper does not define h; k is 0.1 m
-by default. Huber's norm is of the whole vector, so that a rotation of the map does not change it. The paper does
+is half the track (errata 13): the distance of a wheel per radian of a turn in place. The paper does not define h; k is
+0.1 m by default. Huber's norm is of the whole vector, so that a rotation of the map does not change it. The paper does
 not have a price on the command, and its optimum oscillates along the route. q [m²] is the price of jerks, by default
-0.1. The price p [m²] of effort is 0 by default, because the route needs most of the effort. For the paper's own cost
+0.1. The price p [m²] of effort is 0 by default, because the route needs most of the effort. For the cost of the paper
 set jerk_m2 = 0 and aside_m = 0, a start on the route.
 """
 
@@ -22,7 +22,7 @@ from baqueano.geometry import wrap
 
 
 class Weights(NamedTuple):
-    """The settings of (2) and (3)."""
+    """The weights w, k, q and p of the cost, (2) and (3)."""
 
     radian_m: float  # w
     huber_m: float  # k
@@ -31,7 +31,7 @@ class Weights(NamedTuple):
 
 
 class TickErrors(NamedTuple):
-    """The errors of a tick, which are reported with its cost."""
+    """The errors of a tick that are reported beside its cost."""
 
     distance_m: Tree  # from the reference
     heading_rad: Tree
@@ -39,7 +39,7 @@ class TickErrors(NamedTuple):
 
 
 def tick_cost(weights: Weights, limit: np.ndarray, output: Tree) -> Tree:
-    """Return the term of one tick in the sum, a scalar [m²].  (2), (3)"""
+    """Return the cost of one tick, a scalar [m²]: path, jerk and effort.  (2), (3)"""
     cost = path_cost(weights, output)
     if weights.jerk_m2 != 0.0:
         cost = cost + weights.jerk_m2 * jerk(limit, output)
@@ -56,19 +56,19 @@ def path_cost(weights: Weights, output: Tree) -> Tree:
 
 
 def jerk(limit: np.ndarray, output: Tree) -> Tree:
-    """Return the squared change of the command at a tick, in parts of its limit; q is its price.  (3)"""
+    """Return the squared change of the command at a tick, relative to its limit; q is its price.  (3)"""
     change = (output.record.command.u - output.record.tick.u) / _scale(limit)
     return np.sum(change * change)
 
 
 def effort(limit: np.ndarray, output: Tree) -> Tree:
-    """Return the square of the command at a tick, in parts of its limit; p is its price.  (3)"""
+    """Return the square of the command at a tick, relative to its limit; p is its price.  (3)"""
     part = output.record.command.u / _scale(limit)
     return np.sum(part * part)
 
 
 def tick_errors(limit: np.ndarray, output: Tree) -> TickErrors:
-    """Return distance, heading error and saturation of a tick."""
+    """Return distance [m], heading error [rad] and saturation of a tick: 1 if a command is at its limit, else 0."""
     d = output.record.reference.eta - output.truth.eta
     full = (np.abs(output.record.command.u) >= limit) & (limit > 0.0)
     return TickErrors(np.hypot(d[0], d[1]), wrap(d[2]), np.max(np.where(full, 1.0, 0.0)))

@@ -1,14 +1,14 @@
 """Tune gains: minimise the paper's cost plus a price on jerks (cost.py), with exact gradients of the compiled loop.
 
-The vehicle starts `aside_m` behind and beside its route, so that the feedback has an effect: on its route, a vehicle
-with an exact model does not need feedback. With jerk_m2 = 0 and aside_m = 0 the cost is that of the paper; its gains
+The vehicle starts `aside_m` behind and beside its route, so that the feedback has an effect. On its route, a vehicle
+with an exact model does not need feedback. jerk_m2 = 0 and aside_m = 0 select the cost of the paper, whose gains
 switch the command from limit to limit.
 
 By default the pose in the loop is exact, as in the paper ("η_e is obtained by simulating the system"). With
-`estimator=True` the file's own estimator is in the loop, and the sensors have noise. The cost then uses the true pose.
-Converters work without steps, because the slope of a staircase is 0. With `draws` the cost is nearly that of the worst
-vehicle drawn from the covariance of the fit (rehearsal.py): gains for one exact model are too high for a real vehicle.
-That search also starts from the nominal gains, and both results are judged on other vehicles.
+`estimator=True` the estimator of the file is in the loop, and the sensors have noise; the cost still uses the true
+pose. Converters work without steps, because the slope of a staircase is 0. Gains for one exact model are too high for a
+real vehicle. With `draws` the cost is about the largest cost of vehicles drawn from the covariance of the fit
+(rehearsal.py). That search also starts from the nominal gains, and both results are tested on other vehicles.
 """
 
 from collections.abc import Sequence
@@ -51,16 +51,16 @@ def tune(
     route : Route or guide, or sequence of them
         The routes to follow; the cost is the mean over them.
     starts : int
-        Number of descents, in addition to one from the file's own gains.
+        Number of descents, in addition to one descent from the gains of the file.
     polish : bool
         Continue the search without gradients if the cost is rough; this takes up to ten times as long.
     **options : object
-        Keywords of `rehearse`: controller, gains, bounds, laps, duration_s, estimator, seeds, draws, seed, …
+        Arguments of `rehearse`: controller, gains, bounds, laps, duration_s, estimator, seeds, draws, seed, …
 
     Returns
     -------
     TuneResult
-        The gains; `.applied()` returns the vehicle file with them, `.controller` is the block.
+        The gains; `.updated_file()` returns the vehicle file with them, `.controller` is the block.
 
     Raises
     ------
@@ -69,8 +69,8 @@ def tune(
 
     References
     ----------
-    Grotz et al., `equ:controller_cost_function`, with a price on jerks and a start beside the route; jerk_m2=0,
-    aside_m=0 give only the cost of the paper (cost.py).
+    Grotz et al., `equ:controller_cost_function`, with a price on jerks and a start beside the route. jerk_m2=0 and
+    aside_m=0 select the cost of the paper (cost.py).
 
     Examples
     --------
@@ -101,9 +101,9 @@ def tune(
 
 
 def search_gains(
-    rehearsal: Rehearsal, own: list[np.ndarray], starts: int, polish: bool
+    rehearsal: Rehearsal, initial: list[np.ndarray], starts: int, polish: bool
 ) -> tuple[Rehearsal, list[Descent]]:
-    """Return the drives with the bounds that were needed, and the descents, the least cost first.
+    """Return the rehearsal with the final bounds, and the descents, the least cost first.
 
     If a gain ends on a soft bound, the search continues from there with a wider bound.
     """
@@ -112,14 +112,14 @@ def search_gains(
     for _ in range(1 + WIDENED):
         space = rehearsal.space
         descents += search(
-            rehearsal.cost, rehearsal.cost_and_gradient, space.low, space.high, own, starts, polish
+            rehearsal.cost, rehearsal.cost_and_gradient, space.low, space.high, initial, starts, polish
         )
         descents.sort(key=lambda d: d.cost)
         best = descents[0].gains
-        wider = space.widened(at_limit(best, space.low, space.high))
+        wider = space.widen(at_limit(best, space.low, space.high))
         if np.array_equal(wider.low, space.low) and np.array_equal(wider.high, space.high):
             break
-        rehearsal, own, starts = replace(rehearsal, space=wider), [best], 0
+        rehearsal, initial, starts = replace(rehearsal, space=wider), [best], 0
     if rehearsal.initial_memory_depends_on(best):
         space, rehearsal = rehearsal.space, rehearsal.begun_with(best)
         second = descend(rehearsal.cost_and_gradient, best, space.low, space.high)
@@ -131,9 +131,9 @@ def search_gains(
 def rank_by_worst_case(
     vehicle_file: "VehicleFile", rehearsal: Rehearsal, robust: list[Descent], sharp: np.ndarray, seed: int
 ) -> tuple[WorstCase, list[Descent]]:
-    """Return the worst costs over other vehicles, and the descents, the least worst cost first.
+    """Return the largest costs over other vehicles, and the descents in the order of these costs, the least first.
 
-    The nominal gains `sharp` are among the candidates.
+    The nominal gains `sharp` are one of the candidates.
     """
     system = rehearsal.legs[0].system
     judges = replace(rehearsal, vehicles=drawn_vehicles(vehicle_file, system, JUDGES, seed + FAR)[1])
@@ -148,13 +148,13 @@ def rank_by_worst_case(
 
 
 def _fresh(rehearsal: Rehearsal, gains: np.ndarray, seed: int) -> FreshSeeds:
-    """Return the cost with noise of other seeds than those of the search."""
+    """Return the cost with noise of new seeds, which the search did not use, and the cost of the search."""
     fresh = rehearsal.nominal().with_seeds(seed + FAR, FRESH)
     return FreshSeeds(FRESH, fresh.cost(gains), rehearsal.nominal().cost(gains))
 
 
 def _tune_result(
-    vehicle_file: "VehicleFile", rehearsal: Rehearsal, descents: list[Descent], own: list[np.ndarray],
+    vehicle_file: "VehicleFile", rehearsal: Rehearsal, descents: list[Descent], initial: list[np.ndarray],
     worst: WorstCase | None, fresh: FreshSeeds | None, controller: Any,
 ) -> TuneResult:  # fmt: skip
     space, best = rehearsal.space, descents[0]
@@ -167,7 +167,7 @@ def _tune_result(
         vehicle_file,
         tuple(_gain(rehearsal, k, best, int(limits[k]), around) for k in range(len(space.names))),
         best.cost,
-        rehearsal.cost(own[0]) if own else float("nan"),
+        rehearsal.cost(initial[0]) if initial else float("nan"),
         rehearsal.cost(np.zeros(len(space.low))),
         rehearsal.weights,
         rehearsal.drive(best.gains),
@@ -185,7 +185,7 @@ def _tune_result(
 
 
 def _around(rehearsal: Rehearsal, best: Descent) -> np.ndarray:
-    """Return the cost (p, k) with each gain changed separately by k factors, relative to the least cost."""
+    """Return the cost (p, k) relative to the least cost, with one gain at a time multiplied by the k FACTORS."""
     p = len(best.gains)
     gains = np.tile(best.gains, (p, len(FACTORS), 1))
     for k in range(p):
@@ -194,7 +194,7 @@ def _around(rehearsal: Rehearsal, best: Descent) -> np.ndarray:
 
 
 def _gain(rehearsal: Rehearsal, k: int, best: Descent, limit: int, around: np.ndarray) -> Gain:
-    """Return gain `k`, with the relative cost if only this gain is smaller or larger."""
+    """Return gain `k` with its bounds, and the relative costs if only this gain is multiplied by 0.8 or 1.25."""
     space, (less, more) = rehearsal.space, (FACTORS.index(factor) for factor in (0.8, 1.25))
     description = space.names[k], space.units[k], float(best.gains[k]), float(space.before[k])
     ends = float(space.low[k]), float(space.high[k]), limit

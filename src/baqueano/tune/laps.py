@@ -14,12 +14,20 @@ import numpy as np
 from baqueano.contracts.values import Tree
 from baqueano.geometry import compose
 from baqueano.guides.route import Route
-from baqueano.simulate.closed_loop import closed, closed_loop, start_of, ticks_of
+from baqueano.simulate.closed_loop import close_loop, closed_loop, start_of, ticks_of
 from baqueano.simulate.open_loop import times
 from baqueano.simulate.system import Input, SystemState, begin
 from baqueano.symbolic import Scan
 from baqueano.tune.cost import Weights, jerk, path_cost, tick_errors
-from baqueano.tune.rehearsal import ASIDE_M, HUBER_M, JERK_M2, TICKS_FROM, rms, unquantised, weights_of
+from baqueano.tune.rehearsal import (
+    ASIDE_M,
+    HUBER_M,
+    JERK_M2,
+    TICKS_FROM,
+    rms,
+    weights_of,
+    without_quantisation,
+)
 from baqueano.tune.search_space import SearchSpace, search_space
 
 if TYPE_CHECKING:
@@ -29,18 +37,18 @@ LONGEST_S = 60.0  # longest simulated time of a lap
 
 
 class _LapTick(NamedTuple):
-    """The outputs of the kernel at a tick."""
+    """The outputs of the kernel at each tick of a lap."""
 
     x: Tree
     y: Tree
-    path: Tree  # its share of C_path
-    jerk: Tree  # and of C_jerk
+    path: Tree  # contribution of the tick to C_path
+    jerk: Tree  # contribution of the tick to C_jerk
     distance_m: Tree
     saturated: Tree
 
 
 class SimulatedLap(NamedTuple):
-    """A lap with given gains."""
+    """A simulated lap with given gains."""
 
     x: np.ndarray  # (N,) [m]
     y: np.ndarray
@@ -69,7 +77,7 @@ class SimulatedLaps:
         return self._kernel.backend
 
     def lap(self, gains: np.ndarray) -> SimulatedLap:
-        """Return the lap with gains (p,)."""
+        """Return the simulated lap with gains (p,)."""
         _, tick = self._kernel.run(self._inputs, gains, carry=self._start)
         each = float(np.sum(tick.path)), float(np.sum(tick.jerk))
         most, full = float(np.max(tick.distance_m)), float(np.mean(tick.saturated))
@@ -103,7 +111,7 @@ def simulated_laps(
     route : Route
         The route to follow once.
     kind : str, optional
-        A controller in place of the file's: a kind of the package, or "file.py:Class".
+        Controller that replaces the controller of the file: a kind of the package, or "file.py:Class".
     backend : str
         "auto", "c" or "python".
 
@@ -119,7 +127,7 @@ def simulated_laps(
     """
     space = search_space(vehicle_file, controller=kind)
     weights = weights_of(vehicle_file, None, HUBER_M, JERK_M2)
-    system = unquantised(closed(vehicle_file, route, 1, True, space.block))
+    system = without_quantisation(close_loop(vehicle_file, route, 1, True, space.block))
     rate, limit = vehicle_file.rate_hz, vehicle_file.command.limit
     lasting = ticks_of(system, rate)
     ticks = min(lasting, round(LONGEST_S * rate))

@@ -5,8 +5,8 @@
     gain: 1/|L_i| where L_i < 0,    phase: φ = π + arg L_i where |L_i| = 1,    delay: φ/ω                      (3)
 
 x is the state, u the command, y the next command, δ the tick, ω the frequency. (1) contains the Jacobians of one tick
-of the loop, from the engine. The delay of the model is in A as its line of past commands, z⁻ᵏ. The pose is exact; an
-estimator adds its own delay. Source: Åström and Murray, Feedback Systems, 2008, section 9.3.
+of the loop, from the engine. A includes the past commands of the delay of the model, z⁻ᵏ. The pose is exact; an
+estimator would add a delay. Source: Åström and Murray, Feedback Systems, 2008, section 9.3.
 """
 
 from collections.abc import Callable
@@ -53,7 +53,7 @@ class LoopMargins(NamedTuple):
 
 
 class Linear(NamedTuple):
-    """A linear system in discrete time.  (1)"""
+    """The matrices of a linear system in discrete time.  (1)"""
 
     A: np.ndarray  # (n, n)
     B: np.ndarray  # (n, m)
@@ -61,8 +61,8 @@ class Linear(NamedTuple):
     D: np.ndarray  # (k, m)
     dt_s: float
 
-    def at(self, omega: np.ndarray | float) -> np.ndarray:
-        """Return the first entry of the transfer function at ω (f,) [rad/s]."""
+    def frequency_response(self, omega: np.ndarray | float) -> np.ndarray:
+        """Return the first entry of the transfer function (f,), complex, at ω (f,) [rad/s]."""
         z = np.exp(1j * np.atleast_1d(omega) * self.dt_s)
         response = np.linalg.solve(
             z[:, None, None] * np.eye(len(self.A)) - self.A,
@@ -78,28 +78,28 @@ def loop_margins(
     """Return the margins of each channel with a limit above 0; empty at low speed or without a finite linearisation."""
     if not speed_m_s > SLOWEST_M_S:
         return ()
-    plant, steady = linearised(vehicle_file, controller, speed_m_s)
+    plant, steady = linearise(vehicle_file, controller, speed_m_s)
     if not all(np.isfinite(matrix).all() for matrix in plant[:4]):
         return ()
     names, limit = vehicle_file.command.names, vehicle_file.command.limit
     whole = np.block([[plant.A, plant.B], [plant.C, plant.D]])
     stable = steady and bool(np.max(np.abs(np.linalg.eigvals(whole))) < GROWS)
     return tuple(
-        LoopMargins(names[k], *margins(opened(plant, int(k))), speed_m_s, stable)
+        LoopMargins(names[k], *margins(loop_transfer(plant, int(k))), speed_m_s, stable)
         for k in np.flatnonzero(limit > 0.0)
     )
 
 
 def margins(loop: Linear) -> tuple[float, float, float, float]:
-    """Return the gain margins above and below 1, the phase margin and the delay margin of L.  (3)"""
+    """Return gain margins above and below 1, phase margin [rad] and delay margin [s] of L; ∞ or 0 if none.  (3)"""
     omega = np.geomspace(LOWEST_RAD_S, np.pi / loop.dt_s, FREQUENCIES)
-    L = loop.at(omega)
+    L = loop.frequency_response(omega)
     ends = np.flatnonzero(np.diff(np.sign(np.imag(L))) != 0)
-    real = [loop.at(_crossing(loop, omega[k : k + 2], np.imag))[0].real for k in ends]
+    real = [loop.frequency_response(_crossing(loop, omega[k : k + 2], np.imag))[0].real for k in ends]
     factors = [-1.0 / x for x in [*real, L[-1].real] if x < 0.0]
     of_one = np.flatnonzero(np.diff(np.sign(np.abs(L) - 1.0)) != 0)
     at = [_crossing(loop, omega[k : k + 2], lambda x: np.abs(x) - 1.0) for k in of_one]
-    phases = [float(np.angle(-loop.at(w)[0])) for w in at]
+    phases = [float(np.angle(-loop.frequency_response(w)[0])) for w in at]
     delays = [(phase % (2.0 * np.pi)) / w for phase, w in zip(phases, at, strict=True)]
     return (
         float(min((f for f in factors if f > 1.0), default=np.inf)),
@@ -109,7 +109,7 @@ def margins(loop: Linear) -> tuple[float, float, float, float]:
     )
 
 
-def opened(plant: Linear, channel: int) -> Linear:
+def loop_transfer(plant: Linear, channel: int) -> Linear:
     """Return L of a channel with the other channels closed: their commands become states.  (2)"""
     A, B, C, D, dt_s = plant
     closed_channels = [k for k in range(B.shape[1]) if k != channel]
@@ -125,10 +125,10 @@ def opened(plant: Linear, channel: int) -> Linear:
     return Linear(A_late, B_late, C_late, np.zeros((1, 1)), dt_s)
 
 
-def linearised(vehicle_file: "VehicleFile", controller: Controller, speed_m_s: float) -> tuple[Linear, bool]:
-    """Return a tick of the loop around a straight drive, linearised, and True if that drive is steady.  (1)
+def linearise(vehicle_file: "VehicleFile", controller: Controller, speed_m_s: float) -> tuple[Linear, bool]:
+    """Return one tick of the loop, linearised at a straight drive, and True if that drive is steady.  (1)
 
-    Newton's method finds the state x that a tick only moves along: f(x) = x + v δ ∂x/∂place.
+    Newton's method finds the state x in which a tick f changes only the position: f(x) = x + v δ ∂x/∂position.
     """
     system, rate_hz, dt_s = (
         _straight(vehicle_file, controller, speed_m_s),
@@ -159,7 +159,7 @@ def linearised(vehicle_file: "VehicleFile", controller: Controller, speed_m_s: f
 def _steady(
     tick: Callable[[Tree], Tree], x: np.ndarray, shift: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray, bool]:
-    """Return the row that a tick only shifts, the Jacobian there, and True if Newton's method found them from x."""
+    """Return the row x with tick(x) = x + shift, the Jacobian at x, and True if Newton's method converged."""
     J = np.zeros((len(x), len(x)))
     for _ in range(NEWTON):
         J, missing = np.asarray(jacobian(tick)(x), dtype=float), x + shift - tick(x)
@@ -172,7 +172,7 @@ def _steady(
 
 
 def _drive_system(system: System, state: SystemState, t_ns: np.ndarray) -> tuple[SystemState, np.ndarray]:
-    """Return the state after some ticks, and the commands (N, m)."""
+    """Return the state after the ticks at `t_ns` (N,), and the commands (N, m)."""
     commands = []
     for t in t_ns:
         state, _ = advance(system, float(t_ns[1] - t_ns[0]) / NANOSECONDS, state, Input(int(t), None))
@@ -181,7 +181,7 @@ def _drive_system(system: System, state: SystemState, t_ns: np.ndarray) -> tuple
 
 
 class _Numbers:
-    """The non-integer numbers of a state as a row, with the command last."""
+    """Conversion between a state and the row of its non-integer numbers, with the command at the end."""
 
     def __init__(self, example: SystemState) -> None:
         self.shape = shape_of(_parts(example), "state")
@@ -190,7 +190,7 @@ class _Numbers:
         self.free = [k for k, leaf in enumerate(self.leaves) if leaf.kind == "f"]
 
     def of(self, state: SystemState) -> Tree:
-        """Return the row of a state."""
+        """Return the row of the non-integer numbers of a state."""
         each = list(values(self.shape, _parts(state)))
         return np.concatenate([np.reshape(each[k], -1) for k in self.free])
 
@@ -226,11 +226,12 @@ def _moving(vehicle: Tree, speed_m_s: float) -> Tree:
     return vehicle._replace(nu=np.array([speed_m_s, 0.0, 0.0]))
 
 
-def _crossing(loop: Linear, ends: np.ndarray, of: object) -> float:
-    """Return the frequency between two others at which a function of L changes its sign."""
+def _crossing(loop: Linear, ends: np.ndarray, of: Callable[[complex], float]) -> float:
+    """Return the frequency [rad/s] between both `ends` at which a function of L changes its sign, by bisection."""
     low, high = (float(x) for x in ends)
-    sign = np.sign(of(loop.at(low)[0]))  # type: ignore[operator]
+    sign = np.sign(of(loop.frequency_response(low)[0]))
     for _ in range(STEPS):
         middle = float(np.sqrt(low * high))
-        low, high = (middle, high) if np.sign(of(loop.at(middle)[0])) == sign else (low, middle)  # type: ignore[operator]
+        is_below = np.sign(of(loop.frequency_response(middle)[0])) == sign
+        low, high = (middle, high) if is_below else (low, middle)
     return float(np.sqrt(low * high))

@@ -2,13 +2,13 @@
 
     C(g) = (1/V Σ_v C_v⁸)^(1/8),    C_v = mean over routes and seeds of the cost of vehicle v              (1)
 
-g are the gains, V is the number of vehicles. With one vehicle (1) is its mean cost. With many it is nearly that of the
-worst vehicle, and differentiable everywhere:
+g are the gains, V is the number of vehicles. With one vehicle (1) is its mean cost. With many vehicles it is close to
+the largest cost, and differentiable everywhere:
 
     ∂C = Σ_v (C_v / C)⁷ ∂C_v / V                                                                          (2)
 
-Vehicles are drawn from the covariance of the fit; a delay without a standard deviation is drawn ± DELAY_S. Many drives
-run in parallel lanes (symbolic/), a few run one after the other, because a kernel of lanes takes longer to compile.
+Vehicles are drawn from the covariance of the fit; a delay without a standard deviation is drawn within ± DELAY_S. Many
+drives run in parallel lanes (symbolic/). A few drives run one after the other, because lanes take longer to compile.
 """
 
 from collections.abc import Sequence
@@ -24,10 +24,10 @@ from baqueano.diagnostics import fault
 from baqueano.errors import UsageError
 from baqueano.geometry import compose
 from baqueano.guides.route import Route
-from baqueano.language import marked as N_
+from baqueano.language import mark as N_
 from baqueano.parameter import parameters
-from baqueano.simulate.closed_loop import closed, closed_loop, references_of, start_of, ticks_of
-from baqueano.simulate.many import drawn
+from baqueano.simulate.closed_loop import close_loop, closed_loop, references_of, start_of, ticks_of
+from baqueano.simulate.many import draw_parameters
 from baqueano.simulate.open_loop import draw, times
 from baqueano.simulate.system import Input, System, SystemState, begin, flat
 from baqueano.symbolic import Scan, put
@@ -52,7 +52,7 @@ TICKS_FROM = 1_000_000  # number of ticks of all drives from which lanes are com
 
 
 class TunedDrive(NamedTuple):
-    """The figures of the drives with these gains."""
+    """The errors of the drives with given gains."""
 
     distance_rms_m: float
     distance_max_m: float
@@ -61,7 +61,7 @@ class TunedDrive(NamedTuple):
 
 
 class Leg(NamedTuple):
-    """A route, and its kernels."""
+    """A route with its simulated loop, its kernels and the noise of its seeds."""
 
     system: System
     rate_hz: float
@@ -73,13 +73,13 @@ class Leg(NamedTuple):
 
     @property
     def speed_m_s(self) -> float:
-        """Return the median speed of the route's reference."""
+        """Return the median speed [m/s] of the route's reference."""
         at = times(self.ticks, self.rate_hz)[:: 1 + self.ticks // SAMPLES]
         velocities = [reference.nu for reference in references_of(self.system, at.tolist())]
         return float(np.median([np.hypot(nu[0], nu[1]) for nu in velocities]))
 
     def with_seeds(self, seeds: Sequence[int | None]) -> "Leg":
-        """Return the same leg with the noise of other seeds; None as a seed means without noise."""
+        """Return the same leg with the noise of these seeds; the seed None means a drive without noise."""
         t_ns, sensors = times(self.ticks, self.rate_hz), self.system.sensors
         noise = [None if seed is None else draw(sensors, seed, self.ticks) for seed in seeds]
         return self._replace(inputs=tuple(Input(t_ns, x) for x in noise))
@@ -103,7 +103,7 @@ class Rehearsal:
 
     @property
     def drives(self) -> int:
-        """Return the number of drives that one cost needs."""
+        """Return the number of simulated drives for one value of the cost."""
         return len(self.legs) * self.seeds * len(self.vehicles)
 
     def cost(self, gains: np.ndarray) -> float:
@@ -131,7 +131,7 @@ class Rehearsal:
         return cost, weight @ slopes
 
     def drive(self, gains: np.ndarray) -> TunedDrive:
-        """Return the figures of all drives with these gains."""
+        """Return the errors over all drives with these gains."""
         thetas = [np.concatenate([gains, v]) for v in self.vehicles]
         each = [
             leg.shown.run(inputs, theta, carry=leg.start)[1]
@@ -141,32 +141,32 @@ class Rehearsal:
         return TunedDrive(rms(d), float(np.max(d)), rms(psi), float(np.mean(full)))
 
     def begun_with(self, gains: np.ndarray) -> "Rehearsal":
-        """Return the same drives, starting with the initial memory of a controller with these gains."""
+        """Return the same drives; each starts with the initial state of a controller with these gains."""
         block = self.space.with_gains(gains)
         legs = tuple(leg._replace(start=_at_start(leg.start, block)) for leg in self.legs)
         return replace(self, legs=legs)
 
     def initial_memory_depends_on(self, gains: np.ndarray) -> bool:
-        """Return True if the controller's initial memory depends on the gains.
+        """Return True if the controller's initial state differs between these gains and `space.block`.
 
-        The drives then start with the memory of `space.block`.
+        The drives start with the initial state of `space.block`.
         """
         now, then = self.space.block.init(), self.space.with_gains(gains).init()
         return any(not np.array_equal(a, b) for a, b in zip(_flat(now), _flat(then), strict=True))
 
     def nominal(self) -> "Rehearsal":
-        """Return the same drives with only the file's own vehicle."""
+        """Return the same drives with only the vehicle of the file."""
         return replace(self, vehicles=self.vehicles[:1])
 
     def with_seeds(self, first: int, count: int) -> "Rehearsal":
-        """Return the same drives with other noise."""
+        """Return the same drives with the noise of `count` seeds, from `first` on."""
         legs = tuple(leg.with_seeds(range(first, first + count)) for leg in self.legs)
         return replace(self, legs=legs, seeds=count)
 
     def _mean(self, theta: np.ndarray, slopes: int) -> tuple[np.ndarray, np.ndarray]:
         """Return the mean cost (r,) over routes and seeds for each row of θ (r, p + q), and its gradient.
 
-        The gradient (r, slopes) is that by the first `slopes` entries of θ.
+        The gradient (r, slopes) is with respect to the first `slopes` entries of θ.
         """
         total, steep = np.zeros(len(theta)), np.zeros((len(theta), slopes))
         for leg in self.legs:
@@ -180,16 +180,16 @@ class Rehearsal:
         return drives >= LANES_FROM if slopes else drives * leg.ticks >= TICKS_FROM and drives > 1
 
 
-def soft_maximum(each: np.ndarray) -> np.ndarray:
+def soft_maximum(costs: np.ndarray) -> np.ndarray:
     """Return the combined cost (k,) of costs (k, v).  (1)"""
-    worst = np.max(each, axis=1, keepdims=True)
+    worst = np.max(costs, axis=1, keepdims=True)
     safe = np.where((worst > 0.0) & np.isfinite(worst), worst, 1.0)
-    soft = safe[:, 0] * np.mean((each / safe) ** POWER, axis=1) ** (1.0 / POWER)
+    soft = safe[:, 0] * np.mean((costs / safe) ** POWER, axis=1) ** (1.0 / POWER)
     return np.where(np.isfinite(worst[:, 0]), soft, np.inf)
 
 
 def _in_turn(leg: Leg, theta: np.ndarray, slopes: int) -> tuple[np.ndarray, np.ndarray]:
-    """Return the mean cost over seeds for each row of θ, and its gradients, one drive after the other."""
+    """Return the mean cost (r,) over seeds for each row of θ, and the gradients (r, slopes), drive after drive."""
     total, steep = np.zeros(len(theta)), np.zeros((len(theta), slopes))
     for inputs in leg.inputs:
         for k, row in enumerate(theta):
@@ -203,7 +203,10 @@ def _in_turn(leg: Leg, theta: np.ndarray, slopes: int) -> tuple[np.ndarray, np.n
 
 
 def _in_lanes(leg: Leg, theta: np.ndarray, slopes: int) -> tuple[np.ndarray, np.ndarray]:
-    """Return the mean cost over seeds for each row of θ, and its gradients, in parallel lanes with common noise."""
+    """Return the mean cost (r,) over seeds for each row of θ, and the gradients (r, slopes), in parallel lanes.
+
+    All lanes have the same noise.
+    """
     total, steep = np.zeros(len(theta)), np.zeros((len(theta), slopes))
     for inputs in leg.inputs:
         cost, slope = leg.cost.batch_sums(inputs, theta, slopes, carry=leg.start)
@@ -233,7 +236,7 @@ def rehearse(
 ) -> Rehearsal:
     """Return the cost of the drives along `routes`, as compiled functions of the gains.
 
-    `controller` replaces that of the file. `gains` names the tuned parameters, by default all of the controller, and
+    `controller` replaces the controller of the file. `gains` are the names of the tuned parameters, by default all, and
     `bounds` their bounds. The drive has `laps` laps of each route, or lasts `duration_s`. `radian_m` is the weight of a
     radian; errors beyond `huber_m` count linearly. `jerk_m2` is the price of a change of the command by its limit
     within a tick. `effort_m2` is the price of a tick at the limit; the paper lacks both prices. `aside_m` is the
@@ -250,7 +253,10 @@ def rehearse(
     )
     if not each or seeds < 1:
         raise UsageError(fault("tune.nothing-to-drive", routes=len(each), seeds=seeds))
-    systems = [unquantised(closed(vehicle_file, route, laps, not estimator, space.block)) for route in each]
+    systems = [
+        without_quantisation(close_loop(vehicle_file, route, laps, not estimator, space.block))
+        for route in each
+    ]
     own, vehicles = drawn_vehicles(vehicle_file, systems[0], draws, seed) if draws else ((), np.zeros((1, 0)))
     paths = (*(f"controller.{name}" for name in space.names), *own)
     systems = [_with_room(system, own, vehicles, vehicle_file.rate_hz) for system in systems]
@@ -279,8 +285,8 @@ def _leg(
 def drawn_vehicles(
     vehicle_file: "VehicleFile", system: System, count: int, seed: int
 ) -> tuple[tuple[str, ...], np.ndarray]:
-    """Return paths and values (1 + count, q) of the vehicles: the file's own first."""
-    paths, theta, _ = drawn(vehicle_file, system, count, seed)
+    """Return paths and values (1 + count, q) of the parameters of the vehicles; the first is the file's vehicle."""
+    paths, theta, _ = draw_parameters(vehicle_file, system, count, seed)
     own = flat(system, paths)
     delay = getattr(getattr(system.model, "drivetrain", None), "delay_s", None)
     if delay is not None and DELAY not in paths:
@@ -291,7 +297,7 @@ def drawn_vehicles(
 
 
 def _with_room(system: System, paths: tuple[str, ...], vehicles: np.ndarray, rate_hz: float) -> System:
-    """Return the system with slots for the longest delay that was drawn."""
+    """Return the system with enough slots for the longest delay that is drawn."""
     if DELAY not in paths:
         return system
     longest = float(np.max(vehicles[:, paths.index(DELAY)])) + DELAY_S  # the judging vehicles are drawn later
@@ -303,7 +309,7 @@ def _at_start(start: SystemState, controller: object) -> SystemState:
     return start._replace(blocks=start.blocks._replace(controller=controller.init()))  # type: ignore[attr-defined]
 
 
-def unquantised(system: System) -> System:
+def without_quantisation(system: System) -> System:
     """Return the system without the steps of converters and timers, because the slope of a staircase is 0."""
     blocks = [("model.drivetrain", getattr(system.model, "drivetrain", None))]
     for path, block in [*blocks, *((f"sensors.{name}", s) for name, s in system.sensors._asdict().items())]:
@@ -314,7 +320,7 @@ def unquantised(system: System) -> System:
 
 
 def rms(x: np.ndarray) -> float:
-    """Return the root of the mean square."""
+    """Return the root of the mean square of all entries."""
     return float(np.sqrt(np.mean(x**2)))
 
 

@@ -2,11 +2,11 @@
 
     g = low + (high − low) (e^{cx} − 1) / (e^c − 1),   x in [0, 1],   c = CURVE                           (1)
 
-g is a gain, x its coordinate in the search. (1) gives small gains as much room as large ones. Its slope at 0 is above
-0, so that a gain can leave its bound. The cost is evaluated at a fixed set of points of the unit cube (Halton 1960).
-L-BFGS-B (Byrd et al. 1995) descends from the best of them. If its gradient at the end is still large, the cost is not
-smooth (for example, motors that switch direction). Then the simplex of Nelder and Mead continues from there. The search
-is deterministic: the same input gives the same result.
+g is a gain, x its coordinate in the search. In x, small gains have as much space as large gains. The slope of (1) at 0
+is above 0, so that a gain can leave its bound. The cost is evaluated at a fixed set of points of the unit cube (Halton
+1960). L-BFGS-B (Byrd et al. 1995) descends from the best of them. If the gradient at the end is still large, the cost
+is not smooth (for example, motors that switch direction). Then the simplex of Nelder and Mead continues from there. The
+search is deterministic: the same input yields the same result.
 """
 
 from collections.abc import Callable, Sequence
@@ -33,14 +33,14 @@ CostAndGradient = Callable[[np.ndarray], tuple[float, np.ndarray]]
 
 
 class Descent(NamedTuple):
-    """A descent of the cost."""
+    """A descent of the cost: its start, its end, and the costs on the path."""
 
     start: np.ndarray  # (p,) gains
-    gains: np.ndarray  # (p,) where it ended
+    gains: np.ndarray  # (p,) gains at the end
     cost: float
-    costs: np.ndarray  # (e,) of each evaluation, that of the start first
+    costs: np.ndarray  # (e,) of each evaluation, the start first
     slope: float  # gradient at the end of L-BFGS-B, relative to the cost; 0 at the minimum of a smooth cost
-    way: tuple[np.ndarray, ...] = ()  # gains (p,) after each step, those of the start first
+    way: tuple[np.ndarray, ...] = ()  # gains (p,) after each step, the start first
 
 
 def search(
@@ -48,7 +48,7 @@ def search(
     cost_and_gradient: CostAndGradient,
     low: np.ndarray,
     high: np.ndarray,
-    own: Sequence[np.ndarray] = (),
+    initial: Sequence[np.ndarray] = (),
     starts: int = STARTS,
     polish: bool = True,
 ) -> list[Descent]:
@@ -59,7 +59,7 @@ def search(
     minimize = _minimize()
     points = [gains(x, low, high) for x in halton(LOOKED_OVER, len(low))]
     by_cost = sorted(((_finite(cost(g)), k) for k, g in enumerate(points)))
-    begin = [np.clip(g, low, high) for g in own] + [points[k] for _, k in by_cost[:starts]]
+    begin = [np.clip(g, low, high) for g in initial] + [points[k] for _, k in by_cost[:starts]]
     ends = [_descend(minimize, cost_and_gradient, g, low, high) for g in begin]
     ends.sort(key=lambda d: d.cost)
     if polish and ends[0].cost < UNUSABLE and ends[0].slope > SLOPE:
@@ -72,7 +72,7 @@ def search(
 def descend(
     cost_and_gradient: CostAndGradient, start: np.ndarray, low: np.ndarray, high: np.ndarray
 ) -> Descent:
-    """Return the descent from `start`, which lies within the bounds."""
+    """Return the descent from the gains `start` (p,), which must be within the bounds."""
     return _descend(_minimize(), cost_and_gradient, start, low, high)
 
 
@@ -115,7 +115,7 @@ def _slope(optimum: Any, x: np.ndarray) -> float:
 
 
 def _polish(minimize: Callable, cost: Cost, end: Descent, low: np.ndarray, high: np.ndarray) -> Descent:
-    """Return the descent, continued without gradients."""
+    """Return the descent, continued with the simplex of Nelder and Mead; its end changes only if the cost falls."""
     costs: list[float] = []
 
     def f(x: np.ndarray) -> float:
@@ -150,13 +150,13 @@ def stretch(x: np.ndarray, low: np.ndarray, high: np.ndarray) -> np.ndarray:
 
 
 def at_limit(g: np.ndarray, low: np.ndarray, high: np.ndarray) -> np.ndarray:
-    """Return −1 for each gain of g (p,) on its lower bound, +1 on its upper bound, else 0."""
+    """Return (p,): −1 for each gain of g (p,) at its lower bound, +1 at its upper bound, else 0."""
     x = place(np.clip(g, low, high), low, high)
     return np.where(x < NEAR_LIMIT, -1, np.where(x > 1.0 - NEAR_LIMIT, 1, 0))
 
 
 def halton(points: int, dimensions: int) -> np.ndarray:
-    """Return (points, dimensions) points of the unit cube, evenly spread."""
+    """Return an array (points, dimensions) of evenly distributed points of the unit cube (Halton)."""
     if dimensions > len(PRIMES):
         raise UsageError(fault("tune.too-many", dimensions=dimensions, most=len(PRIMES)))
     out = np.zeros((points, dimensions))

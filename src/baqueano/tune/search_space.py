@@ -1,8 +1,8 @@
 """The gains that a search varies: names, units and bounds, from the metadata of the controller's fields.
 
-Each entry of an array is one gain: "e_max[0]". Bounds in the field are hard. A field without an upper bound gets a soft
-one: the gain that requests the full command for the smallest error, or SPREAD times its present value. If a gain ends
-on a soft bound, the search is repeated with a wider one.
+Each entry of an array is one gain: "e_max[0]". Bounds of the field are hard. A field without an upper bound has a soft
+bound: the gain that requests the full command for the smallest error, or SPREAD times its present value. If a gain ends
+on a soft bound, the search is repeated with a wider bound.
 """
 
 import sys
@@ -47,19 +47,19 @@ class SearchSpace(NamedTuple):
         """Return an allowed value of each gain, by name."""
         return {name: float(np.asarray(get(self.block, name))) for name in self.names}
 
-    def widened(self, ends: np.ndarray) -> "SearchSpace":
-        """Return the space with wider soft bounds for gains that are on one: `ends` (p,) of −1, 0, +1."""
+    def widen(self, ends: np.ndarray) -> "SearchSpace":
+        """Return the space with wider soft bounds if `ends` (p,) is −1 (at the lower bound) or +1 (at the upper)."""
         high = np.where(ends > 0, np.minimum(WIDER * self.high, self.hard_high), self.high)
         low = np.where(ends < 0, np.maximum(self.low / WIDER, self.hard_low), self.low)
         return self._replace(low=low, high=high)
 
     def with_gains(self, gains: np.ndarray) -> Controller:
-        """Return the controller with gains (p,)."""
+        """Return the controller with the gains (p,), in the order of `names`."""
         return with_gains(self.block, self.names, gains)
 
 
 def with_gains(block: Controller, names: Iterable[str], gains: Iterable[float]) -> Controller:
-    """Return a controller with other gains."""
+    """Return a copy of the controller with these `gains` in the fields `names`."""
     for name, value in zip(names, gains, strict=True):
         block = put(block, name, float(value))
     return block
@@ -76,7 +76,7 @@ def file_values(block: Controller, names: Iterable[str], controller: OwnBlock | 
 
 
 def _kind(controller: OwnBlock) -> str:
-    """Return the name of a kind, or "file.py:Class"."""
+    """Return the short name of one of our controllers, or "file.py:Class"."""
     if isinstance(controller, str):
         return controller
     kind = controller if isinstance(controller, type) else type(controller)
@@ -93,7 +93,7 @@ def search_space(
     vehicle_file: "VehicleFile", gains: Sequence[str] | None = None,
     bounds: dict[str, tuple[float, float]] | None = None, controller: OwnBlock | None = None,
 ) -> SearchSpace:  # fmt: skip
-    """Return the gains, their bounds and their values in the file; `controller` replaces that of the file."""
+    """Return the gains, their bounds and values in the file; `controller` replaces the controller of the file."""
     bounds = bounds or {}
     block, complete = _block(vehicle_file, gains, controller)
     if optional.of(block, "as_written"):
@@ -126,7 +126,7 @@ def search_space(
 def _block(
     vehicle_file: "VehicleFile", gains: Sequence[str] | None, controller: OwnBlock | None
 ) -> tuple[Controller, bool]:
-    """Return the controller, and True if the file contains its gains; else all of them have to be found."""
+    """Return the controller, and True if the file contains its gains; False if the search must find all gains."""
     try:
         return vehicle_file.controller(controller), True
     except BaqueanoError:
@@ -135,7 +135,7 @@ def _block(
 
 
 def _entries(block: Any) -> dict[str, Parameter]:
-    """Return the finite numbers among the fields of a block, by name, each as a separate parameter."""
+    """Return a parameter for each finite number in the fields of a block, by name: "k_x", "e_max[0]"."""
     out = {}
     for name, p in parameters(block):
         if p.shape is None:
@@ -151,14 +151,14 @@ def _entries(block: Any) -> dict[str, Parameter]:
 
 
 def _of(name: str, entries: dict[str, Parameter]) -> list[str]:
-    """Return the entries that a name stands for: one number, or all of an array."""
+    """Return the names of the entries of a field: one for a number, or all entries of an array."""
     return [name] if name in entries else [e for e in entries if e.partition("[")[0] == name]
 
 
 def _bounds(
     p: Parameter, full: float, now: float, bounds: tuple[float, float] | None
 ) -> tuple[float, float, float, float]:
-    """Return the bounds to begin with, and the hard ones: those in `bounds`, else those of the field."""
+    """Return the first bounds (low, high) and the hard bounds (low, high): from `bounds`, else from the field."""
     if bounds is not None:
         return *bounds, *bounds
     low, high = p.low if np.isfinite(p.low) else 0.0, p.high

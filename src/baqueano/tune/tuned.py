@@ -10,7 +10,7 @@ from baqueano.contracts.blocks import Controller, OwnBlock
 from baqueano.contracts.result import Result
 from baqueano.diagnostics import Diagnostic, Severity, Verdict, note
 from baqueano.language import number, shown_unit
-from baqueano.language import translated as _
+from baqueano.language import translate as _
 from baqueano.messages import verdict_line
 from baqueano.tune.cost import Weights
 from baqueano.tune.margins import LoopMargins, loop_margins
@@ -65,13 +65,13 @@ class TuneResult(Result):
     Attributes
     ----------
     vehicle_file : VehicleFile
-        The file for which they were tuned.
+        The vehicle file for which the gains were tuned.
     gains : tuple of Gain
         Each gain, its bounds and its effect on the cost.
     cost : float [m²]
         Cost of the whole drive.
     cost_before : float [m²]
-        Cost with the file's gains; NaN if it lacked them.
+        Cost with the gains of the file; NaN if the file lacked them.
     cost_uncontrolled : float [m²]
         Cost without any control.
     weights : Weights
@@ -79,9 +79,9 @@ class TuneResult(Result):
     drive : TunedDrive
         Errors of a drive with these gains.
     descents : tuple of Descent
-        The least cost first.
+        The descents, the least cost first.
     history : ndarray (e, 2)
-        Number of the descent and cost of each evaluation.
+        For each evaluation, the number of its descent and its cost.
     loop : str
         "perfect pose" or "estimator in the loop".
     backend : str
@@ -89,13 +89,13 @@ class TuneResult(Result):
     controller : Controller
         The block with these gains.
     kind : str, type, block or None
-        The controller that was tuned in place of the file's; None: the file's.
+        The controller that was tuned instead of the controller of the file; None for the controller of the file.
     around : ndarray (p, k)
-        Cost with each gain changed separately by the k FACTORS, relative to the least cost.
+        Cost relative to the least cost, with one gain at a time multiplied by the k FACTORS.
     speed_m_s : float
         Mean speed of the routes.
     worst : WorstCase or None
-        Largest cost over drawn vehicles; None: only the file's own vehicle was used.
+        Largest cost over drawn vehicles; None: only the vehicle of the file was used.
     fresh : FreshSeeds or None
         Cost with other noise; None: the search was without noise.
 
@@ -136,18 +136,18 @@ class TuneResult(Result):
         return loop_margins(self.vehicle_file, self.controller, self.speed_m_s)
 
     @property
-    def agreed(self) -> int:
+    def agreeing_descents(self) -> int:
         """Return the number of descents that reached the least cost."""
         return sum(d.cost <= self.cost * (1.0 + AGREE) for d in self.descents)
 
     @property
     def verdict(self) -> Verdict:
-        """Return USABLE, WARN or REFUSED, by the reasons."""
+        """Return USABLE without reasons, WARN with warnings, REFUSED with an error."""
         return Verdict.of(self.reasons)
 
     @property
     def reasons(self) -> tuple[Diagnostic, ...]:
-        """Return the reasons against these gains: one error, or all warnings."""
+        """Return the reasons not to use these gains: one error, or all warnings."""
         if not self.cost < 0.5 * self.cost_uncontrolled:
             far_m = self.drive.distance_rms_m
             return (note("tune.uncontrolled", Severity.ERROR, distance_m=far_m),)
@@ -157,7 +157,7 @@ class TuneResult(Result):
                 ("tune.at-lower-limit", gain.low) if gain.limit < 0 else ("tune.at-upper-limit", gain.high)
             )
             messages.append(note(code, Severity.WARNING, subject=gain.name, limit=end, unit=gain.unit))
-        if len(self.descents) > 1 and self.agreed == 1:
+        if len(self.descents) > 1 and self.agreeing_descents == 1:
             messages.append(note("tune.one-start", Severity.WARNING, starts=len(self.descents)))
         if not all(m.stable for m in self.margins):
             messages.append(note("tune.unstable", Severity.WARNING, speed_m_s=self.margins[0].speed_m_s))
@@ -166,14 +166,14 @@ class TuneResult(Result):
         return tuple(messages)
 
     def rows(self) -> list["TableRow"]:
-        """Return a flat row per gain."""
+        """Return a flat dict per gain."""
         drive = self.drive._asdict()
         whole = {
             "cost": self.cost,
             "cost_before": self.cost_before,
             "cost_uncontrolled": self.cost_uncontrolled,
         }
-        whole |= {**drive, "starts": len(self.descents), "starts_agreed": self.agreed}
+        whole |= {**drive, "starts": len(self.descents), "starts_agreed": self.agreeing_descents}
         whole["evaluations"] = len(self.history)
         whole |= {f"worst_{name}": x for name, x in (self.worst._asdict() if self.worst else {}).items()}
         whole |= {f"fresh_{name}": x for name, x in (self.fresh._asdict() if self.fresh else {}).items()}
@@ -188,7 +188,7 @@ class TuneResult(Result):
         return out
 
     def table(self) -> str:
-        """Return the result as text."""
+        """Return a text with gains, costs, checks and verdict."""
         wide, unit = max(len(g.name) for g in self.gains), max(len(shown_unit(g.unit)) for g in self.gains)
         head = f"{_('gain'):<{wide}} {_('value'):>10}  {_('unit'):<{unit}}  {_('in the file'):>13}"
         lines = [f"{head}  {_('cost at × 0.8'):>13}  {_('at × 1.25'):>9}"]
@@ -202,23 +202,25 @@ class TuneResult(Result):
     def _notes(self) -> list[str]:
         d, w = self.drive, self.weights
         before = f"{number(self.cost_before):.4g} → " if np.isfinite(self.cost_before) else ""
-        over = _(", as of the worst of {vehicles} vehicles", vehicles=self.worst.draws) if self.worst else ""
+        over = _(", as for the worst of {vehicles} vehicles", vehicles=self.worst.draws) if self.worst else ""
         return [
             _(
-                "cost {before}{cost:.4g} m²{over}, {standing:.4g} without control; a radian weighs "
-                "{radian_m:.3g} m; {loop}",
+                "cost {before}{cost:.4g} m²{over}, {standing:.4g} m² without control; a heading error of 1 "
+                "rad counts as {radian_m:.3g} m; {loop}",
                 before=before, cost=self.cost, over=over, standing=self.cost_uncontrolled, radian_m=w.radian_m,
                 loop=_(self.loop),
             ),
             _(
-                "from the reference: {rms_mm:.1f} mm rms, {max_mm:.1f} mm at most, heading {heading_deg:.2f}° rms",
+                "error from the reference: {rms_mm:.1f} mm rms, {max_mm:.1f} mm at most, heading "
+                "{heading_deg:.2f}° rms",
                 rms_mm=1000 * d.distance_rms_m, max_mm=1000 * d.distance_max_m,
                 heading_deg=np.degrees(d.heading_rms_rad),
             ),
             _(
                 "command at its limit {percent:.0f} % of the time; {agreed} of {starts} starts agree, {evaluations} "
                 "evaluations",
-                percent=100 * d.saturated, agreed=self.agreed, starts=len(self.descents), evaluations=len(self.history),
+                percent=100 * d.saturated, agreed=self.agreeing_descents, starts=len(self.descents),
+                evaluations=len(self.history),
             ),
             *self._check_lines(),
             *map(_margins_line, self.margins),
@@ -230,7 +232,8 @@ class TuneResult(Result):
         if self.worst:
             lines.append(
                 _(
-                    "worst of {judges} other vehicles: {cost:.4g} m², {nominal:.4g} with gains for the file's own",
+                    "worst of {judges} other vehicles: {cost:.4g} m², {nominal:.4g} m² with gains for the "
+                    "vehicle of the file",
                     judges=self.worst.judges,
                     cost=self.worst.cost,
                     nominal=self.worst.nominal,
@@ -239,14 +242,14 @@ class TuneResult(Result):
         if self.fresh:
             lines.append(
                 _(
-                    "on {seeds} other seeds {cost:.4g} m², on those of the search {searched:.4g} m²",
+                    "on {seeds} other seeds {cost:.4g} m², on the seeds of the search {searched:.4g} m²",
                     **self.fresh._asdict(),
                 )
             )
         return lines  # fmt: skip
 
-    def applied(self) -> "VehicleFile":
-        """Return the vehicle file with these gains."""
+    def updated_file(self) -> "VehicleFile":
+        """Return a vehicle file with these gains; nothing is written to disk."""
         from baqueano.vehicle_file.history import Provenance
 
         values = file_values(self.controller, self.values, self.kind)
@@ -255,12 +258,12 @@ class TuneResult(Result):
         return self.vehicle_file.with_values(values, dict.fromkeys(keys, origin))
 
     def save(self, path: str | Path | None = None) -> Path:
-        """Write the vehicle file with these gains, to its own path or to `path`, and return that path."""
-        return self.applied().save(path)
+        """Write the vehicle file with these gains, to `path` or by default to its present path; return the path."""
+        return self.updated_file().save(path)
 
 
 def _margins_line(m: LoopMargins) -> str:
-    """Return the margins of a channel as text."""
+    """Return one line of text with the margins of a channel."""
     if not m.stable:
         return _("{channel} at {speed_m_s:.2g} m/s: unstable", channel=m.channel, speed_m_s=m.speed_m_s)
     if not np.isfinite(m.phase_rad) and not np.isfinite(m.gain_up):

@@ -1,4 +1,4 @@
-"""Read, check and write vehicle.toml. `load("small")` takes a file of the garage, `load("my.toml")` one of yours.
+"""Read, check and write vehicle.toml. `load("small")` reads a file of the garage, `load("my.toml")` your file.
 
 Reading needs only the standard library; writing (`with_values`) needs tomlkit, which keeps comments.
 """

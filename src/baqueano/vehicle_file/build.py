@@ -1,7 +1,7 @@
 """Build blocks from the tables of a vehicle file.
 
-A block receives `vehicle`, `sensors` and the route if it has fields of these names. For keys that its table omits it
-receives `rate_hz` and `limit` of the file.
+A block receives `vehicle`, `sensors` and the route if it has fields of these names. If its table lacks `rate_hz` or
+`limit`, it receives the values of the file.
 """
 
 from dataclasses import replace
@@ -14,7 +14,7 @@ from baqueano.blocks import kinds, place_of, resolve, resolve_named
 from baqueano.contracts import optional
 from baqueano.contracts.values import Tree
 from baqueano.diagnostics import nearest
-from baqueano.errors import FileError, from_outside, in_users_file, named
+from baqueano.errors import FileError, error_text, from_outside, in_users_file
 from baqueano.signals import ByName, sensor_slots
 from baqueano.vehicle_file.head import Geometry, solid_inertia
 from baqueano.vehicle_file.tables import (
@@ -36,11 +36,11 @@ DEFAULT_KIND = {
     "controller": "pd_feedforward",
     "supervisor": "supervisor",
 }
-ROUTE = ("t_s", "eta", "nu", "closed", "route")  # fields of a guide that come with the route
+ROUTE = ("t_s", "eta", "nu", "closed", "route")  # fields of a guide that the route fills
 
 
 class Surroundings(NamedTuple):
-    """The values that the rest of the file gives to the table of a block."""
+    """The values of other parts of the file that the table of a block may need."""
 
     folder: str | None  # the folder of "file.py:Class"
     rate_hz: float
@@ -49,7 +49,7 @@ class Surroundings(NamedTuple):
 
 
 def vehicle(sheet: Sheet, table: Any, around: Surroundings) -> Any:
-    """Return the block of [model], or None after a complaint."""
+    """Return the block of [model], or None after a problem was noted in `sheet`."""
     kind = _kind(sheet, ("model",), "vehicle", table, None, around)
     if kind is None:
         return None
@@ -76,7 +76,7 @@ def vehicle(sheet: Sheet, table: Any, around: Surroundings) -> Any:
 
 
 def sensors(sheet: Sheet, tables: object, around: Surroundings) -> Any:
-    """Return the NamedTuple of sensor blocks of [sensors.…]."""
+    """Return the NamedTuple of the sensor blocks of [sensors.…], in the order of the file."""
     blocks: JsonObject = {}
     for name, table in (tables if isinstance(tables, dict) else {}).items():
         path = ("sensors", name)
@@ -93,12 +93,12 @@ def sensors(sheet: Sheet, tables: object, around: Surroundings) -> Any:
 
 
 def noiseless(sensors: ByName[Tree]) -> list[str]:
-    """Return the names of the sensors for which the file gives no noise, or 0, in one of their channels."""
+    """Return the names of the sensors with a channel whose noise is missing in the file, or 0."""
     return [name for name, sensor in sensors._asdict().items() if _lacks_noise(sensor)]
 
 
 def with_usual_noise(sensors: ByName[Tree]) -> ByName[Tree]:
-    """Return the sensors for a filter: a channel without noise gets the usual noise of such a sensor.
+    """Return the sensors for a filter: a channel without noise has the usual noise of this kind of sensor.
 
     A simulation accepts an exact sensor; a filter would divide by 0.
     """
@@ -137,7 +137,7 @@ def _sensor(sheet: Sheet, path: KeyPath, kind: type, table: Any, around: Surroun
 
 
 class BlockRoom(NamedTuple):
-    """A block of the loop by its table: its class, the values of the file, the missing keys."""
+    """The content of a block's table: the class, the values of the file, the missing keys."""
 
     kind: type
     values: "JsonObject"
@@ -153,7 +153,7 @@ def room(
     around: Surroundings,
     kind: str | type | None = None,
 ) -> BlockRoom | None:
-    """Return the content of a room's table. With another `kind` than the table's, keys unknown to it are omitted."""
+    """Return the content of a room's table; None after a problem. Keys that another `kind` lacks are omitted."""
     path = (name,)
     own = table.get("kind", DEFAULT_KIND[name]) if isinstance(table, dict) else DEFAULT_KIND[name]
     sheet_table = {**table, "kind": kind} if kind else table
@@ -178,7 +178,7 @@ def construct(
     around: Surroundings,
     commands: int | None = None,
 ) -> Any:
-    """Return an object of the class. Its refusal is noted as a problem of its table, and the result is None."""
+    """Return an object of the class; if it raises, note this as a problem of the table and return None."""
     names = argument_names(kind)
     values = dict(values)
     for name, key in keys_of(kind).items():
@@ -201,7 +201,7 @@ def construct(
             raise
         place = in_users_file(error)
         block_name = f"{kind.__name__} ({place})" if place else _block_name(kind)
-        sheet.wrong_table(path, "vehicle.not-built", block=block_name, error=named(error))
+        sheet.wrong_table(path, "vehicle.not-built", block=block_name, error=error_text(error))
     return None
 
 
@@ -213,7 +213,7 @@ def _kind(
     sheet: Sheet, path: KeyPath, room: str, table: object, default: str | None, around: Surroundings,
     typed: bool = False,
 ) -> type | None:  # fmt: skip
-    """Return the class that a table names, or None after a complaint; `typed` if the user named it."""
+    """Return the class that a table names, or None after a problem; `typed` is True if the user typed the name."""
     if not isinstance(table, dict):
         sheet.wrong(path, "vehicle.block-not-table", table=".".join(path))
         return None

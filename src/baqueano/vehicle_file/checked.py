@@ -28,17 +28,17 @@ class CheckedBlock(Result):
 
     @property
     def verdict(self) -> Verdict:
-        """Return USABLE without findings, else the verdict of the most severe one."""
+        """Return USABLE without findings, else the verdict of the most severe finding."""
         return Verdict.of(self.findings)
 
     def rows(self) -> list["TableRow"]:
-        """Return one flat row per finding."""
+        """Return one flat dict per finding."""
         return [
             {"block": self.block, "code": finding.code, "finding": text(finding)} for finding in self.findings
         ]
 
     def table(self) -> str:
-        """Return the findings, a line each, or the verdict without a finding."""
+        """Return a text with one line per finding; without findings, the verdict."""
         return "\n".join(f"{self.block}  {finding}" for finding in texts(self.findings)) or str(self.verdict)
 
 
@@ -48,23 +48,23 @@ def check(block: OwnBlock, vehicle_file: VehicleFile | None = None, room: str | 
     Parameters
     ----------
     block : str, type or block
-        "file.py:Class", a kind of ours, a class, which is made with the values of the file, or the block itself.
+        "file.py:Class", the short name of our block, a class, which is built with the values of the file, or a block.
     vehicle_file : VehicleFile, optional
-        The vehicle; without it `small` of the garage.
+        The vehicle; by default `small` of the garage.
     room : str, optional
-        "vehicle", "sensor", "estimator", …; else it follows from the inputs of `step`.
+        "vehicle", "sensor", "estimator", …; by default it follows from the arguments of `step`.
 
     Returns
     -------
     CheckedBlock
-        A row per finding.
+        A result with a row per finding.
 
     Raises
     ------
     UsageError
         For an object that is not a block.
     FileError
-        For a block that cannot be made.
+        For a block that cannot be built.
 
     Examples
     --------

@@ -1,4 +1,4 @@
-"""Store the range of motion in the runs of the last fit, [envelope], and report runs that leave it.
+"""Store the range of motion in the runs of the last fit, [envelope], and report runs outside this range.
 
     [envelope]
     run = "0001-experiment"
@@ -9,8 +9,8 @@
     beyond: a value outside [low, high] by more than MARGIN (high − low)                                          (1)
 
 A model is fitted to data. Outside the range of the data motors may saturate, tyres slip and batteries sag, which the
-model lacks. A fit writes the table. Every drive, replay and simulation with the file, and the check of a fit by
-held-out runs, uses `Watch`.
+model does not include. A fit writes the table. Every drive, replay and simulation with the file uses `Watch`, and so
+does the check of a fit by held-out runs.
 """
 
 import re
@@ -48,24 +48,26 @@ class Envelope(NamedTuple):
         return sum("[" not in name for name in self.names)
 
     @property
-    def moved(self) -> list[int]:
-        """Return the indices of the commands that moved."""
+    def moved_commands(self) -> list[int]:
+        """Return the indices of the commands that were not 0 all the time."""
         return [k for k in range(self.commands) if self.high[k] > self.low[k] or self.high[k] != 0.0]
 
     @property
     def sentence(self) -> str:
-        """Return the ranges of the commands that moved: "throttle from -0.41 to 0.57, servo from …"."""
-        return ", ".join(f"{self.names[k]} from {self.low[k]:.2g} to {self.high[k]:.2g}" for k in self.moved)
+        """Return the ranges of the commands that were used: "throttle from -0.41 to 0.57, servo from …"."""
+        return ", ".join(
+            f"{self.names[k]} from {self.low[k]:.2g} to {self.high[k]:.2g}" for k in self.moved_commands
+        )
 
     def flags(self, run: Any) -> tuple[Diagnostic, ...]:
-        """Return a message for each command and channel of a Run that leaves the envelope; empty if it stays inside."""
+        """Return a warning for each command and channel of a Run with more than SHOWN of its values outside."""
         watch = Watch(self)
         watch.look(run.applied, {name: channel.z for name, channel in run.sensors.items()})
         return watch.flags(run.name)
 
 
 class Watch:
-    """A counter of the values beyond an envelope; without an envelope it counts none."""
+    """A counter of the values outside an envelope; without an envelope it counts 0."""
 
     def __init__(self, envelope: Envelope | None) -> None:
         self.envelope = envelope or Envelope((), np.zeros(0), np.zeros(0))
@@ -75,7 +77,7 @@ class Watch:
         self._ticks: list[Any] = []
 
     def look(self, u: np.ndarray, sensors: Mapping[str, np.ndarray]) -> None:
-        """Count the values of commands (N, n) and of the measurements (M, m) of each sensor.  (1)"""
+        """Count the values outside the envelope in commands (N, n) and measurements (M, m) of each sensor.  (1)"""
         inside, n = self.envelope, self.envelope.commands
         if n and u.shape[1] != n:
             raise UsageError(fault("vehicle.commands-differ", "--vehicle FILE", found=u.shape[1], expected=n))
@@ -90,14 +92,14 @@ class Watch:
             self._most[k] = np.max(x, initial=self._most[k])
 
     def update(self, tick: "Tick") -> None:
-        """Count the values of one Tick of a drive."""
+        """Count the values of one Tick of a drive that are outside the envelope."""
         if self.envelope.names:
             self._ticks.append(tick)
         if len(self._ticks) >= BATCH:
             self._flush()
 
     def flags(self, run: str | Diagnostic) -> tuple[Diagnostic, ...]:
-        """Return a message about `run` for each name that leaves the envelope."""
+        """Return a warning about `run` for each name with more than the share SHOWN of its values outside."""
         self._flush()
         inside, out = self.envelope, []
         part = self._beyond / np.maximum(self._sample_count, 1)
@@ -124,7 +126,7 @@ class Watch:
 def read_envelope(
     sheet: Sheet, data: "JsonObject", commands: Sequence[str], sensors: "SensorBlocks"
 ) -> Envelope | None:
-    """Return the table, checked against the `commands` and `sensors` of the file; None without one."""
+    """Return the table [envelope], checked against `commands` and `sensors` of the file; None without this table."""
     table, path = data.get("envelope"), ("envelope",)
     if table is None:
         return None

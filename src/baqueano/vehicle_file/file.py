@@ -6,7 +6,7 @@ from datetime import date
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from baqueano.blocks import allowed, check_room, resolve_named
+from baqueano.blocks import check_room, permit_blocks, resolve_named
 from baqueano.contracts.blocks import OwnBlock
 from baqueano.contracts.result import Result
 from baqueano.contracts.values import Tree
@@ -29,7 +29,7 @@ from baqueano.vehicle_file.head import (
     read_head,
     read_top,
 )  # fmt: skip
-from baqueano.vehicle_file.history import ParameterCov, Provenance, measured, numbers_of, read_history
+from baqueano.vehicle_file.history import ParameterCov, Provenance, is_measured, numbers_of, read_history
 from baqueano.vehicle_file.plausibility import check_body, check_drive, check_sensors
 from baqueano.vehicle_file.tables import Sheet, unknown
 from baqueano.vehicle_file.text.toml_text import read_text, tables
@@ -43,20 +43,20 @@ LOOP_ROOMS = ("estimator", "guide", "controller", "supervisor")
 
 @dataclass(frozen=True, slots=True, eq=False, repr=False)
 class VehicleFile:
-    """A vehicle as its file describes it. It is immutable: `with_values` and `override` return another one.
+    """A vehicle as its file describes it. It is immutable: `with_values` and `override` return a new object.
 
-    Its blocks are made on demand. FileError if the file lacks a value: it names the verb that finds it.
+    Its blocks are built on demand. FileError if the file lacks a value: it names the command that finds the value.
 
     Attributes
     ----------
     name : str
         Name of the vehicle.
     path : Path or None
-        Its file; None if it is from the garage or from a run.
+        Path of the file; None for a vehicle of the garage or from a run.
     text : str
-        The whole file, with the changes in force.
+        Text of the whole file, with the changes in force.
     data : dict
-        Its tables.
+        Tables of the file.
     command : CommandSpec
         Names, unit and limits of the command.
     rate_hz : float
@@ -70,7 +70,7 @@ class VehicleFile:
     provenance : dict of Provenance
         Run, date and standard deviation by dotted key.
     parameter_cov : ParameterCov or None
-        Of the last fit.
+        Covariance of the last fit.
     envelope : Envelope or None
         The motion in the runs of the last fit.
     notices : tuple of Diagnostic
@@ -119,18 +119,18 @@ class VehicleFile:
         )
 
     def rows(self) -> list["TableRow"]:
-        """Return one flat row per number of the model, with the run that measured it."""
+        """Return one flat dict per key of the model, with the run that measured it."""
         return numbers_of(self.data, self.provenance)
 
     def table(self) -> str:
-        """Return the whole file."""
+        """Return the text of the whole file."""
         return self.text
 
     _repr_html_ = Result._repr_html_
 
     def estimator(self, kind: OwnBlock | None = None, **changes: Any) -> Any:
         """Return the block of [estimator]; `changes` are fields that replace those of the file. `kind` replaces the
-        block: a kind of ours, "file.py:Class", a class, which is made with the values of the file, or a block, which
+        block: a kind of ours, "file.py:Class", a class, which is built with the values of the file, or a block, which
         is returned unchanged."""
         return self._block("estimator", kind, changes)
 
@@ -140,21 +140,21 @@ class VehicleFile:
         return resolve_named(room, own, self.folder)
 
     def controller(self, kind: OwnBlock | None = None, **changes: Any) -> Any:
-        """Return the block of [controller]; arguments as of `estimator`."""
+        """Return the block of [controller]; the arguments are as for `estimator`."""
         return self._block("controller", kind, changes)
 
     def supervisor(self, kind: OwnBlock | None = None, **changes: Any) -> Any:
-        """Return the block of [supervisor]; arguments as of `estimator`."""
+        """Return the block of [supervisor]; the arguments are as for `estimator`."""
         return self._block("supervisor", kind, changes)
 
     def guide(self, route: "Route | None" = None, kind: OwnBlock | None = None, **changes: Any) -> Any:
-        """Return the block of [guide], along `route` if it takes one."""
+        """Return the block of [guide], along `route` if it has fields for a route; see `estimator`."""
         arguments = {"route": route, **route._asdict()} if route is not None else {}
         return self._block("guide", kind, changes, arguments)
 
     def value(self, dotted: str) -> Any:
-        """Return the value, or the default, of a key of the file: "model.friction.linear". Raise UsageError with the
-        nearest keys if the name is unknown."""
+        """Return the value or the default of a key of the file, such as "model.friction.linear". Raise UsageError,
+        with the nearest keys, for an unknown key."""
         from baqueano.vehicle_file.paths import value_in_force
 
         return value_in_force(self, dotted)
@@ -168,15 +168,15 @@ class VehicleFile:
     ) -> "VehicleFile":
         """Return the file with other `values` {dotted key: value} and all comments, checked like any file. Raise
         UsageError for a key that no block reads, or without tomlkit."""
-        from baqueano.vehicle_file.text.edit import edited
+        from baqueano.vehicle_file.text.edit import edit_text
 
-        text = edited(self, values, provenance or {}, parameter_cov, envelope)
+        text = edit_text(self, values, provenance or {}, parameter_cov, envelope)
         return parse(text, self.label, self.path, self.layers, self.on_disk)
 
     def save(self, path: str | Path | None = None) -> Path:
-        """Write the text, whole or not at all, to `path` or to its present place, and return the path. Raise FileError
-        if another program changed the file since it was read, or if it cannot be written. Raise UsageError for a file
-        of the garage without a path."""
+        """Write the text, completely or not at all, to `path` or to its present path, and return the path. Raise
+        FileError if another program changed the file since it was read, or if it cannot be written. Raise UsageError
+        for a file of the garage without `path`."""
         from baqueano.vehicle_file.text.edit import write_whole
 
         target = write_whole(self, path)
@@ -185,21 +185,22 @@ class VehicleFile:
         return target
 
     @property
-    def guessed(self) -> bool:
-        """Return True if none of the values of its model comes from a fit.
+    def is_guess(self) -> bool:
+        """Return True if no value of its model was measured by a fit that was not refused.
 
         >>> small = load("small")
         >>> fitted = {"model.friction.linear": Provenance("0001-experiment", verdict="USABLE")}
-        >>> small.guessed, small.with_values({}, fitted).guessed
+        >>> small.is_guess, small.with_values({}, fitted).is_guess
         (True, False)
         """
-        return not measured(self.provenance)
+        return not is_measured(self.provenance)
 
     @property
     def truth(self) -> "VehicleFile":
-        """Return the vehicle that a simulation drives: that of [simulation] truth, by default this vehicle.
+        """Return the vehicle that a simulation drives: the key `truth` of [simulation], by default this vehicle.
 
-        It is a name of the garage or a file beside this one. FileError if it is missing, or in another folder.
+        The key is a name of the garage, or a file in the folder of this file. FileError if it does not exist, or is in
+        another folder.
 
         >>> load("small").truth.name
         'small'
@@ -217,7 +218,7 @@ class VehicleFile:
         return self._filtering(load(home / truth_name))
 
     def _filtering(self, truth: "VehicleFile") -> "VehicleFile":
-        """Return the truth with this file's setting of the IMU's filter, which the user of the vehicle chooses."""
+        """Return the vehicle `truth` with the IMU filter setting of this file, which the user chooses."""
         from baqueano.vehicle_file.text.edit import override
 
         setting = self.data.get("robot", {}).get("imu_filter")
@@ -225,12 +226,12 @@ class VehicleFile:
 
     @property
     def noiseless(self) -> tuple[str, ...]:
-        """Return the sensors without noise in the file: its estimators use the usual noise of such a sensor."""
+        """Return the names of sensors without noise in the file; estimators use the usual noise of such sensors."""
         return tuple(build.noiseless(self.sensors))
 
     @property
     def folder(self) -> str | None:
-        """Return the folder to search first for a block of the user; None for a file out of a run."""
+        """Return the folder to search first for a block of the user; None for a file from a run."""
         return _folder(self.path, self.on_disk)
 
     @property
@@ -273,7 +274,7 @@ class VehicleFile:
 
 
 def load(source: str | Path, allow_blocks: bool = False) -> VehicleFile:
-    """Return the vehicle file at a path, or the one of that name in the garage.
+    """Return the vehicle file at a path, or the file of that name in the garage.
 
     Parameters
     ----------
@@ -285,12 +286,12 @@ def load(source: str | Path, allow_blocks: bool = False) -> VehicleFile:
     Returns
     -------
     VehicleFile
-        Checked as a whole.
+        The file, completely checked.
 
     Raises
     ------
     FileError
-        With every key that is wrong, what was found and what is expected.
+        With every wrong key, its value, and the expected value.
 
     Examples
     --------
@@ -304,7 +305,7 @@ def load(source: str | Path, allow_blocks: bool = False) -> VehicleFile:
     text = read_text(path)
     own = not garage.holds(path)
     layers = (path.name if own else f"garage: {path.stem}",)
-    with allowed(allow_blocks):
+    with permit_blocks(allow_blocks):
         return parse(text, path.name, path if own else None, layers, text)
 
 
@@ -320,7 +321,7 @@ def parse(
     name : str
         Name of the file in messages.
     path : Path, optional
-        Its path, for blocks of the user beside it.
+        Path of the file, for blocks of the user in its folder.
     layers : iterable of str
         Sources of the values.
     on_disk : str, optional
@@ -329,12 +330,12 @@ def parse(
     Returns
     -------
     VehicleFile
-        Checked as a whole.
+        The file, completely checked.
 
     Raises
     ------
     FileError
-        With every key that is wrong.
+        With every wrong key.
 
     Examples
     --------
@@ -372,8 +373,8 @@ def _folder(path: Path | None, on_disk: str | None) -> str | None:
 
 
 def _check_rooms(sheet: Sheet, file: VehicleFile) -> None:
-    """Check the tables of the loop's blocks. A missing key is an error only when its block is used: `tune` finds
-    gains, `identify` finds noise."""
+    """Check the tables of the loop's blocks, and raise FileError with all problems. A missing key is an error only
+    when its block is used: `tune` finds gains, `identify` finds noise."""
     for room in LOOP_ROOMS:
         if room not in file.data or (file.on_disk is None and _is_users(file.data[room])):
             continue  # from a run: the user's file may have moved since

@@ -25,12 +25,12 @@ def names() -> tuple[str, ...]:
 
 
 def holds(path: Path) -> bool:
-    """Return True if the file is one of the garage."""
+    """Return True if `path` is in the folder of the garage."""
     return path.parent == FOLDER
 
 
 def path_of(source: str | Path) -> Path:
-    """Return the file that `source` names: a path, or a name of the garage. FileError if it does not exist."""
+    """Return the path of `source`: a path, or a name of the garage. FileError if the file does not exist."""
     path = Path(source).expanduser()
     if path.is_file():
         return path.resolve()

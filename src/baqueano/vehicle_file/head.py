@@ -26,7 +26,7 @@ class Channels:
 
     names: tuple[str, ...]
     limit: np.ndarray = parameter(
-        "unit of u", "largest size of each entry", low=0.0, default=(INF,), shape=None
+        "unit of u", "largest magnitude of each entry", low=0.0, default=(INF,), shape=None
     )
     unit: str = "1"
 
@@ -43,7 +43,7 @@ class Geometry:
         "m", "width of a rectangular platform", low=1e-3, high=100.0, default=None
     )
     track_m: float | None = parameter(
-        "m", "from the left wheel to the right one", low=1e-3, high=100.0, default=None
+        "m", "distance from the left to the right wheel", low=1e-3, high=100.0, default=None
     )
     wheel_radius_m: float | None = parameter("m", "radius of a wheel", low=1e-3, high=10.0, default=None)
 
@@ -58,7 +58,11 @@ class Hardware:
         "1/s", "largest change of a duty in a second", low=1.0, high=1000.0, default=20.0
     )
     dead_man_s: float = parameter(
-        "s", "silence after which the firmware stops the motors", low=0.05, high=1.0, default=0.3
+        "s",
+        "time without a command after which the firmware stops the motors",
+        low=0.05,
+        high=1.0,
+        default=0.3,
     )
     telemetry_hz: float = parameter("Hz", "frames of telemetry a second", low=10.0, high=200.0, default=100.0)
     least_battery_v: float = parameter(
@@ -77,7 +81,7 @@ class Hardware:
     imu_accel_range_g: float = parameter("g", "range of the accelerometers", low=2.0, high=16.0, default=4.0)
     imu_gyro_range_dps: float = parameter("°/s", "range of the gyro", low=250.0, high=2000.0, default=1000.0)
     imu_filter: float = parameter(
-        "1", "low pass of the IMU, 1 to 6 (3 is 44 Hz); where it is written, [sensors.imu] low_pass_hz follows",
+        "1", "low-pass filter of the IMU, 1 to 6 (3 is 44 Hz); if written, it determines [sensors.imu] low_pass_hz",
         low=1.0, high=6.0, default=3.0,
     )  # fmt: skip
     max_tilt_rad: float = parameter(
@@ -97,7 +101,7 @@ class Hardware:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Simulation:
-    """The vehicle that a simulation drives in place of the one that the file describes."""
+    """The vehicle that a simulation drives instead of the vehicle that the file describes."""
 
     truth: str | None = None
 
@@ -113,7 +117,7 @@ class Top:
 
 
 def reach(geometry: Geometry) -> float | None:
-    """Return the distance from the middle of the platform to its edge [m]; None if it is not in the file."""
+    """Return the distance [m] from the middle of the platform to its farthest edge; None without its dimensions."""
     if geometry.radius_m is not None:
         return geometry.radius_m
     if geometry.length_m is not None and geometry.width_m is not None:
@@ -139,9 +143,9 @@ class CommandSpec(NamedTuple):
     Attributes
     ----------
     names : tuple of str
-        One per entry.
+        Name of each entry.
     unit : str
-        Of all entries.
+        Unit of all entries.
     limit : ndarray (n,) [unit of u]
         Largest size of each entry.
 
@@ -157,7 +161,7 @@ class CommandSpec(NamedTuple):
 
 
 def read_top(sheet: Sheet, data: "JsonObject") -> Top:
-    """Return the keys above the first table. FileError at once for a file of another format."""
+    """Return the keys above the first table. FileError immediately for a file of another format version."""
     keys = keys_of(Top)
     if "format" not in data:
         sheet.wrong(("format",), "vehicle.no-format", expected=FORMAT)
@@ -183,7 +187,7 @@ def _example(name: str) -> str:
 
 
 def read_head(sheet: Sheet, data: "JsonObject") -> tuple[Channels, Geometry, Hardware, Simulation]:
-    """Return the tables command, geometry, robot and simulation."""
+    """Return the tables [command], [geometry], [robot] and [simulation]."""
     values = arguments(sheet, ("command",), keys_of(Channels), data["command"], also=())
     if "names" not in values and "names" not in data["command"]:
         sheet.wrong(("command", "names"), "vehicle.no-command-names")
@@ -195,7 +199,7 @@ def read_head(sheet: Sheet, data: "JsonObject") -> tuple[Channels, Geometry, Har
 
 
 def read_command(sheet: Sheet, channels: Channels, vehicle: "DynamicVehicle") -> CommandSpec:
-    """Return names, unit and limits, as many as the vehicle takes."""
+    """Return names, unit and limits of the command, one for each command of the vehicle."""
     n, names = int(getattr(vehicle, "commands", len(channels.names))), channels.names
     if len(names) != n:
         model = type(vehicle).__name__

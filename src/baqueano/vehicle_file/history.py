@@ -8,7 +8,7 @@
 
     cov_ij = r_ij sd_i sd_j                                                                                       (1)
 
-A model whose values all lack a provenance is a guess, too.
+A model is also a guess if none of its values has a provenance.
 """
 
 from collections.abc import Iterator
@@ -26,11 +26,11 @@ if TYPE_CHECKING:
 
 GUESS = Verdict.GUESS  # verdict on values that were not measured
 NOT_MEASURED = (GUESS, Verdict.REFUSED)
-NOT_VALUES = ("provenance.", "parameter_cov.", "envelope.")  # keys that describe others
+NOT_VALUES = ("provenance.", "parameter_cov.", "envelope.")  # keys that describe other keys
 
 
 class Provenance(NamedTuple):
-    """The provenance of a value, or of the values of a table that lack a separate one."""
+    """The provenance of a value, or of all values of a table that lack a separate provenance."""
 
     run: str
     date: Date | None = None
@@ -39,7 +39,7 @@ class Provenance(NamedTuple):
 
 
 def numbers_of(data: "JsonObject", provenance: dict[str, Provenance]) -> list["TableRow"]:
-    """Return one flat row per key of the model: key, value (a list is one value), measuring run and verdict."""
+    """Return one flat dict per key of the model: key, value (a list is one value), measuring run and verdict."""
     rows: list[TableRow] = []
     for key, value in _flat("model", data.get("model", {})):
         own = provenance.get(key, provenance.get("model", Provenance("")))
@@ -67,11 +67,11 @@ class ParameterCov(NamedTuple):
 def read_history(
     sheet: Sheet, data: "JsonObject", folder: str | None = None
 ) -> tuple[dict[str, Provenance], ParameterCov | None]:
-    """Return both tables, checked; `folder` is searched for a block of the user."""
+    """Return the tables [provenance] and [parameter_cov], checked; `folder` is searched for a block of the user."""
     return _provenance(sheet, data, folder), _parameter_cov(sheet, data, folder)
 
 
-def measured(provenance: dict[str, Provenance]) -> bool:
+def is_measured(provenance: dict[str, Provenance]) -> bool:
     """Return True if a value of the model was measured on the vehicle, by a fit that was not refused."""
     return any(k.startswith("model.") and p.verdict not in NOT_MEASURED for k, p in provenance.items())
 
@@ -172,9 +172,9 @@ def _triangle(rows: object, size: int) -> np.ndarray | None:
 
 
 def changes(before: Any, after: Any) -> list["TableRow"]:
-    """Return the differences of two vehicle files, key by key: the history of wear.
+    """Return a flat dict for each key that differs between two vehicle files: the history of wear.
 
-    `sds` is the distance of the values in standard deviations (of both together), None if these are unknown.
+    `sds` is the difference of the values in standard deviations of this difference; None if they are unknown.
     """
     old, new = _leaves(before.data), _leaves(after.data)
     rows = []

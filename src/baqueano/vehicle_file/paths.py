@@ -32,10 +32,10 @@ def split(dotted: str) -> tuple[tuple[str, ...], tuple[int, ...]]:
 
 
 def known_paths(data: "JsonObject", folder: Path | str | None = None) -> list[str]:
-    """Return every key that the blocks of this file can have, written or not.
+    """Return every key that the blocks of this file can have, also keys that are not written in the file.
 
-    A block of the user is searched for in `folder`. If it is missing there, as on another computer, only its written
-    keys are returned.
+    A block of the user is searched for in `folder`. If it is missing, as on another computer, only its written keys
+    are returned.
     """
     paths = [
         "rate_hz",
@@ -54,17 +54,17 @@ def known_paths(data: "JsonObject", folder: Path | str | None = None) -> list[st
 
 
 def exists(data: "JsonObject", dotted: str, folder: Path | str | None = None) -> bool:
-    """Return True if a key (or an entry of it) is one that this file can have."""
+    """Return True if the blocks of this file can have this key; an entry of a key also counts."""
     return ".".join(split(dotted)[0]) in known_paths(data, folder)
 
 
 def is_table(data: "JsonObject", dotted: str, folder: Path | str | None = None) -> bool:
-    """Return True for a table of keys that this file can have, as "model" or "model.friction"."""
+    """Return True for the name of a table that this file can have, such as "model" or "model.friction"."""
     return any(path.startswith(f"{dotted}.") for path in known_paths(data, folder))
 
 
 def value_in_force(file: "VehicleFile", dotted: str) -> Any:
-    """Return the value of a key, from the block that was built with it."""
+    """Return the value of a key in force: the value, or default, in the block that was built."""
     path, entry = split(dotted)
     paths = known_paths(file.data, file.folder)
     if ".".join(path) not in paths:
@@ -86,9 +86,9 @@ def value_in_force(file: "VehicleFile", dotted: str) -> Any:
 
 
 def no_such_key(name: str, dotted: str, keys: list[str]) -> UsageError:
-    """Return the error of an unknown key. A suggestion must have nearly the same last name.
+    """Return the error for an unknown key. A suggested key must be similar in the last part of its name.
 
-    So `mass_kg` is not suggested for `yaw_lag_s`, though both are in the model.
+    So `mass_kg` is not suggested for `yaw_lag_s`, although both are in the model.
     """
     near = nearest(dotted, keys)
     last, suggestion = (
@@ -103,7 +103,7 @@ def no_such_key(name: str, dotted: str, keys: list[str]) -> UsageError:
 def _keys(
     data: "JsonObject", path: tuple[str, ...], room: str, folder: Path | str | None
 ) -> list[tuple[str, ...]]:
-    """Return the keys of one block's table."""
+    """Return the paths of all keys of one block's table."""
     from baqueano.vehicle_file.build import DEFAULT_KIND
 
     table: Any = data

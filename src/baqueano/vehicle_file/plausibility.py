@@ -1,10 +1,10 @@
-"""Refuse values that are numbers within their range but cannot be true together, and show the arithmetic.
+"""Refuse values that are within their ranges but contradict each other, and show the calculation.
 
     radius of gyration  k = √(I/m) ≤ R;   a uniform disc has k = R/√2                                             (1)
     mass per floor area  m/(πR²): a sheet of card has 0.5 kg/m², a block of steel of 0.6 m has 5000               (2)
     RK4 of ẋ = −x/τ is stable while δ < 2.785 τ,  1/τ = (d_l + d_k/ν_k)/m                                        (3)
 
-Without a radius (1) is a notice, so that the paper's case study loads as it is printed (errata 4).
+Without a radius (1) is only a notice, so that the paper's case study can be loaded as printed (errata 4).
 """
 
 from typing import TYPE_CHECKING, Any
@@ -16,7 +16,7 @@ from baqueano.diagnostics import Diagnostic, note
 from baqueano.parameter import all_parameters
 from baqueano.symbolic import get, put
 from baqueano.vehicle_file.head import Channels, Geometry, reach, solid_inertia
-from baqueano.vehicle_file.tables import Sheet, listed
+from baqueano.vehicle_file.tables import Sheet, format_array
 from baqueano.vehicles.freedoms import rates, slopes
 
 if TYPE_CHECKING:
@@ -25,12 +25,12 @@ if TYPE_CHECKING:
 
 LIGHTEST, HEAVIEST = 0.5, 5000.0  # kg per m² of floor
 RK4_LIMIT = 2.785
-LOOSEST = 20.0  # kg/m³: a body of this density is as large as anything of its mass can be
+LOOSEST = 20.0  # kg/m³: the least plausible density of a body
 FASTEST, QUICKEST = 30.0, 100.0  # m/s, rad/s: beyond, a notice
 
 
 def check_body(sheet: Sheet, vehicle: "DynamicVehicle", geometry: Geometry) -> None:
-    """Check mass, inertia and dimensions of a rigid body.  (1), (2)"""
+    """Check mass, inertia and dimensions of a rigid body, and note contradictions in `sheet`.  (1), (2)"""
     _check_measures(sheet, geometry)
     mass, inertia = getattr(vehicle, "mass_kg", None), getattr(vehicle, "inertia_kg_m2", None)
     R = reach(geometry)
@@ -100,7 +100,7 @@ def _check_inertia(sheet: Sheet, mass: float, inertia: float, geometry: Geometry
 
 
 def check_drive(sheet: Sheet, vehicle: "DynamicVehicle", channels: Channels, rate_hz: float) -> None:
-    """Check if the vehicle can move, if the loop's step can follow it, and if its speed is plausible."""
+    """Check that the vehicle can move, that a tick is short enough to integrate it, and that its speed is plausible."""
     _check_dead_zones(sheet, vehicle, channels)
     if is_dynamic(vehicle):
         _check_steps(sheet, vehicle, rate_hz)
@@ -118,18 +118,18 @@ def _check_dead_zones(sheet: Sheet, vehicle: "DynamicVehicle", channels: Channel
             sheet.wrong(
                 ("model", "drivetrain", name),
                 "vehicle.dead-zone",
-                found=listed(zone),
-                end=listed(end),
+                found=format_array(zone),
+                end=format_array(end),
                 in_unit=channels.unit,
             )
 
 
 def _check_steps(sheet: Sheet, vehicle: "DynamicVehicle", rate_hz: float) -> None:
-    """Refuse a friction that stops the vehicle within a tick: it cannot be integrated.  (3)"""
+    """Note a problem for friction that stops the vehicle within a tick: it cannot be integrated.  (3)"""
     fast = rates(vehicle)
     for i in np.flatnonzero(fast > RK4_LIMIT * rate_hz):
         path, _, entry = _fastest(vehicle, int(i)).partition("[")
-        steps = listed(np.asarray(get({"model": vehicle}, path)))
+        steps = format_array(np.asarray(get({"model": vehicle}, path)))
         sheet.wrong(
             tuple(path.split(".")), "vehicle.entry-too-stiff" if entry else "vehicle.too-stiff", found=steps,
             entry=entry[:-1], stops_ms=1e3 / fast[i], rate_hz=rate_hz, tick_ms=1e3 / rate_hz, most=RK4_LIMIT,
@@ -138,7 +138,7 @@ def _check_steps(sheet: Sheet, vehicle: "DynamicVehicle", rate_hz: float) -> Non
 
 
 def _fastest(vehicle: "DynamicVehicle", i: int) -> str:
-    """Return the path, with its entry, of the friction that damps motion along axis i most, else of a time constant."""
+    """Return the path of the friction that damps motion along axis i most; without friction, of a time constant."""
     model, fields_of_model = {"model": vehicle}, dict(all_parameters(vehicle, "model"))
     by = {path: slope[i] * float(get(model, path)) for path, slope in slopes(vehicle, fields_of_model)}
     if any(x > 0.0 for x in by.values()):
@@ -149,7 +149,10 @@ def _fastest(vehicle: "DynamicVehicle", i: int) -> str:
 
 
 def _slower(vehicle: "DynamicVehicle", path: str, i: int) -> list[str]:
-    """Return names beside `path` in its table that slow the decay of motion along axis i, and are not measured."""
+    """Return keys in the table of `path` that would slow the decay of motion along axis i if they were larger.
+
+    Keys that the user measures by hand are excluded.
+    """
     model, table, now = {"model": vehicle}, path.rpartition(".")[0], rates(vehicle)[i]
     some = [k for k, p in all_parameters(get(model, table), table) if k != path and not p.measured_by]
     times = {k: put(model, k, 1.01 * np.asarray(get(model, k))) for k in some}
@@ -157,7 +160,7 @@ def _slower(vehicle: "DynamicVehicle", path: str, i: int) -> list[str]:
 
 
 def _notice_speed(sheet: Sheet, vehicle: "DynamicVehicle", channels: Channels) -> None:
-    """Note a command at its limit that still accelerates the vehicle at FASTEST, or QUICKEST."""
+    """Add a notice if a command at its limit still accelerates the vehicle at the speed FASTEST or QUICKEST."""
     drivetrain, limit = vehicle.drivetrain, np.broadcast_to(channels.limit, (vehicle.commands,))
     for u in np.diag(np.where(np.isfinite(limit), limit, 0.0)):
         effort = drivetrain.unmix(drivetrain.static(drivetrain.mix(u)))
@@ -169,7 +172,7 @@ def _notice_speed(sheet: Sheet, vehicle: "DynamicVehicle", channels: Channels) -
 
 
 def check_sensors(sheet: Sheet, sensors: "SensorBlocks", geometry: Geometry) -> None:
-    """Check that sensors lie on the vehicle."""
+    """Check that each sensor is on the vehicle: its lever arm is at most 1.5 times the distance to the edge."""
     R = reach(geometry)
     for name, sensor in sensors._asdict().items():
         arm = getattr(sensor, "lever_arm_m", None)
@@ -178,7 +181,7 @@ def check_sensors(sheet: Sheet, sensors: "SensorBlocks", geometry: Geometry) -> 
             sheet.wrong(
                 ("sensors", name, "lever_arm_m"),
                 "vehicle.lever-arm",
-                found=listed(arm),
+                found=format_array(arm),
                 far_m=far,
                 radius_m=R,
                 in_unit=_unit(far, R),
@@ -186,7 +189,7 @@ def check_sensors(sheet: Sheet, sensors: "SensorBlocks", geometry: Geometry) -> 
 
 
 def _unit(value: float, expected: float) -> Diagnostic:
-    """Return a guess at the unit, if a division by 100 or 1000 gives a plausible value."""
+    """Return a guess of the unit: cm or mm if a division by 100 or 1000 yields a plausible value, else metres."""
     for factor, unit in ((100.0, "cm"), (1000.0, "mm")):
         if abs(value) / factor <= 1.5 * expected:
             return note("vehicle.in-unit", in_unit=unit, value=value, value_m=value / factor)

@@ -1,6 +1,6 @@
 """Write the keys of a vehicle file as a page of the documentation, from the metadata that the loader checks.
 
-Texts pass through the catalogue, so the page exists in each language; numbers of the file keep the notation of TOML.
+Texts are translated by the catalogue, so the page exists in each language; numbers keep the notation of TOML.
 """
 
 import json
@@ -12,7 +12,7 @@ import numpy as np
 
 from baqueano.blocks import ROOMS, resolve
 from baqueano.language import N_, shown_unit
-from baqueano.language import translated as _
+from baqueano.language import translate as _
 from baqueano.messages import text
 from baqueano.parameter import INF
 from baqueano.vehicle_file.build import ROUTE
@@ -33,55 +33,59 @@ TABLE_OF = {
 }
 PLAIN = {  # keys without a unit: what they mean
     "format": N_("version of this layout, 1"),
-    "name": N_("what the vehicle is called"),
-    "about": N_("one line for people"),
+    "name": N_("name of the vehicle"),
+    "about": N_("description of the vehicle, in one line"),
     "names": N_(
-        "names of the entries of the command u; of the parameters of the fit; of what an envelope bounds"
+        "names of the entries of the command u, of the parameters of the fit, or of the quantities of an "
+        "envelope"
     ),
     "unit": N_("unit of the command; a real robot takes duty, -1 to 1"),
-    "kind": N_('which block: a short name, or `"file.py:Class"` for one of yours'),
+    "kind": N_('the block: a short name, or `"file.py:Class"` for your own'),
     "mixing": N_('`"none"`, or `"two_wheels"`: `left = u_x - u_psi`, `right = u_x + u_psi`'),
     "battery": N_(
         '`"steady"`: `battery_v`; `"logged"`: in a fit, the voltage in the channel `battery` of the run'
     ),
     "measurement_model": N_('`"physical"`, or `"paper"`: h as the paper prints it'),
-    "sees_offset": N_("a reading tells the reader's own place; `false`: that of the tag"),
+    "sees_offset": N_("a reading gives the position of the reader itself; `false`: the position of the tag"),
     "mode": N_('`"default"`, or `"paper"`: the filter as the paper prints it'),
     "use": N_(
-        'sensors that correct the estimate, or numbers of them: `"imu[2]"`; the others are only recorded'
+        'sensors that correct the estimate, or single channels of them: `"imu[2]"`; the others are only '
+        "recorded"
     ),
     "speed_from": N_('accelerometers that may correct the speed: `"imu[1]"`'),
-    "watch": N_("the sensor that must not be silent"),
+    "watch": N_("the sensor that must always give data"),
     "truth": N_(
-        "the vehicle that a simulation drives: one of the garage, or a file beside this one; else this vehicle"
+        "the vehicle of the simulation: a name of the garage, or a file in the same folder; if missing, "
+        "this vehicle"
     ),
     "port": N_('`"auto"`, or the serial line of the Uno: `"/dev/serial/by-id/..."`'),
     "imu_axes": N_(
         'axes of the chip that point ahead, left and up: `["-y", "x", "z"]` if it is turned to the left'
     ),
     "rate_hz": N_("commands a second"),
-    "laps": N_("times round; 0 is for ever"),
+    "laps": N_("number of laps; 0 means without end"),
     "waves": N_("waves of the radius in a lap"),
-    "run": N_("the run that the value was found in"),
-    "date": N_("the day it was found"),
+    "run": N_("the run in which the value was found"),
+    "date": N_("the day on which the value was found"),
     "sd": N_("standard deviation; `nan` where not known"),
-    "verdict": N_("USABLE, WARN or REFUSED; GUESS where nobody measured"),
-    "low": N_("smallest value of each name that the last fit saw"),
-    "high": N_("largest value of each name that the last fit saw"),
+    "verdict": N_("USABLE, WARN or REFUSED; GUESS if it was not measured"),
+    "low": N_("smallest value of each name in the data of the last fit"),
+    "high": N_("largest value of each name in the data of the last fit"),
     "correlation": N_("of the parameters of the last fit, lower triangle"),
 }
 FROM_FILE = {  # keys whose default is elsewhere in the file
     ("model", "inertia_kg_m2"): N_("½ m R², from radius_m"),
-    ("sensors.NAME", "track_m"): N_("that of [geometry]"),
-    ("model.friction", "track_m"): N_("that of [geometry], else 0"),
-    ("estimator", "rate_hz"): N_("that of the file"),
-    ("controller", "limit"): N_("that of [command]"),
-    ("controller", "rate_hz"): N_("that of the file"),
-    ("supervisor", "limit"): N_("that of [command]"),
+    ("sensors.NAME", "track_m"): N_("the value in [geometry]"),
+    ("model.friction", "track_m"): N_("the value in [geometry], else 0"),
+    ("estimator", "rate_hz"): N_("the rate of the file"),
+    ("controller", "limit"): N_("the limit in [command]"),
+    ("controller", "rate_hz"): N_("the rate of the file"),
+    ("supervisor", "limit"): N_("the limit in [command]"),
 }
 GIVEN = {"vehicle", "sensors"}
 INTRODUCTION = N_(
-    "A key that is not required may be left out. Its default stands here as the file has it, with a decimal point."
+    "A key that is not required may be missing. Its default is written here as in the file, with a decimal "
+    "point."
 )
 
 
@@ -117,7 +121,7 @@ def _title(row: "TableRow") -> str:
 
 
 def _markdown(of_table: list["TableRow"]) -> list[str]:
-    """Return the lines of one table, without its empty columns."""
+    """Return the lines of one table in Markdown, without its empty columns."""
     heads = {"key": _("key"), "meaning": _("meaning"), "unit": _("unit"), "shape": _("shape"), "range": _("range"),
              "default": _("default")}  # fmt: skip
     columns = [name for name in heads if any(row[name] for row in of_table)]
@@ -165,7 +169,7 @@ def _range(key: Key) -> str:
 
 
 def _default(key: Key) -> str:
-    """Return the default in the notation of the file."""
+    """Return the default of a key in the notation of the file."""
     if key.default is NO_DEFAULT:
         return _("required")
     if key.default is None:

@@ -1,7 +1,7 @@
 """Convert tables of the file to keyword arguments of a block, with a diagnostic for everything that does not fit.
 
-The keys of a table are the fields of the block's class, and their allowed values stand beside each field
-(parameter.py): a second list of keys does not exist. For a missing key the class's default is used.
+The keys of a table are the fields of the block's class. Their allowed values are defined with each field
+(parameter.py), so a second list of keys does not exist. For a missing key the default of the class is used.
 """
 
 import dataclasses
@@ -29,7 +29,7 @@ KeyPath = tuple[str, ...]
 
 @dataclass
 class Sheet:
-    """The reading of a file: the problems found so far, and remarks."""
+    """The state of the reading of a file: the problems found so far, and remarks."""
 
     name: str  # of the file, for the reader
     text: str
@@ -60,7 +60,7 @@ class Sheet:
         self.notices.append(note(code, Severity.WARNING, place=self.place(path), **figures))
 
     def finish(self) -> None:
-        """Raise FileError with all problems, if there are any."""
+        """Raise FileError with all problems; do nothing without problems."""
         problems, self.problems = self.problems, []
         if problems:
             join = lambda rest, first: fault("vehicle.problems", first=first, rest=rest)  # noqa: E731
@@ -106,7 +106,7 @@ def _hints(kind: type) -> "JsonObject":
 
 
 def argument_names(kind: type) -> set[str]:
-    """Return the names of all arguments that a class takes."""
+    """Return the names of all arguments that a class accepts."""
     if dataclasses.is_dataclass(kind):
         return {f.name for f in dataclasses.fields(kind) if f.init}
     return set(inspect.signature(kind).parameters)
@@ -133,7 +133,7 @@ def arguments(
 def unknown(
     sheet: Sheet, path: KeyPath, value: object, unit_of: dict[str, str], also: typing.Collection[str] = ()
 ) -> None:
-    """Note an unknown key, with a suggestion."""
+    """Note an unknown key as a problem, with a suggestion."""
     name = path[-1]
     if name in DERIVED:
         sheet.wrong(path, "vehicle.derived-key")
@@ -145,7 +145,7 @@ def unknown(
 
 
 def missing(keys: dict[str, Key], values: "JsonObject") -> list[str]:
-    """Return the missing keys without which the block cannot be built."""
+    """Return the missing keys that do not have a default, so that the block cannot be built."""
     return [name for name, key in keys.items() if key.default is NO_DEFAULT and name not in values]
 
 
@@ -154,7 +154,7 @@ def _unit(key: Key) -> str:
 
 
 def _convert(sheet: Sheet, path: KeyPath, key: Key, value: object) -> Any:
-    """Return the value as the block requires it; None after a complaint."""
+    """Return the value in the type that the block requires; None after a problem was noted."""
     if dataclasses.is_dataclass(key.type) and isinstance(key.type, type):
         return _nested_table(sheet, path, key.type, value)
     if key.parameter is not None:
@@ -164,7 +164,7 @@ def _convert(sheet: Sheet, path: KeyPath, key: Key, value: object) -> Any:
 
 
 def _nested_table(sheet: Sheet, path: KeyPath, kind: type, value: object) -> Any:
-    """Return the arguments of a block within the block: a dict, built later."""
+    """Return the arguments of a block inside a block as a dict; the inner block is built later."""
     return arguments(sheet, path, keys_of(kind, DERIVED), value, also=())
 
 
@@ -210,14 +210,14 @@ def _in_range(sheet: Sheet, path: KeyPath, key: Key, array: np.ndarray) -> bool:
     endless = _may_be_infinite(key)
     bad = ~np.isfinite(array) & ~(np.isposinf(array) & endless)
     if np.any(bad):
-        sheet.wrong(path, "vehicle.not-finite", found=listed(array), in_unit=p.unit, meaning=p.meaning)
+        sheet.wrong(path, "vehicle.not-finite", found=format_array(array), in_unit=p.unit, meaning=p.meaning)
         return False
     outside = (array < p.low) | (array > p.high)
     if np.any(outside):
         sheet.wrong(
             path,
             "vehicle.out-of-range",
-            found=listed(array),
+            found=format_array(array),
             expected=allowed_range(p),
             in_unit=p.unit,
             meaning=p.meaning,
@@ -245,7 +245,7 @@ def _covariance(sheet: Sheet, path: KeyPath, matrix: np.ndarray) -> bool:
 
 
 def _plain(sheet: Sheet, path: KeyPath, kind: object, value: object) -> Any:
-    """Return the value of a field without unit: text, flag, count, list of names. None after a complaint."""
+    """Return the value of a field without unit: text, flag, count, list of names. None after a problem was noted."""
     origin = typing.get_origin(kind) or kind
     if kind is int and isinstance(value, float) and value.is_integer():
         return int(value)
@@ -271,7 +271,7 @@ def _plain(sheet: Sheet, path: KeyPath, kind: object, value: object) -> Any:
 
 
 def number_array(value: Any) -> np.ndarray | None:
-    """Return nested lists of numbers, with rows of equal length, as an array of floats; None for anything else."""
+    """Return nested lists of numbers with rows of equal length as an array of floats; None for any other value."""
     flat = [value]
     while any(isinstance(v, list) for v in flat):
         if not all(isinstance(v, list) for v in flat):
@@ -294,11 +294,11 @@ def _float(value: int | float) -> float:
         return float("inf")
 
 
-def listed(array: np.ndarray) -> str:
+def format_array(array: np.ndarray) -> str:
     """Return numbers in the notation of the file."""
     if array.ndim == 0:
         return f"{float(array):.6g}"
-    return "[" + ", ".join(listed(row) for row in array) + "]"
+    return "[" + ", ".join(format_array(row) for row in array) + "]"
 
 
 def _size(shape: tuple[int, ...] | None) -> Diagnostic:
@@ -310,7 +310,7 @@ def _size(shape: tuple[int, ...] | None) -> Diagnostic:
 
 
 def allowed_range(p: "Parameter") -> Diagnostic:
-    """Return the allowed values of a parameter."""
+    """Return a message with the allowed range of a parameter."""
     if p.high == float("inf"):
         return note("vehicle.at-least", low=p.low)
     if p.low == -float("inf"):

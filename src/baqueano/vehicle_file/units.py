@@ -1,6 +1,6 @@
 """Define the units of sensor channels, and detect a wrong unit in a key: `mass_g = 610` instead of `mass_kg`.
 
-value in the file's unit = factor · value in the other one (+ offset)                                         (1)
+value in the unit of the file = factor · value in the other unit (+ offset)                                   (1)
 """
 
 from math import pi
@@ -96,7 +96,7 @@ def split(key: str) -> tuple[str, str]:
 
 
 def wrong_unit(key: str, value: object, unit_of: dict[str, str]) -> Diagnostic | None:
-    """Return a suggestion if `key` is one of `unit_of` (key → its unit) with another unit or without one; else None."""
+    """Return a suggestion if `key` is a key of `unit_of` (key → unit) with another unit or without unit; else None."""
     stem, unit = split(key)
     for right, its_unit in unit_of.items():
         right_stem, right_unit = split(right)
@@ -133,7 +133,7 @@ def _unit_text(value: object) -> str:
 
 
 def channel_unit(file: "VehicleFile", sensor: str, entry: int) -> str:
-    """Return the unit of one number of a sensor, by its kind in the vehicle file; "" for a sensor of the user."""
+    """Return the unit of one number of a sensor, from its kind in the vehicle file; "" for a sensor of the user."""
     kind = file.data.get("sensors", {}).get(sensor, {}).get("kind", sensor)
     units = CHANNEL_UNITS.get(kind, ())
     return units[entry] if entry < len(units) else ""

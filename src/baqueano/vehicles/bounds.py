@@ -1,6 +1,6 @@
 """Check the parameters of a block: shape, finite values, and the bounds of each field.
 
-The check runs once, when a block is built; never while the vehicle moves, and never on a traced value.
+The check runs once, when a block is built, and not while the vehicle moves or a step is traced.
 """
 
 import numpy as np

@@ -9,7 +9,7 @@
 
 η, ν: pose and velocity of the body's origin, b ahead of the rear axle; v: speed, ν_ψ: yaw rate, u_t, u_s: effort of
 throttle and servo, δ: steering angle, L: wheelbase. d_m is the damping of a driven motor, w its duty. All terms are per
-kilogram, because neither commands nor an IMU show the mass (errata 9). Keep k_s · limit well below π/2.
+kilogram, because the mass cannot be identified from commands and IMU (errata 9). Keep k_s · limit well below π/2.
 Derivation: docs/derivations/vehicles.md.
 """
 
@@ -21,7 +21,7 @@ import numpy as np
 from baqueano.diagnostics import fault
 from baqueano.errors import Invalid
 from baqueano.geometry import map_from_body, wrap
-from baqueano.parameter import documented, parameter
+from baqueano.parameter import document, parameter
 from baqueano.signals import Motion
 from baqueano.vehicles.bounds import check_bounds
 from baqueano.vehicles.drivetrain import Drivetrain
@@ -34,7 +34,7 @@ DRIVEN = 0.01  # effort from which on a motor counts as driven
 LEAST_LAG_S = 0.01  # RK4 is stable for a row of 25 ms, the longest at 50 Hz, down to a lag of 9 ms
 
 
-@documented
+@document
 @dataclass(frozen=True, slots=True, eq=False)
 class Car:
     """A vehicle with throttle and servo: u = (u_t, u_s).
@@ -59,7 +59,12 @@ class Car:
     commands: ClassVar[int] = 2
 
     wheelbase_m: float = parameter(
-        "m", "from rear to front axle, L", low=1e-3, high=100.0, role="known", measured_by="the tape"
+        "m",
+        "distance from the rear to the front axle, L",
+        low=1e-3,
+        high=100.0,
+        role="known",
+        measured_by="the tape",
     )
     throttle_gain: float = parameter(
         "m/s² per unit of u", "acceleration of a throttle", low=0.0, high=1e4, role="gain",
@@ -73,7 +78,7 @@ class Car:
         "m", "origin of the body ahead of the rear axle, b", low=-100.0, high=100.0, default=0.0, role="known"
     )
     steering_offset_rad: float = parameter(
-        "rad", "steering angle of no command", low=-1.5, high=1.5, default=0.0, role="offset",
+        "rad", "steering angle without a command", low=-1.5, high=1.5, default=0.0, role="offset",
         shown_by="driving straight for a while", symbol=r"\delta_0",
     )  # fmt: skip
     linear_drag: float = parameter(
@@ -91,15 +96,15 @@ class Car:
     motor_drag: float = parameter(
         "1/s per unit of u", "drag of the motor while it is driven, d_m", low=0.0, high=1e4, default=0.0,
         role="term", term="drag of the driven motor",
-        shown_by="the same speed with much throttle and with none: steps up, and coasting down",
+        shown_by="the same speed with much throttle and without throttle: acceleration steps, then coasting",
         symbol="d_m",
     )  # fmt: skip
     coulomb_forward_m_s2: float = parameter(
-        "m/s²", "dry friction more when it rolls ahead, d_f", low=0.0, high=1e4, default=0.0, role="term",
+        "m/s²", "additional dry friction when rolling forward, d_f", low=0.0, high=1e4, default=0.0, role="term",
         symbol="d_f",
     )  # fmt: skip
     coulomb_backward_m_s2: float = parameter(
-        "m/s²", "dry friction more when it rolls back, d_b", low=0.0, high=1e4, default=0.0, role="term",
+        "m/s²", "additional dry friction when rolling backward, d_b", low=0.0, high=1e4, default=0.0, role="term",
         symbol="d_b",
     )  # fmt: skip
     coulomb_speed_m_s: float = parameter(
@@ -176,7 +181,7 @@ class Car:
     def step(
         self, state: VehicleState, u: np.ndarray, dt_s: float, noise: np.ndarray
     ) -> tuple[VehicleState, Motion]:
-        """Advance the vehicle by a tick with the command `u` (2,); `noise` (3,) are unit normals, zeros for none."""
+        """Return state and Motion after a tick with the command `u` (2,); `noise` (3,) is standard normal or zero."""
         drivetrain, effort = self.drivetrain.step(state.drivetrain, u, dt_s)
         eta, nu, _ = self.advance(state.eta, state.nu, effort, dt_s)
         kick = self.process_noise_std * np.sqrt(dt_s) * noise
@@ -184,7 +189,7 @@ class Car:
         return end_of_tick(self, state, eta, nu, drivetrain, effort, dt_s)
 
     def _duty(self, effort: float) -> float:
-        """Return the part of the time in which the motor is driven.  (5)"""
+        """Return w, the share of the time in which the motor is driven.  (5)"""
         drivetrain = self.drivetrain
         zone = np.where(effort > 0.0, drivetrain.dead_zone_forward[0], drivetrain.dead_zone_backward[0])
         size = np.abs(effort)

@@ -1,4 +1,4 @@
-"""Delayed signals: lines of past values, newest first, each with the duration δ_j of its own tick.
+"""Delay signals: store past values, newest first, each with the duration δ_j of its tick.
 
 A command u_j is sent for its tick and acts d later. From the beginning of the present tick it acts at
 
@@ -11,8 +11,8 @@ A signal h with the samples h_j, of age a_0 = 0, a_j = a_{j−1} + δ_{j−1}, i
 
     h(a) = h_0 + Σ_j (h_j − h_{j−1}) clip((a − a_{j−1}) / (a_j − a_{j−1}), 0, 1)                          (2)
 
-(1) and (2) are differentiable in the delay, also for a fraction of a tick. (1) is exact for commands that are held. If
-the delay is longer than the line, its last value is used.
+(1) and (2) are differentiable by the delay, also for a fraction of a tick. (1) is exact for commands that are constant
+during a tick. If the delay is longer than the stored past, the oldest value is used.
 """
 
 from collections.abc import Callable
@@ -25,7 +25,7 @@ from baqueano.diagnostics import fault
 from baqueano.errors import Invalid
 
 SHORTEST_TICK_S = 1e-9  # one count of the clock: the length used for a tick without duration
-BEFORE_S = 1.0  # duration for which the first values of a line are assumed to have lasted
+BEFORE_S = 1.0  # assumed duration of each past value before the first tick
 
 
 class Piece(NamedTuple):
@@ -41,7 +41,7 @@ def pieces_in_force(
 ) -> list[Piece]:
     """Return the segments of a tick of `dt_s` with the command that acts in each, in order.  (1)
 
-    `u` (n,) is the command of this tick. `past` (slots, n) are the earlier ones, which were sent for `steps_s`
+    `u` (n,) is the command of this tick. `past` (slots, n) are the earlier commands, which were sent for `steps_s`
     (slots,).
     """
     slots = past.shape[0]
@@ -72,7 +72,7 @@ def read(
     age_s: Value,
     minus: Callable[[np.ndarray, np.ndarray], np.ndarray] = np.subtract,
 ) -> np.ndarray:
-    """Return the signal (m,) as it was `age_s` ago, interpolated between its samples.  (2)
+    """Return the value (m,) of the signal `age_s` ago, interpolated between its samples.  (2)
 
     `line` (slots, m) are the samples before the `newest`. `steps_s` (slots,) is the time from each sample to the
     previous one, and `minus` returns the difference of two samples.
@@ -87,7 +87,7 @@ def read(
 
 
 def with_newest(line: np.ndarray, newest: Value) -> np.ndarray:
-    """Return the line (slots, …) one tick later: `newest` comes first, and the oldest value is dropped."""
+    """Return the past values (slots, …) one tick later: `newest` is first, and the oldest value is removed."""
     if line.shape[0] == 0:
         return line
     first = np.stack([newest]) if line.ndim == 1 else newest[None, :]
@@ -95,7 +95,7 @@ def with_newest(line: np.ndarray, newest: Value) -> np.ndarray:
 
 
 def check_delay(name: str, delay_s: float, delay_slots: int) -> None:
-    """Raise ValueError for a delay without slots for past values."""
+    """Raise ValueError for a delay above 0 without slots, or a number of slots that is not an integer ≥ 0."""
     if not isinstance(delay_slots, int) or isinstance(delay_slots, bool) or delay_slots < 0:
         raise Invalid(fault("delay.slots", name=name, found=repr(delay_slots)))
     if delay_s > 0.0 and delay_slots == 0:

@@ -1,6 +1,6 @@
 """The drivetrain, from the sent command to the effort on the body, in the order of the hardware:
 
-    late      u_d = the commands of delay_s ago, one after the other during the tick (delay.py)           (1)
+    delayed   u_d = the commands of delay_s ago, one after the other during the tick (delay.py)           (1)
     mixed     w = (u_x − u_ψ, u_x + u_ψ)          left and right wheel, if mixing = "two_wheels"          (2)
     limited   w ← clip(w, −limit, limit), w in whole steps of the timer that makes the pulses             (3)
     battery   w ← w (1 + κ (V/V₀ − 1)) (1 − sag · mean|w|)     of motors; the servos (last channels) keep w     (4)
@@ -22,7 +22,7 @@ import numpy as np
 from baqueano.contracts.values import Value
 from baqueano.diagnostics import fault
 from baqueano.errors import Invalid
-from baqueano.parameter import INF, documented, parameter, parameters
+from baqueano.parameter import INF, document, parameter, parameters
 from baqueano.vehicles.bounds import check_bounds
 from baqueano.vehicles.delay import BEFORE_S, check_delay, pieces_in_force, with_newest
 from baqueano.vehicles.effort import Effort, with_lag, without_lag
@@ -43,7 +43,7 @@ class DrivetrainState(NamedTuple):
     past : ndarray (delay_slots, n) [unit of u]
         Commands of the previous ticks, newest first.
     steps_s : ndarray (delay_slots,)
-        Duration of each of those ticks.
+        Duration of each of the previous ticks.
     lagged : ndarray (k,) [unit of u]
         Channels after the motor lag.
     """
@@ -60,7 +60,7 @@ def mix(mixing: str, u: np.ndarray) -> np.ndarray:
     return np.array([u[0] - u[2], u[0] + u[2]])
 
 
-def quantised(z: np.ndarray, step: Value) -> np.ndarray:
+def quantise(z: np.ndarray, step: Value) -> np.ndarray:
     """Return z (m,) rounded to whole steps (m,); a step of 0 leaves z unchanged."""
     safe = np.where(step > 0.0, step, 1.0)
     return np.where(step > 0.0, safe * np.floor(z / safe + 0.5), z)
@@ -73,12 +73,12 @@ def unmix(mixing: str, w: np.ndarray) -> np.ndarray:
     return np.array([0.5 * (w[0] + w[1]), 0.0, 0.5 * (w[1] - w[0])])
 
 
-@documented
+@document
 @dataclass(frozen=True, slots=True, eq=False)
 class Drivetrain:
     """Drivetrain from the command u (n,) to the effort (n,).
 
-    Arrays hold one value per channel: (k,), or (1,) for all channels. k is 2 for two wheels, else n. The first six
+    Arrays contain one value per channel: (k,), or (1,) for all channels. k is 2 for two wheels, else n. The first six
     fields are configuration and never traced.
 
     Parameters
@@ -86,7 +86,7 @@ class Drivetrain:
     mixing : str
         "none", or "two_wheels": the channels are a left and a right motor.
     battery : str
-        "steady", or "logged": a fit takes the voltage from the run.
+        "steady", or "logged": a fit reads the voltage from the run.
     commands : int
         n, the length of the command.
     servos : int
@@ -115,7 +115,7 @@ class Drivetrain:
     delay_slots: int = 0
     has_lag: bool = False
     limit: np.ndarray = parameter(
-        "unit of u", "largest size of a channel", low=0.0, default=(INF,), shape=None, role="known",
+        "unit of u", "largest magnitude of a channel", low=0.0, default=(INF,), shape=None, role="known",
         shown_by="commands beyond what the {nth} motor can do", symbol="u_{m}",
     )  # fmt: skip
     duty_step: float = parameter(
@@ -123,12 +123,12 @@ class Drivetrain:
         role="known", symbol="q_{u}",
     )  # fmt: skip
     dead_zone_forward: np.ndarray = parameter(
-        "unit of u", "channel below which a motor stands still, forward", low=0.0, high=1e6, default=(0.0,),
+        "unit of u", "channel below which a motor does not turn, forward", low=0.0, high=1e6, default=(0.0,),
         shape=None, role="term", shown_by="forward commands just above the dead zone of the {nth} motor",
         symbol="z_{f}", label="dead zone ahead, {nth} motor",
     )  # fmt: skip
     dead_zone_backward: np.ndarray = parameter(
-        "unit of u", "channel below which a motor stands still, backward", low=0.0, high=1e6, default=(0.0,),
+        "unit of u", "channel below which a motor does not turn, backward", low=0.0, high=1e6, default=(0.0,),
         shape=None, role="term", shown_by="backward commands just above the dead zone of the {nth} motor",
         symbol="z_{b}", label="dead zone back, {nth} motor",
     )  # fmt: skip
@@ -150,15 +150,15 @@ class Drivetrain:
     )  # fmt: skip
     battery_v: float = parameter("V", "voltage of the battery", low=0.1, high=1e3, default=6.0, role="known")
     battery_nominal_v: float = parameter(
-        "V", "voltage at which the actuator matrix holds", low=0.1, high=1e3, default=6.0, role="known"
+        "V", "voltage for which the actuator matrix is valid", low=0.1, high=1e3, default=6.0, role="known"
     )
     battery_effect: float = parameter(
-        "1", "part of a change of voltage that reaches the motors, κ", low=0.0, high=3.0, default=1.0,
+        "1", "fraction of a change of voltage that reaches the motors, κ", low=0.0, high=3.0, default=1.0,
         role="known", shown_by="a voltage that changes: runs with a full and with an empty battery",
         symbol="b",
     )  # fmt: skip
     sag: float = parameter(
-        "1", "part of the voltage lost at full command", low=0.0, high=0.9, default=0.0, role="known",
+        "1", "fraction of the voltage lost at full command", low=0.0, high=0.9, default=0.0, role="known",
         shown_by="small commands and the largest ones", symbol="s_{b}",
     )  # fmt: skip
 
@@ -213,7 +213,7 @@ class Drivetrain:
         past = np.zeros((self.delay_slots, self.commands))
         return DrivetrainState(past, BEFORE_S * np.ones(self.delay_slots), np.zeros(self.channels))
 
-    def settled(self, u: np.ndarray) -> DrivetrainState:
+    def steady_state(self, u: np.ndarray) -> DrivetrainState:
         """Return the state of motors that have had the command `u` (n,) for a long time."""
         off = self.init()
         return off._replace(
@@ -234,16 +234,16 @@ class Drivetrain:
 
     def static(self, w: np.ndarray) -> np.ndarray:
         """Return the input (k,) of the motor lag for the channels `w` (k,).  (3)-(6)"""
-        w = np.clip(quantised(w, self.duty_step), -self.limit, self.limit)
+        w = np.clip(quantise(w, self.duty_step), -self.limit, self.limit)
         w = w * self._supply(1.0 - self.sag * np.mean(np.abs(w[self._motors])))
         duty = np.maximum(np.abs(w), SMALLEST_DUTY)
         w = np.maximum(w - self.dead_zone_forward, 0.0) + np.minimum(w + self.dead_zone_backward, 0.0)
         return self.gain * w / (1.0 - self.coast + self.coast * duty)
 
     def inverse(self, effort: np.ndarray) -> np.ndarray:
-        """Return the command (n,) that holds `effort` (n,) after delay and lag: the inverse of (2)-(6).
+        """Return the command (n,) that causes `effort` (n,) after delay and lag: the inverse of (2)-(6).
 
-        At 0 the step of the dead zone becomes a ramp as wide as RAMP. The caller applies `limit`.
+        At 0 the step of the dead zone is replaced by a ramp of width RAMP. The caller applies `limit`.
         """
         w = self.mix(effort)
         size, zone = np.abs(w), np.where(w > 0.0, self.dead_zone_forward, self.dead_zone_backward)
@@ -260,8 +260,7 @@ class Drivetrain:
     def turn_first(self, u: np.ndarray) -> np.ndarray:
         """Return the command (n,) with its speed reduced so that no wheel reaches its limit.
 
-        A wheel at its limit would turn the vehicle off its path. If each channel has its own command, return `u`
-        unchanged.
+        A wheel at its limit would turn the vehicle off its path. Without a mix of wheels, return `u` unchanged.
         """
         if self.mixing == "none":
             return u
@@ -270,11 +269,11 @@ class Drivetrain:
 
     @property
     def _motors(self) -> slice:
-        """Return the slice of the channels that the battery drives."""
+        """Return the slice of the channels that depend on the battery: all channels except the servos."""
         return slice(0, self.channels - self.servos)
 
     def _supply(self, share: Value) -> Value:
-        """Return the relative voltage of each channel, (k,), or () for all; `share` is what the sag leaves.  (4)"""
+        """Return the relative voltage of each channel (k,), or of all (); `share` is the factor of the sag.  (4)"""
         supply = share * (1.0 + self.battery_effect * (self.battery_v / self.battery_nominal_v - 1.0))
         if not self.servos:
             return supply

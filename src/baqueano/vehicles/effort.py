@@ -7,9 +7,9 @@ with the time constant λ, the effort l follows λ l̇ = w − l exactly:
     M₀ = ∫ l dt = Σ w h + x J₀,    M₁ = ∫ l t dt = Σ w h (a + h/2) + x (a J₀ + J₁)                        (2)
     m₀ = M₀/δ,   m₁ = 2 M₁/δ² − m₀,    the line from m₀ − 3 m₁ to m₀ + 3 m₁                               (3)
 
-A Runge-Kutta step takes its stages from the line and is as exact as the line: the change of ν depends on M₀, and its
-course during the tick also on M₁. An accelerometer at the end of the tick measures the effort of that instant: l, or
-the last w without a lag.
+A Runge-Kutta step evaluates its stages on the line, and is as exact as the line. The change of ν depends on M₀; its
+course during the tick also depends on M₁. An accelerometer at the end of the tick measures the effort of that instant:
+l, or the last w without a lag.
 """
 
 from collections.abc import Sequence
@@ -33,7 +33,7 @@ class Effort(NamedTuple):
     end : ndarray (n,) [unit of u]
         The line at the end of the tick.
     last : ndarray (n,) [unit of u]
-        The effort itself at the end of the tick, which an accelerometer measures.
+        The real effort at the end of the tick, which an accelerometer measures.
 
     Examples
     --------
@@ -47,7 +47,7 @@ class Effort(NamedTuple):
 
     @property
     def mean(self) -> np.ndarray:
-        """Return the mean over the tick (n,)."""
+        """Return the mean effort (n,) over the tick."""
         return 0.5 * (self.start + self.end)
 
 

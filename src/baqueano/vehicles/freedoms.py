@@ -1,6 +1,6 @@
-"""Find the motions that a vehicle can make from its own equations. No class is named, so it works for your vehicle too.
+"""Find the possible motions of a vehicle from its equations, also for your own vehicles.
 
-kept    entries of ν that stay from one tick to the next; a kinematic vehicle keeps none of them      (1)
+kept    entries of ν that remain after a tick without a command; empty for a kinematic vehicle        (1)
 rates   −∂ν̇_i/∂ν_i at rest [1/s], the rate at which a small motion fades                              (2)
 slopes  change of (2) by one unit of a parameter, if (2) is linear in it                              (3)
 """
@@ -10,7 +10,7 @@ from collections.abc import Collection, Iterator
 import numpy as np
 
 from baqueano.contracts.optional import is_dynamic
-from baqueano.language import marked as N_
+from baqueano.language import mark as N_
 from baqueano.parameter import all_parameters
 from baqueano.symbolic import get, put
 from baqueano.vehicles.drivetrain import Drivetrain
@@ -32,7 +32,7 @@ def coasting_axes(vehicle: DynamicVehicle) -> tuple[int, ...]:
 
 
 def rates(vehicle: DynamicVehicle, freedoms: tuple[int, ...] | None = None) -> np.ndarray:
-    """Return the fading rates (3,) [1/s]; zeros for a vehicle without nu_dot. `freedoms` is (1), if known.  (2)"""
+    """Return the fading rates (3,) [1/s]; zeros for a vehicle without nu_dot. `freedoms` may give (1).  (2)"""
     if not is_dynamic(vehicle):
         return np.zeros(3)
     return _rates(vehicle, coasting_axes(vehicle) if freedoms is None else freedoms)
@@ -43,7 +43,7 @@ def slopes(
 ) -> Iterator[tuple[str, np.ndarray]]:
     """Yield (path with its entry, slope (3,)) of each parameter of the `fields`, "model.…", that damps a motion.
 
-    `freedoms` is (1), if known.  (3)
+    `freedoms` may give (1), which is computed by default.  (3)
     """
     model, freedoms = {"model": vehicle}, coasting_axes(vehicle) if freedoms is None else freedoms
     for path, p in all_parameters(vehicle, "model") if is_dynamic(vehicle) else ():
@@ -79,14 +79,14 @@ def steers(vehicle: DynamicVehicle) -> bool:
 
 
 def turns(vehicle: DynamicVehicle) -> bool:
-    """Return True if the last command turns the vehicle: as a servo, or more than twice as fast as the first one."""
+    """Return True if the last command turns the vehicle, as a servo or more than twice as fast as the first command."""
     return steers(vehicle) or bool(
         abs(_accelerations(vehicle, 0)[2]) < TURNS * abs(_accelerations(vehicle, -1)[2])
     )
 
 
 def _accelerations(vehicle: DynamicVehicle, command: int) -> np.ndarray:
-    """Return ν (3,) shortly after rest with one unit of one command; it is proportional to the acceleration."""
+    """Return ν (3,) shortly after rest under one unit of one command; it is proportional to the acceleration."""
     vehicle, u = ideal(vehicle), np.eye(vehicle.commands)[command]
     state, _ = vehicle.step(vehicle.init(), u, SOON_S, np.zeros(3))
     return vehicle.step(state, u, SOON_S, np.zeros(3))[0].nu

@@ -4,13 +4,13 @@
     F = t (d_f (1 + t) + d_b (1 − t)) / 2,   t = tanh(v / ν_k),   of a wheel at v = ν_x ∓ ν_ψ b/2           (2)
 
 ν is the velocity. The first term is D(ν)ν of Grotz et al., `equ:D`, axis by axis, with d ≥ 0 (errata 1, 6); the paper
-prints negative d. The second is dry (Coulomb) friction, smoothed over ν_k so that it can be integrated and
-differentiated (errata 12). The third is the drag of cornering. The fourth is the dry friction of a left and a right
-wheel at the distance b: d_f when it rolls forward, d_b when it rolls backward. A run distinguishes d_k of x from d_f,
-d_b of the wheels only in tight turns: free one or the other.
+prints negative d. The second term is dry (Coulomb) friction, smoothed over ν_k so that it can be integrated and
+differentiated (errata 12). The third term is the drag of cornering. The fourth is the dry friction of two wheels at the
+distance b: d_f when a wheel rolls forward, d_b backward. A run distinguishes d_k of x from d_f and d_b only in tight
+turns: let a fit estimate d_k, or d_f and d_b, but not all of them.
 
-Each term opposes the motion: ν · f(ν) ≥ 0, so a vehicle without drive never gains energy. For RK4 with a step h, keep m
-ν_k / d_k and m / d_l above h/2, m the mass: see rk4.py.
+Each term opposes the motion: ν · f(ν) ≥ 0, so a vehicle without drive never gains energy. For RK4 with a step h and a
+mass m, keep m ν_k / d_k and m / d_l above h/2: see rk4.py.
 """
 
 from dataclasses import dataclass
@@ -19,13 +19,13 @@ import numpy as np
 
 from baqueano.diagnostics import fault
 from baqueano.errors import Invalid
-from baqueano.parameter import documented, parameter
+from baqueano.parameter import document, parameter
 from baqueano.vehicles.bounds import check_bounds
 
 ZERO = (0.0, 0.0, 0.0)
 
 
-@documented
+@document
 @dataclass(frozen=True, slots=True, eq=False)
 class Friction:
     """Friction of a rigid body in the plane, along body x and y and about z.
@@ -52,7 +52,7 @@ class Friction:
         shape=(3,), neutral=0.0,
         term=("quadratic drag forward", "quadratic drag sideways", "quadratic drag turning"),
         shown_by=("driving forward both slowly and at full speed",
-        "sliding sideways both a little and fast, as in turns of many speeds",
+        "sliding sideways both slowly and fast, as in turns at many speeds",
         "turning both slowly and at full rate"), symbol="d_{c}",
         label=("drag ahead, ∝ v²", "drag sideways, ∝ v²", "drag in turning, ∝ r²"),
     )  # fmt: skip
@@ -84,7 +84,7 @@ class Friction:
         "the right wheel rolling backward slowly, and stopping, many times"), symbol="c_{b}",
     )  # fmt: skip
     track_m: float = parameter(
-        "m", "from the left wheel to the right one, b; 0 for not known", low=0.0, high=100.0, default=0.0,
+        "m", "distance from the left to the right wheel, b; 0 if unknown", low=0.0, high=100.0, default=0.0,
         role="known", measured_by="the tape", shown_by="turns whose angle is known", symbol="b_{t}",
     )  # fmt: skip
 
@@ -101,7 +101,7 @@ class Friction:
         return d + dry + turning + self._of_wheels(nu)
 
     def _of_wheels(self, nu: np.ndarray) -> np.ndarray:
-        """Return the dry friction of the wheels (3,).  (2)"""
+        """Return the dry friction (3,) [N, N, N m] of the two wheels.  (2)"""
         half = 0.5 * self.track_m
         t = np.tanh(np.array([nu[0] - half * nu[2], nu[0] + half * nu[2]]) / self.coulomb_speed[0])
         F = 0.5 * t * (self.coulomb_forward * (1.0 + t) + self.coulomb_backward * (1.0 - t))

@@ -11,8 +11,10 @@ from typing import ClassVar
 
 import numpy as np
 
+from baqueano.diagnostics import fault
+from baqueano.errors import MissingMethod
 from baqueano.geometry import map_from_body, wrap
-from baqueano.parameter import documented, parameter
+from baqueano.parameter import document, parameter
 from baqueano.signals import Motion
 from baqueano.vehicles.bounds import check_bounds
 from baqueano.vehicles.drivetrain import Drivetrain
@@ -22,7 +24,7 @@ from baqueano.vehicles.rk4 import rk4
 from baqueano.vehicles.state import VehicleState, end_of_tick
 
 
-@documented
+@document
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
 class FromAcceleration:
     """Base of a vehicle whose subclass defines `nu_dot`; the other methods follow from it.
@@ -68,10 +70,7 @@ class FromAcceleration:
 
     def nu_dot(self, nu: np.ndarray, effort: np.ndarray, psi: float = 0.0) -> np.ndarray:
         """Return ν̇ (3,) [m/s², m/s², rad/s²], body frame, at ν (3,) with an effort (n,) at the heading ψ."""
-        raise NotImplementedError(
-            f"{type(self).__name__} lacks its equation: write nu_dot(self, nu, effort, psi), which returns ν̇ (3,). "
-            "An example: docs/own-vehicle.md"
-        )
+        raise MissingMethod(fault("vehicle.no-equation", vehicle=type(self).__name__))
 
     def gravity(self, psi: float) -> np.ndarray:
         """Return gravity along body x and y (2,) [m/s²]: zeros, because the floor is level."""
@@ -99,7 +98,7 @@ class FromAcceleration:
     def step(
         self, state: VehicleState, u: np.ndarray, dt_s: float, noise: np.ndarray
     ) -> tuple[VehicleState, Motion]:
-        """Return state and Motion after a tick of `dt_s` with the command `u` (n,); `noise` (3,): unit normals."""
+        """Return state and Motion after a tick of `dt_s` with the command `u` (n,); `noise` (3,) is standard normal."""
         drivetrain, effort = self.drivetrain.step(state.drivetrain, u, dt_s)
         eta, nu, _ = self.advance(state.eta, state.nu, effort, dt_s)
         nu = self._free(nu + self.process_noise_std * np.sqrt(dt_s) * noise)

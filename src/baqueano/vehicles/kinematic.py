@@ -1,15 +1,15 @@
-"""The paper's kinematic model: an effort is a velocity, without an acceleration before it.
+"""The paper's kinematic model: an effort causes a velocity immediately, without a phase of acceleration.
 
     ν = V e − (0, k ν_x ν_ψ, 0)                                                                           (1)
     ν̇ = (ν − ν_before) / δ                                                                                (2)
     η̇ = J(ψ) ν, with ν of (1) during the whole tick δ                                                     (3)
 
-η is the pose, ν the velocity, V a matrix. e is the effort: that of the instant if the motors have a lag, else the mean
-of the tick. (With the effort of the instant and without a lag, ν would jump at each command, as no real vehicle does.)
-Grotz et al. name "the kinematic model" and "the V matrix"; the paragraph is missing from their text (errata 7).
+η is the pose, ν the velocity, V a matrix. e is the present effort if the motors have a lag, else the mean effort of the
+tick. Without a lag, the present effort would let ν jump at each command, which real vehicles do not do. Grotz et al.
+name "the kinematic model" and "the V matrix"; the paragraph is missing from their text (errata 7).
 
-The last term of (1) is not in the paper: wheels slip a little outward, in proportion to the force in a curve m ν_x ν_ψ.
-k [s] is the mass over their lateral resistance. docs/benchmarks.md has its size.
+The last term of (1) is not in the paper: wheels slip a little outward, in proportion to m ν_x ν_ψ, the force in a
+curve. k [s] is the mass divided by their lateral resistance. docs/benchmarks.md contains its value.
 """
 
 from dataclasses import dataclass, field
@@ -20,7 +20,7 @@ import numpy as np
 from baqueano.diagnostics import fault
 from baqueano.errors import Invalid
 from baqueano.geometry import map_from_body, wrap
-from baqueano.parameter import documented, parameter
+from baqueano.parameter import document, parameter
 from baqueano.signals import Motion
 from baqueano.vehicles.bounds import check_bounds
 from baqueano.vehicles.delay import SHORTEST_TICK_S
@@ -31,12 +31,12 @@ from baqueano.vehicles.rk4 import rk4
 from baqueano.vehicles.state import VehicleState
 
 
-@documented
+@document
 @dataclass(frozen=True, slots=True, eq=False)
 class Kinematic:
     """A vehicle whose velocity is linear in its command: (u_x, u_y, u_ψ) → (ν_x, ν_y, ν_ψ).
 
-    Usually you want `Planar`; this one suits a vehicle that follows a command within one or two ticks.
+    `Planar` is usually better; `Kinematic` suits a vehicle that follows a command within one or two ticks.
 
     Parameters
     ----------
@@ -67,7 +67,7 @@ class Kinematic:
     )  # fmt: skip
     drivetrain: Drivetrain = field(default_factory=Drivetrain)
     process_noise_std: np.ndarray = parameter(
-        "m/s, m/s, rad/s", "scatter of the velocity of a tick", low=0.0, high=1e6, default=ZERO, shape=(3,),
+        "m/s, m/s, rad/s", "standard deviation of the velocity in a tick", low=0.0, high=1e6, default=ZERO, shape=(3,),
         role="noise",
     )  # fmt: skip
 
@@ -106,7 +106,7 @@ class Kinematic:
     def step(
         self, state: VehicleState, u: np.ndarray, dt_s: float, noise: np.ndarray
     ) -> tuple[VehicleState, Motion]:
-        """Advance the vehicle by a tick with the command `u` (3,); `noise` (3,) are unit normals, zeros for none."""
+        """Return state and Motion after a tick with the command `u` (3,); `noise` (3,) is standard normal or zero."""
         drivetrain, effort = self.drivetrain.step(state.drivetrain, u, dt_s)
         scatter = self.process_noise_std * noise
         eta, nu, nu_dot = self._travel(state.eta, state.nu, effort, dt_s, scatter)
@@ -114,11 +114,11 @@ class Kinematic:
         return state, Motion(eta, nu, nu_dot, np.zeros(2))
 
     def _travel(
-        self, eta: np.ndarray, before: np.ndarray, effort: Effort, dt_s: float, scatter: np.ndarray
+        self, eta: np.ndarray, previous: np.ndarray, effort: Effort, dt_s: float, scatter: np.ndarray
     ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Return (η, ν, ν̇) after `dt_s`; a tick without duration has ν̇ = 0.  (2), (3)"""
+        """Return (η, ν, ν̇) after `dt_s`, with `scatter` (3,) added to ν; ν̇ = 0 if `dt_s` is 0.  (2), (3)"""
         effort = effort if self.drivetrain.has_lag else steady(effort.mean)
         x = rk4(lambda x, e: map_from_body(x[2]) @ (self.velocity(e) + scatter), eta, effort, dt_s)
         nu = self.velocity(effort.last) + scatter
-        nu_dot = np.where(dt_s > 0.0, (nu - before) / np.maximum(dt_s, SHORTEST_TICK_S), 0.0)
+        nu_dot = np.where(dt_s > 0.0, (nu - previous) / np.maximum(dt_s, SHORTEST_TICK_S), 0.0)
         return np.array([x[0], x[1], wrap(x[2])]), nu, nu_dot

@@ -8,7 +8,7 @@
     g_xy = −g sin α (cos(χ − ψ), sin(χ − ψ))  a floor that rises by α towards χ of the map                (6)
 
 η: pose; ν: velocity; u: command, after the drivetrain; T: actuator matrix; m, I: mass and inertia about the centre of
-mass. The origin of the body is on the axle; the centre of mass lies c ahead of it. Departures from the printed text:
+mass. The origin of the body is on the axle; the centre of mass is c ahead of it. Departures from the printed text:
 the third row of C(ν)ν is 0 for c = 0 (errata 2); D is dissipative, d ≥ 0 (errata 1, 6); g(η) is (6). Derivation:
 docs/derivations/vehicles.md.
 """
@@ -21,7 +21,7 @@ import numpy as np
 from baqueano.diagnostics import fault
 from baqueano.errors import Invalid
 from baqueano.geometry import map_from_body, wrap
-from baqueano.parameter import documented, parameter
+from baqueano.parameter import document, parameter
 from baqueano.signals import STANDARD_GRAVITY, Motion
 from baqueano.vehicles.bounds import check_bounds
 from baqueano.vehicles.drivetrain import Drivetrain
@@ -31,7 +31,7 @@ from baqueano.vehicles.rk4 import rk4
 from baqueano.vehicles.state import VehicleState, end_of_tick
 
 
-@documented
+@document
 @dataclass(frozen=True, slots=True, eq=False)
 class Planar:
     """A vehicle that three forces move: (u_x, u_y, u_ψ) → (τ_x, τ_y, τ_ψ).
@@ -66,18 +66,23 @@ class Planar:
     actuator_matrix: np.ndarray = parameter(
         "N, N, N m per unit of u", "force of a command, T", low=-1e6, high=1e6, shape=(3, 3), role="gain",
         term="cross-talk", symbol="T",
-        label=("push of the motors", "sideways push of the motors", "turn of the motors"),
+        label=("motor force", "sideways motor force", "motor torque"),
     )  # fmt: skip
     centre_of_mass_x_m: float = parameter(
         "m", "centre of mass c ahead of the axle", low=-10.0, high=10.0, default=0.0, role="known",
-        term="centre of mass", start=(0.01, -0.01), shown_by="hard changes of turning, and turning fast",
+        term="centre of mass", start=(0.01, -0.01), shown_by="sudden changes of yaw rate, and turning fast",
         symbol="x_{c}",
     )  # fmt: skip
     friction: Friction = field(default_factory=Friction)
     drivetrain: Drivetrain = field(default_factory=Drivetrain, metadata={"roles": {"coast": "known"}})
-    slope_rad: float = parameter("rad", "rise of the floor α", low=0.0, high=1.5, default=0.0, role="known")
+    slope_rad: float = parameter("rad", "slope of the floor, α", low=0.0, high=1.5, default=0.0, role="known")
     slope_heading_rad: float = parameter(
-        "rad", "direction of the map towards which it rises χ", low=-7.0, high=7.0, default=0.0, role="known"
+        "rad",
+        "direction in the map in which the floor rises, χ",
+        low=-7.0,
+        high=7.0,
+        default=0.0,
+        role="known",
     )
     process_noise_std: np.ndarray = parameter(
         "m/s^1.5, m/s^1.5, rad/s^1.5",
@@ -139,9 +144,9 @@ class Planar:
     def step(
         self, state: VehicleState, u: np.ndarray, dt_s: float, noise: np.ndarray
     ) -> tuple[VehicleState, Motion]:
-        """Advance the vehicle by a tick with the command `u` (3,); `noise` (3,) are unit normals, zeros for none.
+        """Return state and Motion after a tick with the command `u` (3,); `noise` (3,) is standard normal or zero.
 
-        The noise changes ν at the end of the tick; ν̇ is that of the model at the changed ν.
+        The noise changes ν at the end of the tick; ν̇ is the acceleration of the model at the changed ν.
         """
         drivetrain, effort = self.drivetrain.step(state.drivetrain, u, dt_s)
         eta, nu, _ = self.advance(state.eta, state.nu, effort, dt_s)

@@ -6,7 +6,7 @@
 x is the state, f its derivative, h the step; e₀, ē and e₁ are the effort at the start, in the middle and at the end.
 
 For ẋ = −x/τ the step is stable while h < 2.785 τ, and the fastest motion of a small vehicle has a τ of 15 ms. So a tick
-that is longer than a row is cut into equal rows. Source: Kutta 1901.
+more than 25 % longer than ROW_S is divided into equal rows. Source: Kutta 1901.
 """
 
 from collections.abc import Callable
@@ -20,7 +20,7 @@ ROW_S, MORE = 0.02, 0.25  # the longest row, and the share of it by which a tick
 
 
 def rk4(f: Callable[[Value, Value], Value], x: np.ndarray, effort: Effort, dt_s: Value) -> np.ndarray:
-    """Return x after one step of `dt_s`, same shape; f(x, e) returns ẋ at the effort e (n,).  (1)"""
+    """Return x after one step of `dt_s`, in the same shape; f(x, e) returns ẋ at the effort e (n,).  (1)"""
     k1 = f(x, effort.start)
     k2 = f(x + 0.5 * dt_s * k1, effort.mean)
     k3 = f(x + 0.5 * dt_s * k2, effort.mean)
@@ -29,7 +29,7 @@ def rk4(f: Callable[[Value, Value], Value], x: np.ndarray, effort: Effort, dt_s:
 
 
 def rows_in(dt_s: np.ndarray) -> np.ndarray:
-    """Return the number of rows (N,) into which ticks of `dt_s` (N,) are cut.
+    """Return the number of rows (N,) into which ticks of `dt_s` (N,) are divided.
 
     >>> rows_in(np.array([0.01, 0.022, 0.05]))
     array([1, 1, 3])

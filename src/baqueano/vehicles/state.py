@@ -1,4 +1,4 @@
-"""Protocol and state of a vehicle, and the end of a tick for vehicles with an acceleration."""
+"""Define protocol and state of a vehicle, and compute the end of a tick for vehicles with an acceleration."""
 
 from typing import ClassVar, NamedTuple, Protocol
 
@@ -74,12 +74,12 @@ class Vehicle(Protocol):
     def step(
         self, state: VehicleState, u: np.ndarray, dt_s: float, noise: np.ndarray
     ) -> tuple[VehicleState, Motion]:
-        """Advance the vehicle by a tick with the command `u` (n,); `noise` (3,) are unit normals."""
+        """Return state and Motion after a tick with the command `u` (n,); `noise` (3,) is standard normal."""
         ...
 
 
 class DynamicVehicle(Vehicle, Protocol):
-    """Protocol of a vehicle with an acceleration, which a kinematic one lacks: `optional.is_dynamic` tests it."""
+    """Protocol of a vehicle with an acceleration, unlike a kinematic vehicle: `optional.is_dynamic` tests it."""
 
     def nu_dot(self, nu: np.ndarray, effort: np.ndarray, psi: Value = 0.0, /) -> np.ndarray:
         """Return ν̇ (3,) at ν (3,) with an effort, at the heading ψ."""
@@ -88,7 +88,7 @@ class DynamicVehicle(Vehicle, Protocol):
 
 def end_of_tick(
     model: DynamicVehicle,
-    before: VehicleState,
+    previous: VehicleState,
     eta: np.ndarray,
     nu: np.ndarray,
     drivetrain: DrivetrainState,
@@ -97,15 +97,15 @@ def end_of_tick(
 ) -> tuple[VehicleState, Motion]:
     """Return the state at the end of a tick with `effort`, and the Motion that the sensors measure.
 
-    The Motion has ν̇ of that instant. For sensors with a low-pass it also has the course of the tick: ν is a cubic
-    curve, and the effort a line.
+    The Motion contains ν̇ at the end of the tick. For sensors with a low-pass it also contains the motion at start,
+    middle and end of the tick: ν is a cubic curve, and the effort a line.
     """
 
-    def at(eta: np.ndarray, nu: np.ndarray, effort: np.ndarray) -> Motion:
+    def motion_at(eta: np.ndarray, nu: np.ndarray, effort: np.ndarray) -> Motion:
         return Motion(eta, nu, model.nu_dot(nu, effort, eta[2]), model.gravity(eta[2]))
 
-    now = at(eta, nu, effort.last)
-    begin, end = at(before.eta, before.nu, effort.start), at(eta, nu, effort.end)
-    halfway = 0.5 * (before.nu + nu) + 0.125 * dt_s * (begin.nu_dot - end.nu_dot)
-    tick = begin, at(eta, halfway, effort.mean), end
+    now = motion_at(eta, nu, effort.last)
+    begin, end = motion_at(previous.eta, previous.nu, effort.start), motion_at(eta, nu, effort.end)
+    halfway = 0.5 * (previous.nu + nu) + 0.125 * dt_s * (begin.nu_dot - end.nu_dot)
+    tick = begin, motion_at(eta, halfway, effort.mean), end
     return VehicleState(eta, nu, now.nu_dot, drivetrain), now._replace(tick=tick)

@@ -3,12 +3,12 @@
     browser ──WebSocket──► page process ──messages of door/──► service of a robot, or of a simulation
                                 └────── pipes ───────────────► lab worker: all that needs numpy (lab/)
 
-The page process cannot disturb the control loop, does not import numpy, and never sends a heartbeat on its own.
+The page process cannot disturb the control loop, does not import numpy, and sends only heartbeats of browsers.
 
 server, http, guard     decide who may connect, and to what
-visitor                 one browser: its messages, and the queue of what is to be sent to it
+visitor                 one browser: its messages, and the queues of messages and pictures for it
 page, live              carry out the messages of a browser: about runs, about a vehicle
-feed, lease, sentence   ticks on their way to all browsers; who drives; the state as sentences
+feed, lease, sentence   the ticks for all browsers; the right to drive; the state as sentences
 service                 the connection to the vehicle
 run, share              the process from start to end, and the address that it prints
 static/                 the files that the browser loads

@@ -1,4 +1,4 @@
-"""Keep the ticks on their way to all browsers: rows of float32 in frames, and a ring of the last KEPT_S for latecomers.
+"""Store the ticks for all browsers: rows of float32 in frames, and a ring of the last KEPT_S for new browsers.
 
 frame   uint32 stream and number, uint32 rows R, float64 time of the first row [s], R × F float32, little-endian
 """
@@ -15,20 +15,20 @@ if TYPE_CHECKING:
     from baqueano.contracts.values import JsonObject
 
 HEAD = struct.Struct("<IId")
-KEPT_S = 60.0  # of driving
-MOST_ROWS = 60_000  # of the ring, whatever the rate
-SHOWN = 64  # frames whose age is known
-NUMBERS = 1 << 24  # of a frame; the bits above are its stream
+KEPT_S = 60.0  # drive time that the ring stores
+MOST_ROWS = 60_000  # most rows of the ring, at any rate
+SHOWN = 64  # number of frames whose age is stored
+NUMBERS = 1 << 24  # frame numbers; the higher bits are the stream
 NAN = float("nan")
 
 
 class Feed:
-    """The rows of the current drive, or of the last one if none is under way."""
+    """The rows of the current drive, or of the last drive if none is under way."""
 
     def __init__(self, now: Callable[[], float] = time.monotonic) -> None:
         self._now = now
         self.names: list[str] = []
-        self.number = 0  # of the newest frame
+        self.number = 0  # number of the newest frame
         self._at: dict[str, int] = {}
         self._ring: deque[tuple[float, int, bytes]] = deque()  # time of the first row, rows, bytes
         self._rows = 0
@@ -36,7 +36,7 @@ class Feed:
         self._last: Sequence[float] = ()
 
     def columns(self, names: list[str]) -> bool:
-        """Begin a drive with these column names; return True if they differ from the previous ones."""
+        """Begin a drive with these column names; return True if they differ from the previous names."""
         self._forget()
         if names == self.names:
             return False
@@ -44,7 +44,7 @@ class Feed:
         return True
 
     def take(self, word: "JsonObject") -> bytes | None:
-        """Return the frame of these ticks, or None if they do not fit the columns."""
+        """Store these ticks, and return them as a binary frame, or None if they do not fit the columns."""
         rows = word["x"]
         if not rows or not self.names or any(len(row) != len(self.names) for row in rows):
             return None
@@ -64,15 +64,15 @@ class Feed:
         return HEAD.pack(self.number, len(rows), t) + self._ring[-1][2]
 
     def age_s(self, number: int) -> float:
-        """Return the age [s] of the frame with this number: 0 for the newest, infinity for an unknown one."""
+        """Return the age [s] of the frame with this number: 0 for the newest frame, infinity for an unknown number."""
         if number == self.number:
             return 0.0
         return next((self._now() - made_s for n, made_s in self._made_s if n == number), float("inf"))
 
     def history(self, from_s: float = 0.0) -> tuple[bytes, ...]:
-        """Return the rows of the ring from the drive time `from_s` [s] on, as the parts of one frame, () if empty.
+        """Return the rows from the drive time `from_s` [s] on, as the parts of one frame; () without such rows.
 
-        The parts are the byte strings of the ring itself, so that many browsers that wait share them.
+        The parts are the byte strings of the ring and not copies, so that many waiting browsers share them.
         """
         pieces = [(t, rows, data) for t, rows, data in self._ring if t >= from_s]
         if not pieces:
@@ -87,7 +87,7 @@ class Feed:
         return NAN if value is None else float(value)
 
     def mean(self, name: str, within_s: float) -> tuple[float, int]:
-        """Return the mean of a column over the last `within_s` seconds, and the number of its values."""
+        """Return the mean of a column over the last `within_s` seconds, and the number of values; (NaN, 0) if none."""
         k, wide = self._at.get(name), len(self.names)
         if k is None or not self._ring:
             return NAN, 0
@@ -117,7 +117,7 @@ class Feed:
 
 
 def group_of(name: str, commands: list[str]) -> str:
-    """Return the group of a column: the sensor, the name of the command, or the first part of its name."""
+    """Return the group of a column: the name of a sensor or command, or the first part of the column's name."""
     first, _, rest = name.partition(".")
     if first in ("u", "asked"):
         return commands[int(rest)] if rest.isdecimal() and int(rest) < len(commands) else rest

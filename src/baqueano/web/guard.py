@@ -1,11 +1,11 @@
-"""Guard the page: decide who may connect, and to what.
+"""Guard the page: decide which browsers may connect, and with which rights.
 
-    Host     must be one of the served addresses, with the port, on every request: a rebound name is refused    (1)
-    Origin   must be one of the served origins on every upgrade; without one, a token gives the right to view   (2)
-    token    128 bits per role, in the fragment of the address, compared in constant time;
-             after FAILURES wrong tokens a minute from an address, its tokens are refused                       (3)
+    Host     must be a served address with the port, on every request, so that a rebound name is refused        (1)
+    Origin   must be a served origin on every upgrade; without an Origin, a token only permits to view          (2)
+    token    128 bits per role, in the fragment of the address, compared in constant time; after FAILURES
+             wrong tokens in a minute from an address, its tokens are refused                                   (3)
 
-A mission that a browser requests may contain only the options that MISSIONS lists.
+A mission requested by a browser may contain only the options that MISSIONS lists.
 
 On loopback a browser does not need a token; with `--share` every browser does.
 """
@@ -26,13 +26,13 @@ from baqueano.printable import one_line
 if TYPE_CHECKING:
     from baqueano.contracts.values import JsonObject
 
-FAILURES = 5  # wrong tokens of an address
+FAILURES = 5  # most wrong tokens from an address in a minute
 MINUTE_S = 60.0
-ADDRESSES = 1024  # that are remembered
-HOLDS_S = 12 * 3600.0  # a token
+ADDRESSES = 1024  # most addresses that are stored
+HOLDS_S = 12 * 3600.0  # lifetime of a token
 LOOPBACK = ("127.0.0.1", "::1")
-LONGEST = 60  # letters of a name in a word
-MISSIONS: "dict[str, dict[str, type]]" = {  # what a mission of a kind may say beside
+LONGEST = 60  # most letters of a text option
+MISSIONS: "dict[str, dict[str, type]]" = {  # kind → the allowed options and their types
     "teach": {"name": str, "shape": str, "size_m": float, "speed_m_s": float, "closed": bool},
     "repeat": {"route": str, "laps": float}, "experiment": {"seconds": float, "signal": str}, "drive": {},
     "first drive": {},
@@ -40,7 +40,7 @@ MISSIONS: "dict[str, dict[str, type]]" = {  # what a mission of a kind may say b
 
 
 class Role(IntEnum):
-    """The rights of a visitor: each role includes the rights of the previous one."""
+    """The rights of a visitor: each role includes the rights of the previous role."""
 
     VIEW = 1
     STOP = 2
@@ -53,7 +53,7 @@ class Role(IntEnum):
 
 
 class Guard:
-    """The served addresses, and one token for each role."""
+    """The served addresses, and a token for each role."""
 
     def __init__(
         self,
@@ -63,21 +63,24 @@ class Guard:
         now: Callable[[], float] = time.monotonic,
     ) -> None:
         self.shared, self._now, self._begun_s = shared, now, now()
-        self.hosts = frozenset(f"{bracketed(address)}:{port}".lower() for address in addresses)
+        self.hosts = frozenset(f"{url_host(address)}:{port}".lower() for address in addresses)
         self._origins = frozenset(f"http://{host}" for host in self.hosts)
         self.tokens = {role: secrets.token_urlsafe(16) for role in Role}
         self._failures: defaultdict[str, deque[float]] = defaultdict(deque)
 
     def knows_host(self, hosts: list[str]) -> bool:
-        """Return True if a request names exactly one host, and it is one of the served hosts.  (1)"""
+        """Return True if a request has exactly one Host header, and it names a served host.  (1)"""
         return len(hosts) == 1 and hosts[0].lower() in self.hosts
 
     def knows_origin(self, origins: list[str]) -> bool:
-        """Return True if an upgrade comes from a page of this server, or carries no Origin at all.  (2)"""
+        """Return True if an upgrade is from a page of this server, or does not have an Origin header.  (2)"""
         return not origins or (len(origins) == 1 and origins[0].lower() in self._origins)
 
     def role(self, address: str, token: str, from_page: bool) -> Role | None:
-        """Return the role of a visitor, or None to refuse it. Without an Origin the role is at most VIEW.  (2), (3)"""
+        """Return the role of a visitor, None if it is refused.  (2), (3)
+
+        Without an Origin the role is at most VIEW.
+        """
         failures = self._failures[address]
         while failures and self._now() - failures[0] > MINUTE_S:
             failures.popleft()
@@ -105,7 +108,7 @@ class Guard:
 
 
 class Rate:
-    """A limit of `each_s` messages a second. A burst may have twice as many, as after a pause of this process."""
+    """A limit of `each_s` messages a second; a burst of twice as many is allowed, as after a pause of this process."""
 
     def __init__(self, each_s: float, now: Callable[[], float] = time.monotonic) -> None:
         self._each_s, self._most, self._credit = each_s, 2.0 * each_s, 2.0 * each_s
@@ -122,19 +125,19 @@ class Rate:
         return True
 
 
-def bracketed(address: str) -> str:
-    """Return an address in the form that a URL needs: IPv6 in brackets.
+def url_host(address: str) -> str:
+    """Return an address in the form that a URL needs, with an IPv6 address in brackets.
 
-    >>> bracketed("::1"), bracketed("192.168.4.1")
+    >>> url_host("::1"), url_host("192.168.4.1")
     ('[::1]', '192.168.4.1')
     """
     return f"[{address}]" if ":" in address else address
 
 
 def mission_of(word: "JsonObject") -> "tuple[str, JsonObject]":
-    """Return kind and options of the mission that a browser requests.
+    """Return the kind and the options of the mission that a browser requests.
 
-    Raise UsageError for an unknown kind or option.
+    Unknown options are ignored. Raise UsageError for an unknown kind, or an option of the wrong type.
     """
     kind = str(word["kind"])
     if kind not in MISSIONS:
@@ -144,7 +147,7 @@ def mission_of(word: "JsonObject") -> "tuple[str, JsonObject]":
 
 
 def finite(x: object) -> bool:
-    """Return True for a finite number."""
+    """Return True if `x` is an int or a float, but not a bool, and finite."""
     return isinstance(x, int | float) and not isinstance(x, bool) and math.isfinite(x)
 
 

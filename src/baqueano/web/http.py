@@ -1,6 +1,6 @@
 """Implement the small part of HTTP/1.1 that the page needs: read a request head, and answer and close the connection.
 
-Only GET and HEAD are accepted. A path of a browser is only looked up in a table, never used to build a file name.
+Only GET and HEAD are accepted. The path in a request is only a key of a table and is not used to build a file name.
 """
 
 import asyncio
@@ -13,7 +13,7 @@ from typing import NamedTuple
 LONGEST_HEAD = 16 << 10  # bytes
 HEADERS = 64
 PIECE = 64 << 10
-STALLED_S = 20.0  # without a byte that a browser takes
+STALLED_S = 20.0  # time limit in which a browser must accept bytes
 _NAME = re.compile(r"[-!#$%&'*+.^_`|~0-9A-Za-z]+")
 _PATH = re.compile(r"/[\x21-\x7e]*")
 TYPES = {
@@ -38,7 +38,7 @@ STANDING = {
 
 
 class RefusedRequest(Exception):
-    """A request that is answered by an HTTP status and its phrase."""
+    """The refusal of a request, which is answered by an HTTP status and its phrase."""
 
     def __init__(self, status: HTTPStatus, **headers: str) -> None:
         super().__init__(status.phrase)
@@ -46,14 +46,14 @@ class RefusedRequest(Exception):
 
 
 class Head(NamedTuple):
-    """The head of a request."""
+    """The head of a request: method, path and headers."""
 
     method: str
-    path: str  # without what stands behind ?
+    path: str  # without the query after ?
     headers: dict[str, list[str]]  # by lower case name
 
     def values(self, name: str) -> list[str]:
-        """Return all values of a header."""
+        """Return all values of the header `name`, given in lower case; [] without this header."""
         return self.headers.get(name, [])
 
 
@@ -63,12 +63,15 @@ class Content(NamedTuple):
     kind: str
     content: bytes | Path
     policy: str = PAGE_POLICY
-    download: str = ""  # the name under which a browser keeps it
-    packed: bytes = b""  # the same bytes by gzip, for a browser that takes it
+    download: str = ""  # the file name for a download
+    packed: bytes = b""  # the same bytes compressed by gzip
 
 
 async def read_head(reader: asyncio.StreamReader) -> bytes:
-    """Return the bytes of a head. Raise RefusedRequest if it is too long, EOFError if the connection ends before it."""
+    """Return the bytes of a request head.
+
+    Raise RefusedRequest if it is too long, EOFError if the connection ends before its end.
+    """
     try:
         return await reader.readuntil(b"\r\n\r\n")
     except asyncio.LimitOverrunError:
@@ -78,7 +81,7 @@ async def read_head(reader: asyncio.StreamReader) -> bytes:
 
 
 def head_of(data: bytes) -> Head:
-    """Return the head in these bytes. Raise RefusedRequest if it is malformed or its method is not allowed."""
+    """Return the request head in these bytes. Raise RefusedRequest if it is malformed or its method is not allowed."""
     lines = data.decode("latin-1").removesuffix("\r\n\r\n").split("\r\n")
     words = lines[0].split(" ")
     if len(words) != 3 or words[2] not in ("HTTP/1.1", "HTTP/1.0") or len(lines) > HEADERS:
@@ -101,7 +104,7 @@ def head_of(data: bytes) -> Head:
 
 
 def static(folder: Path) -> dict[str, Content]:
-    """Return the served files by URL path, each read once from the folder."""
+    """Return the files of the folder by URL path, read now; their types determine which are served."""
     table = {}
     for path in sorted(folder.rglob("*")):
         kind = TYPES.get(path.suffix)
@@ -117,7 +120,7 @@ def static(folder: Path) -> dict[str, Content]:
 
 
 async def refuse(writer: asyncio.StreamWriter, reason: RefusedRequest) -> None:
-    """Answer a request by the status of the refusal."""
+    """Answer a request by the status and the phrase of its refusal."""
     kind, text = TYPES[".txt"], f"{reason.status.value} {reason.status.phrase}\n".encode()
     await _send(writer, _head(reason.status, kind, len(text), PAGE_POLICY, reason.headers) + text)
 
@@ -131,7 +134,7 @@ def takes_gzip(head: Head) -> bool:
 
 
 async def reply(writer: asyncio.StreamWriter, body: Content, head: Head) -> None:
-    """Answer a request with a body, compressed if the browser accepts it; HEAD gets the headers only."""
+    """Answer a request with a body, compressed if the browser accepts this; the answer to HEAD has only headers."""
     head_only, more = head.method == "HEAD", {"Vary": "Accept-Encoding"} if body.packed else {}
     if body.packed and takes_gzip(head):
         body, more = body._replace(content=body.packed), more | {"Content-Encoding": "gzip"}

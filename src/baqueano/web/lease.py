@@ -1,10 +1,11 @@
-"""The lease: one browser drives at a time, by explicit hand-over, while its heartbeats count.
+"""Manage the lease, the right to drive: one browser has it at a time, while its heartbeats count.
 
   a heartbeat counts if its number grows and the picture that it names is not older than HOLDS_S plus the
   round-trip time, or is the newest picture                                                                   (1)
   the lease ends after HOLDS_S without a heartbeat that counts                                                (2)
 
-The server does not create heartbeats: a visitor with a frozen picture or a hidden page loses the vehicle.
+The holder can pass the lease to another visitor. The server does not create heartbeats: a visitor with a frozen picture
+or a hidden page loses the lease.
 """
 
 import time
@@ -27,14 +28,14 @@ class Lease:
 
     @property
     def holder(self) -> object:
-        """Return the present holder, or None.  (2)"""
+        """Return the present holder, or None if the lease is free or has ended.  (2)"""
         if self._holder is not None and self._now() > self._until_s:
             self._holder = None
         return self._holder
 
     @property
     def left_s(self) -> float:
-        """Return the time [s] for which the lease lasts without another heartbeat."""
+        """Return the time [s] after which the lease ends without another heartbeat, 0 if it is free."""
         return max(0.0, self._until_s - self._now()) if self.holder is not None else 0.0
 
     def take(self, visitor: object, name: str) -> None:
@@ -45,7 +46,7 @@ class Lease:
         self._n, self._until_s = 0, self._now() + HOLDS_S
 
     def give(self, visitor: object, to: object = None, name: str = "") -> None:
-        """Pass the lease on to `to`, or end it if `to` is None. Raise SafetyStop if `visitor` does not hold it."""
+        """Pass the lease to `to`, or end it if `to` is None. Raise SafetyStop if `visitor` does not hold it."""
         self.check(visitor)
         self._holder = None
         if to is not None:
@@ -57,7 +58,10 @@ class Lease:
             raise SafetyStop(note("web.lease-needed", Severity.ERROR))
 
     def beat(self, visitor: object, n: int, age_s: float, way_s: float = 0.0) -> bool:
-        """Return True if this heartbeat counts: from the holder, with a new number, based on a fresh picture.  (1)"""
+        """Renew the lease and return True if this heartbeat counts; return False otherwise.  (1)
+
+        `n` is its number, `age_s` [s] the age of its picture, `way_s` [s] the round-trip time.
+        """
         if visitor is None or self.holder is not visitor or n <= self._n:
             return False
         self._n = n
@@ -67,7 +71,7 @@ class Lease:
         return True
 
     def on_disconnect(self, visitor: object) -> bool:
-        """End the lease if `visitor`, who has disconnected, held it; return True then."""
+        """End the lease if `visitor`, who has disconnected, holds it; return True in that case."""
         if self._holder is not visitor:
             return False
         self._holder = None

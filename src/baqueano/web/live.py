@@ -1,6 +1,6 @@
-"""Pass messages between the page and a service: those of a browser that drives, and those of the vehicle.
+"""Pass messages between browsers and the service of a vehicle, in both directions.
 
-The page does not create heartbeats: each heartbeat of the holder that counts is passed on as one `hand`.
+The page does not create heartbeats: each heartbeat of the holder that counts is sent to the service as one `hand`.
 """
 
 import asyncio
@@ -17,15 +17,15 @@ from baqueano.door import VERSION
 from baqueano.errors import BaqueanoError, SafetyStop, UsageError
 from baqueano.language import within
 from baqueano.messages import text
-from baqueano.printable import one_line, typed
+from baqueano.printable import baqueano_command, one_line
 from baqueano.web.feed import Feed, group_of
 from baqueano.web.foxglove.bridge import Foxglove
 from baqueano.web.guard import LONGEST, Role, finite, mission_of
 from baqueano.web.lab.identifying import Identifying
 from baqueano.web.lease import Lease
-from baqueano.web.sentence import described, ledger_rows
+from baqueano.web.sentence import ledger_rows, state_message
 from baqueano.web.service import DoorLink
-from baqueano.web.visitor import Visitor, packed
+from baqueano.web.visitor import Visitor, binary_frame
 
 if TYPE_CHECKING:
     from baqueano.contracts.values import JsonObject
@@ -33,20 +33,20 @@ if TYPE_CHECKING:
 
 HZ = 20.0
 STATE_S = 0.4  # between states
-ODD_S = 15.0  # of driving, for which an event stays in the sentence
-EVENTS = 40  # that a late browser gets: fewer than its queue holds
+ODD_S = 15.0  # drive time for which an event stays in the sentence
+EVENTS = 40  # events sent to a new browser, fewer than its queue accepts
 COMMANDS = 8
 
 
 class Live:
-    """A vehicle that many visitors watch and one drives."""
+    """A vehicle that many visitors watch and one visitor drives."""
 
     def __init__(self, link: DoorLink, visitors: Callable[[], Iterable[Visitor]]) -> None:
         self._link, self._visitors = link, visitors
         self.identifying = Identifying(self._all)
-        self.feed, self.lease, self.foxglove = Feed(), Lease(), Foxglove(self._about)
-        self.robot = secrets.token_hex(4)  # the id that each word of who drives names
-        self.described = asyncio.Event()  # vehicle and columns have come
+        self.feed, self.lease, self.foxglove = Feed(), Lease(), Foxglove(self._vehicle_description)
+        self.robot = secrets.token_hex(4)  # id that the messages of the driver must contain
+        self.described = asyncio.Event()  # vehicle and columns have arrived
         self.on_done: Callable[[], None] = lambda: None
         self.pack: Callable[[str, JsonObject], Awaitable[str]] | None = None  # a robot's mission as JSON
         self.say_hello: Callable[[Visitor], None] = lambda visitor: None
@@ -56,31 +56,31 @@ class Live:
         self._route: JsonObject | None = None
         self._routes: list[JsonObject] = []
         self._events: deque[tuple[float, Diagnostic]] = deque(maxlen=EVENTS)
-        self._last_sender: Visitor | None = None  # who sent the last word that the service may refuse
-        self._last_lease: tuple[object, int] = (None, 0)  # holder and watchers, as all know them
+        self._last_sender: Visitor | None = None  # sender of the last message that the service may refuse
+        self._last_lease: tuple[object, int] = (None, 0)  # holder and number of watchers last sent
         self._changed = True
-        self.over = asyncio.Event()  # the drives have ended as they should, and the service with them
+        self.over = asyncio.Event()  # all drives have ended regularly, and so has the service
         self._ledger: list[JsonObject] = []  # the rows, with diagnostics
         self._blocks: dict[str, str] = {}  # room → kind, in place of the file's
 
-    def _about(self) -> "JsonObject":
+    def _vehicle_description(self) -> "JsonObject":
         blocks = self._vehicle.get("blocks", {})
         return {"vehicle": self._vehicle, "blocks": blocks, "fields": self._fields, "route": self._route}
 
     def begin(self) -> None:
         """Request frames and routes from the service."""
-        self._link.say("watch", hz=HZ)
-        self._link.say("routes")
+        self._link.send("watch", hz=HZ)
+        self._link.send("routes")
 
     def presume(self, vehicle: "JsonObject", routes: "list[JsonObject]") -> None:
-        """Store the description of a robot that is known before it sends anything."""
+        """Store the known description of a robot, which is used until the robot sends its description."""
         self._vehicle, self._routes = self._vehicle or vehicle, self._routes or routes
 
     async def run(self) -> None:
-        """Read the messages of the service until it ends, then inform every browser."""
+        """Process the messages of the service until it ends, then report the end to every browser."""
         ticking = asyncio.create_task(self._tell_states())
         try:
-            await self._link.hear(self._receive)
+            await self._link.receive(self._receive)
         finally:
             ticking.cancel()
             if not self.over.is_set():
@@ -101,8 +101,8 @@ class Live:
             "routes": [route["name"] for route in self._routes],
         }  # fmt: skip
 
-    def joined(self, visitor: Visitor) -> None:
-        """Send a new visitor the events, the ledger, and the last 60 s of the drive."""
+    def send_backlog(self, visitor: Visitor) -> None:
+        """Send a new visitor the events, the ledger, and the stored rows of the drive."""
         for t_s, message in self._events:
             self._say_event(visitor, t_s, message)
         if self._ledger:
@@ -110,7 +110,7 @@ class Live:
         visitor.send_all(self._history(0.0))
 
     async def receive(self, visitor: Visitor, word: "JsonObject") -> None:
-        """Carry out a message of a browser. Raise UsageError for one to another vehicle, unless it is a stop."""
+        """Carry out a message of a browser. Raise UsageError if it names another vehicle and is not a stop."""
         if word.get("robot", self.robot) != self.robot and word["is"] != "stop":
             raise UsageError(fault("web.other-robot"))
         word = {name: value for name, value in word.items() if name != "robot"}
@@ -127,25 +127,25 @@ class Live:
         return do(visitor, word)
 
     def on_disconnect(self, visitor: Visitor) -> None:
-        """End the lease if the browser that has disconnected held it. The vehicle stops because its heartbeats end."""
+        """End the lease of a browser that has disconnected; without its heartbeats the vehicle stops."""
         self.lease.on_disconnect(visitor)
 
     def may_change(self, visitor: Visitor) -> None:
-        """Raise SafetyStop unless the visitor is the holder, or the lease is free and the role is DRIVE."""
+        """Raise SafetyStop if the role of the visitor is not DRIVE, or if another visitor holds the lease."""
         self._needs(visitor, Role.DRIVE)
         if self.lease.holder is not None:
             self.lease.check(visitor)
 
-    def swapped(self, room: str, kind: str, blocks: dict[str, str]) -> None:
-        """Announce to all browsers that a block of this kind takes a room from the next mission on."""
+    def announce_swap(self, room: str, kind: str, blocks: dict[str, str]) -> None:
+        """Announce to all browsers that a block of this kind is used in a room from the next mission on."""
         self._blocks = dict(blocks)
         self._on_event({"said": note("web.swapped", room=room, kind=kind)})
         self._tell_blocks()
 
     def _stop(self, visitor: Visitor, word: "JsonObject") -> None:
-        """Stop at once, for each visitor whose role permits a stop, also without the lease."""
+        """Stop the vehicle at once; the visitor needs the role STOP, but not the lease."""
         self._needs(visitor, Role.STOP)
-        self._link.say("stop", why=stop(StopReason.STOPPED_BY, words=visitor.name))
+        self._link.send("stop", why=stop(StopReason.STOPPED_BY, words=visitor.name))
 
     def _beat(self, visitor: Visitor, word: "JsonObject") -> None:
         u = word["u"]
@@ -153,7 +153,7 @@ class Live:
             raise UsageError(fault("web.not-understood", error="u"))
         age_s = self.feed.age_s(int(word["seen"]))
         if self.lease.beat(visitor, int(word["n"]), age_s, visitor.way_s):
-            self._link.say("hand", u=[float(x) for x in u])
+            self._link.send("hand", u=[float(x) for x in u])
 
     def _take(self, visitor: Visitor, word: "JsonObject") -> None:
         self._needs(visitor, Role.DRIVE)
@@ -161,7 +161,7 @@ class Live:
         self._say_lease()
 
     def _give(self, visitor: Visitor, word: "JsonObject") -> None:
-        """Pass the lease on to a visitor of this name with the role DRIVE, or end it if no name is given."""
+        """Pass the lease to a visitor with this name and the role DRIVE, or end it if no name is given."""
         to = None
         if word.get("to"):
             guests = [g for g in self._visitors() if g.name == word["to"] and g.role == Role.DRIVE]
@@ -176,21 +176,21 @@ class Live:
         self._ask(visitor, kind=kind, **order)
 
     async def _whole_mission(self, visitor: Visitor, word: "JsonObject") -> None:
-        """Pack a mission here and send it to a robot, which cannot resolve the names of local files."""
+        """Pack a mission on this computer and send it to a robot, which cannot read local files."""
         kind, order = self._check_order(visitor, word)
         assert self.pack is not None
         if kind == "teach":
-            raise UsageError(fault("web.teach-there", typed("teach", "NAME", "--robot", "HOST")))
+            raise UsageError(fault("web.teach-there", baqueano_command("teach", "NAME", "--robot", "HOST")))
         mission = await self.pack(kind, order)
         self.lease.check(visitor)
         self._ask(visitor, mission=mission)
 
     def _ask(self, visitor: Visitor, **fields: object) -> None:
         self._last_sender = visitor
-        self._link.say("mission", id=uuid4().hex, attended=True, by="page", door=VERSION, **fields)
+        self._link.send("mission", id=uuid4().hex, attended=True, by="page", door=VERSION, **fields)
 
     def _check_order(self, visitor: Visitor, word: "JsonObject") -> "tuple[str, JsonObject]":
-        """Return kind and options of a mission. Raise SafetyStop if the visitor is not the holder."""
+        """Return the kind and the options of a mission. Raise SafetyStop if the visitor is not the holder."""
         self.lease.check(visitor)
         kind, order = mission_of(word)
         return kind, order | ({"blocks": self._blocks} if kind == "repeat" and self._blocks else {})
@@ -201,24 +201,24 @@ class Live:
         more = (
             {"ticks": max(0, min(1000, int(word["ticks"])))} if "ticks" in word and word["is"] == "go" else {}
         )
-        self._link.say(word["is"], **more)
+        self._link.send(word["is"], **more)
 
     def _clear(self, visitor: Visitor, word: "JsonObject") -> None:
-        """Clear a stop, for the holder, or for a visitor with the role DRIVE while no visitor drives."""
+        """Clear a stop, on request of the holder, or of a visitor with the role DRIVE while the lease is free."""
         self.may_change(visitor)
-        self._link.say("clear")
+        self._link.send("clear")
 
     def _set(self, visitor: Visitor, word: "JsonObject") -> None:
-        """Pass on a gain, a fault of a simulated vehicle, or a request to drive again without a fault."""
+        """Forward a gain, a fault of a simulated vehicle, or a request to drive again, from the holder."""
         self.lease.check(visitor)
         self._last_sender = visitor
-        self._link.say(word["is"], **{k: v for k, v in word.items() if k not in ("is", "do")})
+        self._link.send(word["is"], **{k: v for k, v in word.items() if k not in ("is", "do")})
 
     def _pace(self, visitor: Visitor, word: "JsonObject") -> None:
-        """Pass on the pace, from the holder, or from a visitor with the role DRIVE while no visitor drives."""
+        """Forward the pace, from the holder, or from a visitor with the role DRIVE while the lease is free."""
         self.may_change(visitor)
         self._last_sender = visitor
-        self._link.say("pace", factor=float(word["factor"]))
+        self._link.send("pace", factor=float(word["factor"]))
 
     def _send_history(self, visitor: Visitor, word: "JsonObject") -> None:
         visitor.send_all(self._history(float(word.get("from") or 0.0)))
@@ -250,7 +250,7 @@ class Live:
         if frame is not None:
             self.identifying.take(word["x"])
             self.foxglove.show(word["x"])
-            picture = packed(frame)
+            picture = binary_frame(frame)
             for visitor in self._all():
                 visitor.show(picture)
 
@@ -259,7 +259,7 @@ class Live:
             self._changed = True
         if word["state"] != self._state["state"] and word["state"] == "STOPPED":
             self._state = word
-            self._say_state()  # at once: it is what everybody waits for
+            self._say_state()  # at once, because it is the most important message
         self._state = word
 
     def _on_event(self, word: "JsonObject") -> None:
@@ -273,20 +273,20 @@ class Live:
             self._say_event(visitor, *self._events[-1])
 
     def _set_gain(self, message: Diagnostic) -> None:
-        """Store the gain that is now in force, and send it to all browsers."""
+        """Store a gain that was changed in the vehicle, and send it to all browsers."""
         with suppress(KeyError, TypeError, ValueError):
             now = {message.figures["path"]: float(message.figures["now"])}
             self._vehicle |= {"gains": self._vehicle.get("gains", {}) | now}
             self._tell_blocks()
 
     def _on_no(self, word: "JsonObject") -> None:
-        """Send a refusal of the service to the visitor who made the request, or to all if that visitor has left."""
+        """Send a refusal of the service to the visitor who sent the last request, or to all if that one has left."""
         about = word.get("about")
         for visitor in [self._last_sender] if self._last_sender in set(self._all()) else self._all():
             if visitor is not None:
                 with within(visitor.language):
                     reason = text(about) if isinstance(about, Diagnostic) else one_line(str(word["why"]))
-                visitor.say({"is": "no", "why": reason, "code": getattr(about, "code", ""), "to": "mission"})
+                visitor.send({"is": "no", "why": reason, "code": getattr(about, "code", ""), "to": "mission"})
 
     def _on_vehicle(self, word: "JsonObject") -> None:
         self._vehicle = word
@@ -318,26 +318,26 @@ class Live:
         self._tell({"is": "routes", "routes": self._routes})
 
     def _on_ledger(self, word: "JsonObject") -> None:
-        """Store the faults of a simulated drive and the checks that noticed them, and send them (sentence.py)."""
+        """Store the faults of a simulated drive with the checks that noticed them, and send them to all browsers."""
         self._ledger = [row for row in word["rows"] if isinstance(row, dict)]
         for visitor in self._all():
             self._say_ledger(visitor)
 
     def _say_ledger(self, visitor: Visitor) -> None:
         with within(visitor.language):
-            visitor.say({"is": "ledger", "rows": ledger_rows(self._ledger)})
+            visitor.send({"is": "ledger", "rows": ledger_rows(self._ledger)})
 
     def _on_done(self, word: "JsonObject") -> None:
         """Report the end of a mission and its reason, and request the routes again."""
         if word["why"] is not None:
             self._on_event({"said": word["why"]})
         with suppress(BaqueanoError):
-            self._link.say("routes")
+            self._link.send("routes")
         self._changed = True
         self.on_done()
 
     def _on_over(self, word: "JsonObject") -> None:
-        """Report that the last drive has ended."""
+        """Report to all browsers that the last drive has ended, and set `over`."""
         self._state = {"is": "state", "state": "OVER", "why": word["why"]}
         self._say_state()
         self.over.set()
@@ -348,13 +348,13 @@ class Live:
         return [visitor for visitor in self._visitors() if visitor.role is not None]
 
     def _tell_blocks(self) -> None:
-        """Send all browsers the block of each room, the gains, and the blocks swapped for the next mission."""
+        """Send all browsers the blocks by room, the gains, and the blocks swapped for the next mission."""
         about = {name: self._vehicle.get(name, {}) for name in ("blocks", "gains")}
         self._tell({"is": "blocks", **about, "swapped": self._blocks})
 
     def _tell(self, word: "JsonObject") -> None:
         for visitor in self._all():
-            visitor.say(word)
+            visitor.send(word)
 
     async def _tell_states(self) -> None:
         """Send the state and the lease when they change, and during a drive the state every STATE_S."""
@@ -374,7 +374,7 @@ class Live:
             if visitor.language not in words:
                 with within(visitor.language):
                     words[visitor.language] = self._description()
-            visitor.say(words[visitor.language])
+            visitor.send(words[visitor.language])
 
     def _description(self) -> "JsonObject":
         now_s = self.feed.value("t")
@@ -382,17 +382,17 @@ class Live:
             message for t_s, message in self._events
             if message.severity in (Severity.WARNING, Severity.ERROR) and not now_s - t_s > ODD_S
         ]  # fmt: skip
-        return described(self._state, self.feed, self._route, odd[-3:])
+        return state_message(self._state, self.feed, self._route, odd[-3:])
 
     def _say_lease(self) -> None:
         holder, visitors = self.lease.holder, self._all()
         self._last_lease = holder, len(visitors)
         for visitor in visitors:
-            visitor.say({
+            visitor.send({
                 "is": "lease", "who": getattr(holder, "name", None), "until_ms": round(1e3 * self.lease.left_s),
                 "you": visitor is holder, "watching": len(visitors) - (holder is not None),
             })  # fmt: skip
 
     def _say_event(self, visitor: Visitor, t_s: float, message: Diagnostic) -> None:
         with within(visitor.language):
-            visitor.say({"is": "event", "t": t_s, "severity": str(message.severity), "text": text(message)})
+            visitor.send({"is": "event", "t": t_s, "severity": str(message.severity), "text": text(message)})

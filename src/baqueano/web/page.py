@@ -1,6 +1,6 @@
-"""Handle the messages of a browser that every page has: hello, and runs to open. Messages that drive go to live.py.
+"""Handle the messages of browsers that do not drive: hello, runs and questions. live.py handles the others.
 
-All text is made here, in the language of each browser. Text from a browser is never used as a path or a file name.
+All texts are made here, in the language of each browser. Text from a browser is never used as a path or a file name.
 """
 
 import asyncio
@@ -24,8 +24,8 @@ from baqueano.web.visitor import POLICY, Visitor
 if TYPE_CHECKING:
     from baqueano.contracts.values import JsonObject
 
-ROWS = 4096  # of a frame of a run
-OF = {1: "run", 2: "ghost"}  # streams of what is opened
+ROWS = 4096  # most rows in a frame of a run
+OF = {1: "run", 2: "ghost"}  # streams of the opened runs
 STREAM = 24  # bits of the number of a frame, below its stream: 0 live, 1 the run, 2 its ghost
 IMU = {"imu[0]": "web.imu-ahead", "imu[1]": "web.imu-left", "imu[2]": "web.imu-turning"}
 LABELS = {
@@ -37,25 +37,25 @@ LABELS = {
     "truth.psi": "web.label-true-heading", "nis": "web.label-nis", "progress": "web.label-progress",
     "cross": "web.label-cross", "battery": "web.label-battery", "late_ms": "web.label-late",
 }  # fmt: skip
-SLOW = ("mission", "swap", "write", "ask")  # words that a worker may have to answer first
-LONGEST_NAME = 40  # letters
+SLOW = ("mission", "swap", "write", "ask")  # messages that may need an answer of a worker
+LONGEST_NAME = 40  # most letters of a name
 LONGEST_FILTER = 200
 SEVERITIES = {"fatal": Severity.ERROR, "debug": Severity.INFO}  # of a run's events
 
 
 class VehicleSide(Protocol):
-    """The part of a page that drives a vehicle."""
+    """The part of a page that is connected to a vehicle."""
 
     def hello(self, visitor: Visitor) -> "JsonObject":
         """Return the part of `hello` that describes the vehicle."""
         ...
 
-    def joined(self, visitor: Visitor) -> None:
-        """Send a browser that has received its `hello` what has happened so far."""
+    def send_backlog(self, visitor: Visitor) -> None:
+        """Send a browser, after its `hello`, the events and the rows of the drive so far."""
         ...
 
     async def receive(self, visitor: Visitor, word: "JsonObject") -> None:
-        """Carry out a message. The caller answers a BaqueanoError by `no`."""
+        """Carry out a message of a browser; the caller answers a BaqueanoError by `no`."""
         ...
 
     def on_disconnect(self, visitor: Visitor) -> None:
@@ -66,28 +66,31 @@ class VehicleSide(Protocol):
         """Raise SafetyStop if a visitor may not change the next mission."""
         ...
 
-    def swapped(self, room: str, kind: str, blocks: dict[str, str]) -> None:
-        """Announce that a block of this kind takes a room from the next mission on; `blocks` lists all swapped ones."""
+    def announce_swap(self, room: str, kind: str, blocks: dict[str, str]) -> None:
+        """Announce that a block of this kind is used in a room from the next mission on.
+
+        `blocks` has all swapped blocks, room → kind.
+        """
         ...
 
 
 class BrowserPage:
-    """The visitors of a page, with a vehicle (`live`) or with the recorded runs `opened`: one run, and a ghost."""
+    """The handler of all browsers of a page, with a vehicle (`live`) or with the recorded runs `opened`."""
 
     def __init__(
         self, lab: Lab, shelf: Shelf, guard: Callable[[], Guard], opened: tuple[Path, ...] = (),
         live: VehicleSide | None = None,
     ) -> None:  # fmt: skip
         self._lab, self._shelf, self._guard, self._start_paths, self.live = lab, shelf, guard, opened, live
-        self._identifying = Identifying()  # of runs that are over
+        self._identifying = Identifying()  # for finished runs
         first = {"path": str(opened[0])} if opened else None
-        self.source: Callable[[], JsonObject | None] = lambda: first  # what questions are about
+        self.source: Callable[[], JsonObject | None] = lambda: first  # the subject of questions
         self.questions = Questions(shelf, lambda: self.source())
         self._count = 0
         self._reading: set[asyncio.Task[None]] = set()
 
     async def receive(self, visitor: Visitor, word: "JsonObject") -> None:
-        """Carry out a message of a browser. A slow one runs as a task, as the next message may be a stop."""
+        """Carry out a message of a browser; a slow message runs as a task, because the next message may be a stop."""
         if word["is"] in SLOW:
             self._later(self._do(visitor, word))
         else:
@@ -113,9 +116,9 @@ class BrowserPage:
             self.refuse(visitor, word, fault("web.not-understood", error=type(error).__name__))
 
     def refuse(self, visitor: Visitor, word: "JsonObject", reason: Diagnostic) -> None:
-        """Answer a message by `no`, and disconnect a visitor that has not been admitted."""
+        """Answer a message by `no` with the reason, and disconnect a visitor without a role."""
         with within(visitor.language):
-            visitor.say(
+            visitor.send(
                 {"is": "no", "why": text(reason), "code": str(reason.code), "to": word["is"][:LONGEST_NAME]}
             )
         if visitor.role is None:
@@ -147,55 +150,55 @@ class BrowserPage:
         visitor.role = role
         self.say_hello(visitor, about)
         if self.live is not None:
-            self.live.joined(visitor)
+            self.live.send_backlog(visitor)
         self._later(self._list(visitor))
 
     def say_hello(self, visitor: Visitor, about: "JsonObject") -> None:
-        """Send the description of this page."""
+        """Send a visitor the description of this page, completed by `about`."""
         hello = {
             "is": "hello", "protocol": PROTOCOL, "role": visitor.role.word if visitor.role else "",
             "mode": "live" if self.live else "replay", "vehicle": None, "blocks": {}, "fields": [], "driver": None,
             "you": visitor.name, "state": None, "route": None, "room": None, "routes": [],
             "runs": self._shelf.runs(), "open": self._first_runs(), "shared": self._guard().shared,
         } | about  # fmt: skip
-        visitor.say(hello | {"fields": labelled(hello["fields"], visitor.language)})
+        visitor.send(hello | {"fields": label_fields(hello["fields"], visitor.language)})
 
     def list_to(self, visitors: Iterable[Visitor]) -> None:
-        """Send the changed list of runs to these visitors."""
+        """Read the list of runs again, and send it to these visitors."""
         for visitor in visitors:
             self._later(self._list(visitor))
 
     def _first_runs(self) -> "JsonObject | None":
-        """Return the keys of the runs that the page was started with, or None without runs."""
+        """Return the keys of the runs with which the page was started, None without such runs."""
         words = [self._shelf.word(path) for path in self._start_paths]
         return {"run": words[0], "ghost": words[1] if len(words) > 1 else None} if words else None
 
     async def _about_run(self) -> "JsonObject":
         if not self._start_paths:
             return {}
-        about, _ = await self._lab.ask("open", path=str(self._start_paths[0]))
+        about, _ = await self._lab.request("open", path=str(self._start_paths[0]))
         return {name: about[name] for name in ("vehicle", "blocks", "fields", "route")}
 
     async def _ask(self, visitor: Visitor, word: "JsonObject") -> None:
-        """Answer a question: "ping" measures the round-trip time, "identify" returns the identification of a run."""
+        """Answer a question: "ping", "identify" for a run, or a question for questions.py."""
         reply: JsonObject = {}
         if word["what"] == "identify":
             path = self._shelf.paths().get(word["run"])
             if path is None:
                 raise UsageError(fault("web.no-run"))
-            reply = await self._identifying.recorded(path, visitor.language)
+            reply = await self._identifying.identify_run(path, visitor.language)
         elif word["what"] != "ping":
-            self.questions.ask(visitor, word)
+            self.questions.start_answer(visitor, word)
             return
-        visitor.say({"is": "answer", "to": "ask", "id": word.get("id")} | reply)
+        visitor.send({"is": "answer", "to": "ask", "id": word.get("id")} | reply)
 
     async def _swap(self, visitor: Visitor, word: "JsonObject") -> None:
-        """Use another block in a room from the next mission on."""
+        """Use another block in a room from the next mission on, for a visitor who may change the next mission."""
         if self.live is None:
             raise UsageError(fault("web.no-vehicle", word="swap"))
         self.live.may_change(visitor)
         kind = await self.questions.swap(str(word["room"]), str(word.get("kind") or ""))
-        self.live.swapped(str(word["room"]), kind, self.questions.blocks)
+        self.live.announce_swap(str(word["room"]), kind, self.questions.blocks)
 
     async def _write(self, visitor: Visitor, word: "JsonObject") -> None:
         """Write gains into the vehicle file, for a visitor who may change the next mission."""
@@ -204,10 +207,10 @@ class BrowserPage:
         self.live.may_change(visitor)
         message = await self.questions.write(visitor, word)
         with within(visitor.language):
-            visitor.say({"is": "event", "t": 0.0, "severity": "warning", "text": text(message)})
+            visitor.send({"is": "event", "t": 0.0, "severity": "warning", "text": text(message)})
 
     async def _open(self, visitor: Visitor, word: "JsonObject") -> None:
-        """Send the run with this key, and its ghost: a second run, or its own ticks through the estimator `filter`."""
+        """Send the run with this key, and its ghost: a second run, or this run replayed through another estimator."""
         paths, through = self._shelf.paths(), str(word.get("filter") or "")[:LONGEST_FILTER]
         selection: list[tuple[Path, str]] = []
         for word_of_run in filter(None, (word["run"], word["run"] if through else word.get("ghost"))):
@@ -220,27 +223,27 @@ class BrowserPage:
         self._later(self._list(visitor))
 
     async def _list(self, visitor: Visitor) -> None:
-        """Send the list of runs once it has been read."""
+        """Let the worker read the list of runs, and send it to a visitor."""
         try:
-            visitor.say({"is": "runs", "runs": await self._shelf.read()})
+            visitor.send({"is": "runs", "runs": await self._shelf.read()})
         except BaqueanoError as error:
             self.refuse(visitor, {"is": "runs"}, error.diagnostic)
 
     async def _pieces(
         self, visitor: Visitor, paths: list[tuple[Path, str]]
     ) -> "AsyncIterator[bytes | JsonObject]":
-        """Yield the description of each run, and its frames; with the name of an estimator, the replayed run."""
+        """Yield the description and the frames of each run in `paths`: (path, estimator for a replay, or "")."""
         for stream, (path, through) in enumerate(paths, 1):
             lab, which = (
                 (self.questions.slow if through else self._lab),
                 {"path": str(path), "filter": through},
             )
             try:
-                about, _ = await lab.ask("open", **which)
+                about, _ = await lab.request("open", **which)
                 start = {"is": "answer", "to": "open", "stream": stream, "of": OF[stream]}
                 yield start | self._about(visitor, path, about) | {"done": False, "filter": through or None}
                 for number, first in enumerate(range(0, about["rows"], ROWS), 1):
-                    _, frame = await lab.ask(
+                    _, frame = await lab.request(
                         "frame", number=stream << STREAM | number, first=first, count=ROWS, **which
                     )
                     yield frame
@@ -255,7 +258,7 @@ class BrowserPage:
                     }
 
     def _about(self, visitor: Visitor, path: Path, about: "JsonObject") -> "JsonObject":
-        """Return the description of a run, in the language of a visitor."""
+        """Return the description of a run for a browser, in the language of the visitor."""
         whole = {name: about[name] for name in ("vehicle", "blocks", "route", "rows", "seconds")}
         with within(visitor.language):
             figures = {name: about[name] for name in ("name", "kind", "seconds")}
@@ -263,8 +266,8 @@ class BrowserPage:
         brief = {name: about[name] for name in ("name", "kind", "seconds")}
         return whole | {
             "id": self._shelf.word(path), "name": about["name"], "run": self._shelf.line(path) | brief,
-            "fields": labelled(about["fields"], visitor.language), "sentence": sentence,
-            "events": [worded(event, visitor.language) for event in about["events"]],
+            "fields": label_fields(about["fields"], visitor.language), "sentence": sentence,
+            "events": [with_sentence(event, visitor.language) for event in about["events"]],
         }  # fmt: skip
 
     def _later(self, job: Coroutine[None, None, None]) -> None:
@@ -273,8 +276,8 @@ class BrowserPage:
         task.add_done_callback(self._reading.discard)
 
 
-def worded(event: "JsonObject", language: str) -> "JsonObject":
-    """Return an event with its sentence in this language."""
+def with_sentence(event: "JsonObject", language: str) -> "JsonObject":
+    """Return an event of a run, with its text as a sentence in this language."""
     severity = SEVERITIES.get(event["severity"], event["severity"])
     message = event["text"]
     with within(language):
@@ -284,8 +287,8 @@ def worded(event: "JsonObject", language: str) -> "JsonObject":
         }
 
 
-def labelled(fields: "list[JsonObject]", language: str) -> "list[JsonObject]":
-    """Return the fields with a label for people: the name of the quantity, or of the channel."""
+def label_fields(fields: "list[JsonObject]", language: str) -> "list[JsonObject]":
+    """Return the fields, each with a label in this language: the name of the quantity or of the channel."""
     with within(language):
         return [field | {"label": _label(field["name"], field["group"])} for field in fields]
 

@@ -1,4 +1,4 @@
-"""Run the page process from start to end: it listens, prints its address, and ends with Ctrl-C."""
+"""Run the page process from start to end: listen, print the address, and end with Ctrl-C."""
 
 import asyncio
 import signal
@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 
 from baqueano.diagnostics import Diagnostic, fault, note
 from baqueano.errors import RobotUnreachable
-from baqueano.web.guard import HOLDS_S, Role, bracketed
+from baqueano.web.guard import HOLDS_S, Role, url_host
 from baqueano.web.lab.handle import Lab
 from baqueano.web.lab.shelf import Shelf
 from baqueano.web.live import Live
@@ -23,19 +23,19 @@ from baqueano.web.share import open_tab, own_address, own_names, qr_code, url
 if TYPE_CHECKING:
     from baqueano.contracts.values import JsonObject
 
-GREETING_S = 60.0  # a busy laptop starts Python
+GREETING_S = 60.0  # a busy laptop starts Python slowly
 QUIET_S = 2.0
-COMES_S, GONE_S, LOOK_S = 60.0, 3.0, 0.1  # of browsers
+COMES_S, GONE_S, LOOK_S = 60.0, 3.0, 0.1  # waiting times for browsers
 
 
 @dataclass(frozen=True, slots=True)
 class PageOptions:
-    """The options of serving a page."""
+    """The options of a served page."""
 
     folder: Path  # of the runs
     port: int = 0
     share: bool = False
-    address: str = ""  # of the network; found where none is given
+    address: str = ""  # address in the network; found automatically if ""
     browser: bool = True  # a tab is opened
     routes: Path = Path("routes")  # the folder of the stored routes
 
@@ -43,24 +43,24 @@ class PageOptions:
 async def show_runs(
     names: tuple[str, ...],
     options: PageOptions,
-    say: Callable[[Diagnostic | str], object],
+    notify: Callable[[Diagnostic | str], object],
     lasting: bool = True,
 ) -> None:
     """Serve recorded runs, the second as a ghost of the first, until a signal ends the process.
 
-    If it is not `lasting`, it ends also when the last browser has disconnected.
+    If `lasting` is False, it also ends when the last browser has disconnected.
     """
     lab = Lab()
     try:
-        reply, _ = await lab.ask("find", names=names, folder=str(options.folder))
+        reply, _ = await lab.request("find", names=names, folder=str(options.folder))
         paths = tuple(map(Path, reply["paths"]))
         shelf = Shelf(options.folder, paths)
         page = BrowserPage(lab, shelf, lambda: server.guard, paths)
         server = _server(page, shelf, options)
         try:
             async with server:
-                announce(server, options, say)
-                await (interrupted() if lasting else _first(interrupted(), _until_empty(server)))
+                announce(server, options, notify)
+                await (wait_for_end() if lasting else _first(wait_for_end(), _until_empty(server)))
         finally:
             await page.close()
             await shelf.close()
@@ -71,7 +71,7 @@ async def show_runs(
 async def show_vehicle(
     start: Callable[[], Awaitable[DoorLink]],
     options: PageOptions,
-    say: Callable[[Diagnostic | str], object],
+    notify: Callable[[Diagnostic | str], object],
     robot: "tuple[str, Path] | None" = None,
     lasting: bool = True,
     meet: Callable[[Callable[[], int]], object] = lambda viewers: None,
@@ -79,9 +79,10 @@ async def show_vehicle(
 ) -> None:
     """Serve a vehicle until a signal ends the process, or the service of the vehicle ends.
 
-    Raise RobotUnreachable if the service ends before it describes the vehicle, or ends although it should be
-    `lasting`. `robot` gives the local vehicle file and the folder of routes. `vehicle` is the file whose parameters
-    are identified. `meet` receives a function that returns the number of connected browsers.
+    `robot` contains the local vehicle file and the folder of routes of a real robot. `vehicle` is the file whose
+    parameters are identified. `meet` receives a function that returns the number of connected browsers. Raise
+    RobotUnreachable if the service ends before it describes the vehicle. If `lasting` is True, raise it also for a
+    later end of the service.
     """
     lab, shelf = Lab(), Shelf(options.folder)
     link = await start()
@@ -101,14 +102,14 @@ async def show_vehicle(
     description, over = (asyncio.create_task(event.wait()) for event in (live.described, live.over))
     ending: asyncio.Task[None] | None = None
     try:
-        # a robot describes itself only with its first drive
+        # a robot sends its description only with its first drive
         greeting_s = GREETING_S if robot is None else QUIET_S
         await asyncio.wait({hearing, description}, timeout=greeting_s, return_when=asyncio.FIRST_COMPLETED)
         if hearing.done() and not description.done():
             raise RobotUnreachable(fault("web.service-gone"))
         async with server:
-            announce(server, options, say)
-            ending = asyncio.create_task(interrupted())
+            announce(server, options, notify)
+            ending = asyncio.create_task(wait_for_end())
             await asyncio.wait({ending, hearing, over}, return_when=asyncio.FIRST_COMPLETED)
             if live.over.is_set():
                 await server.say_goodbye()
@@ -125,20 +126,23 @@ async def show_vehicle(
 
 
 def source_of(vehicle: str, routes: Path) -> "JsonObject | None":
-    """Return the subject of questions about the vehicle: its file, or a run with that file; and its routes."""
+    """Return the subject of questions about the vehicle: its file, or a run with this file, and the folder of routes.
+
+    Return None if `vehicle` is "".
+    """
     if not vehicle:
         return None
     return {"path" if vehicle.endswith(".mcap") else "vehicle": vehicle, "routes": str(routes)}
 
 
 async def _presume(live: Live, lab: Lab, vehicle: str, routes: Path) -> None:
-    """Describe a robot from its local vehicle file, and pack its missions here."""
+    """Describe a robot by its local vehicle file, and let its missions be packed on this computer."""
 
     async def pack(kind: str, order: "JsonObject") -> str:
-        reply, _ = await lab.ask("mission", vehicle=vehicle, routes=str(routes), kind=kind, said=order)
+        reply, _ = await lab.request("mission", vehicle=vehicle, routes=str(routes), kind=kind, said=order)
         return reply["mission"]
 
-    about, _ = await lab.ask("vehicle", vehicle=vehicle, routes=str(routes))
+    about, _ = await lab.request("vehicle", vehicle=vehicle, routes=str(routes))
     live.presume(about["vehicle"], about["routes"])
     live.pack = pack
 
@@ -151,33 +155,33 @@ def _server(page: BrowserPage, shelf: Shelf, options: PageOptions) -> Server:
     )
 
 
-def announce(server: Server, options: PageOptions, say: Callable[[Diagnostic | str], object]) -> None:
-    """Print the addresses, and open a tab."""
+def announce(server: Server, options: PageOptions, notify: Callable[[Diagnostic | str], object]) -> None:
+    """Report the addresses by `notify`, with a QR code if the page is shared, and open a tab."""
     tokens = server.guard.tokens
     if not options.share:
         own = url(LOOPBACK, server.port, tokens)
     else:
         address = server.shared_at
         own = url(address, server.port, tokens, Role.DRIVE)
-        say(qr_code(own))
-        say(note("web.to-stop", url=url(address, server.port, tokens, Role.STOP)))
-        say(note("web.to-view", url=url(address, server.port, tokens, Role.VIEW)))
-        say(note("web.plain", hours=HOLDS_S / 3600.0))
-    say(note("web.at", url=own))
+        notify(qr_code(own))
+        notify(note("web.to-stop", url=url(address, server.port, tokens, Role.STOP)))
+        notify(note("web.to-view", url=url(address, server.port, tokens, Role.VIEW)))
+        notify(note("web.plain", hours=HOLDS_S / 3600.0))
+    notify(note("web.at", url=own))
     if server.foxglove is not None:
-        say(note("web.foxglove", url=foxglove_url(server, tokens)))
+        notify(note("web.foxglove", url=foxglove_url(server, tokens)))
     if options.browser:
         asyncio.get_running_loop().run_in_executor(None, open_tab, own)
 
 
 def foxglove_url(server: Server, tokens: dict[Role, str]) -> str:
-    """Return the address for programs that use Foxglove's protocol, with the token that a browser needs."""
-    host = bracketed(server.shared_at or LOOPBACK)
+    """Return the address for programs that use Foxglove's protocol, with the token to view."""
+    host = url_host(server.shared_at or LOOPBACK)
     return f"ws://{host}:{server.port}/foxglove/{tokens[Role.VIEW]}"
 
 
 async def _first(*jobs: Coroutine[None, None, None]) -> None:
-    """Wait until the first of several jobs has finished, and cancel the others."""
+    """Wait until one of several jobs has finished, and cancel the others."""
     tasks = [asyncio.create_task(job) for job in jobs]
     await asyncio.wait(tasks, return_when=asyncio.FIRST_COMPLETED)
     for task in tasks:
@@ -186,7 +190,10 @@ async def _first(*jobs: Coroutine[None, None, None]) -> None:
 
 
 async def _until_empty(server: Server) -> None:
-    """Wait until all browsers have left: COMES_S for the first one, GONE_S for one that reloads."""
+    """Wait until all browsers have left.
+
+    Wait COMES_S for the first browser, and later GONE_S, so that a browser may reload.
+    """
     empty_s, had_visitors = time.monotonic(), False
     while True:
         await asyncio.sleep(LOOK_S)
@@ -196,7 +203,7 @@ async def _until_empty(server: Server) -> None:
             return
 
 
-async def interrupted() -> None:
+async def wait_for_end() -> None:
     """Wait for Ctrl-C, or the end of the terminal or of the system."""
     end_event, loop = asyncio.Event(), asyncio.get_running_loop()
     for name in ("SIGINT", "SIGTERM", "SIGHUP"):

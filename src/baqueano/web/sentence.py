@@ -1,5 +1,8 @@
-"""Describe the state of a vehicle in sentences, in the language of the reader: its activity, its accuracy, and what is
-unusual. Describe its ledger too: the faults, and the checks that noticed them."""
+"""Describe the state and the ledger of a vehicle in sentences, in the language of the reader.
+
+The state has the activity of the vehicle, its accuracy, and unusual events. The ledger has the faults, and the checks
+that noticed them.
+"""
 
 import math
 from contextlib import suppress
@@ -21,15 +24,15 @@ STATES = {
     "OVER": "web.title-over",
 }  # fmt: skip
 NIS_S = 10.0
-FEWEST = 100  # values of the NIS that say something
-PLAIN = ("number", "t_s", "until_s", "over", "fault")  # of a row of the ledger
+FEWEST = 100  # least number of NIS values for a sentence
+PLAIN = ("number", "t_s", "until_s", "over", "fault")  # fields of a ledger row that are copied
 HALF_BAND = 1.96 * math.sqrt(2.0)  # of the mean of N squared normals, times √N
 
 
-def described(
+def state_message(
     state: "JsonObject", feed: "Feed", route: "JsonObject | None", odd: list[Diagnostic]
 ) -> "JsonObject":
-    """Return the message `state` for a browser, in the current language."""
+    """Return the message `state` for a browser, in the current language; `odd` are the unusual events."""
     kind, name = state.get("mission"), state["state"]
     is_driving = kind is not None and name in ("MISSION", "MANUAL")
     lap, laps = _lap(feed, route), state.get("laps")
@@ -59,7 +62,7 @@ def _standing(state: "JsonObject") -> Diagnostic:
 
 
 def _driving(state: "JsonObject", feed: "Feed", lap: int | None, laps: object) -> list[Diagnostic]:
-    """Return the sentences on the activity of the vehicle and on its accuracy."""
+    """Return the sentences about the activity of a driving vehicle and about its accuracy."""
     parts: list[Diagnostic] = []
     if state.get("mission") == "repeat" and lap is not None:
         parts.append(note("web.lap-of", lap=lap, laps=laps) if laps else note("web.lap", lap=lap))
@@ -77,7 +80,7 @@ def _driving(state: "JsonObject", feed: "Feed", lap: int | None, laps: object) -
 
 
 def _lap(feed: "Feed", route: "JsonObject | None") -> int | None:
-    """Return the number of the lap, from the progress along the route; None without a route length or a progress."""
+    """Return the number of the lap, from 1 on, by the progress along the route; None if it is unknown."""
     length_m, progress = (route or {}).get("length_m") or 0.0, feed.value("progress")
     if not (length_m > 0.0 and math.isfinite(progress)):
         return None
@@ -85,7 +88,7 @@ def _lap(feed: "Feed", route: "JsonObject | None") -> int | None:
 
 
 def ledger_rows(rows: "list[JsonObject]") -> "list[JsonObject]":
-    """Return the rows of a `ledger` of the door with texts in place of diagnostics."""
+    """Return the rows of the door's message `ledger`, with texts in place of diagnostics."""
     return [
         {name: row.get(name) for name in PLAIN}
         | {

@@ -1,6 +1,6 @@
-"""Serve static files from a table made at start, runs and reports by their key, and one WebSocket.
+"""Serve static files from a table made at the start, runs and reports by their keys, and WebSockets.
 
-The server listens on loopback, and on one more address if it is shared. HTTP requests do not change any state.
+The server listens on loopback, and on one more address if the page is shared. HTTP requests do not change a state.
 """
 
 import asyncio
@@ -36,14 +36,14 @@ if TYPE_CHECKING:
 
 STATIC = Path(__file__).with_name("static")
 VISITORS = 32
-CONNECTIONS = 96  # those that fetch files included
+CONNECTIONS = 96  # most connections, including those that fetch files
 HANDSHAKE_S = 5.0
 DONE, GOODBYE_S = 1000, 1.0
 LOOPBACK = "127.0.0.1"
 
 
 class Server:
-    """A server that listens while it is entered: `async with Server(…) as server`."""
+    """A server that listens while its context is entered: `async with Server(…) as server`."""
 
     def __init__(
         self,
@@ -61,7 +61,7 @@ class Server:
         self._files = static(STATIC)
         self._servers: list[asyncio.Server] = []
         self._connections, self.visitors, self.onlookers = 0, set[Visitor](), set[Visitor]()
-        self.foxglove: Foxglove | None = None  # of a page with a vehicle
+        self.foxglove: Foxglove | None = None  # set for a page with a vehicle
         self._talks: set[asyncio.Task[None] | None] = set()
         self.guard = Guard((), 0)
 
@@ -95,7 +95,7 @@ class Server:
         await asyncio.gather(*filter(None, self._talks), return_exceptions=True)
 
     async def say_goodbye(self) -> None:
-        """Disconnect each browser once all its messages are sent, with a code after which it does not connect again."""
+        """Disconnect each browser after its waiting messages, with a code after which it does not connect again."""
         for visitor in list(self.visitors):
             visitor.end(DONE)
         with suppress(TimeoutError):
@@ -165,7 +165,7 @@ class Server:
     async def _look(
         self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter, head: Head, data: bytes
     ) -> None:
-        """Admit a program that uses Foxglove's protocol: with a token in its address, or from this machine."""
+        """Serve a program that uses Foxglove's protocol, if its address has a token or it runs on this machine."""
         address, foxglove = writer.get_extra_info("peername")[0], self.foxglove
         assert foxglove is not None
         token = head.path.removeprefix("/foxglove").removeprefix("/")
@@ -188,7 +188,10 @@ class Server:
             foxglove.on_disconnect(line)
 
     def _protocol(self, head: Head, data: bytes, names: tuple[str, ...]) -> ServerProtocol:
-        """Return the protocol of an admitted connection, with its answer ready to be sent."""
+        """Return the WebSocket protocol of a connection, with the answer to its upgrade ready to be sent.
+
+        Raise RefusedRequest if the request is not a valid upgrade, or if too many visitors are connected.
+        """
         if head.method != "GET" or not head.values("upgrade"):
             raise RefusedRequest(HTTPStatus.UPGRADE_REQUIRED, Upgrade="websocket")
         if len(self.visitors) + len(self.onlookers) >= VISITORS:
@@ -203,6 +206,6 @@ class Server:
         return protocol
 
     def _check_greeting(self, visitor: Visitor) -> None:
-        """Disconnect a visitor that has not sent `hello`."""
+        """Disconnect a visitor that has not sent a message in time."""
         if not visitor.spoke:
             visitor.leave(POLICY)

@@ -2,7 +2,7 @@
 
 a simulated vehicle   a child of this process (door/simulated), which ends with its pipes
 HOST                  ssh HOST baqueano robot attach: the robot does not listen on the network
-a path, or here       the socket of a service on this machine
+a path, or "here"     the socket of a service on this machine
 """
 
 import asyncio
@@ -24,21 +24,21 @@ from baqueano.errors import RobotUnreachable
 if TYPE_CHECKING:
     from baqueano.contracts.values import JsonObject
 
-LONGEST = 4 << 20  # bytes of a line
+LONGEST = 4 << 20  # most bytes of a line
 ATTACH = "exec baqueano robot attach"
-ENDS_S = 3.0  # for its last run
+ENDS_S = 3.0  # time to close its last run
 FRAME = b'{"is":"frame"'
-UNSENT = 256 << 10  # bytes that wait for a service that does not read
+UNSENT = 256 << 10  # most bytes that wait for a service that does not read
 
 
 class DoorLink(Protocol):
-    """A partner that exchanges the messages of the door."""
+    """A service, or a player of runs, that exchanges the messages of the door."""
 
-    def say(self, do: str, **words: object) -> None:
-        """Send a message without waiting. Raise RobotUnreachable if the partner does not accept it."""
+    def send(self, do: str, **words: object) -> None:
+        """Send a message without waiting. Raise RobotUnreachable if the other side does not accept it."""
         ...
 
-    async def hear(self, on_word: "Callable[[JsonObject], None]") -> None:
+    async def receive(self, on_word: "Callable[[JsonObject], None]") -> None:
         """Pass each received message to `on_word` until the connection ends."""
         ...
 
@@ -48,7 +48,7 @@ class DoorLink(Protocol):
 
 
 class Link:
-    """A connection to a service."""
+    """A connection to the service of a vehicle."""
 
     def __init__(
         self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter,
@@ -56,18 +56,18 @@ class Link:
     ) -> None:  # fmt: skip
         self._reader, self._writer, self._program = reader, writer, program
 
-    def say(self, do: str, **words: object) -> None:
+    def send(self, do: str, **words: object) -> None:
         """Send a message without waiting. Raise RobotUnreachable if the service has ended or does not read."""
         transport = self._writer.transport
         if transport.is_closing() or transport.get_write_buffer_size() > UNSENT:
             raise RobotUnreachable(fault("web.service-gone"))
-        self._writer.write(wire.encoded({"do": do, **words}))
+        self._writer.write(wire.encode({"do": do, **words}))
 
-    async def hear(self, on_word: "Callable[[JsonObject], None]") -> None:
+    async def receive(self, on_word: "Callable[[JsonObject], None]") -> None:
         """Pass each received message to `on_word` until the service ends."""
         with suppress(OSError, ValueError):
             while line := await self._reader.readline():
-                word = json.loads(line) if line.startswith(FRAME) else wire.decoded(line)
+                word = json.loads(line) if line.startswith(FRAME) else wire.decode(line)
                 if word is not None:
                     on_word(word)
 
@@ -85,7 +85,7 @@ class Link:
             await self._program.wait()
 
 
-async def simulated(vehicle: str, folder: Path, *more: str) -> Link:
+async def start_simulated(vehicle: str, folder: Path, *more: str) -> Link:
     """Start the service of a simulated vehicle, and return the link to it."""
     return await _start(
         [sys.executable, "-m", "baqueano.door.simulated", vehicle, "--runs", str(folder), *more]
@@ -93,13 +93,13 @@ async def simulated(vehicle: str, folder: Path, *more: str) -> Link:
 
 
 async def on_pipes(coming: BinaryIO, going: BinaryIO) -> Link:
-    """Return a link to the process that started this one, over these pipes."""
+    """Return a link to the process that started this process, over these pipes."""
     near_end, far_end = socket.socketpair()
     threading.Thread(target=join, args=(far_end, coming, going), name="pipes", daemon=True).start()
     return Link(*await asyncio.open_connection(sock=near_end, limit=LONGEST))
 
 
-async def reached(host: str) -> Link:
+async def connect(host: str) -> Link:
     """Return a link to the service at HOST. Raise RobotUnreachable if it cannot be reached."""
     if host == "here" or ("/" in host and not host.startswith("-")):
         path = SOCKET if host == "here" else Path(host)
@@ -109,11 +109,11 @@ async def reached(host: str) -> Link:
             raise RobotUnreachable(
                 fault("door.nobody", "systemctl status baqueano", path=path, error=error.strerror)
             ) from error
-    return await _start(ssh(host, ATTACH, "-o", "BatchMode=yes"))  # a page cannot ask for a password
+    return await _start(ssh(host, ATTACH, "-o", "BatchMode=yes"))  # a page cannot request a password
 
 
 async def _start(command: list[str]) -> Link:
-    """Return a link to a program that communicates over its pipes; its messages for people stay on stderr."""
+    """Start a program, and return a link over its stdin and stdout; its stderr is not redirected."""
     try:
         program = await asyncio.create_subprocess_exec(
             *command, stdin=asyncio.subprocess.PIPE, stdout=asyncio.subprocess.PIPE, limit=LONGEST,

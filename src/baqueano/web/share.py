@@ -1,4 +1,4 @@
-"""Find the address of a page: for the browser of this machine, and with `--share` for a network, also as a QR code."""
+"""Make the address of a page: for the browser of this machine, and for a network also as a QR code."""
 
 import os
 import socket
@@ -8,13 +8,13 @@ from contextlib import suppress
 
 from baqueano.diagnostics import fault
 from baqueano.errors import UsageError
-from baqueano.web.guard import Role, bracketed
+from baqueano.web.guard import Role, url_host
 
-ANYWHERE = "192.0.2.1"  # of documentation: nothing is sent there, the system only says from where it would be
+ANYWHERE = "192.0.2.1"  # reserved for documentation: nothing is sent, only the local address is found
 
 
 def own_address() -> str:
-    """Return the address of this machine in its network. Raise UsageError without one."""
+    """Return the address of this machine in its network. Raise UsageError without a network."""
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
         try:
             probe.connect((ANYWHERE, 9))
@@ -27,18 +27,18 @@ def own_address() -> str:
 
 
 def own_names() -> tuple[str, ...]:
-    """Return the names by which other machines of the network may find this one, () without a host name."""
+    """Return the names by which other machines of the network may find this machine, () without a host name."""
     name = socket.gethostname().partition(".")[0]
     return (f"{name}.local",) if name else ()
 
 
 def url(address: str, port: int, tokens: dict[Role, str], role: Role | None = None) -> str:
-    """Return the URL of the page, with the token of a role after #, which browsers do not send to the server."""
-    return f"http://{bracketed(address)}:{port}/" + (f"#token={tokens[role]}" if role else "")
+    """Return the URL of the page, with the token of a role after #: browsers do not send this part to the server."""
+    return f"http://{url_host(address)}:{port}/" + (f"#token={tokens[role]}" if role else "")
 
 
 def qr_code(address: str) -> str:
-    """Return a QR code in characters of a terminal."""
+    """Return the QR code of an address, drawn by characters of a terminal."""
     import io
 
     import segno
@@ -58,7 +58,7 @@ def display() -> bool:
 
 
 def open_tab(address: str) -> bool:
-    """Open a tab if there is a display; return False otherwise."""
+    """Open a tab of the browser, and return True; return False without a display or a browser."""
     if not display():
         return False
     with suppress(webbrowser.Error, OSError):

@@ -1,10 +1,10 @@
-"""A browser: its messages, and the queues of what is to be sent to it.
+"""Represent a connected browser: its messages, and the queues of messages, pieces and pictures for it.
 
-  words     a queue of WORDS messages, none dropped; a browser that lets it fill up is disconnected             (1)
-  pieces    of a history or a run, each made only when the previous one has been sent                           (2)
-  picture   one place: the newest frame replaces one that has not been sent                                     (3)
+  words     a queue of WORDS messages, which are never dropped; if it is full, the browser is disconnected      (1)
+  pieces    parts of a history or a run, each made only after the previous piece has been sent                  (2)
+  picture   one place: the newest frame replaces a frame that has not been sent                                 (3)
 
-The bytes follow the I/O-free protocol of `websockets`. The socket's buffer is small, so that a picture is recent.
+The I/O-free protocol of `websockets` encodes the bytes. The socket's buffer is small, so that pictures are recent.
 """
 
 import asyncio
@@ -31,20 +31,20 @@ if TYPE_CHECKING:
     Piece = bytes | JsonObject | tuple[bytes, ...]  # a binary message, a word, the parts of a binary message
 
 WORDS = 64
-LONGEST = 16 << 10  # bytes of a word of a browser
-RATE = 50.0  # words a second of a browser
-UNREAD = 4 << 20  # bytes that wait for the kernel: more than the largest piece
-FRAGMENT = 16 << 10  # bytes of a long message that are made at a time
+LONGEST = 16 << 10  # most bytes of a message from a browser
+RATE = 50.0  # messages a second from a browser
+UNREAD = 4 << 20  # most bytes that wait for the kernel: more than the largest piece
+FRAGMENT = 16 << 10  # bytes of a long message that are encoded at once
 SENDING = 64 << 10  # bytes in the socket's buffer
 PING_S = 2.0
-WAY_S = 0.2  # there and back, at most, that a picture is given
-GONE_S = 20.0  # without a byte
+WAY_S = 0.2  # largest round trip allowed for a picture
+GONE_S = 20.0  # time limit without a received byte
 BINARY = 0x82  # the first byte of a whole binary message
 POLICY, UNSUPPORTED, TOO_SLOW = 1008, 1003, 1013
 
 
 class Visitor:
-    """An admitted connection. `role` is None until its first message; `kind` is the field that names a message."""
+    """A connection. `role` is None until its `hello` is accepted; `kind` is the field that names a message."""
 
     def __init__(
         self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter, protocol: ServerProtocol, address: str,
@@ -60,9 +60,9 @@ class Visitor:
         self._picture: bytes | None = None
         self._waiting, self._last_word_s = asyncio.Event(), time.monotonic()
         self._parts: list[bytes] = []
-        self._ending: int | None = None  # the code with which it ends, once its words have gone
+        self._ending: int | None = None  # close code to send after the waiting messages
         self._rate = Rate(RATE)
-        self.way_s, self._pinged_s = 0.0, 0.0  # the way there and back
+        self.way_s, self._pinged_s = 0.0, 0.0  # round-trip time, time of the last ping
         writer.transport.set_write_buffer_limits(high=0)  # `drain` waits until the kernel has it
         line = writer.get_extra_info("socket")
         if line is not None:
@@ -75,8 +75,8 @@ class Visitor:
         """Return True while messages can be sent."""
         return self._protocol.state is State.OPEN and not self._writer.is_closing()
 
-    def say(self, word: "JsonObject") -> None:
-        """Put a message into the queue; disconnect a browser whose queue is full.  (1)"""
+    def send(self, word: "JsonObject") -> None:
+        """Append a message to the queue; disconnect the browser if the queue is full.  (1)"""
         if len(self._words) >= WORDS:
             self.leave(TOO_SLOW)
             return
@@ -84,7 +84,10 @@ class Visitor:
         self._waiting.set()
 
     def show(self, picture: bytes) -> None:
-        """Send a picture (see `packed`) at once if the queues are empty; otherwise replace the waiting one.  (3)"""
+        """Send a picture at once if the queues are empty; otherwise replace the waiting picture.  (3)
+
+        The picture is a message encoded by `binary_frame`.
+        """
         waits = self._words or self._picture or self._pieces is not None or self._ending is not None
         if self.open and not waits and not self._writer.transport.get_write_buffer_size():
             self._writer.write(picture)
@@ -93,28 +96,28 @@ class Visitor:
         self._waiting.set()
 
     def send_all(self, pieces: "AsyncIterator[Piece]") -> None:
-        """Send pieces one by one, in place of those that have not been sent.  (2)"""
+        """Send these pieces one by one, in place of pieces that have not been sent.  (2)"""
         self._pieces = pieces
         self._waiting.set()
 
     def leave(self, code: int = 1000) -> None:
-        """Close the connection and drop what has not been sent."""
+        """Close the connection with this code, and drop all that waits to be sent."""
         if self._protocol.state is State.OPEN:
             self._protocol.send_close(code)
             self._flush()
-        if code == TOO_SLOW:  # whoever does not read does not read this either
+        if code == TOO_SLOW:  # a browser that does not read would not read the close frame either
             self._writer.transport.abort()
         else:
             self._writer.close()
         self._waiting.set()
 
     def end(self, code: int) -> None:
-        """Close the connection once the waiting messages have been sent."""
+        """Close the connection with this code after the waiting messages have been sent."""
         self._ending = code
         self._waiting.set()
 
     async def talk(self, on_word: "Callable[[Visitor, JsonObject], Awaitable[None]]") -> None:
-        """Pass each message to `on_word` until the connection ends."""
+        """Receive messages and pass each to `on_word`, and send the queues, until the connection ends."""
         tasks = [asyncio.create_task(job) for job in (self._send_words(), self._keep_alive())]
         try:
             await self._hear(on_word)
@@ -138,10 +141,13 @@ class Visitor:
                 for word in self._words_in(frame):
                     self.spoke = True
                     await on_word(self, word)
-                    await asyncio.sleep(0)  # what it is answered goes before the next word is read
+                    await asyncio.sleep(0)  # let the answer be sent before the next message is read
 
     def _words_in(self, frame: object) -> "list[JsonObject]":
-        """Return the message that this frame completes. End the connection if it is malformed or exceeds the rate."""
+        """Return the message that this frame completes, [] without one.
+
+        Close the connection if the message is malformed or exceeds the rate.
+        """
         opcode, data, last = (
             getattr(frame, "opcode", None),
             getattr(frame, "data", b""),
@@ -173,14 +179,14 @@ class Visitor:
             while self.open:
                 await self._waiting.wait()
                 self._waiting.clear()
-                await self._drain()  # of a picture that was sent at once
+                await self._drain()  # for a picture that was sent at once
                 while self.open and (await self._send_next()):
                     pass
 
     async def _send_next(self) -> bool:
-        """Send the first waiting item: messages before a picture, a picture before a piece.
+        """Send the next waiting item: messages before a picture, a picture before a piece.
 
-        Return False if none waits.
+        Return False if no item waits.
         """
         if self._words:
             await self._write(self._words.popleft())
@@ -209,14 +215,14 @@ class Visitor:
         if isinstance(piece, bytes):
             self._protocol.send_binary(piece)
         else:
-            self._protocol.send_text(encoded(piece))
+            self._protocol.send_text(encode_json(piece))
         self._flush()
         await self._drain()
 
     async def _write_parts(self, parts: deque[bytes]) -> None:
-        """Send one message in fragments, each once the kernel has taken the previous one.
+        """Send one message in fragments, each after the kernel has accepted the previous fragment.
 
-        A long message thus is in memory only once, even if several browsers do not read it.
+        A long message is thus in memory only once, even if several browsers do not read it.
         """
         send = self._protocol.send_binary
         while parts and self.open:
@@ -229,12 +235,12 @@ class Visitor:
             await self._drain()
 
     async def _drain(self) -> None:
-        """Wait until the kernel has taken the bytes."""
+        """Wait until the kernel has accepted all written bytes."""
         if not self._writer.is_closing():
             await self._writer.drain()
 
     def _flush(self) -> None:
-        """Write the bytes of the protocol to the socket; abort the connection of a browser that does not read."""
+        """Write the bytes of the protocol to the socket; abort the connection if the browser does not read."""
         for data in self._protocol.data_to_send():
             if data and not self._writer.is_closing():
                 self._writer.write(data)
@@ -254,8 +260,8 @@ class Visitor:
             self._flush()
 
 
-def packed(data: bytes) -> bytes:
-    """Return a binary message in its WebSocket encoding (RFC 6455, 5.2), the same bytes for all browsers."""
+def binary_frame(data: bytes) -> bytes:
+    """Return data as a binary WebSocket message (RFC 6455, 5.2), whose bytes are the same for all browsers."""
     size = len(data)
     if size < 126:
         return bytes((BINARY, size)) + data
@@ -264,8 +270,8 @@ def packed(data: bytes) -> bytes:
     return struct.pack("!BBQ", BINARY, 127, size) + data
 
 
-def encoded(word: "JsonObject") -> bytes:
-    """Return a message as JSON. Infinite numbers and NaN, which JSON does not have, become null."""
+def encode_json(word: "JsonObject") -> bytes:
+    """Return a message as JSON. Infinite numbers and NaN become null, because JSON does not have them."""
     return json.dumps(_plain(word), ensure_ascii=False, separators=(",", ":"), allow_nan=False).encode()
 
 

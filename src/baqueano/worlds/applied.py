@@ -1,12 +1,12 @@
 """Estimate the duty that a motor had in a tick, before the telemetry of the end of the tick has arrived.
 
-  U(t) = ∫ d dτ       known from telemetry up to t_s, the time of the newest; t_s ≤ t by up to its period       (1)
+  U(t) = ∫ d dτ       from telemetry until t_s, the time of the newest frame; t − t_s is at most its period     (1)
   x → c, |ẋ| ≤ slew,  d = sign(x) (dead zone + slope |x|)       after t_s: as the firmware follows commands (2)
   u_k = (U(t_k) − Σ_{j<k} u_j δ_j) / δ_k                                                                (3)
 
-The mean in telemetry is that of its own span, which ended up to a period before the tick. If it were taken for the
-tick's mean, a fit would find motors too quick by 2 to 11 ms, depending on the phase. (3) corrects an error of (2) (a
-kick, dither, a late frame) one tick later, so errors do not accumulate.
+Telemetry contains the mean over a time span that ended up to a period before the tick. If a fit used it as the mean of
+the tick, the motors would be 2 to 11 ms too quick, depending on the phase. (3) corrects an error of (2) (a
+kick, dither, a delayed frame) one tick later, so errors do not accumulate.
 """
 
 from collections import deque
@@ -20,7 +20,7 @@ ON_THE_WAY_NS = 1_000_000  # from a command of the loop to the wheels: by USB it
 
 
 class AppliedWay(NamedTuple):
-    """The line of a wheel in one direction: duty = dead_zone + slope · |request|."""
+    """The characteristic of a wheel in one direction: duty = dead_zone + slope · |request|."""
 
     dead_zone: float = 0.0
     slope: float = 1.0
@@ -35,7 +35,7 @@ class AppliedMotors(NamedTuple):
     ) * 4  # left forwards, left backwards, right forwards, right backwards
 
     def duty(self, wheel: int, request: float) -> float:
-        """Return the duty at the pins for a request that the wheel follows.  (2)"""
+        """Return the duty at the pins for a request to a wheel (0 left, 1 right), in [-1, 1].  (2)"""
         if request == 0.0:
             return 0.0
         way = self.ways[2 * wheel + (request < 0.0)]
@@ -51,7 +51,7 @@ class AppliedMotors(NamedTuple):
         return size if duty > 0.0 else -size
 
     def step(self, request: float, goal: float, seconds: float) -> float:
-        """Return the request after `seconds` of following `goal`: limited by the slew, and with a stop at zero."""
+        """Return the request `seconds` later, after motion towards `goal`: limited by the slew, with a stop at zero."""
         if request * goal < 0.0:
             goal = 0.0
         most = self.slew_per_s * seconds
@@ -62,28 +62,28 @@ AS_SENT = AppliedMotors()
 
 
 class AppliedDuties:
-    """The applied duties of two wheels. All times are those of the host [ns]."""
+    """An estimator of the applied duties of two wheels. All times are of the host's clock [ns]."""
 
     def __init__(self, motors: AppliedMotors = AS_SENT) -> None:
         self._motors = motors
         self._commands: deque[tuple[int, tuple[float, float]]] = deque(maxlen=1000)
         self._command_ns, self._integral = -1, np.zeros(2)  # U of (1)
         self._duty, self._stopped = (0.0, 0.0), False
-        self._until_ns, self._spent_duty = -1, np.zeros(2)  # what (3) has spent
+        self._until_ns, self._spent_duty = -1, np.zeros(2)  # the integral that earlier ticks have used in (3)
         self._mean = np.zeros(2)
 
     def begin(self, now_ns: int) -> None:
-        """Begin the first tick now; earlier telemetry and commands count only if they still move a motor."""
+        """Begin the first tick at `now_ns`: earlier commands are removed, and earlier duty does not count."""
         self._commands.clear()
         self._until_ns, self._integral = now_ns, np.zeros(2)
         self._spent_duty = np.zeros(2) if self._command_ns < 0 else self._onward(now_ns)
 
-    def sent(self, now_ns: int, left: float, right: float) -> None:
+    def record_command(self, now_ns: int, left: float, right: float) -> None:
         """Record a command that was sent."""
         self._commands.append((now_ns + ON_THE_WAY_NS, (left, right)))
 
     def update(self, t_ns: int, mean: tuple[float, float], now: tuple[float, float], stopped: bool) -> None:
-        """Record telemetry: the mean duty (2,) since the previous one, the present duty, True if no motor is driven."""
+        """Record telemetry: the mean duty (2,) since the last, the present duty (2,), True if no motor is driven."""
         if self._command_ns >= 0:
             self._integral = self._integral + np.array(mean) * ((t_ns - self._command_ns) * NS)
         elif self._until_ns < 0:
@@ -93,7 +93,7 @@ class AppliedDuties:
             self._commands.popleft()
 
     def mean(self, t_ns: int) -> np.ndarray:
-        """Return the mean duty (2,) from the time of the last call to `t_ns`.  (3)"""
+        """Return the mean duty (2,) between the time of the last call and `t_ns`.  (3)"""
         if self._command_ns < 0 or t_ns <= self._until_ns:
             return self._mean
         whole = self._integral + self._onward(t_ns)
@@ -117,7 +117,7 @@ class AppliedDuties:
         return total
 
     def _goal(self, t_ns: int) -> tuple[float, float]:
-        """Return the command in force at `t_ns`."""
+        """Return the command (left, right) in force at `t_ns`; zero if the firmware has stopped the motors."""
         goal = (0.0, 0.0)
         if not self._stopped:
             for since_ns, duty in self._commands:

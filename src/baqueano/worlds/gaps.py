@@ -1,8 +1,8 @@
 """Fill the gaps of a recording: insert silent ticks where ticks are missing.
 
-An estimator integrates a stiff model from tick to tick, and no integrator with a fixed step stays stable over a gap of
-seconds. With silent ticks it continues to predict at its own rate, and its covariance grows as it should. The command
-in force is the one that the tick after the gap reports. A recording without gaps is unchanged.
+An estimator integrates a stiff model from tick to tick, and an integrator with a fixed step is not stable over a gap of
+seconds. With silent ticks the estimator continues to predict at its rate, and its covariance grows correctly. The
+silent ticks have the command of the tick after the gap. A recording without gaps is unchanged.
 """
 
 from collections.abc import Iterable, Iterator
@@ -16,12 +16,12 @@ LONGEST_NS = 60 * NANOSECONDS  # of a longer hole, which separates two drives, o
 
 
 def period_ns(t_ns: np.ndarray) -> int:
-    """Return the median time between two ticks (N,) [ns], or 0 for fewer than two ticks."""
+    """Return the median time [ns] between ticks at `t_ns` (N,), or 0 for fewer than two ticks."""
     return int(np.median(np.diff(t_ns))) if len(t_ns) > 1 else 0
 
 
-def filled(ticks: Iterable[Tick], period_ns: int) -> Iterator[Tick]:
-    """Yield the same ticks, with silent ones every period in the gaps."""
+def fill_gaps(ticks: Iterable[Tick], period_ns: int) -> Iterator[Tick]:
+    """Yield the same ticks, with a silent tick every `period_ns` in the gaps."""
     before: int | None = None
     for tick in ticks:
         if before is not None and 0 < HOLE * period_ns < tick.t_ns - before:

@@ -1,6 +1,6 @@
-"""Draw noise as an input from outside: one stream of unit normals per name, all from one seed.
+"""Draw noise as an input of a simulation: one stream of standard normals per name, all from one seed.
 
-The key of a stream is the hash of its name, so that adding or removing a sensor does not change the noise of others.
+The key of a stream is the hash of its name, so an added or removed sensor does not change the noise of others.
 """
 
 import numpy as np
@@ -22,5 +22,5 @@ def stream(seed: int, name: str) -> "np.random.Generator":
 
 
 def unit_normals(seed: int, name: str, ticks: int, size: int) -> np.ndarray:
-    """Return unit normals (ticks, size); the first rows do not depend on the number of ticks."""
+    """Return standard normals (ticks, size); the first rows do not depend on the number of ticks."""
     return stream(seed, name).standard_normal((ticks, size))

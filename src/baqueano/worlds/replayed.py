@@ -1,8 +1,8 @@
-"""Use a recorded run as a world of the loop: its readings are those of the run, for any command.
+"""Use a recorded run as a world of the loop: its readings do not depend on the commands.
 
-The blocks receive the ticks of the run, with the commands that reached the motors then. Estimates of different
-estimators are therefore comparable, and the same blocks give the same numbers, bit for bit. A sensor of the vehicle
-that is not in the run is silent.
+The blocks receive the ticks of the run, with the recorded commands that reached the motors. So estimates of different
+estimators are comparable, and the same blocks compute the same numbers, bit for bit. A sensor of the vehicle that is
+not in the run is silent.
 """
 
 from dataclasses import replace
@@ -14,7 +14,7 @@ from baqueano.diagnostics import Severity, fault, note
 from baqueano.errors import Invalid
 from baqueano.runs import Channel, Run
 from baqueano.signals import Command, Motion, Tick
-from baqueano.worlds.gaps import filled, period_ns
+from baqueano.worlds.gaps import fill_gaps, period_ns
 
 
 class ReplayedWorld(World):
@@ -25,7 +25,7 @@ class ReplayedWorld(World):
     run : Run
         The run.
     sensors : NamedTuple of Sensor
-        Sensors of the vehicle whose blocks get the ticks; one that the run lacks is silent.
+        Sensors of the vehicle; a sensor that the run lacks is silent.
 
     Examples
     --------
@@ -44,7 +44,7 @@ class ReplayedWorld(World):
             sensors=run.sensors
             | {name: Channel(none, none, np.zeros((0, getattr(sensors, name).size))) for name in lacking},
         )
-        self._ticks = list(filled(run.ticks(), period_ns(run.t_ns)))
+        self._ticks = list(fill_gaps(run.ticks(), period_ns(run.t_ns)))
         silent = len(self._ticks) - len(run.t_ns)
         holes = [note("replay.holes", Severity.WARNING, count=silent)] if silent else []
         quiet = [note("replay.without-sensor", Severity.WARNING, sensor=name) for name in lacking]
@@ -56,11 +56,11 @@ class ReplayedWorld(World):
 
     @property
     def times(self) -> list[int]:
-        """Return the clock of this world: the times of its ticks [ns]."""
+        """Return the times [ns] of the recorded ticks, which are the clock of this world."""
         return [tick.t_ns for tick in self._ticks]
 
     def read(self, t_ns: int) -> list[Tick]:
-        """Return the recorded ticks after the last one, up to `t_ns`."""
+        """Return the recorded ticks since the last call, up to `t_ns`."""
         first = self._next
         while self._next < len(self._ticks) and self._ticks[self._next].t_ns <= t_ns:
             self._next += 1
@@ -70,7 +70,7 @@ class ReplayedWorld(World):
         """Do nothing: a command cannot change a recorded run."""
 
     def new_truths(self) -> list[tuple[int, Motion]]:
-        """Return time [ns] and truth of each tick since the last call, [] for a run without truth."""
+        """Return time [ns] and true motion of each tick since the last call; [] for a run without truth."""
         log, first = self._truth, self._truth_row
         if log is None or self._next == 0:
             return []

@@ -5,9 +5,9 @@
   z = mean of the samples since the last tick         IMU                                               (3)
   v = 2π r Δc / (N Δt)                                a wheel with N counts per turn                    (4)
 
-The applied duties come from the firmware's telemetry, after its slew, kick and dead-man timer: a model of the motors
-must explain these, not the requested ones (applied.py). This file contains neither frames nor registers: `wheels` and
-`imu` are objects with the methods of the protocols below, on the vehicle (robot/) or emulated (tests/emulated/).
+The firmware's telemetry reports the applied duties, after slew, kick and dead-man timer. A model of the motors must
+explain the applied duties, not the requested duties (applied.py). This file does not depend on frames and registers:
+`wheels` and `imu` are objects with the methods of the protocols below, in robot/ or emulated (tests/emulated/).
 """
 
 from collections.abc import Callable, Sequence
@@ -58,7 +58,7 @@ class Sample(NamedTuple):
 
 
 class WheelLink(Protocol):
-    """A link that sends duties and receives telemetry; neither call waits for the line."""
+    """Protocol of a link that sends duties and receives telemetry; the calls do not wait for the serial line."""
 
     def drive(self, left: float, right: float) -> None:
         """Send duties in [-1, 1] once; they are not repeated."""
@@ -75,20 +75,20 @@ class WheelLink(Protocol):
 
 
 class HardwareEvent(Protocol):
-    """An event of the hardware."""
+    """Protocol of an event of the hardware, with a message for the run."""
 
     @property
     def message(self) -> Diagnostic | str:
-        """Return its message."""
+        """Return the message of the event."""
         ...
 
 
 class ImuSource(Protocol):
-    """A reader of an IMU."""
+    """Protocol of a reader of an IMU."""
 
     @property
     def delay_s(self) -> tuple[float, float]:
-        """Return the delays of the motion against the timestamp of a sample [s]: accelerometers, gyro."""
+        """Return the delays [s] of accelerometers and gyro: the age of the motion at the timestamp of a sample."""
         ...
 
     def events(self) -> Sequence[HardwareEvent]:
@@ -102,7 +102,7 @@ class ImuSource(Protocol):
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Body:
-    """The conversion from the hardware's numbers to the vehicle's."""
+    """The conversion from numbers of the hardware to quantities of the vehicle."""
 
     mixing: str = "two_wheels"
     wheel_radius_m: float | None = None
@@ -120,15 +120,15 @@ class Robot(World):
     Parameters
     ----------
     sensors : NamedTuple of Sensor
-        The sensors of the vehicle file; one that the robot lacks is silent.
+        The sensors of the vehicle file; a sensor that the robot lacks is silent.
     wheels : WheelLink
-        Sends duties and receives telemetry.
+        Link that sends duties and receives telemetry.
     imu : ImuSource or None
-        Reads the IMU.
+        Reader of the IMU; None for a robot without IMU.
     body : Body
         Mixing, wheels and motors.
     now_ns : callable, optional
-        The clock of the host; None: a command leaves at its tick.
+        The clock of the host; by default a command is sent at the time of its tick.
 
     Notes
     -----
@@ -175,7 +175,7 @@ class Robot(World):
             self._imu.events()
 
     def read(self, t_ns: int) -> list[Tick]:
-        """Return one tick with all data since the last one."""
+        """Return one tick, in a list, with all data since the last call."""
         telemetry = self._wheels.receive()
         before, self._last = self._last, telemetry[-1] if telemetry else self._last
         if telemetry:
@@ -192,7 +192,7 @@ class Robot(World):
         return [Tick(t_ns, u, sensor_slots(names)(*slots))]
 
     def look(self, t_ns: int) -> list[Diagnostic | str]:
-        """Return the events of the hardware since the last call, and drop the readings, as no drive is recorded."""
+        """Return the events of the hardware since the last call; the readings are discarded, as outside a drive."""
         self.read(t_ns)
         self.new_channels()
         return [message for _, message in self.new_events()]
@@ -202,7 +202,7 @@ class Robot(World):
         left, right = np.clip(mix(self._body.mixing, command.u), -1.0, 1.0).tolist()
         self._wheels.drive(left, right)
         now_ns = self._start_ns + command.t_ns if self._now_ns is None else self._now_ns()
-        self._duties.sent(now_ns, left, right)
+        self._duties.record_command(now_ns, left, right)
 
     def trouble(self, t_ns: int) -> Diagnostic | None:
         """Return the reason why the vehicle must stop, or None if the link works."""
@@ -217,7 +217,7 @@ class Robot(World):
         return self._last.stopped
 
     def new_channels(self) -> list[tuple[str, int, np.ndarray]]:
-        """Return name, time [ns] and value of the readings outside of the vehicle's sensors since the last call."""
+        """Return name, time [ns] and value of readings that are not of a sensor: battery, IMU temperature."""
         extras, self._extras = self._extras, []
         return extras
 
@@ -231,7 +231,7 @@ class Robot(World):
         self._duties.update(telemetry.t_ns, telemetry.applied, now, telemetry.stopped is not None)
 
     def _imu_slot(self, t_ns: int) -> Slot | None:
-        """Return (a_x, a_y, ω_z) of the body and its age, including the chip's filter; None without a sample.  (3)"""
+        """Return (a_x, a_y, ω_z) of the body and its age, with the delay of the chip; None without a sample.  (3)"""
         samples = self._imu.read() if self._imu is not None else []
         if self._imu is not None:
             self._events += [(t_ns, event.message) for event in self._imu.events()]
@@ -250,12 +250,12 @@ class Robot(World):
         return Slot(1.0, np.array([accel[0], accel[1], gyro[2]]), age_s)
 
     def _watch_tilt(self, accel: np.ndarray) -> None:
-        """Update the tilt from the mean specific force; driving disturbs it only for short times."""
+        """Update the tilt [rad] by the low-passed specific force; a drive disturbs it only for short times."""
         self._force = accel if self._force is None else self._force + (accel - self._force) / TILT_TICKS
         self.tilt_rad = float(np.arctan2(np.hypot(self._force[0], self._force[1]), self._force[2]))
 
-    def _slot(self, t_ns: int, sensor: Sensor, imu: Slot | None, before: Telemetry | None) -> Slot:
-        """Return the reading of this sensor of the vehicle in this tick; a sensor that the robot lacks is silent."""
+    def _slot(self, t_ns: int, sensor: Sensor, imu: Slot | None, previous: Telemetry | None) -> Slot:
+        """Return the reading of this sensor in this tick; a sensor that the robot lacks is silent."""
         z: np.ndarray | None = None
         now = self._last
         reads = optional.of(sensor, "reads")
@@ -263,31 +263,33 @@ class Robot(World):
             return imu._replace(
                 age_s=max(0.0, imu.age_s - float(low_pass_s(sensor)))
             )  # the delay of the low-pass is already in h
-        if now is not None and before is not None and now is not before and now.boot == before.boot:
+        if now is not None and previous is not None and now is not previous and now.boot == previous.boot:
             if reads == "wheels":
-                z = self._wheel_travel(before, now)
-            elif reads == "encoders" and (travel := self._wheel_travel(before, now)) is not None:
+                z = self._wheel_travel(previous, now)
+            elif reads == "encoders" and (travel := self._wheel_travel(previous, now)) is not None:
                 middle_ns = (
-                    before.t_ns + now.t_ns
+                    previous.t_ns + now.t_ns
                 ) // 2 - self._start_ns  # the time to which a mean speed belongs
                 return Slot(1.0, travel, seconds(t_ns, min(max(0, middle_ns), t_ns)))
             elif reads == "odometer":
-                z = self._wheel_travel(before, now)
+                z = self._wheel_travel(previous, now)
                 z = None if z is None else np.mean(z, keepdims=True)
-            elif reads == "mark" and now.marks != before.marks:
+            elif reads == "mark" and now.marks != previous.marks:
                 passed_ns = min(max(0, now.mark_ns - self._start_ns), t_ns)  # in this run, not after its tick
                 return Slot(1.0, np.zeros(1), seconds(t_ns, passed_ns))
         return Slot(0.0, np.zeros(sensor.size)) if z is None else Slot(1.0, z)
 
-    def _wheel_travel(self, before: Telemetry, now: Telemetry) -> np.ndarray | None:
+    def _wheel_travel(self, previous: Telemetry, now: Telemetry) -> np.ndarray | None:
         """Return (v_l, v_r) [m/s] between two telemetries, or None for wheels without encoders.  (4)"""
         radius, turn = self._body.wheel_radius_m, self._body.counts_per_turn
         if radius is None or turn is None:
             return None
-        counts = np.array([grown(new, old) for new, old in zip(now.counts, before.counts, strict=True)])
-        return 2.0 * np.pi * radius * counts / (turn * seconds(now.t_ns, before.t_ns))
+        counts = np.array(
+            [count_increase(new, old) for new, old in zip(now.counts, previous.counts, strict=True)]
+        )
+        return 2.0 * np.pi * radius * counts / (turn * seconds(now.t_ns, previous.t_ns))
 
 
-def grown(now: int, before: int) -> int:
-    """Return the growth of a 32-bit count, which wraps at 2³¹."""
-    return (now - before + (1 << 31)) % (1 << 32) - (1 << 31)
+def count_increase(now: int, previous: int) -> int:
+    """Return the increase of a signed 32-bit count, which wraps at 2³¹."""
+    return (now - previous + (1 << 31)) % (1 << 32) - (1 << 31)

@@ -5,8 +5,8 @@
   V ← part of V,   force of a motor ← grip of it                   battery_v and gain of the drivetrain            (3)
   z ← factor z + offset, or no z                                                                                   (4)
 
-An IMU measures F/m and not g, as a real one does. The same faults, seed and commands give the same numbers, bit for
-bit; without a fault they are those of an undisturbed twin.
+Like a real IMU, the simulated IMU measures F/m and not g. The same faults, seed and commands yield the same numbers,
+bit for bit. Without a fault they equal the numbers of an undisturbed simulation.
 """
 
 from collections import deque
@@ -37,7 +37,7 @@ def shaken_step(
     vehicle: Vehicle, sensors: SensorBlocks, state: WorldState, u: np.ndarray, dt_s: float, noise: DrawnNoise,
     shake: Disturbance,
 ) -> tuple[WorldState, Motion, ByName[Slot]]:  # fmt: skip
-    """Advance by a tick under the command `u` (n,) and a disturbance; return state, truth and readings.  (1)-(4)"""
+    """Return state, true motion and readings after a tick with the command `u` (n,) and a disturbance.  (1)-(4)"""
     vehicle = _weaken(vehicle, shake)
     before = state.vehicle
     a, _ = _acceleration(vehicle, before.eta, shake)
@@ -62,27 +62,27 @@ def shaken_step(
     for s, x, w, disturbance in zip(sensors, state.sensors, noise.sensors, shake.sensors, strict=True):
         after, slot = s.step(x, truth, dt_s, w)
         states.append(after)
-        slots.append(_read(s, slot, disturbance))
+        slots.append(_disturb_reading(s, slot, disturbance))
     readings = sensor_slots(tuple(sensors._fields))(*slots)
     return WorldState(body, tuple(states)), truth._replace(tick=None), readings
 
 
 def _with_gains(vehicle: Vehicle) -> Vehicle:
-    """Return the vehicle with one gain per motor, if it has a common one."""
+    """Return the vehicle with one gain per channel of its drivetrain, also if it has a common gain."""
     drivetrain = vehicle.drivetrain
     gains = replace(drivetrain, gain=drivetrain.gain * np.ones(drivetrain.channels))
     return put({"model": vehicle}, "model.drivetrain", gains)["model"]
 
 
 def _weaken(vehicle: Vehicle, shake: Disturbance) -> Vehicle:
-    """Return the vehicle with its reduced voltage and the reduced grip of its motors.  (3)"""
+    """Return the vehicle with the disturbed voltage and the disturbed grip of its motors.  (3)"""
     tree, drivetrain = {"model": vehicle}, vehicle.drivetrain
     tree = put(tree, "model.drivetrain.battery_v", drivetrain.battery_v * shake.supply)
     return put(tree, "model.drivetrain.gain", drivetrain.gain * shake.grip)["model"]
 
 
 def _acceleration(vehicle: Vehicle, eta: np.ndarray, shake: Disturbance) -> tuple[np.ndarray, np.ndarray]:
-    """Return ν̇ (3,) of push and floor, and the gravity (2,) of the floor, in the body.  (2)"""
+    """Return the ν̇ (3,) that push and floor cause, and the gravity (2,) along the floor, in the body frame.  (2)"""
     back = map_from_body(eta[2])[:2, :2].T
     gravity = -STANDARD_GRAVITY * (back @ shake.slope)
     a = shake.push_body + back @ shake.push_map + gravity
@@ -90,7 +90,7 @@ def _acceleration(vehicle: Vehicle, eta: np.ndarray, shake: Disturbance) -> tupl
 
 
 def _drag_difference(vehicle: Vehicle, psi: float, nu: np.ndarray, then: np.ndarray) -> np.ndarray:
-    """Return the difference of ν̇ (3,) between two velocities, from the forces that oppose the motion."""
+    """Return the change of ν̇ (3,) from the velocity `nu` to `then`, with zero effort."""
     own, off = optional.of(vehicle, "nu_dot"), np.zeros(vehicle.commands)
     return np.zeros(3) if own is None else own(then, off, psi) - own(nu, off, psi)
 
@@ -99,7 +99,7 @@ def _disturb(motion: Motion, a: np.ndarray, gravity: np.ndarray) -> Motion:
     return motion._replace(nu_dot=motion.nu_dot + a, gravity=motion.gravity + gravity)
 
 
-def _read(sensor: Tree, slot: Slot, disturbance: SensorDisturbance) -> Slot:
+def _disturb_reading(sensor: Tree, slot: Slot, disturbance: SensorDisturbance) -> Slot:
     has = slot.has * disturbance.keep
     z, limit = disturbance.factor * slot.z + disturbance.offset, optional.of(sensor, "limit")
     off = np.clip(difference(sensor, z, np.zeros(sensor.size)), -limit, limit)  # an angle is wrapped
@@ -108,7 +108,7 @@ def _read(sensor: Tree, slot: Slot, disturbance: SensorDisturbance) -> Slot:
 
 
 class _Shaken(NamedTuple):
-    """A vehicle and its sensors as one block."""
+    """A vehicle with faults and its sensors as one block, for the engine."""
 
     vehicle: Vehicle
     sensors: SensorBlocks
@@ -123,7 +123,7 @@ class _Shaken(NamedTuple):
 
 
 class ShakenWorld(SimulatedWorld):
-    """A simulated vehicle with faults.
+    """A simulated vehicle with faults as a world of the loop.
 
     Parameters
     ----------
@@ -140,7 +140,7 @@ class ShakenWorld(SimulatedWorld):
     backend : str
         "auto", "c", "python" or "numpy".
     shake : sequence of Fault or str
-        The faults, see `worlds.Fault`; `shake` adds more while it runs.
+        The faults, see `worlds.Fault`; the method `shake` adds faults during the drive.
 
     Raises
     ------
@@ -149,7 +149,7 @@ class ShakenWorld(SimulatedWorld):
 
     Notes
     -----
-    Equations (1)-(4) of the module. Each fault is an event of the run, with all of its numbers.
+    Equations (1)-(4) of the module. Each fault is recorded as an event of the run, with all its numbers.
 
     Examples
     --------
@@ -182,7 +182,7 @@ class ShakenWorld(SimulatedWorld):
     def shake(self, one: FaultLike) -> Fault:
         """Begin a fault with the next tick, which sets its `at_s`; any thread may call this.
 
-        Raise UsageError for a fault that this vehicle cannot have, or if there are too many.
+        Raise UsageError for a fault that this vehicle cannot have, or for more than MOST_FAULTS.
         """
         valid_fault = self._shaking.check(Fault.of_words(one))
         if len(self.faults) + len(self._coming) >= MOST_FAULTS:
@@ -191,13 +191,13 @@ class ShakenWorld(SimulatedWorld):
         return valid_fault
 
     def over(self, number: int) -> None:
-        """End a fault with the next tick; any thread may call this. Raise UsageError for an unknown number."""
+        """End the fault `number` with the next tick; any thread may call this. UsageError for an unknown number."""
         if not 1 <= number <= len(self.faults):
             raise UsageError(fault("shake.no-number", found=number, most=len(self.faults)))
         self._coming.append(number)
 
     def write(self, command: Command) -> None:
-        """Set the command for the following ticks, unless the line loses it."""
+        """Set the command for the following ticks; a fault "lose" may discard it."""
         self._requested = np.array(command.u, dtype=float)
 
     def new_events(self) -> list[tuple[int, Diagnostic | str]]:
@@ -219,7 +219,7 @@ class ShakenWorld(SimulatedWorld):
         return slots
 
     def _take_all(self, k: int) -> None:
-        """Apply the requests since the last tick."""
+        """Begin and end the faults that were requested since the last tick."""
         now_s = k / self._rate_hz
         while self._coming:
             change = self._coming.popleft()

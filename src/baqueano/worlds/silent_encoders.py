@@ -1,8 +1,7 @@
-"""Find the encoder that does not count although its motor is driven hard: the firmware reports it, the counts identify
-it.
+"""Find the encoder that does not count although its motor is driven hard.
 
-The firmware flags a wheel that had DRIVEN_HARD or more of full duty for 0.5 s without a count. One flag serves both
-wheels. The affected wheel is the one whose counts did not change for QUIET_S while its duty was as high.
+The firmware sets a flag if a wheel had at least DRIVEN_HARD of full duty for 0.5 s without a count. One flag serves
+both wheels. The counts identify the affected wheel: they did not change for QUIET_S at this duty.
 """
 
 from typing import TYPE_CHECKING
@@ -18,7 +17,7 @@ FIX = "baqueano robot settings HOST --encoders none"
 
 
 class SilentEncoders:
-    """The history of both encoders in one drive, from telemetry."""
+    """A detector of silent encoders in one drive, from telemetry."""
 
     def __init__(self) -> None:
         self._before: Telemetry | None = None
@@ -26,7 +25,7 @@ class SilentEncoders:
         self._reported_wheels: set[int] = set()
 
     def update(self, now: "Telemetry") -> list[Diagnostic]:
-        """Return a message for each encoder that became silent, once until the firmware clears its flag."""
+        """Return a warning for each encoder that became silent; it is not repeated until the flag is cleared."""
         before, self._before = self._before, now
         for wheel in range(2):
             is_driven = abs(now.applied[wheel]) >= DRIVEN_HARD

@@ -2,10 +2,10 @@
 
   state, truth, slots = world_step(vehicle, sensors, state, u, dt_s, noise)                              (1)
 
-The same step runs in a kernel (simulate/) and here tick by tick, with the same noise: tick k of a simulated world and
-tick k of a simulated run with the same seed and commands have the same numbers. A tick that is too long for the
-integrator (vehicles/rk4.py) is divided into rows, as in a fit, each with separate noise. The last measurement of a
-sensor in a tick counts.
+The same step runs in a kernel (simulate/) and here tick by tick, with the same noise. With the same seed and commands,
+tick k of a simulated world equals tick k of a simulated run. A tick that is too long for the integrator
+(vehicles/rk4.py) is divided into rows, as in a fit, each with separate noise. The last measurement of a sensor in a
+tick is used.
 """
 
 from collections import deque
@@ -28,25 +28,25 @@ UNASKED = 10_000  # truths that are kept if new_truths is not called
 
 
 class WorldState(NamedTuple):
-    """State of a simulated world."""
+    """State of a simulated world: the states of the vehicle and of its sensors."""
 
     vehicle: VehicleState
     sensors: tuple[Tree, ...]  # one state per sensor, in their order
 
 
 class DrawnNoise(NamedTuple):
-    """Unit normals for one tick; if the tick is divided, the first axis of each array is the row."""
+    """Standard normals for one tick; if the tick is divided, the first axis of each array is the row."""
 
     vehicle: np.ndarray  # (3,)
     sensors: tuple[np.ndarray, ...]  # (noise_size,) per sensor
 
     def row(self, k: int) -> "DrawnNoise":
-        """Return the unit normals of row `k` of the tick."""
+        """Return the standard normals of row `k` of the tick."""
         return DrawnNoise(self.vehicle[k], tuple(draw[k] for draw in self.sensors))
 
 
 def world_init(vehicle: Vehicle, sensors: SensorBlocks, eta0: np.ndarray | None = None) -> WorldState:
-    """Return the state of a vehicle at rest at the pose `eta0` (3,), with sensors just switched on."""
+    """Return the state of a vehicle at rest at the pose `eta0` (3,), with sensors before their first tick."""
     return WorldState(vehicle.init(eta0), tuple(sensor.init() for sensor in sensors))
 
 
@@ -58,7 +58,7 @@ def world_step(
     dt_s: float,
     noise: DrawnNoise,
 ) -> tuple[WorldState, Motion, ByName[Slot]]:
-    """Advance by a tick under the command `u` (n,); return state, truth, and the readings at its end.  (1)"""
+    """Return state, true motion and readings after a tick with the command `u` (n,).  (1)"""
     return in_rows(
         lambda state, row_s, unit: _advance_row(vehicle, sensors, state, u, row_s, unit), state, dt_s, noise
     )
@@ -72,7 +72,7 @@ def _advance_row(
     dt_s: float,
     noise: DrawnNoise,
 ) -> tuple[WorldState, Motion, ByName[Slot]]:
-    """Advance by an undivided tick, or by one row of a divided tick, of duration `dt_s`."""
+    """Return state, true motion and readings after `dt_s`: an undivided tick, or one row of a divided tick."""
     body, motion = vehicle.step(state.vehicle, u, dt_s, noise.vehicle)
     readings = [
         s.step(x, motion, dt_s, w) for s, x, w in zip(sensors, state.sensors, noise.sensors, strict=True)
@@ -87,7 +87,7 @@ Advance = Callable[[WorldState, float, DrawnNoise], tuple[WorldState, Motion, By
 def in_rows(
     advance: Advance, state: WorldState, dt_s: float, noise: DrawnNoise
 ) -> tuple[WorldState, Motion, Tree]:
-    """Advance by a tick, row by row of `noise`; return state, truth, and the last reading of each sensor."""
+    """Return state, true motion and the last reading of each sensor after a tick, one row per row of `noise`."""
     if noise.vehicle.ndim == 1:
         return advance(state, dt_s, noise)
     rows = noise.vehicle.shape[0]
@@ -99,21 +99,21 @@ def in_rows(
     return state, truth, slots
 
 
-def _last(before: Slot, now: Slot, row_s: float) -> Slot:
-    """Return the reading of this row, or else that of the previous rows, which has aged by a row."""
+def _last(previous: Slot, now: Slot, row_s: float) -> Slot:
+    """Return the reading of this row, or, without one, the reading of an earlier row with its age plus `row_s`."""
     came = now.has > 0.0
-    has: Value = np.where(came, now.has, before.has)
-    age_s: Value = np.where(came, now.age_s, before.age_s + row_s)
-    return Slot(has, np.where(came, now.z, before.z), age_s)
+    has: Value = np.where(came, now.has, previous.has)
+    age_s: Value = np.where(came, now.age_s, previous.age_s + row_s)
+    return Slot(has, np.where(came, now.z, previous.z), age_s)
 
 
 def rows_of_tick(dt_s: float) -> int:
-    """Return the number of rows in a tick of `dt_s` [s]."""
+    """Return the number of rows into which a tick of `dt_s` [s] is divided."""
     return int(rows_in(np.array(dt_s)))
 
 
 def with_rows(vehicle: Vehicle, sensors: SensorBlocks, rate_hz: float) -> tuple[Vehicle, SensorBlocks]:
-    """Return the blocks with delay slots for rows: each slot of a tick becomes one slot per row."""
+    """Return the blocks with delay slots for rows: one slot per row instead of one per tick."""
     rows = rows_of_tick(1.0 / rate_hz)
     if rows == 1:
         return vehicle, sensors
@@ -127,13 +127,13 @@ def with_rows(vehicle: Vehicle, sensors: SensorBlocks, rate_hz: float) -> tuple[
 
 
 def no_noise(sensors: SensorBlocks, rows: int = 1) -> DrawnNoise:
-    """Return zeros in place of unit normals, as constants, so that tracing removes the noise."""
+    """Return zeros in place of standard normals, as constants, so that tracing removes the noise."""
     lead = () if rows == 1 else (rows,)
     return DrawnNoise(np.zeros((*lead, 3)), tuple(np.zeros((*lead, s.noise_size)) for s in sensors))
 
 
 class _VehicleWithSensors(NamedTuple):
-    """A vehicle and its sensors as one block."""
+    """A vehicle and its sensors as one block, for the engine."""
 
     vehicle: Vehicle
     sensors: SensorBlocks
@@ -207,7 +207,7 @@ class SimulatedWorld(World):
         self._step = step if backend == "numpy" else function(step, *example, backend=backend)
 
     def read(self, t_ns: int) -> list[Tick]:
-        """Return all ticks up to `t_ns`; their times are whole multiples of the world's own period."""
+        """Return all new ticks up to `t_ns`; their times are whole multiples of the world's period."""
         ticks = []
         while (next_ns := round((self._tick + 1) * NANOSECONDS / self._rate_hz)) <= t_ns:
             slots = self._advance(1.0 / self._rate_hz)
@@ -221,13 +221,13 @@ class SimulatedWorld(World):
         self._u = np.array(command.u, dtype=float)
 
     def new_truths(self) -> list[tuple[int, Motion]]:
-        """Return time [ns] and truth of every tick since the last call."""
+        """Return time [ns] and true motion of every tick since the last call."""
         truths = list(self._truths)
         self._truths.clear()
         return truths
 
     def _advance(self, dt_s: float) -> ByName[Slot]:
-        """Advance by a tick and return its readings."""
+        """Advance the world by a tick and return its readings."""
         self._state, self.truth, slots = self._step(self._state, self._u, dt_s, self._noise())
         return slots
 

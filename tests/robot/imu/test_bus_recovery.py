@@ -8,7 +8,9 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
+from baqueano.diagnostics import note
 from baqueano.errors import RobotUnreachable
+from baqueano.messages import text
 from baqueano.robot.imu import bus_recovery
 from baqueano.robot.imu.bus_recovery import AGAIN_NS, Recovery, recover, recoverable
 from tests.codes import refused
@@ -16,13 +18,13 @@ from tests.emulated.i2c_ioctl import Bench, loop, start
 from tests.emulated.pinctrl import on_path
 
 BUS = "/dev/i2c-1"
-ZEROS = [0, 0]  # with them the pins are set ten times: all let go, two clocks, STOP, given back
+ZEROS = [0, 0]  # the pins are set ten times: all released, two clocks, STOP, returned
 SETS = 10
 
 
 @pytest.fixture
 def lines(tmp_path, monkeypatch):
-    """`lines(bits)`: a chip on two lines. A machine that is busy with other things is not what is tested here."""
+    """Return `lines(bits)`, which puts a chip on the two lines. Long timeouts allow for a busy machine."""
     monkeypatch.setattr(bus_recovery, "CALL_S", 60.0)
     monkeypatch.setattr(bus_recovery, "ALL_S", 600.0)
     return lambda bits, **options: on_path(tmp_path, monkeypatch, bits, **options)
@@ -39,7 +41,10 @@ def test_rt9_a_chip_in_mid_byte_releases_the_bus_within_nine_clocks(lines, clock
     assert pins
     outcome = recover(BUS)
     assert outcome.freed
-    assert f"in the middle of a byte: freed after {clocks} clock" in outcome.text
+    assert (outcome.message.code, outcome.message.figures) == (
+        "bus.freed-at-once" if clocks == 1 else "bus.freed",
+        {"clocks": clocks},
+    )
     after = pins.read()
     assert (after["clocks"], after["starts"], after["stops"]) == (clocks + 1, 0, 1), "one more for the STOP"
     assert not pins
@@ -59,7 +64,7 @@ def test_a_chip_that_blocks_the_bus_after_nine_clocks_is_reported(lines):
     pins = lines([0] * 10)
     outcome = recover(BUS)
     assert not outcome.freed
-    assert "still low after 9 clocks" in outcome.text
+    assert (outcome.message.code, outcome.message.figures) == ("bus.sda-held", {"clocks": 9})
     assert pins.read()["clocks"] == 9
     assert as_it_was(pins)
 
@@ -81,28 +86,28 @@ def test_a_free_bus_is_not_clocked(lines):
 
 
 @pytest.mark.parametrize("after", range(SETS))
-def test_a_call_that_crashes_at_any_point_leaves_the_pins_with_i2c(lines, after):
+def test_after_a_crash_at_any_call_the_pins_return_to_i2c(lines, after):
     pins = lines(ZEROS)
     pins.fails("crash", after=after)
     outcome = recover(BUS)
-    assert outcome.freed == (after == SETS - 1), "giving back is tried twice"
-    assert outcome.freed or "pinctrl set" in outcome.text
-    assert sum(call[0] == "set" for call in pins.read()["calls"]) > after, "it came to that"
+    assert outcome.freed == (after == SETS - 1), "returning the pins is tried twice"
+    assert outcome.freed or str(outcome.message.figures).count("pinctrl set")
+    assert sum(call[0] == "set" for call in pins.read()["calls"]) > after, "the failing call was reached"
     assert as_it_was(pins)
 
 
 @pytest.mark.parametrize("after", [3, SETS - 1])
-def test_a_call_that_hangs_is_ended_and_the_pins_return_to_i2c(lines, monkeypatch, after):
+def test_a_hanging_call_is_ended_and_the_pins_return_to_i2c(lines, monkeypatch, after):
     pins = lines(ZEROS)
     monkeypatch.setattr(bus_recovery, "CALL_S", 3.0)
     pins.fails("hang", after=after)
     outcome = recover(BUS)
     assert outcome.freed == (after == SETS - 1)
-    assert outcome.freed or "timed out after 3.0 seconds" in outcome.text
+    assert outcome.freed or "timed out after 3.0 seconds" in outcome.message.figures["error"]
     assert as_it_was(pins)
 
 
-def test_pins_that_silently_stay_gpio_are_set_to_i2c_again(lines):
+def test_pins_that_remain_gpio_without_an_error_are_set_to_i2c_again(lines):
     pins = lines(ZEROS)
     pins.fails("deaf", after=SETS - 1)
     assert recover(BUS).freed
@@ -114,8 +119,8 @@ def test_pins_that_cannot_return_to_i2c_are_reported_with_a_command(lines):
     pins.fails("root", after=SETS - 1, times=100)
     outcome = recover(BUS)
     assert not outcome.freed
-    assert "could not be given back to I2C (pinctrl set 2,3 a0 failed (255): Must be root" in outcome.text
-    assert "Type: pinctrl set 2,3 a0" in outcome.text
+    assert (outcome.message.code, outcome.message.fix) == ("bus.not-given-back", "pinctrl set 2,3 a0")
+    assert "(255): Must be root" in outcome.message.figures["because"]
 
 
 def test_ctrl_c_during_recovery_returns_the_pins_to_i2c(lines, monkeypatch):
@@ -130,18 +135,17 @@ def test_ctrl_c_during_recovery_returns_the_pins_to_i2c(lines, monkeypatch):
     monkeypatch.setattr(subprocess, "run", interrupted)
     with pytest.raises(KeyboardInterrupt):
         recover(BUS)
-    assert pins.read()["clocks"] == 1, "it was in the middle"
+    assert pins.read()["clocks"] == 1, "the recovery was interrupted"
     assert as_it_was(pins)
 
 
 def test_slow_calls_end_the_recovery_and_the_pins_return_to_i2c(lines, monkeypatch):
     pins, now = lines([0] * 9), iter(range(1000))
     monkeypatch.setattr(bus_recovery, "ALL_S", 8.0)
-    monkeypatch.setattr(bus_recovery, "time", SimpleNamespace(monotonic=lambda: next(now)))  # a second each
+    monkeypatch.setattr(bus_recovery, "time", SimpleNamespace(monotonic=lambda: next(now)))  # one second each
     outcome = recover(BUS)
     assert not outcome.freed
-    assert outcome.message.code == "bus.too-late"
-    assert "was not finished within 8 s" in outcome.text
+    assert (outcome.message.code, outcome.message.figures["all_s"]) == ("bus.too-late", 8.0)
     assert 0 < pins.read()["clocks"] < 9
     assert as_it_was(pins)
 
@@ -151,12 +155,12 @@ def test_gpio_pins_of_a_killed_program_return_to_i2c_after_recovery(lines, funct
     pins = lines([0, 0, 0])
     pins.put(function={"2": "ip", "3": function})
     outcome = recover(BUS)
-    assert "freed after 3 clocks" in outcome.text
+    assert (outcome.message.code, outcome.message.figures) == ("bus.freed", {"clocks": 3})
     assert as_it_was(pins)
     pins.put(function={"2": "ip", "3": function})
     outcome = recover(BUS)
     assert outcome.freed, "only these pins block the bus"
-    assert "not in I2C mode" in outcome.text
+    assert outcome.message.code == "bus.given-back"
     assert as_it_was(pins)
 
 
@@ -165,7 +169,13 @@ def test_a_user_outside_the_gpio_group_gets_the_command_to_join(lines):
     pins.fails("root", "get", times=100)
     outcome = recover(BUS)
     assert not outcome.freed
-    assert "pinctrl get 2,3 failed (255): Must be root" in outcome.text
+    reason = outcome.message
+    assert (reason.code, reason.figures["command"], reason.figures["exit"]) == (
+        "bus.call-refused",
+        "pinctrl get 2,3",
+        255,
+    )
+    assert "Must be root" in reason.figures["said"]
     assert "sudo usermod -aG gpio $USER" in outcome.text
 
 
@@ -179,8 +189,9 @@ def test_a_missing_pinctrl_is_reported_with_the_install_command(tmp_path, monkey
 def test_pins_of_another_board_or_bus_are_not_changed(lines):
     pins = lines(ZEROS)
     pins.put(function={"2": "a3", "3": "a3"})
-    assert "GPIO 2 is a3 and GPIO 3 a3, expected a0" in recover(BUS).text
-    assert "/dev/i2c-3 is not /dev/i2c-1" in recover("/dev/i2c-3").text
+    other, elsewhere = recover(BUS).message, recover("/dev/i2c-3").message
+    assert (other.code, other.figures) == ("bus.other-pins", {"sda": "a3", "scl": "a3", "expected": "a0"})
+    assert (elsewhere.code, elsewhere.figures) == ("bus.not-this", {"path": "/dev/i2c-3", "bus": "i2c-1"})
     assert {call[0] for call in pins.read()["calls"]} == {"get"}
 
 
@@ -189,19 +200,19 @@ def test_a_background_recovery_is_reported_once_and_not_repeated_immediately(lin
     recovery.begin(0)
     recovery.begin(0)
     recovery.wait()
-    outcome = recovery.taken()
+    outcome = recovery.pop_outcome()
     assert outcome is not None
-    assert "after 9 clocks" in outcome.text
-    assert recovery.taken() is None
+    assert (outcome.message.code, outcome.message.figures) == ("bus.sda-held", {"clocks": 9})
+    assert recovery.pop_outcome() is None
     recovery.begin(AGAIN_NS - 1)
     recovery.wait()
-    assert recovery.taken() is None
+    assert recovery.pop_outcome() is None
     assert pins.read()["clocks"] == 9
     recovery.begin(AGAIN_NS)
     recovery.wait()
-    outcome = recovery.taken()
+    outcome = recovery.pop_outcome()
     assert outcome is not None
-    assert "freed after 1 clock." in outcome.text
+    assert (outcome.message.code, outcome.message.figures) == ("bus.freed-at-once", {"clocks": 1})
 
 
 def test_recovery_programs_run_without_the_real_time_priority_of_the_loop(monkeypatch):
@@ -216,7 +227,7 @@ def test_recovery_programs_run_without_the_real_time_priority_of_the_loop(monkey
         recovery = Recovery(BUS)
         recovery.begin(0)
         recovery.wait()
-        assert os.sched_getscheduler(0) == os.SCHED_FIFO, "the loop's own is as it was"
+        assert os.sched_getscheduler(0) == os.SCHED_FIFO, "the priority of the loop is unchanged"
     finally:
         os.sched_setscheduler(0, *before)
     assert policies == [os.SCHED_OTHER]
@@ -229,8 +240,8 @@ def test_a_bus_blocked_at_imu_start_is_clocked_free_and_reported(lines, monkeypa
     imu = start(bench)
     assert imu.running
     (warning,) = imu.identity.warnings
-    assert "freed after 4 clocks" in warning
-    assert any("freed after 4 clocks" in line for line in bench.printed)
+    assert warning == text(note("bus.freed", clocks=4))
+    assert any(warning in line for line in bench.printed)
     assert warning in imu.notes, "the run contains it"
     assert as_it_was(pins)
 
@@ -267,7 +278,7 @@ def test_the_bus_is_unused_during_clocking_and_the_chip_restarts_afterwards(line
     imu._recovery.wait()
     assert (read, after) == ([], before)
     outcome = imu.free_bus()
-    assert "freed after 7 clocks" in outcome.text
+    assert (outcome.message.code, outcome.message.figures) == ("bus.freed", {"clocks": 7})
     imu.events()
     samples = loop(bench, imu, 1.0)
     assert len(samples) > 100
@@ -291,4 +302,4 @@ def test_the_doctor_reports_whether_bus_recovery_is_possible(lines, tmp_path):
     verdict, _, remedy = recoverable(BUS, model)
     assert verdict == "warn"
     assert "usermod -aG gpio" in remedy
-    assert {call[0] for call in pins.read()["calls"]} == {"get"}, "it only looks"
+    assert {call[0] for call in pins.read()["calls"]} == {"get"}, "the check must not change a pin"

@@ -1,4 +1,4 @@
-"""The driver of the MPU-6050 reads every sample of the chip once, in order, in SI units, without waiting."""
+"""The driver of the MPU-6050 reads every sample of the chip once, in order, in SI units, without blocking."""
 
 import math
 import subprocess
@@ -37,13 +37,13 @@ def test_every_sample_is_read_once_and_in_order(bench):
     assert abs(len(samples) - (len(b.chip.taken) - already)) <= 2
     assert np.all(np.diff(times) > 0)
     assert np.max(np.abs(np.diff(times) / 5e6 - 1.0)[100:]) <= 0.101, (
-        "the spacing is the chip's own, not that of the calls"
+        "the sample period is that of the chip and not of the calls"
     )
     assert device.counts.overflows == device.counts.restarts == device.counts.retries == 0
     assert device.events() == []
 
 
-def test_a_read_makes_two_transfers_of_whole_bursts(bench):
+def test_a_read_needs_two_bus_transfers(bench):
     b = bench()
     device = start(b)
     before = b.bus.transfers
@@ -51,7 +51,7 @@ def test_a_read_makes_two_transfers_of_whole_bursts(bench):
     assert b.bus.transfers - before <= 2 * 51 + 2
 
 
-def test_numbers_are_in_si_units(bench):
+def test_samples_are_in_si_units(bench):
     b = bench(motion=turning)
     for settings in ({}, {"accel_range_g": 16, "gyro_range_dps": 250}, {"mode": "burst"}):
         samples = loop(b, start(b, **settings), 2.0)
@@ -68,7 +68,7 @@ def test_readings_are_rotated_into_the_vehicle_axes(bench):
     assert np.mean([s.gyro for s in sample], axis=0) == pytest.approx([-0.2, 0.1, 0.3], abs=0.005)
 
 
-def test_a_burst_read_gives_each_sample_at_most_once(bench):
+def test_a_burst_read_returns_each_sample_at_most_once(bench):
     b = bench()
     device = start(b, mode="burst", rate_hz=50)
     already = len(b.chip.taken)
@@ -80,7 +80,7 @@ def test_a_burst_read_gives_each_sample_at_most_once(bench):
 
 @pytest.mark.parametrize("number", [1, 2, 3, 4, 5, 6])
 @pytest.mark.parametrize("who_am_i", [0x68, 0x98])
-def test_the_delay_of_a_ramp_equals_that_stated_by_the_driver(bench, number, who_am_i):
+def test_the_measured_delay_equals_the_delay_stated_by_the_driver(bench, number, who_am_i):
     began = 1_000_000_000
 
     def ramp(t_ns):
@@ -130,7 +130,7 @@ def test_opening_reports_the_chip_and_its_settings(bench):
     b = bench()
     device = start(b)
     text = "\n".join(b.printed)
-    for part in ("MPU-6050", "0x68", "200 Hz, fifo", "±4 g", "44 Hz, 4.9 ms late", "kHz or more", "°C"):
+    for part in ("MPU-6050", "0x68", "200 Hz, fifo", "±4 g", "44 Hz, delay 4.9 ms", "kHz or more", "°C"):
         assert part in text
     assert device.identity.accel_ms2 == pytest.approx(G, abs=0.1)
     assert device.identity.bus_hz == pytest.approx(400e3, rel=0.1)
@@ -140,7 +140,7 @@ def test_opening_reports_the_chip_and_its_settings(bench):
 def test_opening_a_moving_chip_gives_a_warning(bench):
     b = bench(motion=lambda t_ns: ((0.0, 0.0, 1.3 * G), (0.0, 0.0, 1.0)))
     start(b)
-    assert "feels 12.75 m/s²" in b.printed[-2]
+    assert "measures 12.75 m/s²" in b.printed[-2]
     assert "turns at 57" in b.printed[-1]
 
 
@@ -149,7 +149,7 @@ def test_close_puts_the_chip_to_sleep(bench):
     device = start(b)
     device.close()
     assert b.chip.regs[0x6B] == 0x40
-    assert loop(b, device, 1.0) == [], "and nothing wakes it"
+    assert loop(b, device, 1.0) == [], "no transfer may wake the chip"
     assert b.chip.regs[0x6B] == 0x40
 
 
@@ -161,12 +161,12 @@ def test_close_puts_the_chip_to_sleep(bench):
         ({"accel_range_g": 3}, "accel_range_g = 3: expected one of 2, 4, 8, 16"),
         ({"gyro_range_dps": 300}, "gyro_range_dps = 300: expected one of 250, 500, 1000, 2000"),
         ({"mode": "dmp"}, "mode = 'dmp': expected one of fifo, burst"),
-        ({"axes": ("x", "y", "-z")}, "a mirror image is not possible"),
+        ({"axes": ("x", "y", "-z")}, "the axes are right-handed"),
         ({"axes": ("x", "x", "z")}, "Each letter appears once"),
         ({"axes": ("x", "y")}, "ahead, left and up"),
     ],
 )
-def test_settings_that_no_chip_has_are_refused(wrong, message):
+def test_settings_that_no_chip_supports_are_refused(wrong, message):
     with pytest.raises(UsageError, match="IMU") as error:
         ImuSettings(**wrong)
     assert message in str(error.value)
@@ -231,7 +231,7 @@ def test_a_chip_with_ad0_high_is_detected(bench):
 
 def test_a_chip_without_samples_is_reported(bench):
     b = bench()
-    b.chip._write = lambda value: None  # deaf to all writes, so it stays asleep
+    b.chip._write = lambda value: None  # it ignores all writes, so it stays asleep
     with refused("imu.too-few-samples", RobotUnreachable, count=0, within_s=2):
         start(b)
 

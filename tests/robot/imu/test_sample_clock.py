@@ -1,4 +1,4 @@
-"""The clock of a chip is estimated from counts alone, within the stated bounds."""
+"""The clock of a chip is estimated only from sample counts, within the stated bounds."""
 
 import numpy as np
 import pytest
@@ -7,7 +7,8 @@ from baqueano.robot.imu.sample_clock import SampleClock
 
 
 def looks(ppm, seconds, rng, jitter_s, rate_hz=200.0, every_s=0.01):
-    """Times and counts of looks at a chip that is `ppm` fast: (newest, before, after), and its period and phase."""
+    """Return times and counts of polls of a chip that is `ppm` fast: (newest, before, after), and its period and
+    phase."""
     period, phase = 1e9 / rate_hz / (1.0 + ppm * 1e-6), 3_217_113.0
     samples = []
     for i in range(round(seconds / every_s)):
@@ -20,7 +21,7 @@ def looks(ppm, seconds, rng, jitter_s, rate_hz=200.0, every_s=0.01):
 @pytest.mark.parametrize("ppm", [-40_000, -700, 8_000, 40_000])
 @pytest.mark.parametrize("jitter_s", [1e-4, 1e-3])
 @pytest.mark.parametrize("seed", [11, 12])
-def test_period_and_phase_are_within_their_own_bounds(ppm, jitter_s, seed):
+def test_errors_of_period_and_phase_are_within_their_stated_bounds(ppm, jitter_s, seed):
     samples, period, phase = looks(ppm, 15.0, np.random.default_rng(seed), jitter_s)
     clock = SampleClock(5e6)
     for n, (newest, before, after) in enumerate(samples):
@@ -33,7 +34,7 @@ def test_period_and_phase_are_within_their_own_bounds(ppm, jitter_s, seed):
     assert clock.rate_hz == pytest.approx(1e9 / period, rel=150e-6)
 
 
-def test_sliding_clocks_are_estimated_to_a_hundredth_of_a_period():
+def test_the_sample_phase_is_estimated_to_a_hundredth_of_a_period():
     samples, period, phase = looks(8_000, 20.0, np.random.default_rng(3), 1e-4)
     clock, errors = SampleClock(5e6), []
     for newest, before, after in samples:
@@ -43,7 +44,7 @@ def test_sliding_clocks_are_estimated_to_a_hundredth_of_a_period():
     assert np.max(np.abs(errors[500:])) < 200e3
 
 
-def test_polls_synchronous_with_the_chip_report_an_unknown_phase():
+def test_the_phase_stays_unknown_if_polling_is_synchronous_with_the_chip():
     samples, period, _ = looks(0, 10.0, np.random.default_rng(4), 0.0)
     clock = SampleClock(5e6)
     for look in samples:
@@ -89,7 +90,7 @@ def test_a_slow_clock_drift_is_tracked():
     assert np.max(np.abs(errors[300:])) < 0.3e6
 
 
-def test_timestamps_grow_by_nearly_one_period_during_phase_estimation():
+def test_timestamps_increase_by_about_one_period_during_phase_estimation():
     samples, period, _ = looks(-20_000, 5.0, np.random.default_rng(8), 1e-3)
     clock, stamps, done = SampleClock(5e6), [], samples[0][0]
     for newest, before, after in samples:

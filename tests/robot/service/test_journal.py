@@ -30,7 +30,7 @@ def boot(tmp_path, monkeypatch):
 
 def test_an_unfinished_mission_is_named_with_its_blocks(boot, tmp_path):
     Journal(tmp_path).begin(MISSION, "1.mcap")
-    unfinished = Journal(tmp_path).unfinished()
+    unfinished = Journal(tmp_path).unfinished_mission()
     assert unfinished.code == StopReason.MISSION_UNFINISHED
     assert unfinished.figures == {
         "kind": "experiment", "run": "1.mcap", "blocks": "mine.py:Mine", "file": "", "line": 0,
@@ -38,14 +38,14 @@ def test_an_unfinished_mission_is_named_with_its_blocks(boot, tmp_path):
 
 
 def test_a_finished_mission_or_a_power_cut_is_not_named(boot, tmp_path):
-    assert Journal(tmp_path).unfinished() is None
+    assert Journal(tmp_path).unfinished_mission() is None
     journal = Journal(tmp_path)
     journal.begin(MISSION, "1.mcap")
     journal.end()
-    assert Journal(tmp_path).unfinished() is None
+    assert Journal(tmp_path).unfinished_mission() is None
     journal.begin(MISSION, "2.mcap")
     boot.write_text("another\n")
-    assert Journal(tmp_path).unfinished() is None
+    assert Journal(tmp_path).unfinished_mission() is None
 
 
 def test_a_damaged_journal_names_no_mission(boot, tmp_path):
@@ -59,14 +59,14 @@ def test_a_damaged_journal_names_no_mission(boot, tmp_path):
         b"7",
     ):
         Journal(tmp_path).path.write_bytes(content)
-        assert Journal(tmp_path).unfinished() is None
+        assert Journal(tmp_path).unfinished_mission() is None
 
 
 def test_an_unwritable_journal_does_not_block_a_drive(boot, tmp_path):
     journal = Journal(tmp_path / "there is no such folder")
     journal.begin(MISSION, "1.mcap")
     journal.end()
-    assert journal.unfinished() is None
+    assert journal.unfinished_mission() is None
 
 
 def test_the_watchdog_is_not_fed_after_a_thread_ends():
@@ -74,7 +74,7 @@ def test_the_watchdog_is_not_fed_after_a_thread_ends():
         def __init__(self):
             self.messages = []
 
-        def say(self, text):
+        def notify(self, text):
             self.messages.append(text)
 
     end, systemd = threading.Event(), Systemd()

@@ -32,7 +32,7 @@ def pi(tmp_path):
 
 
 def start(pi, tmp_path):
-    """Runs the script as the Pi would; what it called."""
+    """Run the script as the Pi would and return its calls."""
     programs = tmp_path / "bin"
     programs.mkdir()
     for name in PROGRAMS:
@@ -76,7 +76,7 @@ def test_the_first_start_sets_name_key_and_network_of_the_pi(pi, tmp_path, own):
     assert "systemd." not in (boot / "cmdline.txt").read_text()
 
 
-def test_cloud_init_starts_the_script_and_its_user_data_remain(pi):
+def test_cloud_init_starts_the_script_and_old_user_data_are_backed_up(pi):
     boot = pi / "boot/firmware"
     (boot / "user-data").write_text("#cloud-config\n# of the image\n")
     for _ in range(2):
@@ -87,7 +87,7 @@ def test_cloud_init_starts_the_script_and_its_user_data_remain(pi):
     assert (boot / "cmdline.txt").read_text() == CMDLINE
 
 
-def test_a_card_written_twice_starts_the_script_once(pi):
+def test_writing_a_card_twice_starts_the_script_only_once(pi):
     boot = pi / "boot/firmware"
     for country in ("DE", "AR"):
         write(boot, "robot-7", "ana", KEY, Network("lab", "password", country))
@@ -150,7 +150,8 @@ def test_the_card_command_generates_a_password_and_prints_the_next_step(pi, tmp_
     assert exit_info.value.code == 0
     output = capsys.readouterr().out
     assert re.search(
-        r"its network: (robot-[0-9a-f]{4}), password [a-z2-9]{10}; there it is 10\.42\.0\.1", output
+        r"its Wi-Fi network: (robot-[0-9a-f]{4}), password [a-z2-9]{10}; its address there is 10\.42\.0\.1",
+        output,
     )
     assert re.search(r"baqueano robot setup pilot@robot-[0-9a-f]{4}\.local", output)
     with pytest.raises(SystemExit) as exit_info:

@@ -1,4 +1,4 @@
-"""`baqueano robot setup` renews the robot's vehicle file and loses nothing that was calibrated there."""
+"""`baqueano robot setup` updates the vehicle file of the robot and preserves all calibrated values there."""
 
 import zlib
 from datetime import date
@@ -19,13 +19,13 @@ FOUND = {"robot.imu_axes": ["-y", "x", "z"], "sensors.imu.gyro_bias": 0.0123}
 
 
 def calibrated(file, values=FOUND, on=date(2026, 11, 3)):
-    """The file as `calibrate imu --update` writes it."""
+    """Return the file as `calibrate imu --update` writes it."""
     return file.with_values(values, {key: {"run": "calibrate imu", "date": on} for key in values})
 
 
 @pytest.fixture
 def vehicle_toml(pi, wheels):
-    """The vehicle file of a robot that has its packages already."""
+    """Return the vehicle file of a robot that already has its packages."""
     (pi / "opt/baqueano").mkdir()
     names = [f"{wheel.name} {zlib.crc32(wheel.read_bytes()):08x}" for wheel in sorted(wheels.glob("*.whl"))]
     (pi / "opt/baqueano/bundle.txt").write_text("\n".join(names))
@@ -37,24 +37,24 @@ def vehicle_toml(pi, wheels):
 
 def test_a_changed_vehicle_file_is_deployed_with_a_backup(programs, pi, wheels, vehicle_toml, capfd):
     file, lines = vehicle_file.override(SMALL, ["robot.port=/dev/serial0", "robot.least_battery_v=6.0"]), []
-    setup("r1", wheels, PI, vehicle=file, say=lines.append, dry=True, root=str(pi))
+    setup("r1", wheels, PI, vehicle=file, notify=lines.append, dry=True, root=str(pi))
     changes = [
         'vehicle.toml  robot.port: not there → "/dev/serial0"',
         "vehicle.toml  robot.least_battery_v: not there → 6.0",
     ]
     assert lines == changes
     assert (
-        "would    /var/lib/baqueano/vehicle.toml; the one before is vehicle.toml.before"
+        "would    /var/lib/baqueano/vehicle.toml; the previous file is vehicle.toml.before"
         in capfd.readouterr().out
     )
     assert vehicle_toml.read_text() == SMALL.text
-    setup("r1", wheels, PI, vehicle=file, say=lines.append, root=str(pi))
+    setup("r1", wheels, PI, vehicle=file, notify=lines.append, root=str(pi))
     assert lines == 2 * changes
     assert vehicle_toml.read_text() == file.text
     before = vehicle_toml.with_name("vehicle.toml.before")
     assert before.read_text() == SMALL.text
     lines.clear()
-    setup("r1", wheels, PI, vehicle=file, say=lines.append, root=str(pi))
+    setup("r1", wheels, PI, vehicle=file, notify=lines.append, root=str(pi))
     assert lines == []
     assert "as it is /var/lib/baqueano/vehicle.toml\n" in capfd.readouterr().out
     remove("r1", PI, root=str(pi))
@@ -64,17 +64,17 @@ def test_a_changed_vehicle_file_is_deployed_with_a_backup(programs, pi, wheels, 
 def test_calibrated_values_of_the_robot_survive_a_new_vehicle_file(programs, pi, wheels, vehicle_toml):
     vehicle_toml.write_text(calibrated(SMALL).text)
     file, lines = vehicle_file.override(SMALL, ["robot.port=/dev/serial0"]), []
-    setup("r1", wheels, PI, vehicle=file, say=lines.append, root=str(pi))
+    setup("r1", wheels, PI, vehicle=file, notify=lines.append, root=str(pi))
     now = vehicle_file.load(vehicle_toml)
     assert now.robot.port == "/dev/serial0"
     assert now.robot.imu_axes == ("-y", "x", "z")
     assert now.sensors.imu.gyro_bias == 0.0123
     assert {now.provenance[key].run for key in FOUND} == {"calibrate imu"}
     assert lines[1:] == [
-        'vehicle.toml  robot.imu_axes: ["-y", "x", "z"] stays, calibrated there on 2026-11-03',
-        "vehicle.toml  sensors.imu.gyro_bias: 0.0123 stays, calibrated there on 2026-11-03",
-        "vehicle.toml  To have it in your file, too: baqueano robot calibrate imu r1 --update. To let your values "
-        "count: ssh r1 rm /var/lib/baqueano/vehicle.toml, and type this line again",
+        'vehicle.toml  robot.imu_axes: ["-y", "x", "z"] is kept, because it was calibrated there on 2026-11-03',
+        "vehicle.toml  sensors.imu.gyro_bias: 0.0123 is kept, because it was calibrated there on 2026-11-03",
+        "vehicle.toml  To write it into your file too: baqueano robot calibrate imu r1 --update. To use your "
+        "own values: ssh r1 rm /var/lib/baqueano/vehicle.toml, and type this line again",
     ]
     text = vehicle_toml.read_text()
     setup("r1", wheels, PI, vehicle=file, root=str(pi))
@@ -84,20 +84,20 @@ def test_calibrated_values_of_the_robot_survive_a_new_vehicle_file(programs, pi,
 @pytest.mark.parametrize(
     ("day", "axes"), [(2, ("-y", "x", "z")), (3, ("-y", "x", "z")), (4, ("-x", "-y", "z"))]
 )
-def test_the_later_of_two_calibrations_counts(programs, pi, wheels, vehicle_toml, day, axes):
+def test_the_newer_of_two_calibrations_is_used(programs, pi, wheels, vehicle_toml, day, axes):
     vehicle_toml.write_text(calibrated(SMALL).text)
     calibrated_file = calibrated(SMALL, {"robot.imu_axes": ["-x", "-y", "z"]}, date(2026, 11, day))
     setup("r1", wheels, PI, vehicle=calibrated_file, root=str(pi))
     assert vehicle_file.load(vehicle_toml).robot.imu_axes == axes
 
 
-def test_an_equal_calibration_retains_its_provenance(programs, pi, wheels, vehicle_toml):
+def test_a_calibration_with_equal_values_retains_its_provenance(programs, pi, wheels, vehicle_toml):
     vehicle_toml.write_text(calibrated(SMALL).text)
     setup("r1", wheels, PI, vehicle=SMALL.with_values(FOUND), root=str(pi))
     assert {vehicle_file.load(vehicle_toml).provenance[key].run for key in FOUND} == {"calibrate imu"}
 
 
-def test_a_calibration_without_a_place_in_the_new_file_is_refused(programs, pi, wheels, vehicle_toml):
+def test_a_file_without_keys_for_an_existing_calibration_is_refused(programs, pi, wheels, vehicle_toml):
     vehicle_toml.write_text(calibrated(SMALL).text)
     text = SMALL.text.replace("[sensors.imu]", "[sensors.gyro]")
     text = text.replace("[estimator]", '[estimator]\nuse = ["gyro"]')
@@ -114,8 +114,8 @@ def test_an_unreadable_vehicle_file_on_the_robot_is_reported_and_backed_up(
 ):
     vehicle_toml.write_bytes(content)
     lines = []
-    setup("r1", wheels, PI, vehicle=SMALL, say=lines.append, root=str(pi))
-    assert lines[0].startswith(f"vehicle.toml  the vehicle file there is not TOML ({reason}")
+    setup("r1", wheels, PI, vehicle=SMALL, notify=lines.append, root=str(pi))
+    assert lines[0].startswith(f"vehicle.toml  the vehicle file there is not valid TOML ({reason}")
     assert vehicle_toml.read_text() == SMALL.text
     assert vehicle_toml.with_name("vehicle.toml.before").read_bytes() == content
     programs(ssh="echo no way >&2; exit 255")
@@ -123,12 +123,12 @@ def test_an_unreadable_vehicle_file_on_the_robot_is_reported_and_backed_up(
         setup("r1", wheels, PI, vehicle=SMALL, root=str(pi))
 
 
-def test_a_vehicle_file_changed_meanwhile_is_not_replaced(programs, pi, wheels, vehicle_toml):
-    """The calibration of another person, between the look and the change."""
+def test_a_vehicle_file_changed_during_setup_is_not_replaced(programs, pi, wheels, vehicle_toml):
+    """Another person calibrates the vehicle between the check and the change of the file."""
     (wheels / "vehicle.toml.seen").write_text("# what was looked at\n")
     step = steps.vehicle(steps.Pi(pi, wheels, "ana"))
     assert not step.done()
-    with pytest.raises(SystemExit, match=r"another program changed .*, so it stays as it is"):
+    with pytest.raises(SystemExit, match=r"another program changed .*, so this command did not change it"):
         step.do()
     assert vehicle_toml.read_text() == SMALL.text
 

@@ -31,7 +31,7 @@ def test_su2_setup_installs_a_working_program_and_remove_restores_everything(
     before = tree(pi)
     setup("r1", wheels, PI, root=str(pi))
     output = capfd.readouterr().out
-    assert output.count("done  ") == 11  # the clock is right already
+    assert output.count("done  ") == 11  # the clock is already correct
     program = subprocess.run([pi / "opt/baqueano/bin/baqueano"], capture_output=True, text=True, check=True)
     assert program.stdout == "here I am\n"
     assert (pi / "usr/local/bin/baqueano").is_symlink()
@@ -51,11 +51,11 @@ def test_su2_setup_installs_a_working_program_and_remove_restores_everything(
     assert not Path(install.THERE).exists()
 
     setup("r1", wheels, PI, root=str(pi))
-    assert capfd.readouterr().out.count("as it is") == 9  # usermod and chown are recorded, and change nothing
+    assert capfd.readouterr().out.count("as it is") == 9  # usermod and chown are recorded without effect
 
     remove("r1", PI, root=str(pi))
     output = capfd.readouterr().out
-    assert "runs and vehicle file in /var/lib/baqueano stay" in output
+    assert "runs and vehicle file in /var/lib/baqueano are kept" in output
     assert tree(pi) == before
     calls = (tmp_path / "calls").read_text()
     assert "systemctl disable --now baqueano.service" in calls
@@ -63,10 +63,10 @@ def test_su2_setup_installs_a_working_program_and_remove_restores_everything(
         f"gpasswd -d ana {group}" for group in ("dialout", "gpio", "input", "baqueano")
     ]
     assert calls.rindex("gpasswd") < calls.rindex("userdel baqueano")
-    assert f"chown -R ana: {pi}/var/lib/baqueano" in calls  # runs are nobody's otherwise
+    assert f"chown -R ana: {pi}/var/lib/baqueano" in calls  # otherwise runs have no owner
     assert (pi / "var/lib/baqueano/vehicle.toml").exists()
     remove("r1", PI, root=str(pi))
-    assert "nothing of baqueano is installed here" in capfd.readouterr().out
+    assert "baqueano is not installed here" in capfd.readouterr().out
 
 
 def test_a_dry_run_prints_every_step_and_changes_nothing(programs, pi, wheels, capfd):
@@ -99,7 +99,7 @@ def test_an_existing_user_with_the_service_name_is_not_changed(programs, pi, whe
     assert tree(pi) == before
 
 
-def test_the_service_is_in_no_group_but_those_of_its_devices(programs, pi, wheels, tmp_path):
+def test_the_service_belongs_only_to_the_groups_of_its_devices(programs, pi, wheels, tmp_path):
     setup("r1", wheels, PI, root=str(pi))
     calls = (tmp_path / "calls").read_text().splitlines()
     assert not [line for line in calls if line.startswith("usermod") and not line.endswith(" ana")]
@@ -125,10 +125,12 @@ def test_su2_a_wheel_with_a_wrong_hash_is_not_installed(programs, pi, wheels, ca
     setup("r1", wheels, PI, root=str(pi))
     (wheel,) = wheels.glob(f"{name}-*.whl")
     whole = wheel.read_bytes()
-    wheel.write_bytes(whole + b"\0")  # still a wheel
+    wheel.write_bytes(whole + b"\0")  # this is still a wheel
     with refused("setup.not-finished", RobotUnreachable):
         setup("r1", wheels, PI, root=str(pi))
-    assert ("hash" in (errors := capfd.readouterr().err).lower()) or "differs from the lock" in errors
+    assert (
+        "hash" in (errors := capfd.readouterr().err).lower()
+    ) or "differs from the one in the lock" in errors
     assert subprocess.run([pi / "opt/baqueano/bin/baqueano"], capture_output=True).stdout == b"here I am\n"
     assert [path.name for path in (pi / "opt").iterdir()] == ["baqueano"]
     wheel.write_bytes(whole)
@@ -137,7 +139,7 @@ def test_su2_a_wheel_with_a_wrong_hash_is_not_installed(programs, pi, wheels, ca
 
 
 @pytest.mark.parametrize("path", ["boot/firmware/config.txt", "etc/baqueano/setup.json"])
-def test_a_power_cut_during_a_write_leaves_the_old_file(pi, monkeypatch, path):
+def test_a_failed_write_leaves_the_old_file(pi, monkeypatch, path):
     store = Pi(pi, pi, "ana", lambda *command: "")
     store.note("something", {"before": "kept"})
     before = (pi / path).read_text()
@@ -207,7 +209,7 @@ def test_the_probe_reports_python_version_and_user_of_the_machine(programs):
 @pytest.mark.parametrize(
     ("verb", "match"), [("setup", ("setup.packages-not-sent", {})), ("remove", ("setup.nothing-sent", {}))]
 )
-def test_an_unwritable_card_is_reported(programs, wheels, verb, match):
+def test_a_failed_transfer_to_the_robot_is_reported(programs, wheels, verb, match):
     programs(ssh="cat >/dev/null; exit 1")
     with refused(match[0], RobotUnreachable, **match[1]):
         setup("r1", wheels, PI) if verb == "setup" else remove("r1", PI)
@@ -259,7 +261,7 @@ def test_su2_the_onboard_lock_contains_all_required_packages_with_hashes():
     assert {"numpy", "mcap", "click", "smbus2", "pyserial", "tomlkit", "pip"} <= names
 
 
-def test_setup_on_another_computer_changes_no_boot_file_and_uses_existing_groups(programs, pi, wheels, capfd):
+def test_setup_on_another_computer_changes_no_boot_file(programs, pi, wheels, capfd):
     (pi / "boot/firmware/config.txt").unlink()
     (pi / "etc/group").write_text("dialout:x:20:ana\n")
     setup("r1", wheels, PI, root=str(pi))
@@ -282,7 +284,7 @@ def test_systemd_accepts_every_line_of_the_unit(tmp_path):
     done = subprocess.run(["systemd-analyze", "verify", unit], capture_output=True, text=True)
     complaints = [
         line for line in done.stderr.splitlines() if "baqueano.service" in line
-    ]  # it answers 0 to unknown keys
+    ]  # systemd-analyze returns 0 for unknown keys
     assert not complaints
     assert done.returncode == 0
 

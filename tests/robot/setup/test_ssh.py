@@ -1,4 +1,4 @@
-"""A HOST is not an option of ssh, and its output is not a command of this terminal."""
+"""A HOST cannot be an option of ssh, and its output cannot send control codes to this terminal."""
 
 import pytest
 
@@ -30,7 +30,7 @@ def test_a_host_that_would_be_an_option_is_refused(programs, host):
     ):
         with refused("ssh.host", UsageError):
             go()
-    with refused("ssh.host", UsageError), remote.reached(host):
+    with refused("ssh.host", UsageError), remote.connect(host):
         pass
     assert not calls.exists() or not calls.read_text()
 
@@ -38,7 +38,7 @@ def test_a_host_that_would_be_an_option_is_refused(programs, host):
 @pytest.mark.parametrize(
     ("host", "words"), [("me@r1", "-- me@r1"), ("me@r1:2222", "-p 2222 -- me@r1"), ("r1", "-- r1")]
 )
-def test_the_host_follows_the_double_dash_in_ssh_commands(host, words):
+def test_ssh_commands_have_a_double_dash_before_the_host(host, words):
     assert f" {words} true" in " ".join(ssh.ssh(host, "true"))
     assert f" {words} exec baqueano" in " ".join(remote._ssh(host))
 
@@ -49,7 +49,7 @@ def test_the_host_follows_the_double_dash_in_ssh_commands(host, words):
         lambda: exclusive_hardware.rows_from_host("r1", "robot", "doctor"),
         lambda: install.machine_at("r1"),
         lambda: install.remove("r1", install.TargetMachine((3, 11), "aarch64", "pi")),
-        lambda: deployed_vehicle_file.renewed("r1", None),
+        lambda: deployed_vehicle_file.renew_file("r1", None),
     ],
 )
 def test_ssh_output_cannot_send_terminal_control_codes(programs, capfd, go):
@@ -78,7 +78,7 @@ def test_an_endless_ssh_answer_is_refused(programs, monkeypatch):
             go()
 
 
-def test_ne7_data_sent_over_ssh_arrive_complete(programs, tmp_path):
+def test_ne7_data_sent_over_ssh_arrive_unchanged(programs, tmp_path):
     programs(ssh=f"cat >{tmp_path / 'came'}; exit 7")
     data = bytes(range(256)) * 4096
     assert ssh.run(ssh.ssh("r1", "x"), data) == (b"", 7)

@@ -1,4 +1,6 @@
-"""The unit of the onboard service: real-time, and nothing that a block of a stranger could use to harm the computer."""
+"""The unit of the onboard service: real-time, and without rights that a foreign block could use to harm the
+computer.
+"""
 
 import configparser
 import re
@@ -15,7 +17,7 @@ EXPOSURE = 3.0  # of 10, by systemd-analyze
 
 
 class MultiDict(dict):
-    """Keys that come twice keep all their values."""
+    """A dict that retains all values of a repeated key."""
 
     def __setitem__(self, key, value):
         if isinstance(value, list) and key in self:
@@ -52,7 +54,7 @@ def test_the_unit_has_real_time_priority_and_a_watchdog(service):
         ("DevicePolicy", "closed"),
     ],
 )
-def test_a_block_can_access_only_its_own_vehicle(service, key, value):
+def test_the_unit_isolates_blocks_from_network_and_system(service, key, value):
     assert service[key] == value
 
 

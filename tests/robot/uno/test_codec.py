@@ -13,7 +13,7 @@ from baqueano.robot.uno.codec import (
     Decoder,
     ReceivedFrame,
     encode,
-    framed,
+    encode_frame,
     seal,
     stuff,
     unstuff,
@@ -25,7 +25,7 @@ DRIVE = Drive(7, 400, -400, DriveFlag.ARM)
 STATE = State(123456, 0, 5000, -5000, 10, -10, 400, -400, 7400, 12, 7, 9, 1, 0, 0, 0, 0)
 
 
-def test_checksum_is_that_of_the_catalogue():
+def test_the_checksum_equals_the_catalogue_value():
     """CRC-16/CCITT-FALSE of the nine digits is 0x29B1."""
     assert crc_hqx(b"123456789", CRC_START) == 0x29B1
 
@@ -71,13 +71,13 @@ def test_endless_noise_does_not_fill_the_buffer():
     assert decoder.bad_crc == 1
 
 
-def test_second_check_is_that_of_the_catalogue():
+def test_the_second_checksum_equals_the_catalogue_value():
     """CRC-16/T10-DIF of the nine digits is 0xD0DB."""
     assert seal(b"123456789") == 0xD0DB
 
 
-def test_a_command_with_a_forged_first_check_is_refused():
-    """What a heavily damaged frame looks like that passed CRC-16 by luck."""
+def test_a_command_with_only_a_valid_first_checksum_is_refused():
+    """A heavily damaged frame that passed CRC-16 by chance looks like this."""
     body = bytes([0x01, 3]) + pack(DRIVE) + b"\x12\x34"
     wire = b"\0" + stuff(body + crc_hqx(body, CRC_START).to_bytes(2, "big")) + b"\0"
     decoder = Decoder()
@@ -85,8 +85,8 @@ def test_a_command_with_a_forged_first_check_is_refused():
     assert decoder.bad_crc == 1
 
 
-def test_the_two_checks_share_no_factor():
-    """Euclid over polynomials with coefficients mod 2: so together they are one check of 32 bits."""
+def test_the_two_checksum_polynomials_share_no_factor():
+    """Euclid's algorithm over polynomials with coefficients mod 2: together they are one checksum of 32 bits."""
     a, b = 0x11021, 0x18BB7
     while b:
         while a.bit_length() >= b.bit_length():
@@ -96,7 +96,7 @@ def test_the_two_checks_share_no_factor():
 
 
 def test_frames_with_up_to_three_changed_bits_are_refused():
-    """The polynomial has Hamming distance 4 at these lengths; the length of a COBS run is no part of that."""
+    """The polynomial has Hamming distance 4 at these lengths, without the length byte of a COBS segment."""
     chance = random.Random(3)
     clean = encode(STATE, 9)
     accepted_count = 0
@@ -110,7 +110,7 @@ def test_frames_with_up_to_three_changed_bits_are_refused():
 
 def test_a_frame_of_unknown_kind_or_length_is_counted_and_ignored():
     decoder = Decoder()
-    assert decoder.feed(encode(Ping(1), 1, kind=0x7F) + framed(0x01, 1, pack(Ping(1)))) == []
+    assert decoder.feed(encode(Ping(1), 1, kind=0x7F) + encode_frame(0x01, 1, pack(Ping(1)))) == []
     assert (decoder.bad_crc, decoder.bad_shape) == (0, 2)
 
 

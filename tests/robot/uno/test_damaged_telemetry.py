@@ -1,7 +1,7 @@
-"""A million damaged frames from the Uno: the CRC of 16 bits refuses them, nothing raises, and intact frames arrive.
+"""A million damaged frames from the Uno: the 16-bit CRC refuses them, no exception occurs, and intact frames arrive.
 
-Telemetry has one CRC: it sees each damage of up to three bits and each burst of up to 16, of the rest it lets one pass
-in 65 536. A command has two, and there none passes (tests/emulated/test_damage.py).
+Telemetry has one CRC, which detects each damage of up to three bits and each burst of up to 16 bits. It accepts one
+in 65 536 of the other damages. A command has two CRCs, which accept none of them (tests/emulated/test_damage.py).
 """
 
 import numpy as np
@@ -12,12 +12,12 @@ from baqueano.robot.uno.frames import State
 from baqueano.robot.uno.link import Uno
 from tests.robot.uno.test_link import Line, info, state
 
-EACH = 125_000  # of each of eight kinds of damage
+EACH = 125_000  # for each of eight kinds of damage
 AT_ONCE = 65_536  # bytes in one read
 
 
 def telemetry(k, rng):
-    """The possible telemetry at time k."""
+    """Return a possible telemetry frame at time k."""
     sums, duties = rng.integers(-(1 << 20), 1 << 20, 4).tolist(), rng.integers(-1000, 1001, 2).tolist()
     return State(
         10_000 * k, int(rng.integers(1 << 31)), *sums, *duties, 7400 + k % 50, 3, 7, k & 0xFF, 1, 0, 0, 0, 0
@@ -26,19 +26,19 @@ def telemetry(k, rng):
 
 @pytest.fixture(scope="module")
 def frames_sent():
-    """4096 frames that are whole, no two alike."""
+    """Return 4096 different undamaged frames."""
     rng = np.random.default_rng(1)
     return [ReceivedFrame(k & 0xFF, telemetry(k, rng)) for k in range(4096)]
 
 
 @pytest.fixture(scope="module")
 def whole(frames_sent):
-    """(4096, 46) the same on the wire."""
+    """Return the same frames (4096, 46) as bytes on the wire."""
     return np.array([list(encode(frame, seq)) for seq, frame in frames_sent], dtype=np.uint8)
 
 
 class Kept(Decoder):
-    """Remembers what it believed."""
+    """Stores the accepted frames."""
 
     def __init__(self):
         super().__init__()
@@ -51,12 +51,12 @@ class Kept(Decoder):
 
 
 def drawn_frames(whole, rng):
-    """(EACH, 46) of them."""
+    """Return random frames (EACH, 46) of them."""
     return whole[rng.integers(len(whole), size=EACH)]
 
 
 def flip_bits(frames, rng, most):
-    """1 to `most` bits, no two the same."""
+    """Invert 1 to `most` different bits."""
     spare = 8 * (frames.shape[1] - 2) - most
     places = 8 + np.sort(rng.integers(spare + 1, size=(EACH, most)), axis=1) + np.arange(most)
     count, rows = rng.integers(1, most + 1, EACH), np.arange(EACH)
@@ -67,7 +67,7 @@ def flip_bits(frames, rng, most):
 
 
 def burst(frames, rng, bits):
-    """A run of `bits`, whose ends are wrong and what is between them is chance."""
+    """Replace a burst of `bits`: its ends are inverted, and the bits between them are random."""
     start = rng.integers(8, 8 * (frames.shape[1] - 1) - bits, EACH)
     wrong = np.unpackbits(np.zeros_like(frames), axis=1)
     for k in range(bits):
@@ -76,7 +76,7 @@ def burst(frames, rng, bits):
 
 
 def replaced(frames, rng):
-    """1 to 12 bytes in a row are others."""
+    """Replace 1 to 12 consecutive bytes."""
     place, n = rng.integers(1, 33, EACH), rng.integers(1, 13, EACH)
     column = np.arange(frames.shape[1])
     mask = (column >= place[:, None]) & (column < (place + n)[:, None])
@@ -84,7 +84,7 @@ def replaced(frames, rng):
 
 
 def cut(frames, rng):
-    """1 to 40 bytes in a row are missing; flat, for the rows differ in length."""
+    """Remove 1 to 40 consecutive bytes; the result is flat, because the rows differ in length."""
     place = rng.integers(1, 45, EACH)
     n = rng.integers(1, 41, EACH)
     column = np.arange(frames.shape[1])
@@ -93,7 +93,7 @@ def cut(frames, rng):
 
 
 def inserted(frames, rng):
-    """1 to 8 bytes more."""
+    """Insert 1 to 8 bytes."""
     place, n = rng.integers(1, 46, EACH), rng.integers(1, 9, EACH)
     column = np.arange(frames.shape[1] + 8)
     after = column >= (place + n)[:, None]
@@ -105,12 +105,12 @@ def inserted(frames, rng):
 
 
 def joined_frames(frames, next_frames, rng):
-    """The head of one with the tail of another."""
+    """Join the head of one frame with the tail of another."""
     place = rng.integers(2, 44, EACH)
     return np.where(np.arange(frames.shape[1]) < place[:, None], frames, next_frames)
 
 
-DAMAGE = {  # name: (what it does, whether a CRC of 16 bits sees all of it)
+DAMAGE = {  # name: (function, True if a 16-bit CRC detects all of it)
     "3 bits": (lambda whole, rng: flip_bits(drawn_frames(whole, rng), rng, 3), True),
     "8 bits": (lambda whole, rng: flip_bits(drawn_frames(whole, rng), rng, 8), False),
     "a burst of 16": (lambda whole, rng: burst(drawn_frames(whole, rng), rng, 16), True),
@@ -140,6 +140,6 @@ def test_a_16_bit_crc_accepts_few_of_a_million_damaged_frames(frames_sent, whole
         uno._decoder.accepted_frames.clear()
     assert all(wrong[name] == 0 for name, (_, is_accepted) in DAMAGE.items() if is_accepted), wrong
     assert sum(wrong.values()) <= len(DAMAGE) * EACH / 65_536, wrong  # measured: 6 of 15
-    line.say(info())
-    line.say(state(10))
+    line.send(info())
+    line.send(state(10))
     assert uno.receive(), "intact frames are still received"

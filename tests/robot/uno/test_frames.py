@@ -1,4 +1,4 @@
-"""The layout of the wire: the header of the firmware is made from it, and a C compiler lays it out alike."""
+"""The layout of the frames: the header of the firmware is generated from it, and a C compiler gives the same layout."""
 
 import shutil
 import struct
@@ -22,10 +22,10 @@ def any_number(field: Field) -> st.SearchStrategy[int]:
 
 
 def any_frame() -> st.SearchStrategy[frames.Frame]:
-    """Frames of each kind with numbers in their ranges."""
+    """Return frames of each kind with numbers in their ranges."""
 
     def of(layout):
-        return st.tuples(*map(any_number, FIELDS[layout])).map(lambda n: frames.built(layout, list(n)))
+        return st.tuples(*map(any_number, FIELDS[layout])).map(lambda n: frames.unflatten(layout, list(n)))
 
     return st.one_of(*map(of, KIND_OF))
 
@@ -36,7 +36,7 @@ def test_packing_and_unpacking_return_the_same_frame(frame):
     assert frames.outside(frame) is None
 
 
-def test_header_of_the_firmware_is_current():
+def test_the_generated_firmware_header_is_current():
     assert HEADER.read_text(encoding="utf-8") == c_header(), "run `make firmware` and commit frames.h"
 
 
@@ -44,29 +44,29 @@ def test_every_payload_fits_the_buffer_of_the_firmware():
     assert max(frames.LENGTHS.values()) <= MAX_PAYLOAD
 
 
-def test_no_two_kinds_share_a_number_and_the_firmware_sets_bit_7():
+def test_frame_kinds_sent_by_the_firmware_have_bit_7_set():
     assert {kind for kind in KINDS if kind & 0x80} == {0x81, 0x83, 0x85, 0x86}
     assert KIND_OF[frames.Settings] == 0x06
 
 
-def test_defaults_are_within_their_ranges():
+def test_default_settings_are_within_their_ranges():
     assert frames.outside(frames.Config()) is None
     assert frames.outside(frames.Settings()) is None
 
 
-def test_a_number_out_of_range_is_named_with_its_place():
+def test_a_number_out_of_range_is_named_with_its_field():
     ways = (frames.Way(),) * 3 + (frames.Way(slope_permille=99),)
     fault = frames.outside(frames.Settings(ways=ways))
     assert fault == ("ways[3].slope_permille", 99, Within(100, 3000))
 
 
-def test_a_number_without_a_range_is_limited_by_its_width():
+def test_a_number_without_a_stated_range_is_limited_by_its_bits():
     assert frames.outside(frames.Ping(1 << 32)) == ("token", 1 << 32, Within(0, (1 << 32) - 1))
     assert frames.outside(frames.Pong(0, -1)) is not None
 
 
 @pytest.mark.skipif(shutil.which("gcc") is None, reason="no C compiler to ask")
-def test_c_and_python_lay_out_each_frame_alike(tmp_path):
+def test_each_frame_has_the_same_layout_in_c_and_python(tmp_path):
     lines = []
     for layout in LAYOUTS:
         name = snake(layout.__name__)

@@ -27,7 +27,7 @@ CONFIG = Config()
 
 
 class Line:
-    """A port whose other end is the test, and a clock that only the test moves."""
+    """A serial port whose other end is the test, and a clock that only the test advances."""
 
     def __init__(self):
         self.coming, self.decoder, self.sent, self.now_ns, self.broken = b"", Decoder(), [], 0, False
@@ -42,7 +42,7 @@ class Line:
         data, self.coming = self.coming, b""
         return data
 
-    def say(self, frame, kind=None):
+    def send(self, frame, kind=None):
         self.seq += 1
         self.coming += encode(frame, self.seq, kind)
 
@@ -66,7 +66,7 @@ def line():
 @pytest.fixture
 def uno(line):
     uno = Uno(line, lambda: line.now_ns)
-    line.say(info())
+    line.send(info())
     uno.pump()
     line.sent.clear()
     return uno
@@ -82,7 +82,7 @@ def test_no_command_is_sent_before_arming_and_arming_sends_zero_duty(line, uno):
 
 
 def test_sequence_numbers_continue_from_the_last_executed_command(line, uno):
-    line.say(state(10, seq=200))
+    line.send(state(10, seq=200))
     uno.pump()
     uno.arm()
     uno.drive(0.1, 0.1)
@@ -92,11 +92,11 @@ def test_sequence_numbers_continue_from_the_last_executed_command(line, uno):
 @pytest.mark.parametrize("count_refused", [65, 200, 255])
 def test_sequence_numbers_continue_from_the_last_executed_command_after_refusals(line, uno, count_refused):
     uno.arm()
-    line.say(state(10, flags=StateFlag.ARMED, seq=1))
+    line.send(state(10, flags=StateFlag.ARMED, seq=1))
     uno.pump()
     for _ in range(count_refused):
         uno.drive(0.1, 0.1)
-    line.say(state(20, flags=StateFlag.ARMED, seq=1))
+    line.send(state(20, flags=StateFlag.ARMED, seq=1))
     uno.pump()
     uno.drive(0.1, 0.1)
     assert line.sent[-1][1] == 2
@@ -106,35 +106,35 @@ def test_sequence_numbers_of_commands_in_transit_are_not_reused(line, uno):
     uno.arm()
     for _ in range(30):  # 0.3 s of a loop, telemetry as rare as it can be set
         uno.drive(0.1, 0.1)
-    line.say(state(10, flags=StateFlag.ARMED, seq=1))
+    line.send(state(10, flags=StateFlag.ARMED, seq=1))
     uno.pump()
     uno.drive(0.1, 0.1)
     assert line.sent[-1][1] == 32
 
 
 def test_applied_duty_is_the_mean_between_frames_despite_a_lost_frame(line, uno):
-    line.say(state(10))
-    line.seq += 1  # a frame that never comes
-    line.say(state(30, sums=(20 * 400, -20 * 100)))
+    line.send(state(10))
+    line.seq += 1  # a frame that never arrives
+    line.send(state(30, sums=(20 * 400, -20 * 100)))
     measurements = uno.receive()
     np.testing.assert_allclose(measurements[-1].applied, [0.4, -0.1])
     assert uno.statistics.lost == 1
 
 
-def test_a_counter_overflow_is_not_a_jump(line, uno):
-    line.say(state(10, sums=((1 << 31) - 1000, 0)))
-    line.say(state(20, sums=(-(1 << 31) + 2000, 0)))
+def test_an_overflow_of_the_duty_sum_causes_no_jump(line, uno):
+    line.send(state(10, sums=((1 << 31) - 1000, 0)))
+    line.send(state(20, sums=(-(1 << 31) + 2000, 0)))
     assert uno.receive()[-1].applied[0] == pytest.approx(0.3)
 
 
 def test_fw7_a_reset_disarms_with_its_cause_until_armed_again(line, uno):
     uno.arm()
-    line.say(state(10, flags=StateFlag.ARMED))
+    line.send(state(10, flags=StateFlag.ARMED))
     uno.pump()
-    line.say(state(5, nonce=9))
+    line.send(state(5, nonce=9))
     assert uno.receive()[-1].stopped.code == StopReason.UNO_RESET
     line.sent.clear()
-    line.say(info(nonce=9, cause=ResetCause.BROWN_OUT))
+    line.send(info(nonce=9, cause=ResetCause.BROWN_OUT))
     uno.pump()
     uno.drive(0.5, 0.5)
     assert not line.drives()
@@ -156,8 +156,8 @@ def test_fw7_a_reset_disarms_with_its_cause_until_armed_again(line, uno):
 def test_every_reason_of_the_firmware_is_reported(line, uno, flags, code, figures):
     uno.arm()
     uno.drive(0.5, 0.5)
-    line.say(state(10, flags=StateFlag.ARMED))
-    line.say(state(20, flags=flags, age=310))
+    line.send(state(10, flags=StateFlag.ARMED))
+    line.send(state(20, flags=flags, age=310))
     stop_reason = uno.receive()[-1].stopped
     assert (stop_reason.code, stop_reason.figures) == (code, figures)
 
@@ -165,33 +165,33 @@ def test_every_reason_of_the_firmware_is_reported(line, uno, flags, code, figure
 def test_a_lost_arming_frame_is_sent_again_until_telemetry_confirms(line, uno):
     uno.arm()
     line.now_ns = 5 * MS
-    line.say(state(5))  # made before the frame that arms could be there
+    line.send(state(5))  # made before the arming frame could arrive
     uno.pump()
     uno.drive(0.2, 0.2)
     line.now_ns = 15 * MS
-    line.say(state(15))
+    line.send(state(15))
     uno.pump()
     line.sent.clear()
     uno.drive(0.2, 0.2)
     assert line.drives() == [Drive(7, 0, 0, DriveFlag.ARM), Drive(7, 200, 200, DriveFlag.ARM)]
     line.now_ns = 25 * MS
-    line.say(state(25, flags=StateFlag.ARMED))
+    line.send(state(25, flags=StateFlag.ARMED))
     uno.pump()
     line.sent.clear()
     uno.drive(0.2, 0.2)
     assert line.drives() == [Drive(7, 200, 200, DriveFlag.ARM)]
 
 
-def test_rare_telemetry_leaves_time_to_confirm_arming(line, uno):
-    """Over a noisy line the first telemetry may come long after arming was lost."""
+def test_an_unconfirmed_arming_becomes_a_fault_after_0_6_s(line, uno):
+    """On a noisy line the first telemetry may arrive long after arming was lost."""
     uno.arm()
     for t_ms, trouble in [(400, False), (590, False), (610, True)]:
         line.now_ns = t_ms * MS
-        line.say(state(t_ms))
+        line.send(state(t_ms))
         stop_reason = uno.receive()[-1].stopped
         assert (stop_reason is not None and stop_reason.code == StopReason.UNO_DEAF) == trouble
     uno.arm()
-    line.say(state(620))
+    line.send(state(620))
     assert uno.receive()[-1].stopped is None, "arming is sent again, with a new timeout"
 
 
@@ -226,12 +226,12 @@ def test_telemetry_timestamps_compensate_a_resonator_error_of_half_a_percent(lin
     for k in range(1, 3000):
         line.now_ns = k * 10 * MS
         measured_ns = line.now_ns - round(rng.uniform(0.2, 1.2) * MS)
-        line.say(state(0)._replace(t_us=device(measured_ns)))
+        line.send(state(0)._replace(t_us=device(measured_ns)))
         measurements = uno.receive()
         for ping in [frame for frame, _ in line.sent if isinstance(frame, Ping)]:
             forth_ns, back = rng.uniform(0.2, 1.2, 2) * MS
             late = 4 * MS if rng.random() < 0.15 else 0
-            line.say(Pong(ping.token, device(line.now_ns + round(forth_ns))))
+            line.send(Pong(ping.token, device(line.now_ns + round(forth_ns))))
             line.now_ns += round(forth_ns + back) + late
             uno.pump()
         line.sent.clear()
@@ -262,7 +262,7 @@ def test_damaged_answers_to_a_request_are_reported_as_a_noisy_line(line, uno):
 def test_a_configuration_that_the_firmware_refused_is_an_error(line, uno):
     def wait(s):
         line.now_ns += round(s * 1e9)
-        line.say(info(config=CONFIG._replace(dead_man_ms=250)))
+        line.send(info(config=CONFIG._replace(dead_man_ms=250)))
 
     with refused("uno.refused-number", RobotUnreachable):
         uno.configure(CONFIG, wait)
@@ -270,7 +270,7 @@ def test_a_configuration_that_the_firmware_refused_is_an_error(line, uno):
 
 
 def test_a_reopened_line_requests_the_identity_of_the_uno(line, uno):
-    uno.reopened()
+    uno.on_reopen()
     line.now_ns += 200 * MS
     uno.pump()
     assert any(isinstance(frame, AskInfo) for frame, _ in line.sent)
@@ -280,75 +280,75 @@ def test_reopening_the_line_resets_the_clock_estimate_of_the_uno(line, uno):
     """Opening the port resets an Uno: its clock begins at 0 again."""
     for k in range(1, 100):
         line.now_ns = k * 10 * MS
-        line.say(state(60_000 + k * 10))
+        line.send(state(60_000 + k * 10))
         for ping in [frame for frame, _ in line.sent if isinstance(frame, Ping)]:
-            line.say(Pong(ping.token, 1000 * (60_000 + k * 10)))
+            line.send(Pong(ping.token, 1000 * (60_000 + k * 10)))
         line.sent.clear()
         uno.pump()
-    uno.reopened()
+    uno.on_reopen()
     line.seq = 0
     line.now_ns += 2000 * MS
-    line.say(state(10, nonce=9))
+    line.send(state(10, nonce=9))
     assert uno.receive()[-1].t_ns == line.now_ns
     assert uno.statistics.resets == 1
     line.now_ns += 10 * MS
-    line.say(state(20, nonce=9))
+    line.send(state(20, nonce=9))
     assert uno.receive()[-1].t_ns == line.now_ns
     assert uno.statistics.lost == 0
 
 
 def test_a_cleared_stop_does_not_block_the_next_drive(line, uno):
     uno.arm()
-    line.say(info(nonce=9, cause=ResetCause.BROWN_OUT))
-    line.say(state(5, nonce=9))
+    line.send(info(nonce=9, cause=ResetCause.BROWN_OUT))
+    line.send(state(5, nonce=9))
     assert uno.receive()[-1].stopped.figures == {"cause": "brown-out"}
     uno.clear_stop()
-    line.say(state(15, nonce=9))
+    line.send(state(15, nonce=9))
     assert uno.receive()[-1].stopped is None
-    line.say(state(25, nonce=9, flags=StateFlag.STOPPED))
+    line.send(state(25, nonce=9, flags=StateFlag.STOPPED))
     uno.clear_stop()
     assert uno.receive()[-1].stopped.code == StopReason.UNO_LATCHED, "a persistent fault is reported again"
 
 
 def test_repeated_or_out_of_order_telemetry_is_counted_and_discarded(line, uno):
-    line.say(info())
-    line.say(state(10, left=100))
+    line.send(info())
+    line.send(state(10, left=100))
     line.coming += line.coming
     first, late_frame = state(20, left=200), state(30, left=300)
     line.seq += 1
-    line.say(late_frame)
+    line.send(late_frame)
     line.coming += encode(first, line.seq - 1)
-    line.say(state(40, left=400))
+    line.send(state(40, left=400))
     assert len(uno.receive()) == 3
     assert (uno.statistics.late, uno.statistics.lost) == (3, 1)
 
 
-def test_telemetry_overtaken_by_an_answer_is_accepted(line, uno):
-    line.say(state(10))
+def test_telemetry_that_arrives_after_a_newer_answer_is_accepted(line, uno):
+    line.send(state(10))
     line.seq += 1
-    line.say(Pong(99, 12_000))
+    line.send(Pong(99, 12_000))
     line.coming += encode(state(20), line.seq - 1)
-    line.say(state(30))
+    line.send(state(30))
     assert len(uno.receive()) == 3
     assert (uno.statistics.late, uno.statistics.lost) == (1, 1)
 
 
-def test_telemetry_after_a_long_silence_is_received_whatever_its_sequence(line, uno):
-    line.say(state(10))
+def test_telemetry_with_any_sequence_number_is_accepted_after_a_long_silence(line, uno):
+    line.send(state(10))
     line.seq += 200
-    line.say(state(2010))
+    line.send(state(2010))
     assert len(uno.receive()) == 2
     assert uno.statistics.lost == 200
 
 
 def test_telemetry_timestamps_are_never_later_than_their_arrival(line, uno):
-    """A damaged stamp that passed must not make the next silence unseen."""
-    line.say(state(10))
+    """A damaged timestamp that passed the check must not hide the next silence."""
+    line.send(state(10))
     line.now_ns = 200 * MS
     uno.pump()
-    line.say(Pong(next(f.token for f, _ in line.sent if isinstance(f, Ping)), 10_000))
+    line.send(Pong(next(f.token for f, _ in line.sent if isinstance(f, Ping)), 10_000))
     uno.pump()
-    line.say(state(60_000))
+    line.send(state(60_000))
     assert uno.receive()[-1].t_ns <= line.now_ns + 1
 
 

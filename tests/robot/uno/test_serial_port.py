@@ -19,7 +19,7 @@ tty = pytest.importorskip("tty", reason="this system has no tty")
 
 @pytest.fixture
 def ends():
-    """(the Uno's end, the path of the host's end)."""
+    """Return (the end of the Uno, the path of the end of the host)."""
     master, slave = pty.openpty()
     tty.setraw(slave)
     os.set_blocking(master, False)
@@ -34,7 +34,7 @@ def ends():
     [(errno.EACCES, "group dialout"), (errno.EAGAIN, "in use by another program"), (errno.EBUSY, "in use"),
      (errno.ENOENT, "Is the cable plugged in")],
 )  # fmt: skip
-def test_an_unopened_line_is_reported_by_its_error_number(number, words):
+def test_the_message_about_an_unopened_line_depends_on_the_error_number(number, words):
     assert words in serial_port._refusal("/dev/ttyUSB0", OSError(number, "in whatever language"))
 
 
@@ -90,7 +90,7 @@ def test_rt10_a_disconnected_line_is_opened_again(ends, monkeypatch):
     port.close()
 
 
-def test_no_line_and_several_lines_are_distinguished(monkeypatch):
+def test_no_serial_line_and_several_lines_give_different_errors(monkeypatch):
     monkeypatch.setattr(serial_port.glob, "glob", lambda pattern: [])
     with refused("uno.no-line", RobotUnreachable):
         find_port("auto")
@@ -110,10 +110,10 @@ def test_a_line_opened_before_the_service_is_closed_on_request(tmp_path):
     os.set_blocking(master, False)
     os.close(slave)
     give_back = opened_early(file)
-    with pytest.raises(BlockingIOError):  # somebody has it open, and says nothing
+    with pytest.raises(BlockingIOError):  # another program has it open and sends nothing
         os.read(master, 10)
     give_back()
-    with pytest.raises(OSError, match="Input/output error"):  # nobody has
+    with pytest.raises(OSError, match="Input/output error"):  # no program has it open
         os.read(master, 10)
     os.close(master)
 
@@ -121,7 +121,7 @@ def test_a_line_opened_before_the_service_is_closed_on_request(tmp_path):
 @pytest.mark.parametrize(
     "text", [None, "[robot", 'robot = "Uno"', "[robot]\nport = 3", '[robot]\nport = "/dev/none"']
 )
-def test_a_missing_file_or_line_raises_no_error_before_the_service(tmp_path, text):
+def test_opening_a_missing_line_early_raises_no_error(tmp_path, text):
     file = tmp_path / "vehicle.toml"
     if text is not None:
         file.write_text(text)

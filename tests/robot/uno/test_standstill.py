@@ -1,4 +1,4 @@
-"""A computer that stood still longer than the dead man's time sends no command any more, until it is armed again."""
+"""A computer that froze longer than the command timeout sends no more commands until the vehicle is armed again."""
 
 import time
 
@@ -18,10 +18,10 @@ def line():
 
 def armed(line, dead_man_ms=300):
     uno = Uno(line, lambda: line.now_ns)
-    line.say(info(config=Config(dead_man_ms=dead_man_ms)))
+    line.send(info(config=Config(dead_man_ms=dead_man_ms)))
     uno.pump()
     uno.arm()
-    line.say(state(10, flags=StateFlag.ARMED))
+    line.send(state(10, flags=StateFlag.ARMED))
     uno.receive()
     uno.drive(0.5, 0.5)
     line.sent.clear()
@@ -60,15 +60,15 @@ def test_telemetry_buffered_during_a_gap_does_not_prevent_disarming(line, outcom
     line.now_ns += 800 * MS
     if outcome != "nothing":
         for t_ms in range(20, 800, 10):
-            line.say(state(t_ms, flags=flags[outcome]))
-    uno.pump()  # the listening thread may be the first to wake
+            line.send(state(t_ms, flags=flags[outcome]))
+    uno.pump()  # the listening thread may run first after the freeze
     uno.receive()
     assert uno.stood_still().code == StopReason.STANDSTILL
     uno.drive(0.5, 0.5)
     assert line.drives() == [Drive(7, 0, 0, 0)]
 
 
-def test_a_gap_without_arming_is_not_reported(line):
+def test_a_gap_while_disarmed_is_not_reported(line):
     uno = armed(line)
     uno.disarm()
     line.now_ns += 60_000 * MS
@@ -77,11 +77,11 @@ def test_a_gap_without_arming_is_not_reported(line):
     assert uno.trouble is None
 
 
-def test_the_time_in_suspend_counts_as_a_gap(monkeypatch):
+def test_time_in_suspend_counts_as_a_gap(monkeypatch):
     assert boot_ns() >= time.monotonic_ns() - 1_000_000_000
     now = [0]
     monkeypatch.setattr("baqueano.robot.uno.standstill.boot_ns", lambda: now[0])
     stand = Standstill()
-    stand.driven()
-    now[0] = 3_600_000 * MS  # asleep for an hour, which CLOCK_MONOTONIC does not count
+    stand.record_command()
+    now[0] = 3_600_000 * MS  # one hour in suspend, which CLOCK_MONOTONIC does not count
     assert stand.look(300).figures["still_s"] == 3600.0

@@ -1,4 +1,4 @@
-"""Verbs that need the hardware for themselves: the service lets go meanwhile, and at a HOST they run by ssh."""
+"""Commands that need the hardware exclusively: the service releases it meanwhile, and at a HOST they run by ssh."""
 
 import json
 import os
@@ -32,7 +32,8 @@ MOUNTED = MountedImu(("-y", "x", "z"), np.array([0.1, -0.2]), 0.03, 0.01, 0.3, 3
 
 @pytest.fixture
 def programs(tmp_path, monkeypatch):
-    """`programs(ssh="…")`: shell scripts in front of the path; what they were called with is in the file `calls`."""
+    """Return `programs(ssh="…")`, which puts shell scripts in front of the path; their calls are in the file
+    `calls`."""
 
     def put_scripts(**scripts):
         for name, text in scripts.items():
@@ -79,21 +80,21 @@ def test_a_user_without_rights_to_stop_the_service_is_refused(programs):
 
 
 @pytest.mark.parametrize(
-    ("code", "kind", "match"),
+    ("code", "kind", "reason"),
     [
-        (255, RobotUnreachable, "r1 was not reached by ssh. To see why: ssh r1"),
-        (127, RobotUnreachable, "r1 lacks baqueano. Type: baqueano robot setup r1"),
-        (5, SafetyStop, "ended there, for the reason above"),
-        (2, UsageError, "ended there, for the reason above"),
-        (1, BaqueanoError, "ended there, for the reason above"),
-        (3, FileError, "ended there, for the reason above"),
-        (4, RobotUnreachable, "ended there, for the reason above"),
-        (137, RobotUnreachable, "ended there, for the reason above"),
+        (255, RobotUnreachable, "ssh.not-reached"),
+        (127, RobotUnreachable, "ssh.no-baqueano"),
+        (5, SafetyStop, "ssh.ended"),
+        (2, UsageError, "ssh.ended"),
+        (1, BaqueanoError, "ssh.ended"),
+        (3, FileError, "ssh.ended"),
+        (4, RobotUnreachable, "ssh.ended"),
+        (137, RobotUnreachable, "ssh.ended"),
     ],
 )
-def test_an_error_at_a_host_is_raised_locally(programs, code, kind, match):
+def test_an_error_at_a_host_raises_the_same_error_type_locally(programs, code, kind, reason):
     programs(ssh=f"exit {code}")
-    with pytest.raises(kind, match=match):
+    with refused(reason, kind, host="r1"):
         exclusive_hardware.rows_from_host("r1", "robot", "doctor")
 
 
@@ -118,7 +119,7 @@ def test_a_port_is_passed_to_ssh_as_an_option(programs):
     assert "-p 2222 -- me@r1 baqueano robot doctor --json" in calls.read_text()
 
 
-def test_heartbeats_reach_the_host_and_its_result_returns(programs, monkeypatch):
+def test_heartbeats_are_sent_to_the_host_and_its_result_is_returned(programs, monkeypatch):
     monkeypatch.setattr(remote_session, "BEAT_S", 0.01)
     programs(ssh='read sign; read sign; echo \'{"rows": [{"a": 1}], "verdict": ""}\'')
     assert exclusive_hardware.rows_from_host("r1", "robot", "doctor") == [{"a": 1}]
@@ -194,7 +195,7 @@ def test_a_motor_test_at_a_host_is_reported_locally(programs, tmp_path, monkeypa
 
 
 @pytest.mark.parametrize(("verdict", "code"), [("warn", 0), ("bad", 1)])
-def test_a_doctor_at_a_host_ends_with_its_verdict(programs, verdict, code, capsys):
+def test_the_doctor_at_a_host_exits_with_its_verdict(programs, verdict, code, capsys):
     calls = at_host(programs, [{"name": "clock", "verdict": verdict, "figure": "1970", "remedy": "wait"}])
     assert exit_code(["robot", "doctor", "r1", "--jitter"]) == code
     assert "--runs /var/lib/baqueano/runs --jitter=10 --json" in calls.read_text()
@@ -209,4 +210,4 @@ def test_flashing_at_a_host_prints_the_firmware_of_the_host(programs, capsys):
 
 def test_a_local_hex_file_is_refused_for_a_host(capsys):
     assert exit_code(["robot", "flash", "r1", "--hex", "mine.hex"]) == 2
-    assert "--hex is a file of this computer" in capsys.readouterr().err
+    assert "--hex names a file of this computer" in capsys.readouterr().err

@@ -1,4 +1,4 @@
-"""Verbs that move a vehicle: experiment, teach, repeat, replay, drive.
+"""Define the verbs that move a vehicle: experiment, teach, repeat, replay, drive.
 
 targets         the vehicle that a verb drives: simulated, emulated or real
 manual_drive    a drive by hand from this terminal

@@ -17,9 +17,9 @@ from baqueano.cli.driving.manual_drive import (
     scales_from_marks,
 )
 from baqueano.cli.page import live
-from baqueano.cli.terminal import answer, talk
+from baqueano.cli.terminal import answer, print_message
 from baqueano.diagnostics import Verdict, note
-from baqueano.language import translated as _
+from baqueano.language import translate as _
 
 if TYPE_CHECKING:
     from baqueano.contracts.values import TableRow
@@ -29,7 +29,7 @@ if TYPE_CHECKING:
 @click.command(help="Drive by hand from this terminal, with keys or a game pad; write a run.")
 @options.vehicle
 @options.robot
-@click.option("--latched", is_flag=True, help="Each press of a key moves a set-point, which stays.")
+@click.option("--latched", is_flag=True, help="Each key press changes a set-point, which is kept.")
 @click.option(
     "--share", type=click.FloatRange(0.1, 1.0), default=0.5, show_default=True,
     help="Share of the command's limit with a key fully pressed (0.1 to 1); + and - change it.",
@@ -58,18 +58,18 @@ def command(
     at_terminal = partial(by_hand, pad=pad, share=share, latched=latched)
     drive = by_page(folder, pace) if shown else at_terminal
     run = drive("drive", file, robot, seed, backend, path, hold=hold)
-    talk(note("cli.run", path=path))
+    print_message(note("cli.run", path=path))
     end_by_hand(run, path, robot)
     text, values = scales_from_marks(run, file, length_m)
     answer(DriveResult(run, path, values), as_json)
-    talk(text)
+    print_message(text)
     if values and update:
-        options.kept(file.with_values(values), update)
+        options.save_update(file.with_values(values), update)
 
 
 @dataclass(frozen=True)
 class DriveResult:
-    """The result of a drive."""
+    """The result of a drive by hand."""
 
     run: "Run"
     path: Path
@@ -77,7 +77,7 @@ class DriveResult:
     verdict: str = Verdict.USABLE
 
     def rows(self) -> list["TableRow"]:
-        """Return one row: path of the run, duration, marks, and the scales from them."""
+        """Return one row: path of the run, duration, marks, and the scales that the marks determine."""
         from baqueano.drive.session import marks_of
 
         marks = len(marks_of(self.run))
@@ -86,4 +86,4 @@ class DriveResult:
     def table(self) -> str:
         """Return the row as a sentence."""
         (row,) = self.rows()
-        return _("drove {duration_s:.1f} s, {marks} marks: {run}", **row)
+        return _("the drive lasted {duration_s:.1f} s, with {marks} marks: {run}", **row)

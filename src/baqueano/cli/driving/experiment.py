@@ -9,12 +9,12 @@ import numpy as np
 
 from baqueano.cli import numbers, options
 from baqueano.cli.driving.iterate import in_rounds
-from baqueano.cli.driving.targets import Place, placed, say_ledger
+from baqueano.cli.driving.targets import Place, open_target, say_ledger
 from baqueano.cli.page import live
-from baqueano.cli.terminal import answer, busy, clocked, talk
+from baqueano.cli.terminal import answer, busy, print_message, time_progress
 from baqueano.diagnostics import Verdict, fault, nearest, note
 from baqueano.messages import texts
-from baqueano.printable import typed
+from baqueano.printable import baqueano_command
 
 if TYPE_CHECKING:
     from baqueano.runs.run import Run
@@ -45,8 +45,10 @@ if TYPE_CHECKING:
     "--known",
     "trust_file",
     is_flag=True,
-    help="Trust the numbers of the file. Without this option, a vehicle that was never fitted "
-    "first drives carefully and is fitted.",
+    help=(
+        "Use the numbers of the file. Without this option, a vehicle that was never fitted first makes a "
+        "careful drive, and is fitted."
+    ),
 )
 @click.option(
     "--rounds",
@@ -84,10 +86,10 @@ def command(
 
     with (
         live.live_page(shown, robot, file, folder, pace) as page,
-        placed(robot, file, seed, backend, page=page, shake=shake) as place,
+        open_target(robot, file, seed, backend, page=page, shake=shake) as place,
     ):
         runs: list[Run] = []
-        if signal == "designed" and not trust_file and file.guessed:
+        if signal == "designed" and not trust_file and file.is_guess:
             file, first = after_first_drive(file, place, backend, path_of)
             runs.append(first)
             place.back_in_the_middle()
@@ -95,23 +97,25 @@ def command(
             make_signal = lambda now, draw: signal_of(now, kind, room, seconds, draw, backend)  # noqa: E731
             result = in_rounds(file, place, runs, rounds, make_signal, seed, backend, path_of)
             answer(result, as_json)
-            options.kept(result.rounds[-1].fit.vehicle_file, update)
+            options.save_update(result.rounds[-1].fit.vehicle_file, update)
         else:
             u = signal_of(file, kind, room, seconds, seed, backend)
             run_experiment(file, place, u, path_of(""), as_json, shake)
-    talk(note("cli.next-identify", fix=typed("identify", *run_names, *options.naming(file, folder))))
+    print_message(
+        note("cli.next-identify", fix=baqueano_command("identify", *run_names, *options.naming(file, folder)))
+    )
 
 
 def run_experiment(
     file: "VehicleFile", place: Place, u: np.ndarray, path: Path, as_json: bool, shake: tuple[str, ...] = ()
 ) -> None:
-    """Drive the commands `u` (N, n), and show the run."""
+    """Drive the commands `u` (N, n), store the run at `path`, and show it."""
     from baqueano.drive.mission import Mission
     from baqueano.runs.show import show
 
-    with clocked(note("cli.experiment"), len(u) / file.rate_hz) as progress:
+    with time_progress(note("cli.experiment"), len(u) / file.rate_hz) as progress:
         run = place.drive(Mission("experiment", u=u), file, path, progress)
-    talk(note("cli.run", path=path))
+    print_message(note("cli.run", path=path))
     say_ledger(run, file, shake)
     answer(show(run), as_json)
     options.raise_stop(run, path)
@@ -136,24 +140,24 @@ def _check_options(signal: str, rounds: int | None, update: bool) -> None:
 def signal_of(
     file: "VehicleFile", kind: str, size: str | None, seconds: float, seed: int, backend: str
 ) -> np.ndarray:
-    """Return the commands (N, n) of this kind of signal, kept in the room if there is one."""
-    from baqueano.identify.design.plan import designed
-    from baqueano.identify.design.room import contained, room_of
+    """Return the commands (N, n) of this kind of signal; if a room is given, the vehicle stays in it."""
+    from baqueano.identify.design.plan import design_plan
+    from baqueano.identify.design.room import contain, room_of
     from baqueano.identify.design.signals import excitation
 
     if kind == "designed":
         room = room_of(file, size or "2x2")
         with busy(note("cli.designing")) as say:
-            plan = designed(file, room, seconds, seed=seed, backend=backend, say=say)
-        talk(plan.table())
+            plan = design_plan(file, room, seconds, seed=seed, backend=backend, progress=say)
+        print_message(plan.table())
         return plan.u
     u = excitation(kind, file.command.limit, seconds, file.rate_hz, seed)
     if size is None:
         return u
     room = room_of(file, size)
     with busy(note("cli.keeping-in-room", size=size)):
-        containment = contained(u, file, room, seed=seed, backend=backend)
-    talk(
+        containment = contain(u, file, room, seed=seed, backend=backend)
+    print_message(
         note(
             "cli.room-kept",
             size=size,
@@ -176,14 +180,14 @@ def after_first_drive(
     from baqueano.identify import FitOptions, identify
 
     path = path_of("first-drive")
-    talk(note("cli.first-drive", name=file.name))
-    with clocked(note("cli.driving-first"), 0.0) as progress:
+    print_message(note("cli.first-drive", name=file.name))
+    with time_progress(note("cli.driving-first"), 0.0) as progress:
         first = estimate_first_drive(place.drive(Mission("first drive"), file, path, progress), file)
-    talk(note("cli.run", path=path))
-    talk(first.table())
+    print_message(note("cli.run", path=path))
+    print_message(first.table())
     options.raise_stop(first.run, path)
     start = rough(first, file)
     with busy(note("cli.fitting-first")):
         fit = identify([first.run], start, options=FitOptions(backend=backend))
-    talk(note("cli.fitted", verdict=fit.verdict, reasons="; ".join(texts(fit.reasons))))
+    print_message(note("cli.fitted", verdict=fit.verdict, reasons="; ".join(texts(fit.reasons))))
     return (start if fit.verdict == Verdict.REFUSED else fit.vehicle_file), first.run

@@ -1,7 +1,7 @@
 """Run `baqueano experiment --signal designed --rounds N`: rounds of design, drive and fit.
 
-Each round is designed for the vehicle identified from all previous runs, and is a separate run. Afterwards all runs are
-fitted together. Every run begins in the middle of the room.
+Each round is designed for the vehicle that is identified from all previous runs, and is a separate run. Afterwards all
+runs are fitted together. Every run begins in the middle of the room.
 """
 
 from collections.abc import Callable
@@ -12,10 +12,10 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 
 from baqueano.cli import options
-from baqueano.cli.terminal import busy, clocked, talk
+from baqueano.cli.terminal import busy, print_message, time_progress
 from baqueano.diagnostics import Verdict, fault, note
 from baqueano.language import number
-from baqueano.language import translated as _
+from baqueano.language import translate as _
 
 if TYPE_CHECKING:
     from baqueano.cli.driving.targets import Place
@@ -27,13 +27,13 @@ from baqueano.messages import texts, verdict_line
 
 
 class Round(NamedTuple):
-    """A round, after its fit."""
+    """A round with its fit."""
 
     run: Path
     fit: "Fit"
 
     def relative_sd(self, name: str) -> float | None:
-        """Return the standard error of a parameter relative to its value, or None if it was not estimated."""
+        """Return the standard error of a parameter relative to its value; None if the parameter was not estimated."""
         if name not in self.fit.names:
             return None
         k = self.fit.names.index(name)
@@ -43,7 +43,7 @@ class Round(NamedTuple):
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Rounds:
-    """The errors of the parameters from round to round."""
+    """The errors of the parameters in each round."""
 
     rounds: tuple[Round, ...]
 
@@ -79,7 +79,7 @@ def in_rounds(
     file: "VehicleFile", place: "Place", runs: "list[Run]", rounds: int, signal: Callable[[Any, int], np.ndarray],
     seed: int, backend: str, path_of: Callable[[str], Path],
 ) -> Rounds:  # fmt: skip
-    """Drive `rounds` times with `signal(file, seed)`, fit each time all `runs` so far, and return the rounds.
+    """Drive `rounds` times with `signal(file, seed)`. After each drive fit all `runs` so far. Return the rounds.
 
     Raise AnswerNo if a fit is refused.
     """
@@ -93,15 +93,15 @@ def in_rounds(
         path = path_of(f"{k + 1}")
         if k:
             place.back_in_the_middle()
-        with clocked(note("cli.round", number=k + 1), len(u) / file.rate_hz) as progress:
+        with time_progress(note("cli.round", number=k + 1), len(u) / file.rate_hz) as progress:
             run = place.drive(Mission("experiment", u=u), file, path, progress, seed=seed + k)
-        talk(note("cli.run", path=path))
+        print_message(note("cli.run", path=path))
         options.raise_stop(run, path)
         runs.append(run)
         with busy(note("cli.fitting", runs=len(runs))):
             fit = identify(runs, file, options=FitOptions(backend=backend))
         reasons = "; ".join(texts(fit.reasons))
-        talk(note("cli.round-fitted", round=k + 1, verdict=fit.verdict, reasons=reasons))
+        print_message(note("cli.round-fitted", round=k + 1, verdict=fit.verdict, reasons=reasons))
         if fit.verdict == Verdict.REFUSED:
             raise AnswerNo(fault("cli.round-refused", round=k + 1, reasons=reasons, path=path))
         file = fit.vehicle_file

@@ -12,10 +12,10 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from baqueano.cli import options
-from baqueano.cli.driving.targets import IN_HERE, placed
-from baqueano.cli.terminal import talk
+from baqueano.cli.driving.targets import IN_HERE, open_target
+from baqueano.cli.terminal import print_message
 from baqueano.diagnostics import Diagnostic, fault, note
-from baqueano.printable import typed
+from baqueano.printable import baqueano_command
 
 if TYPE_CHECKING:
     from baqueano.contracts.values import JsonObject
@@ -42,8 +42,8 @@ def by_hand(
 ) -> "Run":  # fmt: skip
     """Return the run of a drive by hand in real time, which ends with q.
 
-    `verb`: "drive" or "teach"; `pad`: the device of the game pad, or FIND to search for it; `hold`: hold the heading on
-    straight motion, if there is a gyro; `how`: share and latched of a Cockpit.
+    `verb` is "drive" or "teach". `pad` is the device of the game pad, or FIND to search for it. With `hold` and a gyro,
+    the heading is kept during straight motion. `how` contains `share` and `latched` of a Cockpit.
     """
     from baqueano.drive.by_hand.cockpit import Cockpit
     from baqueano.drive.by_hand.heading_gains import gains_of
@@ -58,12 +58,12 @@ def by_hand(
         raise UsageError(fault("cli.emulated-by-hand", "--robot simulated"))
     device = None if pad is None else find(Path(pad) if pad != FIND else None)
     if device is not None:
-        talk(note("cli.game-pad", name=device.name))
+        print_message(note("cli.game-pad", name=device.name))
     multiplexer = answered_by_another() if over_ssh(os.environ) else ""
     if multiplexer:
-        talk(note("cli.terminal-of-another", another=multiplexer))
+        print_message(note("cli.terminal-of-another", another=multiplexer))
     with ExitStack() as open_things:
-        place: Any = open_things.enter_context(placed(robot, file, seed, backend))
+        place: Any = open_things.enter_context(open_target(robot, file, seed, backend))
         cockpit = Cockpit(
             file.command.limit, name=robot, names=tuple(file.command.names), trusted=not multiplexer,
             hold=hold and gains_of(file) is not None, drivetrain=getattr(file.vehicle, "drivetrain", None),
@@ -73,14 +73,16 @@ def by_hand(
         open_things.enter_context(ended_by_signals(hand.stop))
         arguments = simulation(file, robot, seed, backend, hand) if kind == "simulated" else {}
         arguments |= (
-            {"words": hand.words, "on_state": hand.show, "say": hand.say} if kind != "simulated" else {}
+            {"words": hand.words, "on_state": hand.show, "on_event": hand.show_message}
+            if kind != "simulated"
+            else {}
         )
         run = place.drive(Mission(verb, hold=hold), file, path, lambda seconds: None, hand=hand, **arguments)
     return read_run(path) if kind == "simulated" else run  # a live drive holds no run of its own
 
 
 def by_page(folder: str, pace: float) -> Callable[..., "Run"]:
-    """Return a function that drives by hand from the page, as `by_hand` does from this terminal."""
+    """Return a function like `by_hand`, which drives by hand from the page instead of this terminal."""
 
     def drive(
         verb: str, file: "VehicleFile", robot: str, seed: int, backend: str, path: Path, hold: bool = True
@@ -92,7 +94,7 @@ def by_page(folder: str, pace: float) -> Callable[..., "Run"]:
         kind, commands = robot.partition(":")[0], len(file.command.names)
         with (
             live_page(True, robot, file, folder, pace, by_hand=True) as page,
-            placed(robot, file, seed, backend, page=page) as place,
+            open_target(robot, file, seed, backend, page=page) as place,
         ):
             assert page is not None
             with ended_by_signals(page.door.operator.stop):
@@ -107,7 +109,7 @@ def by_page(folder: str, pace: float) -> Callable[..., "Run"]:
 
 
 def simulation(file: "VehicleFile", robot: str, seed: int, backend: str, hand: "Cockpit") -> "JsonObject":
-    """Return the options of a drive in a simulation, in real time."""
+    """Return the options of a simulated drive in real time."""
     from baqueano.clock import wall
     from baqueano.worlds import SimulatedWorld
 
@@ -121,7 +123,7 @@ def simulation(file: "VehicleFile", robot: str, seed: int, backend: str, hand: "
 
 
 def from_zero(clock: Iterable[int]) -> Iterator[int]:
-    """Yield the same ticks in the time of a simulated world, which begins at 0."""
+    """Yield the ticks of `clock` minus the first one, because the time of a simulated world begins at 0."""
     start = None
     for t_ns in clock:
         start = t_ns if start is None else start
@@ -130,7 +132,7 @@ def from_zero(clock: Iterable[int]) -> Iterator[int]:
 
 @contextmanager
 def ended_by_signals(stop: Callable[["Diagnostic"], object]) -> Iterator[None]:
-    """Stop the vehicle if the terminal hangs up or another process ends the program."""
+    """Stop the vehicle by `stop` if the terminal hangs up or another process ends the program."""
     from baqueano.diagnostics import StopReason
     from baqueano.diagnostics import stop as because
 
@@ -151,7 +153,7 @@ def ended_by_signals(stop: Callable[["Diagnostic"], object]) -> Iterator[None]:
 
 
 def end_by_hand(run: "Run", path: Path, robot: str) -> None:
-    """Raise the error of a stopped drive, unless its driver ended it."""
+    """Raise the error of a stopped drive, except if its driver ended it."""
     from baqueano.diagnostics import StopReason
     from baqueano.drive import stop_of
 
@@ -159,14 +161,14 @@ def end_by_hand(run: "Run", path: Path, robot: str) -> None:
     if stop_reason is not None and stop_reason.code == StopReason.INTERRUPTED:
         return
     if stop_reason is not None and robot.partition(":")[0] != "simulated":
-        talk(note("cli.stop-latched", fix=typed("robot", "clear", robot)))
+        print_message(note("cli.stop-latched", fix=baqueano_command("robot", "clear", robot)))
     options.raise_stop(run, path)
 
 
 def scales_from_marks(
     run: "Run", file: "VehicleFile", length_m: float | None
 ) -> tuple[Diagnostic | str, dict[str, object]]:
-    """Return the scales of the sensors from the marks of a run, as text and as values of the vehicle file."""
+    """Return the scales of the sensors that the marks of a run determine, as text and as values of the vehicle file."""
     from baqueano.drive.closure import closure
     from baqueano.drive.session import marks_of
     from baqueano.errors import AnswerNo

@@ -6,9 +6,9 @@ import click
 
 from baqueano.cli import numbers, options
 from baqueano.cli.driving.route import as_fast_as_it_can, drivable, room_option, standing, start_option, walls
-from baqueano.cli.driving.targets import placed, say_ledger
+from baqueano.cli.driving.targets import open_target, say_ledger
 from baqueano.cli.page import live
-from baqueano.cli.terminal import answer, clocked, talk
+from baqueano.cli.terminal import answer, print_message, time_progress
 from baqueano.diagnostics import note
 
 
@@ -29,26 +29,31 @@ from baqueano.diagnostics import note
     "--anyway", is_flag=True, help="Drive the route even if it is too fast for the vehicle, or has gaps."
 )
 @click.option(
-    "--faster", is_flag=True, help="As fast as the identified vehicle can, in place of the taught speed."
+    "--faster",
+    is_flag=True,
+    help="Drive as fast as the identified vehicle can, instead of at the taught speed.",
 )
 @click.option(
     "--from",
     "stand",
     metavar="X,Y,DEG",
-    help="Where the vehicle stands, seen from where the route begins [m, m, degrees]; it then leads in.",
+    help=(
+        "Pose of the vehicle relative to the start of the route [m, m, degrees]; the drive first leads "
+        "onto the route."
+    ),
 )
 @click.option(
     "--lead-in/--no-lead-in",
     default=True,
     show_default=True,
-    help="Drive onto the route first, where the vehicle does not stand at its start.",
+    help="Drive onto the route first, if the vehicle is not at its start.",
 )
-@click.option("--return", "way_back", is_flag=True, help="Afterwards drive back to where the route begins.")
+@click.option("--return", "way_back", is_flag=True, help="Afterwards drive back to the start of the route.")
 @click.option(
     "--caution/--no-caution",
     default=True,
     show_default=True,
-    help="Slow down, and stop, where a sensor is degraded or the position is uncertain.",
+    help="Slow down, and stop, if a sensor is degraded or the position is uncertain.",
 )
 @click.option(
     "--patience",
@@ -56,11 +61,15 @@ from baqueano.diagnostics import note
     type=numbers.seconds,
     default=20.0,
     show_default=True,
-    help="Time after which a stuck vehicle is given up [s].",
+    help="Time after which the drive of a stuck vehicle is ended [s].",
 )
-@click.option("--estimator", metavar="FILE:CLASS", help="Estimator to use instead of that of the file.")
-@click.option("--controller", metavar="FILE:CLASS", help="Controller to use instead of that of the file.")
-@click.option("--guide", metavar="FILE:CLASS", help="Guide to use instead of that of the file.")
+@click.option(
+    "--estimator", metavar="FILE:CLASS", help="Estimator that replaces the estimator of the vehicle file."
+)
+@click.option(
+    "--controller", metavar="FILE:CLASS", help="Controller that replaces the controller of the vehicle file."
+)
+@click.option("--guide", metavar="FILE:CLASS", help="Guide that replaces the guide of the vehicle file.")
 @options.seed
 @options.shake
 @options.backend
@@ -96,12 +105,12 @@ def command(
     )  # fmt: skip
     with (
         live.live_page(shown, robot, file, folder, pace) as watching,
-        placed(robot, file, seed, backend, page=watching, shake=shake) as place,
+        open_target(robot, file, seed, backend, page=watching, shake=shake) as place,
     ):
         path = options.run_path(out, folder, "repeat")
-        with clocked(note("cli.repeat"), laps * float(taught_route.t_s[-1])) as progress:
+        with time_progress(note("cli.repeat"), laps * float(taught_route.t_s[-1])) as progress:
             run = place.drive(mission, file, path, progress)
-    talk(note("cli.run", path=path))
+    print_message(note("cli.run", path=path))
     say_ledger(run, file, shake)
     comparison = compare(run)
     answer(comparison, as_json, laps=comparison.laps())
@@ -109,5 +118,5 @@ def command(
     if page is not None:
         from baqueano.report.of_run import page_of_run
 
-        talk(note("cli.report", page=page_of_run(run).save(page)))
+        print_message(note("cli.report", page=page_of_run(run).save(page)))
     options.raise_stop(run, path)

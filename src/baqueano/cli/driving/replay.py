@@ -1,4 +1,4 @@
-"""Define `baqueano replay`: send a run through blocks again, and compare."""
+"""Define `baqueano replay`: send the data of a run through blocks again, and compare."""
 
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -7,7 +7,7 @@ import click
 
 from baqueano.cli import options
 from baqueano.cli.page import live
-from baqueano.cli.terminal import answer, clocked, talk
+from baqueano.cli.terminal import answer, print_message, time_progress
 from baqueano.diagnostics import note
 
 if TYPE_CHECKING:
@@ -17,7 +17,9 @@ if TYPE_CHECKING:
 @click.command(help="Send RUN through the same blocks again, or through others, and compare.")
 @click.argument("run")
 @options.vehicle
-@click.option("--estimator", metavar="FILE:CLASS", help="Estimator to use instead of that of the file.")
+@click.option(
+    "--estimator", metavar="FILE:CLASS", help="Estimator that replaces the estimator of the vehicle file."
+)
 @click.option("--align", type=click.Choice(["none", "start", "rigid"]), default="none", show_default=True,
               help="Alignment of the estimated path with the true path.")  # fmt: skip
 @click.option(
@@ -38,7 +40,7 @@ def command(
     from dataclasses import replace
 
     from baqueano.compare import compare
-    from baqueano.drive import replay, smoothed, stop_of
+    from baqueano.drive import replay, smooth_run, stop_of
     from baqueano.drive.observers import Progress
     from baqueano.drive.verbs import vehicle_of
     from baqueano.runs import write_run
@@ -48,7 +50,7 @@ def command(
     recorded_run = options.find_runs((run,), folder)[0]
     vehicle_options = options.naming_own(folder)
     if vehicle is None and recorded_run.vehicle_text:
-        talk(note("cli.vehicle-of-run"))
+        print_message(note("cli.vehicle-of-run"))
         file = vehicle_of(recorded_run)
         file = override(file, settings) if settings else file
     else:
@@ -57,7 +59,7 @@ def command(
     by = recorded_run.metadata.get("backend", "auto") if backend == "auto" else backend
     own = file.estimator(options.own_block(file, "estimator", estimator))
     path = options.run_path(out, folder, f"replay-{recorded_run.name}")
-    with clocked(note("cli.replay"), recorded_run.duration_s) as progress:
+    with time_progress(note("cli.replay"), recorded_run.duration_s) as progress:
         replayed = replay(
             recorded_run,
             file,
@@ -67,9 +69,11 @@ def command(
             backend=by,
         )
     if smooth:
-        replayed = replace(smoothed(replayed, file, own, initial_pose(recorded_run), backend), name=path.stem)
+        replayed = replace(
+            smooth_run(replayed, file, own, initial_pose(recorded_run), backend), name=path.stem
+        )
         write_run(replayed, path)
-    talk(note("cli.run", path=path))
+    print_message(note("cli.run", path=path))
     several = [recorded_run, replayed] if recorded_run.estimate is not None else [replayed]
     comparison = compare(several, alignment=align)
     answer(comparison, as_json)
@@ -78,18 +82,18 @@ def command(
         from baqueano.report.of_run import page_of_run
 
         original = recorded_run if recorded_run.estimate is not None else None
-        talk(note("cli.report", page=page_of_run(replayed, align, original).save(page)))
+        print_message(note("cli.report", page=page_of_run(replayed, align, original).save(page)))
     if shown:
         live.show_both(path, recorded_run.path, folder)
     # a stop that was recorded is replayed with the rest
     if not _same(stop_of(replayed), stop_of(recorded_run)):
         options.raise_stop(replayed, path)
     else:
-        options.warned(replayed)
+        options.print_warnings(replayed)
 
 
 def _same(stop: "Diagnostic | None", recorded_stop: "Diagnostic | None") -> bool:
-    """Return True if both stops are the same; a stop recorded without a code is compared by its text."""
+    """Return True if both stops are the same. A stop that was recorded without a code is compared by its text."""
     from baqueano.messages import text
 
     return stop == recorded_stop or text(stop) == text(recorded_stop)

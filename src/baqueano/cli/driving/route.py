@@ -10,10 +10,10 @@ import click
 from baqueano.cli import Verbs, numbers, options
 from baqueano.cli.blocks import RowsResult
 from baqueano.cli.driving.teach import SHAPES, shape_or_route
-from baqueano.cli.terminal import answer, talk
+from baqueano.cli.terminal import answer, print_message
 from baqueano.diagnostics import Diagnostic, Severity, fault, note
 from baqueano.errors import AnswerNo, UsageError
-from baqueano.printable import typed
+from baqueano.printable import baqueano_command
 
 if TYPE_CHECKING:
     from baqueano.contracts.values import JsonObject
@@ -25,9 +25,7 @@ NAME = "NAME"  # of routes.path, which loads numpy
 XY = (("x_m", "y_m"), ("x", "y"))  # columns of points
 
 
-@click.group(
-    cls=Verbs, help="Draw, import, smooth, cut, join, reverse, scale or speed up a route; check one."
-)
+@click.group(cls=Verbs, help="Draw, import, smooth, cut, join, reverse, scale, speed up or check a route.")
 def command() -> None: ...
 
 
@@ -61,7 +59,7 @@ def ls(as_json: bool) -> None:
         rows.append({"route": path.stem, **row})
     answer(RowsResult(rows), as_json)
     if not rows:
-        talk(note("cli.no-routes"))
+        print_message(note("cli.no-routes"))
 
 
 @command.command("check", help=("Check if the identified vehicle can drive ROUTE, and if it fits in a room."))
@@ -79,7 +77,7 @@ def check(
 
     file = options.load_vehicle(vehicle, settings)
     report = examine(options.find_route(route), file, walls(file, room, start), backend=backend)
-    report = replace(report, findings=tuple(named(finding, route) for finding in report.findings))
+    report = replace(report, findings=tuple(with_route_name(finding, route) for finding in report.findings))
     answer(report, as_json)
     for finding in report.findings:
         if finding.severity == Severity.ERROR:
@@ -102,7 +100,7 @@ def check(
 )
 @options.as_json
 def draw(shape: str, name: str, size_m: float, speed_m_s: float, as_json: bool) -> None:
-    stored(shape_or_route(shape, speed_m_s, size_m), name, as_json)
+    store_route(shape_or_route(shape, speed_m_s, size_m), name, as_json)
 
 
 @command.command(
@@ -119,7 +117,7 @@ def draw(shape: str, name: str, size_m: float, speed_m_s: float, as_json: bool) 
     help="Speed at the points [m/s].",
 )
 @click.option(
-    "--closed/--open", default=None, help=("Close the route. Default: if its end lies at its start.")
+    "--closed/--open", default=None, help=("Close the route. Default: closed if its end is at its start.")
 )
 @options.runs_folder
 @options.as_json
@@ -135,7 +133,7 @@ def import_(
         (run,) = options.find_runs((source,), folder)
         route = route_of(run)
         route = route_of(run, True) if closed or (closed is None and meets(route)) else route
-    stored(route, name, as_json)
+    store_route(route, name, as_json)
 
 
 @command.command("smooth", help="Remove short waves and stops from ROUTE, within a tolerance.")
@@ -155,7 +153,7 @@ def smooth(route: str, rms_m: float | None, max_m: float | None, name: str | Non
     if rms_m is not None and max_m is not None:
         raise UsageError(fault("cli.two-tolerances"))
     limit = (0.05 if max_m is None else max_m, "max") if rms_m is None else (rms_m, "rms")
-    edited(route, "smooth", name, as_json, lambda original: smooth(original, *limit))  # pyright: ignore[reportArgumentType]
+    apply_edit(route, "smooth", name, as_json, lambda original: smooth(original, *limit))  # pyright: ignore[reportArgumentType]
 
 
 @command.command("cut", help="Keep the part of ROUTE between two distances along it [m].")
@@ -176,7 +174,7 @@ def smooth(route: str, rms_m: float | None, max_m: float | None, name: str | Non
 def cut(route: str, from_m: float, to_m: float | None, name: str | None, as_json: bool) -> None:
     from baqueano.routes import cut
 
-    edited(route, "cut", name, as_json, lambda original: cut(original, from_m, to_m))
+    apply_edit(route, "cut", name, as_json, lambda original: cut(original, from_m, to_m))
 
 
 @command.command("join", help="Join two routes: first ROUTE, then OTHER from the end of ROUTE.")
@@ -187,7 +185,7 @@ def cut(route: str, from_m: float, to_m: float | None, name: str | None, as_json
 def join(route: str, other: str, name: str | None, as_json: bool) -> None:
     from baqueano.routes import join
 
-    edited(
+    apply_edit(
         route,
         f"{Path(other).stem}",
         name,
@@ -204,7 +202,7 @@ def join(route: str, other: str, name: str | None, as_json: bool) -> None:
 def reverse(route: str, backing: bool, name: str | None, as_json: bool) -> None:
     from baqueano.routes import reverse
 
-    edited(route, "reverse", name, as_json, lambda original: reverse(original, backing))
+    apply_edit(route, "reverse", name, as_json, lambda original: reverse(original, backing))
 
 
 @command.command("scale", help="Make ROUTE larger or smaller at the same speed.")
@@ -215,7 +213,7 @@ def reverse(route: str, backing: bool, name: str | None, as_json: bool) -> None:
 def scale(route: str, factor: float, name: str | None, as_json: bool) -> None:
     from baqueano.routes import scale
 
-    edited(route, "scale", name, as_json, lambda original: scale(original, factor))
+    apply_edit(route, "scale", name, as_json, lambda original: scale(original, factor))
 
 
 @command.command(
@@ -248,25 +246,25 @@ def faster(
     from baqueano.routes import at_speed, fastest
 
     if speed_m_s is not None:
-        return edited(route, "speed", name, as_json, lambda original: at_speed(original, speed_m_s))
+        return apply_edit(route, "speed", name, as_json, lambda original: at_speed(original, speed_m_s))
     file = options.load_vehicle(vehicle, settings)
     limits: JsonObject = {"share": share, "sideways_m_s2": sideways_m_s2, "backend": backend}
-    edited(route, "fast", name, as_json, lambda original: fastest(original, file, **limits))
+    apply_edit(route, "fast", name, as_json, lambda original: fastest(original, file, **limits))
 
 
 def drivable(
     route: "Route", name: str, file: "VehicleFile", room: "Room | None", robot: str, anyway: bool, backend: str,
 ) -> None:  # fmt: skip
-    """Print the warnings about a route. Raise AnswerNo, with its name, if it may not be driven."""
+    """Print the warnings about a route. Raise AnswerNo with the route's name if it may not be driven."""
     from baqueano.drive.safety.route_check import warnings_of
 
-    conditions = {"measured": options.measured(file, robot), "anyway": anyway, "backend": backend}
+    conditions = {"measured": options.is_measured(file, robot), "anyway": anyway, "backend": backend}
     try:
         warnings = warnings_of(route, file, room, **conditions)
     except AnswerNo as error:
-        raise AnswerNo(named(error.diagnostic, name)) from error
+        raise AnswerNo(with_route_name(error.diagnostic, name)) from error
     for warning in warnings:
-        talk(note("cli.warning", cause=named(warning, name)))
+        print_message(note("cli.warning", cause=with_route_name(warning, name)))
 
 
 def as_fast_as_it_can(route: "Route", name: str, file: "VehicleFile", backend: str) -> "Route":
@@ -276,11 +274,11 @@ def as_fast_as_it_can(route: "Route", name: str, file: "VehicleFile", backend: s
     try:
         return fastest(route, file, backend=backend)
     except UsageError as error:
-        raise UsageError(named(error.diagnostic, name)) from error
+        raise UsageError(with_route_name(error.diagnostic, name)) from error
 
 
 def standing(route: "Route", stand: str | None) -> tuple[float, ...]:
-    """Return the start pose in the map of a vehicle at "x,y,degrees" from the start of the route, or ().
+    """Return the start pose in the map of a vehicle at "x,y,degrees" from the start of the route; () without `stand`.
 
     Raise UsageError for an invalid pose.
     """
@@ -297,7 +295,7 @@ def standing(route: "Route", stand: str | None) -> tuple[float, ...]:
 
 
 def pose_of(words: str, code: str) -> tuple[float, float, float]:
-    """Return x, y and degrees of an option. Raise UsageError with this code for an invalid pose."""
+    """Return x, y [m] and degrees from the text of an option. Raise UsageError with this code for an invalid pose."""
     try:
         x, y, degrees = (float(part) for part in words.split(","))
     except ValueError as error:
@@ -307,38 +305,45 @@ def pose_of(words: str, code: str) -> tuple[float, float, float]:
     return x, y, degrees
 
 
-def named(finding: Diagnostic, route: str) -> Diagnostic:
-    """Return a finding whose suggested command names the route."""
+def with_route_name(finding: Diagnostic, route: str) -> Diagnostic:
+    """Return a copy of a finding whose suggested command contains the name of the route."""
     return replace(finding, fix=finding.fix.replace(NAME, route))
 
 
-def edited(route: str, verb: str, name: str | None, as_json: bool, edit: "Callable[[Route], Route]") -> None:
-    """Apply an edit to a route, and store the result, as NAME-verb by default."""
+def apply_edit(
+    route: str, verb: str, name: str | None, as_json: bool, edit: "Callable[[Route], Route]"
+) -> None:
+    """Apply an edit to a route, and store the result, by default as NAME-verb."""
     try:
         result = edit(options.find_route(route))
     except UsageError as error:
-        raise UsageError(named(error.diagnostic, route)) from error
-    stored(result, name or f"{Path(route).stem}-{verb}", as_json)
+        raise UsageError(with_route_name(error.diagnostic, route)) from error
+    store_route(result, name or f"{Path(route).stem}-{verb}", as_json)
 
 
-def stored(route: "Route", name: str, as_json: bool) -> None:
-    """Write a route, and print its figures."""
+def store_route(route: "Route", name: str, as_json: bool) -> None:
+    """Store a route, and print its figures."""
     from baqueano.routes import examine
     from baqueano.runs.route_file import write_route
 
     path = options.route_path(name)
     if path.exists():
-        talk(note("cli.route-replaced", path=path))
+        print_message(note("cli.route-replaced", path=path))
     write_route(route, path)
     answer(examine(route), as_json)
     name = path.stem if path.parent == options.ROUTES else str(path)
-    talk(
-        note("cli.route-stored", path=path, check=typed("route", "check", name), repeat=typed("repeat", name))
+    print_message(
+        note(
+            "cli.route-stored",
+            path=path,
+            check=baqueano_command("route", "check", name),
+            repeat=baqueano_command("repeat", name),
+        )
     )
 
 
 def walls(file: "VehicleFile", room: str | None, start: str | None) -> "Room | None":
-    """Return the room of `--room` and `--start`, or None without `--room`. Raise UsageError for an invalid room."""
+    """Return the room of `--room` and `--start`; None without `--room`. Raise UsageError for an invalid room."""
     if room is None:
         if start is not None:
             raise UsageError(fault("cli.start-without-room"))

@@ -1,4 +1,4 @@
-"""Targets of a verb: a simulation, the emulated vehicle, or the real one, all with the same interface."""
+"""Provide the target of a verb: a simulated, emulated or real vehicle, all with the same interface."""
 
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, Protocol
 
 from baqueano.cli.options import load_truth
-from baqueano.cli.terminal import talk
+from baqueano.cli.terminal import print_message
 from baqueano.diagnostics import fault, nearest, note
 from baqueano.errors import UsageError
 
@@ -23,13 +23,13 @@ LIKE = 0.85  # share of letters that a mistyped target has in common with the ri
 
 
 class Place(Protocol):
-    """A target that drives missions, as `placed` yields it."""
+    """A target that drives missions, as `open_target` yields it."""
 
     def drive(
         self, mission: "Mission", file: "VehicleFile", path: Path, progress: Callable[[float], None],
         hand: Callable[[], Any] | None = None, **options: Any,
     ) -> "Run":  # fmt: skip
-        """Return the run of a mission for the vehicle of `file`; the run is then stored at `path`."""
+        """Drive a mission with the vehicle of `file`, store its run at `path`, and return it."""
         ...
 
     def back_in_the_middle(self) -> None:
@@ -47,7 +47,7 @@ class Here:
         self, mission: "Mission", file: "VehicleFile", path: Path, progress: Callable[[float], None],
         hand: Callable[[], Any] | None = None, **options: Any,
     ) -> "Run":  # fmt: skip
-        """Return the run of a mission in this process; the run is then stored at `path`."""
+        """Drive a mission in this process, store its run at `path`, and return it."""
         from baqueano.drive.mission import perform
         from baqueano.drive.observers import Progress
 
@@ -58,12 +58,12 @@ class Here:
         return perform(mission, file, hand, path=path, **arguments)
 
     def back_in_the_middle(self) -> None:
-        """Report that the vehicle is in the middle again: each simulated drive begins there."""
-        talk(note("cli.middle-again"))
+        """Print that the vehicle is in the middle again, because each simulated drive begins there."""
+        print_message(note("cli.middle-again"))
 
 
 class There:
-    """A vehicle that is reached by ssh. The start of a drive there is the origin of its map."""
+    """A vehicle that is reached by ssh. Its start pose is the origin of its map."""
 
     def __init__(self, remote: "Remote", attended: bool, page: "LivePage | None" = None) -> None:
         self._remote, self._attended, self._page = remote, attended, page
@@ -72,34 +72,34 @@ class There:
         self, mission: "Mission", file: "VehicleFile", path: Path, progress: Callable[[float], None],
         hand: Callable[[], Any] | None = None, **options: Any,
     ) -> "Run":  # fmt: skip
-        """Return the run of a mission of the remote vehicle; the run is then stored at `path`."""
-        from baqueano.drive.mission import packed
+        """Drive a mission with the remote vehicle, store its run at `path`, and return it."""
+        from baqueano.drive.mission import pack
 
-        callbacks: dict[str, Any] = {"say": talk} | {
-            name: options[name] for name in ("say", "words", "on_state") if name in options
+        callbacks: dict[str, Any] = {"on_event": print_message} | {
+            name: options[name] for name in ("on_event", "words", "on_state") if name in options
         }
         if self._page is not None:
             callbacks |= self._page.door.remote_options(self._remote)
         return self._remote.perform(
-            packed(mission, file), path, attended=self._attended, hand=hand, progress=progress, **callbacks
+            pack(mission, file), path, attended=self._attended, hand=hand, progress=progress, **callbacks
         )
 
     def back_in_the_middle(self) -> None:
-        """Wait until the user confirms that the vehicle is there."""
+        """Wait until the user confirms that the vehicle is in the middle of the room."""
         import click
 
-        talk(note("cli.put-back"))
+        print_message(note("cli.put-back"))
         click.confirm("Is it there?", default=True, abort=True, err=True)
 
 
 @contextmanager
-def placed(
+def open_target(
     robot: str, file: "VehicleFile", seed: int, backend: str, attended: bool = True,
     page: "LivePage | None" = None, shake: tuple[str, ...] = (),
 ) -> Iterator[Place]:  # fmt: skip
     """Yield the target that --robot names, with the faults `shake` of a simulation.
 
-    The names are "simulated" or "emulated", each with ":FILE" for the body of another vehicle, or a host.
+    The name is "simulated" or "emulated", optionally with ":FILE" for the body of another vehicle, or a host.
     """
     kind = robot.partition(":")[0]
     if shake and kind != "simulated":
@@ -108,34 +108,34 @@ def placed(
     if not {"@", "."} & set(robot) and near.figures.get("meant", kind) != kind:
         raise UsageError(fault("cli.robot-mistyped", found=kind, near=near))
     if kind in IN_HERE and ":" not in robot and file.simulation.truth is not None:
-        talk(note("cli.simulated-truth", vehicle=file.label, truth=file.simulation.truth))
+        print_message(note("cli.simulated-truth", vehicle=file.label, truth=file.simulation.truth))
     if kind == "simulated":
         arguments = {"truth": load_truth(robot, file), "seed": seed, "backend": backend}
         arguments |= {"shake": shake} if shake else {}
         yield Here(lambda: arguments, page)
     elif kind == "emulated":
-        from baqueano.robot.emulated import emulated
+        from baqueano.robot.emulated import emulate_vehicle
 
-        with emulated(file, load_truth(robot, file), seed) as options:
+        with emulate_vehicle(file, load_truth(robot, file), seed) as options:
             yield Here(lambda: options() | {"seed": seed, "backend": backend}, page)
     else:
-        from baqueano.door.remote import reached
+        from baqueano.door.remote import connect
 
-        with reached(robot) as remote:
+        with connect(robot) as remote:
             yield There(remote, attended, page)
 
 
 def say_ledger(run: "Run", file: "VehicleFile", shake: tuple[str, ...]) -> None:
-    """Print for each fault the checks that noticed it, and when, or the reason why none did."""
+    """Print for each fault the checks that noticed it, and the times. If none noticed it, print the reason."""
     if not shake:
         return
     from baqueano.worlds import ledger_of
 
     ledger = ledger_of(run, file)
     for row in ledger.rows:
-        talk(note("ledger.fault", at_s=row.fault.at_s, what=row.message))
+        print_message(note("ledger.fault", at_s=row.fault.at_s, what=row.message))
         for notice in row.noticed:
-            talk(
+            print_message(
                 note(
                     "ledger.noticed",
                     who=note(f"ledger.who-{notice.witness}"),
@@ -144,4 +144,4 @@ def say_ledger(run: "Run", file: "VehicleFile", shake: tuple[str, ...]) -> None:
                 )
             )
         if (nobody := ledger.nobody(row)) is not None:
-            talk(note("ledger.by-nobody", said=nobody))
+            print_message(note("ledger.by-nobody", said=nobody))

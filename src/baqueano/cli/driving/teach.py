@@ -16,13 +16,13 @@ from baqueano.cli.driving.manual_drive import (
     pad_option,
     scales_from_marks,
 )
-from baqueano.cli.driving.targets import placed
+from baqueano.cli.driving.targets import open_target
 from baqueano.cli.page import live
-from baqueano.cli.terminal import answer, clocked, talk
+from baqueano.cli.terminal import answer, print_message, time_progress
 from baqueano.diagnostics import Verdict, fault, nearest, note
 from baqueano.errors import AnswerNo, UsageError
-from baqueano.language import translated as _
-from baqueano.printable import typed
+from baqueano.language import translate as _
+from baqueano.printable import baqueano_command
 
 if TYPE_CHECKING:
     from baqueano.contracts.values import TableRow
@@ -45,7 +45,7 @@ SHAPES = (  # of guides.shapes, which loads numpy
 @options.robot
 @click.option(
     "--driver", default="sinuous-circle", show_default=True, metavar="SHAPE|keys|FILE",
-    help=f"Driver: a shape ({', '.join(SHAPES)}), a stored route, or you with the keys.",
+    help=f"Driver of the vehicle: a shape ({', '.join(SHAPES)}), a stored route, or you with the keys.",
 )  # fmt: skip
 @pad_option
 @hold_option
@@ -92,30 +92,30 @@ def command(
         target = shape_or_route(driver, speed_m_s, size_m)
         with (
             live.live_page(shown, robot, file, folder, pace) as page,
-            placed(robot, file, seed, backend, page=page) as place,
+            open_target(robot, file, seed, backend, page=page) as place,
         ):
             path = options.run_path(out, folder, "teach")
-            with clocked(note("cli.teach"), float(target.t_s[-1])) as progress:
+            with time_progress(note("cli.teach"), float(target.t_s[-1])) as progress:
                 run = place.drive(Mission("teach", route=target), file, path, progress, eta=target.eta[0])
         closed = target.closed
-    talk(note("cli.run", path=path))
+    print_message(note("cli.run", path=path))
     end_by_hand(run, path, robot) if driver == "keys" else options.raise_stop(run, path)
     try:
         taught_route = route_of(run, closed)
     except AnswerNo as error:
         if driver not in SHAPES:
             raise
-        slower = typed("teach", route, "--driver", driver, "--speed", "0.2", *options.naming(file))
+        slower = baqueano_command("teach", route, "--driver", driver, "--speed", "0.2", *options.naming(file))
         reason = fault("cli.not-followed", slower, shape=driver, speed_m_s=speed_m_s, cause=error.diagnostic)
         raise AnswerNo(reason) from None
     if options.route_path(route).exists():
-        talk(note("cli.route-replaced", path=options.route_path(route)))
+        print_message(note("cli.route-replaced", path=options.route_path(route)))
     answer(LessonResult(taught_route, write_route(taught_route, options.route_path(route)), path), as_json)
     if driver == "keys":
-        talk(scales_from_marks(run, file, None)[0])
+        print_message(scales_from_marks(run, file, None)[0])
     vehicle_options = options.naming(file)
-    tune = typed("tune", "--route", route, *vehicle_options, "--update")
-    talk(note("cli.taught", repeat=typed("repeat", route, *vehicle_options), tune=tune))
+    tune = baqueano_command("tune", "--route", route, *vehicle_options, "--update")
+    print_message(note("cli.taught", repeat=baqueano_command("repeat", route, *vehicle_options), tune=tune))
 
 
 def shape_or_route(driver: str, speed_m_s: float, size_m: float) -> Any:
@@ -138,7 +138,7 @@ def _no_driver(name: str) -> UsageError:
 
 @dataclass(frozen=True)
 class LessonResult:
-    """The result of a lesson."""
+    """The result of teaching a route."""
 
     route: "Route"
     path: Path

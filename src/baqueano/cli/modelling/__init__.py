@@ -1,1 +1,1 @@
-"""Verbs between runs and vehicle files: simulate, runs, identify, tune, forecast, compare, report, study."""
+"""Define the verbs for runs and vehicle files: simulate, runs, identify, tune, forecast, compare, report, study."""

@@ -3,9 +3,9 @@
 import click
 
 from baqueano.cli import numbers, options
-from baqueano.cli.terminal import answer, talk
+from baqueano.cli.terminal import answer, print_message
 from baqueano.diagnostics import note
-from baqueano.printable import typed
+from baqueano.printable import baqueano_command
 
 
 @click.command(help="Show errors and consistency of one or more RUNS: by number, name, path, or 'last'.")
@@ -13,7 +13,7 @@ from baqueano.printable import typed
 @click.option("--align", type=click.Choice(["none", "start", "rigid"]), default="none", show_default=True,
               help="Alignment of the estimated path with the true path.")  # fmt: skip
 @click.option(
-    "--skip", "skip_s", type=numbers.moment, default=0.0, help=("Time to leave out at the start [s].")
+    "--skip", "skip_s", type=numbers.moment, default=0.0, help=("Time to exclude at the start [s].")
 )
 @options.runs_folder
 @options.as_json
@@ -27,4 +27,6 @@ def command(runs: tuple[str, ...], align: str, skip_s: float, folder: str, as_js
     options.advise_to_fit(comparison, loaded_runs, vehicle_options, folder)
     if (without := [run for run in loaded_runs if run.estimate is None]) and not as_json:
         name, own = without[0].path or without[0].name, options.naming_own(folder, without[0])
-        talk(note("cli.no-estimate", fix=typed("replay", name, *own), run=without[0].name))
+        print_message(
+            note("cli.no-estimate", fix=baqueano_command("replay", name, *own), run=without[0].name)
+        )

@@ -5,7 +5,7 @@ from pathlib import Path
 import click
 
 from baqueano.cli import numbers, options
-from baqueano.cli.terminal import answer, busy, talk
+from baqueano.cli.terminal import answer, busy, print_message
 from baqueano.diagnostics import note
 
 
@@ -33,4 +33,4 @@ def command(
     if page is not None:
         from baqueano.report.of_run import page_of_run
 
-        talk(note("cli.report", page=page_of_run(ahead.run).save(page)))
+        print_message(note("cli.report", page=page_of_run(ahead.run).save(page)))

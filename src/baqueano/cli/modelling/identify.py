@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from baqueano.cli import numbers, options
-from baqueano.cli.terminal import answer, busy, steps, talk, tell
+from baqueano.cli.terminal import answer, busy, print_message, print_result, steps
 from baqueano.diagnostics import Diagnostic, Verdict, fault, note
 from baqueano.messages import row_of, text
 
@@ -121,7 +121,7 @@ def command(
     from baqueano.cli.errors import Interruption
     from baqueano.errors import AnswerNo
     from baqueano.identify import identify
-    from baqueano.identify.dataset import unused
+    from baqueano.identify.dataset import unused_sensors
 
     _check_options(parameter_history, choose, with_validation=bool(held_out))
     _check_table(table)
@@ -132,8 +132,8 @@ def command(
         options.load_vehicle(vehicle, settings), how["tolerance"], fit_runs, settings_of_fit
     )
     if not settings_of_fit["use"]:
-        for message in unused(fit_runs, file):
-            talk(message)
+        for message in unused_sensors(fit_runs, file):
+            print_message(message)
     if parameter_history:
         return _over_time(fit_runs, file, settings_of_fit, table, page, update, as_json)
     span = sum(r.duration_s for r in fit_runs)
@@ -143,7 +143,7 @@ def command(
         result: Any = (
             _selection(fit_runs, file, settings_of_fit, validation_runs, begin)
             if choose
-            else identify(fit_runs, file, say=say, **settings_of_fit)
+            else identify(fit_runs, file, progress=say, **settings_of_fit)
         )
     fit = result.fit if choose else result
     validation = _validation(fit, validation_runs) if fit.verdict != Verdict.REFUSED else None
@@ -160,19 +160,18 @@ def command(
             findings=list(map(row_of, fit.findings)),
         )  # fmt: skip
     else:
-        tell(result.table(reported=True))
+        print_result(result.table(reported=True))
     for result_part in filter(None, (validation, ahead) if not as_json else ()):
-        tell(result_part.table())
+        print_result(result_part.table())
     _save_table(fit, file, table, f"{file.name}, from {', '.join(fit.runs)}")
     if page is not None:
-        from baqueano.printable import typed
+        from baqueano.printable import baqueano_command
         from baqueano.report.fit_report import page_of_fit
 
         with busy(note("cli.drawing")):
             whole = page_of_fit(fit, held_out=validation, ahead=ahead)
-            whole = replace(whole, reproduce=typed(*sys.argv[1:]))
-            report_path = whole.save(page)
-        talk(note("cli.report", page=report_path))
+            whole = replace(whole, reproduce=baqueano_command(*sys.argv[1:]))
+        print_message(note("cli.report", page=whole.save(page)))
     if say.stopped:
         raise Interruption(fault("cli.fit-interrupted"))
     if fit.verdict == Verdict.REFUSED:
@@ -181,12 +180,13 @@ def command(
         raise AnswerNo(_refusal(validation.reasons, page, held_out=True))
     output = fit.vehicle_file
     if not no_noise:
-        output = _with_noise(fit, fit_runs, validation_runs, backend).updated(output, ", ".join(fit.runs))
-    options.kept(output, update)
+        noise = _with_noise(fit, fit_runs, validation_runs, backend)
+        output = noise.updated_file(output, ", ".join(fit.runs))
+    options.save_update(output, update)
 
 
 def _check_options(parameter_history: bool, choose: bool, *, with_validation: bool) -> None:
-    """Raise UsageError if one option would make another one useless."""
+    """Raise UsageError if an option conflicts with `parameter_history`."""
     from baqueano.errors import UsageError
 
     if parameter_history and (choose or with_validation):
@@ -195,16 +195,16 @@ def _check_options(parameter_history: bool, choose: bool, *, with_validation: bo
 
 
 def _refusal(reasons: tuple[Diagnostic, ...], page: Path | None, *, held_out: bool = False) -> Diagnostic:
-    """Return the reason for which a fit is refused, with a hint to the report on `page`, or to its option."""
-    from baqueano.messages import grouped
+    """Return the reason why a fit is refused, with a hint to the report on `page` or to the option for a report."""
+    from baqueano.messages import group_sentences
 
     data = note("cli.data-unseen", fix="--report fit.html") if page is None else note("cli.data-in-report")
     code = "cli.fit-refused-held-out" if held_out else "cli.fit-refused"
-    return fault(code, reasons="; ".join(grouped(reasons)[:2]), data=data)
+    return fault(code, reasons="; ".join(group_sentences(reasons)[:2]), data=data)
 
 
 def _check_table(table: Path | None) -> None:
-    """Raise UsageError, before the work, if --table has an unknown ending."""
+    """Raise UsageError, before the fit, if --table has an unknown file extension."""
     if table is not None:
         from baqueano.report.tables import suffix_of
 
@@ -219,7 +219,7 @@ def _lap(route: str | None) -> "Route | None":
 
 
 def _forecast(fit: "Fit", runs: "list[Run]", lap: "Route | None", name: str | None) -> Any:
-    """Return the forecast of a drive from the errors of the fit, or None if it cannot be computed."""
+    """Return the forecast of a drive from the errors of the fit; None if it cannot be computed."""
     from baqueano.errors import UsageError
     from baqueano.identify import forecast
 
@@ -228,15 +228,15 @@ def _forecast(fit: "Fit", runs: "list[Run]", lap: "Route | None", name: str | No
             return forecast(fit, runs, lap, name or "")
     except UsageError as error:
         if name is not None and fit.verdict != Verdict.REFUSED:
-            talk(error.diagnostic)
+            print_message(error.diagnostic)
         return None
 
 
 def _more_rows(fit: "Fit", validation: Any) -> list["TableRow"]:
-    """Return further rows for --json: the requested parameters run by run, and the figures of held-out runs."""
-    from baqueano.identify.result.fit_result import requested
+    """Return further rows for --json: the requested parameters of each run, and the figures of held-out runs."""
+    from baqueano.identify.result.fit_result import is_requested
 
-    own = [row for row in fit.run_by_run() if requested(row["name"])]
+    own = [row for row in fit.run_by_run() if is_requested(row["name"])]
     if validation is None:
         return own
 
@@ -252,12 +252,12 @@ def _more_rows(fit: "Fit", validation: Any) -> list["TableRow"]:
 
 
 def _fit_arguments(values: "JsonObject", backend: str) -> "JsonObject":
-    """Return the keywords of `identify`."""
+    """Return the keyword arguments of `identify`."""
     from baqueano.identify import FitOptions
 
     options = FitOptions(
         fixed=values["fix"],
-        bounds=dict(map(bounded, values["bound"])),
+        bounds=dict(map(parse_bounds, values["bound"])),
         per_run=values["per_run"],
         clocks=values["clock"],
         segment_s=values["segment"],
@@ -272,7 +272,7 @@ def _fit_arguments(values: "JsonObject", backend: str) -> "JsonObject":
 def _with_tolerances(
     file: "VehicleFile", tolerances: tuple[str, ...], runs: "list[Run]", arguments: "JsonObject"
 ) -> Any:
-    """Return the file with the tolerances of its scales. Raise UsageError if the fit would not use them."""
+    """Return the file with the tolerances of its scales. Raise UsageError if the fit would ignore them."""
     from baqueano.errors import UsageError
     from baqueano.identify.covariance.scale_uncertainty import with_tolerance
     from baqueano.identify.imu_only import imu_is_all
@@ -300,7 +300,7 @@ def _selection(
     file: "VehicleFile",
     arguments: "JsonObject",
     validation_runs: "list[Run]",
-    say: Callable[[str], object],
+    notify: Callable[[str], object],
 ) -> Any:
     """Return the model with the terms that held-out data, or the `validation_runs` if there are any, support."""
     from baqueano.errors import UsageError
@@ -311,12 +311,12 @@ def _selection(
         raise UsageError(fault("cli.choose-conflict", "--choose --update", others=more))
     if imu_is_all(file, runs, arguments["use"], arguments["free"]):
         raise UsageError(fault("cli.choose-without-encoders", "--free +KEY"))
-    return choose(runs, file, say=say, held_out=validation_runs, **arguments)
+    return choose(runs, file, progress=notify, held_out=validation_runs, **arguments)
 
 
 def _plain_options(arguments: "JsonObject") -> list[str]:
-    """Return the used options of the command line that only a plain fit accepts."""
-    return [_OPTIONS[name] for name in arguments["options"].changed if name in _OPTIONS]
+    """Return the used command line options that only a plain fit accepts."""
+    return [_OPTIONS[name] for name in arguments["options"].non_defaults if name in _OPTIONS]
 
 
 _OPTIONS = {
@@ -330,7 +330,7 @@ _OPTIONS = {
 
 
 def _validation(fit: "Fit", validation_runs: "list[Run]") -> Any:
-    """Return the validation of the fit on held-out runs, or None without any."""
+    """Return the validation of the fit on held-out runs; None without such runs."""
     if not validation_runs:
         return None
     from baqueano.identify.validation import validate
@@ -354,11 +354,11 @@ def _with_noise(fit: "Fit", runs: "list[Run]", validation_runs: "list[Run]", bac
             try:
                 comparison = compare_noise(fit, by_source, validation_runs, backend)
             except UsageError as error:
-                talk(error.diagnostic)
+                print_message(error.diagnostic)
             else:
-                talk(comparison.table())
+                print_message(comparison.table())
                 noise = by_source[comparison.best]
-    talk(noise.table())
+    print_message(noise.table())
     return noise
 
 
@@ -369,14 +369,14 @@ def _over_time(
     from baqueano.identify.parameter_drift import parameter_history
 
     with steps() as begin:
-        drift = parameter_history(runs, file, say=begin, **arguments)
+        drift = parameter_history(runs, file, progress=begin, **arguments)
     answer(drift, as_json)
     _save_table(drift, file, table, f"{file.name} over {len(runs)} runs")
     if page is not None:
         from baqueano.report.drift_report import page_of_drift
 
-        talk(note("cli.report", page=page_of_drift(drift).save(page)))
-    options.kept(drift.vehicle_file, update)
+        print_message(note("cli.report", page=page_of_drift(drift).save(page)))
+    options.save_update(drift.vehicle_file, update)
 
 
 def _save_table(result: Any, file: "VehicleFile", table: Path | None, caption: str) -> None:
@@ -385,11 +385,11 @@ def _save_table(result: Any, file: "VehicleFile", table: Path | None, caption: s
         from baqueano.report.tables import save_table
 
         blocks = FittedBlocks(file.vehicle, file.sensors)
-        talk(note("cli.table", path=save_table(result.rows(), table, caption, blocks)))
+        print_message(note("cli.table", path=save_table(result.rows(), table, caption, blocks)))
 
 
-def bounded(argument: str) -> tuple[str, tuple[float, float]]:
-    """Return ("model.friction.linear", (0, 10)) for "model.friction.linear=0,10", or raise UsageError."""
+def parse_bounds(argument: str) -> tuple[str, tuple[float, float]]:
+    """Return ("model.friction.linear", (0, 10)) for "model.friction.linear=0,10". Raise UsageError for other text."""
     from baqueano.errors import UsageError
 
     key, _, limits = argument.partition("=")

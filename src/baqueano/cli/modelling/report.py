@@ -5,9 +5,9 @@ from pathlib import Path
 import click
 
 from baqueano.cli import options
-from baqueano.cli.terminal import busy, tell
+from baqueano.cli.terminal import busy, print_result
 from baqueano.diagnostics import fault, note
-from baqueano.printable import typed
+from baqueano.printable import baqueano_command
 
 
 @click.command(help="Write one self-contained HTML page about RUN.")
@@ -53,7 +53,7 @@ def command(
 
     mm = _width(width)
     if mm is not None and figures is None:
-        correction = typed("report", run, "--figures", "figures", "--width", width)
+        correction = baqueano_command("report", run, "--figures", "figures", "--width", width)
         raise UsageError(fault("cli.width-unused", correction, width=width))
     moves = None if animation is None else picture_file(animation)
 
@@ -65,11 +65,11 @@ def command(
         if moves is not None:
             files.append(save_text(moves, moving_picture(scene(loaded_run))))
     for saved_path in (path, *files):
-        tell(str(saved_path))
+        print_result(str(saved_path))
 
 
 def _width(argument: str | None) -> str | float | None:
-    """Return a width as a name, or as a number of millimetres. Raise UsageError for an invalid one."""
+    """Return a width as a name or as a number of millimetres. Raise UsageError for an invalid width."""
     if argument is None:
         return None
     from baqueano.report.canvas import width_mm

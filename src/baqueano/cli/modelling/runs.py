@@ -7,10 +7,10 @@ import click
 
 from baqueano.cli import Verbs, numbers, options
 from baqueano.cli.blocks import RowsResult
-from baqueano.cli.terminal import answer, busy, steps, talk, tell
+from baqueano.cli.terminal import answer, busy, print_message, print_result, steps
 from baqueano.diagnostics import fault, note
-from baqueano.language import translated as _
-from baqueano.printable import typed
+from baqueano.language import translate as _
+from baqueano.printable import baqueano_command
 
 if TYPE_CHECKING:
     from baqueano.contracts.values import TableRow
@@ -31,7 +31,7 @@ def ls(folder: str, as_json: bool) -> None:
     if as_json:
         answer(RowsResult(listing_rows(folder_rows)), as_json)
     else:
-        tell(listing_table(folder_rows))
+        print_result(listing_table(folder_rows))
 
 
 @command.command("show", help="Show the content of RUN: topics, rates, gaps, events.")
@@ -67,7 +67,8 @@ def cut(run: str, from_s: float, to_s: float | None, folder: str, out: Path | No
     from baqueano.runs import write_run
 
     if from_s == 0.0 and to_s is None:
-        raise UsageError(fault("cli.cut-nothing", typed("runs", "cut", run, "--from", "2", "--to", "30")))
+        fix = baqueano_command("runs", "cut", run, "--from", "2", "--to", "30")
+        raise UsageError(fault("cli.cut-nothing", fix))
     whole = options.find_runs((run,), folder)[0]
     part = whole.cut(from_s, float("inf") if to_s is None else to_s)
     if not len(part.t_ns):
@@ -75,7 +76,7 @@ def cut(run: str, from_s: float, to_s: float | None, folder: str, out: Path | No
         raise UsageError(
             fault("cli.cut-after-end", **span) if to_s is None else fault("cli.cut-empty", to_s=to_s, **span)
         )
-    tell(
+    print_result(
         note(
             "cli.cut",
             path=write_run(part, options.run_path(out, folder, f"{whole.name}-cut")),
@@ -91,7 +92,7 @@ def cut(run: str, from_s: float, to_s: float | None, folder: str, out: Path | No
     "-o",
     "--out",
     type=click.Path(path_type=Path),
-    help=("File to write; default: NAME-recovered.mcap beside it."),
+    help=("File to write; default: NAME-recovered.mcap in the folder of the run."),
 )
 def recover(run: str, folder: str, out: Path | None) -> None:
     from baqueano.runs.folder import find
@@ -99,8 +100,8 @@ def recover(run: str, folder: str, out: Path | None) -> None:
 
     recovery = recover(find(run, folder), out)
     for message in recovery.notes:
-        talk(message)
-    tell(note("cli.recovered", path=recovery.path, duration_s=recovery.run.duration_s))
+        print_message(message)
+    print_result(note("cli.recovered", path=recovery.path, duration_s=recovery.run.duration_s))
 
 
 A_MAP = """A map, as rover.toml, and then: baqueano runs import rover.toml log.csv -o rover.mcap
@@ -179,7 +180,7 @@ def import_(
         _next(path.stem if out is None else str(path), vehicle_options=vehicle_options)
         return
     paths = [write_run(imported_run.run, _in(out, folder, imported_run.run.name)) for imported_run in imports]
-    talk(
+    print_message(
         note(
             "cli.imported",
             count=len(paths),
@@ -194,22 +195,22 @@ def import_(
 
 
 def _draft_map(recording: str, to: Path) -> None:
-    """Write the draft of a map for a recording."""
+    """Write the draft of a map for a recording to the file `to`."""
     from baqueano.errors import FileError
     from baqueano.runs.importing.draft import draft
 
     if to.exists():
         raise FileError(fault("cli.file-exists", "--draft another-name.toml", out=to))
     to.write_text(draft(recording), encoding="utf-8", newline="\n")
-    tell(note("cli.drafted", fix=typed("runs", "import", to, recording), path=to))
+    print_result(note("cli.drafted", fix=baqueano_command("runs", "import", to, recording), path=to))
 
 
 def _next(*runs: str, vehicle_options: list[str]) -> None:
-    talk(note("cli.next-fit", fix=typed("identify", *runs, *vehicle_options, "--update")))
+    print_message(note("cli.next-fit", fix=baqueano_command("identify", *runs, *vehicle_options, "--update")))
 
 
 class Written(NamedTuple):
-    """An imported run, its path, and the doubts of the import."""
+    """An imported run with its path and the doubts about it."""
 
     path: Path
     imported: "ImportedRun"
@@ -220,18 +221,18 @@ class Written(NamedTuple):
         return self.imported.verdict
 
     def rows(self) -> list["TableRow"]:
-        """Return the content of the run, then the diagnostics, each with the run's path."""
+        """Return the content of the run, then the doubts, each with the run's path."""
         first = {"level": "run", "doubt": "", "t_s": None, "text": self._holds()}
         return [{"run": str(self.path)} | row for row in [first, *self.imported.rows()]]
 
     def table(self) -> str:
-        """Return the table as text."""
+        """Return content and doubts as a text table."""
         return "\n".join(
             filter(
                 None,
                 (
                     _("run: {path}, {holds}", path=self.path, holds=self._holds()),
-                    self.imported.noticed.table(),
+                    self.imported.without_common_doubts.table(),
                 ),
             )
         )
@@ -246,10 +247,8 @@ class Written(NamedTuple):
 
 
 def _in(out: Path | None, folder: str, name: str) -> Path:
-    """Return the file for a run of that name in the folder `out`, or a numbered one in `folder` if `out` is None.
-
-    Raise UsageError if `out` is a file.
-    """
+    """Return the file for a run of that name in the folder `out`. If `out` is None, return a numbered file in
+    `folder`. Raise UsageError if `out` is a file."""
     if out is not None and out.suffix:
         from baqueano.errors import UsageError
 
@@ -263,9 +262,9 @@ def _in(out: Path | None, folder: str, name: str) -> Path:
 
 @command.command(
     "calibrate",
-    help="Calibrate the gyro, the odometer and the clocks of RUN with its truth (a camera); no "
-    "model is needed. A run without commands calibrates the gyro by whole turns by hand, "
-    "between rests on a mark.",
+    help="Calibrate the gyro, the odometer and the clocks of RUN with its truth (a camera), without a "
+    "model. In a run without commands, the gyro is calibrated with whole turns by hand, between rests "
+    "on a mark.",
 )
 @click.argument("run")
 @click.option(
@@ -299,8 +298,9 @@ def calibrate(
         from baqueano.runs.maps.mount import write_mount
 
         write_mount(map_, recorded_run, *calibration.mount(file))
-        talk(note("cli.mount-written", fix=typed("runs", "import", str(map_), "RECORDING"), path=map_))
-    options.kept(calibration.updated(file), update)
+        fix = baqueano_command("runs", "import", str(map_), "RECORDING")
+        print_message(note("cli.mount-written", fix=fix, path=map_))
+    options.save_update(calibration.updated_file(file), update)
 
 
 @command.command("export", help="Write RUN as CSV (one table) or TUM (a trajectory for evo and others).")
@@ -327,7 +327,8 @@ def export(run: str, to: str, which: str, decimal: str, folder: str, out: Path |
 
     loaded_run = options.find_runs((run,), folder)[0]
     path = out if out is not None else Path(f"{loaded_run.name}.{to}")
-    tell(str(export_csv(loaded_run, path, decimal) if to == "csv" else export_tum(loaded_run, path, which)))
+    written = export_csv(loaded_run, path, decimal) if to == "csv" else export_tum(loaded_run, path, which)
+    print_result(str(written))
 
 
 @command.command(
@@ -366,9 +367,9 @@ def noise(
     if page is not None:
         from baqueano.report.rest_report import page_of_rest
 
-        talk(note("cli.report", page=page_of_rest(rest).save(page)))
+        print_message(note("cli.report", page=page_of_rest(rest).save(page)))
     if vehicle or update:
-        options.kept(rest.updated(options.load_vehicle(vehicle, settings)), update)
+        options.save_update(rest.updated_file(options.load_vehicle(vehicle, settings)), update)
 
 
 @command.command(
@@ -390,10 +391,10 @@ def wear(
     recorded_runs, fit_options = options.find_runs(runs, folder), FitOptions(backend=backend)
     with steps() as begin:
         history = parameter_history(
-            recorded_runs, options.load_vehicle(vehicle, settings), options=fit_options, say=begin
+            recorded_runs, options.load_vehicle(vehicle, settings), options=fit_options, progress=begin
         )
     answer(Drift(history), as_json)
     if page is not None:
         from baqueano.report.drift_report import page_of_drift
 
-        talk(note("cli.report", page=page_of_drift(history).save(page)))
+        print_message(note("cli.report", page=page_of_drift(history).save(page)))

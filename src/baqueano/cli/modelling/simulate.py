@@ -6,11 +6,11 @@ from pathlib import Path
 import click
 
 from baqueano.cli import numbers, options
-from baqueano.cli.terminal import answer, busy, talk
+from baqueano.cli.terminal import answer, busy, print_message
 from baqueano.diagnostics import note
 
 
-@click.command(help="Drive one simulated vehicle, or thousands, with a signal; write a run.")
+@click.command(help="Simulate one vehicle, or thousands, with a signal; write a run.")
 @options.vehicle
 @click.option(
     "--signal",
@@ -54,9 +54,9 @@ def command(
         return
     simulated_file = file if model else file.truth
     if simulated_file is not file:
-        talk(note("cli.simulated-truth", vehicle=file.label, truth=file.simulation.truth))
+        print_message(note("cli.simulated-truth", vehicle=file.label, truth=file.simulation.truth))
     with busy(note("cli.simulating", seconds=seconds)):
         run = replace(simulate(simulated_file, u, seed, backend=backend), vehicle_text=file.text)
         path = write_run(run, options.run_path(out, folder, "simulation"))
-    talk(note("cli.run", path=path))
+    print_message(note("cli.run", path=path))
     answer(show(options.find_runs((str(path),), folder)[0]), as_json)

@@ -7,9 +7,9 @@ from pathlib import Path
 import click
 
 from baqueano.cli import Verbs, numbers, options
-from baqueano.cli.terminal import answer, busy, progress, steps, talk, tell
+from baqueano.cli.terminal import answer, busy, print_message, print_result, progress, steps
 from baqueano.diagnostics import Verdict, fault, nearest, note
-from baqueano.printable import typed
+from baqueano.printable import baqueano_command
 
 
 @click.group(cls=Verbs, help="Reproduce the paper's case studies; test with recordings.")
@@ -33,25 +33,25 @@ def command() -> None: ...
 @options.as_json
 def paper(seed: int, seeds: int, backend: str, page: Path | None, as_json: bool) -> None:
     from baqueano.study.paper import dynamic_vs_kinematic
-    from baqueano.study.paper.case_study import ImpliedParameters, case_study, recorded
+    from baqueano.study.paper.case_study import ImpliedParameters, case_study, simulate_seed
     from baqueano.study.paper.page import page_of_paper
 
-    with progress(note("cli.study-paper", seeds=seeds), seeds) as each:
-        result = case_study(seed, seeds, backend, each)
+    with progress(note("cli.study-paper", seeds=seeds), seeds) as advance:
+        result = case_study(seed, seeds, backend, advance)
     answer(result, as_json)
     with busy(note("cli.two-models")):
-        run, validation_run = recorded(seed, backend)[1], recorded(seed + 1_000, backend)[1]
+        run, validation_run = simulate_seed(seed, backend)[1], simulate_seed(seed + 1_000, backend)[1]
         models = dynamic_vs_kinematic.compare_models(result.fits[0], run, validation_run, backend)
     if not as_json:
-        tell(f"\n{dynamic_vs_kinematic.table(models)}\n\n{ImpliedParameters().table()}")
+        print_result(f"\n{dynamic_vs_kinematic.table(models)}\n\n{ImpliedParameters().table()}")
     with busy(note("cli.drawing")):
         report_path = page_of_paper(result, models, backend).save(page or Path("study-paper.html"))
-    talk(note("cli.report", page=report_path))
+    print_message(note("cli.report", page=report_path))
 
 
 @command.command(
     "identification",
-    help="Robots and cars of a second simulator: errors against the Cramér-Rao bound, intervals, verdicts.",
+    help="Fit robots and cars of a second simulator: errors compared with the Cramér-Rao bound, intervals, verdicts.",
 )
 @options.seed
 @click.option(
@@ -92,20 +92,20 @@ def identification(
         raise UsageError(
             fault("cli.case-unknown", found=unknown_cases[0], near=nearest(unknown_cases[0], CASES))
         )
-    with progress(note("cli.study-identification", seeds=seeds), seeds) as each:
-        result = identification(seeds, seed, backend, processors(), each, cases=cases or CASES, keep=keep)
+    with progress(note("cli.study-identification", seeds=seeds), seeds) as advance:
+        result = identification(seeds, seed, backend, processors(), advance, cases=cases or CASES, keep=keep)
     answer(result, as_json)
     with busy(note("cli.drawing")):
-        whole = replace(page_of_identification(result), reproduce=typed(*sys.argv[1:]))
+        whole = replace(page_of_identification(result), reproduce=baqueano_command(*sys.argv[1:]))
         report_path = whole.save(page or Path("study-identification.html"))
-    talk(note("cli.report", page=report_path))
+    print_message(note("cli.report", page=report_path))
     if result.seeds < seeds:
         raise Interruption(fault("cli.study-interrupted", done=result.seeds, asked=seeds))
 
 
 @command.command(
     "faults",
-    help=("Damaged recordings, and effects outside every model: test if a wrong fit is called USABLE."),
+    help=("Fit damaged recordings, and effects outside every model: test if a wrong fit is called USABLE."),
 )
 @options.seed
 @click.option(
@@ -124,8 +124,8 @@ def faults(seed: int, seeds: int, backend: str, as_json: bool) -> None:
     from baqueano.sweep.workers import processors
 
     count = seeds * len(FAULTS)
-    with progress(note("cli.study-faults", count=count), count) as each:
-        result = faults(seeds, seed, processes=processors(), backend=backend, each=each)
+    with progress(note("cli.study-faults", count=count), count) as advance:
+        result = faults(seeds, seed, processes=processors(), backend=backend, advance=advance)
     answer(result, as_json)
     if result.requested > result.tried:
         raise Interruption(fault("cli.study-interrupted", done=result.tried, asked=result.requested))
@@ -134,7 +134,7 @@ def faults(seed: int, seeds: int, backend: str, as_json: bool) -> None:
 
 
 @command.command(
-    "driving", help="Identified robots of a second simulator on three routes: test how evenly they drive."
+    "driving", help="Test how evenly identified robots of a second simulator drive on three routes."
 )
 @options.seed
 @click.option(
@@ -156,8 +156,8 @@ def driving(seed: int, seeds: int, controller: str | None, backend: str, as_json
     from baqueano.study.driving import driving
     from baqueano.sweep.workers import processors
 
-    with progress(note("cli.study-driving", seeds=seeds), seeds) as each:
-        result = driving(seeds, seed, processors(), backend, controller=controller, each=each)
+    with progress(note("cli.study-driving", seeds=seeds), seeds) as advance:
+        result = driving(seeds, seed, processors(), backend, controller=controller, advance=advance)
     answer(result, as_json)
     if result.driven < seeds:
         raise Interruption(fault("cli.study-interrupted", done=result.driven, asked=seeds))
@@ -165,12 +165,16 @@ def driving(seed: int, seeds: int, controller: str | None, backend: str, as_json
 
 @command.command(
     "controllers",
-    help="All controllers on identified robots of a second simulator: known pose, own estimate, truth.",
+    help="Compare all controllers on identified robots of a second simulator: known pose, own estimate, truth.",
 )
 @options.seed
 @click.option("--seeds", type=numbers.count, default=100, show_default=True, help="Robots, from --seed on.")
 @click.option(
-    "--with", "own", multiple=True, metavar="KIND", help='Yours beside ours: "file.py:Class"; again for more.'
+    "--with",
+    "own",
+    multiple=True,
+    metavar="KIND",
+    help=('Your own block, compared with ours: "file.py:Class". Repeat the option for more.'),
 )
 @options.backend
 @options.as_json
@@ -179,8 +183,8 @@ def controllers(seed: int, seeds: int, own: tuple[str, ...], backend: str, as_js
     from baqueano.study.controllers import controllers
     from baqueano.sweep.workers import processors
 
-    with progress(note("cli.study-controllers", seeds=seeds), seeds) as each:
-        result = controllers(seeds, seed, processors(), backend, own, each=each)
+    with progress(note("cli.study-controllers", seeds=seeds), seeds) as advance:
+        result = controllers(seeds, seed, processors(), backend, own, advance=advance)
     answer(result, as_json)
     if result.robots < seeds:
         raise Interruption(fault("cli.study-interrupted", done=result.robots, asked=seeds))
@@ -189,8 +193,8 @@ def controllers(seed: int, seeds: int, own: tuple[str, ...], backend: str, as_js
 @command.command(
     "laps",
     help=(
-        "Fifty laps with an IMU alone, over two tags, over three lines, or through a pose gate: test if robots "
-        "keep their route, and if the filter claims what is true."
+        "Drive fifty laps with an IMU alone, over two tags, over three lines, or through a pose gate. Test "
+        "if robots keep to their route, and if the filter reports its errors correctly."
     ),
 )
 @options.seed
@@ -209,7 +213,7 @@ def controllers(seed: int, seeds: int, own: tuple[str, ...], backend: str, as_js
     "names",
     multiple=True,
     metavar="WORDS",
-    help='Cases whose row has these words: "tags, uncalibrated". Repeat the option for more; default: all.',
+    help='Cases whose row contains these words: "tags, uncalibrated". Repeat the option for more; default: all.',
 )
 @options.backend
 @options.as_json
@@ -226,14 +230,17 @@ def laps(seed: int, seeds: int, laps: int, names: tuple[str, ...], backend: str,
             fault("cli.case-unknown", found=unknown_words[0], near=nearest(unknown_words[0], known_words))
         )
     cases = [case for case in all_cases() if not words or any(set(some) <= set(case) for some in words)]
-    with progress(note("cli.study-laps", seeds=seeds, laps=laps), seeds) as each:
-        result = laps_over_fixes(seeds, seed, laps, processors(), backend, cases, each)
+    with progress(note("cli.study-laps", seeds=seeds, laps=laps), seeds) as advance:
+        result = laps_over_fixes(seeds, seed, laps, processors(), backend, cases, advance)
     answer(result, as_json)
     if result.robots < seeds:
         raise Interruption(fault("cli.study-interrupted", done=result.robots, asked=seeds))
 
 
-@command.command("recordings", help="Real vehicles: fit to one part of a recording, test on another.")
+@command.command(
+    "recordings",
+    help=("Fit models of real vehicles to one part of a recording, and test them on another part."),
+)
 @options.backend
 @options.page
 @options.as_json
@@ -252,7 +259,7 @@ def recordings(backend: str, page: Path | None, as_json: bool) -> None:
         study = None if missing_of(files_of(MAPS)) else cross_validate(backend, begin)
     with busy(note("cli.drawing")):
         report_path = page_of_recordings(result, study).save(page or Path("study-recordings.html"))
-    talk(note("cli.report", page=report_path))
+    print_message(note("cli.report", page=report_path))
 
 
 @command.command(
@@ -276,7 +283,7 @@ def experiments(seed: int, seconds: float, backend: str, as_json: bool) -> None:
     answer(result, as_json)
 
 
-@command.command("first-drives", help="First drives of unknown vehicles, in a small room.")
+@command.command("first-drives", help="Make first drives of unknown vehicles in a small room.")
 @options.seed
 @click.option(
     "--seeds",
@@ -292,8 +299,8 @@ def first_drives(seed: int, seeds: int, backend: str, as_json: bool) -> None:
     from baqueano.study.first_drives import first_drives
     from baqueano.sweep.workers import processors
 
-    with progress(note("cli.study-first-drives", seeds=seeds), seeds) as each:
-        result = first_drives(seeds, seed, processors(), backend, each)
+    with progress(note("cli.study-first-drives", seeds=seeds), seeds) as advance:
+        result = first_drives(seeds, seed, processors(), backend, advance)
     answer(result, as_json)
     if (count := sum(row.drives for row in result.each)) < seeds:
         raise Interruption(fault("cli.study-interrupted", done=count, asked=seeds))
@@ -317,13 +324,13 @@ def fit_imu_only(backend: str, as_json: bool) -> None:
 
 @command.command(
     "estimation",
-    help="Compare estimators with the model and with plain integration: fit to one run, test on another.",
+    help="Compare estimators with the model and with plain integration: fit to one run, and test on another run.",
 )
 @click.option(
     "--estimator",
     "kinds",
     multiple=True,
-    help=("Estimator to study instead of that of the file. Repeat the option for more."),
+    help=("Estimator to study in place of the estimator of the vehicle file. Repeat the option for more."),
 )
 @click.option(
     "--case",
@@ -378,8 +385,8 @@ def corridor(seed: int, vehicles: int, recordings: bool, backend: str, as_json: 
     from baqueano.study.corridor import corridor, with_recordings
     from baqueano.sweep.workers import processors
 
-    with progress(note("cli.study-corridor", vehicles=vehicles), vehicles) as each:
-        result = corridor(vehicles, seed, processors(), backend, each)
+    with progress(note("cli.study-corridor", vehicles=vehicles), vehicles) as advance:
+        result = corridor(vehicles, seed, processors(), backend, advance)
     if recordings:
         with steps() as begin:
             result = with_recordings(result, backend, begin)

@@ -7,9 +7,9 @@ from pathlib import Path
 import click
 
 from baqueano.cli import numbers, options
-from baqueano.cli.terminal import answer, busy, progress, talk
+from baqueano.cli.terminal import answer, busy, print_message, progress
 from baqueano.diagnostics import fault, note
-from baqueano.printable import typed
+from baqueano.printable import baqueano_command
 
 keep = click.option(
     "--keep",
@@ -114,12 +114,12 @@ def command(
         for kind in kinds:
             options.own_block(file, room, kind)
     count = drives * max(len(estimators), 1) * max(len(controllers), 1) * max(len(guides), 1)
-    with progress(note("cli.sweep", drives=count), count) as each:
-        result = start(each=each)
+    with progress(note("cli.sweep", drives=count), count) as advance:
+        result = start(advance=advance)
     answer(result, as_json, cells=result.cells())
     if page is not None:
         with busy(note("cli.drawing")):
-            report_path = page_of_sweep(result, reproduce=typed(*sys.argv[1:])).save(page)
-        talk(note("cli.report", page=report_path))
+            report_path = page_of_sweep(result, reproduce=baqueano_command(*sys.argv[1:])).save(page)
+        print_message(note("cli.report", page=report_path))
     if len(result.drives) < result.requested:
         raise Interruption(fault("cli.study-interrupted", done=len(result.drives), asked=result.requested))

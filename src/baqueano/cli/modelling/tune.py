@@ -3,7 +3,7 @@
 import click
 
 from baqueano.cli import numbers, options
-from baqueano.cli.terminal import answer, busy, talk
+from baqueano.cli.terminal import answer, busy, print_message
 from baqueano.diagnostics import note
 
 
@@ -39,7 +39,7 @@ from baqueano.diagnostics import note
 @click.option(
     "--controller",
     metavar="KIND|FILE:CLASS",
-    help="Another controller than the file's; --update writes it too.",
+    help="Controller that replaces the controller of the vehicle file; --update also writes it.",
 )
 @click.option(
     "--estimator",
@@ -122,6 +122,8 @@ def command(
             backend=backend,
         )
     answer(result, as_json)
-    options.kept(result.applied(), update)
+    options.save_update(result.updated_file(), update)
     if routes[0] in SHAPES:
-        talk(note("cli.tuned", fix="baqueano tune --route NAME", route=routes[0], speed_m_s=speed_m_s))
+        print_message(
+            note("cli.tuned", fix="baqueano tune --route NAME", route=routes[0], speed_m_s=speed_m_s)
+        )

@@ -1,1 +1,1 @@
-"""Verbs that open the page."""
+"""Define the verbs that open the page."""

@@ -1,5 +1,4 @@
-"""`python -m baqueano.cli.page.attached FOLDER`: serve the page of the verb that started this process, over its
-pipes."""
+"""`python -m baqueano.cli.page.attached FOLDER`: serve the page of the verb that started this process, over pipes."""
 
 import argparse
 import asyncio
@@ -18,7 +17,7 @@ LOOK_S = 0.05  # between two counts of the viewers
 
 
 async def serve(options: PageOptions) -> None:
-    """Serve the drives of the verb until its end of the pipes is closed, and report the number of viewers."""
+    """Serve the drives of the verb until the verb closes its end of the pipes, and report the number of viewers."""
     link: list[Link] = []
     viewers: list[Callable[[], int]] = []
     counting: list[asyncio.Task[None]] = []
@@ -27,7 +26,7 @@ async def serve(options: PageOptions) -> None:
         link.append(await on_pipes(sys.stdin.buffer, sys.stdout.buffer))
         return link[0]
 
-    def say(message: Diagnostic | str) -> None:
+    def print_message(message: Diagnostic | str) -> None:
         print(text(message), file=sys.stderr, flush=True)
         if isinstance(message, Diagnostic) and message.code == "web.at":
             counting.append(asyncio.get_running_loop().create_task(count()))
@@ -38,11 +37,11 @@ async def serve(options: PageOptions) -> None:
             while True:
                 if (now := viewers[0]()) != before:
                     before = now
-                    link[0].say("viewers", count=now)
+                    link[0].send("viewers", count=now)
                 await asyncio.sleep(LOOK_S)
 
     try:
-        await show_vehicle(start, options, say, lasting=False, meet=viewers.append)
+        await show_vehicle(start, options, print_message, lasting=False, meet=viewers.append)
     finally:
         for task in counting:
             task.cancel()

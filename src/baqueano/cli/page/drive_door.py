@@ -1,7 +1,7 @@
-"""Open a door in the process of a verb: the page is its only guest, and receives the drives like those of a service.
+"""Open a door in the process of a verb. The page is its only guest, and receives the drives as from a service.
 
 here     the loop runs in this process, in wall time, and shows each tick                        (`local_options`)
-there    a robot drives: its messages are passed on to the page, a stop of the page to the robot (`remote_options`)
+there    a robot drives: its messages are sent to the page, and the page's stop to the robot     (`remote_options`)
 """
 
 import json
@@ -43,11 +43,11 @@ BY_HAND = ("drive", "teach")
 
 
 class WorldWithBody(World, Protocol):
-    """A simulated or emulated world."""
+    """A simulated or emulated world with a body."""
 
     @property
     def truth(self) -> "Motion":
-        """Return the motion of its body."""
+        """Return the true motion of the body."""
         ...
 
 
@@ -74,12 +74,12 @@ class DriveDoor:
         self.publish(at_once=True)
 
     def welcome(self, line: socket) -> None:
-        """Add the connection of the page."""
+        """Add `line`, the connection of the page."""
         self._door.welcome(line)
 
     def close(self, reason: Diagnostic) -> None:
         """Report that the drives have ended, and disconnect the page."""
-        self._door.tell({"is": "over", "why": reason})
+        self._door.broadcast({"is": "over", "why": reason})
         self._door.close()
 
     def wait_for_hand(self, is_running: Callable[[], bool]) -> None:
@@ -99,7 +99,7 @@ class DriveDoor:
         raise RobotUnreachable(fault("cli.page-gone"))
 
     def local_options(self, mission: "Mission", file: "VehicleFile", given: "JsonObject") -> "JsonObject":
-        """Return the options of a drive in this process with which the page shows it and sets its pace."""
+        """Return the options of a drive in this process. With them the page shows the drive and sets its pace."""
         start_options = (
             {} if mission.kind != "repeat" or mission.route is None else {"eta": mission.route.eta[0]}
         )
@@ -111,19 +111,19 @@ class DriveDoor:
         given["observers"] = (
             *given.get("observers", ()),
             watching,
-            Adjusting(self.operator, self._door.tell),
+            Adjusting(self.operator, self._door.broadcast),
         )
         given["ticking"] = self._ticks(file.rate_hz, given.get("ticking"))
         return given
 
     def hand(self, commands: int) -> np.ndarray:
-        """Return the command (n,) that the page wants. Raise KeyboardInterrupt once it has ended the drive."""
+        """Return the command (n,) that the page requests. Raise KeyboardInterrupt if the page has ended the drive."""
         if self.operator.done:
             raise KeyboardInterrupt
         return self.operator.command(commands)
 
     def remote_options(self, remote: "Remote") -> "JsonObject":
-        """Return the options of `Remote.perform` with which the page shows the drive of a robot."""
+        """Return the options of `Remote.perform` for the drive of a robot. With them the page shows the drive."""
         self._robot, remote.on_message = remote, self._relay
         watching, stopped = False, False
 
@@ -143,19 +143,19 @@ class DriveDoor:
         return {"words": words}
 
     def publish(self, at_once: bool = False) -> None:
-        """Send the state to the page, TELL_S after the last time or at once."""
+        """Send the state to the page, at least TELL_S after the previous time, or `at_once`."""
         now_s = time.monotonic()
         if not at_once and now_s - self._published_s < TELL_S:
             return
         self._published_s = now_s
         pace_fields = {} if self._world == "real" else {"pace": self.pace.factor, "paused": self.pace.paused}
-        self._door.tell({
+        self._door.broadcast({
             "is": "state", "state": str(self._state), "why": self._reason, "run": None, "world": self._world,
             "battery_v": None, **pace_fields, **drive_words(self._mission, self._file.rate_hz, self._record),
         })  # fmt: skip
 
     def drives(self, mission: "Mission | None", reason: Diagnostic | None = None) -> None:
-        """Record that a drive begins, or has ended if `mission` is None."""
+        """Record that a drive begins, or that it has ended if `mission` is None."""
         self._mission, self._record, self._reason = mission, None, reason
         manual_state = (
             DoorState.MANUAL
@@ -167,19 +167,19 @@ class DriveDoor:
         self.publish(at_once=True)
 
     def look(self, record: Record, truth: "Motion") -> None:
-        """Show a tick of a drive in this process."""
+        """Show a tick of a drive in this process on the page."""
         self._record = record
         self.frames.look(record, truth, late_ms=self.pace.late_ms)
 
     def _ticks(self, rate_hz: float, ticking: Iterator[int] | None) -> Iterator[int]:
-        def interrupted() -> bool:
+        def is_interrupted() -> bool:
             self.publish()
             operator = self.operator
             return (
                 operator.done or operator.stop_reason(self.by_hand) is not None or ours()
             )  # the last: Ctrl-C was pressed
 
-        for t_ns in self.pace.ticks(rate_hz, interrupted):
+        for t_ns in self.pace.ticks(rate_hz, is_interrupted):
             if self.operator.done:
                 raise KeyboardInterrupt
             yield t_ns if ticking is None else next(ticking)
@@ -187,15 +187,15 @@ class DriveDoor:
 
     def _relay(self, message: "JsonObject") -> None:
         if message["is"] in RELAYED:
-            self._door.tell(message)
+            self._door.broadcast(message)
 
     def _viewers(self, guest: object, message: "JsonObject") -> None:
-        """Record that the page listens, and its number of viewers."""
+        """Record that the page is listening, and the number of its viewers."""
         if (
             not self.listens.is_set() and not self.by_hand
         ):  # reserves the operator: missions of the page are refused
             with suppress(SafetyStop):
-                self.operator.ask(guest, "", attended=False)
+                self.operator.queue_mission(guest, "", attended=False)
                 self.operator.next()
         self.listens.set()
         if int(message["count"]) > 0:
@@ -204,7 +204,7 @@ class DriveDoor:
     def _stop(self, guest: object, message: "JsonObject") -> "JsonObject":
         reason = Diagnostic.of_json(message["why"])
         if self._robot is not None:  # at once, from this thread
-            self._robot.say(do="stop", why=reason)
+            self._robot.send(do="stop", why=reason)
         else:
             self.operator.stop(reason)
         return {"is": "heard", "do": "stop"}
@@ -228,11 +228,11 @@ class DriveDoor:
         self.publish(at_once=True)
 
     def _end(self, name: str, reason: Diagnostic, code: int) -> None:
-        self._door.tell({"is": "done", "id": name, "run": None, "why": reason, "code": code})
+        self._door.broadcast({"is": "done", "id": name, "run": None, "why": reason, "code": code})
 
 
 class _PageObserver(Observer):
-    """The observer of a drive for the page."""
+    """The observer that sends a drive to the page."""
 
     def __init__(
         self, door: DriveDoor, mission: "Mission", file: "VehicleFile", world: WorldWithBody

@@ -1,4 +1,4 @@
-"""Show the drives of a verb in a browser during the drive (--page), by a separate page process."""
+"""Show the drives of a verb in a browser during the drive (--page), with a separate page process."""
 
 import socket
 import subprocess
@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING
 import click
 
 from baqueano.cli import options
-from baqueano.cli.terminal import talk
+from baqueano.cli.terminal import print_message
 from baqueano.diagnostics import fault, note
 from baqueano.errors import UsageError
 
@@ -23,12 +23,10 @@ if TYPE_CHECKING:
     from baqueano.vehicle_file.file import VehicleFile
 
 STARTS_S = 30.0  # a busy laptop starts Python
-COMES_S = 5.0  # a browser, where a tab was opened
+COMES_S = 5.0  # a browser, if a tab was opened
 ENDS_S = 3.0  # the page, once its drives are over
 
-shown = click.option(
-    "--page", "shown", is_flag=True, help="Show both runs in a browser, one beside the other."
-)
+shown = click.option("--page", "shown", is_flag=True, help="Show both runs in a browser, side by side.")
 page = options.together(
     click.option("--page", "shown", is_flag=True, help="Show the drive in a browser while it happens."),
     click.option(
@@ -39,7 +37,7 @@ page = options.together(
 
 
 class LivePage:
-    """A page process, and the door through which it receives the drives."""
+    """A page process, and the door that sends the drives to it."""
 
     def __init__(self, door: "DriveDoor", program: "subprocess.Popen[bytes]") -> None:
         self.door, self._program = door, program
@@ -51,7 +49,7 @@ class LivePage:
 
     def wait_for_hand(self) -> None:
         """Wait until a person takes the lease on the page and begins to drive."""
-        talk(note("cli.page-waits"))
+        print_message(note("cli.page-waits"))
         self.door.wait_for_hand(lambda: self.is_running)
 
 
@@ -59,9 +57,9 @@ class LivePage:
 def live_page(
     shown: bool, robot: str, file: "VehicleFile", folder: str, pace: float = 1.0, by_hand: bool = False
 ) -> Iterator[LivePage | None]:
-    """Open a page for the drives of a verb, and yield it, or None if it is not `shown`.
+    """Open a page for the drives of a verb, and yield it; None if it is not `shown`.
 
-    It ends with the verb in any case.
+    The page always ends with the verb.
     """
     if not shown:
         yield None
@@ -81,7 +79,7 @@ def live_page(
         _join(door, program)
         _wait(door.listens.is_set, STARTS_S, program)
         if program.poll() is not None:
-            talk(note("cli.page-gone"))
+            print_message(note("cli.page-gone"))
         elif display():
             _wait(door.visited.is_set, COMES_S, program)
         yield LivePage(door, program)
@@ -91,19 +89,19 @@ def live_page(
 
 
 def show_both(run: Path, ghost: Path | None, folder: str) -> None:
-    """Show a run with another as its ghost until the last tab is closed, or Ctrl-C."""
+    """Show a run, with another run as its ghost, until the last tab is closed or until Ctrl-C."""
     needs_websockets()
     import asyncio
 
     from baqueano.web.run import PageOptions, show_runs
 
     names = tuple(str(path.resolve()) for path in (run, ghost) if path is not None)
-    talk(note("cli.page-replayed"))
-    asyncio.run(show_runs(names, PageOptions(Path(folder)), talk, lasting=False))
+    print_message(note("cli.page-replayed"))
+    asyncio.run(show_runs(names, PageOptions(Path(folder)), print_message, lasting=False))
 
 
 def needs_websockets() -> None:
-    """Raise UsageError if the library of the page is missing."""
+    """Raise UsageError if the library of the page, websockets, is missing."""
     if find_spec("websockets") is None:
         raise UsageError(fault("web.no-websockets", "pip install websockets"))
 
@@ -127,7 +125,7 @@ def _wait(true: Callable[[], bool], within_s: float, program: "subprocess.Popen[
 
 
 def _end(program: "subprocess.Popen[bytes]") -> None:
-    """Wait until the page has disconnected its browsers; end it after ENDS_S."""
+    """Wait until the page has disconnected its browsers; end its process after ENDS_S."""
     try:
         program.wait(ENDS_S)
     except (subprocess.TimeoutExpired, KeyboardInterrupt):

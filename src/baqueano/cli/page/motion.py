@@ -1,4 +1,4 @@
-"""Play drives that were just simulated on a page, while the work continues."""
+"""Play drives on a page after their simulation, while the work continues."""
 
 import json
 import subprocess
@@ -10,7 +10,7 @@ from itertools import accumulate
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from baqueano.cli.terminal import talk
+from baqueano.cli.terminal import print_message
 from baqueano.diagnostics import Diagnostic, note
 
 if TYPE_CHECKING:
@@ -20,7 +20,7 @@ POINTS = 200  # of the curve of costs
 
 
 class PageOfDrives:
-    """A page process that receives the drives to show; data for a process that has ended are dropped."""
+    """A page process that shows the drives it receives. Data are dropped after the process has ended."""
 
     def __init__(self, program: "subprocess.Popen[bytes] | None") -> None:
         self._program = program
@@ -29,8 +29,8 @@ class PageOfDrives:
         """Show a run after the previous ones."""
         self._send({"play": str(run.resolve())})
 
-    def tuned(self, result: "TuneResult") -> None:
-        """Show the decrease of the cost, and the gains before and after."""
+    def show_tuning(self, result: "TuneResult") -> None:
+        """Show the decrease of the cost, and the gains before and after the tuning."""
         costs = list(accumulate(result.history[:, 1].tolist(), min))
         gains = [
             {"name": gain.name, "unit": gain.unit, "before": gain.before, "value": gain.value}
@@ -39,8 +39,8 @@ class PageOfDrives:
         around = {"cost": result.cost, "before": result.cost_before, "gains": gains}
         self._send({"tuned": around | {"history": costs[:: max(1, len(costs) // POINTS)]}})
 
-    def say(self, message: Diagnostic) -> None:
-        """Show an event."""
+    def show_event(self, message: Diagnostic) -> None:
+        """Show an event on the page."""
         self._send({"say": message.to_json()})
 
     def _send(self, word: dict[str, object]) -> None:
@@ -52,9 +52,9 @@ class PageOfDrives:
 
 @contextmanager
 def run_with_page(folder: Path, shown: bool | None, pace: float) -> Iterator[PageOfDrives]:
-    """Open a page for the runs of `folder`, at a pace; at the end, wait until the viewers have seen them.
+    """Open a page for the runs of `folder`, played at `pace`. At the end, wait until the viewers have seen them.
 
-    `shown` None opens the page if there is a display.
+    With `shown` None, the page opens if there is a display.
     """
     if shown is None:
         shown = _display()
@@ -69,7 +69,7 @@ def run_with_page(folder: Path, shown: bool | None, pace: float) -> Iterator[Pag
         assert program.stdin is not None
         program.stdin.close()
         if program.poll() is None:
-            talk(note("cli.motion"))
+            print_message(note("cli.motion"))
         with suppress(KeyboardInterrupt):
             program.wait()
     finally:

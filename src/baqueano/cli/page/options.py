@@ -18,17 +18,20 @@ serving = options.together(
                                                                           "default: a free one.")),
     click.option(
         "--share", is_flag=True,
-        help="Open the page to this network too; others need the printed address or its QR code. "
-             "Default: this machine only.",
+        help=(
+            "Also share the page in this network; others need the printed address or its QR code. Default: "
+            "this computer only."
+        ),
     ),
-    click.option("--address", default="", metavar="IP", help=("Address to share; default: that of "
-                                                             "the network.")),
+    click.option("--address", default="", metavar="IP", help=(
+        "Address to share; default: the address of this computer in the network."
+    )),
     click.option("--browser/--no-browser", default=True, help="Open a browser tab, if there is a display."),
 )  # fmt: skip
 
 
-def served(folder: str, port: int, share: bool, address: str, browser: bool) -> "PageOptions":
-    """Return the options of the page. Raise UsageError if its library is missing."""
+def serve_options(folder: str, port: int, share: bool, address: str, browser: bool) -> "PageOptions":
+    """Return the options of the page. Raise UsageError if the library of the page is missing."""
     needs_websockets()
     from baqueano.web.run import PageOptions
 
@@ -36,5 +39,5 @@ def served(folder: str, port: int, share: bool, address: str, browser: bool) -> 
 
 
 def run(page: Coroutine[None, None, None]) -> None:
-    """Run a page until it ends."""
+    """Run the coroutine of a page until it ends."""
     asyncio.run(page)

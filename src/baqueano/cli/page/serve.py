@@ -7,16 +7,14 @@ import click
 
 from baqueano.cli import options
 from baqueano.cli.page import options as page_options
-from baqueano.cli.terminal import talk
+from baqueano.cli.terminal import print_message
 from baqueano.diagnostics import fault
 from baqueano.errors import UsageError
 
 GARAGE = "small"  # if there is no vehicle file
 
 
-@click.command(
-    help="Open the page of a vehicle: a simulated one, or the one at HOST; or that of a recorded RUN."
-)
+@click.command(help="Open the page of a simulated vehicle, of the vehicle at HOST, or of a recorded RUN.")
 @click.argument("run", required=False)
 @click.option(
     "--vehicle",
@@ -39,16 +37,18 @@ def command(
     several = [name for name, value in (("--vehicle", vehicle), ("--robot", robot)) if value]
     if run is not None and several:
         raise UsageError(fault("web.one-of", several=["RUN", *several]))
-    serving = page_options.served(folder, port, share, address, browser)
+    serving = page_options.serve_options(folder, port, share, address, browser)
     from baqueano.web.run import show_runs, show_vehicle
-    from baqueano.web.service import reached, simulated
+    from baqueano.web.service import connect, start_simulated
 
     vehicle_name = vehicle or (str(options.OWN_FILE) if options.OWN_FILE.exists() else GARAGE)
     if run is not None:
-        page_options.run(show_runs((run,), serving, talk))
+        page_options.run(show_runs((run,), serving, print_message))
     elif robot is not None and robot != "simulated":
-        page_options.run(show_vehicle(partial(reached, robot), serving, talk, (vehicle_name, options.ROUTES)))
+        page_options.run(
+            show_vehicle(partial(connect, robot), serving, print_message, (vehicle_name, options.ROUTES))
+        )
     else:
         more = ("--pace", str(pace), "--seed", str(seed or 0), "--routes", str(options.ROUTES))
-        start = partial(simulated, vehicle_name, Path(folder), *more)
-        page_options.run(show_vehicle(start, serving, talk, vehicle=vehicle_name))
+        start = partial(start_simulated, vehicle_name, Path(folder), *more)
+        page_options.run(show_vehicle(start, serving, print_message, vehicle=vehicle_name))

@@ -4,18 +4,18 @@ import click
 
 from baqueano.cli import options
 from baqueano.cli.page import options as page_options
-from baqueano.cli.terminal import talk
+from baqueano.cli.terminal import print_message
 
 
 @click.command(help="Open RUN in a browser: map, time plots, events; compare it with another run.")
 @click.argument("run", default="last")
-@click.option("--ghost", metavar="RUN", help="A second run, drawn beside the first.")
+@click.option("--ghost", metavar="RUN", help="A second run, drawn next to the first.")
 @options.runs_folder
 @page_options.serving
 def command(
     run: str, ghost: str | None, folder: str, port: int, share: bool, address: str, browser: bool
 ) -> None:
-    serving = page_options.served(folder, port, share, address, browser)
+    serving = page_options.serve_options(folder, port, share, address, browser)
     from baqueano.web.run import show_runs
 
-    page_options.run(show_runs((run, ghost) if ghost else (run,), serving, talk))
+    page_options.run(show_runs((run, ghost) if ghost else (run,), serving, print_message))

@@ -1,1 +1,1 @@
-"""The verbs of `baqueano robot`: setup, workshop and settings of the real vehicle; robot.py lists them all."""
+"""Define the verbs of `baqueano robot`: setup, workshop and settings of the real vehicle. robot.py lists all verbs."""

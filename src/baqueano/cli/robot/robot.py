@@ -1,5 +1,4 @@
-"""Define `baqueano robot`: the real vehicle. Its service starts `run`; the other verbs maintain it from any
-computer."""
+"""Define `baqueano robot`: its service on the vehicle starts `run`; the other verbs maintain it from any computer."""
 
 import sys
 from pathlib import Path
@@ -9,7 +8,7 @@ import click
 
 from baqueano.cli import VERBS, Verbs, options
 from baqueano.cli.robot import settings, setup, workshop
-from baqueano.cli.terminal import tell
+from baqueano.cli.terminal import print_result
 from baqueano.diagnostics import fault
 from baqueano.door import SOCKET
 from baqueano.language import number
@@ -29,7 +28,7 @@ def command() -> None:
 @options.vehicle
 @options.runs_folder
 @click.option("--door", type=click.Path(path_type=Path), default=SOCKET, show_default=True,
-              help="The socket at which it listens.")  # fmt: skip
+              help="Socket on which the service listens.")  # fmt: skip
 def run(vehicle: str | None, settings: tuple[str, ...], folder: str, door: Path) -> None:
     import gc
 
@@ -40,12 +39,14 @@ def run(vehicle: str | None, settings: tuple[str, ...], folder: str, door: Path)
         give_back = (lambda: None) if settings else opened_early(Path(vehicle or options.OWN_FILE))
         from baqueano.robot.service.onboard import serve
 
-        serve(options.load_vehicle(vehicle, settings), Path(folder), door, tell, give_back)
+        serve(options.load_vehicle(vehicle, settings), Path(folder), door, print_result, give_back)
     finally:
         gc.enable()
 
 
-@command.command(help="Join stdin and stdout to the service of this vehicle. ssh does this for --robot HOST.")
+@command.command(
+    help="Connect stdin and stdout to the service of this vehicle. ssh does this for --robot HOST."
+)
 @click.option(
     "--door",
     type=click.Path(path_type=Path),
@@ -76,26 +77,26 @@ def stop(host: str) -> None:
     from baqueano.diagnostics import stop as because
     from baqueano.door.remote import stop
 
-    tell(f"{host}: {stop(host, because(StopReason.STOPPED_BY_COMMAND))['state']}")
+    print_result(f"{host}: {stop(host, because(StopReason.STOPPED_BY_COMMAND))['state']}")
 
 
-@command.command(help="Clear a stop of the vehicle at HOST, after you looked at the vehicle.")
+@command.command(help="Clear a stop of the vehicle at HOST, after you have checked the vehicle.")
 @host
 def clear(host: str) -> None:
     from baqueano.messages import text
 
     with _connection(host) as remote:
-        remote.say(do="clear")
+        remote.send(do="clear")
         remote.wait(lambda: remote.state["state"] == "READY", 2.0)
         state = remote.state
-        tell(f"{host}: {state['state']}" + (f": {text(state['why'])}" if state.get("why") else ""))
+        print_result(f"{host}: {state['state']}" + (f": {text(state['why'])}" if state.get("why") else ""))
 
 
 @command.command(
     help=("List the runs on the vehicle at HOST; with --fetch, copy those that are missing here.")
 )
 @host
-@click.option("--fetch", is_flag=True, help="Copy them into the folder of runs.")
+@click.option("--fetch", is_flag=True, help="Copy the runs into the folder of runs.")
 @options.runs_folder
 def runs(host: str, fetch: bool, folder: str) -> None:
     from os.path import lexists
@@ -110,7 +111,7 @@ def runs(host: str, fetch: bool, folder: str) -> None:
             local_path = Path(folder) / name
             if fetch and not lexists(local_path):
                 remote.fetch(name, local_path)
-            tell(f"{name}{'' if not lexists(local_path) else f'  {local_path}'}")
+            print_result(f"{name}{'' if not lexists(local_path) else f'  {local_path}'}")
     if odd := [name for name in names if not is_name(name)]:
         odd_names = ", ".join(f'"{one_line(str(name))}"' for name in odd[:5])
         raise FileError(
@@ -126,14 +127,14 @@ for verb in (
 
 
 class RobotStatus:
-    """The state of the vehicle, as the vehicle reports it."""
+    """The state that the vehicle reports."""
 
     def __init__(self, reply: "JsonObject") -> None:
         self.reply = {k: v for k, v in reply.items() if k != "is"}
         self.verdict = str(reply.get("state"))
 
     def rows(self) -> list["TableRow"]:
-        """Return one row; it contains the reason of a stop as a sentence, as its code and as its figures."""
+        """Return one row; it contains the reason of a stop as a sentence, as a code, and as figures."""
         from baqueano.diagnostics import Diagnostic
         from baqueano.messages import text
 
@@ -155,6 +156,6 @@ class RobotStatus:
 
 
 def _connection(host: str) -> Any:
-    from baqueano.door.remote import reached
+    from baqueano.door.remote import connect
 
-    return reached(host)
+    return connect(host)

@@ -1,4 +1,4 @@
-"""Define `baqueano robot settings`: show and set the settings that the Uno stores, at a HOST by ssh."""
+"""Define `baqueano robot settings`: show and set, at a HOST by ssh, the settings that the Uno stores."""
 
 from collections.abc import Mapping
 from typing import Any
@@ -6,19 +6,19 @@ from typing import Any
 import click
 
 from baqueano.cli import numbers, options
-from baqueano.cli.terminal import answer, talk
+from baqueano.cli.terminal import answer, print_message
 
 WATCH_S = 20.0
 TURNED, SWAPPED = "straight|reversed", "straight|swapped"
-NAMES = {  # option: its values, help; names and ranges are those of robot/uno/settings.py
+NAMES = {  # option: its values, help; names and ranges as in robot/uno/settings.py
     "bridge": ("l298n|tb6612|l293d", "Type of the motors' bridge."),
     "encoders": ("none|single|quadrature", "Type of the encoders at D2, D4 (left) and D3, D7 (right)."),
     "left-motor": (TURNED, "Polarity of the two wires of this motor."),
     "right-motor": (TURNED, "Polarity of the two wires of this motor."),
-    "motors": (SWAPPED, "Whether left and right are swapped."),
+    "motors": (SWAPPED, "Order of left and right."),
     "left-encoder": (TURNED, "Order of the wires A and B of this encoder."),
     "right-encoder": (TURNED, "Order of the wires A and B of this encoder."),
-    "encoder-plugs": (SWAPPED, "Whether left and right are swapped."),
+    "encoder-plugs": (SWAPPED, "Order of left and right."),
     "mark": ("high|low", "Output of the lap mark's sensor when it is over the tape."),
     "battery-ratio": ("RATIO", "Voltage of the battery divided by that of A0: 3 for 20 kΩ and 10 kΩ."),
     "kick-ms": ("MS", "Shortest duration of the kick of a wheel that starts [ms]."),
@@ -42,9 +42,11 @@ choices = options.together(
 
 
 @click.command(
-    help="Show or set what the Uno stores: bridge, encoders, lap mark, polarity, and dead zone "
-    "and slope of each wheel. Without options it is shown. WAY is left-forwards, "
-    "left-backwards, right-forwards, right-backwards or all."
+    help=(
+        "Show or set the settings stored in the Uno: bridge, encoders, lap mark, polarity, and dead zone "
+        "and slope of each wheel. Without options, the settings are shown. WAY is left-forwards, "
+        "left-backwards, right-forwards, right-backwards or all."
+    )
 )
 @click.argument("host", default="here")
 @choices
@@ -61,19 +63,19 @@ def settings(
     from baqueano.robot import VEHICLE
     from baqueano.robot.uno import settings as uno_settings
     from baqueano.robot.uno.frames import Settings
-    from baqueano.robot.uno.serial_port import connected
+    from baqueano.robot.uno.serial_port import open_uno
     from baqueano.robot.workshop.exclusive_hardware import rows_from_host, service_off
 
-    changes = typed(given)
-    uno_settings.changed(Settings(), changes)  # a wrong one is reported before anything is opened
+    changes = option_values(given)
+    uno_settings.apply_changes(Settings(), changes)  # a wrong one is reported before anything is opened
     if host == "here":
         file = options.load_vehicle(vehicle, settings)
-        with service_off(talk), connected(file.robot.port) as uno:
+        with service_off(print_message), open_uno(file.robot.port) as uno:
             stored_settings = uno_settings.store(
-                uno, lambda before: uno_settings.changed(Settings() if defaults else before, changes)
+                uno, lambda before: uno_settings.apply_changes(Settings() if defaults else before, changes)
             )
             if watch_s is not None:
-                uno_settings.watch(uno, watch_s, talk)
+                uno_settings.watch(uno, watch_s, print_message)
     else:
         words = [f"--{name}={text}" for name, texts in changes.items() for text in texts]
         words += ["--defaults"] if defaults else []
@@ -84,8 +86,8 @@ def settings(
     answer(stored_settings, as_json)
 
 
-def typed(given: Mapping[str, Any]) -> dict[str, list[str]]:
-    """Return the typed values by the name of their option, without omitted options."""
+def option_values(given: Mapping[str, Any]) -> dict[str, list[str]]:
+    """Return option name → typed values, without omitted options."""
     changes: dict[str, list[str]] = {}
     for name in (*NAMES, *WAYS):
         value = given[name.replace("-", "_")]

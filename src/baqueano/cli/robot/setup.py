@@ -5,10 +5,10 @@ from pathlib import Path
 import click
 
 from baqueano.cli import options
-from baqueano.cli.terminal import talk, tell
+from baqueano.cli.terminal import print_message, print_result
 from baqueano.diagnostics import fault, note
-from baqueano.language import translated as _
-from baqueano.printable import typed
+from baqueano.language import translate as _
+from baqueano.printable import baqueano_command
 
 host = click.argument("host")
 
@@ -33,7 +33,11 @@ host = click.argument("host")
     help=("Let the robot open its own Wi-Fi, with its host name, for up to four clients."),
 )
 @click.option(
-    "--password", help=("Password of the Wi-Fi; asked for if it is left out; generated for its own network.")
+    "--password",
+    help=(
+        "Password of the Wi-Fi. If it is missing, the command asks for it; for the robot's own network it "
+        "is generated."
+    ),
 )
 @click.option(
     "--country", default="", help=("Country of the Wi-Fi, two letters; without it the Wi-Fi stays off.")
@@ -55,12 +59,12 @@ def card(
     elif own:
         network = Network(name, password or new_password(), country, own=True)
     for line in write(boot, name, user, text, network):
-        tell(line)
+        print_result(line)
     if network is None:
-        tell(note("cli.no-network"))
+        print_result(note("cli.no-network"))
     elif own:
-        tell(note("cli.own-network", ssid=network.ssid, password=network.password))
-    tell(note("cli.card-written", fix=typed("robot", "setup", f"{user}@{name}.local")))
+        print_result(note("cli.own-network", ssid=network.ssid, password=network.password))
+    print_result(note("cli.card-written", fix=baqueano_command("robot", "setup", f"{user}@{name}.local")))
 
 
 @click.command(
@@ -79,14 +83,14 @@ def setup(host: str, vehicle: str | None, settings: tuple[str, ...], dry: bool, 
     file = options.load_vehicle(vehicle, settings)
     machine = machine_at(host)
     python = f"{machine.python[0]}.{machine.python[1]}"
-    folder = bundle(folder or user_cache() / "robot" / f"{python}-{machine.kind}", machine, talk)
+    folder = bundle(folder or user_cache() / "robot" / f"{python}-{machine.kind}", machine, print_message)
     (folder / "vehicle.toml").write_text(file.text, encoding="utf-8")
     own = vehicle is not None or options.OWN_FILE.exists()
     if not own:
-        talk(note("cli.no-vehicle-file"))
-    install(host, folder, machine, vehicle=file if own else None, say=tell, dry=dry)
+        print_message(note("cli.no-vehicle-file"))
+    install(host, folder, machine, vehicle=file if own else None, notify=print_result, dry=dry)
     if not dry:
-        tell(note("cli.is-a-vehicle", fix=typed("robot", "doctor", host), host=host))
+        print_result(note("cli.is-a-vehicle", fix=baqueano_command("robot", "doctor", host), host=host))
 
 
 @click.command(help="Remove everything that setup installed at HOST. Its runs stay.")

@@ -6,7 +6,7 @@ from typing import Any
 import click
 
 from baqueano.cli import Verbs, options
-from baqueano.cli.terminal import answer, talk
+from baqueano.cli.terminal import answer, print_message
 from baqueano.diagnostics import fault
 
 host = click.argument("host", default="here")
@@ -19,7 +19,7 @@ host = click.argument("host", default="here")
 @options.vehicle
 @options.runs_folder
 @click.option("--jitter", "jitter_s", type=float, is_flag=False, flag_value=10.0, default=0.0, metavar="[SECONDS]",
-              help="Also measure how late a loop of 100 Hz wakes up; default: 10 s.")  # fmt: skip
+              help="Also measure how late a 100 Hz loop wakes up; default: 10 s.")  # fmt: skip
 @options.as_json
 def doctor(
     host: str, vehicle: str | None, settings: tuple[str, ...], folder: str, jitter_s: float, as_json: bool
@@ -30,8 +30,8 @@ def doctor(
 
     if host == "here":
         file = options.load_vehicle(vehicle, settings)
-        with service_off(talk):
-            report = examine(file.robot, Path("/"), Path(folder), jitter_s, talk)
+        with service_off(print_message):
+            report = examine(file.robot, Path("/"), Path(folder), jitter_s, print_message)
     else:
         more = [f"--jitter={jitter_s:g}"] if jitter_s else []
         rows = rows_from_host(host, "robot", "doctor", "--vehicle", VEHICLE, "--runs", f"{HOME}/runs", *more)
@@ -45,7 +45,10 @@ def doctor(
 @host
 @options.vehicle
 @click.option(
-    "--hex", "hex_file", type=click.Path(path_type=Path), help="An Intel hex file, as make firmware builds."
+    "--hex",
+    "hex_file",
+    type=click.Path(path_type=Path),
+    help=("Intel hex file, such as the file that make firmware builds."),
 )
 @options.as_json
 def flash(
@@ -59,8 +62,8 @@ def flash(
 
     if host == "here":
         file = options.load_vehicle(vehicle, settings)
-        with service_off(talk):
-            result = write(file.robot.port, hex_file, talk)
+        with service_off(print_message):
+            result = write(file.robot.port, hex_file, print_message)
     elif hex_file is not None:
         raise UsageError(fault("cli.hex-from-afar", host=host))
     else:
@@ -89,12 +92,12 @@ def imu(host: str, vehicle: str | None, settings: tuple[str, ...], update: bool,
     from baqueano.robot import VEHICLE
     from baqueano.robot.workshop.calibrate_imu import ImuReader, MountedImu
     from baqueano.robot.workshop.calibrate_imu import calibrate as find
-    from baqueano.robot.workshop.exclusive_hardware import opened, rows_from_host
+    from baqueano.robot.workshop.exclusive_hardware import open_hardware, rows_from_host
 
     file = options.load_vehicle(vehicle, settings)
     if host == "here":
-        with opened(file.robot, talk, in_chip_axes=True, motors=False) as floor:
-            mounted_imu = find(ImuReader(floor.imu), talk)
+        with open_hardware(file.robot, print_message, in_chip_axes=True, motors=False) as floor:
+            mounted_imu = find(ImuReader(floor.imu), print_message)
     else:  # its service uses its own vehicle file, so that file is written there
         more = ["--update"] if update else []
         mounted_imu = MountedImu.of(
@@ -102,13 +105,13 @@ def imu(host: str, vehicle: str | None, settings: tuple[str, ...], update: bool,
         )
     answer(mounted_imu, as_json)
     values = mounted_imu.values(file)
-    options.kept(file.with_values(values, {key: {"run": "calibrate imu"} for key in values}), update)
+    options.save_update(file.with_values(values, {key: {"run": "calibrate imu"} for key in values}), update)
 
 
 @calibrate.command(
     help=(
-        "Measure wiring, dead zones and slopes of the motors, and store them in the Uno. It "
-        "needs 1 m of free floor."
+        "Measure wiring, dead zones and slopes of the motors, and store them in the Uno. This needs 1 m of "
+        "free floor."
     )
 )
 @host
@@ -119,14 +122,14 @@ def motors(host: str, vehicle: str | None, settings: tuple[str, ...], as_json: b
     from baqueano.robot.service.configuration import config_of
     from baqueano.robot.workshop.calibrate_motors import Motors
     from baqueano.robot.workshop.calibrate_motors import calibrate as find
-    from baqueano.robot.workshop.exclusive_hardware import opened, rows_from_host
+    from baqueano.robot.workshop.exclusive_hardware import open_hardware, rows_from_host
 
     motors: Any
     if host == "here":
         file = options.load_vehicle(vehicle, settings)
-        with opened(file.robot, talk) as floor:
+        with open_hardware(file.robot, print_message) as floor:
             floor.uno.configure(config_of(file.robot, floor.uno.info))
-            motors = find(floor, talk)
+            motors = find(floor, print_message)
     else:
         motors = Motors.of(rows_from_host(host, "robot", "calibrate", "motors", "--vehicle", VEHICLE))
     answer(motors, as_json)

@@ -3,9 +3,9 @@
     J = ∂e/∂E / e_max,   P = JᵀJ + DᵀD,   q = Jᵀ (e / e_max − J E°) − Dᵀ d,   D E − d = Δε / change_max   (1)
 
 e is the error of the pose at each step, E the plan of the efforts ε. The model is linearised at the plan E°. P and q
-are those of program.py. D depends only on the weights and is computed once. The engine computes e and its derivatives
-in one call, in model steps of at most LONGEST_S. One call before it computes the state at the start, one after it the
-command.
+are defined in program.py. D depends only on the weights and is computed once. The engine computes e and its derivatives
+in one call, in model steps of at most LONGEST_S. A call before it computes the state at the start, a call after it
+the command.
 """
 
 from dataclasses import replace
@@ -65,11 +65,11 @@ class Horizon:
         self._kernel = self._begin_compiled = self._command_compiled = None
 
     def at_rest(self) -> tuple[np.ndarray, np.ndarray, Tree]:
-        """Return plan (N, k), effort (k,) and drivetrain for motors that have been off for a long time."""
+        """Return plan (N, k), effort (k,) and state of the drivetrain for motors that have been off for a long time."""
         return np.zeros((STEPS, self._k)), np.zeros(self._k), self._even.drivetrain.init()
 
     def motors(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Return the rows (c, N k) that map the plan to all channels, and their least and largest efforts (c,)."""
+        """Return the rows (c, N k) that map the plan to the efforts of all motors and steps, and their bounds (c,)."""
         mix = np.column_stack([self._motors.mix(row) for row in self._alive])
         most = np.minimum(np.abs(mix) @ np.minimum(self._alive @ self._limit, FAR), self._motors.limit)
         low, high = (np.tile(self._motors.static(sign * most), STEPS) for sign in (-1.0, 1.0))
@@ -78,7 +78,7 @@ class Horizon:
     def linear(
         self, plan: Plan, dt_s: float, reference: Reference, estimate: Estimate
     ) -> tuple[np.ndarray, Tree, Quadratic | None]:
-        """Return the shifted plan (N, k), the present drivetrain, and the program, or None if the model diverges."""
+        """Return the shifted plan (N, k), the state of the drivetrain, and the program; None if the model diverges."""
         now = plan[1:4], dt_s, float(plan.t_ns >= 0), estimate.eta, estimate.nu, reference.eta, reference.nu
         if self._begin_compiled is None:
             self._begin_compiled = function(self._begin, *now).call
@@ -98,7 +98,7 @@ class Horizon:
         return E, drivetrain, Quadratic(J.T @ J + self._P, q, p_E, low, high)
 
     def command(self, effort: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Return the command (n,) for an effort (k,), and the effort (k,) that this command really causes."""
+        """Return the command (n,) for an effort (k,) within the limits, and the effort (k,) that it really causes."""
         if self._command_compiled is None:
             self._command_compiled = function(self._command, effort).call
         return self._command_compiled(effort)
@@ -110,10 +110,10 @@ class Horizon:
         return u, self._alive @ motors.unmix(motors.static(motors.mix(u)))
 
     def _begin(
-        self, before: Tree, dt_s: Value, has_plan: Value, eta: Value, nu: Value, eta_r: Value, nu_r: Value
+        self, previous: Tree, dt_s: Value, has_plan: Value, eta: Value, nu: Value, eta_r: Value, nu_r: Value
     ) -> tuple[np.ndarray, Tree, np.ndarray]:
-        """Return the present plan and drivetrain, and the start of the kernel: all its numbers in one row."""
-        E, effort, drivetrain = before
+        """Return the present plan, the state of the drivetrain, and all inputs of the kernel in one array."""
+        E, effort, drivetrain = previous
         drivetrain = self._even.drivetrain.step(drivetrain, self._alive.T @ effort, dt_s)[0]
         k = np.minimum(np.arange(STEPS) + has_plan * dt_s / self._step_s, STEPS - 1.0)
         # linear interpolation between the steps
@@ -123,7 +123,7 @@ class Horizon:
         return E, drivetrain, np.concatenate(parts)
 
     def _scan(self, start: np.ndarray) -> Scan:
-        """Return the kernel: at the end of each step, e / e_max and the coordinates that have walls."""
+        """Return the kernel, which computes e / e_max and the coordinates with walls at the end of each step."""
         dt_s, past = self._step_s / self._parts, self._even.drivetrain.init()
         ends = np.cumsum([3, 3, past.past.size, past.steps_s.size, past.lagged.size, 3])
 

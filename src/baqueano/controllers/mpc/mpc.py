@@ -1,13 +1,13 @@
 """Model predictive control with the user's own model: optimise the commands of `horizon_s` within their limits.
 
     x_{k+1} = f(x_k, ε_k)                     the vehicle's own step, with the motors' delay and lag       (1)
-    r_k = ((e_x, e_y, e_ψ)_k / e_max,  (ε_k − ε_{k−1}) / change_max)     e against the reference at k     (2)
+    r_k = ((e_x, e_y, e_ψ)_k / e_max,  (ε_k − ε_{k−1}) / change_max)     e: error from the reference      (2)
     min over E   ½ |r(E°) + ∂r/∂E (E − E°)|²,   static(−limit) ≤ mix(ε_k) ≤ static(limit)                 (3)
                  wall_low ≤ p_k + ∂p/∂E (E − E°) ≤ wall_high                                              (4)
 
-x: state; p: position; E = (ε_0, ε_1, …). ε is the effort after the dead zone, in which a command has zero slope; u =
-drivetrain⁻¹(ε_0). The reference at k is the present one, advanced with its velocity: a bend is predicted once it has
-begun. E° is the previous plan, shifted by the elapsed time; one step of (3) per tick follows the optimum (real-time
+x: state; p: position; E = (ε_0, ε_1, …). ε is the effort after the dead zone, within which a command has no effect; u =
+drivetrain⁻¹(ε_0). The reference at k is the present one, advanced with its velocity: a bend is predicted only once the
+reference is in it. E° is the previous plan, shifted in time; one step of (3) per tick follows the optimum (real-time
 iteration). If the solver fails, the old plan continues, and the run reports it; after FAILURES ticks the drive ends.
 Source: Diehl, Bock and Schlöder, SIAM Journal on Control and Optimization, 2005; solver: OSQP, Stellato et al., 2020.
 """
@@ -23,7 +23,7 @@ from baqueano.controllers.mpc.plan import Plan
 from baqueano.controllers.mpc.program import BoundedProgram
 from baqueano.diagnostics import Diagnostic, Severity, fault, note
 from baqueano.errors import Invalid
-from baqueano.parameter import INF, documented, parameter
+from baqueano.parameter import INF, document, parameter
 from baqueano.signals import Command, Estimate, Reference, seconds
 from baqueano.vehicles.bounds import check_bounds
 from baqueano.vehicles.state import Vehicle
@@ -31,7 +31,7 @@ from baqueano.vehicles.state import Vehicle
 FAILURES = 10  # ticks without a solution, after which the drive ends
 
 
-@documented
+@document
 @dataclass(frozen=True, eq=False)
 class Mpc:
     """Model predictive controller: it optimises the commands within a horizon to follow the reference.
@@ -67,7 +67,7 @@ class Mpc:
     vehicle: Vehicle
     horizon_s: float = parameter("s", "time that the controller looks ahead", low=0.1, high=5.0, default=0.8)
     e_max: np.ndarray = parameter(
-        "m, m, rad", "errors ahead, beside and of the heading with the same weight", low=1e-4, shape=(3,),
+        "m, m, rad", "along-track, cross-track and heading errors with the same weight", low=1e-4, shape=(3,),
         default=(0.05, 0.02, 0.15),
     )  # fmt: skip
     change_max: float = parameter(
@@ -75,7 +75,7 @@ class Mpc:
         low=1e-3, default=0.3,
     )  # fmt: skip
     wall_low: np.ndarray = parameter(
-        "m, m", "least x and y that the origin may reach in the map", shape=(2,), default=(-INF, -INF)
+        "m, m", "smallest x and y that the origin may reach in the map", shape=(2,), default=(-INF, -INF)
     )
     wall_high: np.ndarray = parameter("m, m", "largest x and y", shape=(2,), default=(INF, INF))
     rate_hz: float = 100.0

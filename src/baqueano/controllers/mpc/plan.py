@@ -19,9 +19,9 @@ class Plan(NamedTuple):
     effort : ndarray (k,) [unit of u]
         Effort of the last command.
     drivetrain : DrivetrainState
-        Delay and lag after the commands that were sent.
+        State of delay and lag after the commands that were sent.
     failures : int
-        Ticks in a row in which the solver failed.
+        Number of consecutive ticks in which the solver failed.
     """
 
     t_ns: int

@@ -2,7 +2,8 @@
 
     min ½ zᵀ P z + qᵀ z,    least ≤ rows z ≤ most,    low ≤ A z ≤ high                                     (1)
 
-P is dense; `rows` are the same each time. Source: Stellato et al., Mathematical Programming Computation, 2020.
+P is dense; `rows`, `least` and `most` are the same at each call. Source: Stellato et al., Mathematical Programming
+Computation, 2020.
 """
 
 from typing import Any
@@ -29,7 +30,7 @@ class BoundedProgram:
         self._program: Any = None  # an OSQP program, from the first call on
 
     def solve(self, given: Tree, start: np.ndarray) -> np.ndarray | None:
-        """Return z in the shape of `start` for P, q, A, low and high; None if the solver does not converge in time."""
+        """Return the solution z, in the shape of `start`, for P, q, A, low and high in `given`; None if it fails."""
         P, q, A, low, high = given
         if self._program is None:
             self._set_up(P, q, A, low, high)
@@ -46,7 +47,7 @@ class BoundedProgram:
         return np.reshape(answer.x, start.shape) if is_solved else None
 
     def _set_up(self, P: np.ndarray, q: np.ndarray, A: np.ndarray, low: np.ndarray, high: np.ndarray) -> None:
-        """Give the solver the sparsity pattern, by columns: the upper half of P, the rows, and a dense A."""
+        """Set the sparsity pattern of the solver, by columns: the upper half of P, the rows, and a dense A."""
         from scipy.sparse import csc_matrix
 
         upper = np.triu(np.ones_like(P)) > 0.0
@@ -65,7 +66,7 @@ class BoundedProgram:
 
 
 def _osqp() -> Any:
-    """Return a program of the solver; raise UsageError if it is not installed."""
+    """Return a new OSQP solver; raise UsageError if OSQP is not installed."""
     try:
         import osqp
     except ImportError as error:

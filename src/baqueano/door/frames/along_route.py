@@ -1,7 +1,7 @@
 """Follow the progress of a vehicle along a route, tick by tick.
 
-The nearest segment within REACH_M of the last position, measured along the route, counts. So the crossing of an eight
-is not taken for a short cut:
+Of the segments within REACH_M of the last position, measured along the route, the nearest one is used. The progress
+therefore does not jump where a route crosses itself, as a figure of eight does:
 
   s = s_k + t · (p − p_k),  t = (p_{k+1} − p_k)/|p_{k+1} − p_k|,  cross = t × (p − p_k)                  (1)
 """
@@ -17,7 +17,7 @@ REACH_M = 0.3
 
 
 class AlongRoute:
-    """The progress of a vehicle that begins at the route's first pose."""
+    """A tracker of the progress of a vehicle that begins at the route's first pose."""
 
     def __init__(self, route: "Route") -> None:
         p = np.asarray(route.eta[:, :2], dtype=float)
@@ -31,7 +31,10 @@ class AlongRoute:
         self._progress_m = 0.0
 
     def where(self, eta: list[float]) -> tuple[float, float]:
-        """Return the progress over all laps [m], and the cross-track distance, positive to the left [m].  (1)"""
+        """Return the progress over all laps [m], and the cross-track distance [m], positive to the left.  (1)
+
+        Both are NaN for a position that is not finite, or a route without length.
+        """
         if not len(self._s) or not np.isfinite(eta[0] + eta[1]):
             return float("nan"), float("nan")
         off = np.array(eta[:2]) - self._p

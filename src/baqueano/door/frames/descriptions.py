@@ -24,9 +24,9 @@ ROOMS = ("estimator", "guide", "controller")
 def vehicle_words(
     file: "VehicleFile", world: str, seed: int | None = None, blocks: dict[str, str] | None = None
 ) -> JsonObject:
-    """Return the description of a vehicle that a page needs before its first picture.
+    """Return the description of a vehicle that a page needs before the first frame.
 
-    `world`: simulated or real; `blocks`: those that a mission takes in place of the file's, by room.
+    `world` is "simulated" or "real". `blocks` are the kinds by room that a mission uses in place of the file's blocks.
     """
     block_kinds = blocks or {}
     kinds = {
@@ -59,7 +59,7 @@ def vehicle_words(
 
 
 def gains_of(file: "VehicleFile", kind: str | None = None) -> dict[str, float]:
-    """Return the scalar gains of the controller by their path, "controller.k_x"; {} if the file lacks them."""
+    """Return the scalar gains of the controller by their path, as "controller.k_x"; {} if the file lacks gains."""
     try:
         controller = file.controller(kind)
     except BaqueanoError:
@@ -73,7 +73,7 @@ def gains_of(file: "VehicleFile", kind: str | None = None) -> dict[str, float]:
 
 
 def numbers_in(block: object) -> list[str]:
-    """Return the names of the numeric parameters of a block, without the rate of its vehicle."""
+    """Return the names of the numeric parameters of a block, except `rate_hz`, which belongs to the vehicle."""
     names = [field.name for field in fields(block)] if is_dataclass(block) else []
     return [n for n in names if n != "rate_hz" and np.asarray(getattr(block, n)).dtype.kind in "fi"]
 
@@ -91,7 +91,7 @@ def route_words(route: "Route | None", name: str = "", laps: int = 1) -> JsonObj
 
 
 def drive_words(mission: "Mission | None", rate_hz: float, record: "Record | None") -> JsonObject:
-    """Return the part of the state message on the present mission and its last tick, with null for unknown values."""
+    """Return the fields of the state message about the present mission and its last tick; null if unknown."""
     t_s = 0.0 if record is None else float(seconds(record.tick.t_ns))
     return _mission_words(mission, rate_hz, t_s) | _motion_words(record)
 
@@ -111,7 +111,7 @@ def _mission_words(mission: "Mission | None", rate_hz: float, t_s: float) -> Jso
 
 
 def _motion_words(record: "Record | None") -> JsonObject:
-    """Return the values of a tick for the person who drives."""
+    """Return command, request, speed, yaw rate and degraded sensors of a tick, {} without a tick."""
     if record is None:
         return {}
     nu = record.estimate.nu.tolist()

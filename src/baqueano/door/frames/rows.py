@@ -1,8 +1,8 @@
-"""Convert the ticks of a drive to rows of numbers for its viewers.
+"""Convert the ticks of a drive to rows of numbers for the clients that watch it.
 
 The thread of the loop puts each record into a ring, which takes a microsecond. The thread of the door makes each row
-once for all viewers, and only while there are some. The channels are those of the vehicle's sensors, so that the
-columns do not depend on the blocks that drive. Missing values are null.
+once for all clients, and only while a client watches. There are columns for all channels of the vehicle's sensors, so
+that they do not depend on the blocks that drive. Missing values are null.
 
   model    ẑ = z − y,  y the innovation                                                                  (1)
   nis      yᵀ S⁻¹ y / m over the m innovations that arrived                                              (2)
@@ -35,7 +35,7 @@ if TYPE_CHECKING:
 RING = 1024  # ticks that are kept for slow clients
 # rows that are made before the door reads again: a fast simulation makes thousands of ticks a second
 A_TURN = 16
-MOST_HZ = 50.0  # frames a second
+MOST_HZ = 50.0  # largest frame rate
 NAN = float("nan")
 DRIVES = count()
 
@@ -54,7 +54,7 @@ REST = (
 
 
 class Column(NamedTuple):
-    """One number of a row."""
+    """A column of the rows: its name, its unit, and the kind of its quantity."""
 
     name: str
     unit: str
@@ -62,7 +62,7 @@ class Column(NamedTuple):
 
 
 class RecordedTick(NamedTuple):
-    """A tick, and the values that its record lacks."""
+    """A tick, and values that its record does not contain: the true motion, the battery voltage, and the delay."""
 
     record: "Record"
     truth: Motion | None
@@ -71,7 +71,7 @@ class RecordedTick(NamedTuple):
 
 
 def columns_of(file: "VehicleFile") -> list[Column]:
-    """Return the columns of a row of this vehicle."""
+    """Return the columns of the rows of this vehicle, in order."""
     columns = [Column("t", "s", "time")]
     columns += [Column(name, unit, KIND_OF[name.partition(".")[0]]) for name, unit in ESTIMATE]
     for name, kind in (("u", "command"), ("asked", "asked")):
@@ -89,25 +89,25 @@ class DriveRows:
     """The rows of one drive."""
 
     file: "VehicleFile"
-    estimator: "Estimator | None" = None  # that drives
+    estimator: "Estimator | None" = None  # the estimator that drives
     route: "Route | None" = None
-    ticks: deque[RecordedTick] = field(default_factory=lambda: deque(maxlen=RING))  # not made into rows yet
-    tick_count: int = 0  # ticks that the loop has put there
+    ticks: deque[RecordedTick] = field(default_factory=lambda: deque(maxlen=RING))  # not yet made into rows
+    tick_count: int = 0  # number of ticks stored by the loop
 
     def __post_init__(self) -> None:
         self.number = next(DRIVES)
         self.columns = columns_of(self.file)
         self.rows: deque[tuple[int, list[str]]] = deque(maxlen=RING)  # t_ns, the numbers as text
-        self.row_count = 0  # rows since the drive's begin, those that nobody watched among them
+        self.row_count = 0  # rows since the begin of the drive, including rows that were skipped
         sensors = self.file.sensors
         self._sizes = [getattr(sensors, name).size for name in sensors._fields]
         self._along = None if self.route is None else AlongRoute(self.route)
-        self._at: tuple[int, ...] | None = ()  # the channel of each innovation; () before the first
+        self._at: tuple[int, ...] | None = ()  # channel of each innovation; () before the first tick
 
     def make(self, most: int = RING) -> bool:
         """Convert at most `most` waiting ticks to rows, and return True while others wait.
 
-        Ticks that the ring has dropped are left out.
+        Ticks that the ring has dropped are not converted.
         """
         tick_count, waiting = self.tick_count, len(self.ticks)
         first = max(self.row_count, tick_count - waiting)
@@ -120,13 +120,16 @@ class DriveRows:
         return bool(self.ticks)
 
     def skip(self) -> None:
-        """Drop all ticks so far and begin with the next one, as no client has watched them."""
+        """Drop all ticks so far, which no client has watched, and begin with the next tick."""
         self.ticks.clear()
         self.rows.clear()
         self.row_count = self.tick_count
 
     def frame(self, shown: int, columns: tuple[int, ...] | None) -> bytes | None:
-        """Return the rows after the first `shown` ones as an encoded message, or None without such rows."""
+        """Return the rows after the first `shown` rows as an encoded message, or None without such rows.
+
+        `columns` are the indices of the columns to send, None for all.
+        """
         number = min(self.row_count - shown, len(self.rows))
         if number <= 0:
             return None
@@ -153,7 +156,7 @@ class DriveRows:
         ]  # fmt: skip
 
     def _innovations(self, record: "Record", channels: int) -> tuple[list[float], list[float], float]:
-        """Return the innovation of each channel, its standard deviation, and the NIS.  (2)"""
+        """Return the innovation of each channel, its standard deviation, and the NIS; NaN for missing values.  (2)"""
         y, S = record.estimate.innovation, record.estimate.innovation_cov
         innovation, deviation = [NAN] * channels, [NAN] * channels
         if y is None or S is None:
@@ -171,12 +174,12 @@ class DriveRows:
 
 
 def _cells(row: list[float]) -> list[str]:
-    """Return the numbers as JSON with seven digits each, enough for hundredths of a second over a day."""
+    """Return the numbers as JSON with seven digits each, enough for hundredths of a second during a day."""
     return [f"{x:.7g}" if x - x == 0.0 else "null" for x in row]
 
 
 class Frames:
-    """The present drive, or the last one. The loop calls `begin` and `look`, the door the other methods."""
+    """The present or last drive. The loop calls `begin` and `look`, the door calls `drive`."""
 
     def __init__(self) -> None:
         self._lock = threading.Lock()
@@ -187,7 +190,7 @@ class Frames:
         self, file: "VehicleFile", world: str, seed: int | None = None, estimator: "Estimator | None" = None,
         mission: "Mission | None" = None, name: str = "",
     ) -> None:  # fmt: skip
-        """Begin a drive, or announce an expected one; `name` is the name of its route."""
+        """Begin a drive, or announce the vehicle before its first drive; `name` is the name of the route."""
         route, laps = (None, 1) if mission is None else (mission.route, mission.laps)
         drive = DriveRows(file, estimator, route)
         fields: JsonObject = {
@@ -203,7 +206,7 @@ class Frames:
     def look(
         self, record: "Record", truth: Motion | None = None, battery_v: float = NAN, late_ms: float = NAN
     ) -> None:
-        """Store a tick, without waiting."""
+        """Store a tick without waiting."""
         if (drive := self._drive) is not None:
             drive.ticks.append(RecordedTick(record, truth, battery_v, late_ms))
             drive.tick_count += 1

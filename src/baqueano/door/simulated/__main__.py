@@ -19,8 +19,6 @@ from baqueano.door.sockets import Door
 from baqueano.errors import BaqueanoError
 from baqueano.vehicle_file import load
 
-SWITCH_S = 5e-4  # a fast loop never sleeps: the door would wait 5 ms after each system call
-
 
 def main(words: list[str] | None = None) -> int:
     """Run the service; return its exit code."""
@@ -36,19 +34,18 @@ def main(words: list[str] | None = None) -> int:
     routes = StoredRoutes(options.routes)
     service = SimulatedService(file, truth, options.runs, routes, options.seed, options.backend, pace=pace)
     door = Door(options.socket, service.operator, options.runs, service.words())
-    service.tell, service.frames = door.tell, door.frames
+    service.broadcast, service.frames = door.broadcast, door.frames
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # the parent is asked, and ends this process by its stdin
     signal.signal(signal.SIGTERM, lambda number, frame: service.end())
     if options.socket is None:
         _on_pipes(door, service)
-    sys.setswitchinterval(SWITCH_S)
     service.run()
     door.close()
     return 0
 
 
 def _on_pipes(door: Door, service: SimulatedService) -> None:
-    """Join stdin and stdout to the door; the output of blocks goes to stderr."""
+    """Join stdin and stdout to the door, and redirect the output of blocks to stderr."""
     coming, going = sys.stdin.buffer, os.fdopen(os.dup(sys.stdout.fileno()), "wb")
     os.dup2(sys.stderr.fileno(), sys.stdout.fileno())
     near_end, far_end = socket.socketpair()

@@ -1,12 +1,13 @@
 """Plan missions by name, as a page requests them: a kind, a shape or a stored route, and numbers, but never a path.
 
   {kind: "teach", name, shape, size_m, speed_m_s, closed}     by hand if `shape` is missing
-  {kind: "repeat", route, laps, blocks}   room → kind, in place of the file's
+  {kind: "repeat", route, laps, blocks}     blocks: room → kind, in place of the file's blocks
   {kind: "experiment", signal, seconds}
   {kind: "drive"}, {kind: "first drive"}
 
-All kinds accept `seed`, `shake`, a list of faults (worlds/faults/), and `hurry_s`, the time until which the drive does
-not wait. A whole mission in JSON, as the laptop sends it to a robot, brings its own vehicle file and its own blocks.
+All kinds accept three more fields: `seed`, `shake`, a list of faults (worlds/faults/), and `hurry_s`, the drive time
+until which the ticks do not wait. A whole mission in JSON, as the laptop sends it to a robot, contains its vehicle file
+and the user's blocks.
 """
 
 import json
@@ -22,7 +23,7 @@ import numpy as np
 from baqueano.contracts.values import JsonObject
 from baqueano.diagnostics import fault
 from baqueano.door.frames.descriptions import ROOMS
-from baqueano.drive.mission import Mission, unpacked
+from baqueano.drive.mission import Mission, unpack
 from baqueano.errors import FileError, UsageError
 from baqueano.guides.shapes import shape
 from baqueano.runs.folder import plain_label
@@ -36,23 +37,23 @@ if TYPE_CHECKING:
     from baqueano.guides.route import Route
     from baqueano.vehicle_file.file import VehicleFile
 
-SIZE_M, SPEED_M_S = 1.0, 0.25  # of a shape
-SECONDS = 60.0  # of an experiment
+SIZE_M, SPEED_M_S = 1.0, 0.25  # defaults of a shape
+SECONDS = 60.0  # default duration of an experiment
 MOST_SECONDS = 3600.0
 
 
 @dataclass(frozen=True, eq=False)
 class MissionPlan:
-    """A mission, the vehicle file that drives it, and the options of its result."""
+    """A mission, its vehicle file, and the options of its simulation and its result."""
 
     mission: Mission
     file: "VehicleFile"
-    name: str = ""  # of its route
+    name: str = ""  # name of its route
     keep: str = ""  # the name under which a lesson's route is stored
     closed: bool | None = None  # True for a closed route; None: closed if the drive returned to its start
     seed: int | None = None
     shake: tuple[Fault, ...] = ()
-    hurry_s: float = 0.0  # of the drive, that pass as fast as they can be computed
+    hurry_s: float = 0.0  # drive time until which the ticks do not wait
 
     @property
     def start(self) -> np.ndarray:
@@ -63,10 +64,10 @@ class MissionPlan:
 
 
 @contextmanager
-def planned(
+def mission_plan(
     mission_json: str, file: "VehicleFile", routes: "StoredRoutes", seed: int
 ) -> Iterator[MissionPlan]:
-    """Yield the plan of a mission in JSON, whole or by name.
+    """Yield the plan of a mission in JSON, which is a whole mission or a request by name.
 
     Raise UsageError or FileError if it is not a valid mission.
     """
@@ -87,12 +88,12 @@ def planned(
     extra_keys = ("seed", "shake", "hurry_s")
     mission = Mission.of_json(json.dumps({k: v for k, v in request.items() if k not in extra_keys}))
     with TemporaryDirectory(prefix="baqueano-") as folder:
-        file = unpacked(mission, Path(folder))
+        file = unpack(mission, Path(folder))
         yield MissionPlan(mission, file, seed=seed, shake=faults, hurry_s=hurry_s)
 
 
-def refreshed(file: "VehicleFile") -> "VehicleFile":
-    """Return the present vehicle file from the disk, as gains may have been written since.
+def reload(file: "VehicleFile") -> "VehicleFile":
+    """Return the vehicle file, read again if it has changed on the disk, as after gains were written.
 
     Raise FileError if it is broken.
     """
@@ -108,13 +109,13 @@ class StoredRoutes:
         self.folder = folder
 
     def path(self, name: str) -> Path:
-        """Return the file of this name. Raise FileError if the name is not plain."""
+        """Return the path of the route with this name. Raise FileError if the name is not plain."""
         if not name or plain_label(name) != name:
             raise FileError(fault("door.route-name", found=repr(name)))
         return self.folder / f"{name}.csv"
 
     def read(self, name: str) -> "Route":
-        """Return the stored route. Raise FileError if it does not exist."""
+        """Return the stored route with this name. Raise FileError if it does not exist."""
         if not (path := self.path(name)).is_file():
             raise FileError(fault("door.no-route", found=repr(name), known=[*self.names()]))
         return read_route(path)
@@ -124,7 +125,7 @@ class StoredRoutes:
         return sorted(path.stem for path in self.folder.glob("*.csv") if plain_label(path.stem) == path.stem)
 
     def rows(self) -> list[JsonObject]:
-        """Return a row for each route that can be read."""
+        """Return name, closed, length [m] and duration [s] of each route that can be read."""
         rows: list[JsonObject] = []
         for name in self.names():
             try:
@@ -145,7 +146,7 @@ def _plan_by_name(
     match kind:
         case "teach":
             keep = str(request.get("name") or "lesson")
-            routes.path(keep)  # a wrong name is refused before anything moves
+            routes.path(keep)  # an invalid name is refused before the vehicle moves
             if (shape_name := request.get("shape")) is None:
                 closed = request.get("closed")
                 return MissionPlan(
@@ -175,7 +176,10 @@ def _plan_by_name(
 
 
 def _blocks(request: JsonObject) -> dict[str, str]:
-    """Return the blocks of a repetition that replace those of the file. Raise UsageError for malformed ones."""
+    """Return the blocks of a repetition, room → kind, that replace the file's blocks.
+
+    Raise UsageError if they are malformed.
+    """
     blocks = request.get("blocks", {})
     is_mapping = isinstance(blocks, dict) and set(blocks) <= set(ROOMS)
     if not is_mapping or not all(isinstance(kind, str) for kind in blocks.values()):

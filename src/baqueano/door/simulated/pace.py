@@ -1,8 +1,8 @@
-"""Clock of a simulated drive: its ticks follow wall time at a pace that may change or pause.
+"""Clock of a simulated drive: its ticks follow wall time at a pace that may change, and may be paused.
 
   due_{k+1} = due_k + 1/(f · pace)                                                                       (1)
 
-No tick is left out: if the computer falls BEHIND_S behind the pace, simulated time slows down.
+No tick is skipped: if the computer is more than BEHIND_S behind the pace, simulated time slows down.
 """
 
 import time
@@ -18,7 +18,7 @@ SLOWEST, FASTEST = 0.05, 50.0
 
 
 class PacedClock:
-    """The pace of all drives of a service.
+    """The pace, common to all drives of a service.
 
     `ticks` is the clock of one drive; any thread may call the other methods.
     """
@@ -41,15 +41,15 @@ class PacedClock:
         self.factor = float(factor)
 
     def pause(self) -> None:
-        """Stop simulated time."""
+        """Pause simulated time."""
         self.paused, self._more = True, 0
 
     def go(self, ticks: int = 0) -> None:
-        """Let simulated time pass; with `ticks` > 0 only for that many ticks."""
+        """Let simulated time pass; if `ticks` > 0, only for this number of ticks."""
         self._more, self.paused = max(0, ticks), ticks > 0
 
     def ticks(self, rate_hz: float, interrupted: Callable[[], bool], hurry_s: float = 0.0) -> Iterator[int]:
-        """Yield the times of the ticks [ns], those until `hurry_s` without waiting.  (1)
+        """Yield the times of the ticks [ns]; until the drive time `hurry_s`, do not wait.  (1)
 
         Once `interrupted` returns True, time passes even in a pause, so that a stop can finish.
         """

@@ -1,10 +1,10 @@
 """The service of a simulated vehicle: the counterpart of robot/service, with a simulation in place of the hardware.
 
-  idle       a mission that waits begins when the vehicle is READY
+  idle       a waiting mission begins once the vehicle is READY
   mission    the loop of loop.py in wall time, at a pace (pace.py), recorded in a run on disk
 
-It accepts the messages of the door, and those of a simulation: pause, go {ticks}, pace {factor}, routes, shake, again
-(shaking.py).
+It accepts the messages of the door, and further messages for a simulation: pause, go {ticks}, pace {factor}, routes,
+shake, again (shaking.py).
 """
 
 import threading
@@ -23,7 +23,7 @@ from baqueano.door.frames.descriptions import drive_words
 from baqueano.door.frames.rows import Frames
 from baqueano.door.operator import STOP, Operator
 from baqueano.door.outcome import outcome_of
-from baqueano.door.simulated.missions import MissionPlan, StoredRoutes, planned, refreshed
+from baqueano.door.simulated.missions import MissionPlan, StoredRoutes, mission_plan, reload
 from baqueano.door.simulated.pace import PacedClock
 from baqueano.door.simulated.shaking import FaultWords
 from baqueano.door.states import DoorState, Machine
@@ -44,22 +44,23 @@ if TYPE_CHECKING:
 
 Word = Callable[[object, JsonObject], JsonObject | None]
 IDLE_S, TELL_S = 0.02, 0.2
-LOOP = 4.0  # a lesson this many times longer than CLOSE_M that came back is closed
+LOOP = 4.0  # a lesson at least this many times CLOSE_M long, which returned to its start, is closed
 
 
 @dataclass
 class SimulatedService:
-    """The vehicle of `file` in the simulated body of `truth`. `tell` sends a message to all clients."""
+    """The service of the vehicle `file`, whose body is simulated by `truth`. `broadcast` sends a message to
+    all clients."""
 
     file: "VehicleFile"
     truth: "VehicleFile"
-    folder: Path  # of the runs
+    folder: Path  # folder of the runs
     routes: StoredRoutes
-    seed: int = 0  # of the first drive; the next has the next one
+    seed: int = 0  # seed of the first drive; each later drive adds 1
     backend: str = "auto"
     operator: Operator = field(default_factory=Operator)
     pace: PacedClock = field(default_factory=PacedClock)
-    tell: Callable[[JsonObject], None] = lambda message: None
+    broadcast: Callable[[JsonObject], None] = lambda message: None
     frames: Frames = field(default_factory=Frames)
 
     def __post_init__(self) -> None:
@@ -67,13 +68,13 @@ class SimulatedService:
         self.machine, self.done = Machine(), threading.Event()
         self._drives = 0
         self._plan: MissionPlan | None = None
-        self._run: str | None = None  # that is being written
+        self._run: str | None = None  # name of the run that is being written
         self._record: Record | None = None
         self._published_s = float("-inf")
-        self.shaken = FaultWords(self.operator, lambda message: self.tell(message))
+        self.shaken = FaultWords(self.operator, lambda message: self.broadcast(message))
 
     def words(self) -> dict[str, Word]:
-        """Return the handlers of the messages that the door does not handle itself."""
+        """Return the handlers of the messages that only a simulation accepts."""
         return {
             "pause": lambda guest, request: self._while_holding(guest, self.pace.pause),
             "go": lambda guest, request: self._while_holding(guest, lambda: self.pace.go(int(request.get("ticks", 0)))),
@@ -97,7 +98,7 @@ class SimulatedService:
                 time.sleep(IDLE_S)
 
     def idle(self) -> None:
-        """Handle stops and their clearing while the vehicle does not drive."""
+        """Handle stop and clear requests while no mission is driven, and update the state."""
         machine = self.machine
         clear_requested, self.operator.clear_requested = self.operator.clear_requested, False
         if (stop_reason := self.operator.stop_reason(attended=False)) is not None:
@@ -110,20 +111,20 @@ class SimulatedService:
         self.publish()
 
     def take(self, mission_json: str, attended: bool, name: str = "") -> None:
-        """Drive a mission, and report how the one of this name ended; its errors do not end the service."""
+        """Drive the mission with this name, and report how it ended; its errors do not end the service."""
         self._drives += 1
         outcome: JsonObject = {"is": "done", "id": name, "run": None}
         reason, code = outcome_of(lambda: self._drive_mission(mission_json, attended, outcome))
         self._plan = self._record = self._run = None
         self.publish(at_once=True)
         self.operator.free()
-        self.tell({"why": reason, "code": code} | outcome)
+        self.broadcast({"why": reason, "code": code} | outcome)
         self.shaken.ask_again()
 
     def _drive_mission(self, mission_json: str, attended: bool, outcome: JsonObject) -> None:
         """Drive a mission until it ends or is stopped, and write the result into `outcome`."""
-        self.file = refreshed(self.file)
-        with planned(mission_json, self.file, self.routes, self.seed + self._drives - 1) as plan:
+        self.file = reload(self.file)
+        with mission_plan(mission_json, self.file, self.routes, self.seed + self._drives - 1) as plan:
             path = claim(self.folder, plan.mission.kind)
             try:
                 by_hand = plan.mission.kind in ("drive", "teach") and plan.mission.route is None
@@ -134,7 +135,7 @@ class SimulatedService:
                 regular_end = reason is None or code or self.operator.done
                 late = self.operator.stop_reason(
                     attended=False
-                )  # said while the drive was prepared, or its run closed
+                )  # requested while the drive was prepared, or its run closed
                 stop_reason = late if regular_end else reason
                 self.machine.go("done" if stop_reason is None else "stop", stop_reason)
                 self.operator.forget(stop_reason)
@@ -145,17 +146,17 @@ class SimulatedService:
                 release(path)
 
     def _drive(self, plan: MissionPlan, mission_json: str, attended: bool, path: Path) -> Diagnostic | None:
-        """Drive a plan, and return the reason of the stop, or None if nothing stopped the vehicle."""
+        """Drive a plan, and return the reason of the stop, or None if the vehicle was not stopped."""
         truth, start = self.truth, plan.start
         seed = self.seed if plan.seed is None else plan.seed
         world = ShakenWorld(
             truth.vehicle, truth.sensors, truth.rate_hz, seed, start, self.backend, plan.shake
         )
-        self.operator.marks()  # those of before this drive
+        self.operator.marks()  # drop marks from before this drive
         watching = _DriveObserver(self, plan, world, attended)
         observers = (
             watching,
-            Adjusting(self.operator, self.tell, plan.mission.blocks),
+            Adjusting(self.operator, self.broadcast, plan.mission.blocks),
             self.shaken.begin(plan, world, mission_json, attended),
         )
         try:
@@ -165,24 +166,24 @@ class SimulatedService:
                 seed=seed, backend=self.backend,
             )  # fmt: skip
         except FileError as error:
-            if not watching.over:  # nothing has been driven
+            if not watching.over:  # the drive has not begun
                 raise
             self.event("error", error.diagnostic)
         return watching.stopped
 
     def _ticks(self, plan: MissionPlan, attended: bool) -> Iterator[int]:
-        def interrupted() -> bool:
+        def is_interrupted() -> bool:
             self.publish()
             return self.operator.done or self.operator.stop_reason(attended) is not None
 
-        for t_ns in self.pace.ticks(plan.file.rate_hz, interrupted, plan.hurry_s):
+        for t_ns in self.pace.ticks(plan.file.rate_hz, is_interrupted, plan.hurry_s):
             if self.operator.done:
                 raise KeyboardInterrupt
             yield t_ns
             self.publish()
 
     def _stored_lesson(self, plan: MissionPlan, path: Path) -> JsonObject:
-        """Store the route of a lesson; return its name, or the reason why it was not stored."""
+        """Store the route of a lesson; return {route}, its name, or {why, code} if it could not be stored."""
         try:
             run = read_run(path)
             route, closed = route_of(run), plan.closed
@@ -197,17 +198,17 @@ class SimulatedService:
 
     def event(self, level: str, event: Diagnostic) -> None:
         """Send an event to all clients."""
-        self.tell({"is": "event", "level": level, "said": event})
+        self.broadcast({"is": "event", "level": level, "said": event})
 
     def publish(self, at_once: bool = False) -> None:
-        """Send the state to all clients, TELL_S after the last time or at once."""
+        """Send the state to all clients, if `at_once` or if the last time was TELL_S ago."""
         now_s = time.monotonic()
         if not at_once and now_s - self._published_s < TELL_S:
             return
         self._published_s, plan, record = now_s, self._plan, self._record
         mission = None if plan is None else plan.mission
         rate_hz = self.file.rate_hz if plan is None else plan.file.rate_hz
-        self.tell(
+        self.broadcast(
             {
                 "is": "state", "state": str(self.machine.state), "why": self.machine.reason, "run": self._run,
                 "world": "simulated", "pace": self.pace.factor, "paused": self.pace.paused, "battery_v": None,
@@ -222,18 +223,18 @@ class SimulatedService:
         self.done.set()
 
     def _while_holding(self, guest: object, act: Callable[[], object]) -> None:
-        """Call `act`, for the holder, or for each client while no mission is under way.
+        """Call `act` on request of the holder, or of any client while no mission is under way.
 
         Raise SafetyStop otherwise.
         """
-        if self.operator.taken and not self.operator.holds(guest):
+        if self.operator.is_busy and not self.operator.holds(guest):
             raise SafetyStop(note("door.somebody", Severity.ERROR, STOP))
         act()
         self.publish(at_once=True)
 
 
 class _DriveObserver(Observer):
-    """The observer of a drive for the service."""
+    """An observer that passes a drive to the service: its ticks, its stop requests, and its end."""
 
     def __init__(
         self, service: SimulatedService, plan: MissionPlan, world: ShakenWorld, attended: bool

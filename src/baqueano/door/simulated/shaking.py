@@ -1,9 +1,9 @@
-"""Handle faults of the present drive, the ledger of the checks that noticed them, and a repeated drive without them.
+"""Handle faults of the present drive, a ledger of the checks that noticed them, and repeated drives without them.
 
-  shake {kind, …}              a fault that begins with the next tick, with the fields of worlds/faults/fault.py
-  shake {over: number}         it ends
-  again {from_s, without}      the same mission with the same seed, without the faults of these numbers, or without
-                               any; until `from_s` as fast as it can be computed. The present drive ends first
+  shake {kind, …}              begins a fault with the next tick; the fields are in worlds/faults/fault.py
+  shake {over: number}         ends the fault with this number
+  again {from_s, without}      repeats the mission with the same seed, without the faults of these numbers, or without
+                               any fault; until `from_s` as fast as it can be computed. The present drive ends first
   ledger {rows}                sent when something changes: number, t_s, until_s, over, what, noticed [who, after_s,
                                said], silent [who], nobody
 
@@ -28,21 +28,21 @@ if TYPE_CHECKING:
     from baqueano.loop import Blocks, Record
     from baqueano.worlds.shaken import ShakenWorld
 
-EVERY_S = 0.5  # of the drive, between ledgers while a fault is watched
+EVERY_S = 0.5  # drive time between two ledgers while a fault is watched
 
 
 class FaultWords:
-    """The handler of the messages on faults, for one service."""
+    """The handler of the messages about faults, for one service."""
 
-    def __init__(self, operator: "Operator", tell: "Callable[[JsonObject], None]") -> None:
-        self._operator, self._tell = operator, tell
-        self._world: ShakenWorld | None = None  # while it drives
+    def __init__(self, operator: "Operator", broadcast: "Callable[[JsonObject], None]") -> None:
+        self._operator, self._tell = operator, broadcast
+        self._world: ShakenWorld | None = None  # the world of the present drive, None without one
         self._last: tuple[JsonObject, bool, ShakenWorld] | None = None  # mission, attended, its world
         self._by_hand = False
         self._next_mission: tuple[object, JsonObject, bool, float] | None = None
 
     def begin(self, plan: "MissionPlan", world: "ShakenWorld", mission_json: str, attended: bool) -> Observer:
-        """Begin a drive, and return its observer."""
+        """Store a drive that begins, and return the observer that keeps its ledger."""
         mission = {k: v for k, v in json.loads(mission_json).items() if k != "hurry_s"} | {"seed": plan.seed}
         self._by_hand = plan.mission.kind in ("drive", "teach") and plan.mission.route is None
         self._world, self._last = world, (mission, attended, world)
@@ -53,7 +53,7 @@ class FaultWords:
         self._world = None
 
     def take(self, request: JsonObject) -> None:
-        """Begin or end a fault. Raise UsageError if nothing drives, or for an invalid fault."""
+        """Begin or end a fault. Raise UsageError if no drive is under way, or for an invalid fault."""
         if (world := self._world) is None:
             raise UsageError(fault("shake.no-drive"))
         if "over" in request:
@@ -62,7 +62,10 @@ class FaultWords:
             world.shake({name: value for name, value in request.items() if name not in ("do", "is", "at_s")})
 
     def repeat_mission(self, guest: object, request: JsonObject) -> None:
-        """Request the last mission again. Raise UsageError without a previous mission, or if a person drove it."""
+        """Request the last mission again, and end the present drive first.
+
+        Raise UsageError without a previous mission, or if a person drove it.
+        """
         if self._last is None:
             raise UsageError(fault("shake.no-mission"))
         if self._by_hand:
@@ -75,25 +78,25 @@ class FaultWords:
         ]  # fmt: skip
         hurry = {"hurry_s": max(0.0, float(request.get("from_s", 0.0)))}
         self._next_mission = guest, mission | hurry | {"shake": faults}, attended, self._operator.silence_s
-        if self._operator.taken:
+        if self._operator.is_busy:
             self._operator.end(guest)
         else:
             self.ask_again()
 
     def ask_again(self) -> None:
-        """Queue the mission that is to be repeated, now that no mission is under way."""
+        """Queue the mission to repeat, if one is requested; call this when no mission is under way."""
         if self._next_mission is None:
             return
         (guest, mission, attended, silence_s), self._next_mission = self._next_mission, None
-        if not self._operator.holds(guest) and self._operator.taken:
+        if not self._operator.holds(guest) and self._operator.is_busy:
             return
         try:
-            self._operator.ask(guest, json.dumps(mission), attended, "again", silence_s)
+            self._operator.queue_mission(guest, json.dumps(mission), attended, "again", silence_s)
         except SafetyStop as error:
             self._tell({"is": "event", "level": str(Severity.ERROR), "said": error.diagnostic})
 
-    def tell(self, ledger: Ledger) -> None:
-        """Send the ledger to all clients."""
+    def broadcast_ledger(self, ledger: Ledger) -> None:
+        """Send the ledger to all clients as the message `ledger`."""
         self._tell({"is": "ledger", "rows": [_row(ledger, row) for row in ledger.rows]})
 
 
@@ -124,15 +127,15 @@ class _LedgerKeeper(Observer):
             estimate.cov, self._world.truth.eta,
         )  # fmt: skip
         t_s = float(seconds(record.tick.t_ns))
-        due = t_s - self._published_s >= EVERY_S and any(row.watched(t_s) for row in ledger.rows)
+        due = t_s - self._published_s >= EVERY_S and any(row.covers(t_s) for row in ledger.rows)
         if self._changed or due or before != sum(len(row.noticed) for row in ledger.rows):
             self._changed, self._published_s = False, t_s
-            self._faults.tell(ledger)
+            self._faults.broadcast_ledger(ledger)
 
     def end(self, reason: Diagnostic | None) -> "Iterable[LastLine]":
         self._faults.end()
         if self._ledger is not None and self._ledger.rows:
-            self._faults.tell(self._ledger)
+            self._faults.broadcast_ledger(self._ledger)
         return ()
 
 

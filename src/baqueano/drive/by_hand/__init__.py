@@ -1,7 +1,7 @@
 """Let a person drive: keys, a game pad and a screen, combined into one hand by `Cockpit`.
 
 keys, pad        the input of a terminal or a game pad, as events
-tty, evdev       the devices from which they come
+tty, evdev       the devices that send these events
 key_hold         events → direction and speed
 terminal_heartbeat   test if the terminal is still connected
 screen, dead_zone    the display for the driver

@@ -2,12 +2,12 @@
 
   u = share · limit · (ahead, 0, to the left) · min(1, FAR_MS / T)                                      (1)
 
-T is the round-trip time between the driver and the vehicle. A driver who sees the vehicle late drives slowly, so that
-the distance driven unseen is not longer than at FAR_MS.
+T is the round-trip time between the driver and the vehicle. If it is longer than FAR_MS, the vehicle drives more
+slowly, so that the distance driven during T is not longer than at FAR_MS.
 
-Other requests go two ways: `words` for a vehicle behind a door (door/remote.py), `stop_reason` and `marks` for a world
-in this process. Either way four events stop the vehicle for good: the driver presses space or a button of the pad; the
-terminal is gone (no answer for 0.35 s, or closed); the pad is unplugged; another process ends the program (SIGHUP,
+`words` returns the other requests for a remote vehicle (door/remote.py); `stop_reason` and `marks` return them for a
+world in this process. Four events stop the vehicle permanently. The driver presses space or the stop button of the pad.
+The terminal is lost (no answer for 0.35 s, or closed). The pad is unplugged. Another process ends the program (SIGHUP,
 SIGTERM).
 
 A terminal that answers no query cannot confirm that it is connected. It drives by the letters that it repeats, each
@@ -32,8 +32,8 @@ from baqueano.drive.by_hand.terminal_heartbeat import START_S, Heartbeat
 from baqueano.drive.by_hand.tty import TerminalLine, terminal
 from baqueano.drive.health import degraded_note
 from baqueano.drive.observers import Observer
-from baqueano.language import marked as N_
-from baqueano.language import translated as _
+from baqueano.language import mark as N_
+from baqueano.language import translate as _
 from baqueano.loop import Record
 from baqueano.messages import text
 from baqueano.vehicles.drivetrain import Drivetrain
@@ -47,8 +47,8 @@ PAUSE_S = 0.01
 FAR_MS = 80.0
 HOW = {
     RELEASES: N_("hold to drive"),
-    REPEATS: N_("hold to drive, tap to nudge"),
-    LATCHED: N_("latched, each press adds a step"),
+    REPEATS: N_("hold to drive, press briefly for a short move"),
+    LATCHED: N_("latched: each press adds a step"),
 }
 MORE = {RELEASES: N_("press +"), REPEATS: N_("press +"), LATCHED: N_("that key again, or +")}
 
@@ -56,9 +56,9 @@ MORE = {RELEASES: N_("press +"), REPEATS: N_("press +"), LATCHED: N_("that key a
 class Cockpit(Observer):
     """`with Cockpit(file.command.limit) as hand: …`; `hand()` returns the present command (n,) of the driver.
 
-    `hold`: the heading is held on straight motion, and the screen shows it. `drivetrain`: the one of the vehicle file,
-    whose dead zone is reported if a command stays below it.
-    `trusted` False: a program other than the terminal itself answers (tmux on the vehicle).
+    `hold` is True if the heading is held on straight motion; the screen then shows it. `drivetrain` is the drivetrain
+    of the vehicle file: the screen reports a command below its dead zone. `trusted` is False if another program answers
+    in place of the terminal (tmux on the vehicle).
     """
 
     def __init__(
@@ -106,7 +106,7 @@ class Cockpit(Observer):
 
     def __exit__(self, kind: type | None, error: BaseException | None, trace: TracebackType | None) -> None:
         end = self._now() + 3.0 * 1e-3 * min(200.0, np.nan_to_num(self._life.trip_ms, nan=0.0))
-        while self._now() < end and self._line.read() is not None:  # answers to the last questions
+        while self._now() < end and self._line.read() is not None:  # receive the answers to the last queries
             self._sleep(PAUSE_S)
         self._line.close()
         if self._pad is not None:
@@ -132,7 +132,7 @@ class Cockpit(Observer):
 
     @property
     def near(self) -> float:
-        """Return the share of the speed, in (0, 1], at the present delay of the picture."""
+        """Return the share of the speed, in (0, 1], that the present round-trip time allows.  (1)"""
         delays = [ms for ms in (self.status.link_ms, self.status.terminal_ms) if np.isfinite(ms)]
         return min(1.0, FAR_MS / max(sum(delays), 1e-3))
 
@@ -151,7 +151,7 @@ class Cockpit(Observer):
         return new
 
     def words(self) -> list[TableRow]:
-        """Return the driver's messages to the vehicle other than the command, since the last call."""
+        """Return the driver's messages to the vehicle since the last call: marks, and a stop."""
         commands: list[TableRow] = [{"do": "mark"}] * (self._marks - self._sent_marks)
         self._sent_marks = self._marks
         if self._stop and not self._stop_sent:
@@ -160,7 +160,7 @@ class Cockpit(Observer):
         return commands
 
     def look(self, record: Record) -> None:
-        """Show a tick of a world in this process on the screen."""
+        """Show a tick on the screen, for a world in this process."""
         self.status.applied = np.asarray(record.tick.u)
         self._update_hold(record.requested.u)
         self.status.speed_m_s, self.status.yaw_rate_rad_s = (
@@ -170,7 +170,7 @@ class Cockpit(Observer):
         self.status.degraded = text(degraded_note(record.degraded))
 
     def show(self, state: JsonObject) -> None:
-        """Show the state of a vehicle on the screen."""
+        """Show the state on the screen, for a remote vehicle."""
         s = self.status
         s.state, s.reason = str(state.get("state", "")), text(self._stop or state.get("why"))
         for name in ("battery_v", "speed_m_s", "yaw_rate_rad_s", "link_ms"):
@@ -180,21 +180,21 @@ class Cockpit(Observer):
             s.applied = np.array(state["u"], dtype=float)
             self._update_hold(state.get("requested", state["u"]))
 
-    def say(self, line: str) -> None:
-        """Show a line to the driver."""
+    def show_message(self, line: str) -> None:
+        """Show a message to the driver in the last line of the screen."""
         self.status.line = line
 
     def _update_hold(self, requested: Sequence[float] | np.ndarray) -> None:
-        """Update the turn command of the heading hold for the screen, NaN unless the driver drives straight on."""
+        """Update the turn command of the heading hold on the screen; NaN unless the driver drives straight."""
         s, turn = self.status, float(requested[-1])
         if s.hold is not None:
             straight = s.requested[0] != 0.0 and s.requested[-1] == 0.0
             s.hold = turn if straight and abs(turn) <= AUTHORITY * self._limit[-1] else float("nan")
 
     def _standstill_reason(self) -> str:
-        """Return the reason why the vehicle stays at rest although the driver commands motion, as text for the screen.
+        """Return, as text for the screen, why the vehicle stays at rest although the driver commands motion.
 
-        "" during the nudge of a tap, which is too short for a reason.
+        Return "" if it can move, and during the nudge of a tap, which is too short to read a reason.
         """
         by_pad = self._pad is not None and self._pad.holds
         short = None
@@ -209,7 +209,7 @@ class Cockpit(Observer):
         )  # fmt: skip
 
     def _meet(self) -> None:
-        """Query the terminal: does it answer, and does it report key releases?"""
+        """Query the terminal if it answers and reports key releases, and choose the method for keys by its answers."""
         start, releases = self._now(), False
         if self._line.answers:
             self._line.write(ASK_KITTY)
@@ -220,7 +220,7 @@ class Cockpit(Observer):
             for event in self._line.read() or []:
                 releases = releases or event.kind == KITTY
                 if event.kind == ALIVE:
-                    self._life.answered(self._now())
+                    self._life.record_answer(self._now())
             self._sleep(PAUSE_S)
         alive = self._life.answers
         if alive and releases:
@@ -231,17 +231,19 @@ class Cockpit(Observer):
         self._key_hold = KeyHold(LATCHED if alive and self._wishes_latch else self._plain)
         self.status.way = HOW[self._key_hold.way]
         if not alive:
-            self.say(_("this terminal does not confirm that it is alive: each key counts for a short time"))
+            self.show_message(
+                _("this terminal does not confirm that it is active: each key counts for a short time")
+            )
 
     def _listen(self, now_s: float) -> None:
-        """Process the driver's events since the last call."""
+        """Process the events of keys and pad since the last call, and stop if the terminal or the pad is lost."""
         self._life.look(now_s)
         events = self._line.read()
         if events is None:
             self.stop(stop(StopReason.TERMINAL_CLOSED))
         for event in events or []:
             self._hear(event, now_s)
-        if self._life.gone(now_s):
+        if self._life.is_lost(now_s):
             self.stop(stop(StopReason.TERMINAL_SILENT, silent_ms=1e3 * self._life.silent_s(now_s)))
         self.status.terminal_ms = self._life.trip_ms
         self.status.near = self.near
@@ -256,8 +258,8 @@ class Cockpit(Observer):
 
     def _hear(self, event: KeyEvent, now_s: float) -> None:
         if event.kind == ALIVE:
-            self._life.answered(now_s)
-        self._key_hold.hear(event, now_s)
+            self._life.record_answer(now_s)
+        self._key_hold.on_key(event, now_s)
         if event.kind != PRESS:
             return
         match event.key:
@@ -275,7 +277,10 @@ class Cockpit(Observer):
                 self._latch()
 
     def _latch(self) -> None:
-        """Switch between latched set-points and held keys; the command is zero at first."""
+        """Switch between latched set-points and held keys, with a zero command at first.
+
+        A terminal that does not answer cannot switch.
+        """
         if not self._life.answers:
             return
         self._key_hold.let_go()

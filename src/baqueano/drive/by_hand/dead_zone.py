@@ -1,4 +1,4 @@
-"""Test if a command moves any motor: below the dead zone of all motors the vehicle rests, and no sensor shows why.
+"""Test if a command moves any motor: below the dead zones of all motors the vehicle stays at rest.
 
   motor j turns if  w_j > forward_j  or  −w_j > backward_j,   w = the mixed command                     (1)
 
@@ -13,16 +13,16 @@ from baqueano.vehicles.drivetrain import Drivetrain
 
 
 class BelowDeadZone(NamedTuple):
-    """A command that moves no motor: that of the motor nearest to motion, and its dead zone, in the unit of u."""
+    """The command of the motor nearest to motion, and its dead zone, both as magnitudes in the unit of u."""
 
     channel: float
     dead_zone: float
 
 
 def short_of_motion(drivetrain: Drivetrain | None, u: np.ndarray) -> BelowDeadZone | None:
-    """Return the motor command that is nearest to motion, if a command u (n,) turns no motor; None otherwise.
+    """Return the motor command nearest to motion, if a command u (n,) does not turn any motor; None otherwise.
 
-    It is None also if u is zero. `drivetrain` may be None, for a vehicle without one.
+    Return None also if u is zero, or for a vehicle without a drivetrain (`drivetrain` None).
 
     >>> from baqueano.vehicle_file import load
     >>> short_of_motion(load("small").vehicle.drivetrain, np.array([0.2, 0.0, 0.0]))

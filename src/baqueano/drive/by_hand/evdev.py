@@ -5,7 +5,7 @@
   request                direction << 30 | bytes << 16 | 'E' << 8 | number                                         (3)
 
 Source: the kernel's include/uapi/linux/input.h, input-event-codes.h and asm-generic/ioctl.h. The layout (1) depends on
-the program that reads, not on the kernel: its `long` decides, which is "@l" of struct.
+the size of `long` in the program that reads, which is "@l" of struct, and not on the kernel.
 """
 
 import errno
@@ -21,11 +21,11 @@ X, Y = 0x00, 0x01
 LONGEST_NAME, KEYS, AXES = 256, 0x300, 0x40
 LAYOUTS = {4: struct.Struct("=iiHHi"), 8: struct.Struct("=qqHHi")}  # (1), by the bytes of a long
 AXIS = struct.Struct("=6i")
-MOST_EVENTS = 64  # of one read
+MOST_EVENTS = 64  # most events of one read
 
 
 class InputEvent(NamedTuple):
-    """A change of a key or an axis."""
+    """A change of a key or an axis, by kind, code and new value."""
 
     kind: int
     code: int
@@ -33,12 +33,12 @@ class InputEvent(NamedTuple):
 
 
 class Axis(NamedTuple):
-    """The range of an axis.  (2)"""
+    """The value and the range of an axis.  (2)"""
 
     value: int
     low: int
     high: int
-    flat: int  # from its middle: what counts as rest
+    flat: int  # largest deflection from the middle that counts as rest
 
 
 def request(number: int, size: int) -> int:
@@ -47,7 +47,10 @@ def request(number: int, size: int) -> int:
 
 
 class InputDevice:
-    """The device at `path`. Raise OSError if it cannot be opened, or is another kind of device."""
+    """The input device at `path`.
+
+    All methods raise OSError if the device cannot be opened, is of another kind, or is unplugged.
+    """
 
     def __init__(self, path: Path, long_bytes: int = struct.calcsize("@l")) -> None:
         import fcntl
@@ -62,12 +65,12 @@ class InputDevice:
             raise
 
     def axis(self, code: int) -> Axis:
-        """Return the state of this axis. Raise OSError once the device is gone, as all functions here do."""
+        """Return the value and the range of the axis with this code."""
         value, low, high, _, flat, _ = AXIS.unpack(self._query(0x40 + code, AXIS.size))
         return Axis(value, low, high, flat)
 
     def down(self) -> set[int]:
-        """Return the codes of the keys that are held now."""
+        """Return the codes of the keys that are pressed now."""
         return _numbers(self._query(0x18, KEYS // 8))
 
     def read(self) -> list[InputEvent]:

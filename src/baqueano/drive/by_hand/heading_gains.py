@@ -3,7 +3,7 @@
   model (2) of controllers/heading_hold.py     k, τ by a difference of one tick, at half the limit ahead
                                                T = delay + lag + 1.5 ticks + LINK_S
 
-A model that was never fitted is a guess: it is assumed to turn DOUBT times as strongly.
+A model without a fit is a guess: the real vehicle is then assumed to turn DOUBT times as strongly as the model.
 """
 
 from math import inf
@@ -12,23 +12,23 @@ import numpy as np
 
 from baqueano.contracts import optional
 from baqueano.contracts.blocks import Controller
-from baqueano.controllers.heading_hold import OF_SPEED, Gains, Gyro, HeadingHold, placed
+from baqueano.controllers.heading_hold import OF_SPEED, Gains, Gyro, HeadingHold, place_poles
 from baqueano.estimators.readings.gate import gate
 from baqueano.vehicle_file.file import VehicleFile
 from baqueano.vehicles.effort import steady
 from baqueano.vehicles.freedoms import steers, turns
 from baqueano.vehicles.state import DynamicVehicle
 
-LINK_S = 0.02  # gyro's filter, estimate, two ways over the wire
+LINK_S = 0.02  # delay of the gyro's filter, of the estimate, and of the wire in both directions
 DOUBT = 2.0
-SHARE = 0.5  # of the limit ahead: the speed of the linearisation
-STEP, STEP_RAD_S = 0.1, 0.2  # of the limit of the turn, and of the turn: half the width of a difference
-REACH_S = 3.0  # in which a vehicle gets to its speed
-SLOWEST_S = 10.0  # a τ beyond is of no matter for (3)
+SHARE = 0.5  # of the limit ahead, for the linearisation
+STEP, STEP_RAD_S = 0.1, 0.2  # half the width of a difference: in the turn command, and in the yaw rate
+REACH_S = 3.0  # a vehicle reaches its speed within this time
+SLOWEST_S = 10.0  # a larger τ does not matter for (3)
 
 
 def holding(hand: Controller, vehicle_file: VehicleFile) -> Controller:
-    """Return `hand`, a controller, with the heading held; unchanged if `gains_of` returns None."""
+    """Return the controller `hand` extended by the heading hold; unchanged if `gains_of` returns None."""
     gains = gains_of(vehicle_file)
     if gains is None:
         return hand
@@ -51,14 +51,15 @@ def _gyro_of(vehicle_file: VehicleFile) -> Gyro | None:
 
 
 def gains_of(vehicle_file: VehicleFile) -> Gains | None:
-    """Return the gains for the file's model.
+    """Return the gains of the heading hold for the file's model.
 
-    None for a vehicle without a gyro, without a turn command, or whose turn response is too small to measure.
+    Return None for a vehicle without a gyro, without a command ahead or to turn, or with a turn response that is too
+    small.
     """
     limit, vehicle = _limit(vehicle_file), vehicle_file.vehicle
     if "imu" not in vehicle_file.sensors._fields or limit[0] <= 0.0 or limit[-1] <= 0.0 or not turns(vehicle):
         return None
-    for share in (SHARE, 1.0):  # a dead zone may be that large
+    for share in (SHARE, 1.0):  # at half the limit a vehicle may be in its dead zone
         speed, k, tau_s = _answer(vehicle, limit, share, vehicle_file.rate_hz)
         if abs(k) * limit[-1] > STEP_RAD_S:
             break
@@ -66,7 +67,7 @@ def gains_of(vehicle_file: VehicleFile) -> Gains | None:
         return None
     drivetrain = vehicle.drivetrain
     late_s = drivetrain.lag_s + drivetrain.delay_s + 1.5 / vehicle_file.rate_hz + LINK_S
-    gains = placed(DOUBT * k if vehicle_file.guessed else k, tau_s, late_s)
+    gains = place_poles(DOUBT * k if vehicle_file.is_guess else k, tau_s, late_s)
     return gains._replace(speed_m_s=speed if steers(vehicle) else 0.0)
 
 

@@ -1,4 +1,4 @@
-"""Convert keys to a direction. The time for which a key counts depends on the reports of the terminal.
+"""Convert keys to a direction. How long a key counts depends on the reports of the terminal.
 
   RELEASES   a key counts from its press to its release                                                     (1)
   REPEATS    the terminal reports neither, only letters: a key counts
@@ -9,7 +9,7 @@
   LATCHED    each press moves a set-point by STEP, which stays                                              (3)
 
 The spread in T₂ covers the jitter of the network; docs/benchmarks.md states its cost. In (2) a terminal repeats only
-the newest key. Keys that were held when it began therefore continue with it, and end with it.
+the newest key. Older keys that are still held therefore count as long as the newest key.
 """
 
 from collections import deque
@@ -23,17 +23,17 @@ WAYS = {  # key → ahead, to the left
     "left": (0, 1), "a": (0, 1), "4": (0, 1), "right": (0, -1), "d": (0, -1), "6": (0, -1),
     "7": (1, 1), "9": (1, -1), "1": (-1, 1), "3": (-1, -1),
 }  # fmt: skip
-ZERO = ("x", "5", "0")  # keys that let everything go
+ZERO = ("x", "5", "0")  # keys that release all others
 FIRST_S, FIRST_LEAST_S, FIRST_PART = 0.75, 0.3, 1.5
 GAP_S, GAP_LEAST_S, GAP_MOST_S, GAP_PART, SPREAD = 0.20, 0.12, 0.35, 3.0, 8.0
 NUDGE = 0.3
 STEP = 0.1
-KNOWN = 3  # so many delays or gaps make a median
-LEAST_DELAY_S = 0.15  # no keyboard repeats sooner: two quick taps
+KNOWN = 3  # number of delays or gaps for a median
+LEAST_DELAY_S = 0.15  # a shorter delay is two quick taps, as keyboards do not repeat so early
 
 
 class KeyHold:
-    """The direction (ahead, to the left) that the driver commands by keys, each in [-1, 1]."""
+    """A converter of key events to the direction (ahead, to the left) that the driver commands, each in [-1, 1]."""
 
     def __init__(self, way: str = REPEATS) -> None:
         self.way = way
@@ -45,14 +45,14 @@ class KeyHold:
 
     @property
     def first_s(self) -> float:
-        """Return T₁ of (2) [s]."""
+        """Return T₁ of (2) [s]: how long a key counts after its press."""
         if len(self._delays) < KNOWN:
             return FIRST_S
         return min(max(FIRST_PART * median(self._delays), FIRST_LEAST_S), FIRST_S)
 
     @property
     def gap_s(self) -> float:
-        """Return T₂ of (2) [s]."""
+        """Return T₂ of (2) [s]: how long a key counts after its last repeat."""
         if len(self._gaps) < KNOWN:
             return GAP_S
         gap_s = median(self._gaps)
@@ -61,7 +61,7 @@ class KeyHold:
 
     @property
     def nudges(self) -> bool:
-        """Return True if a key drives at NUDGE of the speed, until its first repeat."""
+        """Return True in (2) until the first repeat of a key, while it drives at NUDGE of the speed."""
         return self.way == REPEATS and not self._repeats
 
     def let_go(self) -> None:
@@ -69,8 +69,8 @@ class KeyHold:
         self._keys.clear()
         self._newest, self._repeats, self._set = "", 0, (0.0, 0.0)
 
-    def hear(self, event: KeyEvent, now_s: float) -> None:
-        """Process an event at this time [s]."""
+    def on_key(self, event: KeyEvent, now_s: float) -> None:
+        """Process an event of a key or of the window, received at this time [s]."""
         if event.kind == LEFT_WINDOW or (event.kind == PRESS and event.key in ZERO):
             self.let_go()
         elif event.key not in WAYS:
@@ -99,7 +99,7 @@ class KeyHold:
         return now_s - self._last_event_s <= (self.gap_s if self._repeats else self.first_s)
 
     def _repeat(self, key: str, now_s: float) -> None:
-        """Process a letter in (2): the repeat of a held key, or a press."""
+        """Process a letter in (2), which is either the repeat of a held key or a press."""
         counts, gap_s = self._counts(now_s), now_s - self._last_event_s
         if key == self._newest and counts:
             self._learn(gap_s)
@@ -116,9 +116,9 @@ class KeyHold:
         self._last_event_s = now_s
 
     def _learn(self, gap_s: float) -> None:
-        """Store the time since the last repeat.
+        """Store a time between two letters [s]: the delay before the first repeat, or a gap between repeats.
 
-        The first delay is stored only if a second repeat follows: two taps do not count.
+        The delay is stored only if a second repeat follows, because two letters may be two taps.
         """
         if self._repeats == 0:
             self._delay_s = gap_s

@@ -1,6 +1,6 @@
 """Decode the bytes of a terminal into pressed, repeated and released keys, and into its answers.
 
-  w, ESC [ A, ESC O A                     a key; a plain terminal reports neither repeats nor releases       (1)
+  w, ESC [ A, ESC O A                     a key; a plain terminal does not mark repeats and releases         (1)
   ESC [ code ; modifiers : kind u         the same if both were requested (kitty's protocol)                 (2)
   ESC [ 1 ; modifiers : kind A            an arrow in that protocol; kind 1 press, 2 repeat, 3 release       (3)
   ESC [ 0 n                               "ready", the answer to the query ESC [ 5 n                         (4)
@@ -18,23 +18,23 @@ PRESS, REPEAT, RELEASE = "press", "repeat", "release"
 ALIVE, KITTY, LEFT_WINDOW = "alive", "kitty", "left window"
 KINDS = {"": PRESS, "1": PRESS, "2": REPEAT, "3": RELEASE}
 ARROWS = {"A": "up", "B": "down", "C": "right", "D": "left"}
-CTRL = 4  # of the modifiers, which are sent plus one
+CTRL = 4  # bit of the modifiers, which are sent plus one
 INTERRUPT = "ctrl-c"
-LONGEST = 64  # bytes of a sequence: what is longer is none
+LONGEST = 64  # most bytes of a sequence
 
 _WHOLE = re.compile(r"\x1b(?:\[([<-?]?)([0-9;:]*)[ -/]*([@-~])|O([A-D]))")
 _BEGUN = re.compile(r"\x1b(?:\[[0-?]*[ -/]*|O)?\Z")
 
 
 class KeyEvent(NamedTuple):
-    """An event: a key, or an answer of the terminal."""
+    """An event: a key, an answer of the terminal, or the loss of the keyboard focus."""
 
     kind: str  # PRESS, REPEAT, RELEASE of a key; ALIVE, KITTY, LEFT_WINDOW
     key: str = ""  # "w", "up", " ", "ctrl-c"
 
 
 class KeyDecoder:
-    """A decoder of bytes to events; a sequence may be cut at any place between two calls."""
+    """A decoder of bytes to events; a sequence may be divided between two calls."""
 
     def __init__(self) -> None:
         self._rest = ""

@@ -1,14 +1,14 @@
 """Drive by a game pad: find it among the devices of Linux's input layer, and read its stick and buttons.
 
   x = (value − middle) / half its range,  ahead = −x of Y,  to the left = −x of X                       (1)
-  0 within the larger of REST and the kernel's flat, from there on in proportion up to 1                (2)
+  0 if |x| is within the larger of REST and the kernel's flat; beyond it proportional, up to 1          (2)
 
-A pad has a stick (ABS_X, ABS_Y) and one of HOLD, the buttons under the first fingers. It drives while one of them is
-held, so that a pad that falls on the floor does not drive. It also does not drive until stick and HOLD have been
-released once since it was opened: for an axis that has not moved yet the kernel reports 0, which on many pads is one
-end of its range. If the kernel had to drop events, the state is read again; until then the pad does not drive.
-Unplugging a pad stops the vehicle. A pad linked by radio counts as unplugged only when the kernel gives it up, seconds
-after the link is lost: use a cable.
+A pad has a stick (ABS_X, ABS_Y) and at least one button of HOLD, the buttons under the first fingers. It drives only
+while a button of HOLD is pressed, so that a pad that falls on the floor does not drive. It also does not drive until
+stick and buttons have been released once since it was opened. The reason: the kernel reports 0 for an axis that has not
+moved yet, which on many pads is one end of its range. If the kernel had to drop events, the state is read again; until
+then the pad does not drive. Unplugging a pad stops the vehicle. The kernel removes a radio pad only seconds after its
+link is lost, so use a cable.
 """
 
 import re
@@ -18,19 +18,19 @@ from pathlib import Path
 from baqueano.diagnostics import Diagnostic, fault, note
 from baqueano.drive.by_hand.evdev import ABS, DROPPED, KEY, REPORT, SYN, Axis, InputDevice, InputEvent, X, Y
 from baqueano.errors import UsageError
-from baqueano.language import translated as _
+from baqueano.language import translate as _
 from baqueano.messages import text
 
 FOLDER = Path("/dev/input")
-# The codes of a game pad (BTN_SOUTH …), and of one whose buttons are numbered only (BTN_TRIGGER …)
+# The codes of a game pad (BTN_SOUTH …), and of a pad with numbered buttons (BTN_TRIGGER …)
 MARK, STOP = {0x130, 0x120}, {0x131, 0x121}
 HOLD = {0x136, 0x137, 0x124, 0x125}
-REST = 0.12  # of half its way: no stick comes back to its middle exactly
+REST = 0.12  # of half its range, because a stick does not return exactly to its middle
 GROUP = "sudo usermod -aG input $USER, then log in again"
 
 
 class Pad:
-    """The game pad of `device`."""
+    """The game pad at `device`: its buttons and the direction of its stick."""
 
     def __init__(self, device: InputDevice) -> None:
         self._device, self.name, self.gone = device, device.name, False
@@ -41,7 +41,7 @@ class Pad:
         self._look()
 
     def read(self) -> list[int]:
-        """Return the buttons that were pressed since the last call."""
+        """Return the codes of the buttons pressed since the last call; set `gone` if the pad is unplugged."""
         if self.gone:
             return []
         buttons: list[int] = []
@@ -55,22 +55,22 @@ class Pad:
 
     @property
     def holds(self) -> bool:
-        """Return True if the pad drives: a button of HOLD is pressed."""
+        """Return True if the pad drives: a button of HOLD is pressed, and the pad is ready."""
         return self._let_go and not self._overrun and not self.gone and bool(self._down & HOLD)
 
     @property
     def hint(self) -> str:
-        """Return a hint for the driver."""
+        """Return a hint for the driver in the current language: how to drive by the pad."""
         if self.holds:
             return _("pad drives")
         return (
             _("pad: hold a front button to drive")
             if self._let_go
-            else _("pad: let go of its stick and buttons first")
+            else _("pad: release its stick and buttons first")
         )
 
     def direction(self) -> tuple[float, float]:
-        """Return (ahead, to the left), each in [-1, 1].  (1)"""
+        """Return (ahead, to the left), each in [-1, 1]; zeros unless the pad drives.  (1)"""
         return (-self._part(Y), -self._part(X)) if self.holds else (0.0, 0.0)
 
     def close(self) -> None:
@@ -82,7 +82,7 @@ class Pad:
         self._let_go = self._let_go or (at_rest and not self._overrun)
 
     def _take(self, event: InputEvent) -> list[int]:
-        """Process an event, and return the buttons that it pressed."""
+        """Process an event, and return the codes of the buttons newly pressed."""
         kind, code, value = event
         if kind == SYN and code == DROPPED:
             self._overrun = True
@@ -90,7 +90,7 @@ class Pad:
             return self._ask_anew() if kind == SYN and code == REPORT else []
         elif kind == ABS and code in self._axes:
             self._axes[code] = self._axes[code]._replace(value=value)
-        elif kind == KEY and value == 1 and code not in self._down:  # that is known of one that was asked for
+        elif kind == KEY and value == 1 and code not in self._down:  # known already if it was read
             self._down.add(code)
             return [code]
         elif kind == KEY and value == 0:
@@ -98,7 +98,7 @@ class Pad:
         return []
 
     def _ask_anew(self) -> list[int]:
-        """Read the whole state again, and return the buttons that were pressed in the meantime."""
+        """Read the whole state again, and return the codes of the buttons pressed in the meantime."""
         before = self._down
         self._axes, self._down = {code: self._device.axis(code) for code in (X, Y)}, self._device.down()
         self._overrun = False
@@ -115,10 +115,10 @@ class Pad:
 
 
 def find(named: Path | None = None, folder: Path = FOLDER) -> Pad:
-    """Return the pad of this computer, or the one that is `named`.
+    """Return the only pad of this computer, or the pad at the path `named`.
 
-    Raise UsageError if none exists, several do, or it may not be read; the message lists the devices that were
-    examined.
+    Raise UsageError without a pad, if there are several, or if the pad may not be read. The message lists the devices
+    that were examined.
     """
     if sys.platform != "linux":
         raise UsageError(fault("pad.not-linux"))
@@ -150,7 +150,7 @@ def find(named: Path | None = None, folder: Path = FOLDER) -> Pad:
 
 
 def lacking(device: InputDevice) -> str:
-    """Return the part that `device` lacks to be a pad, "stick" or "front-buttons", or "" if it is one."""
+    """Return the part that `device` lacks to be a pad: "stick", "front-buttons", or "" for a pad."""
     if not {X, Y} <= device.axes:
         return "stick"
     return "" if device.keys & HOLD else "front-buttons"

@@ -3,8 +3,8 @@
   the first time     the block, line by line
   again              up to its first line, each line overwritten and its rest erased, in one write           (1)
 
-A terminal with synchronised updates shows (1) at once. On other terminals each line replaces a similar one, so the
-screen is never empty in between. The letters are ASCII, as a serial console supports only these.
+A terminal with synchronised updates shows (1) at once. On other terminals each line replaces a similar line, so the
+screen is never empty in between. The letters are ASCII, because a serial console supports only ASCII.
 """
 
 from dataclasses import dataclass, field
@@ -12,9 +12,9 @@ from math import degrees, isfinite, nan
 
 import numpy as np
 
-from baqueano.language import marked as N_
+from baqueano.language import mark as N_
 from baqueano.language import number
-from baqueano.language import translated as _
+from baqueano.language import translate as _
 from baqueano.printable import one_line
 
 _ACCENTS = str.maketrans("áéíóúüñÁÉÍÓÚÑ", "aeiouunAEIOUN", "¿¡")  # of Spanish
@@ -37,21 +37,21 @@ class Status:
     speed_m_s: float = nan
     yaw_rate_rad_s: float = nan
     battery_v: float = nan
-    link_ms: float = nan  # to the vehicle and back
-    terminal_ms: float = nan  # to the terminal and back
+    link_ms: float = nan  # round trip to the vehicle
+    terminal_ms: float = nan  # round trip to the terminal
     share: float = 0.5
-    near: float = 1.0  # share of the speed that the delay of the picture allows
+    near: float = 1.0  # share of the speed that the round trip allows
     way: str = ""  # how keys are held
-    hold: float | None = None  # by what the heading is held; NaN: not just now, None: never
+    hold: float | None = None  # turn command of the heading hold; NaN: not active now, None: not used
     marks: int = 0
     pad: str = ""
-    degraded: str = ""  # which sensor has disagreed for long
-    still: str = ""  # why nothing moves although something is wanted
+    degraded: str = ""  # the degraded sensors
+    still: str = ""  # why the vehicle stays at rest although motion is commanded
     line: str = ""  # the last message to the driver
 
 
 def lines(s: Status, columns: int = 80) -> list[str]:
-    """Return the block, each line at most `columns` − 1 long."""
+    """Return the lines of the block, each with at most `columns` − 1 letters."""
     link = "  ".join(
         f"{_(name)} {figure(value, 0)} ms"
         for name, value in ((N_("vehicle"), s.link_ms), (N_("terminal"), s.terminal_ms))
@@ -88,7 +88,7 @@ def lines(s: Status, columns: int = 80) -> list[str]:
 
 
 def figure(value: float, digits: int) -> str:
-    """Return a number as text, or a dash if it is unknown."""
+    """Return a number as text with this many decimals, "-" if it is unknown."""
     return f"{number(value):.{digits}f}" if value is not None and isfinite(value) else "-"
 
 
@@ -99,7 +99,7 @@ def _hold(u: float | None) -> str:
 
 
 def _bar(duty: float) -> str:
-    """Return -1 … 1 as a bar from the middle."""
+    """Return a duty in [-1, 1] as a bar that begins in the middle."""
     half = BAR // 2
     n = min(half, round(abs(duty) * half)) if isfinite(duty) else 0
     left, right = ("#" * n, "") if duty < 0.0 else ("", "#" * n)
@@ -113,7 +113,7 @@ class Screen:
         self._height = 0
 
     def frame(self, block: list[str], height: int = 24) -> bytes:
-        """Return the bytes that draw this block; only its last lines if it is higher than the screen."""
+        """Return the bytes that draw this block, or only its last lines if it is higher than the screen."""
         block = block[-max(1, height - 1) :]
         up = f"\r\x1b[{self._height}A" if self._height else "\r"
         rest = max(0, self._height - len(block))

@@ -1,12 +1,12 @@
-"""Detect a lost terminal by a heartbeat: a dead Wi-Fi sends no end of file, and a held key sends nothing.
+"""Detect a lost terminal by a heartbeat, because a lost network is not reported as the end of the input.
 
-  every ASK_S           ESC [ 5 n, a status query, which each terminal answers by itself: ESC [ 0 n         (1)
+  every ASK_S           ESC [ 5 n, a status query, which the terminal answers by ESC [ 0 n                  (1)
   GONE_S no answer      the terminal, or the connection to it, is lost                                      (2)
-  START_S no answer     at the start: this terminal never answers; a held key of it must not be trusted     (3)
+  START_S no answer     at the start: this terminal never answers, so its held keys are not trusted         (3)
 
-The answers come in order, so each belongs to the oldest query; the time between the two is the round trip. A program
-that was itself delayed sent no queries, and that silence proves nothing. (2) therefore counts from the last answer, but
-from no earlier than ASK_S before the oldest unanswered query.
+The answers arrive in order, so each belongs to the oldest query; the time between the two is the round trip. If this
+program was delayed, it did not send queries, so that silence does not prove a loss. (2) therefore counts from the last
+answer, or from ASK_S before the oldest unanswered query if that is later.
 """
 
 from collections import deque
@@ -15,12 +15,12 @@ from statistics import median
 
 ASK = b"\x1b[5n"
 ASK_S = 0.1
-GONE_S = 0.35  # 0.5 s is promised: answers on their way, the loop, the slew and the firmware take their part
+GONE_S = 0.35  # 0.5 s is guaranteed; transmission, loop, slew and firmware need the rest
 START_S = 1.0
 
 
 class Heartbeat:
-    """A heartbeat of the terminal; `query_message` sends the query, and the caller passes the time."""
+    """A monitor of the terminal by its answers. `query_message` sends a query; the caller passes the time [s]."""
 
     def __init__(self, query_message: Callable[[bytes], object]) -> None:
         self._ask = query_message
@@ -32,7 +32,7 @@ class Heartbeat:
 
     def look(self, now_s: float) -> None:
         """Send a query if one is due."""
-        if now_s - self._looked_s > ASK_S:  # held up: what waits to be read has waited here, not on its way
+        if now_s - self._looked_s > ASK_S:  # this program was delayed: answers have waited here
             self._paused_s = now_s
         self._looked_s = now_s
         if now_s - self._last_s >= ASK_S:
@@ -40,8 +40,8 @@ class Heartbeat:
             self._query_times_s.append(now_s)
             self._ask(ASK)
 
-    def answered(self, now_s: float) -> None:
-        """Record an answer of the terminal."""
+    def record_answer(self, now_s: float) -> None:
+        """Record an answer of the terminal, received at this time [s]."""
         self.answers, self._answer_s = True, now_s
         if self._query_times_s:
             query_s = self._query_times_s.popleft()
@@ -49,12 +49,12 @@ class Heartbeat:
                 self._trips_ms.append(1e3 * (now_s - query_s))
 
     def silent_s(self, now_s: float) -> float:
-        """Return the time [s] without an answer, 0 if the terminal never answers or all queries are answered.  (2)"""
+        """Return the time [s] without an answer; 0 if the terminal never answers, or without an open query.  (2)"""
         if not self.answers or not self._query_times_s:
             return 0.0
         return now_s - max(self._answer_s, self._query_times_s[0] - ASK_S)
 
-    def gone(self, now_s: float) -> bool:
+    def is_lost(self, now_s: float) -> bool:
         """Return True if the terminal, or the connection to it, is lost.  (2)"""
         return self.silent_s(now_s) > GONE_S
 

@@ -1,7 +1,7 @@
 """Use the terminal as a device: read single keys, write frames, and restore its settings at the end.
 
-It is opened again, so that the settings here (no call waits) do not affect other programs. A terminal whose network is
-dead accepts no bytes and must not delay a vehicle: bytes that it does not accept are dropped.
+The terminal is opened a second time, so that the non-blocking mode does not affect other programs. A terminal with a
+lost network does not accept bytes and must not delay a vehicle: bytes that it does not accept are dropped.
 """
 
 import os
@@ -19,9 +19,9 @@ PENDING = 4096  # bytes that may wait: half a second of frames
 
 
 class TerminalLine(Protocol):
-    """The input and output of a Cockpit."""
+    """The terminal as a Cockpit uses it: its input and its output."""
 
-    answers: bool  # whether one can ask it anything
+    answers: bool  # True if it may answer queries
 
     def read(self) -> list[KeyEvent] | None:
         """Return the events since the last call, or None once the input has ended."""
@@ -32,7 +32,7 @@ class TerminalLine(Protocol):
         ...
 
     def change(self, on: bytes, off: bytes) -> None:
-        """Send `on` now, and `off` at the end."""
+        """Send `on` now, and `off` when the terminal is closed."""
         ...
 
     def size(self) -> tuple[int, int]:
@@ -58,7 +58,7 @@ class Tty:
         self._before = termios.tcgetattr(self._fd)
         tty.setcbreak(self._fd)
         mode = termios.tcgetattr(self._fd)
-        mode[6][termios.VSUSP] = b"\0"  # Ctrl-Z would leave the terminal to the shell as it is now
+        mode[6][termios.VSUSP] = b"\0"  # Ctrl-Z would return the terminal to the shell with these settings
         termios.tcsetattr(self._fd, termios.TCSANOW, mode)
         self.change(CURSOR_OFF, CURSOR_ON)
 
@@ -97,15 +97,15 @@ class Tty:
         return 80, 24
 
     def close(self) -> None:
-        """Restore the settings and close the file."""
+        """Restore the modes and settings of the terminal, and close its file."""
         import termios
 
-        self._waits = b""  # of a frame that was not taken: the rest would be read as text
+        self._waits = b""  # drop the rest of a frame, which would be read as text
         self.write(self._undo)
         with suppress(OSError, termios.error):
             termios.tcsetattr(
                 self._fd, termios.TCSAFLUSH, self._before
-            )  # answers still on their way do not count as typing
+            )  # discard answers that are still on their way, as they are not typed text
         os.close(self._fd)
 
 
@@ -134,7 +134,7 @@ class WindowsConsole:
         sys.stdout.flush()
 
     def change(self, on: bytes, off: bytes) -> None:
-        """Do nothing: this console does not have such modes."""
+        """Do nothing: this console does not have modes to change."""
 
     def size(self) -> tuple[int, int]:
         """Return (80, 24), as the size is unknown."""
@@ -164,9 +164,9 @@ def _unix() -> Tty:
 
 
 def answered_by_another(parents: Callable[[], list[str]] | None = None) -> str:
-    """Return the name of a program that answers in place of the terminal and outlives it (tmux, screen, mosh, zellij).
+    """Return the name of a parent program that answers in place of the terminal: tmux, screen, mosh-server or zellij.
 
-    "" without such a program between this one and the terminal.
+    It continues to run after the terminal is lost. Return "" if this program does not run inside one.
     """
     for name in (parents or _parents)():
         for program in ("tmux", "screen", "mosh-server", "zellij"):
@@ -176,7 +176,7 @@ def answered_by_another(parents: Callable[[], list[str]] | None = None) -> str:
 
 
 def _parents() -> list[str]:
-    """Return the names of the parent programs of this one, nearest first, [] if the system does not list them."""
+    """Return the names of this program and its parents, nearest first; [] if the system does not list them."""
     names: list[str] = []
     pid = os.getpid()
     with suppress(OSError, ValueError, IndexError):

@@ -1,14 +1,14 @@
-"""Slow down a drive whose estimate is doubtful, and stop it if the doubt lasts.
+"""Slow down a drive while its estimate is doubtful, and stop it if the doubt lasts.
 
   doubt = a sensor is DEGRADED, or σ > SHARE · max_position_std_m of the supervisor                     (1)
   pace  = SLOW while there is doubt, 0 after WAIT_S of severe doubt, 1 again once it is over              (2)
   stop  after STAND_S at pace 0 under severe doubt                                                      (3)
 
-The monitor (monitor/) sets a sensor DEGRADED. If it cannot decide whether the sensor or the model is wrong, the doubt
-is not severe: the vehicle only slows down. A model that is certainly wrong does not make the estimate doubtful.
+The monitor (monitor/) sets a sensor DEGRADED. If the monitor cannot decide if the sensor or the model is wrong, the
+doubt is not severe: the vehicle only slows down. A model that is certainly wrong does not make the estimate doubtful.
 """
 
-from baqueano.diagnostics import Diagnostic, Severity, StopReason, joined, note, stop
+from baqueano.diagnostics import Diagnostic, Severity, StopReason, merge, note, stop
 from baqueano.drive.observers import LastLine, Observer
 from baqueano.drive.safety.paced_guide import PacedGuide
 from baqueano.loop import Blocks, Record
@@ -24,7 +24,7 @@ SOURCE = WHO = "caution"
 class Caution(Observer):
     """Observer of one drive; `most_m` is the position uncertainty [m] at which the supervisor stops the vehicle.
 
-    Without `watches` it never doubts, and only wraps the guide for the pace that the holder sets (door/adjusting.py).
+    If `watches` is False, the observer only wraps the guide, so that the holder can set its pace (door/adjusting.py).
     """
 
     def __init__(self, most_m: float = float("inf"), watches: bool = True) -> None:
@@ -36,12 +36,12 @@ class Caution(Observer):
         self._lines: list[LastLine] = []
 
     def begin(self, blocks: Blocks) -> Blocks:
-        """Wrap the guide so that its pace can be set."""
+        """Return the blocks with the guide wrapped, so that its pace can be set."""
         self._guide = PacedGuide(blocks.guide)
         return blocks._replace(guide=self._guide)
 
     def look(self, record: Record) -> None:
-        """Choose the pace of the next tick.  (2)"""
+        """Set the pace of the guide from the next tick on.  (2)"""
         assert self._guide is not None
         t_ns = record.tick.t_ns
         doubt, grave = self._doubt_of(record)
@@ -53,16 +53,16 @@ class Caution(Observer):
             self._lines.append((SOURCE, str(level), note(code, level, cause=doubt or self._doubt)))
         self._doubt, self._grave = doubt, grave
         stands = grave and seconds(t_ns, self._since_ns) >= WAIT_S
-        self._guide.want(WHO, 1.0 if doubt is None else 0.0 if stands else SLOW)
+        self._guide.set_pace(WHO, 1.0 if doubt is None else 0.0 if stands else SLOW)
 
     def stop_reason(self, t_ns: int) -> Diagnostic | None:
-        """Return the reason to stop the vehicle, or None.  (3)"""
+        """Return the reason to stop the vehicle, None if it may continue.  (3)"""
         if not self._grave or seconds(t_ns, self._since_ns) < WAIT_S + STAND_S:
             return None
         return stop(StopReason.ESTIMATE_DOUBTFUL, cause=self._doubt)
 
     def events(self) -> list[LastLine]:
-        """Return the new messages on the begin and end of slow driving, with the reason."""
+        """Return the new messages about the begin and the end of slow driving, with the reason."""
         lines, self._lines = self._lines, []
         return lines
 
@@ -74,6 +74,6 @@ class Caution(Observer):
         if std_m > SHARE * self._most_m:
             return note("caution.uncertain", Severity.WARNING, std_m=std_m, most_m=self._most_m), True
         findings = [finding for finding in record.degraded if finding.off != MODEL]
-        return joined(finding.diagnostic for finding in findings), any(
+        return merge(finding.diagnostic for finding in findings), any(
             finding.off == SENSOR for finding in findings
         )

@@ -1,10 +1,10 @@
 """End the drive of a vehicle that is stuck.
 
   stuck while |p − p_0| < STILL_M, |ψ − ψ_0| < STILL_RAD and |p_r − p| > AWAY_M                         (1)
-  stop  once (1) has held for patience_s
+  stop  once (1) has been true for patience_s
 
-p_0, ψ_0 is the pose of the last motion. A stop of the route does not count, as the vehicle is then at its reference.
-Nor does a pause count, as the reference stands with the vehicle.
+p_0, ψ_0 is the pose at the last motion, p_r the reference. A stop in the route does not count, because the vehicle is
+then at its reference. A pause does not count either, because the reference then rests near the vehicle.
 """
 
 import numpy as np
@@ -19,7 +19,7 @@ STILL_M, STILL_RAD, AWAY_M = 0.02, 0.1, 0.05
 
 
 class Patience(Observer):
-    """Observer of one drive, which ends it after `patience_s` without progress."""
+    """Observer that ends a drive after `patience_s` without progress."""
 
     def __init__(self, patience_s: float) -> None:
         self._patience_s = patience_s
@@ -36,7 +36,7 @@ class Patience(Observer):
             self._origin, self._since_ns = eta, record.tick.t_ns
 
     def stop_reason(self, t_ns: int) -> Diagnostic | None:
-        """Return the reason to end the drive, or None.  (1)"""
+        """Return the reason to end the drive, None if it may continue.  (1)"""
         waited_s = seconds(t_ns, self._since_ns)
         if waited_s < self._patience_s:
             return None

@@ -25,14 +25,14 @@ if TYPE_CHECKING:
     from baqueano.routes.examine import Walls
     from baqueano.vehicle_file import VehicleFile
 
-STILL_M_S = 0.01  # a slower sample stands
-LEAST_M, LARGEST_M = 0.15, 20.0  # radius of a way to the route
-SPARE = 1.3  # of that radius, for the controller
+STILL_M_S = 0.01  # a slower sample counts as rest
+LEAST_M, LARGEST_M = 0.15, 20.0  # limits of the radius of a path to the route
+SPARE = 1.3  # margin of the radius, for the controller
 PATIENCE_S = 20.0
 
 
 class PlainRoom(NamedTuple):
-    """A room in the form in which a mission contains it: see `routes.examine.Walls`."""
+    """A room as plain numbers, as a mission contains it: see `routes.examine.Walls`."""
 
     free: Value
     start: tuple[float, float, float]
@@ -42,9 +42,9 @@ class PlainRoom(NamedTuple):
 class Precautions:
     """Options of `repeat` for the safety of the vehicle.
 
-    `check`: examine the route before the vehicle moves. `anyway`: drive also a route that is too fast, or has gaps.
+    `check`: examine the route before the vehicle moves. `anyway`: also drive a route that is too fast or has gaps.
     `room`: stop before the vehicle may leave it. `lead_in`: if the vehicle is not at the start of its route, drive
-    there first. `way_back`: drive back to that start afterwards. `caution`: slow down and stop if the estimate is
+    there first. `way_back`: drive back to the start afterwards. `caution`: slow down and stop if the estimate is
     doubtful. `patience_s`: end the drive of a vehicle that is stuck for this time.
     """
 
@@ -58,13 +58,13 @@ class Precautions:
 
     @classmethod
     def of(cls, options: JsonObject) -> "tuple[Precautions, JsonObject]":
-        """Return the precautions among the options, and the other options."""
+        """Split `options` into precautions and other options, and return both."""
         own = {field.name for field in fields(cls)}
         own_options = {name: value for name, value in options.items() if name in own}
         return cls(**own_options), {name: value for name, value in options.items() if name not in own}
 
     def to_json(self) -> JsonObject:
-        """Return the values that differ from the defaults, for JSON."""
+        """Return the values that differ from the defaults, as data for JSON."""
         usual = Precautions()
         row = {f.name: getattr(self, f.name) for f in fields(self)}
         row = {name: value for name, value in row.items() if value != getattr(usual, name)}
@@ -75,7 +75,7 @@ class Precautions:
 
     @classmethod
     def of_json(cls, document: JsonObject) -> "Precautions":
-        """Return the precautions of this JSON, the inverse of `to_json`. Raise UsageError for anything else."""
+        """Return the precautions in this JSON, the inverse of `to_json`. Raise UsageError for other data."""
         try:
             usual, row = asdict(cls()), dict(document)
             room = row.pop("room", None)
@@ -93,10 +93,10 @@ class Precautions:
     def around(
         self, guide: Guide, route: Route, vehicle_file: "VehicleFile", start: np.ndarray, estimator: Estimator,
     ) -> Guide:  # fmt: skip
-        """Return the guide with `lead_in`, a path to a start from which the vehicle is away, and with `way_back`.
+        """Return the guide with a path to the start of the route (`lead_in`) and a path back to it (`way_back`).
 
-        An estimator that takes no start pose begins at the pose that its sensors measure. With `lead_in` it therefore
-        always gets the path to the start.
+        The path to the start is added only if the vehicle is not there. An estimator without a start pose begins at the
+        pose that its sensors measure; for it the path is always added.
         """
         off = start[:3] - route.eta[0]
         away = np.hypot(off[0], off[1]) > NEAR_M or abs(wrap(off[2])) > NEAR_RAD
@@ -109,7 +109,7 @@ class Precautions:
         return InTurn.with_way_back(guide, route, **limits) if self.way_back else guide
 
     def observers(self, vehicle_file: "VehicleFile", route: Route) -> tuple[Observer, ...]:
-        """Return the observers that slow and stop the drive."""
+        """Return the observers that slow down and stop the drive."""
         most_m = getattr(vehicle_file.supervisor(), "max_position_std_m", float("inf"))
         watch: list[Observer] = [Caution(most_m, self.caution)]
         if np.isfinite(self.patience_s):
@@ -120,13 +120,13 @@ class Precautions:
 
 
 def limits_of(route: Route, vehicle_file: "VehicleFile") -> dict[str, float]:
-    """Return the speed [m/s] of a route and a radius [m] that the vehicle can drive at it, with a margin."""
+    """Return the speed of a route [m/s], and a radius [m] that the vehicle can drive at this speed, with a margin."""
     speed = np.abs(route.nu[:, 0])
     moving = speed[speed > STILL_M_S]
     v = float(np.median(moving)) if moving.size else 0.2
     try:
         turn = float(Capability(vehicle_file).fastest_turn(np.array([v]))[0])
-    except TraceError:  # a vehicle of one's own that is not compiled
+    except TraceError:  # a user's vehicle that cannot be compiled
         turn = 0.0
     radius_m = SPARE * v / turn if turn > 0.0 else 2.0 * LEAST_M
     return {"speed_m_s": v, "radius_m": float(np.clip(radius_m, LEAST_M, LARGEST_M))}

@@ -3,8 +3,8 @@
   p̂ = p_start + R(ψ_start) R(ψ_0)ᵀ (p − p_0)                in the room, from the route's first pose η_0 (1)
   |p̂_i| + STOP_S |v_i| + √(χ² Σ_ii) < free_i,   χ² = 5.99    the 95 % region, and the stopping distance  (2)
 
-free is the space that the room leaves to the body's origin (identify/design/room.py). With commands and IMU only, Σ
-grows from lap to lap: the drive ends when the vehicle may touch a wall, not when it touches one.
+free is the space of the room in which the body's origin may be (identify/design/room.py). With commands and IMU only, Σ
+grows from lap to lap. The drive therefore ends when the vehicle may touch a wall, before it touches one.
 """
 
 from typing import TYPE_CHECKING
@@ -25,7 +25,7 @@ STOP_S = 0.3
 
 
 class RoomWatch(Observer):
-    """Observer of a drive whose route begins at the pose `origin` (3,) of the map, and at `room.start` of the room."""
+    """Observer of a drive along a route whose first pose is `origin` (3,) in the map and `room.start` in the room."""
 
     def __init__(self, room: "Walls", origin: np.ndarray) -> None:
         self._free, self._start = np.asarray(room.free), np.asarray(room.start)
@@ -34,7 +34,7 @@ class RoomWatch(Observer):
         self._reason: Diagnostic | None = None
 
     def look(self, record: Record) -> None:
-        """Test the possible distance to the walls.  (2)"""
+        """Test (2), and store the reason to stop if it fails."""
         eta, nu, cov = record.estimate.eta, record.estimate.nu, record.estimate.cov
         place = self._start[:2] + self._turn @ (eta[:2] - self._origin[:2])  # (1)
         v = self._turn @ map_from_body(eta[2])[:2, :2] @ nu[:2]
@@ -49,5 +49,5 @@ class RoomWatch(Observer):
             self._reason = stop(StopReason.ROOM, axis="xy"[i], **figures)
 
     def stop_reason(self, t_ns: int) -> Diagnostic | None:
-        """Return the reason to stop the vehicle, or None."""
+        """Return the reason to stop the vehicle, None if it may continue."""
         return self._reason

@@ -1,4 +1,4 @@
-"""Check a route before the vehicle moves, for each kind of request: command line, Python, page or robot."""
+"""Check a route before the vehicle moves, for all requests: from the command line, Python, the page or a robot."""
 
 from typing import TYPE_CHECKING
 
@@ -12,8 +12,8 @@ if TYPE_CHECKING:
     from baqueano.routes.examine import Walls
     from baqueano.vehicle_file import VehicleFile
 
-FASTER = ("route.speed-too-high", "route.turns-too-fast")  # the vehicle comes late
-UNSURE = (*FASTER, "route.gap")  # that the user may allow
+FASTER = ("route.speed-too-high", "route.turns-too-fast")  # the vehicle falls behind
+UNSURE = (*FASTER, "route.gap")  # findings that the user may accept
 
 
 def warnings_of(
@@ -25,14 +25,14 @@ def warnings_of(
     anyway: bool = False,
     backend: str = "auto",
 ) -> tuple[Diagnostic, ...]:
-    """Return the warnings about a route that may be driven. Raise AnswerNo with the first reason against it.
+    """Return the warnings about a route that may be driven. Raise AnswerNo if it may not, with the first reason.
 
     A model that was not `measured` cannot prove that a route is too fast: the finding is then only a warning. `anyway`
     allows a route that is too fast or has gaps. A jump, a wall, and a value that is not a number are always refused.
     """
     try:
         report = examine(route, vehicle_file, room, backend=backend)
-    except TraceError:  # a user's vehicle that is not compiled: its limits are unknown
+    except TraceError:  # a user's vehicle that cannot be compiled: its limits are unknown
         report = examine(route, None, room)
     for finding in report.findings:
         passes = (finding.code in UNSURE and anyway) or (finding.code in FASTER and not measured)

@@ -1,8 +1,8 @@
 """The correction of augmented_ekf.py: predict each number of a sensor, test it against a gate, and use it.
 
-A number beyond `gate_sigma` loses its weight; the other numbers keep theirs. An exception is a number whose previous
-innovation was similar: an outlier is a single one, but a turn that the model did not predict lasts. With the whitened
-innovation e, the previous one e₋, and the limit l of the gate, the weight w is
+A number beyond `gate_sigma` loses its weight; the other numbers keep their weights. An exception is a number whose
+previous innovation was similar: an outlier is a single number, but a turn that the model did not predict lasts. With
+the whitened innovation e, the previous innovation e₋, and the limit l of the gate, the weight w is
 
     w = 1/(1 + (a/l)⁸),   a = max(min(|e|, |e − e₋|/√2), |e|/ABSURD)                                       (1)
 
@@ -17,7 +17,7 @@ from baqueano.contracts import optional
 from baqueano.contracts.values import Value
 from baqueano.estimators.augmented.motion import disturbance_acceleration
 from baqueano.estimators.augmented.state import BIASES, SCALES, layout, start_std
-from baqueano.estimators.covariance import block_diagonal, mirrored
+from baqueano.estimators.covariance import block_diagonal, mirror_upper
 from baqueano.estimators.kalman import Gaussian, boxplus, correct
 from baqueano.estimators.readings.place_gate import TURN_STD, PlaceDoubt, PlaceNumbers, gate_decision, growth
 from baqueano.estimators.readings.sensor_numbers import age_s
@@ -32,7 +32,7 @@ if TYPE_CHECKING:
     from baqueano.estimators.augmented_ekf import AugmentedEkf
 
 ABSURD = 1.5  # times the gate: a number beyond this always gets a weight below 0.5
-WITHIN = 0.9999  # of a sensor's range: a reading at its end is left out
+WITHIN = 0.9999  # of a sensor's range: a reading at its end is not used
 
 
 class Innovations(NamedTuple):
@@ -41,15 +41,15 @@ class Innovations(NamedTuple):
     gap: np.ndarray  # (m,) the last innovations, in order of use
     place_doubt: PlaceDoubt
     refused: Value  # count of numbers that lost their weight
-    y: np.ndarray  # (m,) innovations; NaN for what did not arrive
+    y: np.ndarray  # (m,) innovations; NaN for a number that did not arrive
     S: np.ndarray  # (m, m)
-    weight: np.ndarray  # (m,) weights; NaN for what did not arrive
+    weight: np.ndarray  # (m,) weights; NaN for a number that did not arrive
 
 
-def corrected(
+def correct_tick(
     estimator: "AugmentedEkf",
     x: Gaussian,
-    before: tuple[np.ndarray, PlaceDoubt],
+    previous: tuple[np.ndarray, PlaceDoubt],
     effort: Effort,
     nu_dot: Value,
     tick: Tick,
@@ -58,18 +58,18 @@ def corrected(
 ) -> tuple[Gaussian, Innovations]:
     """Return the state after the measurements that arrived, and the innovations.
 
-    `before` holds gap and place_doubt of the previous row. `nu_dot` is that of a kinematic model; None for a dynamic
-    one.
+    `before` contains gap and place_doubt of the previous row. `nu_dot` (3,) is the acceleration of a kinematic model;
+    None for a dynamic model.
     """
-    its, (last, place_doubt) = layout(estimator), before
+    its, (last, place_doubt) = layout(estimator), previous
     if not len(its.moving):
         return x, Innovations(last, place_doubt, 0.0, last, np.zeros((0, 0)), last)
     gaps, slopes, noise, arrivals, ways = [], [], [], [], []
-    for name, rows in zip(its.names, its.at, strict=True):
+    for name, rows in zip(its.names, its.entries, strict=True):
         sensor, slot, at = getattr(estimator.sensors, name), getattr(tick.sensors, name), np.array(rows)
 
         def h(mean: np.ndarray, name: str = name) -> np.ndarray:
-            return expected(estimator, mean, name, effort, nu_dot, getattr(tick.sensors, name))
+            return predict_measurement(estimator, mean, name, effort, nu_dot, getattr(tick.sensors, name))
 
         within = np.abs(slot.z) < WITHIN * optional.of(sensor, "limit")
         predicted, has = h(x.mean), (slot.has > 0.0) & np.isfinite(slot.z) & within
@@ -84,8 +84,8 @@ def corrected(
     numbers = PlaceNumbers(y * has, H_of_present @ x.cov @ H_of_present.T + Q, has, ways)
     of_place = gate_decision(its.places, numbers, place_doubt, dt_s, estimator.gate_sigma)
     if its.places:
-        D = growth(of_place.grown, np.sqrt(np.diag(x.cov)), _most(estimator), its.doubted)
-        x = x._replace(cov=mirrored(x.cov * np.outer(D, D)))
+        D = growth(of_place.grown, np.sqrt(np.diag(x.cov)), _most(estimator), its.doubt_mask)
+        x = x._replace(cov=mirror_upper(x.cov * np.outer(D, D)))
 
     def weight(c: int, e: Value, s: Value) -> Value:
         if c in of_place.weights:
@@ -101,13 +101,13 @@ def corrected(
     w = np.array([weight(c, update.e[c], update.s[c]) for c in range(len(y))])
     refusals = np.sum(np.where(w < 0.5, has, 0.0))
     gap = np.where(has > 0.0, update.e * np.sqrt(update.s), last)
-    S = mirrored(H @ x.cov @ H.T + Q)
+    S = mirror_upper(H @ x.cov @ H.T + Q)
     x = Gaussian(boxplus(x.mean, update.move), update.cov)
     y, w = (np.where(has > 0.0, values, np.nan) for values in (y, w))
     return x, Innovations(gap, of_place.doubt, refusals, y, S, w)
 
 
-def expected(
+def predict_measurement(
     estimator: "AugmentedEkf", mean: np.ndarray, name: str, effort: Effort, nu_dot: Value, slot: Slot
 ) -> np.ndarray:
     """Return the predicted measurement (m,) of a sensor with its estimated biases, at its time of measurement.
@@ -130,5 +130,5 @@ def expected(
 
 
 def _most(estimator: "AugmentedEkf") -> np.ndarray:
-    """Return the standard deviations (n,) up to which a doubt may grow."""
+    """Return the standard deviations (n,) to which a doubt of the pose may increase the covariance at most."""
     return np.concatenate([np.array([INF, INF, TURN_STD]), start_std(estimator)[3:]])

@@ -6,13 +6,13 @@ A filter in which every number corrects every state relies on the couplings of i
 with the model changes the speed, and an odometer changes the heading. On real cars these couplings had larger errors
 than the sensors, and the estimate was worse than the model. So a number corrects, by what it measures:
 
-    the pose                all of x
+    the pose                all states
     ν_x, not inertial       position, ν_x, ν_y, d_x; also the turning states if no number measures only ν_ψ
     only ν_ψ (a gyro)       ψ, ν_y, ν_ψ, d_ψ; at rest also its bias
     other inertial number   its bias at rest; if in `speed_from` its bias, position, ν_x, ν_y, d_x at any time (2)
 
 h determines what a number measures (sensor_numbers.py). A number whose bias walks is inertial. A model error looks like
-a bias: so biases outside `speed_from` are estimated only at rest, but by all numbers at any time with a pose sensor.
+a bias: so biases outside `speed_from` are estimated only at rest. With a pose sensor, all numbers correct all biases.
 """
 
 from functools import lru_cache
@@ -41,20 +41,20 @@ LEADING = 2.5  # factor on the model's part of the gate of a gyro, because no mo
 
 
 class Layout(NamedTuple):
-    """Layout of the state of a filter for its sensors."""
+    """The states of a filter for its sensors, and the states that each number of a sensor may correct."""
 
     names: tuple[str, ...]  # the sensors
-    at: tuple[tuple[int, ...], ...]  # the numbers of each sensor that correct the state
+    entries: tuple[tuple[int, ...], ...]  # the numbers of each sensor that correct the state
     biases: tuple[UncertainNumber, ...]
     moving: np.ndarray  # (m, n) E of kalman.py for each number, while the vehicle drives  (2)
     resting: np.ndarray  # (m, n) at rest
     patience: np.ndarray  # (m,) factor on the model's part of the gate of each number
-    slope: np.ndarray  # (m, 2) derivative of each number by speed and yaw rate; 0 for one it may not correct
-    places: tuple[tuple[int, ...], ...]  # the numbers of each sensor that shows the pose: place_gate.py
+    slope: np.ndarray  # (m, 2) derivative of each number by speed and yaw rate; 0 if it may not correct them
+    places: tuple[tuple[int, ...], ...]  # the numbers of each sensor that measures the pose: place_gate.py
 
     @property
-    def doubted(self) -> np.ndarray:
-        """Return a mask (n,): 1 for the states that may be wrong if the pose is wrong: (η, κ, β, b)."""
+    def doubt_mask(self) -> np.ndarray:
+        """Return a mask (n,): 1 for η, κ, β and b, the states that may be wrong if the pose is wrong."""
         mask = np.ones(self.size)
         mask[[*range(3, SCALES), BEND]] = 0.0
         return mask
@@ -116,13 +116,13 @@ def start_std(estimator: "AugmentedEkf") -> np.ndarray:
     """Return the standard deviations (n,) of the state at the start."""
     its = layout(estimator)
     biases = np.array([bias.of(estimator.sensors, bias.std) for bias in its.biases])
-    scales = scale_std(estimator.sensors, dict(zip(its.names, its.at, strict=True)))
+    scales = scale_std(estimator.sensors, dict(zip(its.names, its.entries, strict=True)))
     course = np.array([estimator.course_std, 1.0])
     return np.concatenate([estimator.initial_std, estimator.disturbance_std, scales, course, biases])
 
 
 def _shows(sensor: Sensor) -> list[tuple[bool, bool, bool]]:
-    """Return three booleans for each number of a sensor: it measures the pose; at rest, the speed and the yaw rate."""
+    """Return three booleans for each number of a sensor: it depends on the pose; on ν_x at rest; on ν_ψ at rest."""
     return [
         (bool(np.any(anywhere[:3])), bool(at_rest[3] != 0.0), bool(at_rest[5] != 0.0))
         for anywhere, at_rest in zip(slopes(sensor), slopes(sensor, np.zeros(9)), strict=True)

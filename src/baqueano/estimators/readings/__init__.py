@@ -1,1 +1,1 @@
-"""Readings of sensors as numbers: their noise, their gates, their faults."""
+"""Readings of sensors as numbers: their noise, gates and faults."""

@@ -1,15 +1,15 @@
 """Widen the covariance during a lasting disagreement; the correction of the state does not change.
 
-The speed ν_x and the yaw rate ν_ψ are each in doubt by a. a = |y / h'| while a number that measures it is refused, with
-innovation y and derivative h'. a = |ν − ν of the model| while the filter follows a number against its model, which
-|d| > gate_sigma σ_d detects. If the doubt lasts at least DOUBT_S:
+A doubt a [m/s or rad/s] belongs to the speed ν_x, another to the yaw rate ν_ψ. While a number that measures ν_x or ν_ψ
+is refused, a = |y / h'| with its innovation y and derivative h'. While the filter follows a number against its model,
+a = |ν − ν of the model|; this is detected by |d| > gate_sigma σ_d. If the doubt lasts at least DOUBT_S:
 
-    var ν ← var ν + a²  as it is reported,      P_ηη ← P_ηη + J g (2 a² t δ) gᵀ Jᵀ                         (1)
+    var ν ← var ν + a²  only as reported,       P_ηη ← P_ηη + J g (2 a² t δ) gᵀ Jᵀ                         (1)
 
-P_ηη is the covariance of the pose, J rotates body to map, g is the axis of the velocity. δ is the length of the row, t
+P_ηη is the covariance of the pose, J rotates body to map. g is the axis of the velocity, δ the duration of the row, t
 the duration of the doubt. The position error is a t if the velocity is wrong by a all the time. So the region contains
-the truth if either the sensor or the model is correct. The correction uses the unchanged covariance: a wider one would
-open the gate.
+the truth if either the sensor or the model is correct. The correction uses the unchanged covariance: a wider covariance
+would open the gate.
 """
 
 from functools import reduce
@@ -28,21 +28,21 @@ HELD_S, FADING = 1.0, 2.0
 
 
 class DoubtUpdate(NamedTuple):
-    """The doubt after a row, and its share in the covariances."""
+    """The doubt after a row, and its contributions to the covariances of pose and velocity."""
 
     doubt: np.ndarray  # (2, 2) of speed and yaw rate: size of the last refused innovations, and duration [s]
     of_pose: np.ndarray  # (3, 3)
     of_nu: np.ndarray  # (3, 3)
 
 
-def doubted(
+def update_doubt(
     doubt: np.ndarray, slope: np.ndarray, innovations: Value, against: np.ndarray, psi: Value, dt_s: Value
 ) -> DoubtUpdate:
-    """Return the doubt after a row of `dt_s`.
+    """Return the doubt of speed and yaw rate after a row of `dt_s`, with its contributions to the covariances.
 
-    `slope` (m, 2) is the derivative of each number by speed and yaw rate, 0 if it corrects neither. `innovations` has y
-    (m,), NaN for a number that did not arrive, and the weights (m,). `against` (2,) is the size of the correction
-    against the model.
+    `slope` (m, 2) is the derivative of each number by speed and yaw rate; 0 if the number may not correct them.
+    `innovations` has y (m,), NaN for a number that did not arrive, and the weights (m,). `against` (2,) is the size of
+    the correction against the model.
     """
     refusals, came = [], []
     for h in slope.T:
@@ -65,8 +65,8 @@ def updated_doubt(
 ) -> np.ndarray:
     """Return the doubt (2, 2) one row later: the size of the last refused innovations, and the duration [s].
 
-    `refused` (2,) is the size of the refused innovations of this row, `against` (2,) that of the correction against the
-    model; 0 without one. `came` (2,) is True if a reading arrived.
+    `refused` (2,) is the size of the refused innovations of this row, `against` (2,) the size of the correction against
+    the model; both are 0 if absent. `came` (2,) is True if a reading arrived.
     """
     by = np.where(came, refused, doubt[0])
     less = np.maximum(np.minimum(doubt[1], HELD_S) - FADING * dt_s, 0.0)
@@ -76,7 +76,7 @@ def updated_doubt(
 def wider(
     by: np.ndarray, before_s: np.ndarray, now_s: np.ndarray, psi: Value, dt_s: Value
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Return the share of the doubt by `by` (2,) in the covariances of pose and velocity, (3, 3) each.  (1)"""
+    """Return what a doubt of size `by` (2,) adds to the covariances of pose (3, 3) and velocity (3, 3).  (1)"""
     lasts, way = now_s >= DOUBT_S, map_from_body(psi)[:, [0, 2]]
     longer = np.where(before_s >= DOUBT_S, dt_s * (2.0 * before_s + dt_s), now_s**2)
     grows = lasts & (now_s > before_s)

@@ -14,7 +14,7 @@ from baqueano.parameter import INF
 
 @cache
 def gate(sigma: float, m: int) -> float:
-    """Return the squared distance that m numbers exceed as rarely as one number exceeds `sigma` deviations.
+    """Return the limit of the squared distance of m numbers, as improbable as `sigma` deviations of one number.
 
     It is the χ² quantile, by bisection on the survival function (a finite series in m).  (1, 2)
     """

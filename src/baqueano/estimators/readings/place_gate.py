@@ -1,16 +1,16 @@
-"""The gate of the sensors that measure the pose. It judges a reading as a whole, and the filter by two readings.
+"""The gate of the sensors that measure the pose: it tests a reading as a whole, and the filter by two readings.
 
     d² = yᵀ S⁻¹ y,   w = 1/(1 + (d²/χ²)⁴)         y all numbers of a sensor, χ² of m numbers at gate_sigma     (1)
     d²ᵢ = (y + Δᵢ)ᵀ S⁻¹ (y + Δᵢ),   p = 1/(1 + MISTAKEN e^(½ (d² − min d²ᵢ))),   w ← p w                       (2)
     P ← D P D,   D = d/√m for η, κ and b; of ψ, κ and b at most up to their deviation at the start             (3)
     (y − y₋)ᵀ (2 S)⁻¹ (y − y₋) ≤ χ²                                                                          (4)
 
-y is the innovation with covariance S, w the weight. Δᵢ is the way from the tag that was read to another one. p is the
+y is the innovation with covariance S, w the weight. Δᵢ is the vector from the tag that was read to tag i. p is the
 probability that no tag was mistaken for another (Bar-Shalom and Tse 1975). One refused reading is an outlier. Two of
-them, at least AGAIN_S apart, mean that the vehicle was moved by hand or that the filter is overconfident: P grows (3).
-If the second one agrees with the first, y₋, it is accepted at once (4); else the next reading decides. Readings that a
-mistaken tag explains count for this only after OVERLOOKED of them in a row. A refused reading does not count if the
-previous counted one is less than AGAIN_S old.
+them, at least AGAIN_S apart, mean that a person moved the vehicle or that the filter is overconfident: P grows (3). If
+the second reading agrees with the first, y₋, it is accepted at once (4); else the next reading decides. Readings that a
+mistaken tag explains count for this only after OVERLOOKED such readings in a row. A refused reading counts only if the
+previous counted reading is at least AGAIN_S old.
 """
 
 from typing import NamedTuple
@@ -25,21 +25,21 @@ MISTAKEN = 0.05  # share of mistaken readings; a guess, the distances between ta
 OVERLOOKED = 2.0  # mistakes in a row
 LONG_AGO_S = 1e9  # no reading was refused
 LIKELY = 50.0  # largest exponent, to avoid an overflow
-SMALL = 1e-12  # m², of the way from a tag to itself
+SMALL = 1e-12  # m²: a smaller squared distance is that of a tag from itself
 TURN_STD = np.pi / np.sqrt(3.0)  # rad, of an unknown heading: uniform between ±π
 
 
 class PlaceNumbers(NamedTuple):
     """The numbers of a tick, compared with their prediction."""
 
-    y: np.ndarray  # (m,) innovations; 0 for what did not arrive
-    S: np.ndarray  # (m, m) their covariance; that of the noise where nothing arrived
-    has: np.ndarray  # (m,) 1 for what arrived
+    y: np.ndarray  # (m,) innovations; 0 for a number that did not arrive
+    S: np.ndarray  # (m, m) their covariance; only the noise for a number that did not arrive
+    has: np.ndarray  # (m,) 1 for a number that arrived, else 0
     ways: list[np.ndarray]  # of each number (k,): Δ of (2), zeros for the tag that the sensor reported
 
 
 class Past(NamedTuple):
-    """Earlier judgements of the readings of each sensor; each array is (sensors,)."""
+    """Results of the gate for earlier readings of each sensor; each array is (sensors,)."""
 
     since_s: np.ndarray  # time since a refused reading; LONG_AGO_S if the last one was accepted
     witness: np.ndarray  # 1 if an informative reading was refused since the last accepted one
@@ -47,22 +47,22 @@ class Past(NamedTuple):
 
 
 class PlaceDoubt(NamedTuple):
-    """Memory of the readings refused before, for each sensor that measures the pose."""
+    """Memory of the refused readings, for each sensor that measures the pose."""
 
     y: np.ndarray  # (m,) innovations of the last informative refused reading, in the order of all numbers
     past: Past
 
 
 class GateDecision(NamedTuple):
-    """Weights of the numbers of a tick."""
+    """Result of the gate in a tick: weights of the numbers, growth of the covariance, and memory."""
 
-    weights: dict[int, Value]  # of the numbers that show the pose
+    weights: dict[int, Value]  # of the numbers that measure the pose
     grown: Value  # d/√m of (3): factor on the standard deviations; 1 without evidence
     doubt: PlaceDoubt
 
 
 def no_doubt(groups: tuple[tuple[int, ...], ...], m: int) -> PlaceDoubt:
-    """Return the memory of a filter that starts: no reading was refused."""
+    """Return the memory at the start, without refused readings; m is the number of all numbers."""
     none = np.zeros(len(groups))
     return PlaceDoubt(np.zeros(m), Past(LONG_AGO_S + none, none, none))
 
@@ -70,7 +70,7 @@ def no_doubt(groups: tuple[tuple[int, ...], ...], m: int) -> PlaceDoubt:
 def gate_decision(
     groups: tuple[tuple[int, ...], ...], numbers: PlaceNumbers, doubt: PlaceDoubt, dt_s: Value, sigma: float
 ) -> GateDecision:
-    """Return the weights; `groups` are the numbers of each sensor that measures the pose.  (1)-(4)"""
+    """Return weights, growth and memory; `groups` are the indices of the numbers of each pose sensor.  (1)-(4)"""
     if not groups:
         return GateDecision({}, 1.0, doubt)
     weights: dict[int, Value] = {}
@@ -112,7 +112,7 @@ def _later(past: Past, refusal: Value, mistake: Value, is_right: Value) -> Past:
 
 
 def _nearest(S: np.ndarray, y: np.ndarray, ways: list[np.ndarray]) -> Value:
-    """Return the least d²ᵢ of (2); a very large number if the sensor cannot mistake one tag for another."""
+    """Return the least d²ᵢ of (2) over the other tags; a very large number if the sensor cannot mistake a tag."""
     least = 1.0 / SMALL
     for way in np.stack(ways, axis=1):
         is_none = np.sum(way**2) < SMALL
@@ -120,10 +120,13 @@ def _nearest(S: np.ndarray, y: np.ndarray, ways: list[np.ndarray]) -> Value:
     return least
 
 
-def growth(grown: Value, sd: np.ndarray, most: np.ndarray, at: np.ndarray) -> np.ndarray:
-    """Return D (n,) of (3): deviations `sd` (n,) grow by the factor `grown` if `at` (n,) is 1, up to `most` (n,)."""
+def growth(grown: Value, sd: np.ndarray, most: np.ndarray, mask: np.ndarray) -> np.ndarray:
+    """Return the diagonal D (n,) of (3): the factor of each deviation `sd` (n,).
+
+    It is `grown` if `at` (n,) is 1, limited so that the deviation grows at most to `most` (n,); else it is 1.
+    """
     room = np.maximum(most / np.maximum(sd, 1e-12), 1.0)
-    return np.where(at > 0.0, np.minimum(grown, room), 1.0)
+    return np.where(mask > 0.0, np.minimum(grown, room), 1.0)
 
 
 def square(S: np.ndarray, y: np.ndarray) -> Value:

@@ -1,6 +1,6 @@
-"""Numbers of sensors: what they measure, their age, and the uncertainty of their calibration.
+"""Numbers of sensors: the measured velocities, the age, and the uncertainty of the calibration.
 
-All this follows from h and the parameters. No kind of sensor is named here, so your own sensors work too.
+All this follows from h and the parameters. The module does not name kinds of sensors, so your own sensors work too.
 
     ∂h/∂(η, ν, ν̇)  at rest          which velocities a number measures, to first order                    (1)
     h(θ + STEP) ≠ h(θ)               which parameters θ it depends on                                      (2)
@@ -41,12 +41,12 @@ class UncertainNumber(NamedTuple):
     walk: str  # path of its random walk in 1 s; "" for a constant
 
     def of(self, sensors: SensorBlocks, path: str) -> Value:
-        """Return the value at one of its paths."""
+        """Return the value of the sensor at `path`: one of the paths of this parameter."""
         return get(getattr(sensors, self.sensor), path)
 
 
 def split(use: str) -> tuple[str, tuple[int, ...] | None]:
-    """Return the sensor and its numbers: "imu[1,2]" → ("imu", (1, 2)). None as numbers stands for all of them."""
+    """Return the sensor and the indices of its numbers: "imu[1,2]" → ("imu", (1, 2)). None means all numbers."""
     name, bracket, rest = use.partition("[")
     return name, tuple(int(i) for i in rest.rstrip("]").split(",")) if bracket else None
 
@@ -65,7 +65,7 @@ def check_use(sensors: SensorBlocks, use: tuple[str, ...], by_number: bool = Fal
             raise Invalid(fault("field.use", found=number, known=names))
 
 
-def arrived(sensor: Sensor, slot: Slot) -> Value:
+def has_measurement(sensor: Sensor, slot: Slot) -> Value:
     """Return True if a measurement arrived and is finite."""
     return (slot.has > 0.0) & (np.sum(np.isfinite(slot.z)) == sensor.size)
 
@@ -76,9 +76,9 @@ def age_s(sensor: Sensor, slot: Slot) -> Value:
     return slot.age_s + delay_s + low_pass_s(sensor)
 
 
-def slopes(sensor: Sensor, at: np.ndarray = CURVE) -> np.ndarray:
+def slopes(sensor: Sensor, points: np.ndarray = CURVE) -> np.ndarray:
     """Return ∂h/∂(η, ν, ν̇) (m, 9) at a motion (9,).  (1)"""
-    return jacobian(lambda x: sensor.h(Motion(x[:3], x[3:6], x[6:], np.zeros(2))))(at)
+    return jacobian(lambda x: sensor.h(Motion(x[:3], x[3:6], x[6:], np.zeros(2))))(points)
 
 
 def uncertain(
@@ -100,9 +100,10 @@ def uncertain(
 
 
 def slips(sensors: SensorBlocks, used: dict[str, tuple[int, ...]]) -> tuple[Value, Value, Value]:
-    """Return the variance of the slip as a part of ν_x², its fading time [s], and the time between readings [s].
+    """Return the variance of the mean slip relative to ν_x², its fading time [s], and the time between readings [s].
 
-    Only wheels that measure the speed and slip count; their slips are independent. Without one, return 0, 1 and 0.
+    The mean is over the sensors in use that measure the speed and slip; their slips are independent. Without such
+    sensors, return 0, 1 and 0.
     """
     each = [
         (get(sensor, parameter.slip), get(sensor, parameter.fade), 1.0 / sensor.rate_hz)
@@ -120,8 +121,8 @@ def slips(sensors: SensorBlocks, used: dict[str, tuple[int, ...]]) -> tuple[Valu
 def scale_std(sensors: SensorBlocks, used: dict[str, tuple[int, ...]]) -> np.ndarray:
     """Return the standard deviations (2,) of the scales of speed and yaw rate, for these numbers in use.
 
-    Without a number that measures the speed, its scale is that of the model, which was identified by gyro and
-    accelerometer.
+    Without a number that measures the speed, the speed has the scale error of the model, which was identified by gyro
+    and accelerometer.
     """
     forward, turning = (
         [
@@ -149,5 +150,5 @@ def _bearing(sensor: Sensor, rows: tuple[int, ...], nu: np.ndarray) -> Iterator[
 
 
 def _entry(sensor: Sensor, field: str, index: str) -> str:
-    """Return the path of an entry of a field that has one value for all, or one for each."""
+    """Return the path of the entry `index` of a field; the path of the field if one value serves all entries."""
     return field + (index if field and np.ndim(getattr(sensor, field)) else "")

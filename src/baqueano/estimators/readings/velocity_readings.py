@@ -1,7 +1,7 @@
-"""The velocity that each sensor measures, derived from its h. A sensor of your own is treated like the package's.
+"""The velocity that each sensor measures, derived from its h, also for your own sensors.
 
 Rows of z = h(η, ν, ν̇) that depend only on ν are readings of a velocity. A sensor with a row of ν_ψ only is a gyro and
-comes first. Wheels and odometers follow, each for the entries u of ν that no earlier sensor measures:
+is used first. Wheels and odometers follow, each for the entries u of ν that no earlier sensor measures:
 
     z = h(0) + H ν,    L H_u = I,   L = (H_uᵀ H_u)⁻¹ H_uᵀ                                                 (1)
 
@@ -15,30 +15,30 @@ import numpy as np
 
 from baqueano.contracts.blocks import Sensor, SensorBlocks
 from baqueano.contracts.values import Value
-from baqueano.estimators.readings.sensor_numbers import REST, arrived, check_use, slopes
+from baqueano.estimators.readings.sensor_numbers import REST, check_use, has_measurement, slopes
 from baqueano.signals import ByName, Slot
 
 SIDEWAYS, TURNING = 1, 2
 
 
 class Reading(NamedTuple):
-    """The entries of ν that a sensor measures, and the derivatives for that."""
+    """The entries of ν that a sensor measures, with the derivatives of its h."""
 
     name: str  # of the sensor
     rows: tuple[int, ...]  # of its z
-    of: tuple[int, ...]  # entries of ν that it gives
+    of: tuple[int, ...]  # entries of ν that it measures
     at_rest: np.ndarray  # h(0) (m,)
     slopes: np.ndarray  # H (m, 3)
-    inverse: np.ndarray  # L (3, m); rows of zeros for the entries that it does not give
+    inverse: np.ndarray  # L (3, m); rows of zeros for the entries that it does not measure
 
     @property
     def is_gyro(self) -> bool:
-        """Return True if the sensor gives only the yaw rate."""
+        """Return True if the sensor measures only the yaw rate."""
         return self.of == (TURNING,)
 
 
 def readings_of(sensors: SensorBlocks, use: tuple[str, ...] = ()) -> tuple[Reading, ...]:
-    """Return the readings of the sensors named in `use`, or of all if it is empty; gyros come first."""
+    """Return the readings of the sensors named in `use`, or of all sensors if it is empty; gyros are first."""
     check_use(sensors, use)
     slopes = {name: slopes_of(getattr(sensors, name)) for name in use or getattr(sensors, "_fields", ())}
     gyros = [name for name, rows in slopes.items() if any(is_turning(slope) for slope in rows.values())]
@@ -50,7 +50,7 @@ def readings_of(sensors: SensorBlocks, use: tuple[str, ...] = ()) -> tuple[Readi
             i for i in range(3) if i not in taken_numbers and any(slope[i] != 0.0 for slope in rows.values())
         ]
         if len(of) > len(rows):
-            of = [i for i in of if i != SIDEWAYS]  # the model gives ν_y
+            of = [i for i in of if i != SIDEWAYS]  # ν_y follows from the model
         if of and len(of) <= len(rows):
             H, at_rest = np.array(list(rows.values())), getattr(sensors, name).h(REST)[list(rows)]
             readings.append(Reading(name, tuple(rows), tuple(of), at_rest, H, left_inverse(H, of)))
@@ -69,9 +69,9 @@ def slopes_of(sensor: Sensor) -> dict[int, np.ndarray]:
 def velocity(
     readings: tuple[Reading, ...], sensors: SensorBlocks, slots: ByName[Slot], nu: np.ndarray
 ) -> Value:
-    """Return ν (3,) with the entries that the readings measure replaced."""
+    """Return ν (3,) in which the readings that arrived replace the entries that they measure."""
     for reading in readings:
-        nu = replaced(reading, getattr(sensors, reading.name), getattr(slots, reading.name), nu)
+        nu = replace_velocity(reading, getattr(sensors, reading.name), getattr(slots, reading.name), nu)
     return nu
 
 
@@ -81,22 +81,22 @@ def pose_sensors(sensors: SensorBlocks) -> tuple[str, ...]:
 
 
 def is_turning(slope: np.ndarray) -> bool:
-    """Return True for a row that depends only on the yaw rate, as of a gyro."""
+    """Return True for a row of ∂h/∂ν (3,) that depends only on the yaw rate, as for a gyro."""
     return not np.any(slope[:TURNING])
 
 
 def left_inverse(H: np.ndarray, of: list[int]) -> np.ndarray:
-    """Return L (3, m) with rows of zeros for the entries of ν that the sensor does not give.  (1)"""
+    """Return L (3, m); its rows are zero for the entries of ν that are not in `of`.  (1)"""
     part, L = H[:, of], np.zeros((3, len(H)))
     L[of] = np.linalg.solve(part.T @ part, part.T)
     return L
 
 
-def replaced(
+def replace_velocity(
     reading: Reading, sensor: Sensor, slot: Slot, nu: np.ndarray, bias: Value = 0.0, scale: Value = 0.0
 ) -> Value:
-    """Return ν (3,) with the reading in it, less `bias` and `scale`; `nu` unchanged if no reading arrived.  (1)"""
-    came = arrived(sensor, slot)
+    """Return ν (3,) with the reading, after removal of `bias` and `scale`; `nu` if no reading arrived.  (1)"""
+    came = has_measurement(sensor, slot)
     z = np.where(came, slot.z[list(reading.rows)], reading.at_rest)
     measured = reading.inverse @ ((z - reading.at_rest - bias) / (1.0 + scale) - reading.slopes @ nu)
     return nu + np.where(came, measured, 0.0)

@@ -20,7 +20,8 @@ from baqueano.identify.residuals.simulation import HUBER
 def batch_covariance(
     slopes: np.ndarray, residuals: np.ndarray, weights: np.ndarray, batch: np.ndarray
 ) -> np.ndarray:
-    """Return the covariance (p, p) of (2), infinite if a direction has zero derivative.
+    """Return the covariance (p, p) of (2). It is infinite if a direction has zero derivative, or with at most p
+    batches.
 
     `slopes` (N, p) are the derivatives, `residuals` and `weights` (N,) belong to the rows, and `batch` (N,) is the
     batch number of each row. Rows whose weight is below 1 are Huber's outliers, where ρ'' = 0.

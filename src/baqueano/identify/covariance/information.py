@@ -15,7 +15,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from baqueano.identify.parallel import each, gram
+from baqueano.identify.parallel import gram, inner, parallel_map
 from baqueano.identify.residuals.noise_level import FEW
 from baqueano.identify.residuals.simulation import HUBER, Residuals
 
@@ -59,7 +59,7 @@ def information(problem: Residuals, theta: np.ndarray) -> Information:
             meat += np.einsum("tmp,tmq->pq", d[:, few], d[:, few])
         return np.einsum("tmp,tmp->mp", d, d), bread, meat
 
-    sums = each(parts, segments, problem.records, problem.has, rows=sum(map(len, problem.has)))
+    sums = parallel_map(parts, segments, problem.records, problem.has, rows=sum(map(len, problem.has)))
     for (_, _, index), (channel, bread, meat) in zip(segments, sums, strict=True):
         channels[:, index] += channel
         A[np.ix_(index, index)] += bread
@@ -117,8 +117,8 @@ def inverse(A: np.ndarray) -> np.ndarray:
 
 def autocorrelation_sums(residuals: list[np.ndarray], has: list[np.ndarray]) -> np.ndarray:
     """Return the sum (m,) of the autocorrelation over lags 1 to LAGS, 0 if not significant. Residuals are clipped;
-    rows without a measurement are left out."""
-    sums = each(_products, residuals, has, rows=sum(map(len, has)))
+    rows without a measurement are excluded."""
+    sums = parallel_map(_products, residuals, has, rows=sum(map(len, has)))
     total, power, count = np.sum(sums, axis=0)
     rho = total / np.maximum(power, 1e-300)
     scatter = 4.0 * np.sqrt(LAGS / np.maximum(count, 1.0))
@@ -158,7 +158,7 @@ def autocorrelated_scores(psi: np.ndarray, has: np.ndarray, d: np.ndarray, dt_s:
         power = np.maximum(np.fft.rfft(gamma).real, 0.0)
         slopes = np.ascontiguousarray(d[:, c, :])
         smooth = np.fft.irfft(np.fft.rfft(slopes, size, axis=0) * power[:, None], size, axis=0)[:n]
-        B += slopes.T @ smooth
+        B += inner(slopes, smooth)
     return 0.5 * (B + B.T)
 
 
@@ -173,15 +173,15 @@ def _root(B: np.ndarray) -> np.ndarray:
         return vectors * np.sqrt(np.maximum(values, little))
 
 
-def own_information(A: np.ndarray, at: np.ndarray, others: np.ndarray) -> float:
-    """Return the smallest eigenvalue of the normalised information on the entries `at`, with the `others`
-    eliminated."""
-    if not np.all(np.diagonal(A)[at] > 0.0):
+def own_information(A: np.ndarray, index: np.ndarray, others: np.ndarray) -> float:
+    """Return the smallest eigenvalue of the normalised information on the entries `index`, with the `others`
+    eliminated. Return 0 if one of the entries `index` is without information."""
+    if not np.all(np.diagonal(A)[index] > 0.0):
         return 0.0
-    both = np.concatenate([at, others])
+    both = np.concatenate([index, others])
     root = np.sqrt(np.diagonal(A)[both])
     C = A[np.ix_(both, both)] / np.outer(root, root)
-    n = len(at)
+    n = len(index)
     values, vectors = np.linalg.eigh(C[n:, n:])
     positive = values > 1e-12 * max(float(values[-1]), 1e-300) if len(values) else np.zeros(0, bool)
     gain = C[:n, n:] @ vectors[:, positive]
@@ -189,12 +189,12 @@ def own_information(A: np.ndarray, at: np.ndarray, others: np.ndarray) -> float:
     return float(np.linalg.eigvalsh(own)[0])
 
 
-def own_sd(A: np.ndarray, at: np.ndarray, free: np.ndarray) -> np.ndarray:
-    """Return the standard errors (q,) of the entries `at` of θ, from the information A (p, p) on the `free` (p,)
-    ones."""
-    entries = np.flatnonzero((free | np.isin(np.arange(len(free)), at)) & (np.diagonal(A) > 0.0))
+def own_sd(A: np.ndarray, index: np.ndarray, free: np.ndarray) -> np.ndarray:
+    """Return the standard errors (q,) of the entries `index` of θ. The fit estimates these and the entries in the mask
+    `free` (p,). A (p, p) is the information. An error is infinite without information."""
+    entries = np.flatnonzero((free | np.isin(np.arange(len(free)), index)) & (np.diagonal(A) > 0.0))
     root = np.sqrt(np.diagonal(A)[entries])
     inverse = np.linalg.pinv(A[np.ix_(entries, entries)] / np.outer(root, root), hermitian=True)
     sd = np.full(len(free), np.inf)
     sd[entries] = np.sqrt(np.maximum(np.diagonal(inverse), 0.0)) / root
-    return np.asarray(sd[at])
+    return np.asarray(sd[index])

@@ -6,10 +6,10 @@
     cov_ii ← max(C, (2))_ii   where   tr C⁻¹ (2) / k > 1 + 4 √(2/(n k)),   C = A⁻¹ B A⁻¹                   (4)
 
 (3) is for a model that lacks an effect, (4) for a correct model, over its k shared parameters. No parameter may depend
-on one block only, as on the block with a hand measurement at the end. Longer runs have longer blocks, at most MOST.
-In a run of segments (segments.py) each block lies inside one segment, with d⊥ for ∂r in (1). Then the segments
-themselves are the blocks, at least FEWEST_SEGMENTS, and (4) is applied again.
-docs/derivations/robust_covariance.md gives the reasons.
+on one block only, as on the block with a hand measurement at the end. Longer runs have longer blocks, at most MOST. In
+a run of segments (segments.py) each block is inside one segment, and d⊥ replaces ∂r in (1). Then the segments
+themselves are the blocks, at least FEWEST_SEGMENTS, and (4) is applied again. docs/derivations/robust_covariance.md
+gives the reasons.
 Sources: Quenouille 1956, Tukey 1958; one step of Gauss-Newton for each block; Künsch 1989 for blocks.
 """
 
@@ -41,7 +41,7 @@ def jackknife(
     alike: bool = False,
     by_segment: bool = False,
 ) -> np.ndarray | None:
-    """Return the covariance (k, k) of (2) of the `identifiable` entries of θ, with the information `bread` (p, p).
+    """Return the covariance (k, k) of the `identifiable` entries of θ. `bread` (p, p) is the information.  (1), (2)
 
     If runs are cut, the starts are eliminated first. If `by_segment`, each segment is one block. Return None for too
     few blocks, no entries, a model that diverged, or `by_segment` with whole runs. If `alike`, return None also if
@@ -116,7 +116,8 @@ def _of_one_block_only(
     A_b: np.ndarray, remainder: np.ndarray, between: np.ndarray, own: np.ndarray, most: float
 ) -> bool:
     """Return True if a block has more than `most` of the information on a direction of the shared entries. `own`
-    (k, k) is the covariance of these, `between` (q, k) that of the entries of this run with them."""
+    (k, k) is the covariance of the shared entries, `between` (q, k) the covariance of the entries of this run with
+    them."""
     more = between.T @ np.linalg.solve(remainder, A_b @ between)  # increase of `own` without the block
     room = most / (1.0 - most) * own - 0.5 * (more + more.transpose(0, 2, 1))
     try:
@@ -141,8 +142,10 @@ def _blocks(r: np.ndarray, d: np.ndarray, edges: list[int]) -> tuple[np.ndarray,
 def no_smaller(
     problem: Residuals, cov: np.ndarray, other: np.ndarray | None, k: int, by_segment: bool = False
 ) -> np.ndarray:
-    """Return `cov` (p, p), with the errors of `other` (p, p) where these are larger. This applies to the first k
-    entries, the shared ones, if the blocks (`by_segment`: the segments) disagree.  (4)"""
+    """Return `cov` (p, p), in which errors of the first k entries are raised to those in `other` (p, p), if larger.
+
+    All runs share these entries. Return `cov` unchanged if the blocks (`by_segment`: the segments)
+    agree.  (4)"""
     if other is None or not k:
         return cov
     shared_cov, blocks = cov[:k, :k], other[:k, :k]
@@ -156,7 +159,8 @@ def no_smaller(
 
 
 def with_blocks(info: Information, identifiable: np.ndarray, cov: np.ndarray) -> Information:
-    """Return `info` with the errors of `cov` (k, k) for the `identifiable` entries, unless its own are larger.  (3)"""
+    """Return `info` with the errors of the `identifiable` entries raised to the errors in `cov` (k, k) if these are
+    larger.  (3)"""
     at = np.ix_(identifiable, identifiable)
     A, meat = info.bread[at], info.meat.copy()
     root = np.sqrt(np.maximum(np.diagonal(A), 1e-300))

@@ -5,11 +5,11 @@
     cov ← cov + σ² v vᵀ,   v = A⁻¹ g,   g = Σ_t ψ'(r_t) W_t ∂r_t                                          (3)
     σ² = δ² + 1/P,   P = Σ_t ψ' W² − gᵀ v,   δ = Σ_t ψ(r_t) W_t / P                                       (4)
 
-g is the gradient of the cost, A its information. g_s comes from measurements changed by ± STEP, at the θ of the fit.
-With (2) in place of B, A⁻¹ B A⁻¹ grows by the variance of (1) for each scale. A data sheet's tolerance ± a is a
-uniform distribution, σ = a/√3 (Guide to the expression of uncertainty in measurement, 4.3.7).
-(3) is for the fixed zero of a car's gyro; W are the weights of its readings. σ is the error of the zero at rest if that
-was measured. Else it is (4), estimated from the run itself, at most the value of the data sheet.
+g is the gradient of the cost, A its information. g_s is computed with measurements changed by ± STEP, at the θ of the
+fit. With (2) in place of B, A⁻¹ B A⁻¹ grows by the variance of (1) for each scale. A data sheet's tolerance ± a is a
+uniform distribution, σ = a/√3 (Guide to the expression of uncertainty in measurement, 4.3.7). (3) is for the fixed zero
+of a car's gyro; W are the weights of its readings. σ is the error of the zero at rest if that was measured. Else it is
+(4), estimated from the run itself, at most the value of the data sheet.
 """
 
 from collections.abc import Callable, Mapping
@@ -42,8 +42,8 @@ def of_tolerance(tolerance: float) -> float:
 
 
 def scales_of(file: "VehicleFile", imu: str, tolerance: Mapping[str, float] | None = None) -> np.ndarray:
-    """Return the relative standard deviations (3,) of the scales of an IMU: from `tolerance` {"accel", "gyro"},
-    else from the measurement in the file, else from a data sheet."""
+    """Return the relative standard deviations (3,) of the scales of an IMU. They are computed from `tolerance`
+    {"accel", "gyro"}, else from the measurement in the file, else from a data sheet."""
     tolerances = dict(tolerance or {})
     if not set(tolerances) <= set(SHEET) or any(not 0.0 <= x < 1.0 for x in tolerances.values()):
         raise UsageError(fault("tolerance.keys", given=tolerances, keys=SHEET))
@@ -106,9 +106,9 @@ def covariance_by_zeros(
     problem: Residuals, theta: np.ndarray, identifiable: np.ndarray, bread: np.ndarray, file: "VehicleFile"
 ) -> np.ndarray:
     """Return the covariance (p, p) that fixed zeros of gyros add to the `identifiable` (p,) entries of θ. A zero
-    that is in θ adds 0. `bread` (p, p) is the information.  (3), (4)"""
+    that θ contains adds 0. `bread` (p, p) is the information.  (3), (4)"""
     cov, at, end = np.zeros_like(bread), np.flatnonzero(identifiable), 0
-    free = {*problem.shape.shared, *problem.shape.own}
+    free = {*problem.shape.shared, *problem.shape.per_run}
     gyros = [name for name, sensor in file.sensors._asdict().items() if has_field(sensor, "gyro_bias")]
     for name, size in zip(problem.names, problem.sizes, strict=True):
         end += size
@@ -138,9 +138,10 @@ def _shown_zero(score: float, power: float) -> float:
 def with_systematic(
     info: Information, slope: Callable[[int, float, float], np.ndarray], scales: np.ndarray, zero: float
 ) -> Information:
-    """Return `info` with the errors of `scales` (m,) and of the gyro's `zero` [rad/s], standard deviations.  (2)
+    """Return `info` with the effect of errors in the scales and in the zero of the gyro.  (2)
 
-    `slope(c, scale, shift)` returns the gradient (p,) if channel c is divided by `scale` and raised by `shift`.
+    `scales` (m,) and `zero` [rad/s] are standard deviations. `slope(c, scale, shift)` returns the gradient (p,) if
+    channel c is divided by `scale` and raised by `shift`.
     """
     meat = info.meat.copy()
     for c in np.flatnonzero(scales > 0.0):

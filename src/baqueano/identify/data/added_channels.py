@@ -1,12 +1,12 @@
-"""Add channels that are not of a sensor to a fit: the truth, and the voltage of the battery.
+"""Add channels that do not belong to a sensor to a fit: the truth, and the voltage of the battery.
 
     ν of the mark = R(−χ) (ν_x − l_y ν_ψ,  ν_y + l_x ν_ψ)                                                  (1)
 
-The truth is z = ν of a simulation, used as the paper finds its matrices, or the pose that a camera measured. The place
-of the mark is a parameter, "sensors.truth.lever_arm_m" and "sensors.truth.heading_rad". It belongs to the recording
-and is not written to a vehicle file. If battery = "logged" in the drivetrain, each row ends with the newest voltage of
-the channel `battery`. It replaces `battery_v`; the actuator matrix is then the one at `battery_nominal_v`. A fit sets
-battery = "logged" itself if `battery_effect` is free.
+The truth is z = ν of a simulation, from which the paper estimates its matrices, or the pose that a camera measured. The
+place of the mark is a parameter, "sensors.truth.lever_arm_m" and "sensors.truth.heading_rad". It belongs to the
+recording and is not written to a vehicle file. If battery = "logged" in the drivetrain, each row ends with the newest
+voltage of the channel `battery`. It replaces `battery_v`; the actuator matrix is then valid at `battery_nominal_v`. A
+fit sets battery = "logged" itself if `battery_effect` is free.
 """
 
 from collections.abc import Sequence
@@ -22,7 +22,7 @@ from baqueano.identify.data.record import FitRecord, FittedBlocks, Measurements
 from baqueano.parameter import parameter
 from baqueano.runs.run import Channel, Run
 from baqueano.sensors import Pose
-from baqueano.sensors.pose import turned
+from baqueano.sensors.pose import rotate
 from baqueano.signals import ByName, Motion, seconds, sensor_slots
 from baqueano.symbolic import put
 from baqueano.vehicles.bounds import check_bounds
@@ -40,7 +40,7 @@ class Velocity:
 
     size: int = 3
     lever_arm_m: np.ndarray = parameter(
-        "m", "place of the mark in the body, l", low=-100.0, high=100.0, default=(0.0, 0.0), shape=(2,)
+        "m", "position of the mark in the body, l", low=-100.0, high=100.0, default=(0.0, 0.0), shape=(2,)
     )
     heading_rad: float = parameter(
         "rad", "angle to the left by which the mark is turned, χ", low=-7.0, high=7.0, default=0.0
@@ -50,14 +50,15 @@ class Velocity:
         check_bounds(self)
 
     def h(self, motion: Motion) -> np.ndarray:
-        """Return ν (3,) of the mark, in its own axes.  (1)"""
+        """Return ν (3,) of the mark, in the axes of the mark.  (1)"""
         vx, vy, w = motion.nu
         way = np.array([vx - self.lever_arm_m[1] * w, vy + self.lever_arm_m[0] * w])
-        return np.array([*turned(way, -self.heading_rad), w])
+        return np.array([*rotate(way, -self.heading_rad), w])
 
 
 def with_truth(runs: Sequence[Run], sensors: ByName[Tree]) -> tuple[list[Run], Any]:
-    """Return the runs with their truth among the sensors, and the sensor blocks with that of the truth added."""
+    """Return the runs with their truth as a sensor, and the sensor blocks with a block for the truth. Raise
+    UsageError if a run does not contain a truth."""
     out = []
     velocity = all(run.truth is not None and np.isfinite(run.truth.nu).all() for run in runs)
     for run in runs:
@@ -71,7 +72,8 @@ def with_truth(runs: Sequence[Run], sensors: ByName[Tree]) -> tuple[list[Run], A
 
 
 def with_voltage(records: Sequence[FitRecord], runs: Sequence[Run], blocks: FittedBlocks) -> list[FitRecord]:
-    """Return the records with the voltage of their run, if the drivetrain requires it."""
+    """Return the records with the voltage of their run, if the drivetrain requires it. Raise UsageError if no run
+    contains a voltage, or if a voltage is far from the nominal voltage."""
     drivetrain = getattr(blocks.model, "drivetrain", None)
     if getattr(drivetrain, "battery", "steady") != "logged":
         return list(records)

@@ -3,14 +3,15 @@
     d = √(x² + y²),   (x, y) = (0, 0) back on the mark,   (cos ψ, sin ψ)                                  (1)
     σ² = σ_hand² + Σ_i (d_i − d_0)² / DRAWN,   d_0 without noise                                          (2)
 
-    "12.4 s: 2.31 m"               2.31 m from where the run began, 12.4 s after the first tick
+    "12.4 s: 2.31 m"               2.31 m from the start of the run, 12.4 s after the first tick
     "end: 0 m, 720 deg"            back on its mark, turned twice to the left
     "monday 5 s: 1.2 ± 0.02 m"     of the run called monday, with its standard deviation; default 1 cm and 2 degrees
 
-They describe the pose at that time. The run begins at x = y = ψ = 0 and is not cut into segments. They show the scale
-of speed and gyro, which no sensor on board shows. An angle is a direction: whole turns count if the model is within
-half a turn. The floor moves the vehicle away from its simulation, by the spread of DRAWN vehicles under the file's
-`process_noise_std` (2). If that is 0, a tape after a minute is weighted with an error of only 1 cm: measure early.
+A measurement describes the pose at its time. The run begins at x = y = ψ = 0 and is not cut into segments. Measurements
+determine the scale of speed and gyro, which no sensor on board shows. An angle is used as a direction, so the model
+must predict it within half a turn. The floor moves the vehicle away from its simulation, by the spread of DRAWN
+vehicles under the file's `process_noise_std` (2). If this number is 0, a tape after a minute is weighted with an error
+of only 1 cm: measure early.
 """
 
 import re
@@ -52,7 +53,7 @@ class HandMeasurement(NamedTuple):
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Tape:
-    """Sensor block of a distance: z = (√(x² + y²),) [m], from where the run began."""
+    """Sensor block of a distance: z = (√(x² + y²),) [m], from the start of the run."""
 
     sd: float = LENGTH_STD_M
     size: int = 1
@@ -128,7 +129,7 @@ def with_tape(
 
 
 def drift(vehicle: Tree, run: Run, measurement: HandMeasurement) -> float:
-    """Return the spread of the vehicle about its simulation, by process noise, in the unit of the measurement.  (2)"""
+    """Return the standard deviation that process noise adds to the measurement, in its unit.  (2)"""
     if not np.any(getattr(vehicle, "process_noise_std", 0.0)):
         return 0.0
     ticks = int(np.searchsorted(run.t_ns, measurement.t_ns)) + 1

@@ -2,14 +2,14 @@
 
     dt_k = t_k − t_{k−1},  u_k in force during it,  z_k measured at its end, has_k = 0 without a measurement   (1)
 
-Ticks may be irregular. A long tick is cut into equal rows, so that the integrator stays exact: a step of Runge-Kutta
+Ticks may be irregular. A long tick is cut into equal rows, so that the integrator stays exact. A step of Runge-Kutta
 must be short compared with the fastest motion of a small vehicle, 15 ms. Only the last of these rows has measurements.
 A measurement belongs to the tick that ends at its timestamp (not at its arrival), or to the first tick after it. If a
-tick contains several, the last one counts. Left out are entries that are not finite, also those that
+tick contains several measurements, the last one counts. Excluded are entries that are not finite, entries that
 diagnostics/samples.py removed, and measurements before the first tick. Readings at the end of the sensor's range are
-left out and counted.
-If the clock of a sensor is not that of the commands, its reading of time t happened at t + o, |o| ≤ CLOCK_S. Such a
-reading is assigned CLOCK_S after its timestamp. The model's h is then read with that delay (vehicles/delay.py).
+excluded and counted. If a sensor and the commands have different clocks, a reading stamped t happened at t + o, |o| ≤
+CLOCK_S. Readings of this sensor are assigned CLOCK_S after their timestamp. The model's h is then evaluated with that
+delay (vehicles/delay.py).
 """
 
 from collections.abc import Callable, Mapping, Sequence
@@ -39,11 +39,11 @@ class Measurements(NamedTuple):
     sample_fraction: (
         np.ndarray | None
     )  # (N,) part of the step by which it precedes the tick; None: on the tick;
-    # of a sensor whose clock is free: its age at the row's end [s]
+    # if the clock of the sensor is free: the age of the reading at the row's end [s]
 
 
 class FitRecord(NamedTuple):
-    """A run, row by row."""
+    """Rows of a run, as a fit reads them."""
 
     name: str
     t_s: np.ndarray  # (N,) end of each row, from the first tick on
@@ -51,7 +51,7 @@ class FitRecord(NamedTuple):
     u: np.ndarray  # (N, n)
     sensors: dict[str, Measurements]
     notes: tuple[Diagnostic, ...]
-    run: int = 0  # which of the runs of a fit
+    run: int = 0  # index among the runs of a fit
     lead: int = 0  # rows at the beginning that belong to the previous segment
 
 
@@ -61,8 +61,9 @@ def record_of(
     only: Mapping[str, list[int]] | None = None,
     clocks: Sequence[str] = (),
 ) -> FitRecord:
-    """Return the rows of `run` for the sensor blocks, by name. Of the sensors in `only`, use only these channels.
-    Readings of the sensors in `clocks` are assigned CLOCK_S late."""
+    """Return the rows of `run` for the sensor blocks, by name. `only` limits a sensor to the listed channels.
+    Readings of the sensors in `clocks` are assigned CLOCK_S after their timestamp. Raise UsageError for a run with
+    fewer than 2 ticks."""
     if len(run.t_ns) < 2:
         raise UsageError(fault("runs.few-ticks", run=run.name, ticks=len(run.t_ns)))
     steps = np.diff(run.t_ns)
@@ -90,7 +91,7 @@ def record_of(
 
 
 def past_of(runs: Sequence[Run]) -> Callable[[float], int]:
-    """Return a function that gives the number of past rows that a delay [s] needs, in the rows of `runs`."""
+    """Return a function that returns the number of past rows that a delay [s] needs, in the rows of `runs`."""
     ticks = [seconds(np.diff(run.t_ns)) for run in runs if len(run.t_ns) > 1]
     rows = [np.repeat(dt_s / rows_in(dt_s), rows_in(dt_s)) for dt_s in ticks]
     usual_s = min((float(np.median(dt_s)) for dt_s in rows), default=ROW_S)
@@ -118,7 +119,8 @@ def first_rows(record: FitRecord, rows: int) -> FitRecord:
 
 
 def _command(run: Run) -> tuple[np.ndarray, list[Diagnostic]]:
-    """Return u (N, n), with the last finite command where it is unknown, and notes about that."""
+    """Return u (N, n), with unknown commands replaced by the last finite command (0 before the first), and notes
+    about them."""
     finite = np.asarray(np.isfinite(run.applied).all(axis=1))
     if finite.all():
         return run.applied, []
@@ -132,7 +134,8 @@ def _command(run: Run) -> tuple[np.ndarray, list[Diagnostic]]:
 def _measurements(
     run: Run, name: str, block: Tree, ends: np.ndarray, notes: list[Diagnostic], late_s: float
 ) -> Measurements:
-    """Return the measurements of one sensor at the rows `ends`, of ends[-1] + 1, each `late_s` after its timestamp."""
+    """Return the measurements of one sensor in ends[-1] + 1 rows. `ends` contains the last row of each tick. Each
+    reading is assigned `late_s` after its timestamp."""
     channel = run.sensors.get(name)
     if channel is None:
         raise UsageError(fault("runs.no-sensor", run=run.name, sensor=name, known=run.sensors))
@@ -166,7 +169,7 @@ def _measurements(
     return Measurements(z, has, _early(run, channel.t_ns[inside], tick[inside], at, rows))
 
 
-def _early(run: Run, t_ns: np.ndarray, tick: np.ndarray, at: np.ndarray, rows: int) -> np.ndarray | None:
+def _early(run: Run, t_ns: np.ndarray, tick: np.ndarray, index: np.ndarray, rows: int) -> np.ndarray | None:
     """Return the part (rows,) of the step by which each timestamp precedes the end of its tick, or None if it is
     negligible."""
     if not len(tick):
@@ -176,7 +179,7 @@ def _early(run: Run, t_ns: np.ndarray, tick: np.ndarray, at: np.ndarray, rows: i
     if np.all(part < LATE):
         return None
     sample_fraction = np.zeros(rows)
-    sample_fraction[at] = np.clip(part, 0.0, 1.0)
+    sample_fraction[index] = np.clip(part, 0.0, 1.0)
     return sample_fraction
 
 
@@ -206,7 +209,7 @@ def slots_for(dt_s: np.ndarray) -> int:
 
 
 class FittedBlocks(NamedTuple):
-    """The part of a vehicle that a fit uses, named as the tables of its file."""
+    """The part of a vehicle that a fit uses, with the names of the tables in its file."""
 
     model: Tree
     sensors: ByName[Tree]  # NamedTuple of sensor blocks

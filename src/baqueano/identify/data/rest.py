@@ -4,10 +4,10 @@
     w² = ½ mean (z_{k+1} − z_k)²                                                                          (2)
 
 From the drive of a car, the bias of its gyro cannot be separated from a small steering offset. So the bias of a car is
-not estimated with the model: it is (1) if a run is at rest for LEAST_S more, else the value of the vehicle file.
-A run begins at rest if its first readings of a speed are 0 within FAR w. w is their white noise, by von Neumann's
-estimate over the whole run. Without a speed sensor, the run must begin without a command. Before the first command the
-standard deviation of the readings must be below QUIET w: a vehicle that coasts slows down.
+not estimated with the model. It is (1) if a run is at rest for LEAST_S more, else the value in the vehicle file. A run
+begins at rest if its first readings of a speed are 0 within FAR w. w is their white noise, by von Neumann's estimate
+over the whole run. Without a speed sensor, the run must begin without a command. Before the first command the standard
+deviation of the readings must be below QUIET w: a vehicle that coasts slows down.
 """
 
 from collections.abc import Sequence
@@ -34,7 +34,8 @@ QUIET = 2.0  # times w, or the noise of the file: a gyro that scatters more is b
 
 
 def with_gyro_at_rest(file: "VehicleFile", runs: Sequence[Run]) -> tuple["VehicleFile", Diagnostic | None]:
-    """Return the file with the gyro bias at rest in the runs, and a message, or the file and None without a rest."""
+    """Return the file with the gyro bias measured at rest in the runs, and a message. Return the file unchanged and
+    None if the runs do not contain a rest."""
     for name, sensor in file.sensors._asdict().items():
         if not has_field(sensor, "gyro_bias"):
             continue

@@ -61,10 +61,10 @@ class ThetaLayout(NamedTuple):
 
 
 def cut(record: FitRecord, segment_s: float, lead_s: float) -> list[FitRecord]:
-    """Return segments of about `segment_s`, each after the first with a lead of `lead_s`.
+    """Return segments of about `segment_s` [s]. Each segment after the first has a lead of `lead_s` [s].
 
-    The lead is without measurements and at least one row long, as a reading between ticks is interpolated between
-    rows.
+    The lead does not contain measurements. It is at least one row long, because a reading between ticks is
+    interpolated between rows.
     """
     ends = np.cumsum(record.dt_s)
     count = max(1, round(float(ends[-1]) / segment_s))
@@ -90,15 +90,15 @@ def _segment(record: FitRecord, begin: int, first: int, last: int) -> FitRecord:
 
 
 def without_starts(bread: np.ndarray, meat: np.ndarray, layout: ThetaLayout) -> tuple[np.ndarray, np.ndarray]:
-    """Return A and B (r, r) of the shared entries and those of the runs, with the starts eliminated.  (1)"""
+    """Return A and B (r, r) of the shared entries and of the entries by run, with the starts eliminated.  (1)"""
     return without(bread, meat, layout.starts, [layout.of_starts(k) for k in range(len(layout.runs))])
 
 
 def without(
     bread: np.ndarray, meat: np.ndarray, first: int, blocks: Sequence[slice]
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Return A and B (r, r) of the `first` r entries, with the `blocks`, no two of which share information,
-    eliminated.  (1)"""
+    """Return A and B (r, r) of the `first` r entries, with the `blocks` eliminated. Different blocks must not share
+    information.  (1)"""
     A, B = bread[:first, :first].copy(), meat[:first, :first].copy()
     for at in blocks:
         gain = bread[:first, at] @ _inverse(bread[at, at])  # A_s A_ss⁻¹

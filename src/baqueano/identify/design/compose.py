@@ -4,11 +4,11 @@
     J(A + F) ≤ J(A) + tr(J'(A) F)                                                                         (2)
     pose_l ← pose_l ∘ end_{i,l}                                                                           (3)
 
-The search is first greedy, one piece after the other. Then it exchanges (Fedorov): each place in turn gets the most
-informative piece with which the rest of the sequence stays inside. (2) is an upper bound, as J is concave except for
-its nuisance, and selects the pieces to evaluate exactly. J is reduced by PRICE for the distance at which a piece ends
-from where it began. The corridor is that of the possible vehicles; their paths through a sequence follow from those
-through the pieces by (3).
+The search is first greedy, one piece after the other. Then it exchanges (Fedorov): each place in turn receives the most
+informative piece with which the whole sequence stays inside. (2) is an upper bound, as J is concave except for its
+nuisance, and selects the pieces to evaluate exactly. PRICE reduces J for the distance between beginning and end of a
+piece. The corridor contains the possible vehicles. Their paths through a sequence are composed of their paths through
+the pieces (3).
 """
 
 from collections.abc import Sequence
@@ -39,8 +39,8 @@ class Composer:
         self.upper = np.zeros((0, 0))  # (P, M q (q + 1) / 2) the upper triangles of F, for sums over all
 
     def grow(self, F: np.ndarray, path: np.ndarray) -> None:
-        """Add pieces: their information F (P, M, q, q) for M possible vehicles, and the poses `path` (P, L, S, 3)
-        of all possible vehicles along them. The last pose is that at rest."""
+        """Add pieces: their information F (P, M, q, q) for M possible vehicles, and the poses `path` (P, L, S, 3) of
+        all possible vehicles along them. The last pose is the pose at rest."""
         upper = F[:, :, *np.triu_indices(F.shape[-1])].reshape(len(F), -1)
         self.upper = upper if not len(self.F) else np.concatenate([self.upper, upper])
         self.F = F if not len(self.F) else np.concatenate([self.F, F])
@@ -73,8 +73,8 @@ class Composer:
         return best
 
     def restart(self, path: np.ndarray, some: np.ndarray) -> float:
-        """Search from the beginning, with `some` of the pieces only and with other vehicles, whose poses along all
-        pieces are `path` (P, L, S, 3)."""
+        """Search again from the beginning, with only `some` of the pieces and with other vehicles. `path`
+        (P, L, S, 3) contains the poses of these vehicles along all pieces."""
         self.chosen, self.path = [], path[some]
         self.F, self.upper, self.price = self.F[some], self.upper[some], self.price[some]
         self.reach = self.reach[some]
@@ -84,23 +84,23 @@ class Composer:
     def substitutes(
         self, chosen: list[int], place: int, pose: np.ndarray, prices: Sequence[float], count: int
     ) -> list[int]:
-        """Return pieces for `place` beside the others of `chosen`, of those that should stay inside from the poses
-        (L, 3) on: the `count` best at each price of their reach, in order."""
+        """Return pieces for `place` that should stay inside from the poses (L, 3) on. For each of the `prices` of
+        their reach, the `count` best in addition to the other pieces of `chosen` are returned, in order."""
         rest_of_pieces = [*chosen[:place], *chosen[place + 1 :]]
         rest = self.F[rest_of_pieces].sum(axis=0)
-        some = np.argsort(-self._bound(rest) + self.price)[:DEEP]
+        some = np.argsort(-self._upper_bound(rest) + self.price)[:DEEP]
         some = some[self._margin(pose[None], some) >= 0.0]
         score = self.score(rest + self.F[some])
         best = [some[np.argsort(times * self.reach[some] - score)][:count] for times in prices]
         return list(dict.fromkeys(np.concatenate(best).tolist()))
 
     def keep(self, count: int) -> np.ndarray:
-        """Keep only the `count` pieces with the highest bound beside the chosen ones, and return the indices of all
-        kept.
+        """Keep only the `count` pieces with the highest bound in addition to the chosen pieces, and return the
+        indices of all pieces kept.
 
-        The chosen pieces, the first one, and `count` // 4 pieces that stay near are kept too.
+        The chosen pieces, the first piece, and `count` // 4 pieces that stay near are kept too.
         """
-        bound = self._bound(self.F[self.chosen].sum(axis=0))
+        bound = self._upper_bound(self.F[self.chosen].sum(axis=0))
         near = np.argsort(NEAR * self.reach - bound)[: count // 4]
         survivors = np.unique([0, *self.chosen, *near, *np.argsort(self.price - bound)[:count].tolist()])
         self.F, self.upper, self.path = self.F[survivors], self.upper[survivors], self.path[survivors]
@@ -118,7 +118,8 @@ class Composer:
             pose = in_map(pose, self.path[k, :, -1])
 
     def _sort(self) -> None:
-        """Put pieces that leave the position uncertain last, if that order stays inside; the sum stays the same."""
+        """Put pieces with a high price last, as they leave the position uncertain, if that order stays inside. J
+        stays the same."""
         order = sorted(self.chosen, key=lambda k: self.price[k])
         if self._inside(self._start(), np.array(order[:1]), order[1:])[0]:
             self.chosen = order
@@ -140,9 +141,9 @@ class Composer:
     def _first_inside(
         self, rest: np.ndarray, pose: np.ndarray, after: list[int], least: float
     ) -> tuple[int, float] | None:
-        """Return the best piece beside F = `rest` (M, q, q), and J with it, or None if none reaches `least`. It
-        must stay inside from the poses (L, 3) on, together with all pieces of `after`."""
-        order = np.argsort(-self._bound(rest) + self.price)
+        """Return the best piece in addition to F = `rest` (M, q, q), and J with it, or None if no piece exceeds
+        `least`. The piece must stay inside from the poses (L, 3) on, together with all pieces of `after`."""
+        order = np.argsort(-self._upper_bound(rest) + self.price)
         for at in range(0, min(len(order), DEEP), CLOSER):
             some = order[at : at + CLOSER]
             scores = self.score(rest + self.F[some]) - self.price[some]
@@ -156,8 +157,8 @@ class Composer:
                 return None
         return None
 
-    def _bound(self, rest: np.ndarray) -> np.ndarray:
-        """Return the upper bound (P,) of what each piece adds to J beside F = `rest` (M, q, q).  (2)"""
+    def _upper_bound(self, rest: np.ndarray) -> np.ndarray:
+        """Return an upper bound (P,) of the increase of J if a piece is added to F = `rest` (M, q, q).  (2)"""
         whole, k = rest + np.eye(rest.shape[-1]), self.interest
         slope = np.linalg.inv(whole)
         slope[:, k:, k:] -= np.linalg.inv(whole[:, k:, k:])
@@ -181,7 +182,7 @@ class Composer:
         return fits
 
     def _margin(self, pose: np.ndarray, pieces: np.ndarray) -> np.ndarray:
-        """Return `Room.margin` (C,) of the pieces from the poses (C, L, 3). One pose or piece may serve for all."""
+        """Return `Room.margin` (C,) of the pieces from the poses (C, L, 3). A single pose or piece applies to all."""
         margins, each = [], np.full(pose.shape[1], 1.0 / pose.shape[1], np.float32)
         for at, far in zip(self._at(pose, pieces), self.room.free, strict=True):
             mean = at @ each
@@ -191,7 +192,7 @@ class Composer:
         return np.minimum(*margins)
 
     def _at(self, pose: np.ndarray, pieces: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Return x and y (C, S, L) along the pieces from the poses (C, L, 3). One pose or piece may serve for all."""
+        """Return x and y (C, S, L) along the pieces from the poses (C, L, 3). A single pose or piece applies to all."""
         pose = pose.astype(np.float32)[:, None]  # to a tenth of a millimetre
         c, s = np.cos(pose[..., 2]), np.sin(pose[..., 2])
         x, y = self.xy[:, pieces]

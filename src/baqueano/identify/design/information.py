@@ -4,11 +4,11 @@
     S = F_θθ − F_θn F_nn⁻¹ F_nθ                         information about θ with n unknown                (2)
     J = mean over some possible vehicles of log det(D S D + P₀)                                           (3)
 
-θ are the parameters that the default fit frees and this vehicle can show. n is the nuisance, estimated together with
-them: the biases of the sensors, the velocity at the start, and free parameters that are 0 in the file. D = diag(size
-of each parameter), so that S is relative to its value. P₀ = 1 is a prior of 100 % of that size, so that parameters
-that a drive does not show do not dominate (3) (a Bayesian D-optimal design; Chaloner and Verdinelli 1995). F is for
-white sensor noise, without the noise of the floor.
+θ are the parameters that the default fit frees and this vehicle can show. n is the nuisance, which a fit estimates too.
+It contains the biases of the sensors, the velocity at the start, and free parameters that are 0 in the file. D =
+diag(size of each parameter), so that S is relative to its value. P₀ = 1 is a prior of 100 % of that size. With it,
+parameters that a drive does not show do not dominate (3) (a Bayesian D-optimal design; Chaloner and Verdinelli 1995). F
+is for white sensor noise, without the noise of the floor.
 """
 
 from collections.abc import Sequence
@@ -21,8 +21,8 @@ from baqueano.identify.data.record import FittedBlocks
 from baqueano.identify.parameters.free import (
     Free,
     default_free,
-    described,
     entries,
+    free_parameter,
     frozen_columns,
     substitute,
     value,
@@ -55,7 +55,7 @@ class Unknowns(NamedTuple):
 def unknowns(vehicle_file: "VehicleFile") -> Unknowns:
     """Return the parameters and the nuisance that a fit of this vehicle estimates."""
     blocks = FittedBlocks(vehicle_file.vehicle, vehicle_file.sensors)
-    candidates = [described(blocks, p, {}) for p in default_free(blocks)]
+    candidates = [free_parameter(blocks, p, {}) for p in default_free(blocks)]
     constant = frozen_columns(candidates, np.asarray(vehicle_file.command.limit)[None])
     free = [parameter.path for k, parameter in enumerate(candidates) if k not in constant]
     interest = [p for p in free if value(blocks, p) != 0.0]
@@ -99,7 +99,8 @@ class Informant:
         self.kernel = scan(step, start, np.zeros(n), self.nominal, backend=backend)
 
     def theta(self, paths: Sequence[str], numbers: np.ndarray) -> np.ndarray:
-        """Return the nominal θ with other `numbers` (p,) at `paths`; paths that are not in θ are ignored."""
+        """Return the nominal θ with `numbers` (p,) in the entries `paths`. Paths that θ does not contain are
+        ignored."""
         theta = self.nominal.copy()
         for path, x in zip(paths, numbers, strict=True):
             if path in self.of.paths:
@@ -128,9 +129,9 @@ def mean_error(relative_sd: np.ndarray) -> float:
 
 
 def _size(blocks: FittedBlocks, path: str, candidates: Sequence[Free]) -> float:
-    """Return the size of a parameter that is 0: the largest entry of its matrix row, or of its axis' frictions (at
-    1 m/s or 1 rad/s), else of its field, else 1."""
-    parameter = described(blocks, path, {})
+    """Return the size of a parameter that is 0. It is the largest value in its matrix row, or among the frictions of
+    its axis (at 1 m/s or 1 rad/s). If this is 0, it is the largest value of its field, else 1."""
+    parameter = free_parameter(blocks, path, {})
     same = [
         candidate
         for candidate in candidates

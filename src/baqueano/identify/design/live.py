@@ -1,12 +1,12 @@
-"""Compute the Fisher information while a vehicle drives, window by window; that of information.py is its sum.
+"""Compute the Fisher information window by window while a vehicle drives; information.py computes the sum.
 
     S ← ∂x′/∂x S + ∂x′/∂θ                                                                                (1)
     F ← F + Hᵀ Q⁻¹ H,   H = ∂h/∂θ + ∂h/∂x S                                                              (2)
 
 x is the state of the simulated vehicle, h the sensor readings, θ the parameters and the nuisance. A window is one call
-of a compiled scan over (θ, x). It returns h and x with their derivatives with respect to both, taken at the start of
-the window. A missing measurement adds 0. Only the entries of x on which an output depends are kept: no sensor here
-measures the position of the vehicle.
+of a compiled scan over (θ, x). It returns h and x with their derivatives with respect to θ and to x at the start of the
+window. A missing measurement adds 0. Only the entries of x on which an output depends are kept: no sensor here measures
+the position of the vehicle.
 
     bits = −Σ log₂ σ_i                                                                                    (3)
 
@@ -37,7 +37,7 @@ class InformationState(NamedTuple):
 
 
 class RecursiveInformation:
-    """Fisher information F of a drive in progress. `add` takes any number of ticks; whole windows are fastest."""
+    """Fisher information F of a drive in progress. `add` accepts any number of ticks; whole windows are fastest."""
 
     def __init__(self, informant: Informant) -> None:
         self.of, self.nominal = informant.of, informant.nominal
@@ -90,7 +90,8 @@ class RecursiveInformation:
         return InformationState(theta, x, S, F)
 
     def relative_sd(self, state: InformationState, size: np.ndarray | None = None) -> np.ndarray:
-        """Return the standard error (p,) of each parameter of interest, relative to `size` (q,) or that of the file."""
+        """Return the standard error (p,) of each parameter of interest, relative to `size` (q,) or to the size in
+        the file."""
         size = self.of.size if size is None else size
         whole = state.F * np.outer(size, size) + np.eye(len(size))
         return np.sqrt(np.diagonal(np.linalg.inv(whole))[: self.of.interest])
@@ -112,7 +113,7 @@ def _flat(shape: Shape, tree: "Tree") -> list["Tree"]:
 
 
 def _unflat(shape: Shape, numbers: list["Tree"]) -> "Tree":
-    """Return the tree of these numbers."""
+    """Return the tree with these numbers, in the order of `_flat`."""
     at, parts = 0, []
     for leaf in leaves(shape):
         some, at = numbers[at : at + leaf.size], at + leaf.size

@@ -1,15 +1,15 @@
-"""Build a library of short drives, each from rest to rest, of which an experiment is composed.
+"""Build a library of short drives, each from rest to rest, as parts of an experiment.
 
     piece = a few levels of each command, held a while;  the way back;  no command until it rests         (1)
 
 The levels, their durations and their number are random (seeded): the search computes the exact information of each
-piece, so it needs variety only. Some levels are full, some are 0, the others random: dry friction and dead zones show
-at small ones. The way back is one of four: all signs reversed (a vehicle with two wheels comes back on its own arc);
-only those of the first channel (a car comes back); only those of the others; or no way back. Circles stay in a room,
-and a signal that ends where it began needs no way back. Children of good pieces differ from their parent in one or two
-things. The library does not depend on the vehicle: channels with limit 0 are left out, the simulation does the rest.
-As a piece begins and ends at rest, its information (information.py) is its own and adds up over a sequence. So do the
-paths of the possible vehicles (vehicle_cloud.py).
+piece, so it needs variety only. Some levels are full, some are 0, the others random: small levels show dry friction and
+dead zones. The way back is one of four kinds. It may reverse all signs (a vehicle with two wheels returns on its arc).
+It may reverse only the signs of the first channel (a car returns), or only the other signs. The fourth kind is without
+a way back. Circles stay in a room, and a signal that ends where it began needs no way back. Children of good pieces
+differ from their parent in one or two things. The library does not depend on the vehicle, but channels with limit 0 are
+not used. As a piece begins and ends at rest, its information (information.py) does not depend on other pieces and adds
+up over a sequence. The paths of the possible vehicles (vehicle_cloud.py) are composed in the same way.
 """
 
 from collections.abc import Sequence
@@ -23,7 +23,7 @@ GENTLE = 1.0 / 3.0  # factor on the turning channels of a gentler piece
 
 
 class MotionPiece(NamedTuple):
-    """A piece of motion: the way out, and how it comes back."""
+    """A piece of motion: its commands, and the kind of its way back."""
 
     out: np.ndarray  # (T, n) relative to the limit, over the whole length of a piece without its coast
     back: int  # 0 all signs, 1 the first channel's, 2 the others', 3 none
@@ -50,18 +50,19 @@ class PieceShape(NamedTuple):
 
     @classmethod
     def of(cls, piece_s: float, coast_s: float, limit: np.ndarray, rate_hz: float) -> "PieceShape":
-        """Return the shape for pieces of `piece_s`, of which `coast_s`, but at most 40 %, are without command."""
+        """Return the shape of pieces of `piece_s` [s]. The last `coast_s` [s] of a piece, at most 40 %, are without
+        command."""
         ticks = max(4, round(piece_s * rate_hz))
         return cls(ticks, min(2 * ticks // 5, round(coast_s * rate_hz)), np.asarray(limit, dtype=float))
 
     @property
     def moving(self) -> np.ndarray:
-        """Return the usable channels."""
+        """Return the indices of the usable channels, whose limit is above 0."""
         return np.flatnonzero(self.limit > 0.0)
 
 
 def random_pieces(shape: PieceShape, count: int, rng: np.random.Generator) -> list[MotionPiece]:
-    """Return `count` random pieces, of which the first one stands still."""
+    """Return `count` random pieces. The first piece stays at rest."""
     length = shape.ticks - shape.coast
     pieces = [MotionPiece(np.zeros((length, len(shape.limit))), BACK - 1)]
     while len(pieces) < count:
@@ -78,7 +79,7 @@ def random_pieces(shape: PieceShape, count: int, rng: np.random.Generator) -> li
 def children(
     parents: Sequence[MotionPiece], shape: PieceShape, count: int, rng: np.random.Generator
 ) -> list[MotionPiece]:
-    """Return `count` pieces, each of which differs from a parent in one or two things."""
+    """Return `count` pieces. Each piece differs from a parent in one or two changes."""
     out = []
     for _ in range(count):
         piece = parents[int(rng.integers(len(parents)))]
@@ -89,8 +90,8 @@ def children(
 
 
 def gentler(piece: MotionPiece, shape: PieceShape) -> MotionPiece:
-    """Return the piece with all channels but the first at a third, for a vehicle that would slide in its curves. If
-    only one channel moves, reduce that one."""
+    """Return the piece with all channels except the first reduced to a third, for a vehicle that would slide in
+    curves. If only one channel moves, reduce this channel."""
     rest = shape.moving[1:] if len(shape.moving) > 1 else shape.moving
     out = piece.out.copy()
     out[:, rest] *= GENTLE
@@ -126,7 +127,7 @@ def _mutation(
 
 
 def _levels(rng: np.random.Generator, ticks: int) -> np.ndarray:
-    """Return a few random levels in [−1, 1], each held for a while, as (ticks,)."""
+    """Return a random level in [−1, 1] for each tick (ticks,); it changes a few times."""
     count = int(rng.choice(LEVELS))
     cuts = np.sort(rng.uniform(0.0, 1.0, count - 1))
     at = np.searchsorted(cuts, (np.arange(ticks) + 0.5) / ticks)

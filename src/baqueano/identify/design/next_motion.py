@@ -2,10 +2,11 @@
 
     k, i = argmin log(σ_i² + GOAL²) − log(σ_i,now² + GOAL²),   σ of F + F_k                               (1)
 
-F is the information of the drive so far, F_k that of the k-th motion from rest, σ_i the relative standard errors. This
-is the first step of the search of compose.py, without walls, over motions with a name. It considers only the parameter
-that gains most, as a driver needs the motion for the parameter with a large error. An error below GOAL gains little.
-A motion goes out and comes back the same way, so that it needs little room, or goes on in circles.
+F is the information of the drive so far, F_k the information of the k-th motion from rest, σ_i the relative standard
+errors. This is the first step of the search of compose.py, without walls, over motions with a name. It considers only
+the parameter that gains most, as a driver needs the motion for the parameter with a large error. An error below GOAL
+gains little. A motion moves away and returns on the same path, so that it needs little room, or it continues in
+circles.
 """
 
 from typing import NamedTuple
@@ -75,8 +76,9 @@ class MotionAdvisor:
     def next(
         self, F: np.ndarray, theta: np.ndarray, size: np.ndarray, wider: np.ndarray
     ) -> NextMotion | None:
-        """Return the most informative motion beside F (q, q) in SI units, for parameters of these sizes (q,), or
-        None without a motion. `wider` (p,) is the ratio of the errors of a fit to those that F predicts.  (1)"""
+        """Return the motion that adds most to F (q, q) [SI units], or None without a motion. `size` (q,) contains
+        the sizes of the parameters. `wider` (p,) is the ratio of the errors of a fit to the errors that F
+        predicts.  (1)"""
         if not self._motions:
             return None
         if not np.array_equal(theta, self._theta):

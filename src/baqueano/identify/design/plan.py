@@ -1,13 +1,13 @@
-"""Design the experiment for this vehicle in this room: `designed`.
+"""Design the experiment for this vehicle in this room: `design_plan`.
 
-1. Draw random pieces of command and compose a drive of them. In each of some rounds, variations of the chosen pieces
-   join the library, and better pieces replace worse ones.
+1. Draw random pieces of command and compose a drive of them. In each of ROUNDS rounds, variations of the chosen pieces
+   join the library, and better pieces replace worse pieces.
 2. Only a small sample of the possible vehicles drives each piece of step 1. A small sample is too permissive, and the
    search exploits that. So all VEHICLES drive the best pieces, and the drive is composed again with their paths.
 3. Each piece ends with a coast over COVERED of the stopping distance. The composition reserves the rest of that
    distance, but ignores the effect of the remaining speed on the next piece.
-4. So new vehicles, which took no part in the search, drive the whole plan in three orders: as composed, and sorted by
-   the reach of its pieces, both ways. The most informative order becomes the plan; its room is that of these vehicles.
+4. So new vehicles drive the whole plan in three orders: as composed, by increasing and by decreasing reach of its
+   pieces. These vehicles took no part in the search. The most informative order becomes the plan, with their poses.
 
 The numbers of pieces and rounds are fixed, not the time: the same seed gives the same plan on every machine.
 """
@@ -23,11 +23,11 @@ from baqueano.errors import UsageError
 from baqueano.identify.design.compose import Composer
 from baqueano.identify.design.information import Informant, mean_error
 from baqueano.identify.design.motion_library import MotionPiece, PieceShape, children, gentler, random_pieces
-from baqueano.identify.design.room import COAST_S, SAMPLE_S, VEHICLES, Room, contained, first_allowed
+from baqueano.identify.design.room import COAST_S, SAMPLE_S, VEHICLES, Room, contain, first_allowed
 from baqueano.identify.design.vehicle_cloud import Cloud, VehicleDistribution, possible_vehicles
-from baqueano.identify.parallel import each
+from baqueano.identify.parallel import parallel_map
 from baqueano.language import number
-from baqueano.language import translated as _
+from baqueano.language import translate as _
 from baqueano.vehicles import VehicleState
 from baqueano.worlds.noise import stream
 
@@ -62,13 +62,15 @@ class Plan(NamedTuple):
         return mean_error(self.relative_sd)
 
     def table(self) -> str:
-        """Return a table with a line for each parameter, and one for the room."""
+        """Return a table with one row for each parameter and one row for the room."""
         width = max(map(len, (*self.names, _("parameter"))))
-        lines = [f"{_('parameter'):{width}}  " + _("expected standard error, of the sensors' noise alone")]
+        lines = [
+            f"{_('parameter'):{width}}  " + _("expected standard error, due only to the noise of the sensors")
+        ]
         for name, sd in zip(self.names, self.relative_sd, strict=True):
             lines.append(
                 f"{name:{width}}  {number(100.0 * sd):.3g} %"
-                + (f" ({_('will hardly show')})" if sd > 0.3 else "")
+                + (f" ({_('will hardly be visible')})" if sd > 0.3 else "")
             )
         lines.append(
             _(
@@ -82,7 +84,7 @@ class Plan(NamedTuple):
         return "\n".join(lines)
 
 
-def designed(
+def design_plan(
     vehicle_file: "VehicleFile",
     room: "Room",
     duration_s: float = 60.0,
@@ -90,18 +92,18 @@ def designed(
     rest_s: float = 1.0,
     seed: int = 0,
     backend: str = "auto",
-    say: Callable[[str], object] | None = None,
+    progress: Callable[[str], object] | None = None,
 ) -> Plan:
     """Return the plan with the most informative commands (N, n) in `duration_s` and `room`, after `rest_s` at rest.
 
-    `say` receives the progress; if it returns True, the search ends with the best plan so far. Raise UsageError
-    without a finite [command] limit above 0, or with less than 1 s to move; AnswerNo if the vehicle cannot be kept
-    in the room.
+    `progress` receives the progress; if it returns True, the search ends with the best plan so far. Raise UsageError
+    without a finite [command] limit above 0, or with less than 1 s to move. Raise AnswerNo if the vehicle cannot be
+    kept in the room.
 
     >>> from baqueano.identify.design.room import room_of
     >>> from baqueano.vehicle_file import load
     >>> small = load("small")
-    >>> plan = designed(small, room_of(small, "2x2"), 2.0, say=lambda text: True)  # True: the first that was found
+    >>> plan = design_plan(small, room_of(small, "2x2"), 2.0, progress=lambda text: True)  # True: the first one
     >>> plan.u.shape, plan.margin_m > 0.0
     ((200, 3), True)
     """
@@ -115,10 +117,12 @@ def designed(
     search = PlanSearch(
         vehicle_file, room, possible_vehicles(vehicle_file, vehicles=VEHICLES), places, seed, backend
     )
-    search.fill((ticks - rest) // places / rate, limit, (lambda text: False) if say is None else say)
-    u, eta = search.driven(ticks, rest)
+    search.fill(
+        (ticks - rest) // places / rate, limit, (lambda text: False) if progress is None else progress
+    )
+    u, eta = search.rollout(ticks, rest)
     if room.margin(eta) < 0.0:
-        safe = contained(u, vehicle_file, room, cloud=search.judges)
+        safe = contain(u, vehicle_file, room, cloud=search.judges)
         u, eta = safe.u, safe.eta
     sd = search.informant.relative_sd(search.informant.information(u))
     return Plan(u, room, float(room.margin(eta)), search.informant.of.names, sd, eta)
@@ -153,8 +157,9 @@ class PlanSearch:
             (0, 0)
         )  # zero commands for another coast: after it 1 % of the stopping distance is left
 
-    def fill(self, piece_s: float, limit: np.ndarray, say: Callable[[str], object]) -> None:
-        """Make the library, of pieces of `piece_s`, and compose them, until `say` returns True."""
+    def fill(self, piece_s: float, limit: np.ndarray, progress: Callable[[str], object]) -> None:
+        """Build the library of pieces of `piece_s` [s] and compose them. If `progress` returns True, no further round
+        follows."""
         coast_s = self._coast_s(limit)
         self.shape = PieceShape.of(piece_s, coast_s, limit, self.cloud.rate_hz)
         self.to_rest = np.zeros((round(min(coast_s, COAST_S) * self.cloud.rate_hz), len(limit)))
@@ -162,12 +167,12 @@ class PlanSearch:
         self.composer.search()
         for turn in range(ROUNDS):
             if (
-                say(
+                progress(
                     _(
                         "{turn} of {rounds} rounds: standard errors of {percent:.2g} %",
                         turn=turn,
                         rounds=ROUNDS,
-                        percent=100.0 * self.expected,
+                        percent=100.0 * self.expected_sd,
                     )
                 )
                 is True
@@ -183,13 +188,14 @@ class PlanSearch:
         self.composer.restart(np.stack(path), np.flatnonzero(slow))
         self.pieces = [piece for piece, ok in zip(self.pieces, slow, strict=True) if ok]
 
-    def driven(self, ticks: int, rest: int) -> tuple[np.ndarray, np.ndarray]:
-        """Return the commands (N, n) after `rest` ticks at rest, and the poses of the judges (L, N, 3)."""
+    def rollout(self, ticks: int, rest: int) -> tuple[np.ndarray, np.ndarray]:
+        """Return the commands (N, n), which begin with `rest` ticks at rest, and the poses (L, N, 3) of the vehicles
+        in `judges`."""
         ticks_each, limit = self.shape.ticks, self.shape.limit
         us = [piece.u(ticks_each, limit) for piece in self.pieces]
 
         def trial(order: list[int]) -> tuple[float, np.ndarray]:
-            pieces = driven(self.composer, order, us.__getitem__, self.judges, self.room, rest)
+            pieces = feasible_pieces(self.composer, order, us.__getitem__, self.judges, self.room, rest)
             u = np.zeros((ticks, len(limit)))
             u[rest : rest + ticks_each * len(pieces)] = np.concatenate([us[k] for k in pieces])
             F = np.array([self.informant.information(u, theta) for theta in self.thetas])
@@ -197,19 +203,19 @@ class PlanSearch:
 
         pieces, reach = self.composer.chosen, self.composer.reach
         near = sorted(pieces, key=lambda k: reach[k])
-        with ThreadPoolExecutor() as threads:  # of their own: a drive takes those of `each` for itself
+        with ThreadPoolExecutor() as threads:  # separate threads, because a drive uses the threads of `each`
             u = max(threads.map(trial, [pieces, near, near[::-1]]), key=lambda paths: paths[0])[1]
-        _, eta = self.judges.drive(self.judges.at(self.room.start), u)
+        _, eta = self.judges.drive(self.judges.state_at(self.room.start), u)
         return u, eta
 
     def _coast_s(self, limit: np.ndarray) -> float:
-        """Return the time in which the nominal vehicle covers COVERED of its rolling distance, after one second at
-        the limit of its first command."""
+        """Return the time [s] in which the nominal vehicle covers COVERED of its rolling distance, after one second
+        at the limit of its first command."""
         second = round(self.cloud.rate_hz)
         u = np.zeros((3 * second, len(limit)))
         first = int(np.argmax(limit > 0.0))
         u[:second, first] = limit[first]
-        _, eta = self.cloud.drive(self.cloud.at(np.zeros(3)), u)
+        _, eta = self.cloud.drive(self.cloud.state_at(np.zeros(3)), u)
         way_m = np.hypot(*(eta[0, second:, :2] - eta[0, second - 1, :2]).T)
         return float(np.argmax(way_m >= COVERED * way_m[-1]) + 1) / second
 
@@ -224,11 +230,11 @@ class PlanSearch:
         self.composer.grow(np.array([drives[k][2] for k in fits]), np.array([drives[k][1] for k in fits]))
 
     def _of_each(self, work: Callable[[int, np.ndarray], object], pieces: list[MotionPiece]) -> list[Any]:
-        """Return `work` of a tick and the commands (T, n) of each piece, on all cores. The pieces use TURNS
-        different noises in turn."""
+        """Return `work(tick, u)` for the commands u (T, n) of each piece, computed on all cores. The tick selects
+        one of TURNS different noises in turn."""
         us = [piece.u(self.shape.ticks, self.shape.limit) for piece in pieces]
         at = [k % TURNS * self.shape.ticks for k in range(len(us))]
-        return each(work, at, us, rows=self.cloud.size * sum(map(len, us)))
+        return parallel_map(work, at, us, rows=self.cloud.size * sum(map(len, us)))
 
     def _weigh(self, tick: int, u: np.ndarray) -> tuple[bool, np.ndarray, np.ndarray | None]:
         """Return True if the piece (T, n) keeps the speed limits, its poses (L, S, 3) and, if it does, its
@@ -237,25 +243,25 @@ class PlanSearch:
         F = np.stack([self.informant.information(u, theta) for theta in self.thetas]) if slow else None
         return slow, path, F
 
-    def _path(self, cloud: Cloud, tick: int, u: np.ndarray, each: int) -> tuple[bool, np.ndarray]:
+    def _path(self, cloud: Cloud, tick: int, u: np.ndarray, count: int) -> tuple[bool, np.ndarray]:
         """Return True if a cloud keeps the speed limits in the piece (T, n), and its poses (L, S, 3) at every
-        `each`-th sample. The last pose is that at rest."""
+        `each`-th sample. The last pose is the pose at rest."""
         stride, ticks = max(1, round(SAMPLE_S * cloud.rate_hz)), len(u)
-        rest, eta = cloud.drive(cloud.at(np.zeros(3)), np.concatenate([u, self.to_rest]), tick)
+        rest, eta = cloud.drive(cloud.state_at(np.zeros(3)), np.concatenate([u, self.to_rest]), tick)
         samples = eta[:, stride - 1 : ticks : stride]
         slow = bool(self.room.slow(samples, cloud.rate_hz / stride))
         return slow, np.concatenate(
-            [samples[:, each - 1 :: each], samples[:, -1:], rest.eta[:, None]], axis=1
+            [samples[:, count - 1 :: count], samples[:, -1:], rest.eta[:, None]], axis=1
         )
 
     @property
-    def expected(self) -> float:
+    def expected_sd(self) -> float:
         """Return the geometric mean of the expected standard errors of the present sequence."""
         F = self.composer.F[self.composer.chosen].sum(axis=0)[0]
         return mean_error(self.informant.relative_sd(F))
 
 
-def driven(
+def feasible_pieces(
     composer: Composer,
     order: list[int],
     commands: Callable[[int], np.ndarray],
@@ -267,7 +273,7 @@ def driven(
 
     The drive begins after `rest` ticks at rest; `commands` returns (T, n) of a piece. (4) of room.py decides.
     """
-    state, tick, order_kept = cloud.at(room.start), rest, list(order)
+    state, tick, order_kept = cloud.state_at(room.start), rest, list(order)
     if rest:
         state, _ = cloud.drive(state, np.zeros((rest, commands(0).shape[1])))
     for place in range(len(order_kept)):
@@ -294,7 +300,7 @@ def _first(
     state: VehicleState,
     tick: int,
 ) -> tuple[int, VehicleState] | None:
-    """Return the first of the pieces that is allowed, and the cloud after it, or None."""
+    """Return the first allowed index of `indices`, and the cloud after this piece, or None."""
     for at in range(0, len(indices), TRIED):
         us = [commands(k) for k in indices[at : at + TRIED]]
         place = first_allowed(cloud, room, state, us, tick)

@@ -1,7 +1,7 @@
 """Keep an experiment in a room: test if a cloud of drives stays in it, and make a signal that does.
 
-The origin of the map is the middle of the room, x along its width. m(t) and s(t) are mean and standard deviation of the
-position over the possible vehicles x_l; with the radius ρ of the body,
+The origin of the map is the middle of the room, and x points along its width. The position of the possible vehicles x_l
+has the mean m(t) and the standard deviation s(t). With the radius ρ of the body,
 
     |m_x(t)| + k s_x(t) + ρ ≤ w/2,   |m_y(t)| + k s_y(t) + ρ ≤ h/2,   k = 3                               (1)
     m_v(t) + k s_v(t) ≤ fastest,     m_r(t) + k s_r(t) ≤ fastest turn,     m_vr(t) + k s_vr(t) ≤ sideways  (2)
@@ -9,8 +9,9 @@ position over the possible vehicles x_l; with the radius ρ of the body,
     allowed(x, chunk)  ⇔  (1)-(3) are true for x under (chunk, then no command for COAST_S)               (4)
 
 No model here contains sliding tyres, so v r stays below SIDEWAYS_M_S2. A chunk that is not allowed is replaced by the
-first of these that is: the chunk with all signs reversed, those of the first channel, those of the others; all of them
-at a half, then at a quarter; no command, which is the rest of what (4) allowed before.
+first allowed alternative. Alternatives reverse all signs, or the signs of the first channel, or the signs of the other
+channels. Then follow the chunk and these three at a half, then at a quarter. The last alternative is a zero command,
+which (4) of the previous chunk has tested.
 """
 
 import re
@@ -42,7 +43,7 @@ AT_ONCE = 2  # alternatives that are driven to their end together: mostly the fi
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Room:
-    """Walls and limits of a room, and the pose in it where the drive begins."""
+    """Walls and limits of a room, and the pose at which the drive begins."""
 
     width_m: float
     height_m: float
@@ -83,7 +84,7 @@ class Room:
 
     def margin(self, eta: np.ndarray) -> np.ndarray:
         """Return the least distance (…,) over time between a wall and clouds (…, L, T, 3) [m], negative if some
-        leave. It is that of the corridor or of the outermost vehicle.  (1), (3)"""
+        leave. The corridor and the outermost vehicle are tested.  (1), (3)"""
         xy = eta[..., :2]
         mean, sd = xy.mean(axis=-3), xy.std(axis=-3)
         corridor = np.abs(mean) + DEVIATIONS * sd
@@ -111,8 +112,8 @@ def reach(low: np.ndarray, mean: np.ndarray, high: np.ndarray) -> np.ndarray:
 def room_of(vehicle_file: "VehicleFile", size: str, **options: Any) -> Room:
     """Return the room "2x2.5", width and height in metres, for the vehicle of the file.
 
-    Its radius, the limits of its supervisor and SIDEWAYS_M_S2 apply, unless `options` gives other fields of Room.
-    Raise UsageError for an invalid size, or a room too small.
+    Its radius, the limits of its supervisor and SIDEWAYS_M_S2 apply; `options` replaces them or sets other fields of
+    Room. Raise UsageError for an invalid size, or a room too small.
 
     >>> from baqueano.vehicle_file import load
     >>> room = room_of(load("small"), "2x2.5", start=(0.5, 0.0, 0.0))
@@ -137,7 +138,7 @@ def room_of(vehicle_file: "VehicleFile", size: str, **options: Any) -> Room:
 
 
 def body_radius(vehicle_file: "VehicleFile") -> float:
-    """Return the radius of the circle about the origin that contains the body [m]; 0 if the file gives no size."""
+    """Return the radius of the circle about the origin that contains the body [m]; 0 without a size in the file."""
     g = vehicle_file.geometry
     box = float(np.hypot(g.length_m or 0.0, g.width_m or 0.0)) / 2.0
     return max(g.radius_m or 0.0, box, (g.track_m or 0.0) / 2.0)
@@ -157,7 +158,7 @@ class ContainedSignal(NamedTuple):
     eta: np.ndarray  # (L, N, 3) poses of the possible vehicles
 
 
-def contained(
+def contain(
     u: np.ndarray,
     vehicle_file: "VehicleFile",
     room: "Room",
@@ -168,13 +169,13 @@ def contained(
 ) -> ContainedSignal:
     """Return `u` (N, n), one row a tick, with every chunk that could leave `room` replaced.  (1)
 
-    `cloud` contains the possible vehicles; default: those of `vehicle_file`, drawn with `seed`. Raise UsageError
-    for another shape; AnswerNo if they leave the room even without a command.
+    `cloud` contains the possible vehicles; default: possible vehicles of `vehicle_file`, drawn with `seed`. Raise
+    UsageError for another shape; AnswerNo if they leave the room even without a command.
 
     >>> from baqueano.identify.design.room import room_of
     >>> from baqueano.vehicle_file import load
     >>> small = load("small")
-    >>> safe = contained(np.tile([1.0, 0.0, 0.0], (200, 1)), small, room_of(small, "2x2"))  # 1 m ahead, and on
+    >>> safe = contain(np.tile([1.0, 0.0, 0.0], (200, 1)), small, room_of(small, "2x2"))  # 1 m ahead, and on
     >>> print(safe.u.shape, f"{100 * safe.replaced:.0f} % replaced, {safe.margin_m > 0.0}")
     (200, 3) 50 % replaced, True
     """
@@ -183,7 +184,7 @@ def contained(
         raise UsageError(fault("signal.shape", rows=u.shape, commands=vehicle_file.vehicle.commands))
     if cloud is None:
         cloud = Cloud(vehicle_file, possible_vehicles(vehicle_file, vehicles=VEHICLES), seed, backend)
-    state, rate = cloud.at(room.start), vehicle_file.rate_hz
+    state, rate = cloud.state_at(room.start), vehicle_file.rate_hz
     chunk = max(1, round(CHUNK_S * rate))
     out, poses, changes = np.empty_like(u), [], 0
     for begin in range(0, len(u), chunk):
@@ -234,7 +235,8 @@ def first_allowed(
 def _first_allowed(
     cloud: Cloud, room: "Room", state: "VehicleState", options: np.ndarray, tick: int
 ) -> tuple[int, "VehicleState", np.ndarray]:
-    """Return index, cloud afterwards and poses (L, T, 3) of the option (of C, T, n) that is driven."""
+    """Return index, cloud afterwards and poses (L, T, 3) of the first option of (C, T, n) that is allowed, else of
+    the last one."""
     for begin, end in ((0, 1), (1, len(options))):  # mostly the requested chunk is allowed
         place = first_allowed(cloud, room, state, list(options[begin:end]), tick)
         if place is not None:

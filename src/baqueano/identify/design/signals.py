@@ -8,8 +8,9 @@
 All return (N, n) rows, one a tick, with |u| ≤ limit channel by channel; a channel with limit 0 stays 0. Random steps
 show friction and forces at once; the paper's case study uses them. A multisine spreads its power evenly and suits the
 frequency domain. PRBS is best for lags; ramps show dry friction and dead zones. These signals do not depend on the
-vehicle or the room; design/plan.py designs one that does, and design/room.py keeps these inside. The channels of a
-signal are independent, so that the columns of T can be separated. Source: Ljung, System Identification, 1999, 13.3.
+vehicle or the room. design/plan.py designs a signal for both, and design/room.py keeps any signal inside a room. The
+channels of a signal are independent, so that the columns of T can be separated. Source: Ljung, System Identification,
+1999, 13.3.
 """
 
 from collections.abc import Callable
@@ -280,7 +281,8 @@ def excitation(
 
 
 def _validate(limit: ArrayLike, duration_s: float, rate_hz: float) -> tuple[np.ndarray, int]:
-    """Return the limits (n,) and the number of ticks. Raise UsageError for invalid ones."""
+    """Return the limits (n,) and the number of ticks. Raise UsageError if a limit, the duration or the rate is
+    invalid."""
     limit = np.atleast_1d(np.array(limit, dtype=float))
     if limit.ndim != 1 or not np.all(np.isfinite(limit)) or np.any(limit < 0.0):
         raise UsageError(fault("signal.limit", limit=limit.tolist()))

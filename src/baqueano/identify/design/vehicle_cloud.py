@@ -1,15 +1,15 @@
 """Draw the vehicles that a plan considers possible, and simulate them as a cloud with the same commands.
 
     θ_l = θ̂ exp(s n_l)              a parameter without a fit, s = 0.2 by default                         (1)
-    θ_l = θ̂ + P^½ n_l               those of the last fit, P its covariance                               (2)
+    θ_l = θ̂ + P^½ n_l               parameters of the last fit, P their covariance                        (2)
     x_{k+1} = step(vehicle(θ_l), x_k, u_k, δ, noise_lk)                                                   (3)
-    P ← P − P_·W (P_WW + S)⁻¹ P_W·   W those of too large an error,   θ_l ← θ_l + P_·B P_BB⁻¹ (b − θ_lB)  (4)
+    P ← P − P_·W (P_WW + S)⁻¹ P_W·   W: entries with too large an error,   θ_l ← θ_l + P_·B P_BB⁻¹ (b − θ_lB)  (4)
 
 A standard error above LEAST_KNOWN of the value is limited to that, as if a data sheet S had given it. Entries B of a
-draw beyond their bounds b go back to them. Both updates also move the parameters that are correlated with these
-entries: bounded one by one, some vehicles would be without friction and roll for ever. The n_l come in pairs ± n, so
-that the draw does not move the mean. A parameter that is 0 in the file stays 0 in (1). The whole cloud is one call of
-one kernel; several candidates for the next piece are shared out over the cores.
+draw beyond their bounds b are moved to the bounds. Both updates also move the parameters that are correlated with these
+entries. Without this, some vehicles would be without friction and roll for ever. The n_l come in pairs ± n, so that the
+draw does not move the mean. A parameter that is 0 in the file stays 0 in (1). The whole cloud is one call of one
+kernel; several candidates for the next piece are distributed over the cores.
 """
 
 from collections.abc import Sequence
@@ -19,7 +19,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from baqueano.identify.data.record import FittedBlocks
-from baqueano.identify.parallel import each
+from baqueano.identify.parallel import parallel_map
 from baqueano.identify.parameters.free import default_free, value
 from baqueano.simulate.many import bounds, lanes_kernel
 from baqueano.simulate.system import System
@@ -113,7 +113,7 @@ class Cloud:
         self._windows: dict[tuple[int, int], np.ndarray] = {}
         self._settle(np.asarray(vehicle_file.command.limit, dtype=float))
 
-    def at(self, pose: Any) -> VehicleState:
+    def state_at(self, pose: Any) -> VehicleState:
         """Return the state of the cloud with all vehicles at rest at the pose (3,)."""
         pose = np.tile(np.array(pose, dtype=float), (self.size, 1))
         lanes = (np.repeat(np.asarray(x, dtype=float)[None], self.size, axis=0) for x in self.rest.drivetrain)
@@ -129,7 +129,9 @@ class Cloud:
         self, states: Sequence[VehicleState], us: Sequence[np.ndarray], tick: int = 0
     ) -> list[tuple[VehicleState, np.ndarray]]:
         """Return `drive` for each pair of state and commands, all with the noise from `tick` on, on all cores."""
-        return each(lambda x, u: self.drive(x, u, tick), states, us, rows=self.size * sum(map(len, us)))
+        return parallel_map(
+            lambda x, u: self.drive(x, u, tick), states, us, rows=self.size * sum(map(len, us))
+        )
 
     def _settle(self, limit: np.ndarray) -> None:
         """Move draws that are too stiff for the integrator towards the nominal vehicle, until all can be simulated.
@@ -139,7 +141,7 @@ class Cloud:
         full = np.tile(np.where(np.isfinite(limit), limit, 1.0), (round(self.rate_hz), 1))
         for _ in range(8):
             with np.errstate(all="ignore"):
-                _, eta = self.drive(self.at(np.zeros(3)), full)
+                _, eta = self.drive(self.state_at(np.zeros(3)), full)
             wild = ~np.isfinite(eta).all(axis=(1, 2))
             if not wild.any():
                 break

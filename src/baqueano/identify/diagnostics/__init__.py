@@ -19,7 +19,7 @@ from baqueano.identify.diagnostics import (
     samples,
     timestamps,
 )
-from baqueano.identify.parallel import each
+from baqueano.identify.parallel import parallel_map
 from baqueano.runs.run import Run
 
 if TYPE_CHECKING:
@@ -30,7 +30,7 @@ if TYPE_CHECKING:
 def clean(
     runs: list[Run], file: "VehicleFile", sensors: dict[str, Tree]
 ) -> tuple[list[Run], tuple[Diagnostic, ...]]:
-    """Return the runs without impossible measurements, cut where time jumps, and messages on the repairs."""
+    """Return the runs without impossible measurements, cut at jumps of time, and messages on the repairs."""
 
     def of(run: Run) -> tuple[list[Run], list[Diagnostic]]:
         segments, messages = timestamps.check_timestamps(run, file.rate_hz)
@@ -46,7 +46,7 @@ def clean(
             ]
         return out, messages
 
-    results = each(of, runs, rows=sum(len(run.t_ns) for run in runs))
+    results = parallel_map(of, runs, rows=sum(len(run.t_ns) for run in runs))
     return [run for segments, _ in results for run in segments], tuple(
         message for _, messages in results for message in messages
     )
@@ -64,7 +64,7 @@ def _samples(run: Run, sensors: dict[str, Tree]) -> tuple[Run, list[Diagnostic]]
 def diagnose(
     end: "FinishedFit", sd: np.ndarray, file_sigma: np.ndarray
 ) -> tuple[list[Diagnostic], dict[str, float]]:
-    """Return messages on a finished search and its data, and by path the error of each parameter that they cause.
+    """Return messages on a finished search and its data, and the error of each parameter that they cause, by path.
     `sd` (p,) are the standard errors of θ, `file_sigma` (m,) the noise of the channels in the file."""
     problem, theta, identifiable = (
         end.task.problem,
@@ -102,6 +102,6 @@ def diagnose(
     return before + channel_map.with_mount(end, messages + findings_of_residuals), off
 
 
-def widened(cov: np.ndarray, names: Sequence[str], off: Mapping[str, float]) -> np.ndarray:
+def inflate_covariance(cov: np.ndarray, names: Sequence[str], off: Mapping[str, float]) -> np.ndarray:
     """Return `cov` (p, p) of the parameters `names`, enlarged by the errors `off` (path → error)."""
     return cov + np.diag([off.get(name, 0.0) ** 2 for name in names])

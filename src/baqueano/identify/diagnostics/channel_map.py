@@ -2,14 +2,14 @@
 
 The test is the signal map (runs/diagnostics/signal_map.py) of measurements and predictions, of any scale. The gains of
 a fit adapt to the measurements, so an inverted sensor shows only if another sensor contradicts it; else the file does
-(gain_changes.py). If a channel does not follow the prediction with the file's own numbers, the same search is repeated
-with other axes: swapped, turned by a quarter or a half, or one of them inverted,
+(gain_changes.py). If a channel does not follow the prediction with the numbers of the file, the search is repeated for
+other mounts. Their axes are swapped, turned by a quarter or a half, or one axis is inverted:
 
-    gain = Σ_c n_c log σ_c(unchanged) − Σ_c n_c log σ_c(other way),   over the n of the IMU                (1)
+    gain = Σ_c n_c log σ_c(unchanged) − Σ_c n_c log σ_c(other mount),   n_c readings of the IMU              (1)
 
 A turned mount cannot be detected for a vehicle with any force along x and y. A mirrored one can: the acceleration of a
-turn, ν_x ω, points to the left in a left turn. Of four ways with the same residuals, the signs of the commands in the
-file decide. A way is reported if its residuals are a tenth smaller, a gain of n/10.
+turn, ν_x ω, points to the left in a left turn. If four mounts have the same residuals, the signs of the commands in the
+file decide. A mount is reported if its residuals are a tenth smaller, a gain of n/10.
 """
 
 from typing import TYPE_CHECKING, NamedTuple
@@ -33,7 +33,7 @@ FAR = 4.0
 RAN_AWAY = 1e6  # SI units: a larger prediction counts as diverged
 MOST_ROWS = 3000  # rows of each run
 WORTH = 0.1  # least gain of the logarithm of σ, per reading of the IMU
-ALIKE = 0.5  # of the largest gain: the data cannot separate ways with more than that
+ALIKE = 0.5  # of the largest gain: the data cannot separate mounts with a larger gain
 AXES = ("axes.swapped", "axes.inverted", "file.swapped", "file.inverted")
 
 
@@ -56,24 +56,24 @@ def of_sensor(problem: Residuals, theta: np.ndarray, name: str) -> tuple[np.ndar
     """Return the measurements of the channels of a sensor, and their predictions, (n, m) each."""
     k = problem.names.index(name)
     span = slice(sum(problem.sizes[:k]), sum(problem.sizes[: k + 1]))
-    z, h = measured(problem)[:, span], predicted(problem, theta)[:, span]
+    z, h = measurements(problem)[:, span], predictions(problem, theta)[:, span]
     rows = np.flatnonzero(np.isfinite(z).any(axis=1))
     rows = rows[:: max(1, len(rows) // MOST)]
-    return clipped(z[rows]), clipped(h[rows])
+    return clip(z[rows]), clip(h[rows])
 
 
-def measured(problem: Residuals) -> np.ndarray:
+def measurements(problem: Residuals) -> np.ndarray:
     """Return the measurements of all segments (N, m), NaN where none exist."""
     return np.where(np.concatenate(problem.has) > 0.0, np.concatenate(problem.z), np.nan)
 
 
-def predicted(problem: Residuals, theta: np.ndarray) -> np.ndarray:
+def predictions(problem: Residuals, theta: np.ndarray) -> np.ndarray:
     """Return the predictions of all segments (N, m), NaN where the model diverged."""
     h = np.concatenate(problem.predictions(theta))
     return np.where(np.abs(h) < RAN_AWAY, h, np.nan)
 
 
-def clipped(x: np.ndarray) -> np.ndarray:
+def clip(x: np.ndarray) -> np.ndarray:
     """Return the columns of x (n, m), clipped at FAR robust standard deviations about the median."""
     x = x.copy()
     for column in x.T:
@@ -104,8 +104,8 @@ WAYS = (
 
 
 def with_mount(end: "FinishedFit", messages: list[Diagnostic]) -> list[Diagnostic]:
-    """Return `messages` on a finished search, led by the mount of an IMU if that is the reason. It then replaces
-    the messages about other axes and signs."""
+    """Return the `messages` on a finished search. If another mount of an IMU is the reason, begin with a message on
+    it. This message replaces the messages about other axes and signs."""
     task, blocks = end.task, end.blocks
     if type(task.problem) is not Residuals or all(message.severity == Severity.INFO for message in messages):
         return messages
@@ -118,7 +118,8 @@ def with_mount(end: "FinishedFit", messages: list[Diagnostic]) -> list[Diagnosti
 
 
 def _astray(task: Task, name: str) -> bool:
-    """Return True if a channel of the IMU does not follow its prediction, or follows that of another channel more."""
+    """Return True if a channel of the IMU does not follow its prediction, or follows the prediction of another
+    channel more closely."""
     hypotheses = relations(*of_sensor(task.problem, task.first, name))
     rho = np.array([[hypothesis.correlation for hypothesis in row] for row in hypotheses])
     own, any_of = np.diagonal(rho), np.max(np.abs(rho), axis=1)
@@ -161,7 +162,7 @@ def _better_mount(end: "FinishedFit", name: str) -> tuple[MountWay, Diagnostic] 
 
 def _search_from(task: Task, blocks: FittedBlocks, records: list[FitRecord], theta: np.ndarray) -> Search:
     problem = Residuals(blocks, task.problem.shape, records, task.problem.scan.backend)
-    return search(task._replace(problem=problem, say=None), theta, rough=True)
+    return search(task._replace(problem=problem, progress=None), theta, rough=True)
 
 
 def _other_way(record: FitRecord, name: str, way: MountWay) -> FitRecord:
@@ -173,7 +174,7 @@ def _other_way(record: FitRecord, name: str, way: MountWay) -> FitRecord:
 def _log_sigma(end: Search, own: slice, n: np.ndarray) -> float:
     """Return Σ n log σ over the channels of the IMU, which have n (3,) readings.  (1)"""
     log_sigma = float(n @ np.log(end.sigma[own]))
-    return log_sigma if np.isfinite(log_sigma) and np.isfinite(end.solution.at.cost) else np.inf
+    return log_sigma if np.isfinite(log_sigma) and np.isfinite(end.solution.evaluation.cost) else np.inf
 
 
 def _as_in_the_file(task: Task, blocks: FittedBlocks, end: Search) -> bool:

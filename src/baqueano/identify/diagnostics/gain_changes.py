@@ -1,12 +1,12 @@
-"""Compare the gains and the noise of a fit with those of the vehicle file.
+"""Compare the gains and the noise of a fit with their values in the vehicle file.
 
     G = diag(1/m, 1/m, 1/I) T            accelerations of a command (V itself for a kinematic model)      (1)
-    G_y = l_x G_ψ,   G_x = −l_y G_ψ      what an IMU at (l_x, l_y) adds to those of a command that turns    (2)
+    G_y = l_x G_ψ,   G_x = −l_y G_ψ      what an IMU at (l_x, l_y) adds if the command turns the vehicle    (2)
 
-The file may be wrong. But if a command of the fit pushes backward, sideways or five times as hard, the log is the more
-likely reason: a swapped, inverted or differently scaled column. A scale that all commands and readings share does not
-show in the residuals, so only the file can reveal it. Noise is compared with the file too, as it changes with the unit
-and not with the vehicle.
+The file may be wrong. But a command of the fit may push backward, sideways or five times as hard. Then the log is the
+more likely reason: a swapped, inverted or differently scaled column. A scale that all commands and readings share does
+not show in the residuals, so only the file can reveal it. Noise is compared with the file too, as it changes with the
+unit and not with the vehicle.
 """
 
 from collections.abc import Sequence
@@ -43,13 +43,14 @@ def check_gain_changes(
 ) -> list[Diagnostic]:
     """Return messages on gains and noise that differ from the file before the fit.
 
-    `estimate` and `sd` (p,) belong to `names`. `file_sigma` (m,) is the noise of the channels `labels` in the file, 0
-    where the file gives nothing, and `sigma` (m,) the estimated one."""  # fmt: skip
+    `estimate` and `sd` (p,) belong to `names`. `file_sigma` (m,) is the noise of the channels `labels` in the file,
+    0 if the file does not contain it. `sigma` (m,) is the estimated noise.
+    """  # fmt: skip
     return gains(file, names, estimate, sd) + _noise(file_sigma, sigma, labels)
 
 
 def gains(file: FittedBlocks, names: Sequence[str], estimate: np.ndarray, sd: np.ndarray) -> list[Diagnostic]:
-    """Return findings on fitted gains that disagree with those of the `file`."""
+    """Return findings on fitted gains that disagree with the gains in `file`."""
     numbers = {n: (float(e), float(s)) for n, e, s in zip(names, estimate, sd, strict=True) if np.isfinite(e)}
     return _gains(file, numbers) + _matrix(file, numbers)
 
@@ -136,8 +137,8 @@ def _matrix(file: FittedBlocks, numbers: dict[str, tuple[float, float]]) -> list
 
 
 def _size(now: np.ndarray, was: np.ndarray, scale: np.ndarray) -> np.ndarray:
-    """Return the accelerations of a command (3,), a turn scaled by the ratio of the file's forward and turning
-    gains."""
+    """Return the size (3,) of the accelerations of a command. The turning entry is multiplied by the ratio of linear
+    to turning gain in the file."""
     gains = np.max(np.abs(was) / scale[:, None], axis=1)
     linear = max(gains[0], gains[1])
     ratio = linear / gains[2] if gains[2] > 0.0 and linear > 0.0 else 1.0

@@ -6,10 +6,11 @@
     a_y = v ω              of a vehicle that does not slide  a_y = v ω_z / r                               (4)
     ω_h = h(θ_0)           of the vehicle file's own numbers ω_z = r ω_h                                   (5)
 
-(3) to (5) are signal maps (runs/diagnostics/signal_map.py): of means over WINDOW_S or four samples, (5) of samples. r
-is 1 if the units are right, else 180/π or its inverse. A unit is reported if r is within NEAR of it: wheels that skid
-and a guessed file give an r nearer to 1. A gyro that agrees with wheels or model is cleared. (4) cannot separate
-a gyro from an accelerometer in another unit, and reports both.
+(3) to (5) are signal maps (runs/diagnostics/signal_map.py). (3) and (4) use means over WINDOW_S or four samples, (5)
+uses samples. r is 1 if the units are right, else 180/π or its inverse. A wrong unit is reported if r is within a factor
+NEAR of its value. The factor is large because wheels that skid and a guessed file give an r nearer to 1. A gyro that
+agrees with wheels or model is cleared. (4) cannot separate a gyro from an accelerometer in another unit, and reports
+both.
 """
 
 from typing import TYPE_CHECKING
@@ -53,8 +54,8 @@ FULL = ((200.0, 256.0, "PWM (0 … 255)"), (90.0, 101.0, "%"))  # from, to
 def check_gyro_unit(run: Run, file: "VehicleFile", name: str) -> list[Diagnostic]:
     """Return a message if the gyro is in another unit than the wheels, or than speed and sideways acceleration.
 
-    Return no message if the wheels of some sensor turn as the gyro does. If only a curve shows the fault, the
-    message names gyro or accelerometer.  (3), (4)
+    Return no message if the wheels of a sensor show the same yaw rate as the gyro. If only a curve shows the fault,
+    the message names gyro or accelerometer.  (3), (4)
     """
     sensors, by_wheels, curves = file.sensors._asdict(), [], []
     for sensor_name, channel in run.sensors.items():
@@ -86,7 +87,8 @@ def check_gyro_unit(run: Run, file: "VehicleFile", name: str) -> list[Diagnostic
 
 
 def _of_a_curve(name: str, curve: Hypothesis, speed_name: str) -> Diagnostic | None:
-    """Test a_y = v ω_z / r, which cannot separate a wrong gyro from a wrong accelerometer.  (4)"""
+    """Return a message if a_y = v ω_z / r shows a wrong unit, else None. The test cannot separate a wrong gyro from
+    a wrong accelerometer.  (4)"""
     slope = abs(curve.relation.slope) or np.nan
     message = _wrong_unit(
         name, curve, 1.0 / slope, note("gyro.as-curve", subject=f"{name}[1]", speed=speed_name)
@@ -106,10 +108,10 @@ def against_model(end: "FinishedFit") -> tuple[list[Diagnostic], bool]:
     unbounded = [end.requested[k]._replace(low=-np.inf, high=np.inf) for k in end.in_theta]
     by_file, _, _ = first_theta(end.blocks, unbounded, problem.shape, problem.records, FitOptions())
     at = dict(zip(problem.names, np.cumsum([0, *problem.sizes[:-1]]), strict=True))
-    z, h = channel_map.measured(problem), channel_map.predicted(problem, by_file)
+    z, h = channel_map.measurements(problem), channel_map.predictions(problem, by_file)
     wheels = [(k, sensors[name]) for name, k in at.items() if has_field(sensors[name], "track_m")]
     wheel_rates = [(z[:, k + 1] - z[:, k]) / block.track_m for k, block in wheels]
-    fitted = [channel_map.predicted(problem, end.search.solution.theta)] if _as_promised(end) else []
+    fitted = [channel_map.predictions(problem, end.search.solution.theta)] if _as_promised(end) else []
     messages, is_cleared = [], True
     for name in (name for name in at if has_field(sensors[name], "gyro_scale")):
         i = at[name] + 2
@@ -122,8 +124,8 @@ def against_model(end: "FinishedFit") -> tuple[list[Diagnostic], bool]:
 
 
 def _as_promised(end: "FinishedFit") -> bool:
-    """Return True if a fit left the gains that turn the vehicle, and the known numbers that these act on, near those
-    of the file. A fit in which none of these is identifiable is not evidence."""
+    """Return True if a converged fit left the turning gains, and the known numbers on which they act, near their
+    values in the file. A fit in which none of these is identifiable is not evidence."""
     free = end.free
     now, is_identifiable = end.search.solution.theta[: len(free)], end.identifiability.mask[: len(free)]
     was = [value(end.blocks, parameter.path) if _turns(parameter) else 0.0 for parameter in free]
@@ -146,7 +148,7 @@ def _turns(parameter: Free) -> bool:
 
 def _map(z: np.ndarray, h: np.ndarray, units: dict[float, str]) -> Hypothesis:
     """Return the signal map from h (N,) to z (N,)."""
-    z, h = (channel_map.clipped(x[:, None]) for x in (z, h))
+    z, h = (channel_map.clip(x[:, None]) for x in (z, h))
     return signal_map(z, h, [MappedChannel(1.0 / NEAR, NEAR, units)], NOTHING)[0]
 
 
@@ -162,7 +164,8 @@ def _wrong_unit(name: str, hypothesis: Hypothesis, r: float, source: Diagnostic)
 
 
 def _windows(log: Log, second_log: Log) -> tuple[np.ndarray, np.ndarray] | None:
-    """Return the means (W, m) of both logs over the windows in which both have samples, or None if one is short."""
+    """Return the means (W, m) of both logs over the windows in which both have samples, or None if one has fewer
+    than FEW samples."""
     if min(len(log.t_ns), len(second_log.t_ns)) < FEW:
         return None
     usual_s = max(float(np.median(np.diff(c.t_ns))) for c in (log, second_log)) / NANOSECONDS
@@ -175,7 +178,7 @@ def _windows(log: Log, second_log: Log) -> tuple[np.ndarray, np.ndarray] | None:
 
 
 def implausible(run: Run, file: "VehicleFile", sensors: dict[str, Tree]) -> list[Diagnostic]:
-    """Return messages on commands and readings beyond any small vehicle, or beyond the limits of its file."""
+    """Return messages on commands and readings that no small vehicle reaches, or that exceed the limits in its file."""
     messages = _commands(run, file)
     for name, block in sensors.items():
         if (

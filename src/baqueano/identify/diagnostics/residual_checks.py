@@ -4,13 +4,14 @@
     excess_c = spread of r_c / spread of the second differences of r_c over √6                            (2)
     z = (mean rank of |ḣ| among readings beyond 4 σ − ½) √(12 n)                                          (3)
 
-The tests are for the terms of unmodelled_terms.py, and for a change of each parameter between parts of the data: the
-first 1/4, 1/3, 1/2, 2/3, 3/4 of the time; each run; forward or backward, left or right, fast or slow, speeding up or
-slowing down. A result counts if its probability by chance is below 1 in 40,000 (some 250 tests; a low-pass of the IMU:
-1 in 300) and a parameter would move by over 2 of its errors and 2 %, or differs between parts by over 5 %. The shift,
-and half of the difference of parts, is added to the error bars. γ(1), of neighbouring residuals, is motion outside the
-model: above 5 % of the predicted motion, or 0.5 % with (2) above 1.3, parameters are not accurate to 5 %. Outliers
-during fast changes of the prediction (3) mean that the model is late, early or too simple.
+The tests are for the terms of unmodelled_terms.py, and for a change of each parameter between parts of the data. The
+parts are the first 1/4 to 3/4 of the time, each run, and kinds of motion: forward or backward, left or right, fast or
+slow, gaining or losing speed. A result needs a probability by chance below 1 in 40,000 (some 250 tests; a low-pass of
+the IMU: 1 in 300). Also, a parameter must move by over 2 of its errors and 2 %, or differ between parts by over 5 %.
+The shift, and half of the difference of parts, are added to the error bars. γ(1), the covariance of neighbouring
+residuals, is motion outside the model. If it is above 5 % of the predicted motion, or 0.5 % with (2) above 1.3,
+parameters are not accurate to 5 %. Outliers during fast changes of the prediction (3) mean that the model has a wrong
+delay or is too simple.
 """
 
 from collections.abc import Iterator, Sequence
@@ -67,7 +68,7 @@ def check_residuals(
     identifiable: np.ndarray,
     sd: np.ndarray,
 ) -> tuple[list[Diagnostic], dict[str, float]]:
-    """Return findings at θ (p,), and by path the error of each parameter that they cause.
+    """Return findings at θ (p,), and the error of each parameter that they cause, by path.
 
     The `identifiable` (p,) entries have standard errors `sd` (p,); the problem is weighted with the estimated
     noise.
@@ -114,7 +115,7 @@ class _FitEvidence:
         return bool(abs(answer.z) > sure)
 
     def widens(self, by: np.ndarray) -> tuple[tuple[str, float], ...]:
-        """Return the errors `by` (k,) that are above 0, each with the path of its parameter."""
+        """Return (path, error) for each parameter whose error in `by` (k,) is above 0."""
         return tuple((path, float(x)) for path, x in zip(self.paths, by, strict=True) if x > 0.0)
 
     def most_biased(self, answer: ScoreTest) -> int | None:
@@ -221,7 +222,7 @@ def _autocorrelation_messages(label: str, r: list[np.ndarray], h: list[np.ndarra
 
 
 def _late_outliers(label: str, r: list[np.ndarray], h: list[np.ndarray]) -> list[Diagnostic]:
-    """Return a message if outliers come when the prediction changes fast.  (3)"""
+    """Return a message if outliers occur during fast changes of the prediction.  (3)"""
     far = np.abs(np.concatenate(r)) > FAR
     n = int(far.sum())
     if n < FEW:

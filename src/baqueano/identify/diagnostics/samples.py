@@ -5,12 +5,12 @@
     n(z = max) ≥ 5,   n(z = max) > 5 n(max − w ≤ z < max),   w = max(2 q, σ / 5),   on three visits        (2)
     median of z_{k−4} … z_{k+4} > max − 2 σ,   or three samples in a row at the end                       (3)
 
-Samples that repeat the previous one, and exact zeros, are left out if they are `FACTOR` times more frequent than (1).
+Samples that repeat the previous one, and exact zeros, are removed if they are `FACTOR` times more frequent than (1).
 They stay if the signal moves by less than a step. For encoders, the values between two jumps decide
-(runs/diagnostics/repeated_readings.py): many equal values are their top speed, and a zero counts only between two
-readings far from it. Many samples at one extreme (2) show a range that the file does not contain, as the tails of
-noise thin out there. The samples of (3) are then left out. (3) does not depend on the noise of the sample itself, so
-the fit stays unbiased.
+(runs/diagnostics/repeated_readings.py). Many equal values are their top speed, and a zero counts only between two
+readings far from it. Many samples at one extreme (2) show a range that the file does not contain, as the tails of noise
+contain few samples. The samples of (3) are then removed. (3) does not depend on the noise of the sample itself, so the
+fit stays unbiased.
 """
 
 from dataclasses import replace
@@ -88,7 +88,7 @@ def _together(name: str, m: int, messages: list[Diagnostic]) -> list[Diagnostic]
 
 
 def grain(x: np.ndarray) -> Grain:
-    """Return σ and q of finite values x (M,).  (1)"""
+    """Return σ and q of finite values x (M,), both 0 if too few values change.  (1)"""
     fresh = x[np.concatenate([[True], np.diff(x) != 0.0])]
     levels = np.unique(x)
     if len(fresh) < ENOUGH or len(levels) < 3:
@@ -107,7 +107,7 @@ def _dead(label: str, x: np.ndarray) -> Diagnostic:
 
 
 def _part(bad: np.ndarray, finite: np.ndarray) -> float:
-    """Return the percentage of the samples `bad` (M,) among those `finite` (M,)."""
+    """Return the percentage of `bad` (M,) samples among the `finite` (M,) samples."""
     return 100.0 * float(bad.sum()) / max(1, int(finite.sum()))
 
 
@@ -182,12 +182,12 @@ def _limit_samples(label: str, x: np.ndarray, sample_grain: Grain) -> tuple[np.n
     ]
 
 
-def _beyond(y: np.ndarray, at: np.ndarray, most: float, sigma: float) -> np.ndarray:
+def _beyond(y: np.ndarray, index: np.ndarray, most: float, sigma: float) -> np.ndarray:
     """Return the mask (M,) of samples whose signal, apart from noise, is at the end `most` of the range.  (3)"""
     extended = np.pad(y, AROUND // 2, mode="edge")
     middle = np.median(np.lib.stride_tricks.sliding_window_view(extended, AROUND), axis=1)
     near = middle > most - 2.0 * sigma
-    edges = np.flatnonzero(np.diff(np.concatenate([[0], at.astype(int), [0]])))
+    edges = np.flatnonzero(np.diff(np.concatenate([[0], index.astype(int), [0]])))
     for first, last in zip(edges[::2], edges[1::2], strict=True):
         if last - first >= IN_A_ROW:
             near[first:last] = True

@@ -5,11 +5,12 @@
     Δθ = A⁻¹ dᵀ w D δ                             the change of θ if it were in the model                 (3)
     e_b = (S_b − δ P_b) / (1 − h_b),   h_b = P_b / Σ P,   z = Σ S_b / √Σ e_b²                              (4)
 
-r (N, m) are the residuals in standard deviations, d = ∂r/∂θ, ψ(r) the clipped residual of the Huber cost, w = ψ'(r),
-−D the change of r by a unit of the effect. (2) and (3) are one step of Gauss-Newton. (4) takes the scatter of (2) from
-the run itself, over B blocks of time with scores S_b and P_b = D⊥ᵀ w D⊥: Student's t with 1/Σ h_b² − 1 degrees of
-freedom. B is 60 if the run is long enough. An effect may be a parameter that differs in a part of the run, D = 1_part
-d_j. Biases and starts are eliminated from d and D first. docs/derivations/robust_covariance.md gives the reasons.
+r (N, m) are the residuals in standard deviations, and d = ∂r/∂θ. ψ(r) is the clipped residual of the Huber cost, and w
+= ψ'(r). −D is the change of r by a unit of the effect. (2) and (3) are one step of Gauss-Newton. (4) estimates the
+scatter of (2) from the run itself, over B blocks of time with scores S_b and P_b = D⊥ᵀ w D⊥. z is Student's t with 1/Σ
+h_b² − 1 degrees of freedom. B is 60 if the run is long enough. An effect may be a parameter that differs in a part of
+the run, D = 1_part d_j. Biases and starts are eliminated from d and D first. docs/derivations/robust_covariance.md
+gives the reasons.
 Sources: Rao 1948; Andrews 1993 for parts of a sample; batch means as in the analysis of simulations.
 """
 
@@ -48,9 +49,9 @@ class FitResiduals(NamedTuple):
     w: np.ndarray  # (N m,) 1 where a residual exists and is not clipped
     d: np.ndarray  # (k, N m) derivatives of the prediction, in standard deviations, without nuisance
     score: np.ndarray  # (k,) d ψ
-    own: list[NuisanceSlopes]
+    nuisances: list[NuisanceSlopes]
     run: np.ndarray  # (N,) the number of the run
-    blocks: np.ndarray  # (B,) their first rows
+    blocks: np.ndarray  # (B,) first row of each block
     inverse: np.ndarray  # A⁻¹ (k, k)
     weighted: np.ndarray  # (k + 1, N m) d w, and ψ
     power: float  # Σ ψ² / Σ w: sum of ψ², clipped ones too, per residual that is not clipped
@@ -61,17 +62,17 @@ class ScoreTest(NamedTuple):
 
     size: float  # δ (2)
     z: float  # (4)
-    freedom: float  # degrees of it
+    freedom: float  # degrees of freedom of z
     shift: np.ndarray  # (k,) Δθ (3)
 
 
 class _Sums(NamedTuple):
-    """Sums over the rows for K columns D, as (1) to (3) need them."""
+    """Sums over the rows for K columns D, for (1) to (3)."""
 
     whole: np.ndarray  # (K,) D w D
     total: np.ndarray  # (K,) D ψ
     cross: np.ndarray  # (K, k) D w dᵀ
-    own: list[np.ndarray]  # (K, q) D w dᵀ with each nuisance
+    nuisances: list[np.ndarray]  # (K, q) D w dᵀ with each nuisance
 
 
 def fit_residuals(problem: Residuals, theta: np.ndarray, identifiable: np.ndarray) -> FitResiduals:
@@ -154,7 +155,7 @@ def score_test(fit: FitResiduals, D: np.ndarray) -> list[ScoreTest]:
     A column that diverged counts as 0."""
     sums = _sums(fit, D)
     away = ~np.isfinite(sums.whole)
-    for part in (sums.whole, sums.total, sums.cross, *sums.own) if away.any() else ():
+    for part in (sums.whole, sums.total, sums.cross, *sums.nuisances) if away.any() else ():
         part[away] = 0.0
     return _score_tests(fit, sums, lambda k: D[k])
 
@@ -168,7 +169,7 @@ def _sums(fit: FitResiduals, D: np.ndarray) -> _Sums:
             whole += fit.w[at] @ (some * some)
             both += fit.weighted[:, at] @ some
         return _Sums(
-            whole, both[-1], both[:-1].T, [_product(D[:, own.at], own.weighted.T) for own in fit.own]
+            whole, both[-1], both[:-1].T, [_product(D[:, own.at], own.weighted.T) for own in fit.nuisances]
         )
 
 
@@ -188,7 +189,7 @@ def score_test_parts(fit: FitResiduals, masks: Sequence[np.ndarray]) -> list[lis
             alike[slopes.rows],
             part_masks[:, slopes.rows],
         )
-        for slopes in fit.own
+        for slopes in fit.nuisances
     ]
     sums = _Sums(
         np.einsum("pkk->pk", A).ravel(),
@@ -224,12 +225,13 @@ def _in_parts(x: np.ndarray, y: np.ndarray, alike: np.ndarray, part_masks: np.nd
 def _score_tests(
     fit: FitResiduals, sums: _Sums, column: Callable[[np.ndarray], np.ndarray]
 ) -> list[ScoreTest]:
-    """Return (1) to (3) from the sums of the columns, and (4) for each `column` that may be significant."""
+    """Return the test of each effect: (1) to (3) from the `sums`, and (4) if it may be significant. `column` returns
+    D for the given indices."""
     ties = sums.cross @ fit.inverse
     power = sums.whole - np.einsum("ki,ki->k", sums.cross, ties)
     total = sums.total - ties @ fit.score
     ties_own = []
-    for own, own_sums in zip(fit.own, sums.own, strict=True):
+    for own, own_sums in zip(fit.nuisances, sums.nuisances, strict=True):
         ties_own.append(own_sums @ own.inverse)
         power -= np.einsum("ki,ki->k", own_sums, ties_own[-1])
         total = total - ties_own[-1] @ _product(own.d, fit.psi[own.at])
@@ -246,7 +248,7 @@ def _score_tests(
         some = clear[first : first + AT_ONCE]
         D = column(some)
         _take_out(D, ties[some], fit.d)
-        for own, tie in zip(fit.own, ties_own, strict=True):
+        for own, tie in zip(fit.nuisances, ties_own, strict=True):
             _take_out(D[:, own.at], tie[some], own.d)
         for k, (z, freedom) in zip(some, _jackknife(fit, D), strict=True):
             out[k] = out[k]._replace(z=z, freedom=freedom)

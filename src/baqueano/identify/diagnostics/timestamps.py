@@ -2,12 +2,13 @@
 
     steps   Δ_k = t_k − t_{k−1},   usual step = median Δ,   regular rate = 1 / mean Δ                     (1)
 
-A step above 1 s and 20 usual steps is a pause, or a clock that was set: the run is cut there and never integrated
+A step longer than 1 s and 20 usual steps is a pause, or a clock that was set. The run is cut there and never integrated
 across. Parts below 2 s are dropped, and so is the first 0.5 s after a cut, when motors still follow unknown commands.
 If more than a fifth of the steps are shorter than a fifth of the mean, samples were stamped in bursts as they were
-read. They are spread evenly from the end of the previous burst to the end of their own. For a regular sensor that is
-right to one sample. A usual step that is 20 times off the file's rate means a clock in another unit. A sample whose
-lateness differs by more than 0.25 s from the usual one is left out: its stamp is not the time of measurement.
+read. They are spread evenly from the end of the previous burst to the end of this burst. For a regular sensor, the
+error is at most one sample. A usual step that is 20 times off the file's rate means a clock in another unit. A sample
+whose delay from stamp to arrival differs by more than 0.25 s from the usual delay is removed. Its stamp is not the time
+of measurement.
 """
 
 from dataclasses import replace

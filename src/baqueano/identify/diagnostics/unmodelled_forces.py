@@ -1,6 +1,6 @@
 """Generate forces that a model often lacks, as accelerations φ(t) along an axis, for unmodelled_terms.py.
 
-w are the channels of the drivetrain (left and right wheel, or the commands), ν is the velocity of the model; both are
+w are the channels of the drivetrain (left and right wheel, or the commands), ν is the velocity of the model. Both are
 relative to their largest value. φ is one of
 
     tanh 10 w    w |w|    |w|    w (t/T − ½)    sign w e^(−s/0.2 s), s since w changed its sign             (1)
@@ -10,8 +10,8 @@ relative to their largest value. φ is one of
 
 (1) are dead zones and backlash, motors that saturate or slip, motors that differ forward and backward, and a fading
 battery. (2) are dry and other friction, and a caster that flips; (3) and (4) are losses in corners. A tyre that slips
-sideways in proportion to its force brakes with the square of the sideways acceleration, the third of (3). It turns less
-than it is steered, by the third of (4).
+sideways in proportion to its force brakes with the square of the sideways acceleration, the third term of (3). It also
+turns less than it is steered: the third term of (4).
 """
 
 from typing import NamedTuple
@@ -30,7 +30,7 @@ SIDEWAYS = {0: note("term.sideways-slip"), 2: note("term.sideways-push")}
 
 
 class Force(NamedTuple):
-    """One φ along one axis, with its channel if it is of (1)."""
+    """One force φ along one axis, and its channel for a force of (1)."""
 
     code: str
     what: Diagnostic
@@ -39,7 +39,7 @@ class Force(NamedTuple):
 
 
 def force_terms(axis: int, channels: int) -> list[Force]:
-    """Return the forces along `axis`, 0 or 2, and last a sideways one, in the order of `command_features` and
+    """Return the forces along `axis`, 0 or 2, and last a sideways force, in the order of `command_features` and
     `motion_features`."""
     of_commands = [
         Force(f"{code} of channel {j}", _term(code), axis, j) for code in COMMANDED for j in range(channels)
@@ -69,7 +69,7 @@ def motion_features(axis: int, nu: np.ndarray, record: FitRecord) -> np.ndarray:
     return np.concatenate([np.tanh(v / SMALL), v * size, v * v * v, size, flips, *corners], axis=1)
 
 
-def driven(model: Tree, u: np.ndarray) -> np.ndarray:
+def driven_channels(model: Tree, u: np.ndarray) -> np.ndarray:
     """Return the channels (N, c) that commands u (N, n) drive."""
     drivetrain = getattr(model, "drivetrain", None)
     if getattr(drivetrain, "mixing", "none") == "two_wheels":

@@ -4,9 +4,9 @@ A force outside the model pushes the vehicle along an axis a with an acceleratio
 
     ν ← ν + ε φ δ e_a,   ν̇ ← ν̇ + ε φ e_a,   D = ∂h/∂ε at ε = 0                                             (1)
 
-The derivatives of the vehicle's own step are carried along, for all φ in one pass (unmodelled_forces.py). Some terms
-change only the readings: delays, lags and clocks, an IMU at another place or turned on its mount, and the effect of
-its low-pass beside a delay:
+The derivatives of the vehicle's step are propagated for all φ in one pass (unmodelled_forces.py). Some terms change
+only the readings. They are delays, lags, clocks, an IMU at another place or turned on its mount, and its low-pass in
+addition to a delay:
 
     D = −ḣ  (each sensor, and all of them)    D = (−ν_ψ², ν̇_ψ), (−ν̇_ψ, −ν_ψ²), (a_y, −a_x), (−ν_ψ ν_y, ν_ψ ν_x)   (2)
     D = −τ ḣ + τ² ḧ   (the IMU, if the delay of the commands is free)
@@ -27,11 +27,11 @@ from baqueano.identify.diagnostics.unmodelled_forces import (
     COMMANDED,
     Force,
     command_features,
-    driven,
+    driven_channels,
     force_terms,
     motion_features,
 )
-from baqueano.identify.parallel import ahead, each
+from baqueano.identify.parallel import ahead, parallel_map
 from baqueano.identify.parameters.free import DELAY, substitute
 from baqueano.identify.parameters.setup import Shape, example, initial_state, shown_by
 from baqueano.identify.residuals.simulation import Residuals, cached_kernel
@@ -132,7 +132,7 @@ def _of_readings(blocks: FittedBlocks, problem: Residuals, now: FittedMotion) ->
 
 def _of_forces(blocks: FittedBlocks, problem: Residuals, now: FittedMotion) -> Callable[[], TermColumns]:
     """Return a function that computes the columns of the forces.  (1)"""
-    channels = [driven(blocks.model, record.u) for record in problem.records]
+    channels = [driven_channels(blocks.model, record.u) for record in problem.records]
     most = np.max([np.max(np.abs(w), axis=0) for w in channels], axis=0)
     kernel, scale = now.kernels.pushed, np.where(most > 0.0, most, 1.0)
 
@@ -151,7 +151,7 @@ def _of_forces(blocks: FittedBlocks, problem: Residuals, now: FittedMotion) -> C
     if len(channels) == 1:
         whole = ahead(partial(slopes, 0, rows_of(0)), rows=count)
     else:
-        segments = each(lambda k: slopes(k, rows_of(k)), range(len(channels)), rows=count)
+        segments = parallel_map(lambda k: slopes(k, rows_of(k)), range(len(channels)), rows=count)
         whole = partial(np.concatenate, segments)
     candidates = [force for axis in AXES for force in force_terms(axis, len(most))]
     some = [k for k, force in enumerate(candidates) if force.channel is None or most[force.channel] > 0.0]
@@ -178,7 +178,7 @@ def _trace(blocks: FittedBlocks, shape: Shape, backend: str) -> Kernels:
 
 
 def _going(blocks: FittedBlocks, shape: Shape, backend: str) -> Scan:
-    n, paths = blocks.model.commands, (*shape.shared, *shape.own)
+    n, paths = blocks.model.commands, (*shape.shared, *shape.per_run)
     begin = initial_state(blocks, shape)
 
     def start(theta: np.ndarray) -> MotionState:
@@ -194,9 +194,10 @@ def _going(blocks: FittedBlocks, shape: Shape, backend: str) -> Scan:
 
 
 def _push_scan(blocks: FittedBlocks, shape: Shape, backend: str) -> Scan:
-    """Return the scan from ε (K,) of all forces, by axis, the last of each sideways, to the readings times 1/σ.  (1)"""
-    n, paths, m = blocks.model.commands, (*shape.shared, *shape.own), sum(s.size for s in blocks.sensors)
-    channels = driven(blocks.model, np.zeros((1, n))).shape[1]
+    """Return the scan from ε (K,) of all forces to the readings divided by σ. The forces are sorted by axis; the
+    last force of each axis acts sideways.  (1)"""
+    n, paths, m = blocks.model.commands, (*shape.shared, *shape.per_run), sum(s.size for s in blocks.sensors)
+    channels = driven_channels(blocks.model, np.zeros((1, n))).shape[1]
     c, count = len(COMMANDED) * channels, len(force_terms(0, channels))
     theta, every = example(blocks, shape), c + len(AXES) * (count - c)
     start = PushedState(*initial_state(blocks, shape)(theta), theta)
@@ -252,7 +253,7 @@ def _readings(
 def _mount(
     name: str, h: np.ndarray, motions: Motions, span: slice
 ) -> list[tuple[str, Diagnostic, np.ndarray]]:
-    """Return the terms of an IMU that is elsewhere, turned, or of the other measurement model."""
+    """Return the terms of an IMU that is at another place, turned, or follows the other measurement model."""
     x, y = span.start, span.start + 1
     w, w_dot = motions.nu[:, 2], motions.nu_dot[:, 2]
     out = []

@@ -1,16 +1,16 @@
 """Search for the parameters of least cost if the delay of the command is free.
 
-    d_0 = arg min over a grid of SCAN_S of min C(θ; d),  σ that of the start                               (1)
-    d_1 = arg min over a grid of FINE ticks about d_0 of min C(θ; d),  σ that of d_0                       (2)
+    d_0 = arg min over a grid of SCAN_S of min C(θ; d),  σ from the start                                  (1)
+    d_1 = arg min over a grid of FINE ticks about d_0 of min C(θ; d),  σ from d_0                          (2)
     d_2 = arg min C(θ, d)  within a step of d_1, on this side of a whole tick and on the other             (3)
     d   = arg min C(θ, d),  k δ < d < (k + 1) δ;  k ← k ± 1 while d ends at that side                      (4)
     C(θ; u) − C(θ; steps · round(u / steps)) > CLEAR    at the θ that was fitted without them             (5)
 
-Without a lag of the motors the cost jumps at delays of whole ticks δ; with one, commands in even steps leave valleys on
-both sides of the deepest. If (4) returns to a whole tick from both sides, the least cost is at the tick. The search has
-then converged although the derivative is not 0. The grid (1) is half a period of 20 Hz, the fastest command that a
-small vehicle follows. If a tick is much shorter, it is halved about d_0 until MOST ticks are left for (2). A timer of
-8 bits rounds a duty to 1/255; behind a dead zone this exceeds the noise of a gyro, and (5) finds the steps.
+Without a lag of the motors the cost jumps at delays of whole ticks δ. With a lag, commands in even steps leave valleys
+on both sides of the deepest. If (4) returns to a whole tick from both sides, the least cost is at the tick. The search
+has then converged although the derivative is not 0. The grid (1) is half a period of 20 Hz, the fastest command that a
+small vehicle follows. If a tick is much shorter, it is halved about d_0 until MOST ticks are left for (2). A timer of 8
+bits rounds a duty to 1/255; behind a dead zone this exceeds the noise of a gyro, and (5) finds the steps.
 """
 
 from collections.abc import Callable
@@ -24,7 +24,7 @@ from baqueano.identify.estimation.least_squares import Solution
 from baqueano.identify.estimation.search import ROUGH, Search, Task, best_search, search
 from baqueano.identify.parameters.free import DELAY
 from baqueano.identify.residuals.simulation import Residuals
-from baqueano.vehicles.drivetrain import mix, quantised
+from baqueano.vehicles.drivetrain import mix, quantise
 
 SCAN_S = 0.025
 PART = 1e-2  # of the least cost: tolerance of the searches at the other delays of the grid (1)
@@ -39,7 +39,8 @@ CLEAR = 25.0
 
 
 def best_search_of_all(task: Task, begin: np.ndarray) -> tuple[Task, Search]:
-    """Return the task in whose bounds the search is smooth (`task` without a free delay), and the best search."""
+    """Return the task in whose bounds the search is smooth, and the best search. Without a free delay, the task is
+    `task`."""
     shared_names = task.problem.shape.shared
     if DELAY not in shared_names:
         return task, best_search(task, begin)
@@ -58,7 +59,7 @@ def best_search_of_all(task: Task, begin: np.ndarray) -> tuple[Task, Search]:
 
 
 def bounds_of(task: Task, end: Search) -> Search:
-    """Return `end` with the entries that are at a bound of `task`, not at that of a tick."""
+    """Return `end` with `bound` marking the entries at a bound of `task`, but not a delay at the edge of a tick."""
     theta, near = end.solution.theta, 1e-3 * (task.high - task.low)
     near = np.where(np.isfinite(near), np.minimum(near, 1e-6), 0.0)
     bound = np.where(theta <= task.low + near, -1, np.where(theta >= task.high - near, 1, 0))
@@ -68,8 +69,8 @@ def bounds_of(task: Task, end: Search) -> Search:
 def _scan(
     task: Task, begin: np.ndarray, i: int, step_s: float, search_first: Callable[..., Search]
 ) -> tuple[Search, int]:
-    """Return the best search of the grid, and the evaluations. Each point starts at the end of the previous one.
-    (1)"""
+    """Return the best search of the grid, and the number of evaluations. Each point starts at the end of the
+    previous one. (1)"""
     low, high = float(task.low[i]), float(task.high[i])
     grid = np.linspace(low, high, max(2, 1 + int(np.ceil((high - low) / step_s - 1e-9))))
     first = int(np.argmin(np.abs(grid - begin[i])))
@@ -80,7 +81,7 @@ def _scan(
     for side in (grid[first + 1 :], grid[:first][::-1]):
         last = middle.solution
         for delay_s in side:
-            last = _fitted_at(lighter_task, last.theta, i, delay_s, PART * best.at.cost)
+            last = _fitted_at(lighter_task, last.theta, i, delay_s, PART * best.evaluation.cost)
             total += last.evaluations
             best = last if _least(last) < _least(best) else best
     if best is middle.solution:
@@ -90,8 +91,8 @@ def _scan(
 
 
 def _closer(task: Task, end: Search, i: int, step_s: float, tick_s: float) -> tuple[Search, int]:
-    """Return `end` with θ at the best of a finer grid, one step of the first to both sides, and the evaluations.
-    (2)"""
+    """Return `end` with θ at the best delay of a finer grid, and the number of evaluations. The grid extends one
+    step of the first grid to both sides.  (2)"""
     total, best = 0, end
     while 2.0 * step_s > MOST * tick_s and not best.stopped:
         step_s, middle = 0.5 * step_s, best
@@ -109,7 +110,7 @@ def _closer(task: Task, end: Search, i: int, step_s: float, tick_s: float) -> tu
         for n in range(1, 1 + round(step_s / fine_s)):
             if best.stopped or not task.low[i] <= at + n * side <= task.high[i]:
                 break
-            last = _fitted_at(task, last.theta, i, at + n * side, PART * solution.at.cost)
+            last = _fitted_at(task, last.theta, i, at + n * side, PART * solution.evaluation.cost)
             total += last.evaluations
             solution = last if _least(last) < _least(solution) else solution
     if not best.stopped:
@@ -119,7 +120,8 @@ def _closer(task: Task, end: Search, i: int, step_s: float, tick_s: float) -> tu
 
 
 def _of_both_sides(task: Task, near: Solution, i: int, fine_s: float, tick_s: float) -> tuple[Solution, int]:
-    """Return the better end of the one or two ticks within `fine_s` of `near`, and the evaluations.  (3)"""
+    """Return the solution with the least cost in the one or two ticks within `fine_s` of `near`, and the number of
+    evaluations.  (3)"""
     best, total = near, 0
     for side in (-fine_s, fine_s):
         begin = float(near.theta[i]) + 0.5 * side
@@ -129,18 +131,19 @@ def _of_both_sides(task: Task, near: Solution, i: int, fine_s: float, tick_s: fl
         if inside.low[i] < inside.high[i]:
             end = _fit(inside, _with_value(near.theta, i, begin), None)
             total += end.evaluations
-            best = end if end.at.cost < best.at.cost else best
+            best = end if end.evaluation.cost < best.evaluation.cost else best
     return best, total
 
 
 def _fitted_at(task: Task, theta: np.ndarray, i: int, delay_s: float, least: float = ROUGH) -> Solution:
-    """Return the least cost at this delay with the present σ, to a tolerance of `least` on the decrement."""
+    """Return the solution of least cost at this delay, with the present σ. `least` is the tolerance of the
+    decrement."""
     return _fit(task, _with_value(theta, i, delay_s), np.arange(len(theta)) == i, least)
 
 
 def _least(end: Solution) -> float:
     """Return the expected final cost of the search, by a parabola through its end."""
-    return end.at.cost - 0.5 * end.decrement
+    return end.evaluation.cost - 0.5 * end.decrement
 
 
 def _fit(task: Task, theta: np.ndarray, is_fixed: np.ndarray | None, least: float = ROUGH) -> Solution:
@@ -151,7 +154,7 @@ def _fit(task: Task, theta: np.ndarray, is_fixed: np.ndarray | None, least: floa
 
 
 def _fixed_at(task: Task, near: Search, i: int, delay_s: float) -> Search:
-    """Return the search with this delay, from the end of `near`."""
+    """Return the search with this fixed delay, started at the end of `near`."""
     is_fixed = np.arange(len(task.first)) == i
     return search(task, _with_value(near.solution.theta, i, delay_s), is_fixed, near, rough=True)
 
@@ -162,8 +165,8 @@ def _better(task: Task, first: Search, second: Search) -> Search:
 
 
 def _walk(task: Task, nearest: Search, i: int, tick_s: float) -> tuple[Task, Search, int]:
-    """Move tick by tick to the tick with the least cost, and return its task, search and evaluations. At a kink,
-    take the side with the larger error.  (4)"""
+    """Move tick by tick to the tick with the least cost. Return its task, its search and the number of evaluations.
+    At a kink, select the side with the larger error.  (4)"""
     k, total, visits = int(nearest.solution.theta[i] / tick_s), 0, {}
     while True:
         inside = _inside(task, i, k, tick_s)
@@ -218,7 +221,7 @@ def duty_step(blocks: FittedBlocks, problem: Residuals, theta: np.ndarray) -> in
         return None  # no duties
 
     def on_timer(steps: int, rows: np.ndarray) -> np.ndarray:
-        duty_left, right = quantised(mix("two_wheels", rows[:, 1 : 1 + n].T), 1.0 / steps)
+        duty_left, right = quantise(mix("two_wheels", rows[:, 1 : 1 + n].T), 1.0 / steps)
         u = np.stack([0.5 * (duty_left + right), rows[:, 2], 0.5 * (right - duty_left)], axis=1)
         return np.concatenate([rows[:, :1], u, rows[:, 1 + n :]], axis=1)
 

@@ -7,11 +7,12 @@
     C(θ − h sign(g_i) e_i) > C(θ)   although g_i predicts a fall, h = 10⁻³ standard deviations             (5)
 
 C is the Huber cost, g its gradient, H = Σ w ∂r ∂rᵀ with Huber's weights w. H overestimates the curvature, so an
-undamped step is too short by E ψ' / E w = 1/1.17 on normal noise; o corrects this. A parameter whose cost rises both
-ways (5) is at a kink of a delay or a dead zone. It stays there, and the search continues without it. (5) is tested if
-steps no longer gain and (4) is not met. An entry at its bound that would leave is taken out of (1); a step that crosses
-bounds is solved again with those entries on them. H of many segments is an arrow (block_arrow.py). Sources: Marquardt
-1963; Nielsen 1999 for (3); Huber 1981, 7.8 for the weights.
+undamped step is too short by E ψ' / E w = 1/1.17 on normal noise; o corrects this. A parameter whose cost rises in both
+directions (5) is at a kink of a delay or a dead zone. It stays there, and the search continues without it. (5) is
+tested if steps no longer gain and (4) is not met. An entry at its bound whose step would cross the bound is removed
+from (1). A step that crosses bounds is solved again with these entries at their bounds. H of many segments is an arrow
+(block_arrow.py).
+Sources: Marquardt 1963; Nielsen 1999 for (3); Huber 1981, 7.8 for the weights.
 """
 
 from collections.abc import Callable
@@ -35,7 +36,7 @@ class Solution(NamedTuple):
     """End of a search."""
 
     theta: np.ndarray  # (p,)
-    at: Evaluation
+    evaluation: Evaluation
     converged: bool
     decrement: float  # (4)
     evaluations: int
@@ -45,8 +46,9 @@ class Solution(NamedTuple):
 class Minimiser(Protocol):
     """Interface of a custom solver: it returns the θ (p,) of least cost between `low` and `high` (p,), from `theta`.
 
-    `fixed` (p,) bool marks entries that do not move. The solver may stop at a decrement (4) below `tolerance`, or after
-    `most` evaluations. `damping` depends on the start: 1e-2 far, 1e-6 near. `solution_at` makes the result.
+    `fixed` (p,) bool marks entries that do not move. The solver may stop at a decrement (4) below `tolerance`, or
+    after `most` evaluations. `damping` is 1e-2 for a start far from the minimum, 1e-6 near it. `solution_at` builds
+    the result.
     """
 
     def __call__(
@@ -56,7 +58,13 @@ class Minimiser(Protocol):
 
 
 def solution_at(
-    theta: np.ndarray, at: Evaluation, low: np.ndarray, high: np.ndarray, *, converged: bool, evaluations: int
+    theta: np.ndarray,
+    evaluation: Evaluation,
+    low: np.ndarray,
+    high: np.ndarray,
+    *,
+    converged: bool,
+    evaluations: int,
 ) -> Solution:
     """Return the end of a search by a custom solver.
 
@@ -64,8 +72,8 @@ def solution_at(
     ----------
     theta : ndarray (p,)
         End of the search.
-    at : Evaluation
-        Cost, gradient and Hessian there.
+    evaluation : Evaluation
+        Cost, gradient and Hessian at `theta`.
     low, high : ndarray (p,)
         Bounds.
     converged : bool
@@ -89,10 +97,10 @@ def solution_at(
     0.010000000000000002
     """
     bound = _bound(theta, low, high)
-    H, g = dense(at.hessian), np.where(bound == 0, at.gradient, 0.0)
+    H, g = dense(evaluation.hessian), np.where(bound == 0, evaluation.gradient, 0.0)
     with np.errstate(invalid="ignore"):
         decrement = float(g @ np.linalg.pinv(H, hermitian=True) @ g) if np.isfinite(H).all() else np.inf
-    return Solution(theta, at, converged, decrement, evaluations, bound)
+    return Solution(theta, evaluation, converged, decrement, evaluations, bound)
 
 
 def minimise(
@@ -105,14 +113,14 @@ def minimise(
     tolerance: float = 1e-8,
     most: int = MOST,
     damping: float = DAMPING,
-    at: Evaluation | None = None,
+    evaluation: Evaluation | None = None,
 ) -> Solution:
-    """Return the θ (p,) of least cost between `low` and `high` (p,). `fixed` (p,) marks entries that do not move;
-    `at` is the evaluation at the start if known."""
+    """Return the solution with the θ (p,) of least cost between `low` and `high` (p,). `fixed` (p,) marks entries
+    that do not move; `evaluation` is the evaluation at the start if known."""
     theta = _clip(theta, low, high)
     may_move = np.ones(len(theta), bool) if fixed is None else ~fixed
-    current = evaluate(theta) if at is None else at
-    count, grow, idle = 1 if at is None else 0, 2.0, 0
+    current = evaluate(theta) if evaluation is None else evaluation
+    count, grow, idle = 1 if evaluation is None else 0, 2.0, 0
     if not _finite(current):
         return Solution(theta, current, False, np.inf, count, _bound(theta, low, high))
     scale, kinks_tested = np.zeros(len(theta)), False
@@ -168,10 +176,12 @@ def _at_kinks(
     return at_kink, len(steep)
 
 
-def _finite(at: Evaluation) -> bool:
+def _finite(evaluation: Evaluation) -> bool:
     """Return False if the model diverges: a robust cost may be finite although its derivatives are not."""
-    H = at.hessian
-    return bool(np.isfinite(at.cost) and (H.finite if isinstance(H, BlockArrow) else np.isfinite(H).all()))
+    H = evaluation.hessian
+    return bool(
+        np.isfinite(evaluation.cost) and (H.finite if isinstance(H, BlockArrow) else np.isfinite(H).all())
+    )
 
 
 def _clip(theta: np.ndarray, low: np.ndarray, high: np.ndarray) -> np.ndarray:
@@ -200,7 +210,7 @@ def _step(
     if isinstance(hessian, BlockArrow):
         free, whole = np.zeros(len(scale), bool), np.zeros(len(scale))
         free[index], whole[index] = True, g
-        return hessian.solved(damping, scale, free, whole)[index]
+        return hessian.solve(damping, scale, free, whole)[index]
     root = 1.0 / np.sqrt(scale[index])
     part = hessian if len(index) == len(hessian) else hessian[np.ix_(index, index)]
     A = part * (root[:, None] * root)

@@ -5,11 +5,11 @@
     cov = A⁻¹ B A⁻¹,   A = Σ ψ' ∂e ∂eᵀ + ¼ β ∂log s ∂log sᵀ,   B = Σ U Uᵀ,   U = ψ ∂e + ½ β ∂log s          (3)
     2 (J(v = 0) − J)/τ  ~  at most χ² with as many degrees as v has axes,   τ = E ψ²/E ψ'                  (4)
 
-over all measurements, e and s of innovations.py. Without K and with β = 1 this is the likelihood of Gauss; β = E ψ e
-puts the minimum of J where v and q are the variances of normal noise. A floor makes the error of a simulation a random
-walk. The filter forgets at the rate of v, and its e are white, so that the scores U_t of the ticks form a martingale
-(3). H is the Fisher information. v = 0 is the cost of the simulation: the models are nested (4), and "at most" is
-because v = 0 is on the boundary.
+The sums are over all measurements, with e and s of innovations.py. Without K and with β = 1, J is the Gaussian
+likelihood. β = E ψ e puts the minimum of J where v and q are the variances of normal noise. A floor makes the error of
+a simulation a random walk. The filter forgets at the rate of v, and its e are white, so that the scores U_t of the
+ticks form a martingale (3). H is the Fisher information. v = 0 is the cost of the simulation: the models are nested
+(4). The limit is "at most χ²" because v = 0 is on the boundary.
 Sources: Schweppe 1965; Ljung 1999, 7 and 10; Huber 1981, 6.3; Self and Liang 1987. docs/derivations/one_likelihood.md
 """
 
@@ -28,11 +28,11 @@ from baqueano.identify.covariance.information import (
 )
 from baqueano.identify.data.record import FittedBlocks
 from baqueano.identify.estimation.least_squares import DAMPING, Solution, minimise
-from baqueano.identify.parallel import each
+from baqueano.identify.parallel import gram, parallel_map
 from baqueano.identify.residuals.block_arrow import Evaluation, add, dense, diagonal_matrix, places_of
 from baqueano.identify.residuals.innovations import axes_of, filter_kernel
 from baqueano.identify.residuals.simulation import Residuals, cached_kernel
-from baqueano.language import translated as _
+from baqueano.language import translate as _
 
 # K of (1): 97.5 % efficient on normal noise; an outlier of 20 σ keeps a two-thousandth of its weight
 FAR = 3.0
@@ -69,7 +69,7 @@ class MaximumLikelihood(NamedTuple):
 
     @property
     def chance(self) -> float:
-        """Return an upper limit of the probability of such a ratio (4) if v = 0."""
+        """Return an upper limit of the probability of a ratio (4) of at least this size if v = 0."""
         return tail(self.ratio, len(self.noise.floor))
 
 
@@ -86,7 +86,7 @@ class Slopes(NamedTuple):
 class Prediction:
     """Innovations of the runs of a `Residuals`, as a function of x = (θ, v, ½ log q).
 
-    θ, rows and σ are those of `simulation`, with its weights.
+    θ, rows, σ and weights are taken from `simulation`.
     """
 
     def __init__(self, simulation: Residuals, blocks: FittedBlocks) -> None:
@@ -124,14 +124,14 @@ class Prediction:
         return self._each(x, lambda slopes: slopes)
 
     def _each(self, x: np.ndarray, part: Callable[[Slopes], R]) -> list[R]:
-        """Return `part` of the derivatives of each segment, computed on all cores."""
+        """Return `part(slopes)` of each segment, computed on all cores."""
 
         def of_piece(rows: np.ndarray, places: np.ndarray) -> R:
             return part(self._slopes(rows, x, places))
 
         rows = self.simulation.rows
         worth = sum(map(len, rows)) if self.kernel.backend == "c" else 0
-        return each(of_piece, rows, self._places(), rows=worth)
+        return parallel_map(of_piece, rows, self._places(), rows=worth)
 
     def _places(self) -> list[np.ndarray]:
         """Return for each segment the positions of its θ and of the noise in x."""
@@ -161,7 +161,7 @@ class Prediction:
                 B[at] += _square(0.25 * (BETA - psi * slopes.e) ** 2, slopes.s_slopes)
             else:
                 U = np.einsum("tm,tmp->tp", psi, slopes.e_slopes) + 0.5 * BETA * slopes.s_slopes.sum(axis=1)
-                B[at] += U.T @ U
+                B[at] += gram(U)
         return Information(
             A, B, channels, is_autocorrelated, autocorrelation, int(sum(presence.sum() for presence in has))
         )
@@ -174,13 +174,13 @@ def most_likely(
     high: np.ndarray,
     fixed: np.ndarray,
     least: np.ndarray | None = None,
-    say: Callable[[str], object] | None = None,
+    progress: Callable[[str], object] | None = None,
 ) -> MaximumLikelihood:
-    """Return the x of maximum likelihood from the simulation's `theta` (p,), between its bounds.
+    """Return the x of maximum likelihood, searched from `theta` (p,) of the simulation between the bounds.
 
-    `fixed` (p,) marks entries that stay. σ of a sensor is at least `least` (m,), given by its converter and its
-    numbers. The first search has v = 0, the second one a free v. `say` receives the progress; True from it ends a
-    search.
+    `fixed` (p,) marks entries that do not move. σ of a sensor is at least `least` (m,), given by its converter and
+    by rounding. The first search has v = 0, the second one a free v. `progress` receives the progress; if it returns
+    True, a search ends.
     """
     k, m, x = len(prediction.axes), prediction.channels, prediction.x(theta)
     quiet = np.zeros(m) if least is None else least / prediction.simulation.sigma
@@ -189,9 +189,9 @@ def most_likely(
     floor = np.zeros(len(x), bool)
     floor[len(theta) : len(theta) + k] = True
     fixed = np.concatenate([fixed, np.zeros(k + m, bool)])
-    before = _search(prediction, x, low, high, fixed | floor, DAMPING, say)
-    solution = _search(prediction, before.theta, low, high, fixed, 1e-6, say)
-    ratio = 2.0 * (before.at.cost - solution.at.cost) / TAU
+    before = _search(prediction, x, low, high, fixed | floor, DAMPING, progress)
+    solution = _search(prediction, before.theta, low, high, fixed, 1e-6, progress)
+    ratio = 2.0 * (before.evaluation.cost - solution.evaluation.cost) / TAU
     theta, noise = prediction.parts(solution.theta)
     info = prediction.information(solution.theta)
     inside = floor & (solution.theta > 0.0)
@@ -219,26 +219,30 @@ def _search(
     high: np.ndarray,
     is_fixed: np.ndarray,
     damping: float,
-    say: Callable[[str], object] | None,
+    progress: Callable[[str], object] | None,
 ) -> Solution:
-    """Return the minimum of J from `x`. `say` receives the progress; True from it ends the search."""
+    """Return the minimum of J from `x`. `progress` receives the progress; if it returns True, the search ends."""
     count, at = 0, None
     while True:
         solution = minimise(
             prediction.evaluate, x, low, high,
-            fixed=is_fixed, tolerance=TOLERANCE, most=PATIENCE, damping=damping, at=at,
+            fixed=is_fixed, tolerance=TOLERANCE, most=PATIENCE, damping=damping, evaluation=at,
         )  # fmt: skip
         count += solution.evaluations
         reason = (
-            say is not None
-            and say(
-                _("innovations: {count} evaluations, cost {cost:.6g}", count=count, cost=solution.at.cost)
+            progress is not None
+            and progress(
+                _(
+                    "innovations: {count} evaluations, cost {cost:.6g}",
+                    count=count,
+                    cost=solution.evaluation.cost,
+                )
             )
             is True
         )
-        if solution.converged or reason or count >= MOST or not np.isfinite(solution.at.cost):
+        if solution.converged or reason or count >= MOST or not np.isfinite(solution.evaluation.cost):
             return solution._replace(evaluations=count)
-        x, at, damping = solution.theta, solution.at, 1e-6
+        x, at, damping = solution.theta, solution.evaluation, 1e-6
 
 
 def _normal(slopes: Slopes) -> Evaluation:
@@ -274,4 +278,4 @@ def _along(factors: np.ndarray | float, slopes: np.ndarray) -> np.ndarray:
 def _square(factors: np.ndarray | float, slopes: np.ndarray) -> np.ndarray:
     """Return Σ f ∂ ∂ᵀ (p, p) for derivatives (N, m, p) and factors f."""
     flat = slopes.reshape(-1, slopes.shape[-1])
-    return (np.broadcast_to(factors, slopes.shape[:-1]).reshape(-1, 1) * flat).T @ flat
+    return gram(flat, np.broadcast_to(factors, slopes.shape[:-1]).ravel())

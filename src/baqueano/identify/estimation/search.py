@@ -3,9 +3,9 @@
     σ ← spread of the residuals at θ,   θ ← arg min C(θ; σ),   until σ settles                            (1)
 
 The search begins with the σ of a model that is still wrong, which makes the Huber cost almost quadratic. It ends with
-that of the noise. If the residuals are autocorrelated and large, or the search got stuck, it begins again until two
-searches end at the same place. The new starts are vehicles without motor force, with less and with more friction; the
-best end is taken.
+the σ of the noise. If the residuals are autocorrelated and large, or the search got stuck, it begins again until two
+searches end at the same place. The new starts are vehicles without motor force, with less and with more friction. The
+best end is returned.
 """
 
 from collections.abc import Callable
@@ -17,7 +17,7 @@ from baqueano.identify.covariance.information import WHITE_LIMIT, autocorrelatio
 from baqueano.identify.estimation.least_squares import MOST, Minimiser, Solution, minimise
 from baqueano.identify.residuals.noise_level import informative_rows, spread
 from baqueano.identify.residuals.simulation import Residuals
-from baqueano.language import translated as _
+from baqueano.language import translate as _
 
 ROUNDS = 15  # of σ
 SETTLED = 5e-3  # relative change of σ below which it is final
@@ -41,7 +41,9 @@ class Task(NamedTuple):
     floor: np.ndarray  # (m,) least σ
     fixed_sigma: np.ndarray | None  # (m,) σ, if it is known
     by_speed: bool = False  # True if the noise may grow with speed: noise_level.py
-    say: Callable[[str], object] | None = None  # receives the progress; True from it ends the search
+    progress: Callable[[str], object] | None = (
+        None  # receives the progress; if it returns True, the search ends
+    )
     prior_sigma: np.ndarray | None = None  # (m,) σ of channels with too few measurements to find it, else 0
     again: bool = True  # True if a search that is not sound begins again; False for refused data
     minimise: Minimiser = minimise  # finds the least cost of one σ
@@ -56,21 +58,23 @@ class Search(NamedTuple):
     autocorrelation: np.ndarray  # (m,) `autocorrelation_sums` of the residuals
     evaluations: int
     profile: list[np.ndarray] | None = None  # per segment (N, m), of mean square 1: relative σ if it varies
-    stopped: bool = False  # from outside: not converged if there was more to do
+    stopped: bool = False  # True if the caller requested to stop; not converged if there was more to do
 
     def sound(self, signal: np.ndarray) -> bool:
-        """Return True if the search needs no other start, with channels of standard deviation `signal` (m,)."""
+        """Return True if the search converged and the residuals are not both autocorrelated and large. `signal` (m,)
+        contains the standard deviations of the channels."""
         lacking = (np.abs(self.autocorrelation) > WHITE_LIMIT) & (self.sigma > LACKING * signal)
         return self.solution.converged and not lacking.any()
 
     def badness(self, counts: np.ndarray) -> float:
-        """Return the logarithm of the residual spread over all samples, by which searches are compared."""
+        """Return the logarithm of the residual spread over all samples, by which searches are compared. It is
+        infinite if the model diverged."""
         log_sigma = float(counts @ np.log(self.sigma))
-        return log_sigma if np.isfinite(log_sigma) and np.isfinite(self.solution.at.cost) else np.inf
+        return log_sigma if np.isfinite(log_sigma) and np.isfinite(self.solution.evaluation.cost) else np.inf
 
 
 def best_search(task: Task, begin: np.ndarray) -> Search:
-    """Return the search from `begin` (p,) or, if that is not sound, the best of several."""
+    """Return the search from `begin` (p,). If it is not sound, return the best of several searches."""
     best = search(task, begin)
     signal, counts = task.problem.signal(), np.sum([has.sum(axis=0) for has in task.problem.has], axis=0)
     gains = np.array(
@@ -97,43 +101,44 @@ def search(
     task: Task,
     theta: np.ndarray,
     fixed: np.ndarray | None = None,
-    before: Search | None = None,
+    previous: Search | None = None,
     rough: bool = False,
 ) -> Search:
-    """Return one search from `theta` (p,), with the entries `fixed` (p,) held and the σ of the search `before`.  (1)
+    """Return one search from `theta` (p,). The entries `fixed` (p,) do not move. The search begins with the σ of
+    `previous` if given.  (1)
 
     `rough` ends the search when σ changes little.
     """
     problem, sigma_fixed = task.problem, task.fixed_sigma is not None
-    damping = 1e-2 if before is None else 1e-6
-    if before is not None:
-        sigma, profile = before.sigma, before.profile
+    damping = 1e-2 if previous is None else 1e-6
+    if previous is not None:
+        sigma, profile = previous.sigma, previous.profile
     else:
         sigma, profile = (
             sigma_at(task, problem, theta) if task.fixed_sigma is None else (task.fixed_sigma, None)
         )
     count, turn, near, reason = 0, 1, sigma_fixed, False
     while True:
-        problem = problem.weighted(sigma, profile)
+        problem = problem.weight(sigma, profile)
         near = near or turn == ROUNDS
         solution = task.minimise(
             problem.evaluate, theta, task.low, task.high, fixed=fixed, damping=damping,
             tolerance=FINE if near else ROUGH, most=MOST if near else PATIENCE,
         )  # fmt: skip
         theta, count, damping = solution.theta, count + solution.evaluations, 1e-6
-        if task.say is not None:
+        if task.progress is not None:
             reason = (
-                task.say(
+                task.progress(
                     _(
                         "round {turn}: {count} evaluations, cost {cost:.6g}",
                         turn=turn,
                         count=count,
-                        cost=solution.at.cost,
+                        cost=solution.evaluation.cost,
                     )
                 )
                 is True
             )
-        if sigma_fixed or turn == ROUNDS or not np.isfinite(solution.at.cost):
+        if sigma_fixed or turn == ROUNDS or not np.isfinite(solution.evaluation.cost):
             break
         now, profile = sigma_at(task, problem, theta)
         change = float(np.max(np.abs(np.log(now / sigma))))
@@ -148,8 +153,8 @@ def search(
 
 
 def sigma_at(task: Task, problem: Residuals, theta: np.ndarray) -> tuple[np.ndarray, list[np.ndarray] | None]:
-    """Return σ (m,) of the residuals at θ, and its profile (N, m) per segment or None. If the model diverges,
-    return that of the measurements."""
+    """Return σ (m,) of the residuals at θ, and its profile (N, m) per segment or None. If the model diverges, return
+    the spread of the measurements."""
     residuals, profile = problem.misfits(theta), None
     if not all(np.isfinite(r).all() for r in residuals):
         sigma = spread(problem.z, problem.has, task.floor)

@@ -1,1 +1,1 @@
-"""Identifiability of parameters, and advice on those that the data do not show."""
+"""Identifiability of parameters, and advice on unobservable parameters."""

@@ -35,30 +35,32 @@ def weakly(parameter: Free, near: Sequence[Free]) -> Diagnostic:
     )
 
 
-def unobservable(parameter: Free, ties: Sequence[Free], at: float, near: Sequence[Free] = ()) -> Diagnostic:
-    """Return the reason why a parameter is held at the value `at`, and the motion that would show it."""
+def unobservable(
+    parameter: Free, ties: Sequence[Free], value: float, near: Sequence[Free] = ()
+) -> Diagnostic:
+    """Return the reason why a parameter is fixed at `value`, and the motion that would show it."""
     if ties:
         return note(
             "identifiability.tied",
             subject=parameter.path,
             others=_names(ties),
-            at=at,
+            at=value,
             how=_by_hand(parameter),
             apart=_separation((parameter, *ties)),
         )
     if parameter.of.role == "scale":
-        return note("identifiability.scale", subject=parameter.path, at=at, needs=_needs(parameter))
+        return note("identifiability.scale", subject=parameter.path, at=value, needs=_needs(parameter))
     reason, needs = _motion_note((parameter, *near)), _needs(parameter)
     if near:
         return note(
             "identifiability.not-beside",
             subject=parameter.path,
             others=_names(near),
-            at=at,
+            at=value,
             why=reason,
             needs=needs,
         )
-    return note("identifiability.not", subject=parameter.path, at=at, why=reason, needs=needs)
+    return note("identifiability.not", subject=parameter.path, at=value, why=reason, needs=needs)
 
 
 def missing_command(parameters: Sequence[Free], command: str, never: bool) -> Diagnostic:
@@ -71,7 +73,7 @@ def missing_command(parameters: Sequence[Free], command: str, never: bool) -> Di
 
 
 def _names(parameters: Sequence[Free]) -> str:
-    """Return the short names, at most MOST."""
+    """Return the short names as text, at most MOST."""
     return ", ".join([parameter.short for parameter in parameters[:MOST]] + ["…"] * (len(parameters) > MOST))
 
 

@@ -3,13 +3,14 @@
     C_ij = A_ij / √(A_ii A_jj)                   information in units of each parameter's own effect      (1)
     s_i  = √((E_c − 30) / A_ii^c)                the change of θ_i that is as large as a signal itself    (2)
 
-A_ii^c is the information of the channel c that has most of it on θ_i; E_c is the energy of the predicted signal there.
-Both are in standard deviations of the noise; 30 is what a fit to noise only may have. A direction v with C v ≈ 0 moves
-no measurement: one of its parameters is held, preferably one that scale or tape can measure, of two starts the one with
-less information. Parameters with an error above `BLIND` s_i, or half the span of their bounds, are fixed too. So is a
-scale with an error above that of its data sheet, `TOLERANCE`. A parameter with an error above `WEAK_VALUE` of its value
-and `WEAK_SIGNAL` of (2) is weak. It may be confused with parameters that have `LOADING` of the largest entry in the
-direction v_j of C with most of its variance, Σ_j v_ij²/λ_j. The messages are in identifiability/advice.py.
+A_ii^c is the information of the channel c with the most information on θ_i; E_c is the energy of its predicted signal.
+Both are in standard deviations of the noise; 30 is the energy that a fit to noise only may have. A direction v with C v
+≈ 0 moves no measurement. Then one of its parameters is fixed, preferably a parameter that scale or tape can measure. Of
+two starts, the start with less information is fixed. Parameters with an error above `BLIND` s_i, or half the span of
+their bounds, are fixed too. So is a scale with an error above `TOLERANCE`, the error in its data sheet. A parameter
+with an error above `WEAK_VALUE` of its value and `WEAK_SIGNAL` of (2) is weak. Its variance is Σ_j v_ij²/λ_j. It may be
+confused with parameters that have `LOADING` of the largest entry in the direction v_j of C with most of this variance.
+The messages are in identifiability/advice.py.
 """
 
 from collections.abc import Mapping, Sequence
@@ -22,7 +23,7 @@ from baqueano.identify.covariance.information import Information, covariance_of,
 from baqueano.identify.data.record import FittedBlocks
 from baqueano.identify.data.segments import without_starts
 from baqueano.identify.estimation.search import Search, Task, search
-from baqueano.identify.parallel import each
+from baqueano.identify.parallel import parallel_map
 from baqueano.identify.parameters.free import DELAY, Free
 from baqueano.identify.residuals.simulation import Residuals
 from baqueano.sensors.sampling import measures_pose
@@ -33,7 +34,7 @@ if TYPE_CHECKING:
 SINGULAR = 1e-9  # of the largest eigenvalue of C, below which a direction is unobservable
 BLIND = 0.5
 NOISE_ENERGY = 30.0  # energy that a model without motion may fit to the noise, 5 σ of one number
-TOLERANCE = 0.03 / 3.0**0.5  # σ of a scale with ± 3 % in its data sheet, as that of an MPU-6050
+TOLERANCE = 0.03 / 3.0**0.5  # σ of a scale with ± 3 % in its data sheet, such as the MPU-6050
 WEAK_VALUE = 0.3
 WEAK_SIGNAL = 0.02
 TOUCHED = 0.01  # least part of the largest entry, for a parameter that is fixed to resolve a direction
@@ -46,7 +47,7 @@ class Identifiability(NamedTuple):
     mask: np.ndarray  # (p,) bool: entries of θ that the data determine
     weak: np.ndarray  # (p,) bool: identifiable, but with a large error
     collinear: dict[int, tuple[int, ...]]  # a fixed entry → the entries that it is collinear with
-    near: dict[int, tuple[int, ...]] = {}  # noqa: RUF012  a weak or fixed entry → those with which it is confused
+    near: dict[int, tuple[int, ...]] = {}  # noqa: RUF012  a weak or fixed entry → the entries with which it is confused
 
 
 def identifiability_of(
@@ -57,9 +58,9 @@ def identifiability_of(
     fixed: np.ndarray,
     span: np.ndarray | None = None,
 ) -> Identifiability:
-    """Return which entries of θ (p,) the data show.
+    """Return the identifiability of the entries of θ (p,).
 
-    The first entries are those of `shared`, the parameters of the vehicle. `fixed` (p,) bool marks entries that are
+    The first entries belong to `shared`, the parameters of the vehicle. `fixed` (p,) bool marks entries that are
     already fixed; `span` (p,) is the distance between the bounds.
     """
     by_hand = [k < len(shared) and shared[k].of.measured_by != "" for k in range(len(theta))]
@@ -101,7 +102,7 @@ def identifiability_of(
 
 
 def _correlated_entries(A: np.ndarray, identifiable: np.ndarray, k: int) -> tuple[int, ...]:
-    """Return the other entries of the direction in which most of the variance of entry k lies."""
+    """Return the other entries of the direction that contains most of the variance of entry k."""
     index = np.flatnonzero(identifiable)
     root = 1.0 / np.sqrt(np.diagonal(A)[index])
     values, vectors = np.linalg.eigh(A[np.ix_(index, index)] * np.outer(root, root))
@@ -132,8 +133,8 @@ def _signal_scale(channels: np.ndarray, energy: np.ndarray) -> np.ndarray:
 def fix_unidentifiable(
     task: Task, end: Search, free: Sequence[Free]
 ) -> tuple[Search, Identifiability, Information]:
-    """Return the search repeated with all unidentifiable entries of θ held at their start, their identifiability,
-    and the information. `free` are the first entries of θ."""
+    """Repeat the search until all unidentifiable entries of θ are fixed at their start. Return the search, the
+    identifiability, and the information. `free` are the first entries of θ."""
     problem = end.problem
     whole = len(problem.layout.runs) == max(problem.layout.runs) + 1
     count = problem.size if whole else problem.layout.starts  # starts of segments are of no interest
@@ -163,7 +164,7 @@ def fix_unidentifiable(
 def energy(problem: Residuals, theta: np.ndarray) -> np.ndarray:
     """Return the energy (m,) of the prediction of each channel about its mean, in standard deviations of the noise.
 
-    The mean is that of all rows, or of each segment if a parameter of the segment or run can explain it.
+    The mean is taken over all rows, or over each segment if a parameter of the segment or run can explain it.
     """
 
     def of(r: np.ndarray, z: np.ndarray, has: np.ndarray, weight: np.ndarray) -> np.ndarray:
@@ -171,7 +172,9 @@ def energy(problem: Residuals, theta: np.ndarray) -> np.ndarray:
         return np.array([np.einsum("tc,tc->c", h, h), np.einsum("tc->c", h), np.einsum("tc->c", has)])
 
     rows = sum(map(len, problem.z))
-    sums = np.array(each(of, problem.residuals(theta), problem.z, problem.has, problem.weights, rows=rows))
+    sums = np.array(
+        parallel_map(of, problem.residuals(theta), problem.z, problem.has, problem.weights, rows=rows)
+    )
     square, total, count = sums.transpose(1, 0, 2)  # (segments, m) each
     of_segments = np.sum(total**2 / np.maximum(count, 1.0), axis=0)
     of_all = np.sum(total, axis=0) ** 2 / np.maximum(np.sum(count, axis=0), 1.0)
@@ -201,7 +204,7 @@ class FinishedFit(NamedTuple):
     info: Information
     note: Diagnostic | None = None  # on changes before the search
     doubts: tuple[Diagnostic, ...] = ()  # about the data
-    ask: bool = True  # True to test for effects that the model lacks
+    score_test: bool = True  # True to test for effects that the model lacks
     floor: bool = False  # True if process noise explains the residuals of the simulation
     filtered: bool = False  # True if θ comes from the innovations
     systematic: np.ndarray | None = None  # (p, p) covariance of θ from parameters fixed at measured values
@@ -217,5 +220,6 @@ class FinishedFit(NamedTuple):
         return [self.requested[k] for k in self.in_theta]
 
     def like(self, which: Mapping[int, tuple[int, ...]], i: int) -> list[Free]:
-        """Return the shared parameters that entry i of θ is confused with, by `which`, a field of `identifiability`."""
+        """Return the shared parameters that are confused with entry i of θ, according to `which`, a field of
+        `identifiability`."""
         return [self.free[j] for j in which.get(i, ()) if j < len(self.in_theta)]

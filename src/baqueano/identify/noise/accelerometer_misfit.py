@@ -1,16 +1,16 @@
-"""Estimate which part of the misfit of the wheels the accelerometer also measures; the rest is slip of the wheels.
+"""Estimate which part of the misfit of the wheels the accelerometer also measures; the remainder is slip of the wheels.
 
-From the innovations of the wheels only, slip and an unmodelled push look alike, and a filter that takes slip for a push
-follows it. The accelerometer ahead separates them. With the residuals r_v of the wheels' speed and r_a of the
+In the innovations of the wheels, slip and an unmodelled push look alike, and a filter that mistakes slip for a push
+follows it. The forward accelerometer separates them. With the residuals r_v of the wheels' speed and r_a of the
 accelerometer, over two consecutive windows of τ,
 
     B = (r_v(t + τ) − 2 r_v(t) + r_v(t − τ))/τ,   A = (∫ r_a from t to t + τ − ∫ r_a from t − τ to t)/τ   (1)
     φ = Σ w A B / Σ w (B² − 6 q/τ²),   q the variance of white noise in r_v, w = 1/mean A² of each τ     (2)
 
-φ is 1 if the accelerometer measures the whole misfit, 0 if only the wheels do; its own noise does not change the mean.
-An accelerometer does not measure the push of a sloping floor. That push depends on the heading, so the part of B that
-cos ψ, sin ψ and their integrals explain is removed. The upper end of the 95 % interval counts, from blocks drawn with
-replacement: misfit that is not clearly contradicted stays.
+φ is 1 if the accelerometer measures the whole misfit, 0 if only the wheels do; its noise does not change the mean. An
+accelerometer does not measure the push of a sloping floor. That push depends on the heading, so the part of B that cos
+ψ, sin ψ and their integrals explain is removed. The upper end of the 95 % interval of φ is used, from blocks drawn with
+replacement, so misfit that is not clearly contradicted stays.
 """
 
 from collections.abc import Iterator
@@ -40,7 +40,7 @@ class Series(NamedTuple):
     t_s: np.ndarray  # (N,)
     x: np.ndarray  # (N,)
 
-    def at(self, t_s: np.ndarray) -> np.ndarray:
+    def interpolate(self, t_s: np.ndarray) -> np.ndarray:
         """Return the quantity at other times (K,), interpolated."""
         return np.interp(t_s, *self)
 
@@ -51,7 +51,7 @@ class Series(NamedTuple):
 
 
 def accelerometer_ahead(ekf: AugmentedEkf, inertial: set[str]) -> tuple[str, int, float] | None:
-    """Return sensor, entry and derivative of the inertial number that depends most on ν̇_x, or None."""
+    """Return sensor, entry and derivative of the inertial reading that depends most on ν̇_x, or None."""
     readings = [
         (name, i, float(slope[AHEAD_DOT]))
         for name in sorted(inertial)
@@ -73,7 +73,7 @@ def accelerometer_share(ekf: AugmentedEkf, fit: "Fit", inertial: set[str]) -> fl
 
 
 def sums_of(speed: Series, ahead: Series, rate: Series) -> np.ndarray:
-    """Return Σ w A B and Σ w (B² − 6 q/τ²) of blocks (K, 2), over all τ; `rate` is the yaw rate.  (1), (2)"""
+    """Return Σ w A B and Σ w (B² − 6 q/τ²) for each block (K, 2), over all τ; `rate` is the yaw rate.  (1), (2)"""
     begin, end = (cut(each.t_s[k] for each in (speed, ahead, rate)) for cut, k in ((max, 0), (min, -1)))
     way, psi = ahead.integral(), rate.integral()
     floor = [Series(psi.t_s, np.cos(psi.x)), Series(psi.t_s, np.sin(psi.x))]
@@ -84,7 +84,7 @@ def sums_of(speed: Series, ahead: Series, rate: Series) -> np.ndarray:
         t_s = np.arange(begin, end, 0.5 * tau)
         A, B, *of_floor = (
             (x[4:] - 2.0 * x[2:-2] + x[:-4]) / tau
-            for x in (signal.at(t_s) for signal in (way, speed, *floor))
+            for x in (signal.interpolate(t_s) for signal in (way, speed, *floor))
         )
         X = np.stack(of_floor, axis=1)
         B = B - X @ np.linalg.lstsq(X, B, rcond=None)[0]
@@ -95,7 +95,8 @@ def sums_of(speed: Series, ahead: Series, rate: Series) -> np.ndarray:
 
 
 def _series(ekf: AugmentedEkf, fit: "Fit", inertial: set[str]) -> Iterator[tuple[Series, Series, Series]]:
-    """Yield for each run the residuals of the wheels' speed and of the accelerometer ahead, and the gyro's yaw rate."""
+    """Yield for each run the residuals of the wheels' speed and of the forward accelerometer, and the gyro's yaw
+    rate."""
     ahead, readings = accelerometer_ahead(ekf, inertial), readings_of(ekf.sensors, layout(ekf).names)
     wheels = next(
         (reading for reading in readings if AHEAD in reading.of and reading.name not in inertial), None

@@ -1,14 +1,14 @@
 """Test the noise of a filter on held-out runs and on a simulation.
 
-    NIS_c = Σ_t y_c² / S_cc / N   over the readings of number c in the held-out runs, 1 if the noise is true (1)
+    NIS_c = Σ_t y_c² / S_cc / N   over readings of channel c in the held-out runs, 1 if the noise is right (1)
     NEES_s = Σ_t e_s² / P_ss / N  of state s over drives of the fitted vehicle with this noise               (2)
 
-y are the innovations of the filter (augmented_ekf.py) with their covariance S; beyond FAR standard deviations they
-count as FAR. The interval of (1) comes from blocks of BLOCK_S drawn with replacement: innovations of a real vehicle are
-not white. A number agrees if its interval contains a value from 1/CLOSE to CLOSE. If one does not, the runs of the fit
-do not show the noise of this vehicle. Then the noise is estimated again over all runs (filter_noise.py), and numbers
-that still disagree are reported. The drives of (2) are those of simulated_nees.py. A state agrees within
-CLOSE_ON_DRIVES; each drive is one block.
+y are the innovations of the filter (augmented_ekf.py) with their covariance S, limited to FAR standard deviations. The
+interval of (1) comes from blocks of BLOCK_S drawn with replacement: innovations of a real vehicle are not white. A
+channel agrees if its interval contains a value from 1/CLOSE to CLOSE. If a channel disagrees, the runs of the fit do
+not show the noise of this vehicle. Then the noise is estimated again over all runs (filter_noise.py), and channels that
+still disagree are reported. simulated_nees.py simulates the drives of (2). A state agrees within CLOSE_ON_DRIVES; each
+drive is one block.
 """
 
 from collections.abc import Callable, Sequence
@@ -42,18 +42,18 @@ class NoiseVerdict(StrEnum):
 
     TRUE = "true"
     TOO_SURE = "too sure"
-    TOO_CAREFUL = "too careful"
+    TOO_CAREFUL = "too cautious"
     CANNOT_TELL = "cannot tell"
 
 
 class NormalisedSquare(NamedTuple):
-    """The NIS of a number or the NEES of a state, with its 95 % interval."""
+    """The NIS of a channel or the NEES of a state, with its 95 % interval."""
 
     name: str  # "imu[2]", "heading"
     mean: float
     low: float  # NaN with too few blocks
     high: float
-    close: float  # factor within which it agrees
+    close: float  # factor within which the mean agrees with 1
 
     @property
     def verdict(self) -> NoiseVerdict:
@@ -74,17 +74,17 @@ class Acceptance(NamedTuple):
     """Verdict of held-out runs on the noise that is written."""
 
     message: Diagnostic
-    disagrees: bool  # True if the noise disagrees also after the new estimate
+    disagrees: bool  # True if the noise still disagrees after the new estimate, or on simulated drives
 
 
-def accepted(
+def accept(
     ekf: AugmentedEkf,
     refit: Callable[[], AugmentedEkf],
     validation_runs: Sequence[Run],
     backend: str = "auto",
 ) -> tuple[AugmentedEkf, Acceptance]:
-    """Return the filter whose noise is to be written, and a message: `ekf` if the `validation_runs` agree with it,
-    else `refit()`, with the noise over all runs."""
+    """Return the filter whose noise is written, and the verdict. The filter is `ekf` if the `validation_runs` agree
+    with it, else `refit()`, with the noise over all runs."""
     runs, kernel = ", ".join(run.name for run in validation_runs), _filter_scan(ekf, backend)
     decisive = [
         square
@@ -118,9 +118,9 @@ def accepted(
 
 
 def nis_of(ekf: AugmentedEkf, runs: Sequence[Run], kernel: Scan) -> list[NormalisedSquare]:
-    """Return the NIS of each number that corrects, in the order of the layout.  (1)"""
+    """Return the NIS of each channel that corrects the motion, in the order of the layout.  (1)"""
     its = layout(ekf)
-    names = [f"{name}[{i}]" for name, rows in zip(its.names, its.at, strict=True) for i in rows]
+    names = [f"{name}[{i}]" for name, rows in zip(its.names, its.entries, strict=True) for i in rows]
     squares, counts = [], []
     for run in runs:
         ticks = ticks_of(run, ekf, len(run.t_ns))
@@ -170,7 +170,7 @@ def _mean(name: str, square: np.ndarray, count: np.ndarray, close: float) -> Nor
 
 
 def _by_belief(off: Sequence[NormalisedSquare]) -> JsonObject:
-    """Return the names for which the filter is too sure, and those for which it is too careful."""
+    """Return the names for which the filter is overconfident, and the names for which it is too cautious."""
     sure, careful = (
         [square.name for square in off if square.verdict == belief]
         for belief in (NoiseVerdict.TOO_SURE, NoiseVerdict.TOO_CAREFUL)

@@ -8,8 +8,8 @@ With x the integral of the signal, N samples τ₀ apart, and τ = n τ₀:
 
 W is the white noise (angle or velocity random walk), B the instability of the bias, K its random walk. (2) is fitted to
 (1) at octaves of τ. The weights are the degrees of freedom ν of white noise, at most MOST_FREEDOM, as no sensor is as
-simple as (2). A coefficient below twice its own error counts as not measurable. Sources: IEEE Std 952-1997, annex C
-for (2); Riley, NIST Special Publication 1065 (2008), 5.2.4 for (1) and 5.3.2 for (3).
+simple as (2). A coefficient below twice its error counts as not measurable. Sources: IEEE Std 952-1997, annex C for
+(2); Riley, NIST Special Publication 1065 (2008), 5.2.4 for (1) and 5.3.2 for (3).
 """
 
 from itertools import combinations
@@ -39,7 +39,7 @@ class Allan(NamedTuple):
 
 
 class Coefficients(NamedTuple):
-    """Coefficients W, B, K with their standard errors; 0 for one that does not show."""
+    """Coefficients W, B, K with their standard errors; 0 for a coefficient that the data do not show."""
 
     value: np.ndarray  # (3,) per √Hz, in the unit of the signal, per s^1.5 times √Hz·s
     sd: np.ndarray  # (3,)
@@ -51,7 +51,7 @@ class Coefficients(NamedTuple):
 
 
 def averages(samples: int) -> np.ndarray:
-    """Return the numbers of samples n of (1): octaves, as far as one degree of freedom is left."""
+    """Return the numbers of samples n of (1): octaves with at least one degree of freedom."""
     n = 2 ** np.arange(int(np.log2(max(2, samples))) + 1)
     return n[(2 * n <= samples) & (freedom(samples, n) >= LEAST_FREEDOM)]
 
@@ -66,8 +66,9 @@ def freedom(samples: int, n: np.ndarray) -> np.ndarray:
 def allan(y: np.ndarray, rate_hz: float, n: np.ndarray | None = None) -> Allan:
     """Return the Allan deviation of a signal y (N,), sampled `rate_hz` times a second.
 
-    Averages are over `n` (K,) samples, by default octaves.  (1) Raise UsageError for fewer than FEWEST samples, one
-    that is not finite, or averages over more than half of them.
+    Averages are over `n` (K,) samples, by default octaves.  (1) Raise UsageError for fewer than FEWEST samples, a
+    sample that is not finite, or a rate of 0 or below. Raise it also for averages over more than half of the
+    samples.
 
     >>> white = np.random.default_rng(0).normal(0.0, 0.1, 10_000)  # 0.1 at 100 Hz: 0.01 per √Hz
     >>> coefficients(allan(white, 100.0)).value.round(3)
@@ -93,7 +94,7 @@ def allan(y: np.ndarray, rate_hz: float, n: np.ndarray | None = None) -> Allan:
 
 
 def coefficients(curve: Allan) -> Coefficients:
-    """Return W, B, K of (2), none below 0: of all combinations the one that fits best."""
+    """Return W, B, K of (2), none below 0, for the combination of coefficients that fits best."""
     tau, variance = curve.tau_s, np.maximum(curve.deviation**2, 1e-300)
     parts = np.stack([1.0 / tau, np.full_like(tau, FLICKER), tau / 3.0], axis=1)
     best, least = (np.zeros(3), np.full(3, np.nan)), np.inf

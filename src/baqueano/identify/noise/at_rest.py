@@ -5,8 +5,8 @@ deviation of an average of that length, not σ/√N: the bias of a cheap sensor 
 
     z = b + s (T − T̄),   sd of both from block means                                                      (1)
 
-if the run has a temperature. Samples whose stamps come in bursts (a host that reads a full buffer) are taken as
-sampled evenly, at the mean rate.
+(1) is used if the run contains a temperature. Samples whose stamps come in bursts (a host that reads a full buffer) are
+treated as sampled evenly, at the mean rate.
 """
 
 from dataclasses import dataclass
@@ -20,7 +20,7 @@ from baqueano.errors import UsageError
 from baqueano.identify.data.rest import REST_S
 from baqueano.identify.noise.allan import Allan, Coefficients, allan, coefficients
 from baqueano.language import number
-from baqueano.language import translated as _
+from baqueano.language import translate as _
 from baqueano.messages import texts
 from baqueano.runs.run import Channel, Run
 from baqueano.signals import seconds
@@ -111,11 +111,12 @@ class AtRest:
                 f"{c.sensor}[{c.entry}]".ljust(16)
                 + f"{number(c.mean):>12.5g} {number(c.mean_sd):>9.1g} {number(c.sd):>10.3g} {parts} {warm:>20}"
             )
-        lines.append(_("white: per √Hz; walk: per s √s; SI; '-': not seen in a run of this length"))
+        lines.append(_("white: per √Hz; walk: per s √s; SI; '-': not visible in a run of this length"))
         return "\n".join([*lines, *(f"- {doubt}" for doubt in texts(self.doubts)), _(self.verdict)])
 
-    def updated(self, file: "VehicleFile") -> "VehicleFile":
-        """Return the file with noise, bias and walk of its IMUs as measured at rest."""
+    def updated_file(self, file: "VehicleFile") -> "VehicleFile":
+        """Return the file with noise, bias and walk of its IMUs as measured at rest. Raise UsageError if no IMU of
+        the file was measured."""
         from baqueano.vehicle_file import Provenance
         from baqueano.vehicle_file.file import today
 
@@ -166,7 +167,8 @@ def at_rest(run: "Run", from_s: float = 0.0, to_s: float = float("inf")) -> AtRe
 
 
 def _standing(run: "Run") -> tuple[int, int]:
-    """Return the limits of the longest time without a command, from REST_S after the last one [ns]."""
+    """Return begin and end [ns] of the longest time without a command, from REST_S after the last command. Raise
+    UsageError without a tick or a rest."""
     if not len(run.t_ns):
         raise UsageError(fault("at-rest.no-tick", run=run.name))
     driven_ticks = np.any(run.applied != 0.0, axis=1)  # NaN counts as driven

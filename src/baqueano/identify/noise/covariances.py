@@ -9,8 +9,8 @@ Q is the measurement noise, R the process noise of (ν, ν̇) per tick (Thrun's 
 z − h are the residuals of the fit, clipped at 4 σ. If they are autocorrelated, Q is half the covariance of the
 differences of neighbours, which removes a drift. g is the prediction of the estimator, in its mode; (3) is the
 likelihood of its innovations y with covariance S (most_likely.py). Both are symmetric positive definite: standard
-deviations are at least FLOOR of the signal's size, eigenvalues of the correlation at least `LEAST`; `notes` list what
-was raised. Errata 5: the paper's printed Q and R are not positive definite.
+deviations are at least FLOOR of the signal's size, eigenvalues of the correlation at least `LEAST`. `notes` lists the
+raised values. Errata 5: the paper's printed Q and R are not positive definite.
 """
 
 from collections.abc import Sequence
@@ -28,14 +28,14 @@ from baqueano.estimators.augmented.state import layout
 from baqueano.identify.covariance.information import WHITE_LIMIT
 from baqueano.identify.data.hand_measurements import KINDS
 from baqueano.identify.data.rest import standing
-from baqueano.identify.noise.acceptance import Acceptance, accepted
+from baqueano.identify.noise.acceptance import Acceptance, accept
 from baqueano.identify.noise.filter_noise import FIELDS, filter_noise
 from baqueano.identify.noise.most_likely import FLOOR, most_likely, process_errors
 from baqueano.identify.noise.speed_channels import SpeedChannels, speed_channels
 from baqueano.identify.noise.unfitted_channels import not_fitted
 from baqueano.identify.result.fit_result import Fit
 from baqueano.language import number, shown_unit
-from baqueano.language import translated as _
+from baqueano.language import translate as _
 from baqueano.messages import texts
 from baqueano.parameter import parameters
 from baqueano.runs.run import Run
@@ -73,11 +73,11 @@ class Noise(Result):
     notes : tuple of Diagnostic
         Changes that make Q and R positive definite.
     units : dict of str to str
-        Units of the sensors' numbers, by "imu[0]".
+        Unit of each channel, such as "imu[0]".
     fields : dict of str to ndarray (k,)
         Noise of the recommended filter (noise/filter_noise.py).
     speed : SpeedChannels, optional
-        Accelerometers that may correct the speed, of the recommended filter.
+        Accelerometers that may correct the speed in the recommended filter.
     accepted : Acceptance, optional
         Verdict of held-out runs on the recommended filter.
 
@@ -104,7 +104,7 @@ class Noise(Result):
         return Verdict.WARN if self.notes or (self.accepted and self.accepted.disagrees) else Verdict.USABLE
 
     def rows(self) -> list["TableRow"]:
-        """Return one flat row per number on a diagonal, with its standard deviation."""
+        """Return one flat row per entry of a diagonal, with its standard deviation."""
         out = []
         for name, q in self.in_motion.items():
             rest = self.at_rest[name]
@@ -145,7 +145,7 @@ class Noise(Result):
         lines += texts(message.message for message in (self.speed, self.accepted) if message)
         return "\n".join([*lines, *(f"- {message}" for message in texts(self.notes))])
 
-    def updated(self, file: "VehicleFile", run: str = "") -> "VehicleFile":
+    def updated_file(self, file: "VehicleFile", run: str = "") -> "VehicleFile":
         """Return the file with Q of each sensor (in motion) and R of the estimator."""
         from baqueano.vehicle_file import Provenance
         from baqueano.vehicle_file.file import today
@@ -177,9 +177,9 @@ def measure_noise(
     Parameters
     ----------
     fit : Fit
-        A fit.
+        The fit of the runs.
     runs : Run or sequence of Run
-        Its runs.
+        The runs of the fit.
     source : str
         Source of R: "truth" of a simulation, "innovations", or "auto": the truth if a run has one.
     held_out : sequence of Run
@@ -196,7 +196,7 @@ def measure_noise(
     Raises
     ------
     UsageError
-        For another source, or if no run has a truth.
+        For an unknown source, or for "truth" if no run contains a truth.
 
     Notes
     -----
@@ -226,7 +226,7 @@ def measure_noise(
         ekf = filters(names)
         if held_out:
             make_filter = partial(filter_noise, fit, [*runs, *held_out], covariances, at_rest, backend, names)
-            ekf, check = accepted(ekf, make_filter, held_out, backend)
+            ekf, check = accept(ekf, make_filter, held_out, backend)
         moving |= {name: getattr(ekf.sensors, name).cov for name in layout(ekf).names}
         fields = {name: np.array(getattr(ekf, name), dtype=float) for name in FIELDS}
         none = np.zeros((0, 0))
@@ -252,7 +252,7 @@ def measure_noise(
 def valid(matrix: np.ndarray, floor: np.ndarray, name: str, notes: list[Diagnostic]) -> np.ndarray:
     """Return a symmetric positive definite matrix (n, n) with variances of at least `floor` (n,) and LEAST_SD².
 
-    LEAST_SD covers a vehicle on a rail, which never moves sideways.
+    LEAST_SD is for a vehicle on a rail, which never moves sideways.
     """
     matrix = np.atleast_2d(np.asarray(matrix, dtype=float))
     matrix = np.where(np.isfinite(matrix), matrix, 0.0)
@@ -298,7 +298,7 @@ def _measurement(
 
 
 def _took_part(fit: "Fit", name: str) -> list[int]:
-    """Return the channels of a sensor with residuals."""
+    """Return the channels of a sensor for which the fit has residuals."""
     return sorted({c.entry for c in fit.channels if c.sensor == name and np.isfinite(c.measured).any()})
 
 
@@ -326,7 +326,7 @@ def _residuals(
 
 
 def _white(r: np.ndarray, rows: np.ndarray, drifting: bool) -> np.ndarray:
-    """Return the residuals (K, m) at `rows` (N,) or, if `drifting`, the differences of neighbours over √2."""
+    """Return the residuals (K, m) at `rows` (N,) or, if `drifting`, the differences of neighbours divided by √2."""
     if not drifting:
         return r[rows]
     steps = np.diff(np.flatnonzero(rows))

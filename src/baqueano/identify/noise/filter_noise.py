@@ -1,16 +1,16 @@
 """Estimate the noise of the recommended filter: the misfit of the model and the noise of the sensors.
 
-    J(q) = Σ_t ½ (log |S_t| + ρ(y_tᵀ S_t⁻¹ y_t)),   q = log (σ_d, T, walk of ν, σ of what corrects)       (1)
-    of an inertial number:   σ² at rest ≤ σ² ≤ ⅙ (1.48 median |r_{k+1} − 2 r_k + r_{k−1}|)²               (2)
+    J(q) = Σ_t ½ (log |S_t| + ρ(y_tᵀ S_t⁻¹ y_t)),   q = log (σ_d, T, walk of ν, σ of correcting channels) (1)
+    of an inertial channel:  σ² at rest ≤ σ² ≤ ⅙ (1.48 median |r_{k+1} − 2 r_k + r_{k−1}|)²               (2)
     c(τ) = σ_d² e^(−τ/T),  c the autocovariance of r, T of the file;   walk of ν_x ≤ σ √δ                    (3)
 
 y and S are the innovations of the filter over the log (augmented_ekf.py), r the residuals of the fit, ρ as in
-most_likely.py. Second differences remove slow errors of the model, not the jerks of a rough floor; a rest with more
-scatter than that is not used. A channel that corrects nothing has the noise of its residuals. A sensor with fewer than
-FEWEST readings keeps the noise of the file. Quantised velocities, as those of a counter, have σ² ≥ step²/12. With only
-an IMU, (3) takes the misfit of the speed from the accelerometer ahead. If wheels measure the speed, misfit that the
-accelerometer does not measure is slip (accelerometer_misfit.py). course_std is at least the angle between the course
-and the heading of the model.
+most_likely.py. The second differences in (2) remove slow errors of the model, but not the jerks of a rough floor. A
+rest with more scatter than this limit is not used. A channel that corrects nothing has the noise of its residuals. A
+sensor with fewer than FEWEST readings keeps the noise of the file. Quantised velocities, for example of a counter, have
+σ² ≥ step²/12. With only an IMU, (3) estimates the misfit of the speed from the forward accelerometer. If wheels measure
+the speed, misfit that the accelerometer does not measure is slip (accelerometer_misfit.py). The least `course_std` is
+the angle between the course and the heading of the model.
 """
 
 from collections.abc import Callable, Mapping, Sequence
@@ -112,7 +112,8 @@ def filter_noise(
 
 
 def _crab_rad(fit: "Fit") -> float:
-    """Return the angle between course and heading of the fitted model, straight ahead at half its command [rad]."""
+    """Return the angle between course and heading of the fitted model, straight ahead at half its largest command
+    [rad]."""
     vehicle, dt_s = fit.blocks.model, 1.0 / fit.file.rate_hz
     u, state, nu = np.zeros(vehicle.commands), vehicle.init(), np.zeros(3)
     u[0] = 0.5 * fit.file.command.limit[0]
@@ -131,7 +132,8 @@ def _with_measured_misfit(ekf: AugmentedEkf, fit: "Fit", inertial: set[str]) -> 
 
 
 def _with_unmeasured_misfit(ekf: AugmentedEkf, fit: "Fit", inertial: set[str]) -> AugmentedEkf:
-    """Return the filter with the speed misfit from enough residuals of the accelerometer ahead.  (3)"""
+    """Return the filter with the speed misfit from the residuals of the forward accelerometer, or unchanged with too
+    few residuals.  (3)"""
     ahead = accelerometer_ahead(ekf, inertial)
     if ahead is None:
         return ekf
@@ -158,7 +160,7 @@ def _with_unmeasured_misfit(ekf: AugmentedEkf, fit: "Fit", inertial: set[str]) -
 
 
 def _corrects(layout: Layout, name: str) -> list[int]:
-    """Return the entries of a sensor that correct while the vehicle drives."""
+    """Return the entries of a sensor that correct the motion while the vehicle drives."""
     return [
         i
         for (name_i, i), E in zip(_numbers(layout), layout.moving, strict=True)
@@ -182,7 +184,7 @@ def _free(
         out += [
             FreeNoise(*path, 1.0) for path in (paths if most >= FEWEST else paths[:1] if most >= SOME else ())
         ]
-    for name, rows in zip(its.names, its.at, strict=True):
+    for name, rows in zip(its.names, its.entries, strict=True):
         for i in rows if readings[name] >= FEWEST else ():
             sd = float(np.sqrt(getattr(ekf.sensors, name).cov[i, i]))
             low, high = np.sqrt(rounding.get((name, i), (0.0, 0.0)))
@@ -197,7 +199,7 @@ def _free(
 def _rounding(
     layout: Layout, inertial: set[str], runs: Sequence[Run]
 ) -> dict[tuple[str, int], tuple[float, float]]:
-    """Return the least variance of quantised entries that measure a velocity, as those of a counter."""
+    """Return the least and greatest variance of quantised entries that measure a velocity, for example of a counter."""
     numbers, out = _numbers(layout), {}
     places = {
         numbers[k] for group in layout.places for k in group
@@ -214,13 +216,13 @@ def _rounding(
 
 
 def _numbers(layout: Layout) -> list[tuple[str, int]]:
-    """Return the sensor and the entry of each number, in the order of the layout."""
-    return [(name, i) for name, rows in zip(layout.names, layout.at, strict=True) for i in rows]
+    """Return the sensor and the entry of each channel, in the order of the layout."""
+    return [(name, i) for name, rows in zip(layout.names, layout.entries, strict=True) for i in rows]
 
 
 def _likelihood(ekf: AugmentedEkf, free: Sequence[FreeNoise]) -> Callable[..., Tree]:
-    """Return the step of a scan with the logarithms of the free noise as parameters, and the likelihood of the
-    correcting numbers as output.  (1)"""
+    """Return the step of a scan with the logarithms of the free noise as parameters. Its output is the term of J
+    from the channels that correct the motion.  (1)"""
     corrects = np.any(layout(ekf).moving > 0.0, axis=1)
 
     def step(x: np.ndarray, belief: Tree, tick: Tick) -> tuple[Tree, Tree]:
@@ -246,7 +248,8 @@ def _likelihood(ekf: AugmentedEkf, free: Sequence[FreeNoise]) -> Callable[..., T
 def _range(
     fit: "Fit", name: str, entry: int, rest: np.ndarray | None, otherwise: float
 ) -> tuple[float, float]:
-    """Return the least and the greatest variance of an inertial number, at most `otherwise` with few residuals.  (2)"""
+    """Return the least and the greatest variance of an inertial channel. With few residuals, the greatest is
+    `otherwise`.  (2)"""
     steps = [
         np.diff(r[np.isfinite(r)], 2)
         for r in (c.measured - c.predicted for c in fit.channels if c.sensor == name and c.entry == entry)

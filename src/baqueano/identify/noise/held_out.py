@@ -1,10 +1,10 @@
 """Compare noise matrices R of a filter on data that were not used to estimate them.
 
-    NIS = mean of yᵀ S⁻¹ y / m,   1 if the filter states its own error correctly                          (1)
+    NIS = mean of yᵀ S⁻¹ y / m,   1 if the filter states its error correctly                              (1)
     L   = −½ mean of (log |S| + yᵀ S⁻¹ y),   the higher, the better the prediction of the filter          (2)
 
 y are the innovations of the filter with their covariance S over a validation run. Measurements beyond FAR standard
-deviations count as FAR. The interval of (1) is from means over blocks of BLOCK_S: the innovations of a real vehicle are
+deviations count as FAR. The interval of (1) is from means over blocks of BLOCK_S. The innovations of a real vehicle are
 not white, and χ² bands are too narrow for them. NIS is a weak test, because the measurement noise is most of S: (2)
 decides.
 """
@@ -22,7 +22,7 @@ from baqueano.estimators import Ekf
 from baqueano.identify.covariance.quantiles import QUANTILE_95
 from baqueano.identify.noise.most_likely import FAR, example_of, filter_of, log_det_and_square, ticks_of
 from baqueano.language import number
-from baqueano.language import translated as _
+from baqueano.language import translate as _
 from baqueano.runs.run import Run
 from baqueano.signals import Tick
 from baqueano.symbolic import put, scan
@@ -46,10 +46,10 @@ class NoiseTrial(NamedTuple):
 
     @property
     def consistent(self) -> str:
-        """Return the verdict of the NIS on the filter."""
+        """Return the verdict of the NIS: "too sure", "too careful" or "consistent"."""
         if self.low > 1.0:
             return "too sure"
-        return "too careful" if self.high < 1.0 else "consistent"
+        return "too cautious" if self.high < 1.0 else "consistent"
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -94,7 +94,7 @@ def compare_noise(
 ) -> NoiseComparison:
     """Compare `noises` (name → Q and R) in the filter of the fitted file, on runs that the fit did not use.  (1), (2)
 
-    Raise UsageError without a noise or a run, or for a run of `fit`.
+    Raise UsageError without a noise or a run, for a run of `fit`, or if the estimator of the file is not an `Ekf`.
 
     >>> from dataclasses import replace
     >>> from baqueano.identify import identify, measure_noise, random_steps
@@ -156,8 +156,8 @@ def _trial(name: str, label: list[np.ndarray], per_block: int) -> NoiseTrial:
 
 
 def _innovations(ekf: Ekf) -> Callable[..., Tree]:
-    """Return the step of a scan with R and Q as parameters. Its outputs per tick are yᵀ S⁻¹ y, log |S| and the
-    count of measured numbers (3,)."""
+    """Return the step of a scan with R and Q as parameters. Its outputs per tick are yᵀ S⁻¹ y, log |S| and the count
+    of measured entries (3,)."""
     sizes = [getattr(ekf.sensors, name).size for name in ekf.use]
 
     def step(theta: np.ndarray, belief: Tree, tick: Tick) -> tuple[Tree, np.ndarray]:

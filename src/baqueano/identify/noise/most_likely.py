@@ -4,13 +4,13 @@
     ρ(d²) = d² up to FAR² m, beyond it 2 FAR √m d − FAR² m: limits the effect of an outlier               (2)
 
 y and S come from the extended Kalman filter while it runs over the log. So R is right for that filter, with its mode,
-gate and rate. The search changes one logarithm after the other, up and down, then pairs against each other. It halves
-its steps when nothing improves, and needs no derivative. With the truth of a simulation, R is the covariance of the
-prediction error of one step of the model, μ_t − g(u_t, μ_{t−1}), μ = (ν, ν̇):
+gate and rate. The search changes one logarithm after the other, up and down, then pairs in opposite directions. It
+halves its steps when nothing improves, and needs no derivative. With the truth of a simulation, R is the covariance of
+the prediction error of one step of the model, μ_t − g(u_t, μ_{t−1}), μ = (ν, ν̇):
 
     g in mode "default":  a_d = ν̇ − f(ν, e₋),  ν̄ = ν ⊕ f(·, e) δ + a_d δ,  ν̇̄ = f(ν̄, e) + e^(−δ/T_d) a_d  (3)
     g in mode "paper":    ν̄ = ν + ν̇ δ,  ν̇̄ = f(ν, e)                                                     (4)
-    g of a kinematic one: ν̄ = V e,  ν̇̄ = (V e − ν)/δ                                                      (5)
+    g, kinematic model:   ν̄ = V e,  ν̇̄ = (V e − ν)/δ                                                      (5)
 """
 
 from collections.abc import Callable, Sequence
@@ -61,8 +61,9 @@ def most_likely(
 
 
 def valley(cost: Tree, q: np.ndarray, low: np.ndarray, high: np.ndarray) -> np.ndarray:
-    """Return the q (n,) between `low` and `high` from which no step of STEPS[-1] improves. Steps go along one axis
-    or, from TRADED on, along one axis and back along another, as two noises may explain the same error."""
+    """Return the q (n,) between `low` and `high` at which no step of STEPS[-1] reduces the cost. A step changes one
+    entry. From TRADED on, it may also raise one entry and lower another, as two noises may explain the same
+    error."""
     least, axes = cost(q), np.eye(len(q))
     ways = [sign * axis for axis in axes for sign in (1.0, -1.0)]
     exchanges = [a - b for i, a in enumerate(axes) for j, b in enumerate(axes) if i != j]
@@ -95,7 +96,8 @@ def log_det_and_square(S: np.ndarray, y: np.ndarray) -> tuple[Tree, Tree]:
 
 
 def filter_of(fit: "Fit", measurement: dict[str, np.ndarray]) -> Ekf:
-    """Return the filter of the file with the fitted vehicle and the measured Q, or `Ekf` for another kind."""
+    """Return the filter of the file with the fitted vehicle and the measured Q, or an `Ekf` if the file has another
+    kind of filter."""
     sensors = fit.file.sensors
     for name, q in measurement.items():
         block = getattr(fit.blocks.sensors, name, getattr(sensors, name))
@@ -197,7 +199,7 @@ def process_errors(fit: "Fit", runs: Sequence[Run], backend: str = "auto") -> tu
             row[7 + n : 10 + n],
         )
         drivetrain, effort = vehicle.drivetrain.step(before.drivetrain, u, dt_s)
-        g = predicted(vehicle, mode, fading_s, eta, nu, nu_dot, before.effort, effort, dt_s)
+        g = predict(vehicle, mode, fading_s, eta, nu, nu_dot, before.effort, effort, dt_s)
         return PredictionState(drivetrain, effort.last), g
 
     kernel = scan(
@@ -212,14 +214,14 @@ def process_errors(fit: "Fit", runs: Sequence[Run], backend: str = "auto") -> tu
     return np.concatenate(errors), np.sqrt(np.mean(np.concatenate(states) ** 2, axis=0))
 
 
-def predicted(
+def predict(
     vehicle: Tree,
     mode: str,
     fading_s: float,
     eta: np.ndarray,
     nu: np.ndarray,
     nu_dot: np.ndarray,
-    before: np.ndarray,
+    previous: np.ndarray,
     effort: Effort,
     dt_s: Value,
 ) -> np.ndarray:
@@ -229,7 +231,7 @@ def predicted(
         return np.concatenate([ahead, ahead_dot])
     if mode == "paper":
         return np.concatenate([nu + nu_dot * dt_s, vehicle.nu_dot(nu, effort.last, eta[2])])
-    residual = nu_dot - vehicle.nu_dot(nu, before, eta[2])
+    residual = nu_dot - vehicle.nu_dot(nu, previous, eta[2])
     eta_ahead, ahead, _ = vehicle.advance(eta, nu, effort, dt_s)
     ahead = ahead + residual * dt_s
     memory = np.exp(-dt_s / fading_s) * residual

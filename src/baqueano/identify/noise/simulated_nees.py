@@ -2,10 +2,10 @@
 
     NEES_s = Σ_t e_s² / P_ss / N   over DRIVES drives of the vehicle, 1 if the filter is right            (1)
 
-The drives have the commands of a run, without its rests. Each draws its start, scales, course and biases. Its walks,
-disturbances and slips are integrated in PARTS of a tick, with half of a walk before and half after each (Strang). Its
-pose follows (1 + K) ν, its readings come from the sensors' own step, with low-pass and delay. Nothing here is
-linearised, and no covariance is propagated, so effects that the filter leaves out show in the result.
+The drives have the commands of a run, without its rests. Each drive draws its start, scales, course and biases. Its
+walks, disturbances and slips are integrated in PARTS of a tick, with half of a walk before and half after each
+(Strang). Its pose follows (1 + K) ν, its readings come from the sensors' own step, with low-pass and delay. Nothing
+here is linearised, and no covariance is propagated, so effects that the filter neglects show in the result.
 """
 
 from typing import Any, NamedTuple
@@ -14,7 +14,7 @@ import numpy as np
 
 from baqueano.contracts.optional import is_dynamic
 from baqueano.contracts.values import Tree, Value
-from baqueano.estimators.augmented.motion import disturbance_acceleration, scaled
+from baqueano.estimators.augmented.motion import disturbance_acceleration, velocity_error
 from baqueano.estimators.augmented.state import BEND, BIASES, SCALES, layout, start_std
 from baqueano.estimators.augmented_ekf import AugmentedEkf
 from baqueano.estimators.readings.sensor_numbers import slips
@@ -113,13 +113,13 @@ def _tick(
     d = keep * x[6:SCALES] + ekf.disturbance_std * np.sqrt(1.0 - keep**2) * draws.d
     walks = [bias_number.of(ekf.sensors, bias_number.walk) * np.sqrt(dt_s) for bias_number in its.biases]
     bias = x[BIASES:] + np.array(walks) * draws.bias if walks else x[BIASES:]
-    variance, fade_s, _ = slips(ekf.sensors, dict(zip(its.names, its.at, strict=True)))
+    variance, fade_s, _ = slips(ekf.sensors, dict(zip(its.names, its.entries, strict=True)))
     lasts = np.exp(-dt_s / fade_s)
     slip = lasts * state.slip + np.sqrt(variance * (1.0 - lasts**2)) * draws.slip
     after = np.concatenate([eta, nu, d, x[SCALES:BIASES], bias])
     truth = now._replace(tick=(state.motion, motions[PARTS // 2 - 1], motions[-1]))
     sensors, slots = _read_sensors(ekf, state, bias, slip, truth, draws, dt_s)
-    state_read = np.concatenate([eta, nu + scaled(x[SCALES:BIASES], nu)])
+    state_read = np.concatenate([eta, nu + velocity_error(x[SCALES:BIASES], nu)])
     return SimulatedState(after, slip, now, drivetrain, sensors), (state_read, slots)
 
 
@@ -134,7 +134,7 @@ def _part(
     _, nu, _ = ekf.vehicle.advance(eta, before, Effort(begin, end, end), h)
     nu = nu + h * disturbance_acceleration(ekf.vehicle, x[6:SCALES])
     along = 0.5 * h * (before + nu)
-    along = along + scaled(x[SCALES:BIASES], along)
+    along = along + velocity_error(x[SCALES:BIASES], along)
     place = eta[:2] + (map_from_body(eta[2] + 0.5 * along[2]) @ along)[:2]
     return np.array([place[0], place[1], wrap(eta[2] + along[2])]), nu + kick * walk[1]
 

@@ -1,13 +1,14 @@
 """Choose the accelerometers that may correct the speed: those that improve it on held-out runs.
 
-An accelerometer measures ν̇ and ν_x ν_ψ. A filter that takes its speed from it is better than the model if both are
-right for the vehicle. It is worse if the tilt, the misalignment or the tyres are not; no sensor on board shows which
-case applies. So each number, and all together, is tested on held-out runs in which a reference shows the speed:
+An accelerometer measures ν̇ and ν_x ν_ψ. A filter that corrects its speed by it is better than the model if both terms
+are right for the vehicle. It is worse if the tilt, the misalignment or the tyres make them wrong; no sensor on board
+shows which case applies. So each channel, and all together, are tested on held-out runs in which a reference shows the
+speed:
 
-    r = √(Σ_b e_b² / Σ_b ẽ_b²),   e with the number, ẽ without, b blocks of BLOCK_S                       (1)
+    r = √(Σ_b e_b² / Σ_b ẽ_b²),   e with the channel, ẽ without, b blocks of BLOCK_S                       (1)
 
-The interval of r comes from blocks drawn with replacement. The number with the least r is taken if the whole interval
-lies below 1. The reference is the truth of the run, or else a sensor of speed that the estimator does not use.
+The interval of r comes from blocks drawn with replacement. The channel with the least r is used if its whole interval
+is below 1. The reference is the truth of the run, or else a sensor of speed that the estimator does not use.
 """
 
 from collections.abc import Callable, Iterator, Sequence
@@ -33,11 +34,11 @@ AHEAD = 0  # the entry of ν
 
 
 class SpeedChannels(NamedTuple):
-    """The numbers that may correct the speed, and the reason."""
+    """The channels that may correct the speed, and the reason."""
 
-    names: tuple[str, ...]  # for `speed_from`: "imu[1]"; empty if no number helps
+    names: tuple[str, ...]  # for `speed_from`: "imu[1]"; empty if no channel helps
     message: Diagnostic
-    decided: bool = True  # True if held-out runs decided; else the names are those of the file
+    decided: bool = True  # True if held-out runs decided; else the names are from the file
 
 
 def speed_channels(
@@ -46,10 +47,10 @@ def speed_channels(
     validation_runs: Sequence[Run],
     backend: str = "auto",
 ) -> SpeedChannels | None:
-    """Return the numbers that may correct the speed, or None for a filter without accelerometers.  (1)
+    """Return the channels that may correct the speed, or None for a filter without accelerometers.  (1)
 
-    `filters` makes the filter with these numbers in `speed_from` and its noise estimated for them; `own` are the
-    file's numbers.
+    `filters` returns the filter with these channels in `speed_from` and the noise estimated for them. `own` contains
+    the channels of the file.
     """
     without_speed = filters(())
     numbers = tuple(_undecided_numbers(without_speed))
@@ -78,8 +79,8 @@ def speed_channels(
 
 
 def ratio_of_blocks(ours: np.ndarray, reference: np.ndarray) -> tuple[float, float, float]:
-    """Return the ratio of two errors with sums of squares in B blocks, (B,) each, and its 95 % interval. The
-    interval is NaN with fewer blocks than FEWEST.  (1)"""
+    """Return the ratio of two root mean square errors, and its 95 % interval. `ours` and `reference` (B,) are sums
+    of squares in B blocks. The interval is NaN with fewer blocks than FEWEST.  (1)"""
     ratio = float(np.sqrt(ours.sum() / reference.sum()))
     if len(ours) < FEWEST:
         return ratio, float("nan"), float("nan")
@@ -89,10 +90,10 @@ def ratio_of_blocks(ours: np.ndarray, reference: np.ndarray) -> tuple[float, flo
 
 
 def _undecided_numbers(ekf: AugmentedEkf) -> Iterator[str]:
-    """Yield the inertial numbers in use that do not correct the motion yet, as candidates for the speed."""
+    """Yield the inertial channels in use that do not correct the motion yet, as candidates for the speed."""
     its = layout(ekf)
     bias_sensors = {bias.sensor for bias in its.biases}
-    numbers = [(name, i) for name, rows in zip(its.names, its.at, strict=True) for i in rows]
+    numbers = [(name, i) for name, rows in zip(its.names, its.entries, strict=True) for i in rows]
     for (name, i), E in zip(numbers, its.moving, strict=True):
         if name in bias_sensors and not np.any(E[:SCALES]):
             yield f"{name}[{i}]"

@@ -1,10 +1,10 @@
-"""Choose Q of a sensor with channels that were not fitted: such a channel is without residuals.
+"""Choose Q of a sensor with channels that were not fitted and so are without residuals.
 
-    σ_i = the file's,   if it has one for every channel of the sensor; else the first of these above 0        (1)
+    σ_i = the value of the file,   if the file has one for every channel;   else the first of these above 0  (1)
     σ_i = the residuals of a channel that was fitted,   else the scatter of its readings at rest,   else
     σ_i² = ½ mean (z_{k+1} − z_k)²,   if the vehicle was hardly at rest
 
-With a noise of 0 a filter would follow only that sensor. For a channel that never changes, σ is 1 in its unit.
+With a noise of 0 a filter would follow only this sensor. For a channel that never changes, σ is 1 in its unit.
 """
 
 from collections.abc import Iterator, Sequence
@@ -23,7 +23,7 @@ def not_fitted(
     name: str, block: Tree, took_part: np.ndarray, runs: Sequence[Run], notes: list[Diagnostic]
 ) -> np.ndarray | None:
     """Return Q (m, m) of a sensor, or None if a run is without it. `took_part` (m,) are the variances of the
-    residuals of its channels, 0 for those that were not fitted.  (1)"""
+    residuals of its channels, 0 for channels that were not fitted.  (1)"""
     of_file = np.diagonal(block.cov)
     if np.all(of_file > 0.0):
         notes.append(note("noise.of-the-file", Severity.WARNING, subject=name))

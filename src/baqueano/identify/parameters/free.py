@@ -2,12 +2,12 @@
 
 A free number has the dotted path of its entry, "model.actuator_matrix[0,2]"; a path without an entry means all entries.
 Unit and bounds come from the field of the block; friction is never negative (errata 6). The role of a field
-(parameter.py) decides if it is free by default. Free are numbers that the equations need and that scale and tape cannot
-measure, friction and forces; dry friction, dead zones and lag only if the file has them. A delay is taken from the file
-unless the user requests it; it is then searched for tick by tick (delay.py).
-Every other number of a block is free on request. If it is off in the file (a lag of 0, a limit of infinity), it starts
-at a value with an effect (`enable_parameters`).
-Columns of a matrix whose command never moved cannot be identified: `frozen_columns` returns them.
+(parameter.py) decides if it is free by default. Free by default are numbers that the equations need and that scale and
+tape cannot measure, friction and forces. Dry friction, dead zones and lag are free by default only if the file has
+them. A delay has the value in the file. If the user requests it, it is searched for tick by tick (delay.py). The user
+can free every other number of a block. If it is off in the file (a lag of 0, a limit of infinity), it starts at a value
+with an effect (`enable_parameters`). Columns of a matrix whose command never moved cannot be identified:
+`frozen_columns` returns them.
 """
 
 from collections.abc import Callable, Iterable, Mapping
@@ -32,7 +32,7 @@ LAG = "model.drivetrain.lag_s"
 LIMIT = "model.drivetrain.limit"
 EFFECT = "model.drivetrain.battery_effect"
 OF_WHEELS = ("model.friction.coulomb_forward", "model.friction.coulomb_backward")
-LONGEST_DELAY_S = 0.25  # upper bound of a delay, if that of the file is shorter
+LONGEST_DELAY_S = 0.25  # upper bound of a delay, if the delay of the file is shorter
 FIRST_LAG, LEAST_LAG = 5.0, 0.1  # ticks: start of the search for a lag, and its lower bound
 LOW_PASS, HIGHEST = ".low_pass_hz", 5.0  # times the rate of the ticks: a higher low-pass is without effect
 FIRST_LIMIT = 0.7  # of the largest command: start of the search for the limit of a motor
@@ -62,7 +62,7 @@ class Free(NamedTuple):
 
     @property
     def column(self) -> int | None:
-        """Return the index of the command of which the number is the gain, or None."""
+        """Return the index of the command if the number is a gain, else None."""
         return self.entry[-1] if self.entry and self.of.role == "gain" else None
 
     @property
@@ -72,13 +72,13 @@ class Free(NamedTuple):
 
     @property
     def label(self) -> str:
-        """Return the short name of the number for people, "" without one and off the diagonal of a matrix."""
+        """Return the short name of the number for people, or "" if it is undefined or off the diagonal of a matrix."""
         diagonal = len(set(self.entry)) <= 1
         return words_of(self.of.label, self.entry) if diagonal else ""
 
 
 def words_of(words: Words, entry: tuple[int, ...]) -> str:
-    """Return the words of one entry."""
+    """Return the text of one entry, with {nth} and {axis} replaced by words."""
     if not entry:
         return words if isinstance(words, str) else words[0]
     first = entry[0]
@@ -121,8 +121,9 @@ def value(blocks: FittedBlocks, path: str) -> float:
     return float(_value_at(blocks, path))
 
 
-def described(blocks: FittedBlocks, path: str, bounds: Mapping[str, tuple[float, float]]) -> Free:
-    """Return unit and bounds of the number at `path`; `bounds` take precedence over those of the field."""
+def free_parameter(blocks: FittedBlocks, path: str, bounds: Mapping[str, tuple[float, float]]) -> Free:
+    """Return unit and bounds of the number at `path`; `bounds` take precedence over the bounds of the field. Raise
+    UsageError for a path that is not a parameter, or if the bounds exclude all values."""
     field, _, entry = path.partition("[")
     owner, _, name = field.rpartition(".")
     fields = dict(parameters(get(blocks, owner))) if owner else {}
@@ -143,7 +144,8 @@ def free_parameters(
     fixed: Iterable[str],
     bounds: Mapping[str, tuple[float, float]],
 ) -> list[Free]:
-    """Return the free numbers, in order and once each; an empty list if `free` is empty."""
+    """Return the free numbers, in order and once each; an empty list if `free` is empty. Raise UsageError if all are
+    fixed."""
     paths = [p for path in requested_paths(free, lambda: default_free(blocks)) for p in entries(blocks, path)]
     out = {p for path in fixed for p in entries(blocks, path)}
     for path in bounds:
@@ -151,12 +153,12 @@ def free_parameters(
     paths_left = [p for p in dict.fromkeys(paths) if p not in out]
     if not paths_left and paths:
         raise UsageError(fault("parameter.all-fixed"))
-    return [described(blocks, p, bounds) for p in paths_left]
+    return [free_parameter(blocks, p, bounds) for p in paths_left]
 
 
 def requested_paths(free: Iterable[str] | None, needed: Callable[[], Iterable[str]]) -> list[str]:
-    """Return the requested paths: the `needed` ones if `free` is None, these and the additions if all names begin
-    with "+", else only the names."""
+    """Return the requested paths. They are the `needed` paths if `free` is None, the `needed` paths and the
+    additions if all names begin with "+", else only the names."""
     names = ["+"] if free is None else list(free)
     additions = [path.removeprefix("+") for path in names if path not in ("", "+")]
     return [*needed(), *additions] if names and all(path.startswith("+") for path in names) else additions
@@ -169,9 +171,9 @@ def enable_parameters(
 
     u (N, n) are all commands of the runs. `slots` returns the number of rows that a delay needs.
 
-    A delay gets a buffer of past rows, and a lag of 0 starts at FIRST_LAG ticks. The limit of a motor lies below the
-    largest command, or the data cannot determine it. A free effect of the battery uses the logged voltage. Bounds on
-    friction keep the motion integrable within a tick.
+    A delay receives a buffer of past rows, and a lag of 0 starts at FIRST_LAG ticks. The limit of a motor stays
+    below the largest command, else the data cannot determine it. A free effect of the battery uses the logged
+    voltage. Bounds on friction keep the motion integrable within a tick.
     """
     paths = [parameter.path for parameter in free]
     if any(path.startswith(OF_WHEELS) for path in paths) and blocks.model.friction.track_m == 0.0:
@@ -203,8 +205,8 @@ def enable_parameters(
 
 
 def _integrable(blocks: FittedBlocks, paths: list[str], rate_hz: float) -> dict[str, float]:
-    """Return the upper bound of each friction, shared with the other free frictions of its axis, at which the
-    motion stays integrable."""
+    """Return the upper bound of each friction, up to which the motion stays integrable. The free frictions of an
+    axis share the remaining range."""
     kept_model, out = coasting_axes(blocks.model), {}
     room = np.maximum(STIFFEST * rate_hz - rates(blocks.model, kept_model), 0.0)
     requested_paths = {path.partition("[")[0] for path in paths}
@@ -221,8 +223,8 @@ def _integrable(blocks: FittedBlocks, paths: list[str], rate_hz: float) -> dict[
 
 
 def _with_lines(blocks: FittedBlocks, late_s: float, slots: Callable[[float], int]) -> FittedBlocks:
-    """Return the blocks with delay lines that are long enough for a command `late_s` late and for the delays of the
-    sensors."""
+    """Return the blocks with delay lines that are long enough for a command delay of `late_s` [s] and for the delays
+    of the sensors."""
     sensors = [
         replace(sensor, delay_slots=slots(float(sensor.delay_s)))
         if has_field(sensor, "delay_slots")
@@ -236,7 +238,7 @@ def _with_lines(blocks: FittedBlocks, late_s: float, slots: Callable[[float], in
 def _room_for_low_pass(
     blocks: FittedBlocks, free: list[Free], rate_hz: float
 ) -> tuple[FittedBlocks, list[Free]]:
-    """Set a low-pass that is off to the rate of the ticks. Limit it to HIGHEST times that rate: a higher one is
+    """Set a low-pass that is off to the rate of the ticks. Limit it to HIGHEST times this rate: a higher low-pass is
     without effect."""
     for parameter in free:
         if parameter.path.endswith(LOW_PASS):

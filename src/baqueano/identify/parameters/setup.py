@@ -22,18 +22,18 @@ from baqueano.identify.data.record import (
 )
 from baqueano.identify.data.segments import ThetaLayout, cut
 from baqueano.identify.options import FitOptions
-from baqueano.identify.parallel import each
+from baqueano.identify.parallel import parallel_map
 from baqueano.identify.parameters.free import (
     Free,
-    described,
     enable_parameters,
     entries,
+    free_parameter,
     frozen_columns,
     has_offset,
     substitute,
     value,
 )
-from baqueano.printable import typed
+from baqueano.printable import baqueano_command
 from baqueano.runs.run import Run
 from baqueano.sensors.sampling import Signal, measures_pose, steady_signal, step_signal
 from baqueano.signals import ByName, Motion
@@ -53,7 +53,7 @@ class Shape(NamedTuple):
     """Meaning of θ for one segment of a run."""
 
     shared: tuple[str, ...]  # paths that all runs share
-    own: tuple[str, ...]  # paths with one value per run: biases
+    per_run: tuple[str, ...]  # paths with one value per run: biases
     start: tuple[int, ...]  # entries of STARTS that are free
     sample_fraction: tuple[
         bool, ...
@@ -65,7 +65,7 @@ class Shape(NamedTuple):
     @property
     def by_run(self) -> tuple[str, ...]:
         """Return the names of the entries that each run has separately."""
-        return (*self.own, *(f"clock.{name}" for name in self.clocks))
+        return (*self.per_run, *(f"clock.{name}" for name in self.clocks))
 
     @property
     def size(self) -> int:
@@ -75,11 +75,12 @@ class Shape(NamedTuple):
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Parameters:
-    """θ (p,): first the parameters that all runs share, then those of each run, then the start of each segment."""
+    """θ (p,): first the parameters that all runs share, then the parameters of each run, then the start of each
+    segment."""
 
     blocks: FittedBlocks  # prepared for the free parameters
     requested: tuple[Free, ...]  # (q,) all requested parameters
-    frozen: tuple[int, ...]  # those of them whose command never moved; they are not in θ
+    frozen: tuple[int, ...]  # indices of parameters whose command never moved; they are not in θ
     records: tuple[FitRecord, ...]  # per segment
     shape: Shape
     layout: ThetaLayout
@@ -101,7 +102,7 @@ def unknowns(
     rate_hz: float,
     options: FitOptions,
 ) -> Parameters:
-    """Return the parameters `requested` of `blocks` for all rows of `runs`; `channels` is that of the Dataset.
+    """Return the parameters `requested` of `blocks` for all rows of `runs`; `channels` is a field of `Dataset`.
 
     Raise UsageError if no command moved, or if bounds or start values belong to no free parameter.
     """
@@ -113,7 +114,7 @@ def unknowns(
     u = np.nan_to_num(np.concatenate([run.applied for run in runs]))
     frozen_numbers = frozen_columns(list(requested), u)
     if (requested and len(frozen_numbers) == len(requested)) or not np.any(u):
-        raise UsageError(fault("runs.all-still", typed("runs", "calibrate", runs[0].name)))
+        raise UsageError(fault("runs.all-still", baqueano_command("runs", "calibrate", runs[0].name)))
     blocks, requested = enable_parameters(blocks, list(requested), rate_hz, u, past_of(runs))
     records = with_voltage(records_of(runs, blocks, channels, options), runs, blocks)
     free = [parameter for k, parameter in enumerate(requested) if k not in frozen_numbers]
@@ -147,7 +148,7 @@ def records_of(
 ) -> list[FitRecord]:
     """Return the rows of all runs, segment by segment."""
     out, sensors = [], blocks.sensors._asdict()
-    read = each(
+    read = parallel_map(
         lambda run: record_of(run, sensors, channels, options.clocks),
         runs,
         rows=sum(len(r.t_ns) for r in runs),
@@ -165,10 +166,10 @@ def records_of(
 
 
 def _after_the_past(record: FitRecord, late_s: float) -> FitRecord:
-    """Return the record without the measurements before its own commands take effect, `late_s` after it begins.
+    """Return the record without the measurements before its commands take effect, `late_s` [s] after it begins.
 
-    Earlier commands are unknown, and the start is estimated from what follows. `late_s` is the delay of the file,
-    also if the delay is free: a run from rest shows a delay by its first command. The record stays whole if it
+    Earlier commands are unknown, and the start is estimated from later measurements. `late_s` is the delay of the
+    file, also if the delay is free: a run from rest shows a delay by its first command. The record stays whole if it
     begins without a command (not driven before), or is shorter than twice `late_s`.
     """
     ends = np.cumsum(record.dt_s)
@@ -192,7 +193,7 @@ def _are_free(bounds: Mapping[str, tuple[float, float]], free: Sequence[str]) ->
 def shape_of(
     blocks: FittedBlocks, shared: Sequence[Free], records: Sequence[FitRecord], options: FitOptions
 ) -> Shape:
-    """Return the meaning of θ: the `shared` numbers, those of each run, and the start of each segment."""
+    """Return the meaning of θ: the `shared` numbers, the numbers of each run, and the start of each segment."""
     paths, names = tuple(parameter.path for parameter in shared), blocks.sensors._fields
     own = [p for path in options.per_run for p in entries(blocks, path)]
     for name, sensor in zip(names, blocks.sensors, strict=True):
@@ -219,14 +220,15 @@ def first_theta(
     records: Sequence[FitRecord],
     options: FitOptions,
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Return θ (p,) at the start, and its bounds (p,), (p,)."""
+    """Return θ (p,) at the start, and its bounds (p,), (p,). Raise UsageError for a start of a parameter that is not
+    free."""
     layout = layout_of(shape, records)
     by_path: dict[str, float] = {}
     for path, numbers in options.start.items():
         paths = entries(blocks, path)
         for p, x in zip(paths, np.broadcast_to(np.asarray(numbers, float).ravel(), len(paths)), strict=True):
             by_path[p] = float(x)
-    missing = [p for p in by_path if p not in shape.shared and p not in shape.own]
+    missing = [p for p in by_path if p not in shape.shared and p not in shape.per_run]
     if missing:
         raise UsageError(fault("start.not-free", path=missing[0]))
     theta, low, high = np.zeros(layout.size), np.full(layout.size, -np.inf), np.full(layout.size, np.inf)
@@ -238,8 +240,8 @@ def first_theta(
         )
     for run in range(max(layout.runs) + 1):
         for k, path in enumerate(shape.by_run, layout.shared + run * layout.by_run):
-            if path in shape.own:
-                parameter = described(blocks, path, options.bounds)
+            if path in shape.per_run:
+                parameter = free_parameter(blocks, path, options.bounds)
                 theta[k], low[k], high[k] = (
                     by_path.get(path, value(blocks, path)),
                     parameter.low,
@@ -255,7 +257,7 @@ def first_theta(
 
 def _first_pose(record: FitRecord, blocks: FittedBlocks) -> np.ndarray:
     """Return the first measured pose (3,), or 0 without one. If the heading is missing, it is the course of the
-    first half of the way."""
+    first half of the path."""
     for name, sensor in blocks.sensors._asdict().items():
         readings = record.sensors[name]
         if measures_pose(sensor) and readings.has.any():
@@ -269,7 +271,8 @@ def _first_pose(record: FitRecord, blocks: FittedBlocks) -> np.ndarray:
 
 
 def given_sigma(sigma: Mapping[str, Any], sensors: "ByName[Tree]") -> np.ndarray:
-    """Return σ (m,) from {sensor: (m_s,)}."""
+    """Return σ (m,) of all channels from {sensor: (m_s,)}. Raise UsageError for a missing sensor, a wrong size, or a
+    value that is not positive and finite."""
     out = []
     for name, sensor in zip(sensors._fields, sensors, strict=True):
         if name not in sigma or np.shape(np.atleast_1d(sigma[name])) not in ((1,), (sensor.size,)):
@@ -283,7 +286,7 @@ def given_sigma(sigma: Mapping[str, Any], sensors: "ByName[Tree]") -> np.ndarray
 
 def vehicle_at_start(blocks: FittedBlocks, shape: Shape) -> Callable[[np.ndarray], Tree]:
     """Return the function θ → vehicle at the start of a segment."""
-    paths = (*shape.shared, *shape.own)
+    paths = (*shape.shared, *shape.per_run)
 
     def start(theta: np.ndarray) -> Any:
         blocks_at = substitute(blocks, paths, theta)
@@ -299,7 +302,7 @@ def vehicle_at_start(blocks: FittedBlocks, shape: Shape) -> Callable[[np.ndarray
 
 def example(blocks: FittedBlocks, shape: Shape) -> np.ndarray:
     """Return θ (p,) with the present values of the blocks."""
-    paths = (*shape.shared, *shape.own)
+    paths = (*shape.shared, *shape.per_run)
     return np.array([*(value(blocks, path) for path in paths), *np.zeros(shape.size - len(paths))])
 
 
@@ -307,7 +310,7 @@ def initial_state(
     blocks: FittedBlocks, shape: Shape
 ) -> Callable[[np.ndarray], tuple[Any, tuple[Signal, ...]]]:
     """Return the function θ → (vehicle at the start of a segment, signal of each sensor until then)."""
-    vehicle_at, paths = vehicle_at_start(blocks, shape), (*shape.shared, *shape.own)
+    vehicle_at, paths = vehicle_at_start(blocks, shape), (*shape.shared, *shape.per_run)
 
     def start(theta: np.ndarray) -> tuple[Any, tuple[Signal, ...]]:
         blocks_at, vehicle = substitute(blocks, paths, theta), vehicle_at(theta)

@@ -1,15 +1,15 @@
 """Solve the normal equations of a run in many segments: an arrow matrix, solved segment by segment.
 
-The start of a segment affects only its own segment, and the biases of a run affect only that run. So the blocks of
+The start of a segment affects only this segment, and the biases of a run affect only this run. So the blocks of
 different segments are not coupled:
 
     ( S    B_1 … B_K ) ( x )   ( g   )
     ( B_kᵀ     W_k   ) ( y_k ) = ( g_k )                                                                  (1)
     (S − Σ B_k W_k⁻¹ B_kᵀ) x = g − Σ B_k W_k⁻¹ g_k,      y_k = W_k⁻¹ (g_k − B_kᵀ x)                        (2)
 
-x are the shared entries, y_k those of segment k. K small solves and one of the size of x replace one of full size, and
-no matrix of full size is stored. Source: Schur's complement, as in bundle adjustment (Brown 1958). The information on
-x with the starts eliminated is the same complement: data/segments.py.
+x are the shared entries, y_k the entries of segment k. K small solves and one solve of the size of x replace a solve of
+full size, and no matrix of full size is stored. Source: Schur's complement, as in bundle adjustment (Brown 1958). The
+information on x with the starts eliminated is the same complement: data/segments.py.
 """
 
 from collections.abc import Sequence
@@ -50,7 +50,7 @@ def places_of(layout: ThetaLayout, more: int = 0) -> Places | None:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class BlockArrow:
-    """The matrix of (1)."""
+    """Block-arrow matrix of (1)."""
 
     places: Places
     corner: np.ndarray  # S (s, s)
@@ -59,7 +59,7 @@ class BlockArrow:
 
     @classmethod
     def of_diagonal(cls, places: Places, d: np.ndarray) -> "BlockArrow":
-        """Return diag(d) of d (p,)."""
+        """Return the diagonal matrix of d (p,)."""
         x, y = d[places.common], d[places.own]
         s, (count, q) = len(x), y.shape
         return cls(places, np.diag(x), np.zeros((count, s, q)), y[:, :, None] * np.eye(q))
@@ -90,7 +90,7 @@ class BlockArrow:
         down = np.einsum("ksq,s->kq", self.border, x) + np.einsum("kqr,kr->kq", self.blocks, y)
         return self._whole(up, down)
 
-    def solved(self, damping: float, scale: np.ndarray, free: np.ndarray, g: np.ndarray) -> np.ndarray:
+    def solve(self, damping: float, scale: np.ndarray, free: np.ndarray, g: np.ndarray) -> np.ndarray:
         """Return (H + λ D)⁻¹ g (p,) over the entries `free` (p,) bool, D = diag(scale), and 0 for the others.  (2)"""
         root = np.where(free, 1.0 / np.sqrt(np.where(free, scale, 1.0)), 0.0)
         (r, r_k), (h, h_k) = self._parts(root), self._parts(root * g)

@@ -2,11 +2,11 @@
 
     ν_x from the commands, under the measured ν_ψ = (ω_z − b)/s and its derivative                        (1)
     r_x, r_y = z − h(ν, ν̇)   of the two accelerometers, at the velocity of (1)                            (2)
-    r_ψ = z − h(ν_ψ)   of the gyro, at the ν_ψ that the commands make of the ν_x of (1)                   (3)
+    r_ψ = z − h(ν_ψ)   of the gyro, at the ν_ψ that the commands produce at the ν_x of (1)                (3)
     e = ω_z − h(ν_ψ),   S_e(f) = N (1 + ρ P_τ(f)),   N, ρ, τ by Whittle's likelihood                       (4)
     ω̂ = h(ν_ψ) + F⁻¹ [ρ P_τ/(1 + ρ P_τ)] F e,   P_τ of an Ornstein-Uhlenbeck process of variance 1         (5)
 
-With (1), an error of the steering does not affect the speed by way of ν_ψ. A noisy ω_z as a regressor would bias its
+With (1), an error of the steering does not affect the speed through ν_ψ. A noisy ω_z as a regressor would bias its
 coefficients towards 0, so it leads only the first search. Then ω̂ leads, the mean of the true rate given gyro and model
 ("regression calibration"). If the model's rate is right, ρ = 0 and the model leads. Channels are weighted by (4) of
 noise_level.py. Sources: Carroll, Ruppert, Stefanski and Crainiceanu 2006; Whittle 1953; Wiener 1949.
@@ -48,7 +48,7 @@ class GyroAidedState(NamedTuple):
     gyro_aided: Tree  # led by the gyro
     free: Any  # led by the commands
     signals: tuple[Signal, Signal]  # of the IMU on each of them
-    before: np.ndarray  # h of the previous row (3,); (0,) if it is not needed
+    previous_h: np.ndarray  # h of the previous row (3,); (0,) if it is not needed
 
 
 class GyroAidedResiduals(Residuals):
@@ -80,7 +80,8 @@ class GyroAidedResiduals(Residuals):
         return self.with_columns([-2, -1], leads)
 
     def _outputs(self, theta: np.ndarray) -> list[np.ndarray]:
-        """Return for each segment (N, 3): ν_x led by the gyro, and the gyro and its derivative led by the commands."""
+        """Return for each segment (N, 3): ν_x of the gyro-led simulation, the gyro reading by the commands, and its
+        derivative."""
         if self._speeds is None:
             self._speeds = cached_kernel(self._blocks, self.shape, self.scan.backend, _traced_outputs)
         return [
@@ -108,7 +109,7 @@ class GyroAidedResiduals(Residuals):
 def _after_the_start(record: FitRecord, blocks: FittedBlocks, delay_is_free: bool) -> FitRecord:
     """Return the record without the first measurements, while unknown earlier commands may still move the vehicle.
 
-    A free delay counts as the longest one, so that every search has the same rows.
+    A free delay counts as the longest delay, so that every search has the same rows.
     """
     drivetrain, tick_s = blocks.model.drivetrain, float(np.median(record.dt_s))
     late_s = drivetrain.delay_slots * tick_s if delay_is_free else float(drivetrain.delay_s)
@@ -120,7 +121,8 @@ def _after_the_start(record: FitRecord, blocks: FittedBlocks, delay_is_free: boo
 
 
 def _gyro_rows(rows: np.ndarray, record: FitRecord, imu: str, blocks: FittedBlocks) -> np.ndarray:
-    """Return the rows (N, q) with ω_z and its derivative at the end of each row added."""
+    """Return the rows (N, q) with ω_z and its derivative added at the end of each row. Raise UsageError with fewer
+    than 2 gyro readings."""
     z, has, sample_fraction = record.sensors[imu]
     has_rate = has[:, 2] > 0.0
     if np.sum(has_rate) < 2:
@@ -140,7 +142,7 @@ def _gyro_rows(rows: np.ndarray, record: FitRecord, imu: str, blocks: FittedBloc
 
 
 def _trace(blocks: FittedBlocks, shape: Shape, backend: str) -> Scan:
-    move, n, paths = _mover(blocks), blocks.model.commands, (*shape.shared, *shape.own)
+    move, n, paths = _mover(blocks), blocks.model.commands, (*shape.shared, *shape.per_run)
     at_start, sample_fraction = initial_state(blocks, shape), shape.sample_fraction[0]
 
     def start(theta: np.ndarray) -> GyroAidedState:
@@ -156,9 +158,9 @@ def _trace(blocks: FittedBlocks, shape: Shape, backend: str) -> Scan:
         of_aided, accel = step_signal(imu, state.signals[0], readings, row[0])
         of_free, gyro = step_signal(imu, state.signals[1], motion, row[0])
         h = np.concatenate([accel[:2], gyro[2:]])
-        late = h + row[7 + n] * (state.before - h) if sample_fraction else h
+        late = h + row[7 + n] * (state.previous_h - h) if sample_fraction else h
         moving = GyroAidedState(
-            aided_state, free, (of_aided, of_free), h if sample_fraction else state.before
+            aided_state, free, (of_aided, of_free), h if sample_fraction else state.previous_h
         )
         return moving, row[4 + n : 7 + n] * (row[1 + n : 4 + n] - late)
 
@@ -168,7 +170,7 @@ def _trace(blocks: FittedBlocks, shape: Shape, backend: str) -> Scan:
 def _traced_outputs(blocks: FittedBlocks, shape: Shape, backend: str) -> Scan:
     """Return a scan from the same rows and θ to (3,): ν_x of the gyro-led simulation, the gyro reading by the
     commands, and its derivative."""
-    move, n, paths = _mover(blocks), blocks.model.commands, (*shape.shared, *shape.own)
+    move, n, paths = _mover(blocks), blocks.model.commands, (*shape.shared, *shape.per_run)
     at_start = vehicle_at_start(blocks, shape)
 
     def start(theta: np.ndarray) -> tuple[Tree, Tree]:
@@ -188,7 +190,7 @@ def _traced_outputs(blocks: FittedBlocks, shape: Shape, backend: str) -> Scan:
 
 
 def _mover(blocks: FittedBlocks) -> Callable[[FittedBlocks, Any, np.ndarray], tuple[Tree, Motion]]:
-    """Return the function for one row of the gyro-led simulation.  (1)"""
+    """Return the function that advances the gyro-led simulation by one row.  (1)"""
     n = blocks.model.commands
     at_standstill = Motion(np.zeros(3), np.zeros(3), np.zeros(3), np.zeros(2))
     turning = at_standstill._replace(nu=np.array([0.0, 0.0, 1.0]))
@@ -203,15 +205,16 @@ def _mover(blocks: FittedBlocks) -> Callable[[FittedBlocks, Any, np.ndarray], tu
         state, motion = model.step(state, u, dt_s, np.zeros(3))
         efforts, rates = (effort.start, effort.mean, effort.end), (r_before, 0.5 * (r_before + r), r)
         tick = tuple(
-            turned(model, *motion_k, r_dot) for motion_k in zip(motion.tick, efforts, rates, strict=True)
+            with_yaw_rate(model, *motion_k, r_dot)
+            for motion_k in zip(motion.tick, efforts, rates, strict=True)
         )
-        readings = turned(model, motion, effort.last, r, r_dot)
+        readings = with_yaw_rate(model, motion, effort.last, r, r_dot)
         return state._replace(nu=readings.nu, nu_dot=readings.nu_dot), readings._replace(tick=tick)
 
     return move
 
 
-def turned(model: Tree, motion: Motion, effort: np.ndarray, r: Any, r_dot: Any) -> Motion:
+def with_yaw_rate(model: Tree, motion: Motion, effort: np.ndarray, r: Any, r_dot: Any) -> Motion:
     """Return the motion of a vehicle with a known yaw rate and yaw acceleration, under an effort (n,)."""
     nu = model.init(nu=np.array([motion.nu[0], motion.nu[1], r])).nu
     nu_dot = model.nu_dot(nu, effort, motion.eta[2])
@@ -220,7 +223,7 @@ def turned(model: Tree, motion: Motion, effort: np.ndarray, r: Any, r_dot: Any) 
 
 
 def with_speed(model: Tree, nu: np.ndarray, v: Any) -> np.ndarray:
-    """Return ν (3,) with another ν_x."""
+    """Return ν (3,) with ν_x replaced by `v`."""
     return model.init(nu=np.array([v, nu[1], nu[2]])).nu
 
 
@@ -236,7 +239,7 @@ def _width(shape: Shape, n: int) -> int:
 
 
 def slow_part(e: np.ndarray) -> np.ndarray:
-    """Return the slow part (N,) of residuals e (N,) at steady ticks.  (4), (5)"""
+    """Return the slow part (N,) of residuals e (N,) at uniform ticks.  (4), (5)"""
     n = len(e)
     if n < FEWEST:
         return e
@@ -251,7 +254,7 @@ def slow_part(e: np.ndarray) -> np.ndarray:
 
 
 def _ratio(periodogram: np.ndarray, n: int) -> tuple[float, float] | None:
-    """Return ρ and τ of a periodogram without its mean, or None if white noise explains it as well.  (4)"""
+    """Return ρ and τ of a periodogram without its mean, or None if white noise explains it equally well.  (4)"""
     white = len(periodogram) * np.log(max(float(np.mean(periodogram)), 1e-300))
     best, best_pair = white - GAIN, None
     for lasts in LASTS:

@@ -1,13 +1,15 @@
-"""Run an extended Kalman filter over the velocity only, small enough to differentiate by all parameters of a fit.
+"""Run an extended Kalman filter over the velocity only, small enough to differentiate with respect to all parameters of
+a fit.
 
     x̄ = f(x, e),   P̄ = G P Gᵀ + B diag(v) Bᵀ,               G = ∂f/∂x                                     (1)
     y_c = (z_c − h_c(x̄))/σ_c,   H = ∂h/∂x̄ / σ                                                              (2)
     Δ, P, e, s = correct(P̄, y, H, q),   weights w = 1/(1 + (e/G)⁸)                        (3) kalman.py
 
 x = ν; with a sensor of the pose x = (η, ν). v is the variance that the floor adds to ν in one second, along the axes of
-the vehicle's `process_noise_std`; B = ∂ν/∂noise. With v = 0 there is never a correction, and e is the residual of the
-simulation. The weights are a smooth gate: an outlier has almost no effect on state and covariance.
-A late sensor (delay, stamp between ticks) is compared with its delayed prediction, but linearised at the present state.
+the vehicle's `process_noise_std`; B = ∂ν/∂noise. With v = 0, the state is never corrected, and e is the residual of the
+simulation. The weights are a smooth gate: an outlier has almost no effect on state and covariance. A delayed reading
+(delay of the sensor, or stamp between ticks) is compared with its delayed prediction, but linearised at the present
+state.
 """
 
 from typing import Any, NamedTuple
@@ -18,7 +20,7 @@ from baqueano.contracts.optional import has_field, is_dynamic
 from baqueano.contracts.values import Tree, Value
 from baqueano.diagnostics import fault
 from baqueano.errors import UsageError
-from baqueano.estimators.covariance import mirrored
+from baqueano.estimators.covariance import mirror_upper
 from baqueano.estimators.kalman import boxplus, correct
 from baqueano.identify.data.added_channels import at_voltage
 from baqueano.identify.data.record import FittedBlocks
@@ -42,14 +44,14 @@ class FilterState(NamedTuple):
     vehicle: VehicleState
     cov: np.ndarray  # (n, n) of ν, or of (η, ν)
     signals: tuple[Signal, ...]  # per sensor, its past
-    before: tuple[np.ndarray, ...]  # per sensor, h of the previous row (m,); (0,) if it is not needed
+    previous_h: tuple[np.ndarray, ...]  # per sensor, h of the previous row (m,); (0,) if it is not needed
 
 
 class PredictedState(NamedTuple):
     """State of a vehicle after one row, before the correction."""
 
     model: Tree
-    before: VehicleState
+    previous: VehicleState
     dt_s: Value
     eta: np.ndarray  # (3,)
     effort: Effort
@@ -58,9 +60,9 @@ class PredictedState(NamedTuple):
     def motion(self, x: np.ndarray) -> Motion:
         """Return the motion at the state x (n,), as the sensors measure it."""
         eta, nu = (self.eta, x) if len(x) == 3 else (x[:3], x[3:])
-        return end_of_tick(self.model, self.before, eta, nu, self.before.drivetrain, self.effort, self.dt_s)[
-            1
-        ]
+        return end_of_tick(
+            self.model, self.previous, eta, nu, self.previous.drivetrain, self.effort, self.dt_s
+        )[1]
 
 
 def axes_of(model: Tree) -> tuple[int, ...]:
@@ -85,7 +87,7 @@ def filter_kernel(blocks: FittedBlocks, shape: Shape, backend: str) -> Scan:
     θ = (θ of the simulation, v of each axis, ½ log q of each channel).
     """
     n, sizes = blocks.model.commands, [s.size for s in blocks.sensors]
-    m, paths, axes = sum(sizes), (*shape.shared, *shape.own), axes_of(blocks.model)
+    m, paths, axes = sum(sizes), (*shape.shared, *shape.per_run), axes_of(blocks.model)
     size, q = 6 if shows_pose(blocks) else 3, 1 + n + 2 * m + sum(shape.sample_fraction) + shape.volts
 
     start_of = initial_state(blocks, shape)
@@ -142,7 +144,7 @@ def _prediction(
     if size == 6:
         O = np.zeros((3, 3))
         R = np.concatenate([np.concatenate([O, O], axis=1), np.concatenate([O, R], axis=1)])
-    return PredictedState(model, before, dt_s, eta, effort, mean), mirrored(G @ state.cov @ G.T + R)
+    return PredictedState(model, before, dt_s, eta, effort, mean), mirror_upper(G @ state.cov @ G.T + R)
 
 
 def _innovation(
@@ -160,7 +162,7 @@ def _innovation(
         signal, shown_h = step_signal(sensor, state.signals[k], ahead.motion(ahead.mean), dt_s)
         h = signal.smooth if len(signal.smooth) else sensor.h(ahead.motion(ahead.mean))
         if shape.sample_fraction[k]:
-            shown_h = shown_h + sample_fraction[turn] * difference(sensor, state.before[k], shown_h)
+            shown_h = shown_h + sample_fraction[turn] * difference(sensor, state.previous_h[k], shown_h)
             turn += 1
         gaps.append(difference(sensor, z[at : at + sensor.size], shown_h))
         slope = jacobian(lambda x, s=sensor: s.h(ahead.motion(x)))(ahead.mean)
@@ -171,7 +173,8 @@ def _innovation(
 
 
 def _gain_after_low_pass(sensor: Tree, dt_s: Value) -> Any:
-    """Return the part of a change, linear over the row, that passes the low-pass by the end of the row."""
+    """Return the fraction of a change that passes the low-pass by the end of the row. The change is linear over the
+    row."""
     tau_s = low_pass_s(sensor)
     if isinstance(tau_s, float) and tau_s == 0.0:
         return 1.0

@@ -5,8 +5,8 @@
     y_b = (Σ_t∈b r_t)² / n_b   over blocks b of BLOCK_S,   E y_b = S(v) = S₀ (1 + (κ v)²)                  (3)
     σ(v)² = max(S(v), variance of the single residuals at v)                                              (4)
 
-(1) uses only rows with motion (`informative_rows`): an encoder at rest reads 0 without noise. σ is at least the limit
-of the converter's steps and of the numbers themselves; below FEW measurements it is that of the vehicle file. (2) is
+(1) uses only rows with motion (`informative_rows`): an encoder at rest reads 0 without noise. The least σ follows from
+the converter's steps and from rounding. With fewer than FEW measurements, σ is the value in the vehicle file. (2) is
 the likelihood of a scale: gears, wheels and floor shake a vehicle more at a higher speed. (4) weights a channel by its
 information on slow motion, which shows friction and force; for white residuals (4) is (2). A profile has mean square 1,
 and stays fixed while the parameters are searched.
@@ -24,7 +24,7 @@ from baqueano.signals import ByName
 MAD = 1.4826022185056018  # 1 / Φ⁻¹(3/4)
 SMALLEST = 1e-7  # of the largest measurement of a channel
 STILL = 1e-3  # of the largest measurement of a channel
-FEW = 30  # measurements, below which σ is that of the file
+FEW = 30  # measurements, below which σ is the value in the file
 SPEED_RATIOS = np.array([0.0, *np.geomspace(0.125, 32.0, 17)])  # κ times the root mean square of the speed
 FAR_BY_SPEED = 3.0  # standard deviations
 ENOUGH = 50  # measurements of a channel, below which its noise is taken as constant
@@ -37,7 +37,7 @@ SLOW_RATIOS = np.array([0.0, *np.geomspace(0.25, 16.0, 13)])  # κ times the roo
 
 
 def spread(residuals: Sequence[np.ndarray], has: Sequence[np.ndarray], floor: np.ndarray) -> np.ndarray:
-    """Return σ (m,) of residuals (N, m) of several runs, in their own unit.  (1)"""
+    """Return σ (m,) of residuals (N, m) of several runs, in their unit.  (1)"""
     m = residuals[0].shape[1]
     sigma = np.zeros(m)
     for c in range(m):
@@ -50,8 +50,8 @@ def spread(residuals: Sequence[np.ndarray], has: Sequence[np.ndarray], floor: np
 def informative_rows(
     residuals: Sequence[np.ndarray], has: Sequence[np.ndarray], z: Sequence[np.ndarray]
 ) -> list[np.ndarray]:
-    """Return `has` (N, m), set to 0 where the measurement z is exactly 0 and the model agrees within STILL of the
-    largest one. A channel that would keep fewer than FEW rows stays unchanged."""
+    """Return `has` (N, m), set to 0 if the measurement z is exactly 0 and the residual is within STILL of the
+    largest measurement. A channel that would keep fewer than FEW rows stays unchanged."""
     largest = np.max(
         [np.max(np.abs(v * presence), axis=0, initial=0.0) for v, presence in zip(z, has, strict=True)],
         axis=0,
@@ -75,7 +75,7 @@ def smallest_spread(blocks: "ByName[Tree]", z: Sequence[np.ndarray], has: Sequen
 
 
 def sigma_of_few(blocks: "ByName[Tree]", has: Sequence[np.ndarray]) -> np.ndarray:
-    """Return σ (m,) of the sensors' own covariance for channels with fewer than FEW measurements, else 0."""
+    """Return σ (m,) from the covariance of the sensor blocks for channels with fewer than FEW measurements, else 0."""
     count = np.sum([presence.sum(axis=0) for presence in has], axis=0)
     own = [
         np.zeros(b.size) if (Q := optional.of(b, "cov")) is None else np.sqrt(np.maximum(np.diagonal(Q), 0.0))

@@ -6,8 +6,8 @@
 W is 1/σ of each channel, 0 without a measurement. A row of the kernel's input is (dt, u, z, W). For stamps between
 ticks the row ends with the part of the step; there h = h_k + early (h_{k−1} − h_k). If a sensor's clock is free, h is
 read from a delay line (data/record.py). The model is simulated from its start to the end without a correction by
-measurements: simulation error, the cost `equ:cost_function` of Grotz et al.
-docs/derivations/residuals_and_sensitivities.md has the rest.
+measurements. The cost is the simulation error, `equ:cost_function` of Grotz et al.
+docs/derivations/residuals_and_sensitivities.md gives the details.
 """
 
 from collections import OrderedDict
@@ -23,7 +23,7 @@ from baqueano.contracts.values import Tree
 from baqueano.identify.data.added_channels import VOLTAGE, at_voltage
 from baqueano.identify.data.record import FitRecord, FittedBlocks
 from baqueano.identify.data.segments import ThetaLayout
-from baqueano.identify.parallel import each
+from baqueano.identify.parallel import parallel_map
 from baqueano.identify.parameters.free import substitute
 from baqueano.identify.parameters.setup import Shape, example, initial_state, shown_by, vehicle_at_start
 from baqueano.identify.residuals.block_arrow import Evaluation, add, diagonal_matrix, places_of
@@ -47,13 +47,13 @@ class SimulationState(NamedTuple):
 
     vehicle: Tree
     signals: tuple[Signal, ...]  # per sensor, its past
-    before: tuple[np.ndarray, ...]  # per sensor, h of the previous row (m,); (0,) if it is not needed
+    previous_h: tuple[np.ndarray, ...]  # per sensor, h of the previous row (m,); (0,) if it is not needed
     lines: tuple[np.ndarray, ...]  # per sensor, h of earlier rows (slots, m); (0, m) if not needed
     steps_s: np.ndarray  # (slots,) the steps between them
 
 
 class Residuals:
-    """Residuals of several runs as a function of one θ. They are immutable: `weighted` returns new ones.
+    """Residuals of several runs as a function of one θ. They are immutable: `weight` returns new residuals.
 
     A custom residual is a subclass with another `difference`.
 
@@ -90,7 +90,7 @@ class Residuals:
         self.sizes = [s.size for s in blocks.sensors]
         self.scan = cached_kernel(blocks, shape, backend, _trace, self.difference)
         self._blocks, self._speeds = blocks, None
-        self._rows = each(
+        self._rows = parallel_map(
             lambda record: _rows(record, self.names, shape),
             self.records,
             rows=sum(len(record.dt_s) for record in self.records),
@@ -135,7 +135,7 @@ class Residuals:
             out[c] = np.std(np.concatenate(columns)) if any(map(len, columns)) else 0.0
         return out
 
-    def weighted(self, sigma: np.ndarray, profile: Sequence[np.ndarray] | None = None) -> Self:
+    def weight(self, sigma: np.ndarray, profile: Sequence[np.ndarray] | None = None) -> Self:
         """Return the residuals divided by `sigma` (m,), and by `profile` (N, m) per segment if the noise varies."""
         if sigma is self.sigma and profile is self._profile:
             return self
@@ -159,7 +159,7 @@ class Residuals:
         return self._sum(theta, HUBER)
 
     def cost(self, theta: np.ndarray, rows_of: Callable[[np.ndarray], np.ndarray]) -> float:
-        """Return the Huber cost at θ, with the rows of each segment replaced by `rows_of` them."""
+        """Return the Huber cost at θ, with the rows of each segment replaced by `rows_of(rows)`."""
 
         def of(rows: np.ndarray, index: np.ndarray) -> float:
             r = np.abs(self.scan.run(np.ascontiguousarray(rows_of(rows)), theta[index])[1])
@@ -205,9 +205,9 @@ class Residuals:
         return prior
 
     def _each(self, work: Callable[..., Any], *more: Sequence[Any]) -> list[Any]:
-        """Return `work` of each segment's rows, index and further values, on all cores if that is faster."""
+        """Return `work(rows, index, …)` for each segment, on all cores if that is faster."""
         rows = sum(map(len, self._rows)) if self.scan.backend == "c" else 0
-        return each(work, self._rows, self._index, *more, rows=rows)
+        return parallel_map(work, self._rows, self._index, *more, rows=rows)
 
     def residuals(self, theta: np.ndarray) -> list[np.ndarray]:
         """Return for each segment r (N, m) in standard deviations, 0 without a measurement. Do not modify it."""
@@ -281,10 +281,10 @@ class Residuals:
         return self._answers[key]
 
 
-def _fill(rows: np.ndarray, at: Any, values: np.ndarray | float) -> np.ndarray:
-    """Return a read-only copy of `rows` (N, q) with `values` in the columns `at`."""
+def _fill(rows: np.ndarray, index: Any, values: np.ndarray | float) -> np.ndarray:
+    """Return a read-only copy of `rows` (N, q) with `values` in the columns `index`."""
     out = rows.copy()
-    out[:, at] = values
+    out[:, index] = values
     out.flags.writeable = False
     return out
 
@@ -308,7 +308,7 @@ def cached_kernel(
 ) -> K:
     """Return `traced(blocks, shape, backend, *more)`, cached for fits with the same structure and fixed numbers."""
     shape_blocks = blocks
-    for path in (*shape.shared, *shape.own):
+    for path in (*shape.shared, *shape.per_run):
         shape_blocks = put(shape_blocks, path, 0.0)
     key = (traced, more, _fingerprint(shape_blocks), shape, backend)
     if key not in _kernels:
@@ -321,7 +321,7 @@ def cached_kernel(
 
 def _trace(blocks: FittedBlocks, shape: Shape, backend: str, residual: Callable[..., Any]) -> Scan:
     n, sizes = blocks.model.commands, [s.size for s in blocks.sensors]
-    m, paths, names = sum(sizes), (*shape.shared, *shape.own), blocks.sensors._fields
+    m, paths, names = sum(sizes), (*shape.shared, *shape.per_run), blocks.sensors._fields
     free_clock = [name in shape.clocks for name in names]
 
     at_start = initial_state(blocks, shape)
@@ -354,9 +354,9 @@ def _trace(blocks: FittedBlocks, shape: Shape, backend: str, residual: Callable[
                 minus = partial(difference, sensor)
                 h = read(h, state.lines[k], steps_s, sample_fraction[turn] - offset_s, minus)
             elif shape.sample_fraction[k]:
-                h = h + sample_fraction[turn] * difference(sensor, state.before[k], h)
+                h = h + sample_fraction[turn] * difference(sensor, state.previous_h[k], h)
             turn += shape.sample_fraction[k]
-            before.append(readings[k] if len(state.before[k]) else state.before[k])
+            before.append(readings[k] if len(state.previous_h[k]) else state.previous_h[k])
             lines.append(with_newest(state.lines[k], readings[k]))
             span = slice(at, at + sizes[k])
             out.append(weight[span] * residual(sensor, z[span], h))
@@ -369,7 +369,7 @@ def _trace(blocks: FittedBlocks, shape: Shape, backend: str, residual: Callable[
 
 def _speed_kernel(blocks: FittedBlocks, shape: Shape, backend: str) -> Scan:
     """Return a scan from the same rows and θ to ν_x of the model."""
-    moving, paths, n = vehicle_at_start(blocks, shape), (*shape.shared, *shape.own), blocks.model.commands
+    moving, paths, n = vehicle_at_start(blocks, shape), (*shape.shared, *shape.per_run), blocks.model.commands
 
     def step(theta: np.ndarray, state: Tree, row: np.ndarray) -> tuple[Tree, Tree]:
         blocks_at = at_voltage(substitute(blocks, paths, theta), row, shape.volts)

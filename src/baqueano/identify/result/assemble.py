@@ -12,17 +12,17 @@ from baqueano.identify.covariance.information import WHITE_LIMIT, covariance_of,
 from baqueano.identify.covariance.jackknife import jackknife, no_smaller
 from baqueano.identify.data.added_channels import MOUNT, TRUTH
 from baqueano.identify.data.record import FittedBlocks
-from baqueano.identify.diagnostics import diagnose, widened
+from baqueano.identify.diagnostics import diagnose, inflate_covariance
 from baqueano.identify.identifiability.advice import missing_command, unobservable, weakly
 from baqueano.identify.identifiability.identifiable import FinishedFit, one_mean
-from baqueano.identify.parallel import each
+from baqueano.identify.parallel import parallel_map
 from baqueano.identify.parameters.free import DELAY, Free, substitute, value
 from baqueano.identify.parameters.setup import STARTS
 from baqueano.identify.residuals.simulation import Residuals
 from baqueano.identify.result.fit_result import ChannelFit, Fit
 from baqueano.identify.result.to_vehicle_file import envelope_of, kept_priors
-from baqueano.identify.result.verdict import Evidence, noted, verdict_of
-from baqueano.language import translated as _
+from baqueano.identify.result.verdict import Evidence, remarks, verdict_of
+from baqueano.language import translate as _
 
 if TYPE_CHECKING:
     pass
@@ -69,13 +69,13 @@ def _without_autocorrelation(evidence: Evidence) -> Evidence:
 
 
 def fit_of(end: FinishedFit, basis: VerdictBasis | None = None) -> Fit:
-    """Return the Fit of a finished search; `basis` saves its computation if it is known."""
+    """Return the Fit of a finished search; a given `basis` is not computed again."""
     basis = verdict_basis(end) if basis is None else basis
     problem, solution = end.task.problem, end.search.solution
     evidence = _without_autocorrelation(basis.evidence) if end.floor else basis.evidence
     verdict, reasons = verdict_of(evidence._replace(bound=basis.held_back))
     s = len(problem.shape.shared)
-    shared_cov = widened(_spread_out(end, basis.cov[:s, :s]), evidence.names, basis.off)
+    shared_cov = inflate_covariance(_spread_out(end, basis.cov[:s, :s]), evidence.names, basis.off)
     own_names, own, own_sd = _own(problem, solution.theta, np.sqrt(np.diagonal(basis.cov)))
     fit = Fit(
         names=evidence.names,
@@ -93,12 +93,12 @@ def fit_of(end: FinishedFit, basis: VerdictBasis | None = None) -> Fit:
         never=basis.never,
         verdict=verdict,
         reasons=reasons,
-        notes=(*_notes(end), *noted(evidence._replace(bound=evidence.bound - basis.held_back))),
+        notes=(*_notes(end), *remarks(evidence._replace(bound=evidence.bound - basis.held_back))),
         channels=evidence.channels,
         sigma=_by_sensor(problem, end.search.sigma),
         autocorrelated=end.info.autocorrelated,
         converged=solution.converged,
-        cost=solution.at.cost,
+        cost=solution.evaluation.cost,
         evaluations=end.search.evaluations,
         runs=_runs(problem),
         backend=problem.scan.backend,
@@ -110,9 +110,9 @@ def fit_of(end: FinishedFit, basis: VerdictBasis | None = None) -> Fit:
 
 
 def _doubts(end: FinishedFit, sd: np.ndarray) -> tuple[tuple[Diagnostic, ...], Mapping[str, float]]:
-    """Return all diagnostics of the fit, and by path the errors of parameters that they cause."""
+    """Return all diagnostics of the fit, and the errors of parameters that they cause, by path."""
     if (
-        not end.ask
+        not end.score_test
         or end.search.stopped
         or _is_interrupted(end, _("testing for effects that the model lacks"))
     ):
@@ -125,10 +125,10 @@ def _held_back(end: FinishedFit, sd: np.ndarray) -> np.ndarray:
     """Return the distance (s,), in standard errors, by which each shared entry of θ would move without its bounds;
     inf if no test was requested."""
     s, solution = end.task.problem.layout.shared, end.search.solution
-    if not end.ask or end.search.stopped:
+    if not end.score_test or end.search.stopped:
         return np.full(s, np.inf)
     identifiable, out = np.flatnonzero(end.identifiability.mask), np.zeros(s)
-    g = solution.at.gradient[identifiable]
+    g = solution.evaluation.gradient[identifiable]
     if solution.converged and len(identifiable) and np.isfinite(g).all():
         moves = np.abs(inverse(end.info.bread[np.ix_(identifiable, identifiable)]) @ g) / sd[identifiable]
         out[identifiable[identifiable < s]] = moves[identifiable < s]
@@ -161,7 +161,7 @@ def _evidence(
 
 def _is_interrupted(end: FinishedFit, text: str) -> bool:
     """Report the next stage; return True if the caller requested to stop."""
-    return end.task.say is not None and end.task.say(text) is True
+    return end.task.progress is not None and end.task.progress(text) is True
 
 
 def _covariance(end: FinishedFit) -> np.ndarray:
@@ -206,7 +206,8 @@ def _runs(problem: Residuals) -> tuple[str, ...]:
 
 
 def _in_order(end: FinishedFit, values: np.ndarray, rest: float) -> np.ndarray:
-    """Return the values of the shared entries of θ in the order of `requested`, with `rest` for the frozen ones."""
+    """Return the values of the shared entries of θ in the order of `requested`, with `rest` for the frozen
+    parameters."""
     out = np.full(len(end.requested), rest, dtype=float)
     out[end.in_theta] = values
     return out
@@ -242,7 +243,7 @@ def _channels(
         for c, (name, i) in enumerate(labels):
             finite = has[:, c] > 0.0
             measured = np.where(finite, z[:, c], np.nan)
-            part = explained(z[finite, c], h[finite, c], sigma[c])
+            part = explained_variance(z[finite, c], h[finite, c], sigma[c])
             channel = ChannelFit(
                 record_name, name, i, t_s, measured, h[:, c], float(sigma[c]), part, float(autocorrelation[c])
             )
@@ -250,11 +251,11 @@ def _channels(
         return out
 
     names = list(_runs(problem))
-    every = each(of, range(len(names)), names, rows=sum(map(len, problem.z)))
+    every = parallel_map(of, range(len(names)), names, rows=sum(map(len, problem.z)))
     return tuple(channel_fit for channel in every for channel_fit in channel)
 
 
-def explained(z: np.ndarray, h: np.ndarray, sigma: float) -> float:
+def explained_variance(z: np.ndarray, h: np.ndarray, sigma: float) -> float:
     """Return 1 − var(z − h) / var(z), with residuals beyond 4 σ clipped; NaN without measurements."""
     if len(z) < 2:
         return float("nan")
@@ -264,7 +265,7 @@ def explained(z: np.ndarray, h: np.ndarray, sigma: float) -> float:
 
 
 def _unobservable(end: FinishedFit) -> tuple[tuple[Diagnostic, ...], tuple[Diagnostic, ...]]:
-    """Return findings on parameters that a better run would show, and on those that no run can show."""
+    """Return findings on parameters that a better run would show, and findings on parameters that no run can show."""
     unobservable_terms, never = [], []
     columns: dict[int, list[Free]] = {}
     for parameter in (end.requested[k] for k in end.frozen):
@@ -289,10 +290,11 @@ def _weakly(end: FinishedFit) -> tuple[Diagnostic, ...]:
 
 
 def _moving(end: FinishedFit) -> str:
-    """Return the parameter that a search without convergence would still move most, in standard errors, or ""."""
+    """Return the parameter that an unconverged search would still move most, in standard errors, or "" after
+    convergence."""
     solution, s = end.search.solution, len(end.task.problem.shape.shared)
     may = np.flatnonzero(end.identifiability.mask[:s] & (solution.bound[:s] == 0))
-    A, g = end.info.bread[np.ix_(may, may)], solution.at.gradient[may]
+    A, g = end.info.bread[np.ix_(may, may)], solution.evaluation.gradient[may]
     if solution.converged or not len(may) or not (np.isfinite(A).all() and np.isfinite(g).all()):
         return ""
     inverse = np.linalg.pinv(A, hermitian=True)
@@ -315,12 +317,12 @@ def _notes(end: FinishedFit) -> tuple[Diagnostic, ...]:
 
 
 def _sums(end: FinishedFit) -> list[Diagnostic]:
-    """Return a note on each pair of parameters of which a run shows only the sum."""
+    """Return a note on each pair of parameters for which a run shows only the sum."""
     shape, blocks = end.task.problem.shape, end.blocks.sensors._asdict().items()
     tilted_names = [
         name for name, block in blocks
         if has_field(block, "tilt_rad") and not _any_of(shape.shared, f"sensors.{name}.tilt_rad")
-        and _any_of((*shape.shared, *shape.own), f"sensors.{name}.accel_bias")
+        and _any_of((*shape.shared, *shape.per_run), f"sensors.{name}.accel_bias")
     ]  # fmt: skip
     without_filter = [name for name, block in blocks if not getattr(block, "has_low_pass", True)]
     delays = without_filter[:1] if DELAY in shape.shared and len(without_filter) == len(blocks) else []
@@ -334,7 +336,7 @@ def _any_of(paths: tuple[str, ...], key: str) -> bool:
 
 
 def _horizon(problem: Residuals, theta: np.ndarray) -> list[Diagnostic]:
-    """Return notes on the time and way over which model and truth were compared."""
+    """Return notes on the time and the distance over which model and truth were compared."""
     if TRUTH not in problem.names:
         return []
     at, pose = sum(problem.sizes[: problem.names.index(TRUTH)]), any(i >= 3 for i in problem.shape.start)
@@ -357,7 +359,7 @@ def _mount(problem: Residuals, theta: np.ndarray) -> list[Diagnostic]:
 
 
 def sigma_of_file(blocks: FittedBlocks) -> np.ndarray:
-    """Return the standard deviations (m,) of the sensors in the file, 0 where it contains none."""
+    """Return the standard deviations (m,) of the sensors in the file, 0 if the file does not contain them."""
     out = []
     for sensor in blocks.sensors:
         cov = getattr(sensor, "cov", np.zeros((sensor.size, sensor.size)))
@@ -374,5 +376,5 @@ def _blocks_of_fit(end: FinishedFit) -> FittedBlocks:
     """Return the blocks with the estimates; biases are the mean over the runs."""
     problem, theta = end.task.problem, end.search.solution.theta
     shape, layout, s = problem.shape, problem.layout, len(problem.shape.shared)
-    own = theta[s : layout.starts].reshape(max(layout.runs) + 1, -1).mean(axis=0)[: len(shape.own)]
-    return substitute(end.blocks, (*shape.shared, *shape.own), [float(x) for x in (*theta[:s], *own)])
+    own = theta[s : layout.starts].reshape(max(layout.runs) + 1, -1).mean(axis=0)[: len(shape.per_run)]
+    return substitute(end.blocks, (*shape.shared, *shape.per_run), [float(x) for x in (*theta[:s], *own)])

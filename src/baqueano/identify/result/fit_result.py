@@ -1,4 +1,4 @@
-"""Result of a fit: estimates with error bars, parameters that do not show, residuals, and a verdict."""
+"""Result of a fit: estimates with error bars, unobservable parameters, residuals, and a verdict."""
 
 from dataclasses import dataclass, field
 from datetime import date
@@ -6,17 +6,17 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
-from baqueano.contracts.result import Result, shortened
+from baqueano.contracts.result import Result, shorten
 from baqueano.diagnostics import Diagnostic, Verdict, by_weight, fault, nearest, note
 from baqueano.errors import UsageError
 from baqueano.identify.covariance.quantiles import QUANTILE_95
-from baqueano.identify.parameters.free import described, entries
+from baqueano.identify.parameters.free import entries, free_parameter
 from baqueano.identify.result.ratios import percent
 from baqueano.identify.result.verdict import short
-from baqueano.language import marked as N_
+from baqueano.language import mark as N_
 from baqueano.language import number, shown_unit
-from baqueano.language import translated as _
-from baqueano.messages import grouped, text
+from baqueano.language import translate as _
+from baqueano.messages import group_sentences, text
 from baqueano.vehicle_file.units import channel_unit
 
 if TYPE_CHECKING:
@@ -66,7 +66,7 @@ class Fit(Result):
     own_names : tuple of str (q,)
         Names of the entries that each run has separately: biases, clocks, starts.
     own, own_sd : ndarray (runs, q)
-        Their estimates and standard errors.
+        Estimates of these entries, and their standard errors.
     unobservable : tuple of Diagnostic
         Parameters that a better run would show.
     never : tuple of Diagnostic
@@ -158,9 +158,10 @@ class Fit(Result):
         return float(self.estimate[self.names.index(name)])
 
     def _not_fitted(self, name: str) -> Diagnostic:
-        """Return the message for a name that was not fitted: the way to free this parameter, or a similar name."""
+        """Return the message for a name that was not fitted: the option that frees this parameter, or a similar
+        name."""
         try:
-            own = [described(self.blocks, path, {}).path for path in entries(self.blocks, name)]
+            own = [free_parameter(self.blocks, path, {}).path for path in entries(self.blocks, name)]
         except UsageError:
             own = []
         fitted = [path for path in own if path in self.names]
@@ -171,9 +172,9 @@ class Fit(Result):
     @property
     def vehicle_file(self) -> "VehicleFile":
         """Return the file with the estimates and their origin. A REFUSED fit changes nothing."""
-        return self.updated()
+        return self.updated_file()
 
-    def updated(self, on: date | None = None) -> "VehicleFile":
+    def updated_file(self, on: date | None = None) -> "VehicleFile":
         """Return the file with the estimates, dated `on`, by default today."""
         if self.verdict == Verdict.REFUSED:
             return self.file
@@ -210,15 +211,15 @@ class Fit(Result):
         wide = max(len(short(row["name"])) for row in every)
         rows = []
         for row in (row for row in every if row["estimate"] is not None):
-            value, sd = rounded(row["estimate"], row["sd"]), np.nan if row["sd"] is None else row["sd"]
+            value, sd = round_to_error(row["estimate"], row["sd"]), np.nan if row["sd"] is None else row["sd"]
             rows.append(
                 f"{short(row['name']):{wide}}  {number(value):>10.5g} ± {number(sd):<8.2g} {shown_unit(row['unit'])}"
             )
-        return shortened([head], rows, verdict_lines(self)[:3])
+        return shorten([head], rows, verdict_lines(self)[:3])
 
     def table(self, reported: bool = False) -> str:
         """Return the table as text, with the most severe diagnostics below it. `reported` is True if a report with
-        all of them is written."""
+        all diagnostics is written."""
         wide = max(map(len, (*map(short, self.names), _("parameter"))))
         lines = [f"{_('parameter'):{wide}}  {_('estimate'):>12}   {_('± sd'):>10}  {_('unit')}"]
         for row in self.rows():
@@ -230,7 +231,7 @@ class Fit(Result):
                 continue
             remarks = marks(row)
             sd = f"{number(row['sd']):.2g}" if row["sd"] is not None else "?"
-            value = rounded(row["estimate"], row["sd"])
+            value = round_to_error(row["estimate"], row["sd"])
             lines.append(
                 f"{short(row['name']):{wide}}  {number(value):>12.5g} ± {sd:>10}  {shown_unit(row['unit'])}"
                 + (f"  ({remarks})" if remarks else "")
@@ -252,14 +253,14 @@ class Fit(Result):
         ]
 
     def _per_run_lines(self) -> list[str]:
-        """Return lines on the entries of each run that the user requested; biases and starts are left out."""
-        rows = [row for row in self.run_by_run() if requested(row["name"])]
+        """Return lines on the entries of each run that the user requested; biases and starts are excluded."""
+        rows = [row for row in self.run_by_run() if is_requested(row["name"])]
         if len(self.runs) > LISTED:
             return self._per_run_summary(rows)
         out = []
         for row in rows:
             sd = _("not identifiable") if row["sd"] is None else f"± {number(row['sd']):.2g}"
-            unit = _(" s, to be added to its stamps") if row["name"].startswith("clock.") else ""
+            unit = _(" s, to be added to its timestamps") if row["name"].startswith("clock.") else ""
             out.append(_("{name} of {run}: {estimate:.5g} {sd}{unit}", **row | {"sd": sd, "unit": unit}))
         return [*out, ""] if out else []
 
@@ -268,7 +269,7 @@ class Fit(Result):
         out = []
         for name in dict.fromkeys(row["name"] for row in rows):
             x = [row["estimate"] for row in rows if row["name"] == name]
-            unit = _(" s, to be added to its stamps") if name.startswith("clock.") else ""
+            unit = _(" s, to be added to its timestamps") if name.startswith("clock.") else ""
             out.append(
                 _(
                     "{name} of {runs} runs: {median:.5g}, {low:.5g} to {high:.5g}{unit}",
@@ -305,7 +306,7 @@ class Fit(Result):
         return out
 
     def _channels_together(self) -> list[str]:
-        """Return one line per channel on all runs: the median run, and the one of which the model explains least."""
+        """Return one line per channel on all runs: the median run, and the run with the least explained part."""
         out, finite_channels = [], [c for c in self.channels if np.isfinite(c.explained)]
         for sensor, entry in dict.fromkeys((c.sensor, c.entry) for c in finite_channels):
             same = sorted(
@@ -316,8 +317,8 @@ class Fit(Result):
             noise = f"{number(middle.sigma):.3g} {channel_unit(self.file, sensor, entry)}".rstrip()
             out.append(
                 _(
-                    "{channel} of {runs} runs: noise {noise}, the model explains {middle} of the middle one, {least} "
-                    "of {run}",
+                    "{channel} of {runs} runs: noise {noise}; the model explains {middle} of the median "
+                    "run and {least} of {run}",
                     channel=f"{sensor}[{entry}]",
                     runs=len(same),
                     noise=noise,
@@ -329,20 +330,20 @@ class Fit(Result):
         return out
 
 
-def requested(name: str) -> bool:
+def is_requested(name: str) -> bool:
     """Return True if the user requested this entry of a run, which excludes biases and starts."""
     return not name.startswith("start.") and "_bias" not in name
 
 
-def rounded(value: float, sd: float | None) -> float:
-    """Return a value rounded to three digits beyond the first of its standard error: 9e-8 ± 0.05 is 0."""
+def round_to_error(value: float, sd: float | None) -> float:
+    """Return a value rounded to three digits beyond the first digit of its standard error: 9e-8 ± 0.05 is 0."""
     if sd is None or not sd > 0.0:
         return value
     return round(value, 3 - int(np.floor(np.log10(sd))))
 
 
 def marks(row: dict[str, Any]) -> str:
-    """Return the remarks on a row of `Fit.rows()`, "" without any."""
+    """Return the remarks on a row of `Fit.rows()`, or "" without remarks."""
     value, sd = row["estimate"], row["sd"]
     if value is None:
         return _("not identifiable")
@@ -358,9 +359,9 @@ def marks(row: dict[str, Any]) -> str:
 
 
 def verdict_lines(fit: Any, reported: bool = False) -> list[str]:
-    """Return the verdict, its reasons, unobservable parameters and notes. `reported`: the rest is in a report."""
+    """Return the verdict, its reasons, unobservable parameters and notes. `reported`: a report contains the others."""
     lists = (fit.reasons, fit.unobservable, fit.never + fit.notes)
-    reasons, unobservable, notes = (grouped(by_weight(messages)) for messages in lists)
+    reasons, unobservable, notes = (group_sentences(by_weight(messages)) for messages in lists)
     if len(reasons) == 1:
         lines = [f"{_(fit.verdict)}: {reasons[0]}"]
     else:

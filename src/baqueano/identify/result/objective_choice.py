@@ -34,6 +34,7 @@ from baqueano.identify.estimation.prediction_error import (
     slope,
     weight,
 )
+from baqueano.identify.parallel import gram
 from baqueano.identify.residuals.simulation import HUBER, Residuals
 from baqueano.identify.result.verdict import ABOVE_NOISE
 from baqueano.language import number
@@ -56,8 +57,8 @@ class ObjectiveChoice(NamedTuple):
 def choose_objective(
     likely: MaximumLikelihood, axes: Sequence[int], both: "LeftOutBlocks | None", times: np.ndarray
 ) -> ObjectiveChoice:
-    """Return the choice of the cost. `times` (m,) is the sensor noise without the floor's part, relative to that of
-    the file, 0 if the file does not contain it."""
+    """Return the choice of the cost. `times` (m,) is the sensor noise without the floor's part, relative to the
+    noise in the file; 0 if the file does not contain it."""
     odds: JsonObject = {"ratio": float(likely.ratio), "chance": _chance(likely.chance)}
     if likely.chance >= RARE:
         return ObjectiveChoice("simulation", note("cost.floor-still", **odds), False)
@@ -75,7 +76,7 @@ def choose_objective(
 
 
 def _open_loop(both: "LeftOutBlocks") -> Diagnostic:
-    """Return a note on the open-loop error of the innovations' fit on blocks that were left out."""
+    """Return a note on the open-loop error of the innovations' fit on held-out blocks."""
     if not np.isfinite(both.percent):
         return note("cost.runs-away")
     percent = abs(both.percent)
@@ -118,12 +119,12 @@ class LeftOutBlocks(NamedTuple):
 
     @property
     def better(self) -> bool:
-        """Return True if the innovations' fit has the smaller error on the blocks that were left out."""
+        """Return True if the innovations' fit has the smaller error on the held-out blocks."""
         return bool(self.more.sum() < 0.0)
 
     @property
     def worse(self) -> bool:
-        """Return True if the innovations' fit has a significantly larger error on these blocks."""
+        """Return True if the innovations' fit has a significantly larger error on the held-out blocks."""
         return self.z > students(1.0 - WORSE, len(self.more) - 1)
 
     @property
@@ -145,7 +146,7 @@ class _ObjectiveBlock(NamedTuple):
 
     g: np.ndarray  # (q,)
     A: np.ndarray  # (q, q)
-    at: np.ndarray  # (q,) their indices in the fit
+    indices: np.ndarray  # (q,) their indices in the fit
     r: np.ndarray  # (N m,)
     d: np.ndarray  # (N m, s) by the entries `of`
     of: np.ndarray  # (s,)
@@ -159,8 +160,8 @@ def leave_one_out(
     x: np.ndarray,
     free: np.ndarray,
 ) -> LeftOutBlocks | None:
-    """Return the comparison of `theta` (p,) with its `identifiable` entries and `x` with its `free` ones, or None
-    with too few blocks."""
+    """Return the comparison of two fits, or None with too few blocks. The fitted entries are `identifiable` of
+    `theta` (p,) and `free` of `x`."""
     simulation = list(_of_simulation(problem, theta))
     innovation = list(_of_innovations(problem, prediction, x))
     if len(simulation) < FEWEST:
@@ -185,7 +186,7 @@ def _of_simulation(problem: Residuals, theta: np.ndarray) -> Iterator[_Objective
             e, slopes = r[a:b].ravel(), d[a:b].reshape(-1, d.shape[2])
             inside = slopes[np.abs(e) < HUBER]
             g = np.clip(e, -HUBER, HUBER) @ slopes
-            yield _ObjectiveBlock(g, inside.T @ inside, at, e, slopes, at)
+            yield _ObjectiveBlock(g, gram(inside), at, e, slopes, at)
 
 
 def _of_innovations(problem: Residuals, prediction: Prediction, x: np.ndarray) -> Iterator[_ObjectiveBlock]:
@@ -201,7 +202,7 @@ def _of_innovations(problem: Residuals, prediction: Prediction, x: np.ndarray) -
                 *(s[a:b].reshape(-1, s.shape[2]) for s in (slopes.e_slopes, slopes.s_slopes)),
             )
             g = (weight(e) * e) @ by_e + 0.5 * BETA * by_s.sum(axis=0)
-            A = (slope(e)[:, None] * by_e).T @ by_e + 0.25 * BETA * by_s.T @ by_s
+            A = gram(by_e, slope(e)) + 0.25 * BETA * gram(by_s)
             yield _ObjectiveBlock(g, A, slopes.places, r[a:b].ravel(), d[a:b].reshape(-1, d.shape[2]), of)
 
 
@@ -218,15 +219,15 @@ def _without_start(slopes: Slopes, problem: Residuals) -> Slopes:
 
 def _without(blocks: Sequence[_ObjectiveBlock], identifiable: np.ndarray) -> np.ndarray:
     """Return the change (n, p) of a fit without each block; only the entries `identifiable` change.  (1)"""
-    place = np.full(1 + max(int(max(block.at.max(), block.of.max())) for block in blocks), -1)
+    place = np.full(1 + max(int(max(block.indices.max(), block.of.max())) for block in blocks), -1)
     place[identifiable] = np.arange(len(identifiable))
     g, A = (
         np.zeros((len(blocks), len(identifiable))),
         np.zeros((len(blocks), len(identifiable), len(identifiable))),
     )
     for k, block in enumerate(blocks):
-        inside = place[block.at] >= 0
-        at = place[block.at[inside]]
+        inside = place[block.indices] >= 0
+        at = place[block.indices[inside]]
         g[k, at], A[k][np.ix_(at, at)] = block.g[inside], block.A[np.ix_(inside, inside)]
     root = np.sqrt(np.maximum(np.diagonal(A.sum(axis=0)), 1e-300))
     g, A = g / root, A / np.outer(root, root)

@@ -3,7 +3,7 @@
 import numpy as np
 
 from baqueano.language import number
-from baqueano.language import translated as _
+from baqueano.language import translate as _
 
 
 def percent(part: float, digits: int = 1) -> str:

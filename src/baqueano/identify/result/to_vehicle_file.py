@@ -1,13 +1,12 @@
 """Write a fit into the vehicle file: values, their origin, their errors, and their covariance.
 
-The bias b ± s of a run is not written if the file has a more accurate one, b₀ ± s₀, that is not contradicted:
+The bias b ± s of a run is not written if the bias b₀ ± s₀ of the file is more accurate and not contradicted:
 
     s > s₀   and   |b − b₀| ≤ FAR √(s² + s₀²)                                                             (1)
 
-With a floor that disturbs the vehicle, a run shows the bias of a gyro to a few hundredths of a rad/s. If the file is
-contradicted, b is written, with s in place of s₀.
-The envelope is the range of each command and of each channel whose h follows ν. It excludes readings beyond OUTLIER
-standard deviations from the model.
+With a floor that disturbs the vehicle, a run shows the bias of a gyro to a few hundredths of a rad/s. If the run
+contradicts the file, b is written, with s in place of s₀. The envelope is the range of each command and of each channel
+whose h depends on ν. It excludes readings beyond OUTLIER standard deviations from the model.
 """
 
 from collections.abc import Sequence
@@ -32,7 +31,7 @@ if TYPE_CHECKING:
     from baqueano.identify.result.fit_result import Fit
     from baqueano.vehicle_file import VehicleFile
 
-FAR = 4.0  # standard deviations, as the gates of the filters have
+FAR = 4.0  # standard deviations, as in the gates of the filters
 OUTLIER = 4.0
 
 

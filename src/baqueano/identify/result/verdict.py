@@ -1,16 +1,16 @@
 """Derive the verdict USABLE, WARN or REFUSED, with reasons.
 
-REFUSED   the search did not converge; the model explains nothing, or is far from a channel in use; most parameters
-          are not identifiable, or have a large error only; a diagnostic found impossible data.
-WARN      a parameter is at its bound, poorly identified or not identifiable; residuals are autocorrelated and large, or
-          far above the sensors' noise in the file; outliers are many, or to one side; a diagnostic found an effect
-          that may have moved a parameter.
-USABLE    none of these. Parameters that the vehicle can never show do not count; notes report repairs to the data.
+REFUSED   The search did not converge. The model explains nothing, or is far from a channel in use. Most parameters
+          are not identifiable, or have a large error. A diagnostic found impossible data.
+WARN      A parameter is at its bound, poorly identified or not identifiable. Residuals are autocorrelated and large, or
+          far above the sensors' noise in the file. Outliers are many, or to one side. A diagnostic found an effect that
+          may have moved a parameter.
+USABLE    None of these. Parameters that the vehicle can never show do not count. Notes report repairs to the data.
 
-Runs are compared by mean squares of residuals and of motion. With ḡ and s of the other runs' g_r = log mean e², one of
-R runs differs from the others if
+Runs are compared by mean squares of residuals and of motion. ḡ and s are mean and standard deviation of g_r = log mean
+e² over the other runs. One of R runs differs from the others if
     g_r − ḡ > t_{1−α/R} s √(1 + 1/(R − 1)),                                                               (1)
-it is further from the model than from its own mean, and it moved by more than the model's error elsewhere.
+and if it is further from the model than from its mean, and moved by more than the model's error in other runs.
 """
 
 from collections.abc import Sequence
@@ -31,8 +31,8 @@ if TYPE_CHECKING:
 EXPLAINS = 0.5  # least explained part of the variance of the best channel
 UNSEEN = 0.5  # largest part of the parameters that may be unidentifiable
 ABOVE_NOISE = 3.0  # times the noise of the file that residuals may have
-OUTLIER, OUTLIERS = 4.0, 0.2  # standard deviations, and part of the samples that may lie beyond; Huber's
-# cost bears them as long as they fall to both sides alike
+OUTLIER, OUTLIERS = 4.0, 0.2  # standard deviations, and part of the samples that may lie beyond; the Huber
+# cost tolerates them if they are equally frequent on both sides
 # part of the samples; fewer outliers, even to one side, move a fit by less than its error
 OUTLIER_CHANCE = 0.01
 WARNING, ERROR = Severity.WARNING, Severity.ERROR
@@ -59,7 +59,7 @@ class Evidence(NamedTuple):
     messages: tuple[Diagnostic, ...] = ()  # by the detectors
     weakly: tuple[Diagnostic, ...] = ()  # reasons for the weak parameters
     moving: str = ""  # the parameter that a search without convergence would still move most
-    # (m,) True for channels with one mean over all runs; None: each run has its own
+    # (m,) True for channels with one mean over all runs; None: each run has a separate mean
     one_mean: np.ndarray | None = None
 
 
@@ -69,8 +69,8 @@ def verdict_of(e: Evidence) -> tuple[Verdict, tuple[Diagnostic, ...]]:
     return Verdict.of(reasons), tuple(reasons)
 
 
-def noted(e: Evidence) -> list[Diagnostic]:
-    """Return notes that are not a reason to doubt. `e.bound` are the bounds at which a parameter may be by chance."""
+def remarks(e: Evidence) -> list[Diagnostic]:
+    """Return notes that are not a reason to doubt. `e.bound` marks the bounds at which a parameter may be by chance."""
     out = _of(e, Severity.INFO)
     out += unlike(by_channel(e.channels, e.one_mean), hardly=True)
     out += [_at_bound(e, int(k), "by-chance", Severity.INFO) for k in np.flatnonzero(e.bound)]
@@ -99,7 +99,7 @@ def _refusals(e: Evidence) -> list[Diagnostic]:
         out.append(note("fit.not-converged", ERROR, "--fix KEY"))
     shares = [c.explained for c in e.channels if np.isfinite(c.explained)]
     over_all = {label: whole(runs) for label, runs in by_channel(e.channels, e.one_mean).items()}
-    best = max([0.0, *shares, *(channel.explained for channel in over_all.values())])
+    best = max([0.0, *shares, *(channel.explained_variance for channel in over_all.values())])
     far = {
         label: np.sqrt(channel.squares / max(channel.moved, 1e-300))
         for label, channel in over_all.items()
@@ -113,10 +113,10 @@ def _refusals(e: Evidence) -> list[Diagnostic]:
             for label, times in far.items()
         ]
         out += _of(e, WARNING)  # one of them may be the reason
-    return out + _unidentified(e)
+    return out + _identifiability(e)
 
 
-def _unidentified(e: Evidence) -> list[Diagnostic]:
+def _identifiability(e: Evidence) -> list[Diagnostic]:
     """Return a finding if too few of the parameters are identified."""
     free, weak = len(e.names) - e.frozen, int(np.sum(e.weak))
     missing = free - int(np.sum(np.isfinite(e.estimate)))
@@ -173,8 +173,8 @@ def _lean(above: int, below: int) -> bool:
 
 
 def _one_far(e: Evidence, label: str) -> Diagnostic:
-    """Return the finding on a channel with one outlying reading, such as a hand measurement. It states both
-    numbers, not 100 % of outliers."""
+    """Return the finding on a channel with one outlying reading, such as a hand measurement. It states measurement
+    and prediction in place of 100 % outliers."""
     same = [c for c in e.channels if f"{c.sensor}[{c.entry}]" == label]
     z, h, sigma = next(
         (float(c.measured[k]), float(c.predicted[k]), c.sigma)
@@ -188,7 +188,8 @@ def _one_far(e: Evidence, label: str) -> Diagnostic:
 
 
 def _beyond(e: Evidence) -> list[tuple[int, int, int]]:
-    """Return for each channel over all runs the number of samples, of those above OUTLIER, and of those below."""
+    """Return for each channel over all runs the numbers of samples, of samples above OUTLIER, and of samples below
+    −OUTLIER."""
     m = len(e.autocorrelation)
     counts = np.zeros((m, 3), int)
     for k, c in enumerate(e.channels):
@@ -211,7 +212,7 @@ def short(name: str) -> str:
 
 
 class ChannelOfRun(NamedTuple):
-    """One channel in one run, in units of its own noise."""
+    """One channel in one run, in units of its noise."""
 
     run: str
     squares: float  # sum of the squared residuals, outliers clipped
@@ -220,11 +221,11 @@ class ChannelOfRun(NamedTuple):
 
     @property
     def unlike(self) -> bool:
-        """Return True if the channel is further from the model than from its own mean."""
+        """Return True if the square about the model exceeds FAR times the square about the mean of the channel."""
         return self.squares > FAR * self.moved
 
     @property
-    def explained(self) -> float:
+    def explained_variance(self) -> float:
         """Return the part of the channel's motion that the model explains."""
         return 1.0 - self.squares / self.moved if self.moved > 0.0 else 0.0
 
@@ -265,8 +266,8 @@ def whole(runs: Sequence[ChannelOfRun]) -> ChannelOfRun:
 def unlike(channels: dict[str, list[ChannelOfRun]], hardly: bool) -> list[Diagnostic]:
     """Return findings on runs that are unlike the model in a channel that other runs support.
 
-    With `hardly`: runs that moved by less than the model's error in the others. Else: runs that moved more and
-    differ significantly.
+    If `hardly`, these are runs that moved by less than the model's error in the other runs. Else they are runs that
+    moved more and differ significantly.
     """
     out = []
     for label, runs in channels.items():
@@ -291,8 +292,8 @@ def unlike(channels: dict[str, list[ChannelOfRun]], hardly: bool) -> list[Diagno
 
 
 def _beyond_chance(channel: ChannelOfRun, rest: list[ChannelOfRun], count: int) -> bool:
-    """Return True if the residual of a run is significantly larger than the largest of `count` runs by chance. With
-    only two runs the scatter is unknown, and the result is True.  (1)"""
+    """Return True if the residuals of a run are larger than the largest residuals of `count` runs would be by
+    chance. With only two runs the scatter is unknown, and the result is True.  (1)"""
     g = np.log([max(r.squares / r.samples, 1e-300) for r in (channel, *rest)])
     if len(rest) < 2:
         return True

@@ -9,9 +9,9 @@ from baqueano.diagnostics import Diagnostic, note
 from baqueano.identify.data.record import FittedBlocks
 from baqueano.identify.result.fit_result import Fit
 from baqueano.identify.selection.terms import Term
-from baqueano.language import marked as N_
+from baqueano.language import mark as N_
 from baqueano.language import number
-from baqueano.language import translated as _
+from baqueano.language import translate as _
 from baqueano.messages import text
 
 if TYPE_CHECKING:
@@ -65,8 +65,8 @@ def channels_of(blocks: "FittedBlocks") -> list[ChannelLabel]:
 class Decision(StrEnum):
     """Decision on a term."""
 
-    TAKEN = N_("taken")
-    LEFT_OUT = N_("left out")
+    TAKEN = N_("added")
+    LEFT_OUT = N_("excluded")
     REFUSED = N_("refused")
     DROPPED = N_("dropped")
 
@@ -121,12 +121,14 @@ class TermResult(NamedTuple):
 class Choice:
     """A model with the terms that held-out data support, and its fit."""
 
-    judged: tuple[TermResult, ...]  # the last result for each term: first those taken, in their order
+    judged: tuple[
+        TermResult, ...
+    ]  # the last result for each term: first the terms in the model, in their order
     fit: "Fit" = field(repr=False)
     rule: str  # the held-out data, and the condition for a term
 
     @property
-    def taken(self) -> tuple[str, ...]:
+    def selected_terms(self) -> tuple[str, ...]:
         """Return the names of the terms in the model."""
         return tuple(result.term.name for result in self.judged if result.verdict == Decision.TAKEN)
 
@@ -150,7 +152,7 @@ class Choice:
         return [result.row() for result in self.judged] + self.fit.rows()
 
     def table(self, reported: bool = False) -> str:
-        """Return the table as text; `reported` is that of the table of the fit."""
+        """Return the table as text; `reported` is passed to the table of the fit."""
         wide = max((len(result.term.name) for result in self.judged), default=0)
         lines = [f"{_('term'):{wide}}  {'':9}  {_('held out'):>19}  {_('one step ahead'):>19}"]
         for result in self.judged:

@@ -1,16 +1,17 @@
 """Compare models of one vehicle by their simulation error on held-out data.
 
-    L_b = Σ_{t in block b} 2ρ((z_t − h_t(θ̂_k)) / σ),   ρ Huber's, σ that of the model to beat               (1)
+    L_b = Σ_{t in block b} 2ρ((z_t − h_t(θ̂_k)) / σ),   ρ Huber's, σ of the model to beat                    (1)
     g_b = ½ log (L_b(without) + c n_b) / (L_b(with) + c n_b),   n_b measurements, c = FLOOR                (2)
-    with is better if mean g / (sd g / √B) > t_{1−α, B−1}, and Σ L_b(with) < Σ L_b(without)                 (3)
+    "with" is better if mean g / (sd g / √B) > t_{1−α, B−1}, and Σ L_b(with) < Σ L_b(without)                 (3)
     pieces = Σ_runs min(1 + turning points, max(1, T / SHORT_S)),   2^−pieces ≤ CHANCE ⟺ pieces ≥ LEAST   (4)
 
-Fold k holds out every K-th block, and GAP_S on either side is not used. From FOLDS runs on it holds out whole runs,
-with biases and starts estimated on them; runs given as held out are the only fold. A block has 5 s, or 2 s with few
-blocks: longer than the memory of a small vehicle, so that sums are independent. (3) is a paired t test on logarithms,
-because gains differ by orders of magnitude between blocks. c limits the effect of errors below a third of the noise. A
-term without effect fits noise, so that mean g < 0 and the test is safer than α. (4) counts independent pieces of motion
-by the turning points of a command, without swings below SWING (Bienaymé 1874). LEAST is what the sign test requires.
+Fold k holds out every K-th block, and GAP_S on either side is not used. With FOLDS runs or more it holds out whole
+runs, whose biases and starts are estimated on them. Runs that the user holds out are the only fold. A block has 5 s, or
+2 s with few blocks: longer than the memory of a small vehicle, so that sums are independent. (3) is a paired t test on
+logarithms, because gains differ by orders of magnitude between blocks. c limits the effect of errors below a third of
+the noise. A term without effect fits noise, so that mean g < 0 and the test is safer than α. (4) counts independent
+pieces of motion by the turning points of a command, without swings below SWING (Bienaymé 1874). LEAST is what the sign
+test requires.
 """
 
 from collections.abc import Sequence
@@ -24,7 +25,7 @@ from baqueano.errors import UsageError
 from baqueano.identify.covariance.quantiles import students
 from baqueano.identify.data.record import FitRecord, FittedBlocks, Measurements
 from baqueano.identify.estimation.least_squares import Solution, minimise
-from baqueano.identify.parallel import each
+from baqueano.identify.parallel import parallel_map
 from baqueano.identify.parameters.setup import Shape
 from baqueano.identify.residuals.simulation import HUBER, Residuals
 from baqueano.runs.run import Run
@@ -78,7 +79,7 @@ class PairedComparison(NamedTuple):
 
 
 class Fold(NamedTuple):
-    """Data of one fold: those of the fit, and those held out."""
+    """Data of one fold: the data of the fit, and the held-out data."""
 
     train: Residuals
     test: Residuals
@@ -91,7 +92,8 @@ class HeldOut:
         self, blocks: FittedBlocks, shape: Shape, records: Sequence[FitRecord], rest: Sequence[bool], unseen: int = 0,
         backend: str = "auto",
     ) -> None:  # fmt: skip
-        """Make the folds: the last `unseen` runs of `records` are held out; with 0, parts of all runs.
+        """Make the folds: the last `unseen` runs of `records` are held out. If `unseen` is 0, parts of all runs are
+        held out.
 
         `rest` marks the runs that begin at rest. The caller sets the bounds of θ, `low` and `high`.
         """
@@ -127,12 +129,12 @@ class HeldOut:
                 )
             )
 
-    def fitted(
+    def fit(
         self, theta: np.ndarray, free: np.ndarray, sigma: np.ndarray, problem: Residuals | None = None,
         most: int = PATIENCE,
     ) -> Solution:  # fmt: skip
-        """Return the best θ (p,) from `theta` on all runs, or on those of `problem`; `free` (p,) may move."""
-        problem = (self.all if problem is None else problem).weighted(sigma)
+        """Return the best θ (p,) from `theta` on all runs, or on the data of `problem`; `free` (p,) may move."""
+        problem = (self.all if problem is None else problem).weight(sigma)
         return minimise(
             problem.evaluate, theta, self.low, self.high, fixed=~free, tolerance=DONE, most=most, damping=1e-4
         )
@@ -143,7 +145,7 @@ class HeldOut:
         # else each run uses its own core
         is_single = len(self.all.records) == 1 and self.all.scan.backend == "c"
         rows = sum(map(len, self.blocks)) if is_single else 0
-        parts = each(lambda fold: self._of_fold(fold, theta, free, sigma), self.folds, rows=rows)
+        parts = parallel_map(lambda fold: self._of_fold(fold, theta, free, sigma), self.folds, rows=rows)
         loss, samples, ahead, pairs = (np.sum([part[i] for part in parts], axis=0) for i in range(4))
         return Score(loss, samples, ahead, pairs, np.array([part[4] for part in parts]), sigma)
 
@@ -154,12 +156,12 @@ class HeldOut:
         loss, samples = np.zeros((self.count, len(sigma))), np.zeros((self.count, len(sigma)))
         ahead, pairs = np.zeros(len(sigma)), np.zeros(len(sigma))
         movable = free if self.whole_runs else free & ~self.starts  # a start may be held out itself
-        theta_ = self.fitted(theta, movable, sigma, fold.train).theta
+        theta_ = self.fit(theta, movable, sigma, fold.train).theta
         shared_theta = theta_[self.shared]
         if self.whole_runs:
             theta_ = np.where(self.still, 0.0, theta_)
-            theta_ = self.fitted(theta_, free & ~self.shared & ~self.still, sigma, fold.test).theta
-        by_segment = zip(fold.test.weighted(sigma).residuals(theta_), fold.test.has, self.blocks, strict=True)
+            theta_ = self.fit(theta_, free & ~self.shared & ~self.still, sigma, fold.test).theta
+        by_segment = zip(fold.test.weight(sigma).residuals(theta_), fold.test.has, self.blocks, strict=True)
         for r, has, block in by_segment:
             a = np.abs(r)
             np.add.at(loss, block, np.where(a < HUBER, r * r, HUBER * (2.0 * a - HUBER)))
@@ -177,7 +179,7 @@ def unseen_only(held_out: Sequence[Run], runs: Sequence[Run]) -> None:
         raise UsageError(fault("runs.fitted-to", "--held-out RUN", run=repeats[0]))
 
 
-def paired(without: Score, with_: Score) -> PairedComparison:
+def paired_comparison(without: Score, with_: Score) -> PairedComparison:
     """Compare two models block by block.  (2), (3)"""
     has_samples = without.samples.sum(axis=1) > 0.0
     before, after = without.loss[has_samples], with_.loss[has_samples]
@@ -226,7 +228,7 @@ def _blocks(records: Sequence[FitRecord], whole_runs: bool) -> tuple[float, list
 
 
 def _widen(out: np.ndarray, dt_s: np.ndarray) -> np.ndarray:
-    """Return a mask (N,) of the rows `out` (N,) and those within GAP_S of them."""
+    """Return a mask (N,) of the rows `out` (N,) and of the rows within GAP_S of them."""
     ends = np.cumsum(dt_s)
     edges = np.flatnonzero(np.diff(out.astype(int)) != 0)
     near = out.copy()

@@ -1,12 +1,12 @@
 """Choose the terms that a model needs, by simulation error on held-out data: `choose`.
 
     M ← the least model of the kind                                         terms.py                      (1)
-    forward: fit each of n terms with those of M; its held-out error must be significantly lower than that
-             of M, t > t_{1 − α/n}. The first one not worse than the best, t ≤ t_{1 − α}, joins M         (2)
+    forward: fit M with each of n more terms; its held-out error must be significantly lower than the error
+             of M, t > t_{1 − α/n}. The first term not worse than the best, t ≤ t_{1 − α}, joins M        (2)
     until none is good; then backward: a term stays if M without it is worse, t > t_{1 − α}               (3);
     if one was dropped, forward once more without it
 
-Error, folds and t are those of held_out.py; α = 5 %. A term at its bound, or collinear with M, is refused.
+held_out.py defines error, folds and t; α = 5 %. A term at its bound, or collinear with M, is refused.
 """
 
 from collections.abc import Callable, Mapping, Sequence
@@ -46,7 +46,7 @@ from baqueano.identify.selection.held_out import (
     PairedComparison,
     Score,
     jackknife,
-    paired,
+    paired_comparison,
     unseen_only,
 )
 from baqueano.identify.selection.terms import (
@@ -59,7 +59,7 @@ from baqueano.identify.selection.terms import (
     with_terms,
     without_terms,
 )
-from baqueano.language import translated as _
+from baqueano.language import translate as _
 from baqueano.messages import text
 from baqueano.runs.run import Run
 from baqueano.sensors.sampling import measures_pose
@@ -102,16 +102,18 @@ def choose(
     free: Sequence[str] | None = None,
     options: FitOptions = FitOptions(),  # noqa: B008  it is frozen
     held_out: Sequence[Run] = (),
-    say: Callable[[str], object] | None = None,
+    progress: Callable[[str], object] | None = None,
 ) -> Choice:
     """Return the model of the kind of `vehicle_file` with the terms that the runs support, and its fit.
 
-    `candidates` are names of terms (terms.py) or paths; default: all terms of the kind. `free`, `use` and `options` (in
-    TAKEN) are those of `identify`. Runs `held_out` decide the terms. Raise UsageError for an unknown name."""
-    option_names = [name for name in options.changed if name not in TAKEN]
+    `candidates` are names of terms (terms.py) or paths; default: all terms of the kind. `free`, `use` and `options`
+    (in TAKEN) are as in `identify`. Runs `held_out` decide the terms. Raise UsageError for an unknown name, for
+    other options, or without a command.
+    """
+    option_names = [name for name in options.non_defaults if name not in TAKEN]
     if option_names:
         raise UsageError(fault("choose.options", options=option_names))
-    runs, report = [runs] if isinstance(runs, Run) else list(runs), say or (lambda text: None)
+    runs, report = [runs] if isinstance(runs, Run) else list(runs), progress or (lambda text: None)
     unseen_only(held_out, runs)
     commands = [run.applied[np.isfinite(run.applied).all(axis=1)] for run in runs]
     if not sum(map(len, commands)):
@@ -129,7 +131,7 @@ def choose(
         term for term in terms if not any(path.partition("[")[0] in options.fixed for path in term.paths)
     ]
     growing = _Growing(setup, bare, base, least, terms, report)
-    model, results = growing.grown()
+    model, results = growing.grow()
     report(_("fitting the model that was chosen"))
     return Choice(tuple(results), growing.fit_of(model, bare), growing.rule)
 
@@ -146,7 +148,7 @@ class FitSetup(NamedTuple):
         self, file: "VehicleFile", free: list[str], start: Mapping[str, float] | None = None,
         near: Mapping[str, tuple[float, float]] | None = None,
     ) -> Fit:  # fmt: skip
-        """Return the fit of `free`, within the user's bounds and those of `near`."""
+        """Return the fit of `free`, within the bounds of the user and the bounds `near`."""
         limits = {k: b for k, b in self.options.bounds.items() if any(path.startswith(k) for path in free)}
         limits |= {k: b for k, b in (near or {}).items() if k not in limits}
         options = replace(self.options, fixed=(), bounds=limits, start=start or {}, gyro_leads=False)
@@ -158,10 +160,10 @@ class _Growing:
 
     def __init__(
         self, setup: FitSetup, bare: "VehicleFile", base: Fit, least: list[str], terms: list[Term],
-        say: Callable[[str], object],
+        progress: Callable[[str], object],
     ) -> None:  # fmt: skip
         runs, use, options, validation_runs = setup
-        self.how, self.least_paths, self.terms, self.say = setup, least, terms, say
+        self.how, self.least_paths, self.terms, self.progress = setup, least, terms, progress
         self.ended: dict[str, tuple[tuple[float, ...], ...]] = {}  # the end of the last trial of each term
         file = with_gyro_at_rest(bare, runs)[0] if has_offset(bare.vehicle) else bare
         blocks, runs, only = sensors_of(file, [*runs, *validation_runs], use)
@@ -205,7 +207,7 @@ class _Growing:
             size = _("{count} blocks of about {block_s:.1f} s", count=h.count, block_s=h.block_s)
         else:
             size = _("{count} runs, each one a block", count=h.count)
-        gap = _("whole runs") if h.whole_runs else _("{gap_s:g} s beside it not used", gap_s=GAP_S)
+        gap = _("whole runs") if h.whole_runs else _("{gap_s:g} s on each side were not used", gap_s=GAP_S)
         sentence = _(
             "Each model was fitted without a fifth of the data, and tested by its simulation of "
             "that fifth ({how}; {size}).",
@@ -218,14 +220,14 @@ class _Growing:
                 unseen=h.unseen, size=size,
             )  # fmt: skip
         needs = _(
-            "A term is added if the mean error of the blocks falls by more standard errors than "
-            "the {percent:g} % quantile of Student's t, shared by all terms. A vehicle without "
-            "such terms gets one at most that often.",
+            "The fall of the mean error is divided by its standard error. A term is added if the ratio is "
+            "above the {percent:g} % quantile of Student's t, shared by all terms. This limits how often a "
+            "vehicle without such terms gets one.",
             percent=100 * ALPHA,
         )
         return f"{sentence} {needs}"
 
-    def grown(self) -> tuple[Model, list[TermResult]]:
+    def grow(self) -> tuple[Model, list[TermResult]]:
         """Return the model, and the last result for each term."""
         model, last, excluded_names = self.model((), self.first), {}, set()
         while True:
@@ -244,7 +246,7 @@ class _Growing:
         return model, [last[term.name] for term in (*model.terms, *rest) if term.name in last]
 
     def fit_of(self, model: Model, bare: "VehicleFile") -> Fit:
-        """Return the fit of a model with its error bars, from its θ; a delay stays near, as its cost has valleys."""
+        """Return the fit of a model with its error bars, from its θ. A delay, with many minima, stays near."""
         values = {path: float(x) for path, x in zip(self.paths, model.theta, strict=False)}
         paths = [path for term in model.terms for path in term.paths]
         file = with_terms(bare, self.terms, {path: values[path] for path in paths})
@@ -260,14 +262,14 @@ class _Growing:
         return Model(terms, end.solution.theta, end.sigma, self._score(end.solution.theta, free, end.sigma))
 
     def forward(self, model: Model, last: dict[str, TermResult], barred: set[str]) -> Model:
-        """Return the model after adding all good terms, one after the other.  (2)"""
+        """Return the model after adding all terms that improve it significantly, one after the other.  (2)"""
         while True:
             have = {path for term in model.terms for path in term.paths}
             open_ = [t for t in self.terms if t.name not in barred and not have.intersection(t.paths)]
             tries = []
             for term in open_:
-                self.say(_("{terms} terms: trying {term}", terms=len(model.terms), term=term.name))
-                tries.append(self.tried(model, term, ALPHA / len(open_)))
+                self.progress(_("{terms} terms: trying {term}", terms=len(model.terms), term=term.name))
+                tries.append(self.try_term(model, term, ALPHA / len(open_)))
                 last[term.name] = tries[-1].judged
             good = [trial for trial in tries if trial.judged.verdict == Decision.TAKEN]
             if not good:
@@ -276,39 +278,39 @@ class _Growing:
             for trial in good:
                 if trial is not best:
                     last.pop(trial.judged.term.name)
-            self.say(text(best.judged.message))
+            self.progress(text(best.judged.message))
             model = self.model((*model.terms, best.judged.term), best.theta)
 
-    def tried(self, model: Model, term: Term, alpha: float) -> TermTrial:
+    def try_term(self, model: Model, term: Term, alpha: float) -> TermTrial:
         """Return the trial of a term in a model: fitted to all data, then without the held-out data."""
         at, free = self._at(term), self._free((*model.terms, term))
-        before = self.held_out.all.weighted(model.sigma).evaluate(model.theta).cost
+        before = self.held_out.all.weight(model.sigma).evaluate(model.theta).cost
         end = self._from_the_best_start(model, term, free)
-        if ban := self._exclusion(term, end.theta, end.bound, dense(end.at.hessian), free):
+        if ban := self._exclusion(term, end.theta, end.bound, dense(end.evaluation.hessian), free):
             return TermTrial(self._result(term, ban[0], ban[1], model, None, end.theta, 0.0), end.theta, None)
-        if not before - end.at.cost > WORTH * len(at):
-            gain = max(0.0, float((before - end.at.cost) / max(before, 1e-300)))
+        if not before - end.evaluation.cost > WORTH * len(at):
+            gain = max(0.0, float((before - end.evaluation.cost) / max(before, 1e-300)))
             reason = note("term.brings-little", percent=100 * gain)
             result = self._result(term, Decision.LEFT_OUT, reason, model, None, end.theta, 0.0)
             return TermTrial(result, end.theta, None)
         score = self._score(end.theta, free, model.sigma)
-        test = paired(model.score, score)
+        test = paired_comparison(model.score, score)
         verdict = Decision.TAKEN if test.errors > test.beyond(alpha) else Decision.LEFT_OUT
-        sd = np.fmax(jackknife(score, at.tolist()), own_sd(dense(end.at.hessian), at, free))
+        sd = np.fmax(jackknife(score, at.tolist()), own_sd(dense(end.evaluation.hessian), at, free))
         reason = not_separated(term, end.theta[at], sd) if verdict == Decision.TAKEN else None
         verdict = Decision.REFUSED if reason else verdict
         result = self._result(term, verdict, reason, model, (score, test), end.theta, test.beyond(alpha))
         return TermTrial(result, end.theta, score)
 
     def _from_the_best_start(self, model: Model, term: Term, free: np.ndarray) -> Solution:
-        """Return the best fit with a term: a few steps from each start, or from its last end, then on from the best."""
+        """Return the best fit with a term, from the best of its starts, or of its last end, after a few steps."""
         ends = []
         for start in self.ended.get(term.name, term.starts):
             theta = model.theta.copy()
             theta[self._at(term)] = start
-            ends.append(self.held_out.fitted(theta, free, model.sigma, most=FEW))
-        best = min(ends, key=lambda end: end.at.cost if np.isfinite(end.at.cost) else np.inf)
-        end = self.held_out.fitted(best.theta, free, model.sigma)
+            ends.append(self.held_out.fit(theta, free, model.sigma, most=FEW))
+        best = min(ends, key=lambda end: end.evaluation.cost if np.isfinite(end.evaluation.cost) else np.inf)
+        end = self.held_out.fit(best.theta, free, model.sigma)
         at = self._at(term)
         if np.any(end.theta[at] != self.first[at]):
             self.ended[term.name] = (tuple(end.theta[at].tolist()),)
@@ -318,13 +320,13 @@ class _Growing:
         """Return the trial of the least needed term if the model does not need it, else None.  (3)"""
         weakest: TermTrial | None = None
         for term in model.terms if len(model.terms) > 1 else ():
-            self.say(_("testing if {term} is still needed", term=term.name))
+            self.progress(_("testing if {term} is still needed", term=term.name))
             rest = tuple(model_term for model_term in model.terms if model_term is not term)
             free, theta = self._free(rest), model.theta.copy()
             theta[self._at(term)] = self.first[self._at(term)]
-            end = self.held_out.fitted(theta, free, model.sigma)
+            end = self.held_out.fit(theta, free, model.sigma)
             score = self._score(end.theta, free, model.sigma)
-            test = paired(score, model.score)
+            test = paired_comparison(score, model.score)
             limit = test.beyond(ALPHA)
             verdict = Decision.TAKEN if test.errors > limit else Decision.DROPPED
             without = model._replace(score=score)
@@ -387,12 +389,12 @@ class _Growing:
 
 
 def _first_of_the_best(good: list[TermTrial]) -> TermTrial:
-    """Return the first of the terms that are not significantly worse than the best."""
+    """Return the trial of the first term that is not significantly worse than the best."""
     best = max(good, key=lambda trial: trial.judged.gain)
     assert best.score is not None
     for trial in good:
         assert trial.score is not None
-        behind = paired(trial.score, best.score)
+        behind = paired_comparison(trial.score, best.score)
         if trial is best or not behind.errors > behind.beyond(ALPHA):
             return trial
     return best

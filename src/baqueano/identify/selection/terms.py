@@ -1,17 +1,17 @@
 """Define the optional terms of a vehicle model, each with its neutral value and its starts.
 
-The least model of a kind has forces (or velocities) of the commands and viscous friction, and a car its steering.
-Everything else is a term: dry friction, dead zones, drag, lag and delay, cross-talk, unequal motors, battery, centre of
-mass. At its neutral value a term has no effect. Its largest possible size gives the starts of a search:
+The least model of a kind contains the forces (or velocities) of the commands and viscous friction; for a car also the
+steering. Everything else is a term: dry friction, dead zones, drag, lag and delay, cross-talk, unequal motors, battery,
+centre of mass. At its neutral value a term has no effect. Its largest possible size gives the starts of a search:
 
     friction, drag     0.1 and 0.3 of the value that would balance the largest command                     (1)
     dead zone          0.05 and 0.25 of the largest command                                                (2)
     lag, delay         0.05 s; a delay, whose cost has a kink at every whole tick, every 0.025 s            (3)
 
 or the field's `start`. For (1) the largest commands drive the model for REACH_S, one channel at a time and all
-together: the change of ν̇ by a unit of the parameter, relative to the largest ν̇. Without a change it is not a term.
-Names, neutral values and starts are defined with the fields of the class (parameter.py); their order is explained in
-docs/derivations/d_optimal_design.md.
+together. The change of ν̇ by a unit of the parameter is divided by the largest ν̇. A parameter without a change is not
+a term. Names, neutral values and starts are defined with the fields of the class (parameter.py); their order is
+explained in docs/derivations/d_optimal_design.md.
 """
 
 from collections.abc import Sequence
@@ -30,15 +30,15 @@ from baqueano.identify.parameters.free import (
     LONGEST_DELAY_S,
     OF_WHEELS,
     always_free,
-    described,
     entries,
+    free_parameter,
     frozen_columns,
     requested_paths,
     value,
     words_of,
 )
 from baqueano.parameter import all_parameters
-from baqueano.symbolic import compiled, get, put
+from baqueano.symbolic import compile_block, get, put
 from baqueano.vehicles.freedoms import ideal
 
 if TYPE_CHECKING:
@@ -63,11 +63,12 @@ class Term(NamedTuple):
 
 
 def least_free(file: "VehicleFile", free: Sequence[str] | None, u: np.ndarray) -> list[str]:
-    """Return the paths, with entries, that the least model fits; `free` are the user's, u (N, n) all commands."""
+    """Return the paths, with entries, that the least model fits. `free` contains the paths that the user requested,
+    u (N, n) all commands."""
     blocks = FittedBlocks(file.vehicle, file.sensors)
     optional = {path for term in terms_of(blocks, u) for path in term.paths}
     paths = [p for path in requested_paths(free, lambda: always_free(blocks)) for p in entries(blocks, path)]
-    candidates = [described(blocks, p, {}) for p in paths if p not in optional]
+    candidates = [free_parameter(blocks, p, {}) for p in paths if p not in optional]
     frozen_numbers = frozen_columns(candidates, u)
     return [candidate.path for k, candidate in enumerate(candidates) if k not in frozen_numbers]
 
@@ -92,7 +93,7 @@ def with_terms(file: "VehicleFile", terms: Sequence[Term], fitted: dict[str, flo
 
 
 def room_for(blocks: FittedBlocks, terms: Sequence[Term]) -> FittedBlocks:
-    """Return the blocks in a form that can hold the terms: a lag, and dead zones of each channel."""
+    """Return the blocks in a form that can contain the terms: a lag, and dead zones of each channel."""
     drivetrain = getattr(blocks.model, "drivetrain", None)
     if drivetrain is None:
         return blocks
@@ -118,7 +119,8 @@ def terms_of(blocks: FittedBlocks, u: np.ndarray, battery: bool = False) -> list
 def candidate_terms(
     blocks: FittedBlocks, candidates: Sequence[str | Term] | None, u: np.ndarray, battery: bool
 ) -> list[Term]:
-    """Return the candidates: all terms of the kind, or those with the given names or paths of the vehicle file."""
+    """Return the candidates: all terms of the kind, or the terms with the given names or paths of the vehicle file.
+    Raise UsageError for an unknown name."""
     terms = terms_of(blocks, u, battery)
     if candidates is None:
         return terms
@@ -151,18 +153,18 @@ class _TermMotion(NamedTuple):
     w: np.ndarray  # (k,) the channels
     u: np.ndarray  # (n,) the command
     state: "Tree"  # after REACH_S
-    most: np.ndarray  # (3,) largest |ν̇| on the way
+    most: np.ndarray  # (3,) largest |ν̇| during the motion
 
 
 def _motions(model: "Tree", u: np.ndarray) -> list[_TermMotion]:
-    """Return the motions of each channel both ways, if it was used, then of all channels together."""
+    """Return the motions of each used channel in both directions, then of all channels together."""
     drivetrain = model.drivetrain
     channels = np.asarray([drivetrain.mix(row) for row in u[:: max(1, len(u) // 2000)]])
     low, high = np.min(channels, axis=0, initial=0.0), np.max(channels, axis=0, initial=0.0)
     axes = np.eye(len(high))
     ways = [w for w in (*(axes * high), *(axes * low)) if np.any(w)]
     ways += [w for w in (high, low) if np.count_nonzero(w) > 1]
-    quick = compiled(model)
+    quick = compile_block(model)
     return [_drive(quick, w, drivetrain.unmix(w)) for w in ways]
 
 
@@ -185,7 +187,7 @@ def _of_fields(blocks: FittedBlocks, motions: Sequence[_TermMotion]) -> list[Ter
             neutral = value(blocks, path) if p.neutral is None else p.neutral
             starts = tuple(neutral + x for x in p.start) or _sizes(blocks, path, neutral, motions)
             if starts:
-                name = words_of(p.term, described(blocks, path, {}).entry)
+                name = words_of(p.term, free_parameter(blocks, path, {}).entry)
                 by_name.setdefault(name, []).append((path, neutral, starts))
     return [
         Term(name, tuple(paths), tuple(neutral), tuple(zip(*starts, strict=True)))
@@ -257,7 +259,8 @@ def _same(a: Any, b: Any) -> bool:
 
 
 def not_separated(term: Term, x: np.ndarray, sd: np.ndarray) -> Diagnostic | None:
-    """Return the reason why the runs do not separate the battery's effect, or None if κ is within 0 to 1."""
+    """Return the reason why the runs do not separate the effect κ of the battery. Return None for other terms, or if
+    κ is known to ± 0.5 and, within its error, between 0 and 1."""
     half = QUANTILE_95 * float(sd[0])
     if term.paths != (BATTERY,) or (2.0 * half <= 1.0 and -half <= x[0] <= 1.0 + half):
         return None

@@ -1,1 +1,1 @@
-"""English."""
+"""English templates of the messages."""

@@ -8,16 +8,18 @@ TEMPLATES: dict[str, str] = {
     "cli.memory": (
         "There is not enough memory for this ({error}). Use a smaller number, in several runs of the command."
     ),
-    "cli.not-compiled": "{error}. Or let Python compute: {fix}",
+    "cli.not-compiled": "{error}. Or use Python instead: {fix}",
     "cli.output": "the output",
-    "cli.system": "{place}: {error}. Make room or choose another place, then: {fix}",
-    "cli.block-raised": "{place} raised {error}. Change that line.",
-    "cli.block-raised-and-ended": "{place} raised {error}. A block may not end the program: change that line.",
+    "cli.system": "{place}: {error}. Free some space or choose another place, then: {fix}",
+    "cli.block-raised": "{place} raised {error}. Correct that line.",
+    "cli.block-raised-and-ended": (
+        "{place} raised {error}. A block must not end the program: correct that line."
+    ),
     "cli.unforeseen": (
         "Unexpected error: {error} ({file}, line {line}). Run the same command with --debug and send us the output."
     ),
     "cli.unknown-verb": "'{path} {found}' does not exist. {near}.",
-    "cli.no-such-verb": "'{path} {found}' does not exist. {near}. To see what each does: {fix}",
+    "cli.no-such-verb": "'{path} {found}' does not exist. {near}. To see what each command does: {fix}",
     "cli.unknown-setting": "The environment has {variable}={found}: expected one of {known}. Type: {fix}",
     "report.table-ending": "{found}: expected a name that ends in .csv or .tex. Type: {fix}",
     "next.put-right": "Type: {fix}",
@@ -27,9 +29,11 @@ TEMPLATES: dict[str, str] = {
     "next.decimal-comma": "Numbers are written with a decimal point here. Type: {fix}",
     "next.runs": "To see the runs: {fix}",
     "next.map": "To see a map: {fix}",
-    "next.no-file": "{folder} does not contain *{suffix}. Give the path of one in its place.",
-    "next.files": "In {folder} there are {files}. Give the path of one in its place.",
-    "next.files-and-more": "In {folder} there are {files} and {more} more. Give the path of one in its place.",
+    "next.no-file": "{folder} does not contain a *{suffix} file. Give the path of such a file instead.",
+    "next.files": "In {folder} there are {files}. Give the path of one of these files instead.",
+    "next.files-and-more": (
+        "In {folder} there are {files} and {more} more. Give the path of one of these files instead."
+    ),
     "cli.block-breaks": "{block} fails {count} of the checks of a block; each is listed above.",
     "cli.block-room": "--room {found} does not exist. {near}.",
     "cli.block-without-class": "Write a block as file.py:Class. {holds}.",
@@ -43,23 +47,29 @@ TEMPLATES: dict[str, str] = {
     "cli.not-followed": "The vehicle did not follow the {shape} at {speed_m_s:g} m/s: {cause}. Drive slower: {fix}",
     "cli.case-unknown": "--case {found} does not exist. {near}.",
     "cli.detectors-failed": "the detectors failed: {reasons}",
-    "cli.cut-after-end": "{run} lasts {duration_s:.2f} s, so there is nothing from {from_s:g} s to its end.",
-    "cli.cut-empty": "{run} lasts {duration_s:.2f} s: there is nothing from {from_s:g} s to {to_s:g} s.",
+    "cli.cut-after-end": (
+        "{run} lasts {duration_s:.2f} s, so it does not contain ticks from {from_s:g} s to the end."
+    ),
+    "cli.cut-empty": (
+        "{run} lasts {duration_s:.2f} s, so it does not contain ticks from {from_s:g} s to {to_s:g} s."
+    ),
     "cli.stopped": "The vehicle was stopped: {cause}. The recording until then is in {path}. To see it: {fix}",
     "cli.routes": "The stored routes: {stored}",
-    "cli.route-stored": "Stored as {path}. To judge it by your vehicle: {check}. To drive it: {repeat}",
+    "cli.route-stored": (
+        "The route is stored as {path}. To check it with your vehicle: {check}. To drive it: {repeat}"
+    ),
     "cli.two-tolerances": "--rms and --max are two tolerances: give only one.",
-    "cli.start-without-room": "--start is a place in a room: give the room too, as --room 2x3.",
+    "cli.start-without-room": "--start is a place in a room: give the room too, for example --room 2x3.",
     "cli.from-unreadable": (
-        'from "{found}": expected x, y and a heading in metres and degrees, from where the route begins, as '
-        "-0.5,0.2,30."
+        'from "{found}": expected x, y and a heading in metres and degrees, relative to the start of the '
+        "route, such as -0.5,0.2,30."
     ),
     "cli.start-unreadable": (
-        'start "{found}": expected x, y and a heading in metres and degrees, from the middle of the room, as '
-        "0.5,-0.2,90."
+        'start "{found}": expected x, y and a heading in metres and degrees, relative to the middle of the '
+        "room, such as 0.5,-0.2,90."
     ),
     "cli.points-absent": "{path} does not exist. Give a CSV file with the columns x_m and y_m, or the name of a run.",
-    "cli.no-routes": "Routes are not stored there yet",
+    "cli.no-routes": "That folder does not contain routes yet",
     "cli.runs-named-oddly": (
         "{host} has {count} runs with names that cannot be used: {found}. Expected a plain name "
         "such as lap.mcap. They were not copied. Rename them there: {fix}"
@@ -83,38 +93,39 @@ TEMPLATES: dict[str, str] = {
     "cli.emulated-by-hand": (
         "The emulated vehicle does not run in real time, so it cannot be driven by hand. Type: {fix}"
     ),
-    "cli.hand-options": "--pad and --no-hold need a person who drives, and here {driver} drives. Type: {fix}",
+    "cli.hand-options": (
+        "--pad and --no-hold are only for a person who drives by hand, but here {driver} drives. Type: {fix}"
+    ),
     "cli.fit-interrupted": "stopped from the keyboard: the table shows the fit at that moment; nothing was changed.",
     "cli.options-conflict": (
-        "--over-time fits each run by itself, so it cannot be combined with {other}. Leave out "
-        "one of the two."
+        "--over-time fits each run by itself, so it cannot be combined with {other}. Remove one of the two."
     ),
     "cli.tolerance-unused": (
-        "--tolerance {given} is for a car that is fitted by its IMU alone. Leave it out, or use "
-        "the IMU alone. Type: {fix}"
+        "--tolerance {given} is for a car that is fitted by its IMU alone. Remove it, or use the IMU "
+        "alone. Type: {fix}"
     ),
     "cli.tolerance-beside": (
-        "--tolerance {given} cannot be combined with {other}: it is for a car that is fitted by "
-        "its IMU alone. Leave out one of them. Type: {fix}"
+        "--tolerance {given} cannot be combined with {other}: it is for a car that is fitted by its IMU "
+        "alone. Remove one of them. Type: {fix}"
     ),
     "cli.choose-conflict": (
         "--choose cannot be combined with {others}. First choose the terms; then fit them with "
         "these options. Type: {fix}"
     ),
     "cli.choose-without-encoders": (
-        "--choose compares simulation errors, and a car with an IMU alone has a gyro-aided fit. "
-        "Leave out --choose; to free more parameters: {fix}"
+        "--choose compares simulation errors, but a car with only an IMU needs a gyro-aided fit. Remove "
+        "--choose. To free more parameters, type: {fix}"
     ),
     "cli.bound": "--bound {found}: expected KEY=LOW,HIGH. Type: {fix}",
     "cli.tolerance": "--tolerance {found}: expected KEY=PART. Type: {fix}",
     "cli.cut-nothing": "These options keep the whole run. Type: {fix}",
     "cli.several-runs": "-o {out}: this command writes several runs. Give a folder for them. Type: {fix}",
-    "cli.study-interrupted": "stopped from the keyboard: the table is of {done} of {asked:,}.",
+    "cli.study-interrupted": "stopped from the keyboard: the table covers {done} of {asked:,}.",
     "cli.recordings-interrupted": (
         "stopped from the keyboard: the table shows the recordings judged so far; no report was written."
     ),
     "cli.folder-not-empty": "{folder} exists and is not empty. Choose another name: {fix}",
-    "cli.file-exists": "{out} exists already, and a run never replaces a file. Type: {fix}",
+    "cli.file-exists": "{out} exists already, and a run does not replace a file. Type: {fix}",
     "cli.route-absent": "Route {found} does not exist: {missing} is not a file. {there}. To drive it once: {fix}",
     "cli.route-not-text": (
         "{path} is not a route: it contains bytes that are not text. Expected a text file (CSV) with the columns t_s, "
@@ -124,11 +135,11 @@ TEMPLATES: dict[str, str] = {
     "cli.drive-interrupted": "stopped from the keyboard. The run is complete: {path}, {duration_s:.1f} s.",
     "cli.one-radio": "--wifi and --own-network: a Pi has one radio. Choose one of them.",
     "cli.hex-from-afar": (
-        "--hex is a file of this computer, and {host} uses the one of its own package. Leave out "
-        "one of the two."
+        "--hex names a file of this computer, but {host} uses the firmware of its own package. Remove "
+        "--hex or {host}."
     ),
     "cli.vehicle": "vehicle: {name}",
-    "cli.vehicle-of-garage": "vehicle: {name} (of the garage; --vehicle names another)",
+    "cli.vehicle-of-garage": "vehicle: {name} (from the garage; --vehicle names another)",
     "cli.new": "{folder}: vehicle.toml, {blocks}",
     "cli.fitting": "fitting; runs: {runs}",
     "cli.fitting-span": "fitting; runs: {runs}, {span_s:.0f} s",
@@ -161,25 +172,24 @@ TEMPLATES: dict[str, str] = {
     "cli.run": "run: {path}",
     "cli.next-identify": "next: {fix}",
     "cli.room-kept": (
-        "room {size} m: {replaced_percent:.0f} % of the signal replaced, the corridor of the body (3 "
+        "room {size} m: {replaced_percent:.0f} % of the signal was replaced. The corridor of the body (3 "
         "standard deviations) stays {margin_cm:.1f} cm from the walls"
     ),
     "cli.first-drive": (
-        "{name} was never fitted. First the vehicle turns and rolls a little on one spot. Each "
-        "push is a little harder than the last one, until the sensors show motion (--known skips "
-        "this)"
+        "{name} was never fitted. First the vehicle turns and rolls a little on one spot. Each pulse is a "
+        "little stronger than the previous one, until the sensors show motion (--known skips this)"
     ),
     "cli.fitted": "{verdict}: {reasons}",
     "cli.experiment": "experiment",
-    "cli.keeping-in-room": "planning a drive that stays in {size} m",
+    "cli.keeping-in-room": "planning a drive within a room of {size} m",
     "cli.driving-first": "first drive",
     "cli.fitting-first": "fitting the first drive",
     "cli.designing": "designing the experiment",
     "cli.round": "round {number}",
     "cli.game-pad": "game pad: {name}",
     "cli.terminal-of-another": (
-        "{another} answers in place of your terminal, also after you close it. Each press of a "
-        "key therefore counts for a short time only."
+        "{another} answers in place of your terminal, even after you close it. Therefore each key press "
+        "counts for a short time only."
     ),
     "cli.stop-latched": "The stop is latched. Look at the vehicle, then type: {fix}",
     "cli.report": "report: {page}",
@@ -188,7 +198,7 @@ TEMPLATES: dict[str, str] = {
     "cli.replay": "replay",
     "cli.middle-again": "the vehicle begins in the middle of the room again, heading along its width",
     "cli.put-back": "Put the vehicle back into the middle of the room, heading along its width.",
-    "cli.taught": "next: {repeat}. Before it, {tune} finds gains for this path",
+    "cli.taught": "next: {repeat}. Before that, {tune} finds gains for this path",
     "cli.route-replaced": "{path} existed and was replaced by the new route",
     "cli.teach": "teach",
     "cli.no-estimate": "{run} does not contain an estimate; to make one: {fix}",
@@ -200,41 +210,52 @@ TEMPLATES: dict[str, str] = {
     "cli.recovered": "{path}: {duration_s:.2f} s saved",
     "cli.cut": "{path}: {duration_s:.2f} s",
     "cli.imported": "{count} runs: {first} to {last}, {duration_s:.0f} s",
-    "cli.drafted": "{path}: a draft of the map. Write the units that it lacks (?), then: {fix}",
-    "cli.next-fit": "next: {fix}   (baqueano new NAME makes one to begin with)",
-    "cli.mount-written": "written into {path}; next: {fix}, which uses it",
-    "cli.averaging": "averaging over all times",
+    "cli.drafted": "{path} contains a draft of the map. Replace each ? by a unit, then type: {fix}",
+    "cli.next-fit": "next: {fix}   (baqueano new NAME creates a vehicle file to begin with)",
+    "cli.mount-written": "the result was written into {path}; next: {fix}, which uses it",
+    "cli.averaging": "averaging over all averaging times",
     "cli.comparing": "comparing with the camera",
     "cli.simulating": "simulating {seconds:g} s",
     "cli.simulating-many": "simulating {vehicles} vehicles",
-    "cli.two-models": "the kinematic model beside the dynamic one",
-    "cli.study-identification": "simulating and fitting 60 s at each of {seeds:,} seeds",
+    "cli.two-models": "comparing the kinematic model with the dynamic one",
+    "cli.study-identification": "simulating and fitting 60 s with each of {seeds:,} seeds",
     "cli.study-faults": "fitting {count:,} sound and damaged runs",
-    "cli.study-driving": "identifying and driving {seeds} robots, about 15 s of processor time each",
+    "cli.study-driving": "identifying and driving {seeds} robots; each takes about 15 s of processor time",
     "cli.study-controllers": "tuning the controllers, then identifying and driving {seeds} robots",
-    "cli.study-laps": "identifying {seeds} robots, driving {laps} laps, a quarter of an hour of processor time each",
-    "cli.study-first-drives": "driving {seeds} unknown vehicles, about 10 s of processor time each",
+    "cli.study-laps": (
+        "identifying {seeds} robots and driving {laps} laps with each; a robot takes a quarter of an hour "
+        "of processor time"
+    ),
+    "cli.study-first-drives": "driving {seeds} unknown vehicles; each takes about 10 s of processor time",
     "cli.study-corridor": "identifying and driving {vehicles} vehicles",
     "cli.tuning": "tuning: the closed loop is compiled, then searched from several starts",
-    "cli.tuned": "these gains suit a {route} at {speed_m_s:g} m/s. For a path of yours: {fix}",
-    "cli.page-waits": 'take the wheel on the page and press "By hand"; Ctrl-C ends it',
+    "cli.tuned": "these gains are for a {route} at {speed_m_s:g} m/s. For your own path: {fix}",
+    "cli.page-waits": 'take control on the page and press "By hand"; Ctrl-C ends it',
     "cli.page-over": "This drive is over. Its run is in the folder {folder}",
     "cli.page-gone": "The page process has ended.",
     "cli.page-by-hand": 'This page belongs to a drive by hand. Press "By hand" there.',
-    "cli.page-set": "Gains of a robot are set on the page of `baqueano serve --robot HOST`, not on that of a verb.",
+    "cli.page-set": (
+        "Gains of a robot are set on the page of `baqueano serve --robot HOST`, not on the page of another "
+        "command."
+    ),
     "cli.page-time": "A real vehicle runs in real time: it cannot be paused, slowed down or sped up.",
     "cli.page-replayed": "the page shows both runs until its last tab is closed; Ctrl-C ends it",
     "cli.motion": "the page shows the other drives; Ctrl-C ends it",
-    "cli.demo": "\nreport: {page}   runs, route and vehicle file beside it\nnext:   {program} new mylab",
+    "cli.demo": (
+        "\n"
+        "report: {page}   the runs, the route and the vehicle file are in the same folder\n"
+        "next:   {program} new mylab"
+    ),
     "cli.width-unused": "--width {width} is the width of figures: give a folder for them. Type: {fix}",
     "cli.next-new": "next: {cd}\nthen: {fix}",
     "cli.guesses": "the numbers of its model are guesses, until a fit has measured them on your vehicle",
     "cli.simulated-truth": (
-        "simulated: {truth} (named in {vehicle} under [simulation]); the fit has to find its numbers"
+        "simulated vehicle: {truth} (named in {vehicle} under [simulation]); the fit has to find its "
+        "parameters"
     ),
     "cli.measure-first": (
-        "{vehicle}: its model is a guess, so the vehicle will not reach the wanted speed. Measure it first: "
-        "{experiment}, then {identify}"
+        "{vehicle}: its model is a guess, so the vehicle will not drive at the requested speed. Measure it "
+        "first: {experiment}, then {identify}"
     ),
     "cli.written": "written into {path}",
     "cli.set": "  set on the command line: {setting}",
@@ -242,10 +263,16 @@ TEMPLATES: dict[str, str] = {
     "cli.not-kept": "To keep this in the vehicle file, add --update.",
     "cli.run-note": "{run}: {cause}",
     "cli.card-written": "Eject the card, start the Pi, wait three minutes. Then: {fix}",
-    "cli.no-network": "Wi-Fi is not set: plug in a network cable, or type it again with --wifi SSID or --own-network",
+    "cli.no-network": (
+        "Wi-Fi is not configured: connect a network cable, or repeat the command with --wifi SSID or "
+        "--own-network"
+    ),
     "cli.no-vehicle-file": (
         "This folder does not contain vehicle.toml. A file on the robot stays as it is (--vehicle names another)"
     ),
-    "cli.is-a-vehicle": "{host} is a vehicle. Once, for its I2C: ssh {host} sudo reboot. Then: {fix}",
-    "cli.own-network": "its network: {ssid}, password {password}; there it is 10.42.0.1",
+    "cli.is-a-vehicle": (
+        "{host} is now set up as a vehicle. Restart it once, so that I2C works: ssh {host} sudo reboot. "
+        "Then: {fix}"
+    ),
+    "cli.own-network": "its Wi-Fi network: {ssid}, password {password}; its address there is 10.42.0.1",
 }

@@ -1,6 +1,6 @@
-"""English sentences of a fit: its verdict, what it did not identify, which cost to believe, and unseen runs."""
+"""English sentences of a fit: its verdict, parameters it did not identify, the choice of the cost, unseen runs."""
 
-HELD = "it is fixed at {at:.4g}"
+HELD = "the parameter is fixed at {at:.4g}"
 
 TEMPLATES: dict[str, str] = {
     "verdict.refused": "the vehicle file stays as it is",
@@ -17,8 +17,8 @@ TEMPLATES: dict[str, str] = {
         "--set {key}=VALUE, or free fewer parameters, with {fix}"
     ),
     "fit.explains-nothing": (
-        "the model explains only {percent:.0f} % of its best channel. Did the vehicle move, and do the signs and units "
-        "of commands and sensors agree with the file?"
+        "the model explains only {percent:.0f} % of its best channel. Did the vehicle move? Do the signs "
+        "and units of commands and sensors agree with the file?"
     ),
     "fit.far-channel": (
         "the error of {subject} is {times:.3g} times its own variation: the model does not "
@@ -38,7 +38,7 @@ TEMPLATES: dict[str, str] = {
         "The runs are too short, or the motion is too small: drive longer, with larger commands"
     ),
     "fit.weak": "{names}: poorly identified",
-    "fit.unseen": "not identifiable: {count}, below",
+    "fit.unseen": "{count} parameters are not identifiable; they are listed below",
     "fit.duty-step": (
         "the run shows that duties come in steps of 1/{steps}: duty_step was added to [model.drivetrain]"
     ),
@@ -54,8 +54,8 @@ TEMPLATES: dict[str, str] = {
         "it, so noise can explain this"
     ),
     "runs.hardly-moved": (
-        "{count} of {of} runs have a larger error of {subject} than their own variation "
-        "({runs}). They move less than the error of the model in the other runs, and hardly count"
+        "{count} of {of} runs have a larger error of {subject} than their own variation ({runs}). They "
+        "move less than the error of the model in the other runs, and have little weight"
     ),
     "runs.unlike-others": (
         "{count} of {of} runs have a larger error of {subject} than their own variation "
@@ -71,8 +71,8 @@ TEMPLATES: dict[str, str] = {
         f"{{subject}} cannot be identified better than ± 3 %, as in a data sheet; {HELD}. {{needs}}"
     ),
     "identifiability.tied": (
-        f"{{subject}} and {{others}} are not separable: only their combination affects the data; {HELD}. {{how}}"
-        "{apart}"
+        "{subject} and {others} are not separable: only their combination affects the data. {subject} is fixed at "
+        "{at:.4g}. {how}{apart}"
     ),
     "identifiability.by-hand": "Measure it with {by:word}",
     "identifiability.fix-one": "Fix one of them at a value from another source",
@@ -83,8 +83,10 @@ TEMPLATES: dict[str, str] = {
     "identifiability.few-turn-rates": ": the vehicle turned at too few different rates",
     "identifiability.needs": "This needs {motion:word}",
     "identifiability.needs-command": "This needs {command:word} commands, and {motion:word} motion caused by them",
-    "identifiability.needs-run": "This needs a run in which it matters",
-    "identifiability.command-still": "{names}: {command} was 0 all the time. This needs a run in which it changes",
+    "identifiability.needs-run": "This needs a run in which the parameter has an effect",
+    "identifiability.command-still": (
+        "{names}: {command} was 0 all the time. To identify this, record a run in which the command changes"
+    ),
     "identifiability.never": (
         "{names}: the vehicle cannot move {command}, so this parameter has no effect and cannot be identified"
     ),
@@ -108,49 +110,51 @@ TEMPLATES: dict[str, str] = {
         "written, with its error ± {sd:.2g}"
     ),
     "bias.file-knows-better": (
-        "{subject}: the error from the runs, ± {sd:.2g}{unit}, is larger than that of the file, ± {std:.2g}. The file "
-        "keeps its {value:.4g}. To measure it, let the vehicle rest for 3 s"
+        "{subject}: the error from the runs, ± {sd:.2g}{unit}, is larger than the error in the file, ± "
+        "{std:.2g}. The file keeps its {value:.4g}. To measure it, let the vehicle rest for 3 s"
     ),
     "delay.sum": (
         "a run identifies only the sum of the delay of the motors and that of {subject}, drivetrain.delay_s. If the "
         "data sheet gives the filter, write low_pass_hz into [sensors.{subject}]"
     ),
     "bias.tilt-sum": (
-        "a run identifies only the sum of the tilt of {subject} and the bias of its accelerometers. accel_bias is what "
-        "the tilt_rad of the file leaves of that sum"
+        "a run identifies only the sum of the tilt of {subject} and the bias of its accelerometers. "
+        "accel_bias is that sum minus the effect of tilt_rad in the file"
     ),
     "truth.horizon": (
-        "{subject}: the model was compared with it over {span_s:.2g} s, {way_m:.2g} m of path. "
-        "Longer drives may differ"
+        "the model was compared with the {subject} over {span_s:.2g} s, {way_m:.2g} m of path. In longer "
+        "drives the result may differ"
     ),
     "truth.horizon-of-pieces": (
-        "{subject}: the model was compared with it over {span_s:.2g} s, {way_m:.2g} m of path, "
-        "each time from a new start. Longer drives may differ"
+        "the model was compared with the {subject} over {span_s:.2g} s, {way_m:.2g} m of path, each time "
+        "from a new start. In longer drives the result may differ"
     ),
     "truth.mount": "{subject}: add these values to those in [truth] of the map: {keys}",
     "noise.without-floor": "noise of the sensors without the disturbance of the floor: {noise}",
     "cost.floor-still": (
-        "use the simulation error. A floor that disturbs the vehicle does not explain more "
-        "(likelihood ratio {ratio:.1f}, by chance {chance}), and simulation is the harder test "
-        "of a model"
+        "use the simulation error. A floor that disturbs the vehicle does not explain more (likelihood "
+        "ratio {ratio:.1f}, probability by chance {chance}). Besides, simulation is the harder test of a "
+        "model"
     ),
     "cost.too-short": (
-        "use the simulation error. The floor disturbs the vehicle by {floor} in 1 s (likelihood "
-        "ratio {ratio:.1f}, by chance {chance}). The run is too short to reserve segments for a "
-        "test"
+        "use the simulation error. The floor disturbs the vehicle by {floor} in 1 s (likelihood ratio "
+        "{ratio:.1f}, probability by chance {chance}). The run is too short to reserve segments for a test"
     ),
     "cost.neither": (
-        "neither fit is reliable: the model is incomplete. If you must choose, use the simulation-error fit. The two "
-        "fits differ by {apart:.1f} standard errors ({subject}), and {open_loop}. The model's defect looks like a "
-        "disturbance of {floor} in 1 s (likelihood ratio {ratio:.1f}, by chance {chance})"
+        "neither fit is reliable: the model is incomplete. If you must choose, use the simulation-error "
+        "fit. The two fits differ by {apart:.1f} standard errors ({subject}), and {open_loop}. The model's "
+        "defect looks like a disturbance of {floor} in 1 s (likelihood ratio {ratio:.1f}, probability by "
+        "chance {chance})"
     ),
     "cost.innovations": (
-        "use the innovations. The floor disturbs the vehicle by {floor} in 1 s (likelihood ratio {ratio:.1f}, by "
-        "chance {chance}). The two fits differ by {apart:.1f} standard errors at most, and {open_loop}"
+        "use the innovations. The floor disturbs the vehicle by {floor} in 1 s (likelihood ratio "
+        "{ratio:.1f}, probability by chance {chance}). The two fits differ by {apart:.1f} standard errors "
+        "at most, and {open_loop}"
     ),
     "cost.simulation": (
-        "use the simulation error. The floor disturbs the vehicle by {floor} in 1 s (likelihood ratio {ratio:.1f}, by "
-        "chance {chance}). The two fits differ by {apart:.1f} standard errors at most, but {open_loop}"
+        "use the simulation error. The floor disturbs the vehicle by {floor} in 1 s (likelihood ratio "
+        "{ratio:.1f}, probability by chance {chance}). The two fits differ by {apart:.1f} standard errors "
+        "at most, but {open_loop}"
     ),
     "cost.runs-away": "on held-out segments the innovations fit diverges in open loop",
     "cost.smaller": (
@@ -168,36 +172,35 @@ TEMPLATES: dict[str, str] = {
         "larger"
     ),
     "cost.try-innovations": "{cause}. Type: {fix}",
-    "validation.carries-over": "the model carries over {basis}",
+    "validation.carries-over": "the model remains valid over {basis}",
     "validation.checked": "checked over {basis}",
-    "validation.basis": "{span_s} s open loop {start}, in {pieces:.3g} independent segments of motion",
+    "validation.basis": "{span_s} s in open loop {start}, with {pieces:.3g} independent segments of motion",
     "validation.from-standstill": "from standstill",
     "validation.from-velocity": "from a fitted velocity",
     "validation.some-from-velocity": "from a fitted velocity in {count} of {of} runs",
     "validation.still": (
-        "{subject} does not move in the held-out runs. Hold out {needed_s:.0f} s or more in "
-        "which it moves up and down"
+        "{subject} does not move in the held-out runs. Hold out {needed_s:.0f} s or more in which it rises "
+        "and falls"
     ),
     "validation.too-few": (
-        "{subject} has {pieces:.2g} independent segments of motion in the held-out runs. With "
-        "fewer than {least}, a wrong model may pass by chance. Hold out {needed_s:.0f} s or more "
-        "in which it moves up and down"
+        "{subject} has {pieces:.2g} independent segments of motion in the held-out runs. With fewer than "
+        "{least}, a wrong model may pass by chance. Hold out {needed_s:.0f} s or more in which it rises "
+        "and falls"
     ),
     "validation.worse-than-mean": (
-        "in {run} the model explains {explained:.4g} % of {subject}, less than its mean value "
-        "does; the error is {error:.3g}{unit}. Check signs, units and mounting, or fit runs with "
-        "this motion too"
+        "in {run} the model explains {explained:.4g} % of {subject}, less than its mean value. The error "
+        "is {error:.3g}{unit}. Check signs, units and mounting, or include runs with this motion in the fit"
     ),
     "validation.off": (
         "in {run} the error of {subject} is {error:.3g}{unit}, {times:.1f} times the noise. The "
         "model explains {explained:.4g} % of it, and {of_own:.4g} % in the runs of the fit"
     ),
     "validation.off-perhaps": (
-        "{off}. The runs are too short, or sampled too rarely, to exclude chance: hold out more"
+        "{off}. The runs are too short, or sampled too rarely, to exclude chance: hold out more data"
     ),
     "validation.off-once": (
-        "in {run} the error of {subject} is {here:.3g}{unit} from {from_s:.0f} s to {to_s:.0f} "
-        "s, but small elsewhere. Did something happen there? Cut it off with baqueano runs cut "
-        "{run} --to {from_s:.0f}, or fit such a run too"
+        "in {run} the error of {subject} is {here:.3g}{unit} from {from_s:.0f} s to {to_s:.0f} s, but "
+        "small elsewhere. Did something happen then? Cut that part off with baqueano runs cut {run} --to "
+        "{from_s:.0f}, or include such a run in the fit"
     ),
 }

@@ -1,7 +1,8 @@
-"""English error messages of the fit, of its noise and of its experiments."""
+"""English error messages of fits, of their noise and of experiments."""
 
 ASK = (
-    "Leave it on its mark for 3 s. Turn it by hand on the floor, two whole turns, and put it back on the mark. "
+    "Leave the vehicle on its mark for 3 s. Turn it by hand on the floor, two whole turns, and put it back on the "
+    "mark. "
     "Leave it there for 3 s again."
 )
 TEMPLATES: dict[str, str] = {
@@ -10,27 +11,31 @@ TEMPLATES: dict[str, str] = {
         "describe it in the file under [sensors.imu]."
     ),
     "imu-only.which-imu": (
-        "{vehicle} has these IMUs: {known}; expected one to fit the vehicle by. Name it with {arg[use]}, or describe "
-        "it in the file under [sensors.imu]."
+        "{vehicle} has these IMUs: {known}; expected one of them for the fit. Name it with {arg[use]}, or "
+        "describe it in the file under [sensors.imu]."
     ),
-    "allan.averages": "{samples} samples can be averaged over 1 to {most}: {found} is outside.",
-    "allan.numbers": "an Allan deviation needs a list of at least {least} finite numbers; this has {found}.",
+    "allan.averages": (
+        "With {samples} samples, an average may contain 1 to {most} of them: {found} is out of range."
+    ),
+    "allan.numbers": (
+        "an Allan deviation needs a list of at least {least} finite numbers; this list has {found}."
+    ),
     "allan.rate": "rate_hz = {rate_hz:g}: expected the number of samples per second, above 0.",
     "at-rest.driven": (
         "{run} has commands all the time. To measure the noise at rest, record a run without commands."
     ),
     "at-rest.few-samples": (
-        "{run} holds no sensor with {least} samples at rest. Record a minute or more with the motors off and "
-        "nobody near."
+        "{run} does not contain a sensor with {least} samples at rest. Record a minute or more with the "
+        "motors off and nobody near the vehicle."
     ),
     "at-rest.no-imu": (
         "{run} does not have the IMU of {vehicle}: expected a sensor with three channels. "
         "Nothing can be written."
     ),
-    "at-rest.no-tick": "{run} does not have a tick between those times.",
+    "at-rest.no-tick": "{run} does not contain a tick between those times.",
     "battery.no-voltage": (
-        "The effect of the battery needs its voltage: expected a channel {channel} in V in a run. Import it as "
-        "[sensors.{channel}], or leave model.drivetrain.battery_effect out."
+        "The effect of the battery needs its voltage: expected a channel {channel} in V in a run. Import "
+        "it as [sensors.{channel}], or keep model.drivetrain.battery_effect fixed."
     ),
     "battery.other-voltage": (
         "{run}: the battery had {voltage_v:.3g} V, and battery_nominal_v of the vehicle file is "
@@ -39,23 +44,25 @@ TEMPLATES: dict[str, str] = {
     ),
     "choose.no-command": "The runs do not have a command, so terms cannot be chosen.",
     "choose.no-term": (
-        'candidates = "{found}": a {kind} does not have this term. {near}, and paths as model.…'
+        'candidates = "{found}": a {kind} does not have this term. {near}, and paths such as model.…'
     ),
     "choose.options": (
         "A choice of terms does not accept {options}. Choose first, then fit the chosen terms with these options."
     ),
-    "choose.pose": "Terms are chosen by speeds and accelerations: leave the pose of a camera out of {arg[use]}.",
+    "choose.pose": (
+        "Terms are chosen by speeds and accelerations: remove the pose of the camera from {arg[use]}."
+    ),
     "choose.short": (
-        "The validation runs last {total_s:.1f} s together: expected at least {needed_s:.0f} s. Drive longer, or leave "
-        "--choose out."
+        "The validation runs last {total_s:.1f} s together: expected at least {needed_s:.0f} s. Drive "
+        "longer, or remove --choose."
     ),
     "clock.unreliable": (
         "{arg[clocks]:{sensor}}: expected one of the sensors in use, {known}. To use another "
         "sensor of the vehicle file, or the truth: {arg[use]}."
     ),
     "cost.free-clock": (
-        "The clock of {clocks} is free, but a filter cannot use later rows. Estimate the clock "
-        "first, and calibrate the run with it. Type: {fix}"
+        "The clock of {clocks} is free, but a filter cannot use future rows. Estimate the clock first, and "
+        "calibrate the run with it. Type: {fix}"
     ),
     "cost.no-velocity": (
         "{kind} does not have a velocity state that a floor could disturb, so simulation error and prediction error "
@@ -63,23 +70,25 @@ TEMPLATES: dict[str, str] = {
     ),
     "cost.unknown": "{arg[cost]:{found}}: expected one of {known}.",
     "design.limit": (
-        "{vehicle}: [command] limit = [{limit}]: expected the largest size of each command, finite, one of "
-        "them above 0."
+        "{vehicle}: [command] limit = [{limit}]: expected the largest magnitude of each command, finite, "
+        "and at least one above 0."
     ),
-    "design.short": "{duration_s:g} s leave less than 1 s to move: choose a longer duration.",
+    "design.short": "{duration_s:g} s leave less than 1 s for the motion: choose a longer duration.",
     "fit.not-fitted": "{path} was not fitted. {near}.",
     "fit.not-free": "{path} was not fitted: expected one of {fitted}. Type: {fix}",
     "forecast.no-errors": (
         "The fit did not give the error of any parameter of the model, so a drive cannot be predicted."
     ),
     "forecast.ran-away": "the fitted model diverges in open loop, so a drive cannot be predicted.",
-    "forecast.refused": "the fit is refused, so a drive cannot be predicted. Correct what its reasons name.",
+    "forecast.refused": (
+        "the fit is refused, so a drive cannot be predicted. Correct the causes that its reasons name."
+    ),
     "imu-only.no-dynamics": (
         "{vehicle} is a {kind}: its velocity is its command, so a gyro cannot improve it. Use identify."
     ),
     "imu-only.others": (
-        "gyro_leads = True cannot be combined with {others}: a gyro-aided fit has its own noise "
-        "and segments. Leave out one of them."
+        "gyro_leads = True cannot be combined with {others}: a gyro-aided fit has its own noise and "
+        "segments. Remove one of them."
     ),
     "imu-only.silent-gyro": (
         "{run}: the gyro does not give data, and without encoders the fit needs it. Is the third "
@@ -98,17 +107,17 @@ TEMPLATES: dict[str, str] = {
     ),
     "noise.unknown-source": 'source = "{found}": expected "auto", "truth" or "innovations".',
     "over-time.few-fits": (
-        "{good} of {count} runs could be fitted, and two are needed. Fit the others one by one. Type: {fix}"
+        "{good} of {count} runs could be fitted, but two are needed. Fit the others one by one. Type: {fix}"
     ),
-    "over-time.few-runs": "Following a vehicle needs two runs or more, found {count}.",
+    "over-time.few-runs": "Two or more runs are needed to follow the parameters over time; found {count}.",
     "parameter.all-fixed": (
         "Every parameter is fixed, so nothing can be fitted. Name the free ones with {arg[free]}."
     ),
     "parameter.bounds": "the bounds of {path} are {low:g} and {high:g}: expected the lower one first.",
-    "parameter.bounds-unused": "{path} has bounds and is not fitted, so they have no effect. Add: {fix}",
+    "parameter.bounds-unused": "{path} has bounds, but it is not fitted, so they have no effect. Add: {fix}",
     "parameter.no-track": (
-        "Friction of the wheels is free, so their distance is needed: expected track_m in [geometry] of the vehicle "
-        "file."
+        "The friction of the wheels is free, so the distance between the wheels is needed: expected "
+        "track_m in [geometry] of the vehicle file."
     ),
     "parameter.none": "{path} cannot be fitted: it is not a parameter of a block.",
     "parameter.unknown": (
@@ -116,17 +125,17 @@ TEMPLATES: dict[str, str] = {
         "{example}."
     ),
     "room.small": (
-        "a room of {width_m:g} × {height_m:g} m for a body of radius {radius_m:g} m: expected more than "
-        "{least_m:g} m on each side. Type: {fix}"
+        "a room of {width_m:g} × {height_m:g} m is too small for a body of radius {radius_m:g} m: expected "
+        "more than {least_m:g} m on each side. Type: {fix}"
     ),
     "room.start": (
         "the start ({x_m:g}, {y_m:g}) m is outside the room: expected at most {along_m:.2f} m in "
         "x and {across_m:.2f} m in y from its middle."
     ),
-    "room.unreadable": 'room "{size}": expected width and height in metres, as 2x3. Type: {fix}',
+    "room.unreadable": 'room "{size}": expected width and height in metres, such as 2x3. Type: {fix}',
     "runs.all-still": (
-        "No command changed, so there is nothing to fit. Is it the right run? If it was turned by hand between rests "
-        "on a mark, it gives the scale of its gyro. Type: {fix}"
+        "No command changed, so there is nothing to fit. Is it the right run? If the vehicle was turned by "
+        "hand between rests on a mark, the run gives the scale of its gyro. Type: {fix}"
     ),
     "runs.few-ticks": "{run} has {ticks} ticks: expected at least 2 to fit a model to.",
     "runs.fitted-to": "{run} was used in the fit, so it cannot test it. Give another run: {fix}",
@@ -136,29 +145,30 @@ TEMPLATES: dict[str, str] = {
     ),
     "runs.none": "identify needs at least one run.",
     "runs.other-size": (
-        "{run}: a measurement of {sensor} has {entries} entries, but {kind} of the vehicle file {size}. Is it another "
-        "sensor?"
+        "{run}: a measurement of {sensor} has {entries} entries, but {kind} of the vehicle file has "
+        "{size}. Is it another sensor?"
     ),
     "runs.other-vehicle": (
-        "{run} was driven with {commands} commands and {vehicle} takes {expected}: they are not the same "
-        "kind of vehicle. Give the file of the one that was driven. Type: {fix}"
+        "{run} was driven with {commands} commands, but {vehicle} accepts {expected}: they are not the "
+        "same kind of vehicle. Give the file of the vehicle that was driven. Type: {fix}"
     ),
     "segment.length": "{arg[segment_s]} = {length_s:g}: expected the length of a segment, above 0 s.",
     "sigma.negative": "sigma = [{found}]: expected standard deviations greater than 0.",
     "sigma.size": "sigma: expected {size} numbers for {sensor}, the standard deviation of its noise.",
     "signal.all-rest": (
-        "rest_s = {rest_s:g} before and after leaves {moving_s:g} of {duration_s:g} s to move: expected more than 0."
+        "rest_s = {rest_s:g} before and after leaves {moving_s:g} of {duration_s:g} s for the motion: "
+        "expected more than 0."
     ),
     "signal.band": (
         "low_hz = {low_hz:g}, high_hz = {high_hz:g}: expected 0 < low_hz < high_hz < {most_hz:g} Hz, half the rate."
     ),
     "signal.few-sines": (
-        "{duration_s:g} s contain {sines} sines between {low_hz:g} and {high_hz:g} Hz, and {needed} are needed. Choose "
-        "a longer duration_s or a wider band."
+        "{duration_s:g} s contain {sines} sines between {low_hz:g} and {high_hz:g} Hz, but {needed} are "
+        "needed. Choose a longer duration_s or a wider band."
     ),
     "signal.limit": (
-        "limit = [{limit}]: expected the largest size of each entry of the command, finite and 0 or more. A "
-        "vehicle file without a limit needs one here."
+        "limit = [{limit}]: expected the largest magnitude of each entry of the command, finite and 0 or "
+        "more. If the vehicle file does not have a limit, give one here."
     ),
     "signal.no-tick": (
         "duration_s = {duration_s:g}, rate_hz = {rate_hz:g}: expected at least one tick, duration_s · rate_hz ≥ 1."
@@ -166,14 +176,16 @@ TEMPLATES: dict[str, str] = {
     "signal.shape": "the signal has shape ({rows}): expected (N, {commands}), one row a tick.",
     "signal.short": "{what} = {span_s:g}: expected at least one tick, {least_s:g} s.",
     "signal.unknown": 'Signal "{found}" is unknown. {near}. Designed needs a vehicle file and a room.',
-    "start.not-free": "{arg[start]} = {path}: it is not a free parameter, so it does not have a start value.",
+    "start.not-free": (
+        "{arg[start]} = {path}: this is not a free parameter, so it does not have a start value."
+    ),
     "tape.after-the-end": (
-        '{arg[measured]} "{line}": {run} lasts {duration_s:.4g} s, and {t_s:g} s is not in it: expected a '
+        '{arg[measured]} "{line}": {run} lasts {duration_s:.4g} s, so {t_s:g} s is not in it: expected a '
         "time after the first tick."
     ),
     "tape.cut": (
-        "A tape measures a whole run, and this one is split into segments. Leave out {arg[segment_s]}, and use the "
-        "pose of a camera, which gives more than a tape."
+        "A tape measures a whole run, but this run is split into segments. Remove {arg[segment_s]}, or use "
+        "the pose of a camera, which gives more information than a tape."
     ),
     "tape.negative": '{arg[measured]} "{line}": {length_m:g} m: a distance is 0 or more.',
     "tape.no-length": (
@@ -185,28 +197,32 @@ TEMPLATES: dict[str, str] = {
     "tape.of-another-run": (
         '{arg[measured]} "{line}" names run {found}: expected one of {known} before the time.'
     ),
-    "tolerance.keys": "{arg[tolerance]} = {given}: expected parts of 1 for {keys}, as in {{'gyro': 0.01}}.",
-    "tolerance.no-part": "{arg[tolerance]} of {path}, {part:g}: expected a part of 1, as 0.01 for ± 1 %.",
+    "tolerance.keys": (
+        "{arg[tolerance]} = {given}: expected fractions of 1 for {keys}, as in {{'gyro': 0.01}}."
+    ),
+    "tolerance.no-part": (
+        "{arg[tolerance]} of {path}, {part:g}: expected a fraction of 1, such as 0.01 for ± 1 %."
+    ),
     "tolerance.no-scale": "{arg[tolerance]:{path}}: expected a scale of an IMU of {vehicle}. It has: {known}.",
     "truth.no-heading": (
-        "The truth of {run} does not contain a heading, and calibration needs one. A fit of the model estimates its "
-        "place and its clock. Type: {fix}"
+        "The truth of {run} does not contain a heading, and calibration needs one. A fit of the model can "
+        "estimate the position of its mark and its clock. Type: {fix}"
     ),
     "truth.no-mark": (
-        "{run} does not determine a mark or its clock, so the map stays unchanged. Leave out --map."
+        "{run} does not determine a mark or its clock, so the map stays unchanged. Remove --map."
     ),
     "truth.no-sensor": (
         "{run} contains neither the gyro nor the odometer of {vehicle}, so it cannot be calibrated. Give the vehicle "
         "file that names them: {fix}"
     ),
     "truth.none": (
-        "{run} does not contain a pose from outside: calibration needs a camera, motion capture or a simulation's "
-        "truth. Import it with [truth] in the map: {fix}. Without one, turns by hand in a run without commands "
-        "calibrate a gyro."
+        "{run} does not contain a pose from outside: calibration needs a camera, motion capture or a "
+        "simulation's truth. Import it with [truth] in the map: {fix}. Without such a pose, a gyro can be "
+        "calibrated by turns by hand, in a run without commands."
     ),
     "truth.not-held": (
-        "{run} does not contain the truth: only a simulation does, or a recording with a camera. Leave truth out of "
-        "{arg[use]}."
+        "{run} does not contain the truth: only a simulation contains it, or a recording with a camera. "
+        "Remove truth from {arg[use]}."
     ),
     "truth.short-overlap": (
         "{run}: truth and sensors overlap for {overlap_s:.1f} s: expected at least {needed_s:.0f} s, "
@@ -221,39 +237,40 @@ TEMPLATES: dict[str, str] = {
         "may hide one turn more or less: give the number of whole turns. Type: {fix}"
     ),
     "turns.end-of-range": (
-        "the gyro of {run} is at the end of its range, {limit_rad_s:.3g} rad/s, at {at_s:.1f} s. Turn it more slowly."
+        "the gyro of {run} is at the end of its range, {limit_rad_s:.3g} rad/s, at {at_s:.1f} s. Turn the "
+        "vehicle more slowly."
     ),
-    "turns.few-rests": (f"{{run}} rests {{rests}} times for {{rest_s:g}} s or more: expected twice. {ASK}"),
-    "turns.not-turned": (f"{{run}} was not turned between its rests. {ASK}"),
+    "turns.few-rests": (f"{{run}} contains {{rests}} rests of {{rest_s:g}} s or more: expected two. {ASK}"),
+    "turns.not-turned": (f"In {{run}} the vehicle was not turned between its rests. {ASK}"),
     "turns.not-whole": (
-        "between its rests at {from_s:.0f} s and {to_s:.0f} s of {run} the gyro turned {turns:.2f} times, expected "
+        "between its rests at {from_s:.0f} s and {to_s:.0f} s of {run} the gyro turned {turns:.2f} times; expected "
         "{expected:g}. "
         f"{ASK}"
     ),
     "use.not-in-all": (
-        "{runs}: readings of {sensor} are missing. Expected at least one sensor with readings in "
-        "all runs: leave out the runs without it."
+        "{runs}: readings of {sensor} are missing. Expected at least one sensor with readings in all runs: "
+        "exclude the runs without it."
     ),
     "use.read-in-some": (
-        "{runs}: readings of {sensor} are missing. Expected at least one sensor with readings in "
-        "all runs. Leave out the runs without it, or fit the others with it: {arg[use]:{sensor}}."
+        "{runs}: readings of {sensor} are missing. Expected at least one sensor with readings in all runs. "
+        "Exclude the runs without it, or fit the others with it: {arg[use]:{sensor}}."
     ),
     "turns.no-gyro": (
         "{run} does not contain a reading of a gyro of {vehicle}. Give the file that names it. Type: {fix}"
     ),
     "turns.silent": (
-        "The gyro of {run} is silent for {gap_s:.2g} s at {at_s:.1f} s, so its turn in that time is unknown. Turn it "
-        "again, or cut that part off. Type: {fix}"
+        "The gyro of {run} is silent for {gap_s:.2g} s at {at_s:.1f} s, so the turn in that time is "
+        "unknown. Repeat the turns, or cut that part off. Type: {fix}"
     ),
     "validation.refused-fit": "The fit is refused, so it cannot be judged: correct that first.",
     "use.no-channel": '{arg[use]} = "{sensor}[{entry}]": its channels are 0 to {last}.',
     "use.nothing-common": (
-        "the runs contain {read}, the vehicle file {known}: expected at least one in common."
+        "the runs contain {read}, and the vehicle file {known}: expected at least one in common."
     ),
     "use.not-in-file": (
         "The run has sensor {sensor}, which {vehicle} does not describe, so the fit does not use it. To use it, add to "
         'the vehicle file: [sensors.{sensor}], and below it kind = "{kind}".'
     ),
     "use.unknown": "{arg[use]:{sensor}}: the vehicle file does not have this sensor; it has {known}.",
-    "use.unreadable": '{arg[use]:{found}}: expected a sensor, or one channel of it as "imu[2]".',
+    "use.unreadable": '{arg[use]:{found}}: expected a sensor, or one of its channels, such as "imu[2]".',
 }

@@ -1,4 +1,4 @@
-"""English sentences of the front door: own blocks, results that are shown, notebooks."""
+"""English sentences of the Python functions: blocks of the user, results that are shown, notebooks."""
 
 TEMPLATES: dict[str, str] = {
     "block.not-a-block": (
@@ -6,16 +6,17 @@ TEMPLATES: dict[str, str] = {
         "class or object with init() and step()."
     ),
     "block.of-other-room": (
-        "{block} was given as {room:word}, but its step() is that of another room ({other:word}). Type: {fix}"
+        "{block} was given as {room:word}, but its step() belongs to another type of block ({other:word}). "
+        "Type: {fix}"
     ),
     "front.more": "{lines} more lines: .table()",
     "front.fit": "Fit of {vehicle} to {runs}: {known} of {parameters} parameters have an estimate",
     "front.across-true": "{cm:.2g} cm rms across the path",
-    "front.across-estimate": "{cm:.2g} cm by its estimate",
+    "front.across-estimate": "{cm:.2g} cm according to its estimate",
     "front.position-off": "error of the estimated position {cm:.2g} cm rms",
     "front.across-first": "{cm:.2g} cm across the path of the first run",
     "front.whole": "the whole table",
-    "front.rows-more": "{rows} more rows are in the whole table",
+    "front.rows-more": "the whole table has {rows} more rows",
     "front.card-fit": "Fit of {vehicle} to {runs}",
     "front.card-run": "{run}: {kind}, {duration_s:.1f} s",
     "front.card-comparison": "Comparison of runs: {runs:.0f}",
@@ -29,21 +30,23 @@ TEMPLATES: dict[str, str] = {
     "front.card-calibration": "Calibration of the sensors of {run}",
     "front.card-validation": "Test on held-out runs",
     "front.card-history": "{vehicle} over {runs} runs",
-    "front.plot-unknown": "A {result} does not have the drawing {found}. {near}.",
-    "front.nothing-to-draw": "This {result} does not contain the data for a drawing{kind}.",
+    "front.plot-unknown": "A {result} does not have the plot {found}. {near}.",
+    "front.nothing-to-draw": "This {result} does not contain the data for a plot{kind}.",
     "report.animation-ending": "{found}: expected a name that ends in .svg. Type: {fix}",
     "report.nothing-moves": (
         "Run {name} contains neither an estimate nor a truth, so it cannot be animated. Type: {fix}"
     ),
-    "front.no-page": "A report takes a run or a fit. {found} was given.",
+    "front.no-page": "A report needs a run or a fit. Found: {found}.",
     "front.format-unknown": "Figures cannot be written as {found}. {near}.",
     "front.missing": "{package} is not installed, and {what:word} needs it. Type: {fix}",
-    "front.several-panels": "This drawing has {panels} panels, but an axes holds one. Give figure= instead of ax=.",
+    "front.several-panels": (
+        "This plot has {panels} panels, but an axes contains only one. Give figure= instead of ax=."
+    ),
     "front.width-unknown": "The width {found} is not valid. Expected millimetres, or a name. {near}.",
     "front.width-mm": "The width {found:g} mm is out of range. Expected 20 to 2000 mm.",
     "drive.text-unknown": (
-        "This run does not contain the code of {room} {block}, because Python cannot find it. "
-        "Write the class in a file or in a cell."
+        "This run does not contain the code of {room} {block}, because Python cannot find it. Write the "
+        "class in a file or in a notebook cell."
     ),
     "drive.no-vehicle-in-run": (
         '{run} does not contain a vehicle file. Give one: replay(run, load("vehicle.toml")).'

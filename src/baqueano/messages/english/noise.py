@@ -1,14 +1,14 @@
-"""English sentences of chosen terms, noise, calibration, forecasts, and parameters over time."""
+"""English sentences about chosen terms, noise, calibration, predictions, and parameters over time."""
 
 AGAIN = (
-    "noise: the covariances of the fitted runs are wrong on {runs} (NIS {nis}). They were estimated again over all "
-    "runs (NIS {again})"
+    "noise: the covariances of the fitted runs are inconsistent with {runs} (NIS {nis}). They were estimated again "
+    "from all runs (NIS {again})"
 )
 HELD_OUT = "To test whether accelerometers improve it, hold out a run with a camera or an odometer: {fix}"
 RATIO = (
     "its error is {ratio:.2f} × the error without them ({low:.2f} to {high:.2f}), measured by {by} of {runs}."
 )
-LAP = "A lap cannot be predicted:"
+LAP = "A lap cannot be predicted"
 MOVED = (
     "{before:.4g} ± {before_sd:.1g} → {after:.4g} ± {after_sd:.1g}{unit} ({percent:+.0f} %, {z:.1f} standard "
     "errors)"
@@ -16,18 +16,18 @@ MOVED = (
 
 TEMPLATES: dict[str, str] = {
     "choose.taken": (
-        "{subject} added: held-out {channel} error {before:.3g} → {after:.3g}{unit}, {errors:.1f} standard errors "
-        "({needed:.1f} needed)"
+        "{subject} was added: the held-out error of {channel} changed from {before:.3g} to "
+        "{after:.3g}{unit}, {errors:.1f} standard errors ({needed:.1f} needed)"
     ),
-    "choose.refused": "{subject} refused: {why}",
-    "choose.left-out-for": "{subject} left out: {why}",
+    "choose.refused": "{subject} was refused: {why}",
+    "choose.left-out-for": "{subject} was excluded: {why}",
     "choose.dropped": (
-        "{subject} removed again: beside the other terms it lowers the error by {percent:.1f} ± {percent_sd:.1f} % "
-        "only, {errors:.1f} standard errors"
+        "{subject} was removed again: together with the other terms it lowers the error by only "
+        "{percent:.1f} ± {percent_sd:.1f} %, {errors:.1f} standard errors"
     ),
     "choose.left-out": (
-        "{subject} left out: the held-out error decreases by {percent:.1f} ± {percent_sd:.1f} %, {errors:.1f} standard "
-        "errors ({needed:.1f} needed)"
+        "{subject} was excluded: the held-out error decreases by {percent:.1f} ± {percent_sd:.1f} %, "
+        "{errors:.1f} standard errors ({needed:.1f} needed)"
     ),
     "term.best-without": "the best fit is the model without it",
     "term.brings-little": "it lowers the cost by {percent:.2f} % only",
@@ -41,14 +41,14 @@ TEMPLATES: dict[str, str] = {
         "itself: runs with a full and with an empty battery"
     ),
     "noise.too-short": "noise: {runs} is too short to test the noise of the fitted runs, which is kept.",
-    "noise.holds": "noise: the covariances are right on {runs} (NIS {nis}).",
+    "noise.holds": "noise: the covariances are consistent with {runs} (NIS {nis}).",
     "noise.holds-simulated": (
-        "noise: the covariances are right on {runs} (NIS {nis}) and on a simulation of the fitted vehicle "
-        "(NEES {nees})."
+        "noise: the covariances are consistent with {runs} (NIS {nis}) and with a simulation of the fitted "
+        "vehicle (NEES {nees})."
     ),
     "noise.nees-off": (
-        "noise: the covariances are wrong on a simulation of the fitted vehicle (NEES {nees}): too small for "
-        "{too_sure}, too large for {too_careful}."
+        "noise: the covariances are inconsistent with a simulation of the fitted vehicle (NEES {nees}): "
+        "too small for {too_sure}, too large for {too_careful}."
     ),
     "noise.found-again": f"{AGAIN}.",
     "noise.still-off": f"{AGAIN}: too small for {{too_sure}}, too large for {{too_careful}}.",
@@ -59,26 +59,29 @@ TEMPLATES: dict[str, str] = {
         "Q of {subject} is the noise at rest, σ = {sigma:.3g}: the sensor was not part of the fit"
     ),
     "speed.by-the-file": f"speed: corrected by {{channels}}, as in the file. {HELD_OUT}",
-    "speed.by-the-model": f"speed: from the model alone. {HELD_OUT}",
+    "speed.by-the-model": f"speed: obtained from the model alone. {HELD_OUT}",
     "speed.too-short": (
-        "speed: {runs} is too short to test the accelerometers ({pieces} of {least} segments of {block_s:g} s). The "
-        "speed comes from the model."
+        "speed: {runs} is too short to test the accelerometers ({pieces} of {least} segments of "
+        "{block_s:g} s). The speed is obtained from the model."
     ),
     "speed.corrected": f"speed: corrected by {{channels}}; {RATIO}",
-    "speed.left": f"speed: from the model alone. With {{channels}}, the best choice, {RATIO}",
+    "speed.left": f"speed: obtained from the model alone. With {{channels}}, the best choice, {RATIO}",
     "at-rest.bursts": (
-        "{subject}: the stamps come in bursts (step: median {median_ms:.3g} ms, mean "
-        "{mean_ms:.4g} ms, longest {longest_ms:.3g} ms), so they are times of arrival. The "
-        "samples were spread evenly, at {rate_hz:.2f} Hz"
+        "{subject}: the timestamps come in bursts (step: median {median_ms:.3g} ms, mean {mean_ms:.4g} ms, "
+        "longest {longest_ms:.3g} ms), so they are times of arrival. The samples were spaced evenly, at "
+        "{rate_hz:.2f} Hz"
     ),
     "at-rest.repeats": (
-        "{subject}: {percent:.0f} % of the samples repeat the one before: it is read faster than it measures"
+        "{subject}: {percent:.0f} % of the samples repeat the previous one: the sensor is read faster than "
+        "it measures"
     ),
     "at-rest.touched": "{subject}: {percent:.1f} % of the samples are far beyond its noise. Was it touched?",
     "at-rest.dead": "{subject} is constant at {value:g}. Is it connected?",
-    "calibration.turn-more": "the error of {subject} is still ± {percent:.1f} %: turn it more, to both sides",
-    "calibration.drive-further": "the error of {subject} is still ± {percent:.1f} %: drive it further",
-    "calibration.loose-clock": "the clocks agree to ± {half_ms:.0f} ms only: change speed and turn often",
+    "calibration.turn-more": "the error of {subject} is still ± {percent:.1f} %: turn more, to both sides",
+    "calibration.drive-further": "the error of {subject} is still ± {percent:.1f} %: drive a longer distance",
+    "calibration.loose-clock": (
+        "the clock offset is known only to ± {half_ms:.0f} ms: change speed and turn often"
+    ),
     "calibration.clock-at-end": "the clock offset {offset_s:.2f} s is at the end of the searched range",
     "over-time.step": f"{{subject}} changed between {{first}} and {{second}}: {MOVED}",
     "over-time.drift": f"{{subject}} changed slowly from {{first}} to {{second}}: {MOVED}",
@@ -88,8 +91,8 @@ TEMPLATES: dict[str, str] = {
         "cause errors of {position} and {heading_deg}° (rms)."
     ),
     "forecast.lost": (
-        "After {duration_s:.0f} s of open loop, {drive} ({way_m:.2g} m), the errors of the fit "
-        "cause a heading error of {heading_deg}° (rms): the position is unusable."
+        "After {duration_s:.0f} s of open loop, {drive} ({way_m:.2g} m), the errors of the fit cause a "
+        "heading error of {heading_deg}° (rms). The position is then unusable."
     ),
     "forecast.as-the-runs": "driven like these runs",
     "forecast.longest-again": "the longest run again",
@@ -98,6 +101,6 @@ TEMPLATES: dict[str, str] = {
     "forecast.lap-of-circle": "one lap of a sinuous circle",
     "forecast.unseen-exact": "Parameters that are not identifiable count as exact here.",
     "forecast.more-errors": "Floor, battery and start position add more errors.",
-    "forecast.no-controller": f"{LAP} the recommended controller cannot drive this vehicle: {{error}}",
-    "forecast.strays": f"{LAP} the model leaves the route by {{far}} (rms), which is too fast or too tight.",
+    "forecast.no-controller": f"{LAP}, because the recommended controller cannot drive this vehicle: {{error}}",
+    "forecast.strays": f"{LAP}: the model leaves the route by {{far}} (rms). The route is too fast or too tight.",
 }

@@ -1,33 +1,39 @@
-"""English sentences of the page: what it answers a browser, names of quantities, and what it prints."""
+"""English sentences of the page: its answers to a browser, names of quantities, and its output in the terminal."""
 
 TEMPLATES: dict[str, str] = {
-    "web.token": "This page needs the whole printed address, with the part after #. It may have expired.",
-    "web.no-hello": "The first word of a browser is hello.",
-    "web.hello-again": "This browser has already been let in.",
-    "web.not-understood": "This word could not be used: {error}.",
-    "web.no-vehicle": 'The word "{word}" needs a vehicle; this page shows recorded runs.',
+    "web.token": (
+        "This page needs the whole printed address, with the part after #. The address may have expired."
+    ),
+    "web.no-hello": "The first message of a browser must be hello.",
+    "web.hello-again": "This browser is already connected.",
+    "web.not-understood": "This request could not be used: {error}.",
+    "web.no-vehicle": 'The request "{word}" needs a vehicle, but this page only shows recorded runs.',
     "web.no-run": "This run is no longer in the list. Load the page again.",
-    "web.run-gone": "The run {path} has gone from its folder.",
+    "web.run-gone": "The run {path} is no longer in its folder.",
     "web.lab-failed": "The worker that reads runs met an error: {error}.",
     "web.lab-ended": "The worker that reads runs ended. The next request starts it again.",
-    "web.no-question": 'The question "{what}" is unknown here.',
+    "web.no-question": 'The request "{what}" is unknown here.',
     "web.no-vehicle-file": "This page was started without a vehicle file. Open a run, or type: baqueano serve",
-    "web.tune-garage": "{vehicle} of the garage cannot be written. Make a vehicle file of your own; type: {fix}",
-    "web.no-kind": "{found} is not in the list of blocks for the room {room}: {known}.",
-    "web.no-swap": "The block of the room {room} stays as it is; estimator, guide and controller can be swapped.",
+    "web.tune-garage": (
+        "{vehicle} is in the garage, so it cannot be changed. Make your own vehicle file. Type: {fix}"
+    ),
+    "web.no-kind": "{found} is not in the list of blocks of type {room}: {known}.",
+    "web.no-swap": "The {room} block stays as it is; only estimator, guide and controller can be swapped.",
     "web.swapped": "From the next mission on, {kind} is the {room}",
     "web.tuned": "The gains are now in {file}",
     "web.recorded": "Recorded: {name}, {kind}, {seconds:.1f} s, with {events} events.",
-    "web.unknown-word": 'The word "{word}" is unknown here.',
+    "web.unknown-word": 'The request "{word}" is unknown here.',
     "web.role": "This address does not allow that. Ask for another one where the page was started.",
-    "web.lease-taken": "{name} drives. Ask for the vehicle, or wait until it is free.",
-    "web.lease-needed": "Take the vehicle first; only one browser drives it.",
-    "web.other-robot": "This word was for another vehicle. Load the page again.",
-    "web.no-such-visitor": "Nobody called {name} may drive here.",
+    "web.lease-taken": "{name} drives. Ask for control, or wait until it is free.",
+    "web.lease-needed": "Take control of the vehicle first: only one browser can drive it.",
+    "web.other-robot": "This request was for another vehicle. Load the page again.",
+    "web.no-such-visitor": "A visitor called {name} who may drive was not found.",
     "web.demo-done": (
         "The computation is done. Verdict of the fit: {verdict}. The report is in the folder of the demo"
     ),
-    "web.playback": "These drives are over and are only shown. For a vehicle that takes missions, type: baqueano serve",
+    "web.playback": (
+        "These drives are over and are only shown. For a vehicle that accepts missions, type: baqueano serve"
+    ),
     "web.teach-there": "A real vehicle is taught from the terminal, which keeps its route. Type: {fix}",
     "web.no-such-mission": 'A mission of kind "{kind}" is unknown. Expected one of {known}.',
     "web.service-gone": "The connection to the vehicle's service has ended. Start the page again.",
@@ -41,14 +47,14 @@ TEMPLATES: dict[str, str] = {
     "web.title-disarmed": "NOT READY",
     "web.title-over": "OVER",
     "web.title-paused": "PAUSED",
-    "web.stopped": "Stopped: {cause}. Clear the stop to go on",
+    "web.stopped": "Stopped: {cause}. Clear the stop to continue",
     "web.disarmed": "Not ready: {cause}",
     "web.ready": "The vehicle is at rest. Teach a route, repeat one, or drive by hand",
     "web.begins": "The drive begins",
     "web.lap-of": "Lap {lap} of {laps}",
     "web.lap": "Lap {lap}",
     "web.from-route": "{cm:.1f} cm from its route, by the estimate",
-    "web.speed": "{speed_m_s:.2f} m/s ahead",
+    "web.speed": "{speed_m_s:.2f} m/s forward",
     "web.filter-fits": "The filter agrees with its sensors: NIS {nis:.2f}, 1 is ideal",
     "web.filter-too-sure": "The filter underestimates its errors: NIS {nis:.1f}, 1 is ideal",
     "web.filter-cautious": "The filter overestimates its errors: NIS {nis:.2f}, 1 is ideal",
@@ -58,17 +64,17 @@ TEMPLATES: dict[str, str] = {
     "web.no-network": "The address of this computer in its network was not found. Type: --address 192.168.4.1",
     "web.one-of": "{several} were given together. Expected one of them.",
     "web.at": "page: {url}   Ctrl-C ends it",
-    "web.foxglove": "for Foxglove, to look at: {url}",
-    "web.foxglove-set": "Parameters are read only here. Who drives sets gains on the page.",
-    "web.foxglove-publish": "This vehicle takes no messages.",
-    "web.foxglove-updates": "No updates of parameters are sent. Ask for the parameters again.",
+    "web.foxglove": "for Foxglove, read only: {url}",
+    "web.foxglove-set": "Parameters can only be read here. The person who drives sets the gains on the page.",
+    "web.foxglove-publish": "This vehicle does not accept messages.",
+    "web.foxglove-updates": "Updates of parameters are not sent. Request the parameters again.",
     "web.foxglove-channel": "Channel {word} is unknown here.",
-    "web.foxglove-most": "At most {word} subscriptions are taken.",
-    "web.to-stop": "who may watch and stop: {url}",
-    "web.to-view": "who may only watch: {url}",
+    "web.foxglove-most": "At most {word} subscriptions are accepted.",
+    "web.to-stop": "to watch and stop: {url}",
+    "web.to-view": "to watch only: {url}",
     "web.plain": (
-        "The page travels unencrypted: use --share in a network whose people you trust. The addresses hold for "
-        "{hours:.0f} h."
+        "The page is sent unencrypted: use --share only in a network of people whom you trust. The "
+        "addresses are valid for {hours:.0f} h."
     ),
     "web.label-time": "time",
     "web.label-x": "x",
@@ -93,8 +99,8 @@ TEMPLATES: dict[str, str] = {
     "web.label-progress": "distance along the route",
     "web.label-cross": "distance from the route, left positive",
     "web.label-battery": "battery",
-    "web.label-late": "lateness of a tick",
-    "web.imu-ahead": "acceleration ahead",
+    "web.label-late": "delay of a tick",
+    "web.imu-ahead": "forward acceleration",
     "web.imu-left": "acceleration to the left",
     "web.imu-turning": "yaw rate of the gyro",
 }

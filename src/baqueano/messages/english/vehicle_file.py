@@ -2,7 +2,7 @@
 
 TEMPLATES: dict[str, str] = {
     "vehicle.commands-differ": (
-        "the run was driven with {found} commands, and the fit with {expected}: expected a run of the same "
+        "the run was driven with {found} commands, but the fit uses {expected}: expected a run of the same "
         "kind of vehicle. Type: {fix}"
     ),
     "vehicle.no-route": "{guide} repeats a route, but a route is missing: teach one, or name its file.",
@@ -16,23 +16,22 @@ TEMPLATES: dict[str, str] = {
     "toml.too-large": "{file} has {size:,} bytes: a vehicle file has at most {largest:,}. Is it another file?",
     "toml.utf-16": "{file} is written in UTF-16: expected UTF-8. Save it again: Notepad, Save as, Encoding: UTF-8.",
     "toml.zero-bytes": (
-        "{file} contains zero bytes: it is not text in UTF-8, or it was cut by a loss of power. Save it with the "
+        "{file} contains null bytes: it is not text in UTF-8, or a loss of power cut it. Save it with the "
         "encoding UTF-8, or restore a copy."
     ),
-    "toml.empty": "{file} is empty: was it cut by a loss of power? To make one: {fix}",
+    "toml.empty": "{file} is empty: did a loss of power cut it? To create one: {fix}",
     "toml.too-deep": "{file} nests its values too deeply: at most {most} levels.",
     "toml.not-read": "{path}: cannot be read: {error}.",
     "toml.not-utf-8": (
-        "{file} line {line} holds the byte 0x{byte:02x}, which is not UTF-8 (an accent from an old "
+        "{file} line {line} contains the byte 0x{byte:02x}, which is not UTF-8 (an accent from an old "
         "editor?). Save the file with the encoding UTF-8."
     ),
-    "toml.number": "{file} holds a number that cannot be read: {error}.",
-    "toml.long-key": "{file} line {line}: a key of more than {most} parts.",
+    "toml.number": "{file} contains a number that cannot be read: {error}.",
+    "toml.long-key": "{file} line {line}: this key has more than {most} parts.",
     "block.no-room": (
-        "{place} {block}.step(state, {names}) belongs to none of the rooms. The names of the "
-        "arguments must be those of a room. Estimator: step(state, tick). Guide: step(state, "
-        "estimate). Controller: step(state, reference, estimate). Supervisor: step(state, "
-        "command, tick, estimate)."
+        "{place} {block}.step(state, {names}) does not match any type of block. The names of its arguments "
+        "must be those of one type. Estimator: step(state, tick). Guide: step(state, estimate). "
+        "Controller: step(state, reference, estimate). Supervisor: step(state, command, tick, estimate)."
     ),
     "block.no-step": "{place} {block} does not have step(): every block has init() and step(state, …).",
     "block.not-class": '{file}: "{found}" is {kind}, expected a class with init() and step(state, …).',
@@ -40,12 +39,15 @@ TEMPLATES: dict[str, str] = {
     "block.not-python": "{file} line {line} is not valid Python: {error}: {text}",
     "vehicle.folder": "{path} is a folder, expected a vehicle file. In it: {files}.",
     "vehicle.unknown": (
-        'Vehicle "{found}" is not in the garage. {near}. A file of your own ends in .toml. To make one: {fix}'
+        'Vehicle "{found}" is not in the garage. {near}. A file of your own ends in .toml. To create one: '
+        "{fix}"
     ),
-    "vehicle.absent": "{missing} does not exist. Beside it: {near}. The garage has {garage}. To make one: {fix}",
+    "vehicle.absent": (
+        "{missing} does not exist. In its folder: {near}. The garage has {garage}. To create one: {fix}"
+    ),
     "vehicle.truth-elsewhere": (
-        "{file} [simulation] truth = {found} leads out of the folder of the file. Expected a file beside it, or one of "
-        "the garage: {garage}."
+        "{file} [simulation] truth = {found} points outside the folder of the file. Expected a file in "
+        "that folder, or one of the garage: {garage}."
     ),
     "vehicle.unknown-key": "{file} does not have key {found}. {near}.",
     "vehicle.lacks": "{file} [{room}] needs {keys}. Write it into the file.",
@@ -65,7 +67,9 @@ TEMPLATES: dict[str, str] = {
     ),
     "vehicle.command-names": "{place} has {found} names, but model {model} has a command of {expected} entries.",
     "vehicle.command-name-twice": "{place} = {found}: two entries have the same name.",
-    "vehicle.command-limits": "{place} has {found} numbers and the command {expected} entries: write one for each.",
+    "vehicle.command-limits": (
+        "{place} has {found} numbers, but the command has {expected} entries: write one number per entry."
+    ),
     "vehicle.not-table": "{place} = {found}: expected a table. Write [{table}] on a line of its own.",
     "vehicle.derived-key": "{place} is computed from the other keys. Delete the line.",
     "vehicle.key-unknown": "{place} is not a key of this table. {near}.",
@@ -73,13 +77,14 @@ TEMPLATES: dict[str, str] = {
     "vehicle.unit-missing": "Write the unit in the key: {key} = {value} if it is in {in_unit}",
     "vehicle.unit-other": "This key is in {in_unit}: {value} {given} is {key} = {converted}",
     "vehicle.number-in-quotes": (
-        "{place} = {found}: expected one number [{in_unit}], {meaning:word}. Take the quotes away."
+        "{place} = {found}: expected one number [{in_unit}], {meaning:word}. Remove the quotes."
     ),
     "vehicle.not-number": "{place} = {found}: expected one number [{in_unit}], {meaning:word}.",
     "vehicle.not-numbers": "{place} = {found}: expected {size} [{in_unit}], {meaning:word}.",
     "vehicle.size": "{place} has {found}: expected {size} [{in_unit}], {meaning:word}.",
     "vehicle.size-with-commas": (
-        "{place} has {found}: expected {size} [{in_unit}], {meaning:word}. Decimal commas? Write points."
+        "{place} has {found}: expected {size} [{in_unit}], {meaning:word}. Are these decimal commas? Write "
+        "points."
     ),
     "vehicle.one-number": "one number",
     "vehicle.any-numbers": "a list of numbers",
@@ -99,7 +104,7 @@ TEMPLATES: dict[str, str] = {
     "vehicle.not-list": "{place} = {found}: expected a list of finite numbers.",
     "vehicle.model-lacks": "{place} is incomplete: {model} needs {keys}.",
     "vehicle.model-lacks-inertia": (
-        "{place} is incomplete: {model} needs {keys}. Or give radius_m in [geometry], then ½ m R² is used."
+        "{place} is incomplete: {model} needs {keys}. Or give radius_m in [geometry]; then ½ m R² is used."
     ),
     "vehicle.sensor-name": "{place} is not a sensor's name: expected letters, digits and _ only, and a letter first.",
     "vehicle.sensors-not-table": "{place} is not a table: write [sensors.imu] and its keys below it.",
@@ -113,33 +118,40 @@ TEMPLATES: dict[str, str] = {
     ),
     "vehicle.kind-not-text": "{place} = {found}: expected text in quotes, one of {known}.",
     "vehicle.kind": '{place} = "{kind}": {cause}.',
-    "vehicle.provenance-not-table": "{place} is not a table: it holds run, date, sd and verdict.",
+    "vehicle.provenance-not-table": "{place} is not a table: it must contain run, date, sd and verdict.",
     "vehicle.not-date": "{place} = {found}: expected a date without quotes, as 2026-11-21.",
     "vehicle.not-sd": "{place} = {found}: expected standard deviations, 0 or more; nan if unknown.",
-    "vehicle.cov-not-table": "{place} is not a table: it holds run, date, names, sd and correlation.",
-    "vehicle.cov-names": "{place} holds a parameter that is not in the file. Delete the table: the next fit writes it.",
+    "vehicle.cov-not-table": "{place} is not a table: it must contain run, date, names, sd and correlation.",
+    "vehicle.cov-names": (
+        "{place} contains a parameter that is not in the file. Delete the table: the next fit writes it."
+    ),
     "vehicle.cov-size": (
-        "{place} has {expected} names: expected as many sd, 0 or more, and a correlation of rows of 1, 2, … "
-        "{expected} numbers from -1 to 1. Delete the table: the next fit writes it."
+        "{place} has {expected} names. Expected the same number of sd, 0 or more, and a correlation of "
+        "rows of 1, 2, … {expected} numbers from -1 to 1. Delete the table: the next fit writes it."
     ),
     "vehicle.correlation": "{place} has the eigenvalue {eigenvalue:.3g}, which is impossible for a correlation.",
-    "vehicle.envelope-not-table": "{place} is not a table: it holds run, names, low and high.",
+    "vehicle.envelope-not-table": "{place} is not a table: it must contain run, names, low and high.",
     "vehicle.envelope-names": (
-        "{place} has other names than the commands {commands} and then channels as imu[2]. Delete the table: the next "
-        "fit writes it."
+        "{place} must name first the commands {commands}, and then channels such as imu[2]. Delete the "
+        "table: the next fit writes it."
     ),
     "vehicle.envelope-ranges": (
-        "{place} does not hold one low and one high, finite and in this order, for each of its names. Delete the "
-        "table: the next fit writes it."
+        "{place} does not contain one low and one high, finite and in this order, for each of its names. "
+        "Delete the table: the next fit writes it."
     ),
     "vehicle.in-unit": "Is it in {in_unit}? {value:.3g} {in_unit} is {value_m:.3g} m",
     "vehicle.in-metres": "Is it in m?",
     "vehicle.centre-of-mass": (
-        "{place} = {found:g} m lies outside the platform, which ends at {radius_m:g} m. {in_unit}."
+        "{place} = {found:g} m is outside the platform, which ends at {radius_m:g} m. {in_unit}."
     ),
     "vehicle.two-shapes": "{place} and length_m, width_m: a platform is round or rectangular. Keep one.",
-    "vehicle.track": "{place} = {found:g} m: wider than the platform, which measures {across_m:g} m across. {in_unit}.",
-    "vehicle.wheel": "{place} = {found:g} m: a wheel larger than the platform, {across_m:g} m. {in_unit}.",
+    "vehicle.track": (
+        "{place} = {found:g} m: this is wider than the platform, which measures {across_m:g} m across. "
+        "{in_unit}."
+    ),
+    "vehicle.wheel": (
+        "{place} = {found:g} m: the wheel is larger than the platform, {across_m:g} m. {in_unit}."
+    ),
     "vehicle.too-heavy": (
         "{place} = {found:g}: on a platform that ends {radius_m:g} m from its middle this is {density_kg_m2:.3g} kg "
         "per m² of floor. That is more than half a metre of solid steel. Is the mass in kg, and are the measures of "
@@ -153,41 +165,42 @@ TEMPLATES: dict[str, str] = {
     "vehicle.disc": "radius_m = {radius_m:g}. A uniform disc has {uniform_kg_m2:.3g}",
     "vehicle.plate": "the platform ends at {radius_m:.3g} m. A uniform plate has {uniform_kg_m2:.3g}",
     "vehicle.inertia-unchecked": (
-        "{place} = {found:g}: with {mass_kg:g} kg this is a radius of gyration of {gyration_m:.3g} m, longer than the "
-        "vehicle. It is accepted: with commands and an IMU it only scales the torques. Give radius_m in [geometry] to "
-        "have it checked."
+        "{place} = {found:g}: with {mass_kg:g} kg this is a radius of gyration of {gyration_m:.3g} m, "
+        "longer than the vehicle. It is accepted: with commands and an IMU it only scales the torques. To "
+        "check it, give radius_m in [geometry]."
     ),
     "vehicle.inertia-too-large": (
         "{place} = {found:g}: with {mass_kg:g} kg this is a radius of gyration of {gyration_m:.3g} m, but {measure}. "
         "Was it computed in g or cm, or as m/r²?"
     ),
     "vehicle.inertia-of-point": (
-        "{place} = {found:g}: with {mass_kg:g} kg this is a radius of gyration of {gyration_m:.3g} m, all mass in a "
-        "point, but {measure}. Was it computed in g or cm?"
+        "{place} = {found:g}: with {mass_kg:g} kg this is a radius of gyration of {gyration_m:.3g} m, so "
+        "all mass is in a point, but {measure}. Was it computed in g or cm?"
     ),
     "vehicle.dead-zone": (
-        "{place} = {found}: a channel ends at {end} [{in_unit}], so a motor would never turn. Is it in percent?"
+        "{place} = {found}: a channel reaches at most {end} [{in_unit}], so a motor would never turn. Is "
+        "it in percent?"
     ),
     "vehicle.too-stiff": (
-        "{place} = {found}: it stops the vehicle within {stops_ms:.3g} ms, but a tick at {rate_hz:g} Hz lasts "
-        "{tick_ms:.3g} ms. A motion that decays faster than {most:g} times in a tick cannot be integrated. Raise one "
-        "of {keys}; or is it in another unit?"
+        "{place} = {found}: it stops the vehicle within {stops_ms:.3g} ms, but a tick at {rate_hz:g} Hz "
+        "lasts {tick_ms:.3g} ms. A motion that decays more than {most:g} times faster than a tick cannot "
+        "be integrated. Increase one of {keys}. Or is it in another unit?"
     ),
     "vehicle.entry-too-stiff": (
-        "{place} = {found}: entry {entry} stops the vehicle within {stops_ms:.3g} ms, but a tick at {rate_hz:g} Hz "
-        "lasts {tick_ms:.3g} ms. A motion that decays faster than {most:g} times in a tick cannot be integrated. Raise "
-        "one of {keys}; or is it in another unit?"
+        "{place} = {found}: entry {entry} stops the vehicle within {stops_ms:.3g} ms, but a tick at "
+        "{rate_hz:g} Hz lasts {tick_ms:.3g} ms. A motion that decays more than {most:g} times faster than "
+        "a tick cannot be integrated. Increase one of {keys}. Or is it in another unit?"
     ),
     "vehicle.too-fast": (
-        "{place}: the largest command would end at more than {most:g} {in_unit}. Are the gains and the friction in N "
-        "and m?"
+        "{place}: the largest command would produce more than {most:g} {in_unit}. Are the gains and the "
+        "friction in N and m?"
     ),
     "vehicle.lever-arm": (
         "{place} = {found}: {far_m:.3g} m from the middle of a platform that ends at {radius_m:.3g} m. {in_unit}."
     ),
-    "block.room-unknown": 'Room "{found}" does not exist. {near}.',
+    "block.room-unknown": 'Block type "{found}" does not exist. {near}.',
     "block.without-class": 'A block of your own is written "file.py:Class". {holds}.',
-    "block.classes": "{file} holds {classes}",
+    "block.classes": "{file} contains {classes}",
     "block.no-classes": "{file} does not define a class",
     "block.unknown": (
         '{room:word} "{found}" does not exist. {near}. Write one of your own as "file.py:Class".'
@@ -198,11 +211,11 @@ TEMPLATES: dict[str, str] = {
         "all your permissions, so read it first."
     ),
     "block.in-run": (
-        "{kind} is named inside a run; its code is in {path}. Code runs with all your "
-        "permissions, so read it first."
+        "{kind} is named in a run; its code is in {path}. Code runs with all your permissions, so read it "
+        "first."
     ),
     "block.in-run-elsewhere": (
-        "{kind} is named inside a run, and its path leaves this folder. Such code is never "
+        "{kind} is named inside a run, and its path points outside this folder. Such code is never "
         "executed. Name a vehicle file of your own: --vehicle FILE."
     ),
     "block.class-unknown": '{file} does not have a class "{found}". {near}.',
@@ -213,11 +226,13 @@ TEMPLATES: dict[str, str] = {
     "toml.decimal-comma": (
         "{file} line {line}: {found} has a decimal comma. Write a decimal point: {with_point}"
     ),
-    "toml.decimal-commas": "{file} line {line}: {found} is not TOML: {error}. Are these decimal commas? Write points.",
+    "toml.decimal-commas": (
+        "{file} line {line}: {found} is not valid TOML: {error}. Are these decimal commas? Write points."
+    ),
     "toml.twice": "{file} line {line}: {found} is in the file twice. Keep one of the two.",
     "toml.no-quotes": (
-        '{file} line {line}: {found} is not TOML. Text stands in quotes, key = "value"; true and false are in small '
-        "letters."
+        '{file} line {line}: {found} is not valid TOML. Text is written in quotes, key = "value"; true and '
+        "false are in lower case."
     ),
-    "toml.syntax": "{file} line {line}: {found} is not TOML: {error}.",
+    "toml.syntax": "{file} line {line}: {found} is not valid TOML: {error}.",
 }

@@ -18,7 +18,7 @@ class Stage(NamedTuple):
 
     seconds: float
     verdict: Verdict
-    off: np.ndarray  # (p,) estimate over the truth, minus 1; NaN where the fit has no estimate
+    off: np.ndarray  # (p,) estimate over the truth, minus 1; NaN without an estimate
     half: np.ndarray  # (p,) half-width of the 95 % interval, in parts of the truth
 
 

@@ -10,7 +10,7 @@ from itertools import pairwise
 import numpy as np
 
 from baqueano.language import number
-from baqueano.language import translated as _
+from baqueano.language import translate as _
 from baqueano.report.animation.bars import Stage
 from baqueano.report.animation.scene import Scene
 
@@ -55,7 +55,7 @@ def animation(scene: Scene, stages: Sequence[Stage] = (), labels: Sequence[str] 
 
 
 class _Clock:
-    """The time of the picture: a fit and the teaching, the laps, a rest; then from the start again."""
+    """The time axis of the animation: fit and teaching, the laps, a rest; then it repeats."""
 
     def __init__(self, scene: Scene, teaches: bool) -> None:
         self.begin_s = FIT_S if teaches else 0.6
@@ -65,7 +65,7 @@ class _Clock:
         self._end_s = float(scene.t_s[-1])
 
     def at(self, t_s: float) -> float:
-        """Return the time of the picture [s] at the instant `t_s` of the run."""
+        """Return the time in the animation [s] at the instant `t_s` of the run."""
         return self.begin_s + self.laps_s * t_s / self._end_s
 
     def part(self, picture_s: float) -> str:
@@ -77,7 +77,9 @@ class _Clock:
         return f"animation:{name} {self.whole_s:g}s linear infinite"
 
     def visible(self, name: str, from_s: float, to_s: float, fade_s: float = 0.15) -> str:
-        """Return the style of an element that appears and disappears; one that lasts to the end stays visible."""
+        """Return the style of an element that appears at `from_s` and disappears at `to_s`.
+        An element that lasts to the end stays visible.
+        """
         end = self.whole_s if to_s >= self.whole_s else to_s
         steps = [(0.0, "opacity:0"), (from_s, "opacity:0"), (min(from_s + fade_s, end), "opacity:1")]
         steps += [(end, "opacity:1")] if end >= self.whole_s else [(end, "opacity:1"), (end + fade_s, "opacity:0"),
@@ -107,13 +109,13 @@ class _Map:
         return centre + self.scale * (xy - self._middle) * np.array([1.0, -1.0])
 
     def pose(self, eta: np.ndarray, turned_deg: float) -> str:
-        """Return the CSS transform of a body at this pose, with its unwrapped heading [°]."""
+        """Return the CSS transform of a body at this pose, with the unwrapped heading `turned_deg` [°]."""
         x, y = self(eta[:2])
         return f"transform:translate({x:.1f}px,{y:.1f}px)rotate({-turned_deg:.0f}deg)"
 
 
 def _path(scene: Scene, clock: _Clock) -> list[str]:
-    """Return the route, the trail of each instant, and the vehicle."""
+    """Return the SVG of the route, the trail of each instant, and the vehicle."""
     to = _Map(scene)
     out = []
     if scene.route is not None:
@@ -160,9 +162,9 @@ def _lesson_steps(scene: Scene, clock: _Clock) -> list[tuple[float, np.ndarray, 
 
 
 def _trail(scene: Scene, to: _Map, clock: _Clock) -> list[str]:
-    """Return the corridor, the estimated and the true path between instants.
+    """Return the corridor, the estimated path and the true path between instants.
 
-    Each segment stays for a lap, those of the last lap stay to the end.
+    Each segment stays visible for a lap; the segments of the last lap stay to the end.
     """
     out = []
     a_lap = clock.laps_s / scene.laps
@@ -200,7 +202,7 @@ def _quad(scene: Scene, to: _Map, k: int) -> str:
 
 
 def _readout(scene: Scene, clock: _Clock, y: float) -> list[str]:
-    """Return the lap number, the width of the corridor at its end, and the true position error there."""
+    """Return for each lap its number, and the corridor's width and the true position error at its end."""
     out = []
     for lap in range(1, scene.laps + 1):
         k = round(lap * (len(scene.t_s) - 1) / scene.laps)
@@ -210,10 +212,10 @@ def _readout(scene: Scene, clock: _Clock, y: float) -> list[str]:
         lines = [_("lap {lap} of {laps}", lap=lap, laps=scene.laps) if scene.laps > 1 else _("the drive")]
         if scene.half_m is not None:
             radius = _("lost") if np.isnan(scene.half_m[k]) else f"± {_length(scene.half_m[k])}"
-            lines.append(_("known to {width} across, 95 %", width=radius))
+            lines.append(_("cross-track: {width} (95 %)", width=radius))
         if scene.true is not None and scene.estimated is not None:
             off = float(np.hypot(*(scene.true[k] - scene.estimated[k])[:2]))
-            lines.append(_("in truth {distance} off at its end", distance=_length(off)))
+            lines.append(_("true error at the end: {distance}", distance=_length(off)))
         texts = "".join(
             f'<text x="{LEFT + 50}" y="{y + 22 * row:.0f}"{_kind(row)}>{escape(line)}</text>'
             for row, line in enumerate(lines)
@@ -234,7 +236,7 @@ def _length(length_m: float) -> str:
 
 
 def _legend(scene: Scene, y: float) -> list[str]:
-    """Return a line for each drawn element."""
+    """Return a legend line for each drawn element."""
     entries = [("route", _("taught path"), scene.route is not None),
              ("band", _("corridor, 95 %"), scene.half_m is not None),
              ("sure", _("estimated path"), scene.estimated is not None),
@@ -255,7 +257,7 @@ def _fit_parts(stages: Sequence[Stage], labels: Sequence[str], clock: _Clock) ->
     """Return the intervals, which narrow from stage to stage, and the duration and verdict of each stage."""
     x, zero, top = LEFT + 50, WIDE - MARGIN - AXIS - 24, 98.0
     each_s = (clock.begin_s - 0.4) / len(stages)
-    title, below = _("What it learns while it drives"), _("error bars of the fit, 95 %; dotted: the truth")
+    title, below = _("Learning during a drive"), _("error bars of the fit, 95 %; dotted: the truth")
     out = [f'<text class="title" x="{x}" y="46">{escape(title)}</text>']
     out.append(f'<text class="soft" x="{x}" y="66">{escape(below)}</text>')
     low = top + ROW * len(labels)
@@ -288,7 +290,7 @@ def _fit_parts(stages: Sequence[Stage], labels: Sequence[str], clock: _Clock) ->
 
 
 def _interval(stage: Stage, row: int) -> str:
-    """Return the CSS of an interval, cut off at the ends of the axis."""
+    """Return the CSS of an interval, clipped at the ends of the axis."""
     off, half = stage.off[row], stage.half[row]
     if not np.isfinite(off + half):
         off, half = 0.0, BAR

@@ -8,30 +8,32 @@ import numpy as np
 from baqueano.compare.corridor import corridor_of
 from baqueano.diagnostics import fault
 from baqueano.errors import AnswerNo
-from baqueano.printable import typed
+from baqueano.printable import baqueano_command
 from baqueano.runs import Run
 from baqueano.runs.interpolated import poses_at
 from baqueano.signals import NANOSECONDS, seconds
 
 A_LAP, MOST = 72, 216  # instants of a lap, of a run
-RADIUS_M = 0.07  # of the body, where the vehicle file has no size
+RADIUS_M = 0.07  # of the body, if the vehicle file does not contain its size
 
 
 @dataclass(frozen=True)
 class Scene:
-    """Poses (M, 3) at M equally spaced instants; data that a run lacks are None."""
+    """Poses (M, 3) at M equally spaced instants; data are None if the run does not contain them."""
 
     t_s: np.ndarray  # (M,) since the first tick
     estimated: np.ndarray | None  # (M, 3)
     true: np.ndarray | None  # (M, 3)
-    half_m: np.ndarray | None  # (M,) half-width of the corridor, 95 %; NaN where the vehicle is lost
+    half_m: np.ndarray | None  # (M,) half-width of the corridor, 95 %; NaN if the vehicle is lost
     route: np.ndarray | None  # (K, 2) one lap of the reference path
     laps: int
     radius_m: float
 
     @property
     def vehicle_poses(self) -> np.ndarray:
-        """Return the poses (M, 3) at which the vehicle is drawn: true ones, or estimated ones without a truth."""
+        """Return the poses (M, 3) at which the vehicle is drawn: the
+        true poses, or the estimated poses without a truth.
+        """
         poses = self.estimated if self.true is None else self.true
         assert poses is not None
         return poses
@@ -40,7 +42,7 @@ class Scene:
 def scene(run: Run) -> Scene:
     """Return the scene of a run. Raise AnswerNo for a run without estimates and truth."""
     if run.estimate is None and run.truth is None:
-        raise AnswerNo(fault("report.nothing-moves", typed("replay", run.name), name=run.name))
+        raise AnswerNo(fault("report.nothing-moves", baqueano_command("replay", run.name), name=run.name))
     corridor = corridor_of(run) if run.estimate is not None else None
     end_s = float(seconds(run.t_ns[-1], run.t_ns[0]))
     lap_s = corridor.lap_s if corridor is not None and np.isfinite(corridor.lap_s) else end_s
@@ -61,7 +63,7 @@ def scene(run: Run) -> Scene:
 
 
 def _fill(poses: np.ndarray) -> np.ndarray:
-    """Return the poses with each gap filled by the previous pose; a gap at the start by the first pose."""
+    """Return the poses with each gap filled by the previous pose. A gap at the start is filled by the first pose."""
     finite = np.flatnonzero(np.isfinite(poses).all(axis=1))
     at = np.clip(np.searchsorted(finite, np.arange(len(poses)), side="right") - 1, 0, None)
     return poses[finite[at]]

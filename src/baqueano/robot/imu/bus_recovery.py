@@ -3,14 +3,14 @@
     at most nine times, until SDA is high:  SCL low, SCL released, with SDA released                    (1)
     STOP:  SCL low, SDA low, SCL released, SDA released                                                 (2)
 
-UM10204 (the I2C specification) 3.1.16. SDA is also high if the chip sends a 1: then (2) fails and (1) goes on. The
-ninth clock finds SDA released in place of an acknowledge, which ends a read for every chip.
+UM10204 (the I2C specification) 3.1.16. SDA is also high if the chip sends a 1: then (2) fails and (1) continues. At the
+ninth clock the host does not acknowledge, because SDA is released. That ends a read for every chip.
 
 The kernel's driver of a Raspberry Pi (i2c-bcm2835) cannot do this. The command `pinctrl` of Raspberry Pi OS (package
-raspi-utils) can, and the group gpio may use it. The lines are open drain: each is driven low or released, never
-driven high. (`pinctrl` makes a pin an output before it sets its level: the old level stays for less than a
-microsecond.) Both pins return to I2C mode at every end, or at the next recovery. A recovery takes some tenths of a
-second: only at rest.
+raspi-utils) can do it, and the group gpio may use this command. The lines are open drain: each is driven low or
+released, never driven high. (`pinctrl` makes a pin an output before it sets the level. The old level therefore stays
+for less than a microsecond.) Both pins return to I2C mode at every end, or at the next recovery. A recovery takes some
+tenths of a second, so it may run only at rest.
 """
 
 import os
@@ -23,7 +23,7 @@ from typing import NamedTuple
 
 from baqueano.diagnostics import Diagnostic, Severity, fault, note
 from baqueano.errors import RobotUnreachable
-from baqueano.language import translated as _
+from baqueano.language import translate as _
 from baqueano.messages import text
 
 BUS = "i2c-1"  # on the pins 3 and 5 of every Raspberry Pi
@@ -31,32 +31,32 @@ SDA, SCL, BOTH = "2", "3", "2,3"  # GPIO
 I2C, LEFT_BEHIND = "a0", ("ip", "op")
 LOW, LET_GO = ("op", "dl"), ("ip", "pu")
 CLOCKS = 9
-CALL_S, ALL_S = 1.0, 2.0  # time limits: of one call, and of all calls until the pins are given back
+CALL_S, ALL_S = 1.0, 2.0  # time limits of one call, and of all calls before the pins return to I2C mode
 AGAIN_NS = 5_000_000_000
 LINE = re.compile(r"^ *([23]): (\S\S) .*\| (hi|lo)\b", re.MULTILINE)
 
 
 class RecoveryOutcome(NamedTuple):
-    """The result of a recovery."""
+    """The result of a recovery: `freed` is True if the bus is free again, and `message` describes the outcome."""
 
     freed: bool
     message: Diagnostic
 
     @property
     def text(self) -> str:
-        """Return the message as a sentence."""
+        """Return the message as a sentence in the current language."""
         return text(self.message)
 
 
 class BusLine(NamedTuple):
-    """A line of the bus: the function of its pin, and if its level is high."""
+    """The state of SDA or SCL: the function of its pin, and `high`, True if its level is high."""
 
     function: str
     high: bool
 
 
 class Recovery:
-    """Recoveries of the bus at `path`, each in a separate thread, with at least 5 s between two starts."""
+    """A starter of bus recoveries at `path`: each runs in a separate thread, at least 5 s after the last start."""
 
     def __init__(self, path: str) -> None:
         self._path = path
@@ -70,21 +70,21 @@ class Recovery:
         return self._thread is not None and self._thread.is_alive()
 
     def begin(self, now_ns: int) -> None:
-        """Begin a recovery, if none runs and 5 s have passed since the last one began."""
+        """Begin a recovery, unless one runs or the last one began less than 5 s ago."""
         if not self.running and now_ns >= self._next_ns:
             self._next_ns = now_ns + AGAIN_NS
             self._thread = threading.Thread(target=self._work, name="bus recovery")
             self._thread.start()
 
-    def taken(self) -> RecoveryOutcome | None:
-        """Return the outcome of the last recovery, once; None while one runs or without a new outcome."""
+    def pop_outcome(self) -> RecoveryOutcome | None:
+        """Return the outcome of the last recovery, once; None while a recovery runs, or without a new outcome."""
         if self.running:
             return None
         outcome, self._outcome = self._outcome, None
         return outcome
 
     def wait(self) -> None:
-        """Wait until the pins are in I2C mode again."""
+        """Wait until the running recovery, if any, has ended."""
         if self._thread is not None:
             self._thread.join()
 
@@ -97,7 +97,10 @@ class Recovery:
 
 
 def recover(path: str) -> RecoveryOutcome:
-    """Clock the bus at `path` free if a chip holds SDA; a free bus is not touched. Never raises an error of the bus."""
+    """Clock the bus at `path` free if a chip holds SDA, and return the outcome.
+
+    A free bus is not clocked. Errors of the bus are part of the outcome and are not raised.
+    """
     try:
         pins = _pins(path)
         sda, scl = pins.look()
@@ -120,7 +123,7 @@ def recover(path: str) -> RecoveryOutcome:
 
 
 def recoverable(path: str, model: Path) -> tuple[str, str, str]:
-    """Check if the bus at `path` could be clocked free on this machine, whose name is in the file `model`.
+    """Check if this machine could clock the bus at `path` free; the file `model` contains the name of the machine.
 
     Return a verdict, a figure and a remedy as in doctor.py.
     """
@@ -129,7 +132,7 @@ def recoverable(path: str, model: Path) -> tuple[str, str, str]:
     try:
         sda, scl = _pins(path).look()
     except RobotUnreachable as error:
-        return "warn", _("a held bus could not be clocked free"), str(error)
+        return "warn", _("a blocked bus could not be freed with clock pulses"), str(error)
     levels = _(
         "SDA {sda}, SCL {scl}",
         sda=_("high") if sda.high else _("low"),
@@ -148,7 +151,10 @@ def recoverable(path: str, model: Path) -> tuple[str, str, str]:
 
 
 class _Pins:
-    """The pins of both lines, by calls of `program`. RobotUnreachable if it refuses, or if the time is over."""
+    """The pins of SDA and SCL, set and read by calls of `program`.
+
+    Raise RobotUnreachable if a call fails or the time limit of the whole recovery has passed.
+    """
 
     def __init__(self, program: str) -> None:
         self._program, self._end_s = program, time.monotonic() + ALL_S
@@ -162,7 +168,7 @@ class _Pins:
         return lines[SDA], lines[SCL]
 
     def set(self, pin: str, *options: str) -> None:
-        """Set function, pull and level of a pin. RobotUnreachable if `pinctrl` refuses."""
+        """Set function, pull and level of a pin. Raise RobotUnreachable if `pinctrl` refuses."""
         if refusal := self._call(
             "set", pin, *options
         ):  # if it refuses, it writes a message and still exits with 0
@@ -171,7 +177,10 @@ class _Pins:
             )
 
     def give_back(self) -> None:
-        """Put both pins back into I2C mode, in at most two attempts and without the time limit."""
+        """Put both pins back into I2C mode, in at most two attempts and without the time limit.
+
+        Raise RobotUnreachable if both attempts fail.
+        """
         self._end_s = float("inf")
         cause = ""
         for _try in range(2):
@@ -209,7 +218,10 @@ class _Pins:
 
 
 def _pins(path: str) -> _Pins:
-    """Return the pins of the bus at `path`. RobotUnreachable if they have another function, or without `pinctrl`."""
+    """Return the pins of the bus at `path`.
+
+    Raise RobotUnreachable for another bus, without `pinctrl`, or if the pins have another function.
+    """
     if Path(path).name != BUS:
         raise RobotUnreachable(fault("bus.not-this", path=path, bus=BUS))
     import shutil
@@ -225,7 +237,7 @@ def _pins(path: str) -> _Pins:
 
 
 def _send_clocks(pins: _Pins) -> RecoveryOutcome:
-    """Run (1) and (2); the caller puts the pins back into I2C mode."""
+    """Run (1) and (2), and return the outcome; the caller puts the pins back into I2C mode."""
     pins.set(BOTH, *LET_GO)
     for clock in range(1, CLOCKS + 1):
         pins.set(SCL, *LOW)

@@ -1,16 +1,16 @@
-"""List the chips that are sold as an MPU-6050, by their answer in WHO_AM_I (0x75), and their differences.
+"""List the chips that are sold as an MPU-6050, by their answer in WHO_AM_I (0x75), with their properties.
 
     a [m/s²] = raw · range_g · g / 2¹⁵                                                                    (1)
     ω [rad/s] = raw · (π/180) / s,  s = 131, 65.5, 32.8, 16.4 for ±250, 500, 1000, 2000 °/s     (2)
     T [°C] = raw / lsb_per_c + offset_c                                                                   (3)
 
 There are two families. The 6050's filter (CONFIG, 0x1A) serves both sensors. The 6500 has a separate filter for the
-accelerometer (ACCEL_CONFIG 2, 0x1D), which a driver of the 6050 leaves wide open. Its temperature scale and its
-self-test registers differ. After a reset the 6050's FIFO holds 1024 bytes, that of the others 512.
+accelerometer (ACCEL_CONFIG 2, 0x1D), which a driver of the 6050 leaves at its widest. Its temperature scale and its
+self-test registers differ. After a reset the FIFO has 1024 bytes in the 6050, and 512 bytes in the other chips.
 
 Sources: register maps RM-MPU-6000A 4.2, RM-MPU-6500A 2.1, RM-MPU-9250A 1.6; Linux, inv_mpu6050. The widths and delays
-of the filters are in sensors/imu_filter.py. Chips that answer 0x72 or 0x75 are in no register map: as an unknown id,
-they are driven as a 6500, without a temperature.
+of the filters are in sensors/imu_filter.py. The register maps do not list chips that answer 0x72 or 0x75. These chips
+are driven as a 6500, without a temperature, like all chips with an unknown id.
 """
 
 import math
@@ -36,7 +36,7 @@ class Chip(NamedTuple):
 
     @property
     def bands(self) -> dict[int, FilterBand]:
-        """Return the band of each filter setting, only of those that leave the gyro at 1 kHz."""
+        """Return the band of each filter setting, limited to the settings that leave the gyro at 1 kHz."""
         return BANDS_6500 if self.own_accel_filter else BANDS_6050
 
     def celsius(self, raw: int) -> float:
@@ -68,7 +68,7 @@ CHIPS = {
 
 
 def chip_of(who_am_i: int) -> Chip:
-    """Return the chip with this answer. An unlisted chip is driven as a 6500, and its `is_listed` is False."""
+    """Return the chip with this answer in WHO_AM_I; for an unlisted answer a 6500 with `is_listed` False."""
     unknown_chip = Chip(f"unknown chip 0x{who_am_i:02X}", True, 512, None, 0.0, is_listed=False)
     return CHIPS.get(who_am_i, unknown_chip)
 

@@ -1,11 +1,12 @@
 """Open the IMU, report the chip that was found, and check that its values at rest are plausible.
 
-An unlisted chip is driven as its relatives, with a warning, if its values at rest are possible: |a| within 0.15 g of
-1 g and no rate above 25 °/s (zero-rate level of the MPU-6050: ±20 °/s). A listed chip may be in motion: its findings
-are only warnings.
+An unlisted chip is driven as an MPU-6500, with a warning, if its values at rest are possible. They are possible if |a|
+is within 0.15 g of 1 g, and no rate exceeds 25 °/s (zero-rate level of the MPU-6050: ±20 °/s). A listed chip may be in
+motion: its findings are only warnings.
 
-One burst of 14 bytes takes 156 bit times on the bus: 4 bytes of address and register and 14 of data, 9 bits each, with
-start and stop. Its duration therefore shows the real clock of the bus, which on a Raspberry Pi follows the core's.
+One burst of 14 bytes takes 156 bit times on the bus. It has 4 bytes of address and register and 14 of data, 9 bits
+each, and also start and stop. Its duration therefore shows the real clock of the bus. On a Raspberry Pi that clock
+follows the clock of the core.
 
 `open` shadows the built-in on purpose: `imu.open(...)` returns an IMU, and `imu.read()` reads it.
 """
@@ -20,7 +21,7 @@ import numpy as np
 from baqueano.diagnostics import fault
 from baqueano.errors import RobotUnreachable
 from baqueano.language import number
-from baqueano.language import translated as _
+from baqueano.language import translate as _
 from baqueano.robot.imu.mpu6050 import Mpu6050, chip_at, find
 from baqueano.robot.imu.settings import SECOND, ImuSettings, OpenedImu
 from baqueano.signals import STANDARD_GRAVITY
@@ -43,17 +44,17 @@ def open(
     *,
     address: int | None = None,
     settings: ImuSettings | None = None,
-    say: Callable[[str], object] | None = print,
+    notify: Callable[[str], object] | None = print,
     now_ns: Callable[[], int] = time.monotonic_ns,
     sleep: Callable[[float], object] = time.sleep,
 ) -> Mpu6050:
-    """Return the running IMU on /dev/i2c-`bus` (or a path), and report the findings by `say`.
+    """Return the running IMU on /dev/i2c-`bus` (or a path), and pass each finding to `notify` as a line of text.
 
     Its `read()` returns the samples since the last call, in m/s² and rad/s: at rest the accelerometer shows +g on z.
-    `now_ns` is the clock of their timestamps. `address` is 0x68 or 0x69; None tries both. RobotUnreachable if no device
-    answers, or if the one that answers cannot be an IMU; UsageError on a system other than Linux.
+    `now_ns` is the clock of their timestamps. `address` is 0x68 or 0x69; None tries both. Raise RobotUnreachable if no
+    device answers, or if the device that answers cannot be an IMU. Raise UsageError on a system other than Linux.
 
-    >>> imu = open(say=None)  # /dev/i2c-1
+    >>> imu = open(notify=None)  # /dev/i2c-1
     >>> print(imu.identity.chip, f"at 0x{imu.identity.address:02x} feels {imu.identity.accel_ms2:.1f} m/s²")
     MPU-6050, 6000 or 9150 at 0x68 feels 9.8 m/s²
     """
@@ -68,19 +69,21 @@ def open(
         device.close()
         raise
     imu.identity = identity
-    for line in lines(imu, identity) if say else ():
-        say(line)  # type: ignore[misc]
+    for line in lines(imu, identity) if notify else ():
+        notify(line)  # type: ignore[misc]
     return imu
 
 
-def of(hardware: "Hardware", say: Callable[[str], object] | None, in_chip_axes: bool = False) -> Mpu6050:
-    """Return the running IMU of [robot]. `in_chip_axes` keeps the chip's axes, for a mounting that is not yet known."""
+def of(hardware: "Hardware", notify: Callable[[str], object] | None, in_chip_axes: bool = False) -> Mpu6050:
+    """Return the running IMU of [robot]; `in_chip_axes` keeps the chip's axes, if the mounting is not yet known."""
     settings = ImuSettings(
         filter=round(hardware.imu_filter), accel_range_g=round(hardware.imu_accel_range_g),
         gyro_range_dps=round(hardware.imu_gyro_range_dps),
         axes=("x", "y", "z") if in_chip_axes else tuple(hardware.imu_axes),
     )  # fmt: skip
-    return open(round(hardware.imu_bus), address=round(hardware.imu_address), settings=settings, say=say)
+    return open(
+        round(hardware.imu_bus), address=round(hardware.imu_address), settings=settings, notify=notify
+    )
 
 
 def time_burst(device: "Device", now_ns: Callable[[], int], times: int = 20) -> float:
@@ -97,7 +100,7 @@ def time_burst(device: "Device", now_ns: Callable[[], int], times: int = 20) -> 
 
 
 def lines(imu: Mpu6050, identity: OpenedImu) -> list[str]:
-    """Return the findings as lines of text."""
+    """Return chip, settings, filter, first values and warnings as lines of text."""
     s, band = imu.settings, imu.chip.bands[imu.settings.filter]
     axes = ", ".join(s.axes)
     warm = "" if np.isnan(identity.temperature_c) else f", {number(identity.temperature_c):.1f} °C"
@@ -121,8 +124,8 @@ def lines(imu: Mpu6050, identity: OpenedImu) -> list[str]:
         ),
         "  "
         + _(
-            "filter {filter}: accelerometer {accel_hz:g} Hz, {accel_delay_s:.1f} ms late; gyro "
-            "{gyro_hz:g} Hz, {gyro_delay_s:.1f} ms late",
+            "filter {filter}: accelerometer {accel_hz:g} Hz, delay {accel_delay_s:.1f} ms; gyro "
+            "{gyro_hz:g} Hz, delay {gyro_delay_s:.1f} ms",
             filter=s.filter,
             accel_hz=band.accel_hz,
             accel_delay_s=band.accel_delay_s * 1000.0,
@@ -145,7 +148,10 @@ def lines(imu: Mpu6050, identity: OpenedImu) -> list[str]:
 def _rest(
     imu: Mpu6050, who_am_i: int, now_ns: Callable[[], int], sleep: Callable[[float], object]
 ) -> OpenedImu:
-    """Start the chip, read its first samples and judge them."""
+    """Start the chip, and return its identity, the means of its first samples, the burst time, and warnings.
+
+    Raise RobotUnreachable if too few samples arrive, or for an unlisted chip with impossible values.
+    """
     samples, began = [], now_ns()
     while len(samples) < REST_SAMPLES:
         samples += imu.read()
@@ -177,12 +183,15 @@ def _rest(
 
 
 def _doubts(imu: Mpu6050, who_am_i: int, accel: float, gyro: float) -> list[str]:
-    """Return the implausible values as warnings. RobotUnreachable for an unlisted chip with impossible values."""
+    """Return a warning for each implausible value, and for an unlisted chip.
+
+    Raise RobotUnreachable for an unlisted chip with implausible values.
+    """
     odd = []
     if abs(accel / STANDARD_GRAVITY - 1.0) > GRAVITY_SLACK:
         odd.append(
             _(
-                "feels {accel:.2f} m/s², expected {standard_gravity:.2f} ± 15 % at rest",
+                "measures {accel:.2f} m/s² at rest; expected {standard_gravity:.2f} ± 15 %",
                 accel=accel,
                 standard_gravity=STANDARD_GRAVITY,
             )
@@ -190,7 +199,7 @@ def _doubts(imu: Mpu6050, who_am_i: int, accel: float, gyro: float) -> list[str]
     if gyro > STILL_DPS:
         odd.append(
             _(
-                "turns at {gyro:.1f} °/s, expected less than {still_dps:g} at rest",
+                "turns at {gyro:.1f} °/s at rest; expected less than {still_dps:g}",
                 gyro=gyro,
                 still_dps=STILL_DPS,
             )
@@ -208,8 +217,8 @@ def _doubts(imu: Mpu6050, who_am_i: int, accel: float, gyro: float) -> list[str]
         )
     odd.append(
         _(
-            "WHO_AM_I 0x{who_am_i:02X} is not known: driven as an MPU-6500, temperature unknown. Its "
-            "numbers at rest are possible.",
+            "WHO_AM_I 0x{who_am_i:02X} is not known: the chip is used as an MPU-6500, with an unknown "
+            "temperature. Its values at rest are plausible.",
             who_am_i=who_am_i,
         )
     )

@@ -1,31 +1,33 @@
 """Transfer whole bursts to and from a device on an I2C bus of Linux, without a call that hangs.
 
 A burst is one combined transfer: the register is written, and after a repeated start its bytes are read. The
-Raspberry Pi's controller (i2c-bcm2835) accepts one read in a transfer, and only at its end: every burst here fits that.
+Raspberry Pi's controller (i2c-bcm2835) accepts one read in a transfer, and only at its end. Every burst here fulfils
+this condition.
 
-The kernel's default timeout of a transfer on a held bus is one second. `TIMEOUT_10MS` makes it 40 ms, which is enough
+The kernel's default timeout of a transfer on a stuck bus is one second. `TIMEOUT_10MS` makes it 40 ms, which is enough
 for 16 samples of 14 bytes at 62.5 kHz. That is the slowest clock of a Pi 3 that was set to 100 kHz. The timeout applies
 to the whole bus.
 
-A device that was cut off in the middle of a byte may hold SDA low. No request through /dev/i2c-N frees it. Nine clocks
-on SCL by GPIO do (bus_recovery.py), and so does cutting the device's power.
+A device that was cut off in the middle of a byte may hold SDA low. A request through /dev/i2c-N does not free it. Nine
+clocks on SCL by GPIO free it (bus_recovery.py), and so does a power cycle of the device.
 """
 
 import errno
+import os
 from dataclasses import dataclass, field
 from typing import Any
 
 from baqueano.diagnostics import fault
 from baqueano.errors import RobotUnreachable, UsageError
 
-I2C_RETRIES, I2C_TIMEOUT = 0x0701, 0x0702  # requests of linux/i2c-dev.h that smbus2 does not name
+I2C_RETRIES, I2C_TIMEOUT = 0x0701, 0x0702  # requests of linux/i2c-dev.h that smbus2 does not define
 TIMEOUT_10MS = 4
-HELD = (errno.ETIMEDOUT, errno.EAGAIN)  # a line does not rise; arbitration lost
+HELD = (errno.ETIMEDOUT, errno.EAGAIN)  # a line that stays low; arbitration lost
 
 
 @dataclass
 class Device:
-    """A device with registers at `address` of the bus `path`, as "/dev/i2c-1". Errors of a transfer are OSError."""
+    """A device with registers at `address` of the bus `path`, as "/dev/i2c-1". A failed transfer raises OSError."""
 
     path: str
     address: int
@@ -33,7 +35,10 @@ class Device:
     _message: Any = field(default=None, init=False, repr=False)
 
     def open(self) -> None:
-        """Open the bus. UsageError without smbus2, RobotUnreachable if the bus is missing or access is not allowed."""
+        """Open the bus.
+
+        Raise UsageError without smbus2. Raise RobotUnreachable if the bus is missing or may not be opened.
+        """
         message, bus_class = _smbus2()
         self.close()
         try:
@@ -52,7 +57,7 @@ class Device:
             self._bus = None
 
     def read(self, register: int, count: int) -> bytes:
-        """Return `count` bytes from `register` on, read in one transfer."""
+        """Return `count` bytes, read in one transfer from `register` and the following ones."""
         data = self._message.read(self.address, count)
         self._transfer(self._message.write(self.address, (register,)), data)
         return bytes(data)
@@ -63,11 +68,11 @@ class Device:
 
     def _transfer(self, *messages: object) -> None:
         if self._bus is None:
-            raise OSError(errno.EBADF, f"{self.path} is closed")
+            raise OSError(errno.EBADF, os.strerror(errno.EBADF), self.path)
         self._bus.i2c_rdwr(*messages)
 
     def _bound_the_wait(self) -> None:
-        """Set the kernel's timeout for a transfer; some adapters keep their own."""
+        """Set the kernel's timeout for a transfer; adapters that do not support this keep their timeout."""
         import fcntl
 
         for request, value in ((I2C_RETRIES, 0), (I2C_TIMEOUT, TIMEOUT_10MS)):
@@ -79,12 +84,12 @@ class Device:
 
 
 def is_stuck_low(error: OSError) -> bool:
-    """Return True if the error means a bus stuck low instead of a silent device."""
+    """Return True if the error means that the bus is stuck low, False if only the device is silent."""
     return error.errno in HELD
 
 
 def _smbus2() -> tuple[Any, Any]:
-    """Return the message class and the bus class of smbus2. UsageError if it is not installed."""
+    """Return the message class and the bus class of smbus2. Raise UsageError if it is not installed."""
     try:
         from smbus2 import SMBus, i2c_msg
     except ImportError:

@@ -1,7 +1,7 @@
 """Read the MPU-6050 and the chips sold under its name, for a loop that must not wait.
 
     failure                    reaction                                            event
-    transfer fails             repeated once at once; not if it had to wait        (counted)
+    transfer fails             repeated once, at once; not after a timeout         (counted)
     three calls fail           bus opened again, chip started again                restart
     chip lost its registers    noticed within 1 s; started again                   forgot
     no data for 0.5 s          chip started again, then each second; one event     silent, back
@@ -14,7 +14,6 @@
 The class `Mpu6050` describes modes, timestamps and axes.
 """
 
-import errno
 import struct
 import time
 from collections.abc import Callable, Iterator
@@ -23,7 +22,7 @@ import numpy as np
 
 from baqueano.diagnostics import Diagnostic, Severity, fault, note
 from baqueano.errors import BaqueanoError, RobotUnreachable
-from baqueano.language import marked as N_
+from baqueano.language import mark as N_
 from baqueano.robot.imu.bus_recovery import Recovery, RecoveryOutcome, recover
 from baqueano.robot.imu.chips import Chip, accel_scale, chip_of, gyro_scale
 from baqueano.robot.imu.i2c import Device, is_stuck_low
@@ -38,7 +37,7 @@ RESET, PLL_X, ALL_SENSORS, FIFO_ON, FIFO_RESET = 0x80, 0x01, 0xF8, 0x40, 0x04
 RESET_MS, START_MS, AGAIN_MS = 100, 60, 100
 WORDS = 14  # bytes of a sample: accelerometer, temperature, gyro
 MOST = 16  # samples in one transfer: 5 ms at 400 kHz
-MARGIN = 3  # samples; a FIFO nearer to its end than this may have lost some
+MARGIN = 3  # samples; a FIFO with less free space than this may have lost samples
 FAILURES = 3
 DROUGHT = 5  # missing samples after which the registers of the chip are checked
 Batch = tuple[list[Row], list[int]]  # raw words and their times
@@ -50,15 +49,16 @@ class Mpu6050:
     """A running IMU, made by `imu.open`. `now_ns` is the host's clock, which all timestamps use.
 
     `read()` returns the samples since the last call at once. It makes a few short transfers, each within the timeout of
-    i2c.py, and none after one that had to wait. The chip is started step by step: a step that must wait is continued at
-    a later call.
+    i2c.py, and stops after a transfer that timed out. The chip is started step by step: a step that must wait is
+    continued at a later call.
 
-    Modes. "fifo": the chip stores the samples, and their timestamps follow the chip's period (sample_clock.py).
-    "burst": only the newest sample, with its flag of being new, in one read of 15 bytes. Its timestamp is the middle of
-    the interval in which it arrived. Use it for a bus that is too slow for all samples. Registers are never read one by
-    one: a word could mix two samples. The INT pin is not needed; it pulses for each sample, for an oscilloscope.
+    There are two modes. In "fifo" the chip stores the samples, and their timestamps follow the chip's period
+    (sample_clock.py). In "burst" one read of 15 bytes returns only the newest sample, with a flag that is set if the
+    sample is new. Its timestamp is the middle of the interval in which it arrived. Use "burst" for a bus that is too
+    slow for all samples. Registers are always read in one burst, because otherwise a word could mix two samples. The
+    INT pin is not needed; it pulses for each sample, for an oscilloscope.
 
-    A timestamp is the time at which the chip took the sample out of its filter; the motion is older by `delay_s`. The
+    A timestamp is the time at which the chip sampled the output of its filter; the motion is older by `delay_s`. The
     chip's right-handed axes are turned by `ImuSettings.axes` to the vehicle's (x ahead, y left, z up). The
     accelerometer measures the specific force: at rest and level +g on z.
     """
@@ -68,7 +68,7 @@ class Mpu6050:
     ) -> None:
         self.device, self.chip, self.settings = device, chip, settings
         self.counts = Counts()
-        self.identity: OpenedImu | None = None  # what `imu.open` saw
+        self.identity: OpenedImu | None = None  # the findings of `imu.open`
         self.clock = SampleClock(SECOND / settings.rate_hz)
         self._now_ns = now_ns
         chip_from_body = settings.body_from_chip().T
@@ -78,34 +78,34 @@ class Mpu6050:
         self._recovery = Recovery(device.path)
         self._steps: Iterator[int] | None = self._start()
         self._closed = False
-        self._start_reported = False  # a restart was reported, its end not yet
+        self._start_reported = False  # the restart was reported, but not yet its end
         self._wait_until = 0
         self._check_at = 0
         self._failures = 0
         self._index = 0  # samples read since the FIFO was emptied
-        self._residue = 0  # bytes in the FIFO before a read that did not end well
-        self._odd = 0  # calls in a row that found part of a sample
+        self._residue = 0  # bytes in the FIFO before a read that failed
+        self._odd = 0  # consecutive calls that found an incomplete sample
         self._look_ns = now_ns()
 
     @property
     def delay_s(self) -> tuple[float, float]:
-        """Return the delays of the filter [s]: of the accelerometer, of the gyro."""
+        """Return the delays [s] of the filter: (accelerometer, gyro)."""
         band = self.chip.bands[self.settings.filter]
         return band.accel_delay_s, band.gyro_delay_s
 
     @property
     def rate_hz(self) -> float:
-        """Return the measured sampling rate by the host's clock [Hz]; in burst mode the nominal rate."""
+        """Return the sampling rate [Hz], measured by the host's clock; in burst mode the nominal rate."""
         return self.clock.rate_hz
 
     @property
     def running(self) -> bool:
-        """Return True if the chip is started, False during a restart."""
+        """Return True if the chip runs, False during a start or restart."""
         return self._steps is None
 
     @property
     def silent(self) -> bool:
-        """Return True after 0.5 s without data: then the motors must stop."""
+        """Return True after 0.5 s without data; the motors must then stop."""
         return self._watch.silent
 
     @property
@@ -115,7 +115,7 @@ class Mpu6050:
 
     @property
     def notes(self) -> tuple[Diagnostic | str, ...]:
-        """Return the name of the chip and its warnings, for the beginning of a run."""
+        """Return the name of the chip and its warnings as messages for the beginning of a run, () if unknown."""
         identity = self.identity
         return (
             ()
@@ -131,17 +131,17 @@ class Mpu6050:
         return self._watch.take()
 
     def free_bus(self) -> RecoveryOutcome | None:
-        """Clock a stuck bus free in a second thread, and return the outcome of the last attempt, once.
+        """Begin to clock a stuck bus free in a second thread, and return the outcome of the last attempt, once.
 
-        The caller must know that the vehicle is at rest. During the recovery `read` returns an empty list; afterwards
-        it starts the chip.
+        The vehicle must be at rest. During the recovery `read` returns an empty list; afterwards `read` starts the
+        chip.
         """
         if self.silent and self.bus_stuck:
             self._recovery.begin(self._now_ns())
-        return self._recovery.taken()
+        return self._recovery.pop_outcome()
 
     def start_again(self) -> None:
-        """Start the chip again during the following reads, after the caller has written its registers."""
+        """Start the chip again during the following reads; call this after a change of its registers."""
         self._restart(self._now_ns())
 
     def close(self) -> None:
@@ -156,7 +156,7 @@ class Mpu6050:
             self.device.close()
 
     def read(self) -> list[Sample]:
-        """Return the samples since the last call, oldest first. Never raises an error of the bus."""
+        """Return the samples since the last call, oldest first. Errors of the bus are counted and not raised."""
         if self._closed or self._recovery.running:
             return []
         now = self._now_ns()
@@ -173,7 +173,7 @@ class Mpu6050:
         return self._samples(rows, times, keep)
 
     def _samples(self, rows: list[Row], times: list[int], keep: list[bool]) -> list[Sample]:
-        """Return the raw words that `keep` selects as samples in SI units and body axes."""
+        """Convert the raw words of the rows that `keep` selects, and return samples in SI units and body axes."""
         if not rows:
             return []
         raw = np.array(rows, dtype=float)
@@ -182,7 +182,7 @@ class Mpu6050:
         return [Sample(times[i], accel[i], gyro[i], celsius(row[3])) for i, row in enumerate(rows) if keep[i]]
 
     def _fresh(self, now: int) -> Batch:
-        """Return the new samples, in at most two attempts."""
+        """Return the new samples; try a second time after an error, but not if the bus is stuck."""
         try:
             return self._look(now)
         except OSError as error:
@@ -192,7 +192,7 @@ class Mpu6050:
             return self._look(now)
 
     def _look(self, now: int) -> Batch:
-        """Return the new samples; once a second the registers are checked first."""
+        """Return the new samples; once a second, check the registers of the chip first."""
         if now >= self._check_at:
             if not self._remembers(now):
                 return NOTHING
@@ -200,7 +200,7 @@ class Mpu6050:
         return self._from_fifo(now) if self.settings.mode == "fifo" else self._from_registers()
 
     def _from_fifo(self, now: int) -> Batch:
-        """Return the samples in the FIFO, at most `MOST`."""
+        """Return at most `MOST` samples from the FIFO; empty the FIFO if it is full or out of step."""
         before = self._now_ns()
         count = int.from_bytes(self.device.read(FIFO_COUNT, 2), "big")
         after = self._now_ns()
@@ -211,7 +211,9 @@ class Mpu6050:
         if full or eaten or self._odd >= FAILURES:
             self._empty()
             self.counts.overflows += 1
-            self._watch.tell(now, "imu.overflow", how=N_("full") if full else N_("out of step"), count=count)
+            self._watch.record_event(
+                now, "imu.overflow", how=N_("full") if full else N_("out of step"), count=count
+            )
             return NOTHING
         if rest:
             return NOTHING
@@ -227,7 +229,7 @@ class Mpu6050:
         return list(WORD.iter_unpack(data)), times
 
     def _from_registers(self) -> Batch:
-        """Return the newest sample if it is new."""
+        """Return the newest sample if it is new, else an empty batch."""
         before = self._now_ns()
         data = self.device.read(INT_STATUS, 1 + WORDS)
         earliest = max(self._look_ns, before - SECOND // self.settings.rate_hz)
@@ -237,12 +239,12 @@ class Mpu6050:
         return [WORD.unpack(data[1:])], [(earliest + before) // 2]
 
     def _empty_batch(self) -> Batch:
-        """Return an empty batch; after several in a row, the next call checks the registers of the chip."""
+        """Return an empty batch; after a long time without samples, let the next call check the registers."""
         self._check_at = min(self._check_at, self._watch.last_ns + DROUGHT * SECOND // self.settings.rate_hz)
         return NOTHING
 
     def _registers(self) -> tuple[int, ...]:
-        """Return the expected content of SMPLRT_DIV and the registers after it."""
+        """Return the expected contents of SMPLRT_DIV and of the registers after it."""
         s = self.settings
         own = (s.filter,) if self.chip.own_accel_filter else ()
         return (s.divider, s.filter, s.gyro_bits, s.accel_bits, *own)
@@ -255,7 +257,7 @@ class Mpu6050:
         if registers == expected and power == PLL_X and control & FIFO_ON == self._control:
             return True
         code = "imu.lost-supply" if power & 0x40 else "imu.lost-settings"
-        self._watch.tell(now, code, power=power, found=registers.hex(), expected=expected.hex())
+        self._watch.record_event(now, code, power=power, found=registers.hex(), expected=expected.hex())
         self._restart(now, quietly=True)
         self._start_reported = True
         return False
@@ -265,7 +267,7 @@ class Mpu6050:
         return FIFO_ON if self.settings.mode == "fifo" else 0
 
     def _start(self, reopen: bool = False) -> Iterator[int]:
-        """Start the chip from any state; yield the milliseconds to wait before each next step."""
+        """Start the chip from any state; after each step, yield the time [ms] to wait before the next step."""
         if reopen:
             self.device.open()
             yield 0
@@ -280,8 +282,11 @@ class Mpu6050:
         yield 0
         write(FIFO_EN, ALL_SENSORS)
         yield START_MS
-        if self.device.read(SMPLRT_DIV, len(self._registers())) != bytes(self._registers()):
-            raise OSError(errno.EIO, "the chip did not take its settings")
+        registers, expected = self.device.read(SMPLRT_DIV, len(self._registers())), bytes(self._registers())
+        if registers != expected:
+            raise RobotUnreachable(
+                fault("imu.settings-not-stored", found=registers.hex(), expected=expected.hex())
+            )
         yield 0
         self._empty()
 
@@ -294,7 +299,7 @@ class Mpu6050:
         self._index = self._odd = self._residue = 0
 
     def _advance_start(self, now: int) -> bool:
-        """Return True if the chip runs; otherwise take a step of its start. An error leads to a new attempt."""
+        """Return True if the chip runs; otherwise take a step of its start. After an error, plan a new start."""
         if self._steps is None:
             return True
         if now < self._wait_until:
@@ -305,7 +310,7 @@ class Mpu6050:
         except StopIteration:
             self._steps, self._failures = None, 0
             if self._start_reported:
-                self._watch.tell(now, "imu.started")
+                self._watch.record_event(now, "imu.started")
             self._start_reported = False
             self._check_at = now + SECOND
             self._look_ns = now
@@ -324,19 +329,22 @@ class Mpu6050:
             self._restart(now)
 
     def _restart(self, now: int, quietly: bool = False) -> None:
-        """Plan the restart: the following calls open the bus and start the chip step by step."""
+        """Plan a restart: the following reads open the bus and start the chip step by step.
+
+        `quietly` suppresses the event.
+        """
         self.counts.restarts += 1
         self._steps = self._start(reopen=True)
         self._wait_until = now
         if not quietly:
             self._start_reported = True
-            self._watch.tell(now, "imu.restart")
+            self._watch.record_event(now, "imu.restart")
 
 
 def find(path: str, addresses: tuple[int, ...]) -> tuple[Device, int, tuple[str, ...]]:
-    """Return the device that answers WHO_AM_I, its answer, and a sentence if a stuck bus had to be clocked free.
+    """Return the device that answers WHO_AM_I, its answer, and a sentence about the recovery of a stuck bus, if any.
 
-    RobotUnreachable if no device answers.
+    Raise RobotUnreachable if no device answers, also after a recovery.
     """
     outcome: RecoveryOutcome | None = None
     device, stuck = _first_answer(path, addresses)
@@ -355,7 +363,7 @@ def find(path: str, addresses: tuple[int, ...]) -> tuple[Device, int, tuple[str,
 
 
 def _first_answer(path: str, addresses: tuple[int, ...]) -> tuple[tuple[Device, int] | None, bool]:
-    """Return the first device that answers WHO_AM_I with its answer, or None; and True if the bus was stuck."""
+    """Return (device, answer) of the first device that answers WHO_AM_I, or None; and True if the bus was stuck."""
     stuck = False
     for address in addresses:
         device = Device(path, address)
@@ -370,7 +378,10 @@ def _first_answer(path: str, addresses: tuple[int, ...]) -> tuple[tuple[Device, 
 
 
 def chip_at(device: Device, who_am_i: int) -> Chip:
-    """Return the chip with this answer. RobotUnreachable for 0x00 and 0xFF, which mean a bus without a chip."""
+    """Return the chip with this answer in WHO_AM_I.
+
+    Raise RobotUnreachable for 0x00 and 0xFF, which mean a bus without a chip.
+    """
     if who_am_i in (0x00, 0xFF):
         raise RobotUnreachable(
             fault("imu.no-chip", address=device.address, path=device.path, who_am_i=who_am_i)

@@ -1,28 +1,29 @@
-"""Estimate the times of samples from their counts at the times of reading. A chip samples at T(k) = a + P k.
+"""Estimate when a chip took its samples, from readings of its sample count. It takes sample k at T(k) = a + P k.
 
     T(k) ≤ after        of a reading from `before` to `after` that found k as the newest    (1)
     T(k + 1) > before                                                                       (2)
     P · (k_i − k_j − 1) ≤ after_i − before_j    for two readings i and j                    (3)
 
-The (a, P) that the readings of the last 10 s allow form a convex polygon. The estimate is its centre of area, weighted
-by the prior density of P. Its extent bounds the error. Each 0.4 s (0.1 s at first) keeps the two readings with the
-tightest bounds. Readings that contradict each other mean that a sample was lost or that the clock drifted. Then the
-older half is dropped and, if that is not enough, all but the last. Derivation: docs/derivations/firmware_link.md.
+The pairs (a, P) that the readings of the last 10 s allow form a convex polygon. The estimate is its centre of area,
+weighted by the prior density of P. The extent of the polygon bounds the error. Of each interval of 0.4 s (0.1 s at
+first) only the two readings with the tightest bounds are kept. Readings that contradict each other mean that a sample
+was lost or that the clock drifted. Then the older half of the readings is dropped; if that is not enough, only the last
+reading is kept. Derivation: docs/derivations/firmware_link.md.
 """
 
 from collections import deque
 
 import numpy as np
 
-SLACK = 0.06  # Linux allows these chips 4 %; clones may have worse
-USUAL = 0.02  # prior standard deviation of P in these chips, relative; the readings soon outweigh it
+SLACK = 0.06  # Linux allows these chips 4 %; clones may be worse
+USUAL = 0.02  # relative prior standard deviation of P; after some readings it is of little weight
 BUCKET_NS, FIRST_BUCKETS_NS = 400_000_000, 100_000_000
-FINE_NS = 2_000_000_000  # the buckets of this first time are short: the estimate improves fastest then
+FINE_NS = 2_000_000_000  # during this first time the buckets are short, because the estimate improves fastest
 BUCKETS = 25
-EVERY_LOOK_NS = 1_000_000_000  # until then each reading updates the estimate, afterwards each bucket
-SLEW = 0.1  # of a period
-GRID = 17  # periods at which the polygon is measured
-DRIFT = 0.001  # of the period, between two counts of samples
+EVERY_LOOK_NS = 1_000_000_000  # until then each reading updates the estimate, later only each bucket
+SLEW = 0.1  # largest correction of an interval, in periods
+GRID = 17  # number of periods at which the polygon is evaluated
+DRIFT = 0.001  # relative drift of the period between two counts of samples
 
 
 class SampleClock:
@@ -30,7 +31,7 @@ class SampleClock:
 
     def __init__(self, nominal_ns: float) -> None:
         self.nominal_ns = nominal_ns
-        self.slips = 0  # looks that contradicted the others
+        self.slips = 0  # times when readings contradicted each other
         self._low, self._high = nominal_ns * (1.0 - SLACK), nominal_ns * (1.0 + SLACK)
         self.period_ns = nominal_ns
         self._last_stamp = -1.0
@@ -43,11 +44,11 @@ class SampleClock:
 
     @property
     def rate_error_hz(self) -> float:
-        """Return half of the interval of rates that the readings allow [Hz]."""
+        """Return half the width [Hz] of the interval of rates that the readings allow."""
         return self.rate_hz * (self._high - self._low) / 2.0 / self.period_ns
 
     def restart(self) -> None:
-        """Begin a new count of samples; the interval of the period is kept, widened by DRIFT."""
+        """Begin a new count of samples, and keep the interval of possible periods, widened by DRIFT."""
         self._low, self._high = self._low * (1.0 - DRIFT), self._high * (1.0 + DRIFT)
         self._prior = (
             max(self._low, self.nominal_ns * (1 - SLACK)),
@@ -55,14 +56,14 @@ class SampleClock:
         )
         self._buckets: deque[list[int]] = deque(maxlen=BUCKETS)
         self._bucket_ns = self._began = -1
-        self._this: list[int] = []  # the last look, as a bucket
+        self._this: list[int] = []  # the last reading, as a bucket
         self._last_index: int | None = None  # index of the last stamp
         self._newest = 0  # index that `_phase` belongs to
         self._phase = 0.0
         self.phase_error_ns = self.period_ns / 2.0
 
     def look(self, newest: int, before_ns: int, after_ns: int) -> None:
-        """Process a reading: between the two times sample `newest` was present and the following one was not."""
+        """Process a reading, made between the two times: sample `newest` was present, and the following one was not."""
         self._this = [newest, after_ns, newest, before_ns]
         if self._began < 0:
             self._began = self._bucket_ns = before_ns
@@ -81,10 +82,10 @@ class SampleClock:
             self._solve()
 
     def stamps(self, first: int, count: int) -> list[int]:
-        """Return the times of `count` samples from index `first` on, strictly increasing.
+        """Return the times [ns] of `count` samples from index `first` on, strictly increasing.
 
-        A correction of the phase changes each interval by at most a tenth of a period: a jump would look like a false
-        acceleration.
+        A correction of the phase changes each interval by at most a tenth of a period, because a jump would look like
+        an acceleration.
         """
         times = []
         for index in range(first, first + count):
@@ -107,7 +108,7 @@ class SampleClock:
         self._phase = min(max(self._phase, before - self.period_ns), float(after))
 
     def _bind(self, newest: int, before: int, after: int) -> None:
-        """Store this reading in its bucket if its bound is tighter than the stored one."""
+        """Store each bound of this reading in the newest bucket if it is tighter than the stored bound."""
         bounds, period = self._buckets[-1], self.period_ns
         if after - period * newest < bounds[1] - period * bounds[0]:
             bounds[0], bounds[1] = newest, after
@@ -149,7 +150,10 @@ def period_bounds(
     lower_t: np.ndarray,
     prior: tuple[float, float],
 ) -> tuple[float, float]:
-    """Return the least and the greatest period (low, high) that all pairs of readings allow; low > high if none. (3)"""
+    """Return the least and the greatest period (low, high) that all pairs of readings allow.  (3)
+
+    low > high means that the readings contradict each other.
+    """
     steps = upper_k[:, None] - lower_k[None, :]
     spans = (upper_t[:, None] - lower_t[None, :]).astype(float)
     if np.any((steps == 0) & (spans < 0.0)):

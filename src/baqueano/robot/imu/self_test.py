@@ -1,4 +1,4 @@
-"""Run the chip's self-test: the chip deflects each sensor, whose response must agree with that at the factory.
+"""Run the chip's self-test: the chip deflects each sensor, and the response must agree with the factory's response.
 
 With STR = (reading with the test bit) − (reading without) and the factory's response FT from its code n in the chip,
 
@@ -8,9 +8,9 @@ With STR = (reading with the test bit) − (reading without) and the factory's r
     MPU-6500    FT = 2620 · 1.01ⁿ⁻¹ LSB, at ±250 °/s and ±2 g                                             (4)
                 passed: STR/FT > 0.5, and < 1.5 for the accelerometer                                     (5)
 
-n = 0 means that the factory wrote no code: nothing to compare with, and the axis is not judged.
-Sources: RM-MPU-6000A 4.2, registers 13 to 16, and the data sheet's ±14 %; the MPU-6500's application note. The
-vehicle stands still: readings that scatter ten times as much as the sensor's noise end the test.
+n = 0 means that the factory did not write a code: the axis is then not judged. The vehicle must be at
+rest: the test ends if the readings scatter ten times as much as the sensor's noise.
+Sources: RM-MPU-6000A 4.2, registers 13 to 16, and the data sheet's ±14 %; the MPU-6500's application note.
 """
 
 import time
@@ -21,9 +21,9 @@ import numpy as np
 
 from baqueano.diagnostics import fault
 from baqueano.errors import AnswerNo
-from baqueano.language import marked as N_
+from baqueano.language import mark as N_
 from baqueano.language import number
-from baqueano.language import translated as _
+from baqueano.language import translate as _
 from baqueano.robot.imu.chips import GYRO_LSB_PER_DPS
 from baqueano.robot.imu.mpu6050 import SMPLRT_DIV, Mpu6050
 
@@ -40,7 +40,10 @@ LEAST_6500, MOST_6500 = 0.5, 1.5
 
 
 class AxisResponse(NamedTuple):
-    """The response of an axis and the factory's, in °/s or g. `passed` is None if the factory wrote no code."""
+    """The response of an axis, and the factory's response `trim`, in °/s or g.
+
+    `passed` is None if the factory did not write a code.
+    """
 
     name: str
     unit: str
@@ -50,17 +53,17 @@ class AxisResponse(NamedTuple):
 
 
 class SelfTest(NamedTuple):
-    """The responses of the six axes."""
+    """The responses of the six axes, in the order accel x y z, gyro x y z."""
 
     axes: tuple[AxisResponse, ...]
 
     @property
-    def passed(self) -> bool:
-        """Return True if every axis passed."""
+    def has_passed(self) -> bool:
+        """Return True if no axis failed; an axis without a factory code does not count."""
         return all(axis.passed is not False for axis in self.axes)
 
     def table(self) -> str:
-        """Return a table with a line for each axis."""
+        """Return a table as text, with one line for each axis."""
         words = {True: _("passed"), False: _("FAILED"), None: _("no factory code")}
         return "\n".join(
             f"{_(a.name):8} {number(a.response):8.3f} {a.unit:3}  {_('factory')} {number(a.trim):8.3f}  "
@@ -70,9 +73,9 @@ class SelfTest(NamedTuple):
 
 
 def self_test(imu: Mpu6050, sleep: Callable[[float], object] = time.sleep) -> SelfTest:
-    """Test the chip at rest, about 0.7 s; the reads that follow start `imu` again.
+    """Test the chip, and return the responses. The test takes about 0.7 s; the reads after it start `imu` again.
 
-    AnswerNo if it moved or the bus failed.
+    Raise AnswerNo if the vehicle moved or the bus failed.
     """
     own = imu.chip.own_accel_filter
     accel_bits = 0x00 if own else 0x10
@@ -95,7 +98,7 @@ def self_test(imu: Mpu6050, sleep: Callable[[float], object] = time.sleep) -> Se
 
 
 def factory_trims(codes: tuple[int, ...], own_accel_filter: bool) -> tuple[float, ...]:
-    """Return FT (6,) in g and °/s, 0 for code 0. Order of the codes: accel x y z, gyro x y z.  (1) (2) (4)"""
+    """Return FT (6,) in g and °/s, 0 for code 0, in the order of the codes: accel x y z, gyro x y z.  (1) (2) (4)"""
     trims = []
     for n, code in enumerate(codes):
         if code == 0:
@@ -110,7 +113,7 @@ def factory_trims(codes: tuple[int, ...], own_accel_filter: bool) -> tuple[float
 
 
 def _passes(n: int, axis: AxisResponse, own_accel_filter: bool) -> bool | None:
-    """Return True if an axis passes the test; None without a factory code.  (3) (5)"""
+    """Return True if axis `n` passes the test, None without a factory code.  (3) (5)"""
     if axis.passed is None:
         return None
     ratio = axis.response / axis.trim
@@ -120,7 +123,7 @@ def _passes(n: int, axis: AxisResponse, own_accel_filter: bool) -> bool | None:
 
 
 def _codes(imu: Mpu6050) -> tuple[int, ...]:
-    """Return the factory's codes: accel x y z, gyro x y z."""
+    """Return the six codes of the factory: accel x y z, gyro x y z."""
     if imu.chip.own_accel_filter:
         return (*imu.device.read(0x0D, 3), *imu.device.read(0x00, 3))
     x, y, z, low = imu.device.read(0x0D, 4)
@@ -129,7 +132,7 @@ def _codes(imu: Mpu6050) -> tuple[int, ...]:
 
 
 def _mean(imu: Mpu6050, gyro_bits: int, accel_bits: int, sleep: Callable[[float], object]) -> np.ndarray:
-    """Return the mean readings (6,) in g and °/s with these test bits set. AnswerNo if the vehicle moves."""
+    """Return the mean readings (6,) in g and °/s with these test bits set. Raise AnswerNo if the vehicle moves."""
     own = (FILTER,) if imu.chip.own_accel_filter else ()
     imu.device.write(SMPLRT_DIV, 0, FILTER, gyro_bits, accel_bits, *own)
     sleep(SETTLE_S)

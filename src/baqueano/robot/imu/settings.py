@@ -14,18 +14,18 @@ from baqueano.sensors.imu_filter import BANDS_6050
 MILLISECOND, SECOND = 1_000_000, 1_000_000_000
 MODES = ("fifo", "burst")
 LETTERS = ("x", "y", "z")
-BURST_BITS = 156  # of 14 bytes on the bus
+BURST_BITS = 156  # bit times of 14 bytes on the bus
 
 
 class ImuEvent(NamedTuple):
-    """An event for the log."""
+    """An event of the IMU for the log, with its time."""
 
     t_ns: int
     message: Diagnostic
 
     @property
     def text(self) -> str:
-        """Return the message as a sentence."""
+        """Return the message as a sentence in the current language."""
         return text(self.message)
 
 
@@ -35,7 +35,7 @@ class Counts:
 
     samples: int = 0
     retries: int = 0  # transfers that were tried again
-    failures: int = 0  # calls that gave nothing because the bus failed
+    failures: int = 0  # calls without a result because the bus failed
     restarts: int = 0
     overflows: int = 0
     saturated: int = 0  # samples with an axis at the end of its range
@@ -44,7 +44,7 @@ class Counts:
 
 @dataclass(frozen=True)
 class OpenedImu:
-    """The state of the IMU when it was opened."""
+    """The chip, its first values at rest, and its warnings when the IMU was opened."""
 
     chip: str
     who_am_i: int
@@ -58,19 +58,20 @@ class OpenedImu:
 
     @property
     def bus_hz(self) -> float:
-        """Return the bus clock by the duration of a burst [Hz]; the host's overhead makes it a lower bound."""
+        """Return a lower bound of the bus clock [Hz], from the duration of a burst with the host's overhead."""
         return BURST_BITS / self.burst_s if self.burst_s > 0.0 else float("nan")
 
 
 @dataclass(frozen=True, slots=True)
 class ImuSettings:
-    """The settings of the chip. UsageError for an impossible value.
+    """The settings of the chip. The constructor raises UsageError for an impossible value.
 
-    rate_hz: samples per second, 1000 divided by an integer, 4 to 1000. filter: 1 (widest) to 6. Ranges: ±2, 4, 8, 16 g
-    and ±250, 500, 1000, 2000 °/s. The default is ±4 g because motors shake: clipped vibration looks like a bias after
-    the filter, and the resolution is still a thirtieth of the noise. It is ±1000 °/s because a car of this size spins
-    at 660 °/s. mode: "fifo" or "burst". axes: the chip's axes that point ahead, left and up, as ("-y", "x", "z"). The
-    driver turns its samples by them, and worlds/robot.py takes the result as body axes.
+    `rate_hz` is 1000 divided by an integer, from 4 to 1000 samples per second. `filter` is 1 (widest) to 6. The ranges
+    are ±2, 4, 8, 16 g and ±250, 500, 1000, 2000 °/s. The default is ±4 g because motors shake: clipped vibration looks
+    like a bias after the filter. The resolution is still a thirtieth of the noise. The gyro's default is ±1000 °/s
+    because a car of this size spins at 660 °/s. The `mode` is "fifo" or "burst". The `axes` are the chip's axes that
+    point ahead, left and up, as ("-y", "x", "z"). The driver turns its samples by them, and worlds/robot.py uses the
+    result as body axes.
     """
 
     rate_hz: int = 200
@@ -90,21 +91,21 @@ class ImuSettings:
 
     @property
     def divider(self) -> int:
-        """Return the content of SMPLRT_DIV."""
+        """Return the value of the register SMPLRT_DIV for `rate_hz`."""
         return 1000 // self.rate_hz - 1
 
     @property
     def accel_bits(self) -> int:
-        """Return the content of ACCEL_CONFIG."""
+        """Return the value of the register ACCEL_CONFIG for the accelerometer's range."""
         return ACCEL_RANGES_G.index(self.accel_range_g) << 3
 
     @property
     def gyro_bits(self) -> int:
-        """Return the content of GYRO_CONFIG."""
+        """Return the value of the register GYRO_CONFIG for the gyro's range."""
         return GYRO_RANGES_DPS.index(self.gyro_range_dps) << 3
 
     def body_from_chip(self) -> np.ndarray:
-        """Return the rotation (3, 3) from the chip's axes to the body's. UsageError for impossible `axes`."""
+        """Return the rotation (3, 3) from the chip's axes to the body's. Raise UsageError for impossible `axes`."""
         matrix = np.zeros((3, 3))
         for row, name in enumerate(self.axes[:3]):
             if name.removeprefix("-") in LETTERS:

@@ -1,15 +1,16 @@
 """Monitor an IMU by its samples and errors, and report each event once, when it begins.
 
 The last bits of a sensor always change: at ±4 g and 44 Hz the accelerometer's noise is 27 LSB. Six equal words in a row
-can be chance at the narrowest filter (5 Hz: about one row in a thousand). Twenty such rows cannot (10⁻⁶⁰).
+can be chance at the narrowest filter (5 Hz: about one row in a thousand). Twenty equal words in a row cannot be chance
+(10⁻⁶⁰).
 """
 
 import errno
 from typing import Any
 
 from baqueano.diagnostics import Severity, note
-from baqueano.language import marked as N_
-from baqueano.language import translated as _
+from baqueano.language import mark as N_
+from baqueano.language import translate as _
 from baqueano.robot.imu.i2c import is_stuck_low
 from baqueano.robot.imu.settings import SECOND, Counts, ImuEvent, ImuSettings
 
@@ -31,14 +32,14 @@ AXES = (
 NAMES = {
     errno.EREMOTEIO: N_("no answer"),
     errno.ENXIO: N_("no answer"),
-    errno.EIO: N_("broken off"),
-    errno.ETIMEDOUT: N_("waited in vain"),
+    errno.EIO: N_("interrupted"),
+    errno.ETIMEDOUT: N_("timed out"),
     errno.EAGAIN: N_("arbitration lost"),
 }
 
 
 class ImuWatch:
-    """The monitor that judges each call's samples; `last_ns` is the time of the last good sample."""
+    """A monitor that judges the samples of each call; `last_ns` is the time of the last good sample."""
 
     def __init__(self, settings: ImuSettings, counts: Counts, now_ns: int) -> None:
         self.silent = False
@@ -51,14 +52,14 @@ class ImuWatch:
         self._rows = max(ROWS, round(SHARE_S * settings.rate_hz))
         self._last: Row = ()
         self._same = 0
-        self._at_end = [0] * 6  # rows in a row
+        self._at_end = [0] * 6  # consecutive rows, per axis
         self._any_at_end = False
         self._error: Exception | None = None
-        self.bus_stuck = False  # by the last transfer
+        self.bus_stuck = False  # found by the last transfer
         self._events: list[ImuEvent] = []
 
-    def tell(self, now_ns: int, code: str, **figures: Any) -> None:
-        """Record an event."""
+    def record_event(self, now_ns: int, code: str, **figures: Any) -> None:
+        """Record an event with this code and these figures."""
         self._events.append(ImuEvent(now_ns, note(code, Severity.WARNING, **figures)))
 
     def take(self) -> list[ImuEvent]:
@@ -67,15 +68,15 @@ class ImuWatch:
         return events
 
     def trouble(self, now_ns: int, error: Exception) -> None:
-        """Record a transfer that failed for good in this call."""
+        """Record a transfer that failed although it was repeated, and report a bus that is newly stuck."""
         self._error = error
         stuck = isinstance(error, OSError) and is_stuck_low(error)
         if stuck and not self.bus_stuck:
-            self.tell(now_ns, "imu.held")
+            self.record_event(now_ns, "imu.held")
         self.bus_stuck = stuck
 
     def judge(self, now_ns: int, rows: list[Row]) -> tuple[list[bool], bool]:
-        """Return a mask of the rows to use, and True if the chip must be started again."""
+        """Return a mask of the rows to use, one bool per row, and True if the chip must be started again."""
         keep, broken = [], False
         for row in rows:
             same, broken_now = self._repeats(now_ns, row)
@@ -89,13 +90,16 @@ class ImuWatch:
         return keep, self._listen(now_ns, good > 0) or broken
 
     def _listen(self, now_ns: int, answered: bool) -> bool:
-        """Count the silence; return True if the chip must be started again. A pause counts 0.1 s at most."""
+        """Measure the time without good samples; return True if the chip must be started again.
+
+        The time since the last call counts as 0.1 s at most.
+        """
         span_ns = min(now_ns - self._called_ns, LONGEST_CALL_NS)
         self._called_ns = now_ns
         if answered:
             if self.silent:
                 gap = (now_ns - self.last_ns) / SECOND
-                self.tell(now_ns, "imu.back", silent_s=gap)
+                self.record_event(now_ns, "imu.back", silent_s=gap)
             self.silent, self.last_ns, self.bus_stuck, self._error = False, now_ns, False, None
             self._quiet_ns = self.rounds = 0
             return False
@@ -106,11 +110,14 @@ class ImuWatch:
         if not self.silent:
             self.silent = True
             cause = f": {reason(self._error)}" if self._error else ""
-            self.tell(now_ns, "imu.data-missing", silent_s=SILENCE_NS / SECOND, because=cause)
+            self.record_event(now_ns, "imu.data-missing", silent_s=SILENCE_NS / SECOND, because=cause)
         return True
 
     def _repeats(self, now_ns: int, row: Row) -> tuple[bool, bool]:
-        """Return if the row repeats the last one or is all zero, and if this has just become a fault."""
+        """Return (same, fault): `same` is True for a row that equals the last one or is all zero.
+
+        `fault` is True for the row with which this has lasted long enough to be a fault.
+        """
         same = (row[:3] == self._last[:3] and row[4:] == self._last[4:]) or not (any(row[:3]) or any(row[4:]))
         self._last = row
         if not same:
@@ -120,11 +127,14 @@ class ImuWatch:
         if self.frozen or self._same < self._rows:
             return True, False
         self.frozen = True
-        self.tell(now_ns, "imu.frozen", times=self._same)
+        self.record_event(now_ns, "imu.frozen", times=self._same)
         return True, True
 
     def _ends(self, now_ns: int, row: Row) -> None:
-        """Count the rows with an axis at the end of its range, and report it after 0.1 s, without the temperature."""
+        """Count the rows with an axis at the end of its range, and report such an axis after 0.1 s.
+
+        The temperature is not tested.
+        """
         six = (*row[:3], *row[4:])
         at_end = [abs(word) >= END for word in six]
         self._any_at_end = any(at_end)
@@ -132,7 +142,7 @@ class ImuWatch:
         for axis in range(6):
             self._at_end[axis] = self._at_end[axis] + 1 if at_end[axis] else 0
             if self._at_end[axis] == self._rows:
-                self.tell(now_ns, "imu.saturated", axis=AXES[axis], range=self._range(axis))
+                self.record_event(now_ns, "imu.saturated", axis=AXES[axis], range=self._range(axis))
 
     def _range(self, axis: int) -> str:
         s = self._settings
@@ -140,7 +150,7 @@ class ImuWatch:
 
 
 def reason(error: Exception | None) -> str:
-    """Return a short text of the error."""
+    """Return the error as a short text in the current language."""
     if isinstance(error, OSError):
         return f"{_(NAMES.get(error.errno or 0, N_('failed')))} ({error})"
     return str(error)

@@ -14,7 +14,7 @@ if TYPE_CHECKING:
 
 
 def body_of(file: "VehicleFile", uno: "Uno", wait: Callable[[float], object]) -> Body:
-    """Return the body of a vehicle file; configure its Uno for a drive and read the settings of its motors."""
+    """Configure the Uno for a drive, read the settings of its motors, and return the body of the vehicle file."""
     config = config_of(file.robot, uno.info)
     uno.configure(config, wait)
     ways = [AppliedWay(1e-3 * w.dead_zone_permille, 1e-3 * w.slope_permille) for w in uno.settings(wait).ways]
@@ -25,7 +25,7 @@ def body_of(file: "VehicleFile", uno: "Uno", wait: Callable[[float], object]) ->
 
 
 def config_of(hardware: "Hardware", info: Info | None) -> Config:
-    """Return the firmware's configuration that [robot] requires."""
+    """Return the firmware's configuration that [robot] requires; `info` contains the bridge, which limits the PWM."""
     fastest = MOST_PWM_HZ[Driver(info.driver)] if info is not None else min(MOST_PWM_HZ.values())
     return Config(
         dead_man_ms=round(1e3 * hardware.dead_man_s),

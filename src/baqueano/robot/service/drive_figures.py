@@ -1,4 +1,4 @@
-"""Report the losses of a drive, in its ticks and on the lines of Uno and IMU, as the last lines of its run."""
+"""Report the losses of a drive as the last lines of its run: missed ticks, and losses of the Uno and the IMU."""
 
 from dataclasses import asdict, astuple, dataclass
 from typing import Any
@@ -8,49 +8,50 @@ from baqueano.robot.imu.settings import Counts
 from baqueano.robot.uno.statistics import Statistics
 
 LINE = ("sent", "unsent", "received", "lost", "late", "damaged", "resets")
-KEYS = {"received": "heard"}  # of the figures of a run, where they differ
+KEYS = {"received": "heard"}  # names in the figures of a run, if they differ
 HARM = ("unsent", "lost", "late", "damaged", "resets")
 Line = tuple[str, Diagnostic]  # level, message
 
 
 @dataclass
 class Lateness:
-    """Delays of ticks [ms], and the count of missed ones."""
+    """The delays of the ticks [ms], and the number of missed ticks."""
 
     worst_ms: float = 0.0
-    over_half: int = 0  # later than half a period
+    over_half: int = 0  # ticks delayed by more than half a period
     missed: int = 0
     ticks: int = 0
-    now_ms: float = 0.0  # of the last tick
+    now_ms: float = 0.0  # delay of the last tick
 
     def line(self) -> Line:
-        """Return the delays as a line; a warning if ticks were left out."""
+        """Return the delays as a line of the run, which is a warning if ticks were missed."""
         return _line(
             "drive.ticks", bool(self.missed), **{n: x for n, x in asdict(self).items() if n != "now_ms"}
         )
 
 
-def line_losses(before: Statistics, now: Statistics, trouble: Diagnostic | None = None) -> Line:
-    """Return the losses of the line since `before`, a warning if there are any; `trouble` is the Uno's fault."""
-    counts = now.since(before, *LINE)
+def line_losses(previous: Statistics, now: Statistics, trouble: Diagnostic | None = None) -> Line:
+    """Return the losses on the serial line since `previous`; a warning if there are any, or for `trouble` of
+    the Uno."""
+    counts = now.since(previous, *LINE)
     n = {KEYS.get(name, name): count for name, count in zip(LINE, counts, strict=True)}
     if trouble is not None:
         return _line("drive.line-in-trouble", True, **n, cause=trouble)
     return _line("drive.line", any(n[name] for name in HARM), **n)
 
 
-def uno_losses(before: Statistics, now: Statistics) -> Line:
-    """Return the Uno's counts since `before`; a warning if it missed a frame."""
-    frames, spoilt, ignored_frames, overrun = now.since(before, "written", "spoilt", "ignored", "overrun")
+def uno_losses(previous: Statistics, now: Statistics) -> Line:
+    """Return the Uno's counts since `previous`; a warning if it lost bytes, or frames were damaged or ignored."""
+    frames, spoilt, ignored_frames, overrun = now.since(previous, "written", "spoilt", "ignored", "overrun")
     return _line(
         "drive.uno", bool(spoilt or ignored_frames or overrun), written=frames, spoilt=spoilt,
         spoilt_percent=100.0 * spoilt / max(1, frames), ignored=ignored_frames, overrun=overrun,
     )  # fmt: skip
 
 
-def imu_losses(before: Counts, now: Counts) -> Line:
-    """Return the samples and faults of the IMU since `before`; a warning if there was a fault."""
-    n = Counts(*(after - start for start, after in zip(astuple(before), astuple(now), strict=True)))
+def imu_losses(previous: Counts, now: Counts) -> Line:
+    """Return the IMU's counts of samples and faults since `previous`; a warning if there was a fault."""
+    n = Counts(*(after - start for start, after in zip(astuple(previous), astuple(now), strict=True)))
     harmed = n.saturated or n.withheld or n.retries or n.failures or n.overflows or n.restarts
     return _line("drive.imu", bool(harmed), **asdict(n))
 

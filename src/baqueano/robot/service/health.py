@@ -1,4 +1,4 @@
-"""Check the conditions before and during a drive: tilt, battery, temperature, room on the disk."""
+"""Check the conditions before and during a drive: tilt, battery, temperature, free disk space."""
 
 import shutil
 from collections.abc import Callable
@@ -13,13 +13,13 @@ if TYPE_CHECKING:
     from baqueano.vehicle_file.head import Hardware
     from baqueano.worlds import Robot
 
-TEMPERATURE = Path("/sys/class/thermal/thermal_zone0/temp")  # of the processor, thousandths of a °C
+TEMPERATURE = Path("/sys/class/thermal/thermal_zone0/temp")  # of the processor, in thousandths of a °C
 LOOK_EVERY_S = 1.0  # between two readings of the temperature file
 LOW_S = 2.0  # least duration of a low voltage that counts: the start of motors lowers it for a moment
 
 
 class ComputerHealth:
-    """The monitor of the health of one world. `limits` is [robot] of the vehicle file."""
+    """A monitor of tilt, battery, temperature and disk space; `limits` is [robot] of the vehicle file."""
 
     def __init__(
         self, limits: "Hardware", folder: Path, now_ns: Callable[[], int], temperature: Path = TEMPERATURE
@@ -29,14 +29,14 @@ class ComputerHealth:
         self._looked_ns, self._low_since_ns = -(1 << 62), -1
 
     def before(self, world: "Robot") -> Diagnostic | None:
-        """Return why no drive may begin; None if one may begin."""
+        """Return the reason against a drive, also a full disk; None if a drive may begin."""
         free_mb = shutil.disk_usage(self._folder).free / 1e6
         if free_mb < self.limits.least_disk_mb:
             return stop(StopReason.DISK_FULL, free_mb=free_mb, least_disk_mb=self.limits.least_disk_mb)
         return self.during(world)
 
     def during(self, world: "Robot") -> Diagnostic | None:
-        """Return why a drive must end; None if it may go on."""
+        """Return the reason why a drive must end; None if it may continue."""
         now_ns = self._now_ns()
         if now_ns - self._looked_ns >= LOOK_EVERY_S * 1e9:
             self._looked_ns, self.temperature_c = now_ns, self._read()

@@ -1,9 +1,10 @@
-"""Keep a file while a mission is driven: if a service finds it at its start, the previous one ended in a drive.
+"""Keep a file while a mission is driven: if a service finds it at its start, the previous service ended in a drive.
 
-A block can end the process of the service (os._exit, a crash in C, a loop that swallows every alarm until systemd's
-watchdog ends it). Then that process can no longer report it. The firmware's dead man stops the motors, systemd starts
-the service again, and the new service reads from this file which mission was driven. Python also writes a traceback
-into it if the process ends by a signal that permits one (a crash, the watchdog).
+A block can end the process of the service by os._exit or by a crash in C. It can also swallow every alarm in a loop,
+until systemd's watchdog ends the process. Then the process can no longer report the cause. The firmware's dead man
+stops the motors, systemd starts the service again, and the new service reads from this file which mission was driven.
+Python also writes a traceback into the file if the process ends by a signal that permits a traceback (a crash, the
+watchdog).
 """
 
 import faulthandler
@@ -30,7 +31,7 @@ class Journal:
         self._traces: Any = None  # the same file, open for the tracebacks of Python
 
     def begin(self, mission: Mission, run: str) -> None:
-        """Write the mission that begins; a disk that refuses the file does not prevent the drive."""
+        """Write the mission and the run that begin; do nothing if the disk refuses the file."""
         kinds = dict.fromkeys([*mission.blocks.values(), *USERS.findall(mission.vehicle)])
         own = ", ".join(kind for kind in kinds if kind.partition(":")[0] in mission.texts) or "our blocks"
         entry = {"boot": _boot(), "kind": mission.kind, "run": run, "blocks": own, "texts": [*mission.texts]}
@@ -49,10 +50,10 @@ class Journal:
         with suppress(OSError):
             self.path.unlink(missing_ok=True)
 
-    def unfinished(self) -> Diagnostic | None:
-        """Return the mission during which a service ended since this computer was switched on; None without one.
+    def unfinished_mission(self) -> Diagnostic | None:
+        """Return the mission during which the previous service ended; None if it ended without a mission.
 
-        After a power cut it returns None, too.
+        Return None also if the computer was started again since then, as after a power cut.
         """
         try:
             first, _, trace = self.path.read_text(encoding="utf-8", errors="replace").partition("\n")
@@ -70,7 +71,7 @@ class Journal:
 
 
 def _boot() -> str:
-    """Return the id of this start of the computer; "" if the system does not provide it."""
+    """Return the id of the present boot of the computer; "" if the system does not provide it."""
     try:
         return BOOT.read_text(encoding="ascii").strip()
     except OSError:

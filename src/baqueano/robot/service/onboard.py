@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any
 from baqueano.errors import BaqueanoError
 from baqueano.robot.imu import driver as imu_driver
 from baqueano.robot.service.realtime import Systemd, request_realtime
-from baqueano.robot.uno.serial_port import connected
+from baqueano.robot.uno.serial_port import open_uno
 
 if TYPE_CHECKING:
     from baqueano.vehicle_file.file import VehicleFile
@@ -25,67 +25,67 @@ def serve(
     file: "VehicleFile",
     folder: Path,
     path: Path,
-    say: Callable[[str], object],
+    log: Callable[[str], object],
     give_back: Callable[[], object] = lambda: None,
 ) -> None:
     """Run the service for the vehicle of `file` at the socket `path`, with runs in `folder`, until SIGTERM.
 
-    RobotUnreachable if the Uno does not answer. If the IMU does not answer, the service runs all the same: it reports
-    why the vehicle does not drive, and is READY as soon as the IMU answers. A vehicle whose file does not name an IMU
-    drives without one. `give_back` is called when the line of the Uno is open (serial_port.opened_early).
+    Raise RobotUnreachable if the Uno does not answer. If the IMU does not answer, the service runs all the same and
+    reports why the vehicle does not drive. It is READY as soon as the IMU answers. A vehicle whose file does not name
+    an IMU drives without one. `give_back` is called when the line of the Uno is open (serial_port.opened_early).
     """
     systemd = Systemd()
     folder.mkdir(parents=True, exist_ok=True)
     with ExitStack() as open_things:
         try:
-            uno = open_things.enter_context(connected(file.robot.port))
+            uno = open_things.enter_context(open_uno(file.robot.port))
         finally:
             give_back()
         if uno.info is not None:
-            say(f"Uno: firmware {uno.info.version_major}.{uno.info.version_minor}, boot {uno.info.boots}")
+            log(f"Uno: firmware {uno.info.version_major}.{uno.info.version_minor}, boot {uno.info.boots}")
         loading = threading.Thread(target=lambda: [importlib.import_module(name) for name in REST])
         loading.start()
 
         def find_imu() -> Any:
-            imu = imu_driver.of(file.robot, say)
+            imu = imu_driver.of(file.robot, log)
             open_things.callback(imu.close)
             return imu
 
         imu, has_imu = None, "imu" in file.sensors._fields
         if has_imu:
-            with suppress(BaqueanoError):  # the service looks for it again, and says why it is not there
+            with suppress(BaqueanoError):  # the service searches for it again, and reports why it is missing
                 imu = find_imu()
         loading.join()
         from baqueano.door.operator import Operator
         from baqueano.door.sockets import Door
         from baqueano.robot.service.service import Service
 
-        for line in request_realtime():  # before the door opens its thread, which has time
-            say(line)
+        for line in request_realtime():  # before the door starts its thread, which does not need real time
+            log(line)
         operator = Operator()
         door = Door(path, operator, folder)
         open_things.callback(door.close)
         door.frames.begin(file, "real")
         service = Service(
-            uno, imu, file.robot, folder, operator, door.tell, door.frames, *_signs_of_life(systemd), say=say,
+            uno, imu, file.robot, folder, operator, door.broadcast, door.frames, *_signs_of_life(systemd), log=log,
             find_imu=find_imu if has_imu else None,
         )  # fmt: skip
-        systemd.say("READY=1")
-        say(f"listens at {path}")
+        systemd.notify("READY=1")
+        log(f"listens at {path}")
         service.run()
-        systemd.say("STOPPING=1")
+        systemd.notify("STOPPING=1")
         systemd.close()
 
 
 def _signs_of_life(systemd: Any) -> tuple[Callable[[], object], Callable[[float], object]]:
-    """Return the function that feeds the watchdog, and the one that sets the time of its next feed.
+    """Return a function that feeds systemd's watchdog, and a function that sets the watchdog's timeout [s].
 
-    If one of the threads dies, the watchdog is no longer fed, and systemd starts the service again.
+    If a thread has ended, the watchdog is no longer fed, and systemd starts the service again.
     """
     threads = threading.enumerate()
 
-    def say(text: str = "") -> None:
+    def send_heartbeat(text: str = "") -> None:
         if all(thread.is_alive() for thread in threads):
-            systemd.say(f"{text}WATCHDOG=1")
+            systemd.notify(f"{text}WATCHDOG=1")
 
-    return say, lambda seconds: say(f"WATCHDOG_USEC={round(1e6 * seconds)}\n")
+    return send_heartbeat, lambda seconds: send_heartbeat(f"WATCHDOG_USEC={round(1e6 * seconds)}\n")

@@ -1,7 +1,7 @@
 """Request real-time rights from the system for a control loop, and notify systemd.
 
-SCHED_FIFO wakes a loop of 100 Hz in time (`doctor --jitter` measures it on yours). Memory is locked page by page when
-it is first used, so that no tick waits for the disk. Locking all that is mapped would also make unused buffers and
+SCHED_FIFO wakes a loop of 100 Hz in time (`doctor --jitter` measures it on your machine). Each page of memory is locked
+when it is first used, so that no tick waits for the disk. Locking all mapped memory would also make unused buffers and
 stacks resident. Objects made at the start are excluded from the rounds of the garbage collector. docs/benchmarks.md has
 the figures.
 """
@@ -13,7 +13,7 @@ import socket
 from contextlib import suppress
 from typing import Any
 
-from baqueano.language import translated as _
+from baqueano.language import translate as _
 
 PRIORITY = 40  # below the kernel's own threads at 50
 MCL_CURRENT, MCL_FUTURE, MCL_ONFAULT = 1, 2, 4
@@ -22,7 +22,8 @@ MCL_CURRENT, MCL_FUTURE, MCL_ONFAULT = 1, 2, 4
 def request_realtime(priority: int = PRIORITY) -> list[str]:
     """Request a real-time priority and locked memory, and return sentences about what was granted.
 
-    Threads and programs that start later do not inherit the priority. The garbage collector is switched on.
+    Threads and programs that start later do not inherit the priority. Existing objects are excluded from garbage
+    collection, and the collector is switched on.
     """
     grants = []
     try:
@@ -42,7 +43,7 @@ def request_realtime(priority: int = PRIORITY) -> list[str]:
 
 
 class Systemd:
-    """Notifications to systemd, if it requested any; on other systems the calls do nothing."""
+    """A sender of notifications to systemd; if systemd did not request any, the calls do nothing."""
 
     def __init__(self, address: str | None = None) -> None:
         socket_path = os.environ.get("NOTIFY_SOCKET") if address is None else address
@@ -52,8 +53,8 @@ class Systemd:
             self._line.setblocking(False)
             self._to = "\0" + socket_path[1:] if socket_path.startswith("@") else socket_path
 
-    def say(self, words: str) -> None:
-        """Send READY=1, WATCHDOG=1, STATUS=…; the words are lost if systemd does not receive at this moment."""
+    def notify(self, words: str) -> None:
+        """Send a notification such as READY=1, WATCHDOG=1 or STATUS=…; it is lost if systemd cannot receive it now."""
         if self._line is not None:
             with suppress(OSError):
                 self._line.sendto(words.encode(), self._to)

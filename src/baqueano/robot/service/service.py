@@ -1,11 +1,11 @@
 """Run the service on the vehicle: it watches the hardware, drives missions, and stops the vehicle at any fault.
 
     idle    telemetry, IMU and health are checked at IDLE_HZ; a waiting mission begins when the vehicle is READY
-    mission the loop of loop.py at the rate of the vehicle file, in the time of a steady clock, into a run on disk
+    mission the loop of loop.py at the rate of the vehicle file, by a steady clock, recorded in a run on disk
     watch   at each tick: the link and the firmware, health, the operator, systemd's watchdog
 
-One thread drives. Other threads read the Uno, serve the clients and write the run; none of them can delay a tick. A
-power cut loses a second of the run at most. A full disk ends the recording, not the drive.
+One thread drives. Other threads read the Uno, serve the clients and write the run, and cannot delay a tick. After a
+power cut at most the last second of the run is missing. A full disk ends the recording, but the drive continues.
 """
 
 import signal
@@ -28,7 +28,7 @@ from baqueano.door.operator import Operator
 from baqueano.door.outcome import outcome_of
 from baqueano.door.states import DoorState, Machine
 from baqueano.drive.budget import PREPARE_S, within
-from baqueano.drive.mission import Mission, perform, unpacked
+from baqueano.drive.mission import Mission, perform, unpack
 from baqueano.drive.observers import LastLine, Observer
 from baqueano.drive.recording import CLOCK_SOURCE, IMU_SOURCE, LINE_SOURCE, UNO_SOURCE
 from baqueano.errors import BaqueanoError, FileError
@@ -46,31 +46,31 @@ from baqueano.vehicle_file.head import Hardware
 from baqueano.worlds import Robot
 from baqueano.worlds.robot import Body
 
-HANGING_S = 2.0  # without a tick, or a look while idle: systemd starts the service again
+HANGING_S = 2.0  # after this time without a tick or an idle check, systemd starts the service again
 PREPARING_S = PREPARE_S + 10.0  # the same while a mission is loaded and compiled
-FINDING_S = 30.0  # the same while an IMU is looked for
+FINDING_S = 30.0  # the same while the service searches for an IMU
 AGAIN_S = 5.0  # between two searches for an IMU
 CLOSING_S = 60.0  # the same while a run is closed, which waits for the card
 IDLE_HZ, TELL_HZ = 20.0, 5.0
-Tell = Callable[[JsonObject], None]
+Broadcast = Callable[[JsonObject], None]
 
 
 @dataclass
 class Service:
-    """The hardware, the mailbox, and the state. `tell` broadcasts a message to all clients."""
+    """The service: its hardware, the operator's mailbox, and the state. `broadcast` sends a message to all clients."""
 
     uno: Uno
     imu: Any
     hardware: Hardware  # [robot] of the vehicle file of this vehicle
-    folder: Path  # of the runs
+    folder: Path  # folder of the runs
     operator: Operator = field(default_factory=Operator)
-    tell: Tell = lambda message: None
+    broadcast: Broadcast = lambda message: None
     frames: Frames = field(default_factory=Frames)
     healthy: Callable[[], object] = lambda: None  # systemd's watchdog
     patience: Callable[[float], object] = lambda seconds: None  # sets the timeout of systemd's watchdog
     now_ns: Callable[[], int] = time.monotonic_ns
     sleep: Callable[[float], object] = time.sleep
-    say: Callable[[str], object] = lambda line: None  # into the system's log
+    log: Callable[[str], object] = lambda line: None  # writes into the system's log
     find_imu: Callable[[], object] | None = None  # opens the IMU that did not answer at the start
 
     def __post_init__(self) -> None:
@@ -79,18 +79,18 @@ class Service:
         self.health = ComputerHealth(self.hardware, self.folder, self.now_ns)
         self._world = Robot(sensor_slots(())(), self.uno, self.imu, Body())
         self._published_ns = 0
-        self._record: Record | None = None  # the last one of a drive
+        self._record: Record | None = None  # the last record of the present drive
         self._mission: Mission | None = None
-        self._rate_hz = 1.0  # of its ticks
-        self._run: str | None = None  # that is written just now
-        self._counts_before: Any = None  # what the IMU had counted when it began
-        self._bus: RecoveryOutcome | None = None  # of the IMU's bus, until the next drive
+        self._rate_hz = 1.0  # rate of the mission's ticks
+        self._run: str | None = None  # name of the run that is being written
+        self._counts_before: Any = None  # the counts of the IMU at the first tick
+        self._bus: RecoveryOutcome | None = None  # the last recovery of the IMU's bus, until the next drive
         self._no_imu: Diagnostic | None = None  # why the IMU is missing
         self._find_ns = -(1 << 62)  # time of the next search for the IMU
         self._clearing = False  # the operator has cleared the stop, and the Uno is still latched
         self.journal = Journal(self.folder)
-        if (before := self.journal.unfinished()) is not None:
-            self.say(text(before))
+        if (before := self.journal.unfinished_mission()) is not None:
+            self.log(text(before))
             self.operator.stop(before)
 
     def run(self) -> None:
@@ -106,7 +106,7 @@ class Service:
         self.uno.disarm()
 
     def idle(self) -> None:
-        """Check everything once while nothing drives."""
+        """Check hardware, health and requests once while no mission is driven, and update the state."""
         self._find_imu()
         for message in self._world.look(self.now_ns()):
             self._event("warning", message)
@@ -131,10 +131,10 @@ class Service:
         self._publish()
 
     def _stop_is_over(self) -> bool:
-        """Return True if a stop is over.
+        """Return True if the operator has cleared the stop and the Uno is no longer latched.
 
-        After a request each call clears the latch of the Uno, until telemetry shows that it is gone: a frame may be
-        lost.
+        After a request each call sends the Uno a frame that clears its latch, until telemetry shows that the latch is
+        cleared. One frame is not enough, because it may be lost.
         """
         clear_requested, self.operator.clear_requested = self.operator.clear_requested, False
         trouble = self.uno.trouble
@@ -145,15 +145,15 @@ class Service:
         return latch_gone
 
     def _give_back(self) -> None:
-        """Send the limits of this vehicle's file to the Uno if it has others, from a mission or after a reset."""
+        """Send the limits of this vehicle's file to the Uno if its limits differ, as after a mission or a reset."""
         info = self.uno.info
         if info is not None and info.config != (own := config_of(self.hardware, info)):
-            self.uno.tell(own)
+            self.uno.send_config(own)
 
     def _find_imu(self) -> None:
-        """Look every AGAIN_S for an IMU that did not answer. Each obstacle is reported once.
+        """Search every AGAIN_S for an IMU that did not answer, and report each new obstacle once.
 
-        The search takes two seconds if a chip answers and gives no samples.
+        The search takes two seconds if a chip answers but does not send samples.
         """
         if self.imu is not None or self.find_imu is None or self.now_ns() < self._find_ns:
             return
@@ -168,22 +168,25 @@ class Service:
         if self._no_imu != before:
             message = self._no_imu or note("imu.found")
             self._event("warning", message)
-            self.say(text(message))
+            self.log(text(message))
 
     def _free_bus(self) -> None:
-        """Clock a held bus of the IMU free in a second thread, while nothing drives. Report a failure once."""
+        """Clock a stuck bus of the IMU free in a second thread, and report the outcome.
+
+        The same failure is reported only once. The caller must ensure that no drive is under way.
+        """
         if self.imu is None:
             return
         outcome = self.imu.free_bus()
         if outcome is not None and (outcome.freed or outcome != self._bus):
             self._bus = outcome
             self._event("warning", outcome.message)
-            self.say(outcome.text)
+            self.log(outcome.text)
         elif not self.imu.silent and self._bus is not None and not self._bus.freed:
             self._bus = None
 
     def take(self, request: Mission | str, attended: bool, name: str = "") -> None:
-        """Drive a mission, or one in JSON, and report the outcome to the request of this name.
+        """Drive a mission, given as an object or in JSON, and report the outcome to the request of this name.
 
         A faulty mission does not end the service.
         """
@@ -197,10 +200,10 @@ class Service:
             self.patience(HANGING_S)
             self.operator.free()
             reason, code = error.diagnostic, error.exit_code
-            self.tell({"is": "done", "id": name, "run": None, "why": reason, "code": code})
+            self.broadcast({"is": "done", "id": name, "run": None, "why": reason, "code": code})
             return
         self._run = path.name
-        self._publish(at_once=True)  # nothing more is published until it is prepared
+        self._publish(at_once=True)  # the next state is published only after the preparation
         try:
             reason, code = outcome_of(lambda: self._drive_with_journal(mission, attended, path))
         finally:
@@ -211,7 +214,7 @@ class Service:
         regular_end = reason is None or code or self.operator.done
         late = self.operator.stop_reason(
             attended=False
-        )  # said while the drive was prepared, or its run closed
+        )  # requested while the drive was prepared, or its run closed
         stop_reason = late if regular_end else reason
         self.machine.go("done" if stop_reason is None else "stop", stop_reason)
         self.operator.forget(stop_reason)
@@ -219,20 +222,20 @@ class Service:
         self._publish(at_once=True)
         self.operator.free()
         run = path.name if path.exists() else None
-        self.tell({"is": "done", "id": name, "run": run, "why": reason, "code": code})
+        self.broadcast({"is": "done", "id": name, "run": run, "why": reason, "code": code})
 
     def _drive_with_journal(self, mission: Mission, attended: bool, path: Path) -> Diagnostic | None:
-        """Drive a mission, with the journal file present meanwhile."""
+        """Write the journal file, and drive a mission as `drive` does; the caller deletes the file."""
         self.journal.begin(mission, path.name)
         return self.drive(mission, attended, path)
 
     def drive(self, mission: Mission, attended: bool, path: Path) -> Diagnostic | None:
-        """Drive a mission into the run `path`; return why the vehicle was stopped, None if nothing stopped it.
+        """Drive a mission into the run `path`; return why the vehicle was stopped, None if it was not stopped.
 
-        A disk that refuses the rest of the run is reported, and does not stop the drive.
+        If the disk is full, the missing rest of the run is reported, and the drive continues.
         """
         with tempfile.TemporaryDirectory(prefix="baqueano-") as folder:
-            file = within(PREPARE_S, unpacked, mission, Path(folder))
+            file = within(PREPARE_S, unpack, mission, Path(folder))
             self.patience(PREPARING_S)
             body = body_of(file, self.uno, self.sleep)
             world, late = Robot(file.sensors, self.uno, self.imu, body, self.now_ns), Lateness()
@@ -241,20 +244,23 @@ class Service:
             self.health.limits = file.robot
             world.notes = () if self.imu is None else self.imu.notes
             self._counts_before, watching = None, _ServiceObserver(self, world, late, attended, mission, file)
-            observers = (watching, Adjusting(self.operator, self.tell, mission.blocks))
+            observers = (watching, Adjusting(self.operator, self.broadcast, mission.blocks))
             try:
                 perform(
                     mission, file, hand=lambda: self.operator.command(3), world=world, live=True, path=path,
                     ticking=self._ticks(world, file.rate_hz, late), observers=observers,
                 )  # fmt: skip
             except FileError as error:
-                if not watching.over:  # nothing has been driven
+                if not watching.over:  # the drive has not begun
                     raise
                 self._event("error", error.diagnostic)
             return watching.stopped
 
     def _ticks(self, world: Robot, rate_hz: float, late: Lateness) -> Iterator[int]:
-        """Yield the times of a drive's ticks. Arm at the first one; notify the watchdog and publish after each."""
+        """Yield the times [ns] of a drive's ticks, from 0 on.
+
+        Arm the Uno before the first tick. After each tick, notify the watchdog and publish the state.
+        """
         wall = clock.Wall(rate_hz, now_ns=self.now_ns, sleep=self.sleep)
         start = -1
         for due in wall:
@@ -280,10 +286,10 @@ class Service:
             if isinstance(content, Diagnostic)
             else note("hardware.note", Severity(level), words=content)
         )
-        self.tell({"is": "event", "level": level, "said": message})
+        self.broadcast({"is": "event", "level": level, "said": message})
 
     def _not_ready(self) -> Diagnostic | None:
-        """Return why no drive may begin; None if one may begin."""
+        """Return the reason against a drive; None if a drive may begin."""
         if self.uno.info is None:
             return stop(StopReason.UNO_ABSENT)
         if self._no_imu is not None:
@@ -293,10 +299,10 @@ class Service:
         return self._world.trouble(self.now_ns()) or self.health.before(self._world)
 
     def _mute(self) -> Diagnostic:
-        """Return the diagnostic of a silent IMU."""
+        """Return the reason to stop because of a silent IMU, with the state of its bus."""
         if not self.imu.bus_stuck:
             return stop(StopReason.IMU_SILENT)
-        if self._bus is None or self._bus.freed:  # the last recovery freed it: the bus is held anew
+        if self._bus is None or self._bus.freed:  # the last recovery freed the bus, which is now stuck again
             return stop(StopReason.IMU_BUS_HELD)
         return stop(StopReason.IMU_BUS_STILL_HELD, cause=self._bus.message)
 
@@ -307,7 +313,7 @@ class Service:
         self._published_ns = now_ns
         link = world or self._world
         trips = sorted(self.uno.statistics.trips_ms)
-        self.tell(
+        self.broadcast(
             {
                 "is": "state", "state": str(self.machine.state), "why": self.machine.reason, "run": self._run,
                 "battery_v": link.battery_v, "tilt_rad": link.tilt_rad, "temperature_c": self.health.temperature_c,
@@ -320,7 +326,7 @@ class Service:
         )  # fmt: skip
 
     def _path(self, kind: str) -> Path:
-        """Return a new path for a run, named after date and time. FileError if the folder cannot be used."""
+        """Return a new path for a run, named after date and time. Raise FileError if the folder cannot be used."""
         try:
             self.folder.mkdir(parents=True, exist_ok=True)
         except OSError as error:
@@ -340,7 +346,7 @@ class Service:
 
 
 class _ServiceObserver(Observer):
-    """The observer that the service attaches to a drive."""
+    """An observer that stops a drive for hardware faults or on request, and reports the losses at its end."""
 
     def __init__(
         self,
@@ -388,6 +394,6 @@ class _ServiceObserver(Observer):
             last.append((IMU_SOURCE, *imu_losses(s._counts_before, s.imu.counts)))
         for _, level, message in last:
             s._event(level, message)
-        s.uno.disarm()  # the run is closed next: a card may stall for longer than the dead man waits
+        s.uno.disarm()  # closing the run may take longer than the dead-man time, as a card may stall
         s.patience(CLOSING_S)
         return last

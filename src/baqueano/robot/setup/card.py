@@ -1,16 +1,17 @@
-"""Write the first-boot files for a card with a stock 64-bit Raspberry Pi OS Lite: name, user, key, network; no screen.
+"""Write the first-boot files for a card with a stock 64-bit Raspberry Pi OS Lite: name, user, key, network.
 
-One script does it all (files/firstrun.sh). The image determines what starts it:
+One script makes all settings, and a screen is not needed (files/firstrun.sh). The image determines how the script is
+started:
 
     no user-data on the boot partition (Bookworm)        systemd.run=… in cmdline.txt, then the Pi reboots     (1)
     user-data there, an image with cloud-init (Trixie)   runcmd of user-data                                  (2)
 
-The user logs in only by key, without a password; sudo does not ask for one either. In its own network the robot is
-10.42.0.1. Campus networks keep their clients apart, so that a laptop does not reach the robot: use the robot's own
-network, or a router of the class (a Pi's own network serves about four clients).
+The user logs in only by key, without a password; sudo does not request a password either. In a network that the robot
+opens, its address is 10.42.0.1. Campus networks separate their clients, so that a laptop does not reach the robot. Use
+the robot's network, which serves about four clients, or a router of the class.
 
-Neither was tried on a real card: the script was run in a folder that represents the Pi. The two ways to start it are
-those of Raspberry Pi Imager and of cloud-init.
+Neither was tested on a real card: the script was run in a folder that represents the Pi. Raspberry Pi Imager starts its
+script by (1), and cloud-init by (2).
 """
 
 import re
@@ -23,7 +24,7 @@ from typing import NamedTuple
 
 from baqueano.diagnostics import fault
 from baqueano.errors import FileError, UsageError
-from baqueano.language import translated as _
+from baqueano.language import translate as _
 
 STARTER = (
     "systemd.run=/boot/firmware/firstrun.sh",
@@ -36,12 +37,12 @@ runcmd:
   - [bash, -c, "[ ! -f /boot/firmware/firstrun.sh ] || bash /boot/firmware/firstrun.sh"]
 """
 LABELS = ("/media/*/bootfs", "/run/media/*/bootfs", "/Volumes/bootfs")
-CHANNELS = (1, 6, 11)  # those that do not overlap: the robots of a class spread over them
+CHANNELS = (1, 6, 11)  # channels that do not overlap; the robots of a class are distributed over them
 ALPHABET = "abcdefghjkmnpqrstuvwxyz23456789"  # without letters that look alike on a label
 
 
 class Network(NamedTuple):
-    """A Wi-Fi network to join, or with `own` one that the robot opens."""
+    """A Wi-Fi network to join, or, if `own` is True, a network that the robot opens."""
 
     ssid: str
     password: str
@@ -50,17 +51,20 @@ class Network(NamedTuple):
 
 
 def new_name() -> str:
-    """Return a random host name, one of 2¹⁶, so that two robots of a class rarely have the same."""
+    """Return a random host name, one of 2¹⁶, so that two robots of a class rarely have the same name."""
     return f"robot-{secrets.token_hex(2)}"
 
 
 def new_password() -> str:
-    """Return a random password of ten letters, with 49 bits."""
+    """Return a random password of ten letters and digits, with 49 bits."""
     return "".join(secrets.choice(ALPHABET) for _letter in range(10))
 
 
 def boot_partition(folder: Path | None) -> Path:
-    """Return the mounted boot partition: `folder`, or the only one found. FileError if it is not a boot partition."""
+    """Return the mounted boot partition: `folder`, or the only one found.
+
+    Raise FileError if it is not a boot partition.
+    """
     if folder is None:
         partitions = [path for label in LABELS for path in Path("/").glob(label.lstrip("/"))]
         if len(partitions) != 1:
@@ -72,7 +76,7 @@ def boot_partition(folder: Path | None) -> Path:
 
 
 def public_key(path: Path | None) -> str:
-    """Return the text of the user's ssh key. FileError if it does not exist or is not the public part."""
+    """Return the text of the user's ssh key. Raise FileError if it does not exist or is not the public part."""
     candidates = (
         [path] if path else [Path.home() / ".ssh" / f"id_{kind}.pub" for kind in ("ed25519", "ecdsa", "rsa")]
     )
@@ -86,7 +90,7 @@ def public_key(path: Path | None) -> str:
 
 
 def connection(network: Network, name: str) -> str:
-    """Return the network as the text of a file of NetworkManager."""
+    """Return the text of NetworkManager's file for this network; `name` selects the channel of a robot's network."""
     lines = [
         "[connection]",
         "id=baqueano",
@@ -108,7 +112,7 @@ def connection(network: Network, name: str) -> str:
             "pairwise=ccmp",
             "group=ccmp",
             "pmf=1",
-        ]  # 1: off, which the Pi's chip needs as a host
+        ]  # 1: off, which the Pi's chip needs as an access point
     own = ["method=shared", "address1=10.42.0.1/24"]
     return "\n".join(
         [*lines, "", "[ipv4]", *(own if network.own else ["method=auto"]), "", "[ipv6]", "method=auto", ""]
@@ -116,7 +120,10 @@ def connection(network: Network, name: str) -> str:
 
 
 def write(boot: Path, name: str, user: str, key: str, network: Network | None) -> list[str]:
-    """Write the files and return a line for each. UsageError for values that a Pi does not accept."""
+    """Write the first-boot files, and return a line of text for each.
+
+    Raise UsageError for values that a Pi does not accept.
+    """
     _check(name, user, network)
     script = (files("baqueano.robot") / "files" / "firstrun.sh").read_text(encoding="utf-8")
     words = {
@@ -149,14 +156,14 @@ def write(boot: Path, name: str, user: str, key: str, network: Network | None) -
     else:
         line += STARTER
         lines.append(
-            _("{path}: starts it at the first boot, then the Pi starts anew", path=boot / "cmdline.txt")
+            _("{path}: starts it at the first boot, then the Pi restarts", path=boot / "cmdline.txt")
         )
     (boot / "cmdline.txt").write_text(" ".join(line) + "\n", encoding="utf-8")
     return lines
 
 
 def _escape(text: str) -> str:
-    """Return a string for a key file, with separators and a leading space escaped."""
+    """Return a value for NetworkManager's file, with separators and a leading space escaped."""
     text = text.replace("\\", "\\\\").replace(";", "\\;")
     return "\\s" + text[1:] if text.startswith(" ") else text
 

@@ -1,7 +1,7 @@
-"""Make the vehicle file of a robot: the laptop's file with the results of `calibrate imu` on that vehicle.
+"""Make the vehicle file of a robot: the laptop's file with the results of `calibrate imu` on that robot.
 
-key calibrated on the robot, other value here   the robot's stays, unless it was calibrated here on a later day
-every other key                                 the laptop's
+key calibrated on the robot, other value here   the robot's value, unless it was calibrated here on a later day
+every other key                                 the laptop's value
 """
 
 import json
@@ -13,32 +13,33 @@ import numpy as np
 from baqueano.diagnostics import fault
 from baqueano.door.ssh import run, ssh
 from baqueano.errors import FileError, RobotUnreachable, UsageError
-from baqueano.language import translated as _
+from baqueano.language import translate as _
 from baqueano.robot import VEHICLE
 from baqueano.vehicle_file.history import NOT_VALUES
 from baqueano.vehicle_file.paths import exists
-from baqueano.vehicle_file.text.toml_text import parsed
+from baqueano.vehicle_file.text.toml_text import parse_toml
 
 if TYPE_CHECKING:
     from baqueano.contracts.values import JsonObject
     from baqueano.vehicle_file.file import VehicleFile
 
-CALIBRATION = "calibrate imu"  # `run` of the provenance of what it wrote
-SHOWN = 60  # letters of a value
+CALIBRATION = "calibrate imu"  # the `run` in the provenance of calibrated values
+SHOWN = 60  # most letters of a value that are shown
 
 
 class RenewedFile(NamedTuple):
-    """A new vehicle file for a robot."""
+    """A new vehicle file for a robot: its text, the robot's present file, and the changes as lines of text."""
 
     text: str
-    base: bytes  # its present file; empty without one
-    lines: list[str]  # what changes there, key by key
+    base: bytes  # the robot's present file; empty if it does not exist
+    lines: list[str]  # the changes, key by key
 
 
-def renewed(host: str, file: "VehicleFile", root: str = "/") -> RenewedFile:
-    """Return the new file for HOST, made from the laptop's `file`.
+def renew_file(host: str, file: "VehicleFile", root: str = "/") -> RenewedFile:
+    """Return the new file for HOST, made from the laptop's `file` and the calibration at HOST.
 
-    RobotUnreachable if the old one cannot be read, UsageError if it contains a calibration of a key that `file` lacks.
+    Raise RobotUnreachable if the robot's present file cannot be read. Raise UsageError if that file contains a
+    calibration of a key that `file` lacks.
     """
     path = f"{root.rstrip('/')}{VEHICLE}"
     content, code = run(ssh(host, f"test ! -e {path} || cat {path}"))
@@ -47,18 +48,18 @@ def renewed(host: str, file: "VehicleFile", root: str = "/") -> RenewedFile:
     if not content:
         return RenewedFile(file.text, b"", [])
     try:
-        robot_data = parsed(content.decode("utf-8"), f"{host}:{path}")
+        robot_data = parse_toml(content.decode("utf-8"), f"{host}:{path}")
     except (ValueError, FileError) as error:  # neither TOML nor UTF-8, or nested too deeply
-        line = _("the vehicle file there is not TOML ({error}): yours takes its place", error=error)
+        line = _("the vehicle file there is not valid TOML ({error}): your file replaces it", error=error)
         return RenewedFile(file.text, content, [line])
     file, calibration_lines = _with_calibration(host, file, robot_data)
     return RenewedFile(
-        file.text, content, [*differences(robot_data, parsed(file.text, file.label)), *calibration_lines]
+        file.text, content, [*differences(robot_data, parse_toml(file.text, file.label)), *calibration_lines]
     )
 
 
 def differences(before: "JsonObject", after: "JsonObject") -> list[str]:
-    """Return a line for each key that changes, without the provenance of values.
+    """Return a line of text for each key whose value changes; the provenance of values is ignored.
 
     >>> differences({"robot": {"port": "auto"}}, {"robot": {"port": "/dev/serial0", "telemetry_hz": 50}})
     ['robot.port: "auto" → "/dev/serial0"', 'robot.telemetry_hz: not there → 50']
@@ -98,19 +99,23 @@ def _with_calibration(
             values[key], origins[key] = leaves[key], origin
             lines.append(
                 _(
-                    "{key}: {value} stays, calibrated there on {when}",
+                    "{key}: {value} is kept, because it was calibrated there on {when}",
                     key=key,
                     value=_text(leaves[key]),
                     when=when,
                 )
                 if when
-                else _("{key}: {value} stays, calibrated there", key=key, value=_text(leaves[key]))
+                else _(
+                    "{key}: {value} is kept, because it was calibrated there",
+                    key=key,
+                    value=_text(leaves[key]),
+                )
             )
     if lines:
         lines.append(
             _(
-                "To have it in your file, too: baqueano robot calibrate imu {host} --update. To let your values "
-                "count: ssh {host} rm {file}, and type this line again",
+                "To write it into your file too: baqueano robot calibrate imu {host} --update. To use your "
+                "own values: ssh {host} rm {file}, and type this line again",
                 host=host,
                 file=VEHICLE,
             )

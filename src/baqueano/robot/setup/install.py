@@ -1,8 +1,8 @@
 """Install baqueano on a Raspberry Pi over ssh: a bundle of wheels made here, and the steps of steps.py run there.
 
-The robot needs no internet: this computer downloads the wheels for the robot's Python and processor, once, into its
-cache. The bundle is sent to /tmp there, its steps run as root, and it is deleted. ssh and sudo ask for their passwords
-in the terminal.
+The robot does not need the internet: this computer downloads the wheels for the robot's Python and processor, once,
+into its cache. The bundle is sent to /tmp on the robot, its steps run as root, and the bundle is deleted. The terminal
+requests the passwords of ssh and sudo.
 """
 
 import ast
@@ -24,8 +24,8 @@ import baqueano
 from baqueano.diagnostics import fault
 from baqueano.door.ssh import run, ssh
 from baqueano.errors import FileError, RobotUnreachable, UsageError
-from baqueano.language import translated as _
-from baqueano.robot.setup.deployed_vehicle_file import renewed
+from baqueano.language import translate as _
+from baqueano.robot.setup.deployed_vehicle_file import renew_file
 from baqueano.vehicle_file.file import VehicleFile
 
 if TYPE_CHECKING:
@@ -53,11 +53,11 @@ PROBE = (
     'print(*sys.version_info[:2], os.uname().machine, pwd.getpwuid(os.getuid())[0])"'
 )
 MACHINE = r"\d{1,3} \d{1,3} [\w-]{1,32} [\w.-]{1,64}"  # the answer to PROBE
-Say = Callable[[str], object]
+Notify = Callable[[str], object]
 
 
 class TargetMachine(NamedTuple):
-    """The Python, the processor and the user at a host."""
+    """The version of Python, the processor and the user's name at a host."""
 
     python: tuple[int, int]
     kind: str
@@ -65,7 +65,10 @@ class TargetMachine(NamedTuple):
 
 
 def machine_at(host: str) -> TargetMachine:
-    """Return the machine at a host. RobotUnreachable if ssh fails, UsageError if it cannot be a vehicle."""
+    """Return the machine at a host.
+
+    Raise RobotUnreachable if ssh fails. Raise UsageError for a 32-bit system, or a Python that is too old.
+    """
     output, code = run(ssh(host, PROBE))
     words = output.decode(errors="replace").split()
     if code or not re.fullmatch(MACHINE, " ".join(words)):
@@ -87,8 +90,11 @@ def machine_at(host: str) -> TargetMachine:
     return target
 
 
-def bundle(folder: Path, machine: TargetMachine, say: Say = lambda text: None) -> Path:
-    """Collect all wheels for that machine in `folder`, without those already present. FileError if pip fails."""
+def bundle(folder: Path, machine: TargetMachine, notify: Notify = lambda text: None) -> Path:
+    """Collect all files and wheels for `machine` in `folder`, and return `folder`.
+
+    Wheels of other packages that are already present are not downloaded again. Raise FileError if pip fails.
+    """
     folder.mkdir(parents=True, exist_ok=True)
     for old in folder.glob("baqueano-*.whl"):
         old.unlink()
@@ -104,7 +110,7 @@ def bundle(folder: Path, machine: TargetMachine, say: Say = lambda text: None) -
         match[1] for match in LOCK.finditer(lock) if not list(folder.glob(f"{match[1]}-{match[2]}-*.whl"))
     ]
     if missing:
-        say(
+        notify(
             _(
                 "downloading {missing} for Python {version} on {kind}",
                 missing=", ".join(missing),
@@ -128,7 +134,7 @@ def bundle(folder: Path, machine: TargetMachine, say: Say = lambda text: None) -
 
 
 def steps_in_this_language() -> str:
-    """Return the text of machine.py and steps.py, with its messages in the current language.
+    """Return the joined text of machine.py and steps.py, with their messages in the current language.
 
     The text runs without this package.
     """
@@ -148,7 +154,7 @@ def steps_in_this_language() -> str:
 
 
 def _write_locks(folder: Path, packages: dict[str, str]) -> None:
-    """Write the locks of the wheels to install, with hashes, also of the one just built. pip has a separate lock."""
+    """Write the lock files with the hashes of all wheels, also of the wheel just built; pip has a separate lock."""
     own = "".join(
         f"baqueano=={path.name.split('-')[1]} --hash=sha256:{hashlib.sha256(path.read_bytes()).hexdigest()}\n"
         for path in folder.glob("baqueano-*.whl")
@@ -167,21 +173,21 @@ def _run_pip(command: list[str]) -> None:
 
 def setup(
     host: str, folder: Path, machine: TargetMachine, *, vehicle: "VehicleFile | None" = None,
-    say: Say = lambda text: None, dry: bool = False, root: str = "/",
+    notify: Notify = lambda text: None, dry: bool = False, root: str = "/",
 ) -> None:  # fmt: skip
-    """Send `folder` and run the steps; their lines go to the terminal.
+    """Send `folder` to HOST and run the steps there; their output appears in the terminal.
 
-    With `vehicle`, a vehicle file, the file at HOST is replaced by it, but its calibrations stay; `say` receives the
-    changes. Without `vehicle`, the file at HOST stays.
+    A vehicle file `vehicle` replaces the file at HOST, but the calibrations of that file stay; `notify` receives the
+    changes. Without `vehicle`, the file at HOST stays. `dry` only plans the steps.
     """
     (folder / BASE).unlink(missing_ok=True)
     if vehicle is not None:
-        new = renewed(host, vehicle, root)
+        new = renew_file(host, vehicle, root)
         (folder / "vehicle.toml").write_bytes(new.text.encode())
         if new.base:
             (folder / BASE).write_bytes(new.base)
         for line in new.lines:
-            say(f"vehicle.toml  {line}")
+            notify(f"vehicle.toml  {line}")
     archive = io.BytesIO()
     with tarfile.open(fileobj=archive, mode="w") as tar:
         for path in sorted(folder.iterdir()):

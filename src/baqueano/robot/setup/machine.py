@@ -1,6 +1,6 @@
-"""Represent a Raspberry Pi below its root, the record of its former state, and a change with its way back.
+"""Represent a Raspberry Pi below its root, the record of its former state, and a change that can be undone.
 
-It uses only the standard library: on the vehicle this text stands in front of that of steps.py.
+It uses only the standard library: for the vehicle, install.py puts this text before the text of steps.py.
 """
 
 import json
@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, NamedTuple
 if TYPE_CHECKING:
     from baqueano.contracts.values import JsonObject
 
-ACCOUNT = "baqueano"  # of the service: no login, no sudo
+ACCOUNT = "baqueano"  # the account of the service, without login and sudo
 WORDS: dict[str, str] = {}  # English → the language of the laptop; filled by install.py
 
 
@@ -32,8 +32,8 @@ class Pi:
 
     def __init__(self, root: Path, bundle: Path, user: str, run: Callable[..., str] | None = None) -> None:
         self.root, self.bundle, self.user = root, bundle, user
-        self.run = run or commanded
-        self.kept = self.at("etc/baqueano/setup.json")
+        self.run = run or command_output
+        self.kept = self.path_on_target("etc/baqueano/setup.json")
         try:
             self.noted: JsonObject = json.loads(text_of(self.kept) or "{}")
         except ValueError as error:
@@ -44,12 +44,15 @@ class Pi:
             )  # fmt: skip
             sys.exit(message)
 
-    def at(self, path: str) -> Path:
-        """Return a path of the machine."""
+    def path_on_target(self, path: str) -> Path:
+        """Return the path `path` of the machine, below `root`."""
         return self.root / path.lstrip("/")
 
     def note(self, name: str, value: object) -> None:
-        """Record the former state once; a list is extended by new entries. None deletes the entry."""
+        """Record the former state `value` under `name`, unless it is recorded already.
+
+        A list extends the recorded list by new entries; None deletes the record.
+        """
         if value is None:
             self.noted.pop(name, None)
         elif isinstance(value, list):
@@ -65,29 +68,29 @@ class Pi:
 
     @property
     def config(self) -> Path:
-        """Return the path of config.txt on the boot partition of this image."""
-        old = self.at("boot/config.txt")
+        """Return the path of config.txt, which is in boot/firmware or, on old images, in boot."""
+        old = self.path_on_target("boot/config.txt")
         return (
             old
-            if old.exists() and not self.at("boot/firmware/config.txt").exists()
-            else self.at("boot/firmware/config.txt")
+            if old.exists() and not self.path_on_target("boot/firmware/config.txt").exists()
+            else self.path_on_target("boot/firmware/config.txt")
         )
 
     def groups(self, *names: str) -> dict[str, list[str]]:
-        """Return the members of these groups, of the groups that this system has."""
-        fields = [line.split(":") for line in text_of(self.at("etc/group")).splitlines()]
+        """Return the members of each of these groups that exists on the machine."""
+        fields = [line.split(":") for line in text_of(self.path_on_target("etc/group")).splitlines()]
         members = {f[0]: f[3].split(",") for f in fields if len(f) == 4}
         return {group: members[group] for group in names if group in members}
 
     def account(self) -> list[str] | None:
-        """Return the fields of the account of the service; None while it does not exist."""
-        lines = [line.split(":") for line in text_of(self.at("etc/passwd")).splitlines()]
+        """Return the fields of the service's account in /etc/passwd; None if the account does not exist."""
+        lines = [line.split(":") for line in text_of(self.path_on_target("etc/passwd")).splitlines()]
         return next((fields for fields in lines if fields[0] == ACCOUNT and len(fields) == 7), None)
 
     @property
     def venv(self) -> Path:
-        """Return the path of the separate Python environment."""
-        return self.at("opt/baqueano")
+        """Return the path of the Python environment of the service."""
+        return self.path_on_target("opt/baqueano")
 
 
 def text_of(path: Path) -> str:
@@ -96,12 +99,12 @@ def text_of(path: Path) -> str:
 
 
 def _(words: str, /, **figures: object) -> str:
-    """Return words in the language of the user of `robot setup`."""
+    """Return the words, with the figures inserted, in the language of the user of `robot setup`."""
     return WORDS.get(words, words).format_map(figures)
 
 
 def write_atomically(path: Path, text: str) -> None:
-    """Write a file beside the old one, then replace the old one: after a power cut the old one remains."""
+    """Write the text to a new file, then replace the old file by it, so that a power cut leaves a complete file."""
     target = path.resolve()
     part = target.with_name(f"{target.name}.part")
     with part.open("w", encoding="utf-8") as file:
@@ -111,8 +114,8 @@ def write_atomically(path: Path, text: str) -> None:
     os.replace(part, target)
 
 
-def commanded(*command: str) -> str:
-    """Return the output of a command; SystemExit with its message if it fails."""
+def command_output(*command: str) -> str:
+    """Return the output of a command. Raise SystemExit, with the command's message, if it fails."""
     process = subprocess.run(command, capture_output=True, encoding="utf-8", errors="replace")
     if process.returncode:
         output, line = (process.stderr or process.stdout).strip()[-2000:], " ".join(command)

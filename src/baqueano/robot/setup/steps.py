@@ -1,13 +1,14 @@
-"""Define the changes that make a Raspberry Pi a vehicle, step by step, and the way to undo each.
+"""Define the changes that make a Raspberry Pi a vehicle, step by step, and how to undo each change.
 
 It uses only the standard library: `baqueano robot setup` sends this file, behind machine.py, and the system's
 python3 runs it as root.
 
     python3 steps.py plan|do|undo --bundle FOLDER --user NAME [--root /] [--now SECONDS]
 
-Each step reports if it is done already, does it, and undoes it. The former state is stored in
-/etc/baqueano/setup.json, which is written after each step: an interrupted setup can be undone as well. Runs and the
-vehicle file in /var/lib/baqueano belong to the user, and stay, with the vehicle.toml.before of the last change.
+Each step can check if its change is already made, make it, and undo it. The former state is stored in
+/etc/baqueano/setup.json. This file is written at each step, so that an interrupted setup can be undone as well. Runs,
+the vehicle file and the previous one, vehicle.toml.before, are in /var/lib/baqueano. They belong to the user and are
+not removed.
 """
 
 import argparse
@@ -22,9 +23,9 @@ from pathlib import Path
 
 from baqueano.robot.setup.machine import ACCOUNT, Pi, Step, _, text_of, write_atomically
 
-DEVICES = ("dialout", "i2c", "gpio")  # groups of what the service opens
+DEVICES = ("dialout", "i2c", "gpio")  # groups of the devices that the service opens
 GROUPS = (*DEVICES, "input")  # "input": a game pad, for a user at the vehicle
-NOBODY = ("nologin", "false")  # shells of those who do not log in
+NOBODY = ("nologin", "false")  # shells of accounts that cannot log in
 BEGIN, END = "# baqueano: begin", "# baqueano: end"
 CONFIG = f"""{BEGIN}
 [all]
@@ -42,28 +43,28 @@ CLOCK_OFF_S = 60.0
 
 
 def steps(pi: Pi, now_s: float | None = None) -> list[Step]:
-    """Return all steps, in order."""
+    """Return all steps of a setup, in the order in which they are made."""
     unit = text_of(pi.bundle / "baqueano.service")
     unit = unit.replace("@user@", ACCOUNT).replace("@groups@", " ".join(pi.groups(*DEVICES)))
     rules = text_of(pi.bundle / "60-baqueano.rules")
     return [
         clock(pi, now_s),
         boot_block(pi),
-        written(pi, "etc/modules-load.d/baqueano.conf", "i2c-dev\n"),
-        written(pi, "etc/udev/rules.d/60-baqueano.rules", rules),
+        file_step(pi, "etc/modules-load.d/baqueano.conf", "i2c-dev\n"),
+        file_step(pi, "etc/udev/rules.d/60-baqueano.rules", rules),
         account(pi),
         groups(pi),
         environment(pi),
-        linked(pi, "usr/local/bin/baqueano", "/opt/baqueano/bin/baqueano"),
+        link_step(pi, "usr/local/bin/baqueano", "/opt/baqueano/bin/baqueano"),
         vehicle(pi),
         home(pi),
-        written(pi, "etc/systemd/system/baqueano.service", unit),
+        file_step(pi, "etc/systemd/system/baqueano.service", unit),
         service(pi),
     ]
 
 
 def clock(pi: Pi, now_s: float | None) -> Step:
-    """Return the step that sets the laptop's time on a Pi, which lacks the time without a network."""
+    """Return the step that sets a Pi's clock to the laptop's time `now_s`; without a network the clock is wrong."""
     return Step(
         _("clock: the laptop's time") if now_s is not None else _("clock: as it is"),
         lambda: now_s is None or abs(time.time() - now_s) < CLOCK_OFF_S,
@@ -73,7 +74,7 @@ def clock(pi: Pi, now_s: float | None) -> Step:
 
 
 def boot_block(pi: Pi) -> Step:
-    """Return the step that sets I2C to 400 kHz and fixes the core clock."""
+    """Return the step that sets I2C to 400 kHz and fixes the core clock, in config.txt."""
 
     def without() -> str:
         text = pi.config.read_text(encoding="utf-8")
@@ -96,9 +97,9 @@ def boot_block(pi: Pi) -> Step:
     return Step(name, lambda: CONFIG in pi.config.read_text(encoding="utf-8"), do, undo)
 
 
-def written(pi: Pi, path: str, text: str) -> Step:
-    """Return the step that writes a whole file; `undo` restores the former one."""
-    target, key = pi.at(path), f"file {path}"
+def file_step(pi: Pi, path: str, text: str) -> Step:
+    """Return the step that writes a whole file; its `undo` restores the former file."""
+    target, key = pi.path_on_target(path), f"file {path}"
 
     def do() -> None:
         pi.note(key, {"before": target.read_text(encoding="utf-8") if target.exists() else None})
@@ -117,9 +118,9 @@ def written(pi: Pi, path: str, text: str) -> Step:
     return Step(f"/{path}", lambda: target.exists() and target.read_text(encoding="utf-8") == text, do, undo)
 
 
-def linked(pi: Pi, path: str, to: str) -> Step:
-    """Return the step that links a command into the path of all users."""
-    link, key = pi.at(path), f"link {path}"
+def link_step(pi: Pi, path: str, to: str) -> Step:
+    """Return the step that makes the link `path` to the command `to`, for all users."""
+    link, key = pi.path_on_target(path), f"link {path}"
 
     def do() -> None:
         pi.note(key, {"before": os.readlink(link) if link.is_symlink() else None})
@@ -138,15 +139,15 @@ def linked(pi: Pi, path: str, to: str) -> Step:
 
 
 def account(pi: Pi) -> Step:
-    """Return the step that creates the account of the service, without a login and only in the groups of its devices.
+    """Return the step that creates the account of the service, which cannot log in.
 
-    SystemExit if the name belongs to a user who logs in.
+    Raise SystemExit if that name belongs to a user who can log in.
     """
     if (entry := pi.account()) is not None and Path(entry[6]).name not in NOBODY:
         sys.exit(
             _(
-                "on this vehicle {user} is somebody who logs in, and the service needs that name: log in as another "
-                "user, and type sudo userdel {user}",
+                "on this vehicle {user} is the account of a person, but the service needs that name. Log "
+                "in as another user, and type: sudo userdel {user}",
                 user=ACCOUNT,
             )
         )
@@ -168,7 +169,7 @@ def account(pi: Pi) -> Step:
 
 
 def groups(pi: Pi) -> Step:
-    """Return the step that lets the user open the line, the bus and a game pad, and connect to the service."""
+    """Return the step that adds the user to the groups for the serial line, the bus, a game pad and the service."""
 
     def missing() -> list[str]:
         members_of = {**pi.groups(*GROUPS), ACCOUNT: pi.groups(ACCOUNT).get(ACCOUNT, [])}
@@ -192,16 +193,17 @@ def groups(pi: Pi) -> Step:
 
 
 def environment(pi: Pi) -> Step:
-    """Return the step that makes a separate venv from the wheels of the bundle, without internet or the system's pip.
+    """Return the step that makes the venv of the service from the wheels of the bundle, without internet.
 
-    The old venv stays until the new one is complete, and is restored if that fails.
+    It uses pip from the bundle, not the system's. The old venv stays until the new one is complete, and is restored if
+    the installation fails.
     """
     wheels = [f"{path.name} {zlib.crc32(path.read_bytes()):08x}" for path in sorted(pi.bundle.glob("*.whl"))]
     stamp, before = pi.venv / "bundle.txt", pi.venv.with_name("baqueano.before")
 
     def do() -> None:
         pi.note("environment", True)
-        if stamp.exists():  # one that is whole
+        if stamp.exists():  # the present venv is complete
             shutil.rmtree(before, ignore_errors=True)
             os.rename(pi.venv, before)
         try:
@@ -224,7 +226,7 @@ def environment(pi: Pi) -> Step:
         pips = [(path, hashlib.sha256(path.read_bytes()).hexdigest()) for path in pi.bundle.glob("pip-*.whl")]
         pip = next((path for path, digest in pips if f"sha256:{digest}" in locks["pip"]), None)
         if pip is None:
-            sys.exit(_("the wheel of pip differs from the lock, so nothing was installed"))
+            sys.exit(_("the package of pip differs from the lock file, so nothing was installed"))
         words = (
             "install",
             "--quiet",
@@ -244,16 +246,16 @@ def environment(pi: Pi) -> Step:
             pi.note("environment", None)
 
     same = lambda: stamp.exists() and stamp.read_text(encoding="utf-8") == "\n".join(wheels)  # noqa: E731
-    return Step(_("/opt/baqueano: a venv with {wheels} wheels", wheels=len(wheels)), same, do, undo)
+    return Step(_("/opt/baqueano: a venv with {wheels} packages", wheels=len(wheels)), same, do, undo)
 
 
 def vehicle(pi: Pi) -> Step:
-    """Return the step that installs the vehicle file. The old one stays beside it.
+    """Return the step that installs the vehicle file. The old file is kept as vehicle.toml.before.
 
-    An existing file is replaced only by one that was made from it. The bundle has the text of the existing file, as it
-    was then, as vehicle.toml.seen.
+    An existing file is replaced only if it still equals vehicle.toml.seen of the bundle, the file from which the new
+    one was made. If another program has changed it since then, raise SystemExit.
     """
-    target, bundle_file = pi.at(f"{HOME}/vehicle.toml"), pi.bundle / "vehicle.toml"
+    target, bundle_file = pi.path_on_target(f"{HOME}/vehicle.toml"), pi.bundle / "vehicle.toml"
     before, base = target.with_name("vehicle.toml.before"), pi.bundle / "vehicle.toml.seen"
 
     def is_done() -> bool:
@@ -266,20 +268,24 @@ def vehicle(pi: Pi) -> Step:
         if target.exists():
             if target.read_bytes() != base.read_bytes():
                 sys.exit(
-                    _("another program changed {path}, so it stays as it is: repeat the line", path=target)
+                    _(
+                        "another program changed {path}, so this command did not change it: type the line "
+                        "again",
+                        path=target,
+                    )
                 )
             shutil.copyfile(target, before)
         part = target.with_name("vehicle.toml.part")
         shutil.copyfile(bundle_file, part)
         os.replace(part, target)
 
-    old = _("; the one before is vehicle.toml.before") if target.exists() and not is_done() else ""
+    old = _("; the previous file is vehicle.toml.before") if target.exists() and not is_done() else ""
     return Step(f"/var/lib/baqueano/vehicle.toml{old}", is_done, do, lambda: None)
 
 
 def home(pi: Pi) -> Step:
-    """Return the step that gives runs and vehicle file to the service; its group may change the vehicle file."""
-    place = pi.at(HOME)
+    """Return the step that gives runs and vehicle file to the service's account; its group may change both."""
+    place = pi.path_on_target(HOME)
 
     def is_done() -> bool:
         entry = pi.account()
@@ -296,11 +302,11 @@ def home(pi: Pi) -> Step:
             pi.run("chown", "-R", f"{pi.user}:", str(place))
             pi.note("home", None)
 
-    return Step(_("/{path}: it is of {user}", path=HOME, user=ACCOUNT), is_done, do, undo)
+    return Step(_("/{path}: it belongs to {user}", path=HOME, user=ACCOUNT), is_done, do, undo)
 
 
 def service(pi: Pi) -> Step:
-    """Return the step that starts the service now and at each start of the machine."""
+    """Return the step that starts the service now, and whenever the machine starts."""
 
     def do() -> None:
         pi.note("service", True)
@@ -318,9 +324,9 @@ def service(pi: Pi) -> Step:
 
 
 def undo(pi: Pi, todo: list[Step]) -> int:
-    """Undo the recorded changes, the last one first; return the exit code."""
+    """Undo the recorded changes, the last change first; return the exit code."""
     if not pi.noted:
-        print(_("nothing of baqueano is installed here"))
+        print(_("baqueano is not installed here"))
         return 0
     for step in reversed(todo):
         before = len(pi.noted)
@@ -329,12 +335,14 @@ def undo(pi: Pi, todo: list[Step]) -> int:
             print(_("undone   {step}", step=step.name))
     pi.run("systemctl", "daemon-reload")
     pi.run("udevadm", "control", "--reload")
-    print(_("runs and vehicle file in /var/lib/baqueano stay; config.txt counts after the next start"))
+    print(
+        _("runs and vehicle file in /var/lib/baqueano are kept; config.txt takes effect after the next start")
+    )
     return 0
 
 
 def main(arguments: list[str] | None = None, run: Callable[..., str] | None = None) -> int:
-    """Plan, do or undo the steps, with one output line for each; return the exit code."""
+    """Plan, do or undo the steps, print one line for each, and return the exit code."""
     parser = argparse.ArgumentParser()
     parser.add_argument("what", choices=("plan", "do", "undo"))
     parser.add_argument("--bundle", type=Path, default=Path())

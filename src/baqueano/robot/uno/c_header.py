@@ -14,7 +14,7 @@ def snake(name: str) -> str:
 
 
 def c_struct(layout: type[Any]) -> list[str]:
-    """Return the lines of a layout in C: its packed structure, its length, and the ranges of its numbers."""
+    """Return a layout as lines of C: its packed structure, its length, and the ranges of its numbers."""
     name, lines, ranges = snake(layout.__name__), [], []
     for field, hint in get_type_hints(layout, include_extras=True).items():
         code, *more = hint.__metadata__
@@ -75,7 +75,7 @@ def c_header() -> str:
 
 
 def defaults(name: str, frame: Frame) -> list[str]:
-    """Return the line that defines the default initialiser of the structure."""
+    """Return the lines that define the default initialiser of the structure `name`."""
 
     def braces(values: tuple[Any, ...]) -> str:
         return "{" + ", ".join(braces(v) if isinstance(v, tuple) else str(int(v)) for v in values) + "}"

@@ -3,8 +3,9 @@
     ping at h₁, answered at device time d, answer received at h₂:   h(d) ≈ (h₁ + h₂)/2,  error ≤ (h₂ − h₁)/2       (1)
     h(d) = h₀ + (1 + ε)(d − d₀)     least squares over the quickest answer of each PART_S of a window       (2)
 
-A ceramic resonator is off by up to 0.5 %, 3 s in ten minutes. A delay over USB affects one direction only, so the
-quickest answers are the most accurate (as in NTP). Until there are three parts, ε is 0 and h₀ that of the quickest.
+A ceramic resonator is wrong by up to 0.5 %, 3 s in ten minutes. A delay over USB affects only one direction, so the
+quickest answers are the most accurate (as in NTP). Until three parts have an answer, ε is 0, and h₀ is the middle time
+of the quickest answer.
 """
 
 from collections import deque
@@ -19,7 +20,7 @@ NS_PER_US = 1000
 
 
 class PongTimes(NamedTuple):
-    """A ping with its answer."""
+    """The times of a ping and of its answer."""
 
     device_us: int
     middle_ns: int  # half-way between ping and answer, by the host's clock
@@ -27,17 +28,20 @@ class PongTimes(NamedTuple):
 
 
 class UnoClock:
-    """The conversion of device times to host times, refined with every answer."""
+    """A converter of device times to host times, refined with every answer."""
 
     def __init__(self) -> None:
-        self.skew = 0.0  # ε: by how much a second of the device is longer than one of the host
+        self.skew = 0.0  # ε: relative excess of a second of the device over a second of the host
         self._answers: deque[PongTimes] = deque()
         self._at = (0, 0)  # (d₀ [µs], h₀ [ns])
         self._last_us = -1
         self.synchronised = False
 
-    def unwrapped(self, t_us: int) -> int:
-        """Return the device time [µs] without its overflow after 71 minutes, for frames within half of that."""
+    def unwrap(self, t_us: int) -> int:
+        """Return the device time [µs] continued over its overflow, which occurs every 71 minutes.
+
+        The time must differ from the newest time by less than half of this period.
+        """
         if self._last_us < 0:
             self._last_us = t_us
         step = (t_us - self._last_us + WRAP_US // 2) % WRAP_US - WRAP_US // 2
@@ -45,8 +49,11 @@ class UnoClock:
         self._last_us = max(self._last_us, now)
         return now
 
-    def answered(self, sent_ns: int, device_us: int, received_ns: int) -> None:
-        """Add an answered ping and estimate offset and skew again. `device_us` is a time from `unwrapped`.  (1), (2)"""
+    def add_ping(self, sent_ns: int, device_us: int, received_ns: int) -> None:
+        """Add an answered ping, and estimate offset and skew again.  (1), (2)
+
+        `device_us` is a time that `unwrap` returned.
+        """
         self._answers.append(PongTimes(device_us, (sent_ns + received_ns) // 2, received_ns - sent_ns))
         while received_ns - self._answers[0].middle_ns > WINDOW_S * 1e9:
             self._answers.popleft()
@@ -64,6 +71,6 @@ class UnoClock:
             self.skew, self._at = float(slope) - 1.0, (self._at[0], self._at[1] + round(offset))
 
     def host_ns(self, device_us: int) -> int:
-        """Return the time of the host at a device time from `unwrapped`.  (2)"""
+        """Return the host time [ns] at a device time [µs] that `unwrap` returned.  (2)"""
         since_ns = (device_us - self._at[0]) * NS_PER_US
         return self._at[1] + since_ns + round(self.skew * since_ns)

@@ -1,9 +1,9 @@
 """Convert frames to bytes and back: COBS (Cheshire & Baker 1999) and CRC-16/CCITT-FALSE, see frames.py (1), (2).
 
-COBS    replaces each zero by the distance to the next one, so that a zero only means the end of a frame;
+COBS    replaces each zero by the distance to the next zero. A zero then only means the end of a frame;
         a body of n < 254 bytes becomes n + 1 bytes
-lead    a zero also goes before each frame: noise before it then does not damage the frame
-loss    a damaged body passes the CRC with probability 2⁻¹⁶; it must also have a known kind, the right
+lead    a zero is also sent before each frame. Noise before it then does not damage the frame
+loss    a damaged body passes the CRC with probability 2⁻¹⁶. It must also have a known kind, the right
         length, and, towards the motors, the nonce, a newer sequence and numbers in range
 """
 
@@ -31,7 +31,7 @@ LONGEST = 1 + 2 + MAX_PAYLOAD + 2
 
 
 def remainder(byte: int) -> int:
-    """Return the remainder of a byte divided by the polynomial of the seal."""
+    """Return the CRC of one byte with the polynomial of the seal."""
     crc = byte << 8
     for _ in range(8):
         crc = crc << 1 & 0xFFFF ^ (SEAL_POLYNOMIAL if crc & 0x8000 else 0)
@@ -42,19 +42,19 @@ SEAL_TABLE = [remainder(byte) for byte in range(256)]
 
 
 class ReceivedFrame(NamedTuple):
-    """A frame that arrived undamaged."""
+    """A frame that arrived undamaged, and its sequence number."""
 
     seq: int
     frame: Frame
 
 
 def stuff(body: bytes) -> bytes:
-    """Return the COBS code, free of zeros, of a body shorter than 254 bytes."""
+    """Return the COBS code of a body shorter than 254 bytes; the code does not contain zeros."""
     return b"".join(bytes([len(run) + 1]) + run for run in body.split(b"\0"))
 
 
 def unstuff(stuffed: bytes) -> bytes | None:
-    """Return the body of a COBS code without its zeros; None if the distances do not add up."""
+    """Return the body that a COBS code encodes; None if the distances in the code are not consistent."""
     body, place = bytearray(), 0
     while place < len(stuffed):
         distance = stuffed[place]
@@ -68,15 +68,15 @@ def unstuff(stuffed: bytes) -> bytes | None:
 
 
 def seal(body: bytes) -> int:
-    """Return the CRC-16 of kind … payload with polynomial 0x8BB7; 0 for a body that ends with its correct seal."""
+    """Return the CRC-16 of a body (kind … payload), polynomial 0x8BB7; 0 if the body ends with its correct seal."""
     crc = 0
     for byte in body:
         crc = (crc << 8 & 0xFFFF) ^ SEAL_TABLE[crc >> 8 ^ byte]
     return crc
 
 
-def framed(kind: int, seq: int, payload: bytes) -> bytes:
-    """Return the bytes of a payload on the wire."""
+def encode_frame(kind: int, seq: int, payload: bytes) -> bytes:
+    """Return the bytes of a frame with this payload on the wire, with a zero at both ends."""
     body = bytes([kind, seq & 0xFF]) + payload
     if kind in SEALED:
         body += seal(body).to_bytes(2, "big")
@@ -89,7 +89,7 @@ def encode(frame: Frame, seq: int, kind: int | None = None) -> bytes:
     Args:
         frame: any NamedTuple of frames.py.
         seq: its sequence; taken modulo 256.
-        kind: only to send as the firmware, if two kinds share a layout.
+        kind: the kind, if two kinds share a layout; needed only to send as the firmware.
 
     Raises:
         UsageError: a number is out of the range that the firmware accepts.
@@ -106,15 +106,15 @@ def encode(frame: Frame, seq: int, kind: int | None = None) -> bytes:
                 most=most,
             )
         )
-    return framed(KIND_OF[type(frame)] if kind is None else kind, seq, pack(frame))
+    return encode_frame(KIND_OF[type(frame)] if kind is None else kind, seq, pack(frame))
 
 
 class Decoder:
-    """A decoder that takes bytes in chunks of any length and returns the complete frames.
+    """A decoder that accepts bytes in chunks of any length and returns the complete frames.
 
     Attributes:
-        bad_crc: segments between two zeros that are not frames: wrong COBS, CRC or seal, too short or too long.
-        bad_shape: frames whose CRC is right, of an unknown kind or a wrong length.
+        bad_crc: number of segments between two zeros with a wrong COBS, CRC, seal or length.
+        bad_shape: number of frames with a correct CRC, but an unknown kind or a wrong length for their kind.
     """
 
     def __init__(self) -> None:

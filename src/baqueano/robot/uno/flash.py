@@ -1,7 +1,7 @@
 """Write the firmware into the Uno by avrdude through its boot-loader, then request its identity.
 
-The package holds the firmware as the compiler of Debian 12 makes it (avr-gcc 5.4.0; firmware/uno builds to the same
-bytes in any folder, which a test checks). The settings of the vehicle are in EEPROM and stay.
+The package contains the firmware as the compiler of Debian 12 makes it (avr-gcc 5.4.0). A build of firmware/uno in any
+folder has the same bytes, which a test checks. The settings of the vehicle are in EEPROM and are kept.
 """
 
 import shutil
@@ -14,9 +14,9 @@ from typing import TYPE_CHECKING, NamedTuple
 
 from baqueano.diagnostics import fault
 from baqueano.errors import FileError, RobotUnreachable, UsageError
-from baqueano.language import translated as _
+from baqueano.language import translate as _
 from baqueano.robot.uno.frames import PROTOCOL
-from baqueano.robot.uno.serial_port import connected, find_port
+from baqueano.robot.uno.serial_port import find_port, open_uno
 
 if TYPE_CHECKING:
     from baqueano.contracts.values import TableRow
@@ -27,7 +27,7 @@ FLASH_BYTES = 32_256  # without the boot-loader
 
 
 class FlashResult(NamedTuple):
-    """The result of writing: port, size, and the firmware that answered afterwards."""
+    """The result of `flash`: port, size, and the identity of the firmware that answered afterwards."""
 
     port: str
     bytes: int
@@ -37,7 +37,7 @@ class FlashResult(NamedTuple):
     verdict = "FLASHED"
 
     def rows(self) -> list["TableRow"]:
-        """Return one row."""
+        """Return the result as a list of one row."""
         return [self._asdict()]
 
     def table(self) -> str:
@@ -52,13 +52,13 @@ class FlashResult(NamedTuple):
         )
 
 
-def shipped() -> Path:
-    """Return the path of the firmware in this package."""
+def packaged_firmware() -> Path:
+    """Return the path of the firmware's hex file in this package."""
     return Path(str(files("baqueano.robot") / "files" / SHIPPED))
 
 
 def program(path: Path) -> bytes:
-    """Return the bytes of an Intel hex file that begins at 0. FileError for anything else."""
+    """Return the bytes of an Intel hex file that begins at address 0. Raise FileError for any other file."""
     memory = bytearray()
     try:
         lines = path.read_text(encoding="ascii").split()
@@ -88,19 +88,19 @@ def checksum(path: Path) -> str:
 
 
 def flash(
-    port: str = "auto", hex_file: Path | None = None, say: Callable[[str], object] = lambda text: None
+    port: str = "auto", hex_file: Path | None = None, notify: Callable[[str], object] = lambda text: None
 ) -> FlashResult:
-    """Write `hex_file`, or the package's firmware if None, and wait for the identity of the new firmware.
+    """Write `hex_file`, or the package's firmware if None, and return the identity of the new firmware.
 
-    UsageError without avrdude, RobotUnreachable if no boot-loader answers or the new firmware does not.
+    Raise UsageError without avrdude. Raise RobotUnreachable if the boot-loader or the new firmware does not answer.
     """
-    path = hex_file or shipped()
+    path = hex_file or packaged_firmware()
     size = len(program(path))
     avrdude = shutil.which("avrdude")
     if avrdude is None:
         raise UsageError(fault("flash.no-avrdude"))
     device_path = find_port(port)
-    say(
+    notify(
         _(
             "{where}: writing {size} bytes ({name}, {checksum})",
             where=device_path,
@@ -110,7 +110,7 @@ def flash(
         )
     )
     _write(avrdude, device_path, path)
-    with connected(device_path) as uno:
+    with open_uno(device_path) as uno:
         info = uno.info
         assert info is not None
         version = f"{info.version_major}.{info.version_minor}.{info.version_patch}"

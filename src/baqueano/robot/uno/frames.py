@@ -6,10 +6,11 @@
     seal    DRIVE, CONFIG and SETTINGS towards the firmware end their payload with a second CRC-16, big-endian:
             polynomial 0x8BB7, start 0, nothing reflected, over kind … payload                               (4)
 
-A field is a line of a NamedTuple: its name ends with the unit. Its type is the width on the wire and, if the firmware
-refuses other values, the range. Both sides count and ignore a frame of an unknown kind or of a wrong length. Frames
-sent by the firmware have bit 7 of the kind set. c_header.py makes firmware/uno/frames.h from this file, in `make
-firmware`. docs/derivations/firmware_link.md explains nonce, sequence, arming and stop, and the reason for two CRCs.
+The fields of a frame are the fields of a NamedTuple, whose names end with the unit. A field's type contains the width
+on the wire and, if the firmware refuses other values, the range. Both sides count and ignore a frame of an unknown kind
+or of a wrong length. Frames sent by the firmware have bit 7 of the kind set. `make firmware` makes
+firmware/uno/frames.h from this file by c_header.py. docs/derivations/firmware_link.md explains nonce, sequence, arming
+and stop, and the reason for two CRCs.
 """
 
 import struct
@@ -26,7 +27,7 @@ NO_AGE = 0xFFFF
 
 
 class Within(NamedTuple):
-    """A range; both ends belong to it."""
+    """A range of integers, from `least` to `most`, both included."""
 
     least: int
     most: int
@@ -47,7 +48,7 @@ Duty = Annotated[int, "h", Within(-1000, 1000)]
 
 
 class DriveFlag(IntFlag):
-    """The flags of a DRIVE. Without ARM it disarms: motors off, bridge asleep."""
+    """The flags of a DRIVE. Without ARM the frame disarms the Uno: motors off, bridge asleep."""
 
     ARM = 1
     CLEAR_STOP = 2
@@ -55,7 +56,7 @@ class DriveFlag(IntFlag):
 
 
 class StateFlag(IntFlag):
-    """The flags of the firmware's state."""
+    """The flags in the telemetry of the firmware."""
 
     ARMED = 1
     DEAD_MAN = 2
@@ -68,7 +69,7 @@ class StateFlag(IntFlag):
 
 
 class ResetCause(IntFlag):
-    """The causes of a reset: bits 0…3 as in MCUSR, which a boot-loader may have cleared.
+    """The causes of a reset. Bits 0…3 are as in the register MCUSR, which a boot-loader may have cleared.
 
     Bits 6 and 7 come from RAM that survived the reset.
     """
@@ -82,12 +83,12 @@ class ResetCause(IntFlag):
 
 
 def causes(bits: int) -> str:
-    """Return the names of these causes, "" for none."""
+    """Return the names of the causes in `bits`, separated by spaces; "" if no bit is set."""
     return " ".join(flag.name.lower().replace("_", "-") for flag in ResetCause if bits & flag and flag.name)
 
 
 class Driver(IntEnum):
-    """The motor bridge: bridges differ in braking, coasting and the highest PWM frequency."""
+    """The kinds of motor bridge, which differ in braking, coasting and the highest PWM frequency."""
 
     L298N = 1
     TB6612 = 2
@@ -98,7 +99,7 @@ MOST_PWM_HZ = {Driver.L298N: 20_000, Driver.TB6612: 25_000, Driver.L293D: 5_000}
 
 
 class Encoders(IntEnum):
-    """The wiring of D2/D4 (left) and D3/D7 (right)."""
+    """The kinds of encoder at D2/D4 (left) and D3/D7 (right)."""
 
     NONE = 0
     SINGLE = 1
@@ -106,7 +107,7 @@ class Encoders(IntEnum):
 
 
 class Wiring(IntFlag):
-    """The flags of plugs that are connected the other way round."""
+    """The flags of plugs that are reversed or swapped, and of a mark sensor that is low over the tape."""
 
     LEFT_MOTOR_REVERSED = 1
     RIGHT_MOTOR_REVERSED = 2
@@ -118,7 +119,7 @@ class Wiring(IntFlag):
 
 
 class Drive(NamedTuple):
-    """A command. `ttl_10ms` may shorten the dead-man time of this command, never lengthen it; 0 leaves it unchanged."""
+    """A command. `ttl_10ms` can shorten the dead-man time of this command, not lengthen it; 0 leaves it unchanged."""
 
     nonce: U8
     left_permille: Duty
@@ -128,9 +129,10 @@ class Drive(NamedTuple):
 
 
 class Config(NamedTuple):
-    """The configuration of a session, lost at a reset. If one value is out of range, all are refused. INFO answers it.
+    """The configuration until the next reset, answered by INFO. If one value is out of range, all are refused.
 
-    `slew_permille_per_ms` 1000 does not limit; `least_battery_mv` 0 does not check; PWM also ≤ MOST_PWM_HZ.
+    1000 as `slew_permille_per_ms` does not limit the duty; 0 as `least_battery_mv` does not check the battery. `pwm_hz`
+    must also be at most MOST_PWM_HZ of the bridge.
     """
 
     dead_man_ms: Annotated[int, "H", Within(50, 1000)] = 300
@@ -147,15 +149,15 @@ class Ping(NamedTuple):
 
 
 class Stop(NamedTuple):
-    """The command to switch the motors off now; it is latched."""
+    """The command to switch the motors off now; they stay off until the stop is cleared."""
 
 
 class AskInfo(NamedTuple):
-    """A request that INFO answers."""
+    """A request for the identity of the firmware; INFO answers it."""
 
 
 class Way(NamedTuple):
-    """The characteristic of a wheel in one direction, all in permille.
+    """The characteristic of a wheel in one direction; all values in permille.
 
     duty = dead_zone + slope·|request| / 1000. While the wheel starts, for `Settings.kick_ms`, the duty is at least
     `kick_permille`.
@@ -167,11 +169,12 @@ class Way(NamedTuple):
 
 
 class Settings(NamedTuple):
-    """The settings of one vehicle, stored in EEPROM. Accepted only while disarmed; answered by SETTINGS once stored.
+    """The settings of one vehicle, stored in EEPROM. The Uno accepts them only while disarmed.
 
-    `battery_permille` is battery voltage over voltage at A0 (3000: a divider 20 kΩ / 10 kΩ). `ways` in the
-    order left forwards, left backwards, right forwards, right backwards. Dither adds ± `dither_permille`,
-    whose sign changes each `dither_ms`, while the request is not zero.
+    SETTINGS answers after they are stored. `battery_permille` is the battery voltage divided by the voltage at A0
+    (3000: a divider 20 kΩ / 10 kΩ). The order of `ways` is left forwards, left backwards, right forwards, right
+    backwards. While the request is not zero, dither adds ± `dither_permille` to it, and the sign changes each
+    `dither_ms`.
     """
 
     wiring: Annotated[int, "B", Within(0, 127)] = 0
@@ -185,11 +188,11 @@ class Settings(NamedTuple):
 
 
 class AskSettings(NamedTuple):
-    """A request that SETTINGS answers."""
+    """A request for the stored settings; SETTINGS answers it."""
 
 
 class State(NamedTuple):
-    """The telemetry. Sums and counts wrap at 2³¹, `t_us` at 2³², counters of one byte at 256."""
+    """The telemetry. Sums and encoder counts wrap at 2³¹, `t_us` at 2³², counters of one byte at 256."""
 
     t_us: U32
     mark_t_us: U32
@@ -211,14 +214,14 @@ class State(NamedTuple):
 
 
 class Pong(NamedTuple):
-    """The answer to a PING, with the clock of the firmware when it read it."""
+    """The answer to a PING, with the firmware's time when it read the PING."""
 
     token: U32
     t_us: U32
 
 
 class Info(NamedTuple):
-    """The identity of the firmware, its start, and its counts of refused frames since. Sent at boot, and on request."""
+    """The identity of the firmware, its last start, and the frames refused since. Sent at boot and on request."""
 
     protocol: U8
     nonce: U8
@@ -257,7 +260,7 @@ KINDS: dict[int, type[Frame]] = {
 
 
 class Field(NamedTuple):
-    """A number of a flattened layout. Its range is that of its width unless a narrower one is given."""
+    """A number of a flattened layout; `within` is the range of its width, or a narrower range."""
 
     path: str
     code: str
@@ -265,13 +268,13 @@ class Field(NamedTuple):
 
 
 def width(code: str) -> Within:
-    """Return the range of an integer of the wire."""
+    """Return the range of an integer on the wire with this format code of `struct`."""
     bits = 8 * struct.calcsize(code)
     return Within(-(1 << bits - 1), (1 << bits - 1) - 1) if code.islower() else Within(0, (1 << bits) - 1)
 
 
 def fields(layout: type[tuple[Any, ...]], path: str = "") -> list[Field]:
-    """Return the numbers of a layout in the order of the wire, nested ones flattened."""
+    """Return the fields of a layout in the order of the wire; nested layouts are flattened."""
     out: list[Field] = []
     for name, hint in get_type_hints(layout, include_extras=True).items():
         code, *more = hint.__metadata__
@@ -295,40 +298,40 @@ LENGTHS = {kind: STRUCTS[layout].size + 2 * (kind in SEALED) for kind, layout in
 
 
 def flat(frame: tuple[Any, ...]) -> list[int]:
-    """Return the numbers of a frame, nested ones flattened."""
+    """Return the numbers of a frame in one list; nested frames are flattened."""
     numbers: list[int] = []
     for value in frame:
         numbers += flat(value) if isinstance(value, tuple) else [int(value)]
     return numbers
 
 
-def built(layout: type[Any], numbers: list[int]) -> Any:
-    """Build a frame from flattened numbers, which are removed from the front of the list: the inverse of `flat`."""
+def unflatten(layout: type[Any], numbers: list[int]) -> Any:
+    """Return the frame built from flattened numbers, the inverse of `flat`; remove these from the front of the list."""
     values: list[Any] = []
     for hint in get_type_hints(layout, include_extras=True).values():
         code, *more = hint.__metadata__
         if isinstance(code, str):
             values.append(numbers.pop(0))
         elif more:
-            values.append(tuple(built(code, numbers) for _ in range(more[0].times)))
+            values.append(tuple(unflatten(code, numbers) for _ in range(more[0].times)))
         else:
-            values.append(built(code, numbers))
+            values.append(unflatten(code, numbers))
     return layout(*values)
 
 
 def pack(frame: Frame) -> bytes:
-    """Return the payload of a frame; struct.error if a number does not fit its width."""
+    """Return the payload of a frame. Raise struct.error if a number does not fit its width."""
     return STRUCTS[type(frame)].pack(*(flat(frame) if type(frame) in NESTED else frame))
 
 
 def unpack(layout: type[Frame], payload: bytes) -> Frame:
     """Return the frame of a payload, which must have the length of the layout."""
     numbers = STRUCTS[layout].unpack(payload)
-    return built(layout, list(numbers)) if layout in NESTED else layout(*numbers)
+    return unflatten(layout, list(numbers)) if layout in NESTED else layout(*numbers)
 
 
 def outside(frame: Frame) -> tuple[str, int, Within] | None:
-    """Return the first number out of its range as (name, number, range); None if all are within."""
+    """Return the first number out of its range as (name, number, range); None if all numbers are in range."""
     numbers: list[Any] = flat(frame) if type(frame) in NESTED else list(frame)
     for field, number in zip(FIELDS[type(frame)], numbers, strict=True):
         if not field.within.least <= number <= field.within.most:

@@ -1,12 +1,12 @@
-"""Connect the host with the Uno: send commands, receive telemetry, without a call that waits for the line.
+"""Connect the host with the Uno: send commands and receive telemetry, with calls that do not wait for the line.
 
-    Uno          the messages in both directions, over any port; it neither sleeps nor starts a thread    (this file)
+    Uno          the messages in both directions, over any port, without waiting and without a thread     (this file)
     serial_port  a real line, with a thread that reads it, and opens it again after a disconnection
 
-No command is sent twice: each DRIVE was computed by the present step of the control loop. If the loop hangs, no command
-is sent, and the firmware's dead man stops the motors. The loop then does not continue without the operator
-(standstill.py). After a reset of the Uno, by a brown-out or a disconnected cable, its nonce has changed: the Uno
-ignores commands until it is armed again.
+No set-point is sent twice: each DRIVE was computed by the present step of the control loop. If the loop hangs, no
+command is sent, and the firmware's dead man stops the motors. The loop then does not continue without the operator
+(standstill.py). A reset of the Uno, by a brown-out or a disconnected cable, changes its nonce: the Uno then ignores
+commands until it is armed again.
 """
 
 import math
@@ -38,34 +38,34 @@ from baqueano.robot.uno.frames import (
 )  # fmt: skip
 from baqueano.robot.uno.standstill import Standstill
 from baqueano.robot.uno.statistics import Statistics
-from baqueano.worlds.robot import Telemetry, grown
+from baqueano.worlds.robot import Telemetry, count_increase
 
 PING_EVERY_S = 0.1
-KEPT = 2000  # telemetry frames that were not yet received by the caller: 20 s
+KEPT = 2000  # most telemetry frames kept for the caller: 20 s
 ANSWER_S = 1.0  # timeout of a request outside a drive
 ASK_AGAIN_S = 0.2
-SILENCE_US = 500_000  # in which fewer than 128 frames are sent
-ARM_DELAY_S = 0.01  # within which the Uno receives a frame: later telemetry shows it
-ARMING_S = 0.2  # for which arming is repeated before it counts as a trouble
-MOST_AHEAD = 64  # commands on their way; the firmware takes one for old that is 128 ahead of the last
+SILENCE_US = 500_000  # during this time fewer than 128 frames are sent
+ARM_DELAY_S = 0.01  # the Uno receives a frame within this time; later telemetry shows it
+ARMING_S = 0.2  # time for which arming is repeated before `trouble` is set
+MOST_AHEAD = 64  # most commands on their way; the firmware regards a command 128 ahead as old
 LASTING = (StopReason.UNO_LATCHED, StopReason.UNO_BATTERY)  # kept until telemetry no longer reports them
 Reply = TypeVar("Reply")
 
 
 class Port(Protocol):
-    """A port for bytes in both directions, without waiting."""
+    """A port that sends and receives bytes without waiting."""
 
     def write(self, data: bytes) -> None:
-        """Send the bytes, or raise OSError if the line is gone or full."""
+        """Send the bytes. Raise OSError if the line is disconnected or full."""
         ...
 
     def read(self) -> bytes:
-        """Return the bytes that arrived, maybe empty."""
+        """Return the bytes that have arrived since the last call, b"" if none have."""
         ...
 
 
 class EarlierFrame(NamedTuple):
-    """The last telemetry, to compare the next one with."""
+    """The last telemetry, with its times, for the comparison with the next telemetry."""
 
     state: State
     t_us: int
@@ -73,13 +73,13 @@ class EarlierFrame(NamedTuple):
 
 
 class Uno:
-    """The firmware at the other end of `port`; `now_ns` is the clock of the host.
+    """The link to the firmware at the other end of `port`; `now_ns` is the clock of the host.
 
-    Telemetry comes each `Config.telemetry_ms` and is kept until `receive` takes it. `trouble` states why nothing
-    drives, None if it may drive.
+    Telemetry arrives each `Config.telemetry_ms` and is kept until `receive` returns it. `trouble` is the reason why the
+    Uno does not drive, None if it may drive.
 
-    >>> from baqueano.robot.uno.serial_port import connected
-    >>> with connected() as uno:  # an Uno on a real line, whose thread calls pump()
+    >>> from baqueano.robot.uno.serial_port import open_uno
+    >>> with open_uno() as uno:  # an Uno on a real line, whose thread calls pump()
     ...     uno.arm()
     ...     uno.drive(0.2, -0.2)  # duties, left and right; without another one the firmware soon stops the motors
     ...     print(uno.info.protocol, uno.trouble)
@@ -89,7 +89,7 @@ class Uno:
     def __init__(self, port: Port, now_ns: Callable[[], int] = time.monotonic_ns) -> None:
         self.statistics, self.clock = Statistics(), UnoClock()
         self.info: Info | None = None
-        self.trouble: Diagnostic | None = None  # why nothing drives although it was armed
+        self.trouble: Diagnostic | None = None  # why the Uno does not drive although it was armed
         self.noise_ns = -(1 << 62)  # time of the last damaged frame
         self._port, self._now_ns, self._decoder = port, now_ns, Decoder()
         self._standstill = Standstill(now_ns)
@@ -97,22 +97,22 @@ class Uno:
         self._replies: dict[type, Any] = {}
         self._pings: dict[int, int] = {}
         self._before: EarlierFrame | None = None
-        self._nonce: int | None = None  # of the last frame of the firmware
+        self._nonce: int | None = None  # nonce in the last frame of the firmware
         self._drive_seq, self._seq_received, self._token, self._pinged_ns = 0, -1, 0, -(1 << 62)
         self._armed, self._confirmed, self._damaged_count = False, False, 0
         self._armed_ns = 0  # time of `arm`
-        self._unarmed_ns: int | None = None  # since when telemetry shows it as not armed
+        self._unarmed_ns: int | None = None  # time since which telemetry shows it as not armed
         self._lock = threading.RLock()  # a listening thread and the loop share the line
 
     def drive(self, left: float, right: float) -> None:
         """Send duties in [-1, 1] once, if the Uno is armed; after a standstill of the computer disarm instead."""
         self.stood_still()
-        self._standstill.driven()
+        self._standstill.record_command()
         if self.info is None or not self._armed:
             self.statistics.unsent += 1
             return
         if self._unarmed_ns is not None:
-            self._drive(0, 0, DriveFlag.ARM)  # without it no command is obeyed
+            self._drive(0, 0, DriveFlag.ARM)  # otherwise the Uno does not obey the command
         ok = self._drive(permille(left), permille(right), DriveFlag.ARM)
         self.statistics.sent += ok
         self.statistics.unsent += not ok
@@ -120,8 +120,8 @@ class Uno:
     def arm(self) -> None:
         """Arm, so that the following commands drive; the first one requests zero duty.
 
-        That one is repeated before each command until telemetry shows that it was obeyed. `trouble` is set if that
-        takes longer than ARMING_S.
+        The zero request is repeated before each command until telemetry shows that the Uno is armed. `trouble` is set
+        if this takes longer than ARMING_S.
         """
         with self._lock:
             self._armed, self._confirmed, self.trouble = True, False, None
@@ -131,21 +131,22 @@ class Uno:
         self.drive(0.0, 0.0)
 
     def disarm(self) -> None:
-        """Switch motors off and the bridge to sleep, and clear the trouble of arming."""
+        """Switch the motors off and the bridge to sleep, and clear `trouble`, except a latch or a low battery."""
         with self._lock:
             self._armed = False
             self._forgive()
         self._drive(0, 0, 0)
 
     def stop(self) -> None:
-        """Latch the stop: the Uno obeys it in any state."""
+        """Send a stop, which the Uno obeys in any state and latches."""
         self._armed = False
         self._send(Stop())
 
     def clear_stop(self) -> None:
-        """Clear the latch of `stop`, and earlier troubles. The vehicle drives only once it is armed again.
+        """Clear the latch of `stop` and earlier values of `trouble`. The vehicle drives only after it is armed again.
 
-        `trouble` stays UNO_LATCHED until telemetry shows that the latch is gone: the line may lose this frame.
+        `trouble` stays UNO_LATCHED until telemetry shows that the latch is cleared, because the line may lose this
+        frame.
         """
         with self._lock:
             self._forgive()
@@ -161,12 +162,12 @@ class Uno:
         return self.trouble is not None and self.trouble.code in LASTING
 
     def receive(self) -> list[Telemetry]:
-        """Return the telemetry since the last call, in order."""
+        """Return the telemetry that has arrived since the last call, in order."""
         self.pump()
         return [self._telemetry.popleft() for _ in range(len(self._telemetry))]
 
     def stood_still(self) -> Diagnostic | None:
-        """Return why a drive may not continue after a standstill of the computer, and disarm; None if it may."""
+        """Disarm after a standstill of the computer, and return it as the reason to stop; None without a standstill."""
         config = Config() if self.info is None else self.info.config
         if self._armed and (reason := self._standstill.look(config.dead_man_ms)):
             with self._lock:
@@ -175,7 +176,7 @@ class Uno:
         return self._standstill.reason
 
     def pump(self) -> None:
-        """Process the bytes that the line has, and send a ping when it is due."""
+        """Process the bytes that have arrived, and send a ping if one is due."""
         with self._lock:
             self._pump()
 
@@ -201,24 +202,22 @@ class Uno:
             if self.info is None:
                 self._send(AskInfo())
 
-    def reopened(self) -> None:
-        """Reset the state after the line was opened again: the firmware must be identified anew."""
+    def on_reopen(self) -> None:
+        """Reset the state after the line was opened again, so that the firmware is identified again."""
         self.info, self._decoder, self._damaged_count = None, Decoder(), 0
         self._pings.clear()
 
     # outside a drive: question and answer
 
-    def ask(
+    def request(
         self,
         question: Any,
         answer: type[Reply],
         wait: Callable[[float], object] = time.sleep,
         accepts: Callable[[Reply], bool] = lambda reply: True,
     ) -> Reply:
-        """Send a request and return the first reply that is accepted: an older reply may still be on its way.
-
-        RobotUnreachable if none comes within ANSWER_S.
-        """
+        """Send a request until a reply satisfies `accepts`, and return that reply; an older reply may arrive first.
+        Raise RobotUnreachable if no such reply arrives within ANSWER_S."""
         received_reply: Any = None
         self._replies.pop(answer, None)
         end_ns, retry_ns = self._now_ns() + round(ANSWER_S * 1e9), 0
@@ -247,24 +246,25 @@ class Uno:
 
     def configure(self, config: Config, wait: Callable[[float], object] = time.sleep) -> Info:
         """Set the configuration until the next reset; return the INFO that confirms it."""
-        return self.ask(config, Info, wait, lambda info: info.config == config)
+        return self.request(config, Info, wait, lambda info: info.config == config)
 
-    def tell(self, config: Config) -> None:
-        """Send `config` once without waiting: `info` shows later if it arrived."""
+    def send_config(self, config: Config) -> None:
+        """Send `config` once without waiting; `info` contains it later if it arrived."""
         self._send(config)
 
     def settings(self, wait: Callable[[float], object] = time.sleep) -> Settings:
-        """Return the vehicle's settings in its EEPROM."""
-        return self.ask(AskSettings(), Settings, wait)
+        """Return the settings that the Uno stores in its EEPROM."""
+        return self.request(AskSettings(), Settings, wait)
 
     def keep(self, settings: Settings, wait: Callable[[float], object] = time.sleep) -> None:
-        """Write `settings` into the Uno's EEPROM; only while disarmed."""
-        self.ask(settings, Settings, wait, lambda reply: reply == settings)
+        """Write `settings` into the Uno's EEPROM, which must be disarmed."""
+        self.request(settings, Settings, wait, lambda reply: reply == settings)
 
-    # what comes in
+    # received frames
 
     def _drive(self, left: int, right: int, flags: int) -> bool:
-        """Send a DRIVE with a separate sequence: the firmware counts from the last DRIVE that it obeyed."""
+        """Send a DRIVE; return False if it could not be sent. DRIVE frames have a separate sequence, because the
+        firmware compares it with the last DRIVE that it obeyed."""
         with self._lock:
             info, self._drive_seq = self.info, (self._drive_seq + 1) & 0xFF
             return info is not None and self._send(Drive(info.nonce, left, right, flags), self._drive_seq)
@@ -292,17 +292,15 @@ class Uno:
             case Pong(token, t_us) if token in self._pings:
                 sent_ns = self._pings.pop(token)
                 self.statistics.trips_ms.append((now_ns - sent_ns) / 1e6)
-                self.clock.answered(sent_ns, self.clock.unwrapped(t_us), now_ns)
+                self.clock.add_ping(sent_ns, self.clock.unwrap(t_us), now_ns)
             case Info() as info:
                 self.info = self._replies[Info] = info
             case frame:
                 self._replies[type(frame)] = frame
 
     def _in_turn(self, received_frame: ReceivedFrame) -> bool:
-        """Return True if neither this frame nor a newer one came before, and count those missing before it.
-
-        After a long silence the sequence is ambiguous, and the time of telemetry counts.
-        """
+        """Return True if this frame is the newest so far, and count the frames lost before it. After a long silence
+        the sequence is ambiguous, so the time of the telemetry decides."""
         ahead = (received_frame.seq - self._seq_received) & 0xFF
         if (
             self._seq_received >= 0
@@ -316,20 +314,23 @@ class Uno:
         return True
 
     def _newer(self, frame: Frame, by_us: int = 0) -> bool:
-        """Return True if this telemetry is more than `by_us` later than the last one; an INFO is new if that is 0."""
+        """Return True if this telemetry is more than `by_us` newer than the last one.
+
+        The first telemetry and an INFO are newer only if `by_us` is 0.
+        """
         if not isinstance(frame, State) or self._before is None:
             return by_us == 0 and isinstance(frame, State | Info)
         return by_us < (frame.t_us - self._before.state.t_us) % WRAP_US < WRAP_US // 2
 
     def _of_boot(self, frame: State | Info) -> None:
-        """Detect a restart of the firmware by its nonce, even if the line was gone meanwhile."""
+        """Detect a restart of the firmware by its nonce, even if the line was disconnected at that time."""
         if self._nonce is not None and frame.nonce != self._nonce:
             self.info = None  # `_pump` will request it again
             self._take_restart(frame.reset_cause if isinstance(frame, Info) else 0)
         self._nonce = frame.nonce
 
     def _take_restart(self, cause: int) -> None:
-        """Process a restart of the firmware: it is disarmed, and its clock and counts begin at 0."""
+        """Reset the state after a restart of the firmware, which is disarmed and begins its clock and counts at 0."""
         self.statistics.resets += 1
         self.clock, self._before, self._seq_received = UnoClock(), None, -1
         if self._armed:
@@ -337,9 +338,9 @@ class Uno:
         self._armed = self._confirmed = False
 
     def _take_state(self, state: State, now_ns: int) -> None:
-        if (self._drive_seq - state.drive_seq) & 0xFF > MOST_AHEAD:  # they were lost on the line, or refused
+        if (self._drive_seq - state.drive_seq) & 0xFF > MOST_AHEAD:  # lost on the line, or refused
             self._drive_seq = state.drive_seq
-        t_us = self.clock.unwrapped(state.t_us)
+        t_us = self.clock.unwrap(state.t_us)
         t_ns = min(self.clock.host_ns(t_us), now_ns) if self.clock.synchronised else now_ns
         before = self._before
         if before is not None:
@@ -349,20 +350,20 @@ class Uno:
         self._judge(state, t_ns)
         self._telemetry.append(
             Telemetry(
-                t_ns, applied(state, before, t_us), (state.left_counts, state.right_counts),
+                t_ns, mean_duty(state, before, t_us), (state.left_counts, state.right_counts),
                 1e-3 * state.battery_mv, state.mark_count,
-                self.clock.host_ns(self.clock.unwrapped(state.mark_t_us)) if self.clock.synchronised else now_ns,
+                self.clock.host_ns(self.clock.unwrap(state.mark_t_us)) if self.clock.synchronised else now_ns,
                 self.trouble, bool(state.flags & StateFlag.ENCODER_FAULT),
                 (1e-3 * state.left_permille, 1e-3 * state.right_permille), state.nonce,
             )
         )  # fmt: skip
 
-    def _count(self, before: State, now: State) -> None:
-        """Add the faults that the Uno counted between two of its frames. Its counters wrap at 256."""
+    def _count(self, previous: State, now: State) -> None:
+        """Add the faults that the Uno counted between two frames of telemetry; its counters wrap at 256."""
         s = self.statistics
-        s.spoilt += (now.bad_frames - before.bad_frames) & 0xFF
-        s.ignored += (now.ignored_frames - before.ignored_frames) & 0xFF
-        s.overrun += (now.overruns - before.overruns) & 0xFF
+        s.spoilt += (now.bad_frames - previous.bad_frames) & 0xFF
+        s.ignored += (now.ignored_frames - previous.ignored_frames) & 0xFF
+        s.overrun += (now.overruns - previous.overruns) & 0xFF
 
     def _judge(self, state: State, t_ns: int) -> None:
         """Set `trouble` from the flags of the telemetry."""
@@ -389,11 +390,11 @@ def permille(duty: float) -> int:
     return round(1000.0 * max(-1.0, min(1.0, duty))) if math.isfinite(duty) else 0
 
 
-def applied(state: State, before: EarlierFrame | None, t_us: int) -> tuple[float, float]:
+def mean_duty(state: State, previous: EarlierFrame | None, t_us: int) -> tuple[float, float]:
     """Return the mean duty (left, right) since the previous telemetry, or the present duty without a previous one."""
-    if before is None or t_us <= before.t_us:
+    if previous is None or t_us <= previous.t_us:
         return 1e-3 * state.left_permille, 1e-3 * state.right_permille
-    ms = max(1, round(1e-3 * (t_us - before.t_us)))  # the sums count whole milliseconds
-    left = grown(state.left_sum, before.state.left_sum) / (1000.0 * ms)
-    right = grown(state.right_sum, before.state.right_sum) / (1000.0 * ms)
+    ms = max(1, round(1e-3 * (t_us - previous.t_us)))  # the sums count whole milliseconds
+    left = count_increase(state.left_sum, previous.state.left_sum) / (1000.0 * ms)
+    right = count_increase(state.right_sum, previous.state.right_sum) / (1000.0 * ms)
     return left, right

@@ -1,8 +1,8 @@
-"""Provide a serial line for the link: found by its stable name, without waiting, reopened after a disconnection.
+"""Provide a serial line for the link: found by its stable name, non-blocking, reopened after a disconnection.
 
 Opening the line resets an Uno (its DTR does), so it is opened once and kept open. Then the boot-loader waits a second
-or two, and the firmware sends INFO unasked. A service that starts opens the line first (`opened_early`) and loads the
-rest of its code meanwhile. For that reason this module does not import numpy.
+or two, and the firmware sends INFO without a request. A service that starts opens the line first (`opened_early`) and
+loads the rest of its code during that time. For that reason this module does not import numpy.
 """
 
 import errno
@@ -18,24 +18,23 @@ from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from baqueano.diagnostics import fault
+from baqueano.diagnostics import Diagnostic, fault
 from baqueano.errors import BaqueanoError, RobotUnreachable, UsageError
-from baqueano.language import translated as _
 from baqueano.robot.uno.frames import BAUD, PROTOCOL, AskInfo, Info
 
 if TYPE_CHECKING:
     from baqueano.robot.uno.link import Uno
 
-WRITE_S = 0.01  # the longest that a write may take; what does not fit by then is dropped
-AGAIN_S = 0.25  # between attempts to open a line that is gone
+WRITE_S = 0.01  # time limit of a write; the rest is dropped
+AGAIN_S = 0.25  # between attempts to open a disconnected line
 LISTEN_S = 0.02
-BOOT_S = 4.0  # boot-loader included
+BOOT_S = 4.0  # including the boot-loader
 BY_ID = "/dev/serial/by-id/*"
 OTHERS = ("/dev/ttyACM*", "/dev/ttyUSB*")
 
 
 class SerialPort:
-    """The line at `path`. Its calls raise OSError while it is not open."""
+    """The serial line at `path`. Its methods raise OSError while the line is not open."""
 
     def __init__(self, path: str, baud: int = BAUD) -> None:
         self.path, self.baud = path, baud
@@ -43,11 +42,11 @@ class SerialPort:
 
     @property
     def is_open(self) -> bool:
-        """Return True if the line is open, as far as is known."""
+        """Return True if the line was opened and no error has closed it since."""
         return self._serial is not None
 
     def open(self) -> None:
-        """Open the line; OSError if that fails."""
+        """Open the line. Raise OSError if that fails."""
         import serial
 
         self._serial = serial.Serial(
@@ -62,15 +61,15 @@ class SerialPort:
                 line.close()
 
     def write(self, data: bytes) -> None:
-        """Send the bytes within WRITE_S. The other end discards an incomplete frame by its CRC."""
+        """Send the bytes within WRITE_S; the receiver discards an incomplete frame by its CRC."""
         if self._serial is None:
-            raise OSError(f"{self.path} is not open")
+            raise OSError(errno.EBADF, os.strerror(errno.EBADF), self.path)
         self._serial.write(data)
 
     def read(self) -> bytes:
-        """Return the bytes that arrived."""
+        """Return the bytes that have arrived since the last call."""
         if self._serial is None:
-            raise OSError(f"{self.path} is not open")
+            raise OSError(errno.EBADF, os.strerror(errno.EBADF), self.path)
         try:
             return self._serial.read(4096)
         except OSError:
@@ -85,15 +84,15 @@ class SerialPort:
             return
         try:
             select.select([serial.fileno()], [], [], seconds)
-        except (OSError, ValueError):  # closed meanwhile
+        except (OSError, ValueError):  # the line was closed during the wait
             time.sleep(seconds)
 
 
 def opened_early(file: Path) -> Callable[[], object]:
     """Open the line that a vehicle file names, which resets its Uno, and return the function that closes it.
 
-    The caller must have opened the line again before it calls that function: the last close drops DTR, and the next
-    opening would reset the Uno again. If file or line are not found, nothing happens; their user reports it.
+    Open the line a second time before you call that function. Otherwise the close drops DTR, and the next opening
+    resets the Uno again. If the file or the line is not found, nothing is opened; their later use reports the error.
     """
     try:
         hardware = tomllib.loads(file.read_text(encoding="utf-8")).get("robot", {})
@@ -104,14 +103,14 @@ def opened_early(file: Path) -> Callable[[], object]:
 
 
 @contextmanager
-def connected(port: str = "auto", baud: int = BAUD) -> "Iterator[Uno]":
-    """Yield the Uno at a port, read by a separate thread, and disarm it at the end. "auto" finds the only line.
+def open_uno(port: str = "auto", baud: int = BAUD) -> "Iterator[Uno]":
+    """Yield the Uno at a port, which a separate thread reads, and disarm it at the end. "auto" finds the only line.
 
-    RobotUnreachable without a line, or if no firmware of our protocol answers within BOOT_S; UsageError if there are
-    several lines.
+    Raise RobotUnreachable without a line, or if no firmware with this protocol answers within BOOT_S. Raise UsageError
+    if there are several lines.
 
     >>> from baqueano.robot.uno.frames import Driver
-    >>> with connected() as uno:
+    >>> with open_uno() as uno:
     ...     kept = uno.settings()  # what its EEPROM says of the wiring
     >>> print(Driver(kept.driver).name)
     L298N
@@ -138,7 +137,7 @@ def connected(port: str = "auto", baud: int = BAUD) -> "Iterator[Uno]":
 
 
 def listen(line: SerialPort, uno: "Uno", done: threading.Event) -> None:
-    """Read the line until `done`; open it again whenever it is gone."""
+    """Read the line until `done` is set, and open it again after each disconnection."""
     while not done.is_set():
         if line.is_open:
             line.wait(LISTEN_S)
@@ -148,15 +147,15 @@ def listen(line: SerialPort, uno: "Uno", done: threading.Event) -> None:
                 line.open()
             except OSError:
                 continue
-            uno.reopened()
+            uno.on_reopen()
 
 
 def introduce(uno: "Uno", path: str) -> Info:
-    """Return the firmware's INFO. RobotUnreachable if none comes within BOOT_S, or for another protocol."""
+    """Return the firmware's INFO. Raise RobotUnreachable if none arrives within BOOT_S, or for another protocol."""
     end = time.monotonic() + BOOT_S
     while True:
         try:
-            info = uno.ask(AskInfo(), Info)
+            info = uno.request(AskInfo(), Info)
             break
         except RobotUnreachable:
             if time.monotonic() > end:
@@ -169,7 +168,10 @@ def introduce(uno: "Uno", path: str) -> Info:
 
 
 def find_port(port: str) -> str:
-    """Return the path of the line; "auto" finds the only one. RobotUnreachable without one, UsageError for several."""
+    """Return the path of the serial line; "auto" finds the only line of this computer.
+
+    For "auto", raise RobotUnreachable without a line, UsageError if there are several.
+    """
     if port != "auto":
         return port
     ports = sorted(glob.glob(BY_ID)) or sorted(p for pattern in OTHERS for p in glob.glob(pattern))
@@ -180,20 +182,10 @@ def find_port(port: str) -> str:
     return ports[0]
 
 
-def _refusal(path: str, error: OSError) -> str:
+def _refusal(path: str, error: OSError) -> Diagnostic:
     if error.errno in (errno.EACCES, errno.EPERM):
         user = os.environ.get("USER", "you")
-        return _(
-            "{path} may not be opened by {user}: it belongs to the group dialout. Type: sudo usermod -aG dialout "
-            "{user}, and log in again",
-            path=path, user=user,
-        )  # fmt: skip
+        return fault("uno.port-not-allowed", f"sudo usermod -aG dialout {user}", user=user, path=path)
     if error.errno in (errno.EAGAIN, errno.EWOULDBLOCK, errno.EBUSY):
-        return _(
-            "{path} is in use by another program: only one may drive. Type: sudo fuser -v {path}", path=path
-        )
-    return _(
-        "{path} cannot be opened: {error}. Is the cable plugged in? Type: ls /dev/serial/by-id",
-        path=path,
-        error=error,
-    )
+        return fault("uno.port-in-use", f"sudo fuser -v {path}", path=path)
+    return fault("uno.port-not-opened", "ls /dev/serial/by-id", path=path, error=error)

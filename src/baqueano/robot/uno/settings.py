@@ -5,7 +5,7 @@
     left-motor …    one bit of Settings.wiring each     straight, reversed or swapped; high, low over the tape
     dead-zone …     Settings.ways, by wheel and direction   shares of full duty: 0.11 is 110 ‰
 
-The ranges are those of frames.py, which the firmware checks as well.
+frames.py defines the ranges, which the firmware also checks.
 """
 
 import time
@@ -17,7 +17,7 @@ from typing import TYPE_CHECKING
 from baqueano.diagnostics import fault
 from baqueano.errors import AnswerNo, UsageError
 from baqueano.language import number
-from baqueano.language import translated as _
+from baqueano.language import translate as _
 from baqueano.robot.uno.frames import FIELDS, Driver, Encoders, Settings, Way, Wiring
 
 if TYPE_CHECKING:
@@ -37,7 +37,7 @@ PLUGS = {  # the flag of a reversed plug, and the names of both states
     "encoder-plugs": (Wiring.ENCODERS_SWAPPED, ("straight", "swapped")),
     "mark": (Wiring.MARK_ACTIVE_LOW, ("high", "low")),
 }
-NUMBERS = {  # field, and units of the wire in one unit of the option
+NUMBERS = {  # field, and the number of units of the wire in one unit of the option
     "battery-ratio": ("battery_permille", 1000),
     "kick-ms": ("kick_ms", 1),
     "dither": ("dither_permille", 1000),
@@ -45,7 +45,7 @@ NUMBERS = {  # field, and units of the wire in one unit of the option
 }
 OF_WAYS = {"dead-zone": "dead_zone_permille", "slope": "slope_permille", "kick": "kick_permille"}
 WAYS = ("left-forwards", "left-backwards", "right-forwards", "right-backwards")
-TELEMETRY_S = 0.5  # within which an Uno has sent telemetry
+TELEMETRY_S = 0.5  # an Uno sends telemetry within this time
 LOOK_S = 0.1
 Wait = Callable[[float], object]
 
@@ -62,7 +62,7 @@ class StoredSettings:
         return "DEFAULT" if self.settings == Settings() else "SET"
 
     def rows(self) -> list["TableRow"]:
-        """Return a row of the whole, and one for each wheel and direction; duties as shares of full duty."""
+        """Return a row for the whole Uno, then a row for each wheel and direction; duties are shares of full duty."""
         s, whole = self.settings, {}
         for name, (field, kind) in KINDS.items():
             whole[name] = kind(getattr(s, field)).name.lower()
@@ -78,14 +78,14 @@ class StoredSettings:
 
     @classmethod
     def of(cls, rows: list["TableRow"]) -> "StoredSettings":
-        """Return the settings from `rows`, its inverse, from JSON."""
-        return cls(changed(Settings(), _as_text(rows)))
+        """Return the settings from rows in JSON: the inverse of `rows`."""
+        return cls(apply_changes(Settings(), _as_text(rows)))
 
     def table(self) -> str:
-        """Return a table with the names of the options."""
+        """Return the settings as a table of text, with the names of the options."""
         whole, *ways = self.rows()
         unit_texts = {
-            "battery-ratio": _("V for 1 V at A0"), "kick-ms": "ms", "dither": _("of full duty, to and fro"),
+            "battery-ratio": _("V for 1 V at A0"), "kick-ms": "ms", "dither": _("of full duty, forward and back"),
             "dither-ms": "ms", "mark": _("over the tape"),
         }  # fmt: skip
         lines = []
@@ -97,12 +97,12 @@ class StoredSettings:
         for way in ways:
             zone, slope, kick = (way[name.replace("-", "_")] for name in OF_WAYS)
             lines.append(f"{way['wheel']:15} {number(zone):9.3f}  {number(slope):5.3f}  {number(kick):5.3f}")
-        origin = _("what the firmware begins with") if self.verdict == "DEFAULT" else _("kept in the Uno")
+        origin = _("initial value of the firmware") if self.verdict == "DEFAULT" else _("stored in the Uno")
         return "\n".join([*lines, f"{_(self.verdict)}: {origin}"])
 
 
 def _as_text(rows: list["TableRow"]) -> dict[str, list[str]]:
-    """Return the text to type for each name, from the `rows` of a StoredSettings."""
+    """Return the texts to type for each option, from the `rows` of a StoredSettings."""
     whole, *ways = rows
     texts = {name: [str(whole[name.replace("-", "_")])] for name in (*KINDS, *PLUGS, *NUMBERS)}
     for name in OF_WAYS:
@@ -121,10 +121,10 @@ def as_typed(settings: Settings) -> str:
     return " ".join(["baqueano robot settings --defaults", *words])
 
 
-def changed(settings: Settings, changes: Mapping[str, Sequence[str]]) -> Settings:
-    """Return `settings` with the changes typed for each name. Raise UsageError for a word or number that is not valid.
+def apply_changes(settings: Settings, changes: Mapping[str, Sequence[str]]) -> Settings:
+    """Return `settings` with the changes typed for each option. Raise UsageError for an invalid word or number.
 
-    >>> changed(Settings(), {"bridge": ["tb6612"], "dead-zone": ["all=0.1", "left-forwards=0.12"]}).ways[0]
+    >>> apply_changes(Settings(), {"bridge": ["tb6612"], "dead-zone": ["all=0.1", "left-forwards=0.12"]}).ways[0]
     Way(dead_zone_permille=120, slope_permille=1000, kick_permille=0)
     """
     for name, texts in changes.items():
@@ -163,7 +163,7 @@ def _word(name: str, text: str, words: list[str]) -> str:
 
 
 def _number(name: str, text: str, size: str, layout: type, field: str, unit: int) -> int:
-    """Return a number in units of the wire. UsageError if it is outside the range of the firmware."""
+    """Return a typed number in units of the wire. Raise UsageError if it is outside the range of the firmware."""
     (least, most), *_rest = (f.within for f in FIELDS[layout] if f.path == field)
     try:
         value = float(size)
@@ -177,7 +177,10 @@ def _number(name: str, text: str, size: str, layout: type, field: str, unit: int
 
 
 def store(uno: "Uno", change: Callable[[Settings], Settings], wait: Wait = time.sleep) -> StoredSettings:
-    """Write the changed settings to the Uno, and return them as read back from it. AnswerNo while a motor runs."""
+    """Change the settings stored in the Uno by `change`, and return the settings read back from it.
+
+    Raise AnswerNo while a motor runs.
+    """
     before = uno.settings(wait)
     settings = change(before)
     if settings != before:
@@ -197,15 +200,15 @@ def _at_rest(uno: "Uno", wait: Wait) -> None:
         raise AnswerNo(fault("settings.motor-runs", left=left, right=right))
 
 
-def watch(uno: "Uno", seconds: float, say: Callable[[str], object], wait: Wait = time.sleep) -> None:
-    """Report battery, encoders and marks through `say`, each time that a count changes."""
+def watch(uno: "Uno", seconds: float, notify: Callable[[str], object], wait: Wait = time.sleep) -> None:
+    """Report battery, encoder counts and marks through `notify`, each time that a count changes, for this time [s]."""
     before = None
     for _look in range(round(seconds / LOOK_S)):
         wait(LOOK_S)
         for newest in uno.receive()[-1:]:
             if (newest.counts, newest.marks) != before:
                 before = (newest.counts, newest.marks)
-                say(
+                notify(
                     _(
                         "battery {battery_v:.2f} V, counts left {left}, right {right}, marks {marks}",
                         battery_v=newest.battery_v,

@@ -1,9 +1,10 @@
-"""Detect a standstill of the computer during a drive: the dead man has stopped the motors, and they must stay off.
+"""Detect a standstill of the computer during a drive, after which the motors must stay off.
 
     gap = now − last command > dead man's time, on the clock of the host                                  (1)
 
-A process can be stopped and continued, a virtual machine paused, a laptop closed. Telemetry of that time may be lost,
-late or old, so the host judges by its own clock. CLOCK_BOOTTIME counts a suspended computer, CLOCK_MONOTONIC does not.
+A process can be stopped and continued, a virtual machine paused, a laptop closed. If (1) is true, the firmware's dead
+man has stopped the motors. Telemetry of that time may be lost or delayed, so the host uses only its clock.
+CLOCK_BOOTTIME includes the time of a suspended computer, CLOCK_MONOTONIC does not.
 """
 
 import time
@@ -20,9 +21,9 @@ def boot_ns() -> int:
 
 
 class Standstill:
-    """The monitor of the last command's time, on the clock `now_ns` of the host.
+    """A monitor of the time of the last command, on the clock `now_ns` of the host.
 
-    `reason` states why no further command may be sent, None if it may.
+    `reason` states why a further command may not be sent; None if it may be sent.
     """
 
     def __init__(self, now_ns: Callable[[], int] = time.monotonic_ns) -> None:
@@ -31,15 +32,15 @@ class Standstill:
         self.reason: Diagnostic | None = None
 
     def forget(self) -> None:
-        """Clear the reason and the time of the last command: nothing drives."""
+        """Clear the reason and the time of the last command, as no drive is under way."""
         self._last_ns, self.reason = -1, None
 
-    def driven(self) -> None:
-        """Note that a command is sent now."""
+    def record_command(self) -> None:
+        """Record that a command is sent now."""
         self._last_ns = self._now_ns()
 
     def look(self, dead_man_ms: int) -> Diagnostic | None:
-        """Return `reason`, which is None if the last command is recent enough.  (1)"""
+        """Return `reason`, after setting it if the last command is too old.  (1)"""
         gap_ns = self._now_ns() - self._last_ns
         if self.reason is None and self._last_ns >= 0 and gap_ns > 1_000_000 * dead_man_ms:
             self.reason = stop(

@@ -6,21 +6,21 @@ from dataclasses import dataclass, field
 
 @dataclass
 class Statistics:
-    """Counts of damaged and lost frames."""
+    """Counts of sent, received, damaged and lost frames since the start."""
 
-    written: int = 0  # frames of any kind that the line took
-    sent: int = 0  # commands
-    unsent: int = 0  # commands that the line did not take, or that came without arming
-    received: int = 0  # frames
-    lost: int = 0  # frames that did not come in their turn, by their sequence
-    late: int = 0  # frames that came twice, or after a newer one
-    damaged: int = 0  # segments that are not frames
+    written: int = 0  # frames of any kind that the line accepted
+    sent: int = 0  # commands sent
+    unsent: int = 0  # commands that the line did not accept, or without arming
+    received: int = 0  # frames received
+    lost: int = 0  # frames missing in the sequence
+    late: int = 0  # frames received twice, or after a newer frame
+    damaged: int = 0  # segments received that are not frames
     resets: int = 0
     spoilt: int = 0  # frames that the Uno counted as damaged
-    ignored: int = 0  # frames that came whole and were not obeyed: old, of another session, refused
+    ignored: int = 0  # undamaged frames that were not obeyed: old, of another session, refused
     overrun: int = 0  # bytes that the Uno's receiver lost
     trips_ms: deque[float] = field(default_factory=lambda: deque(maxlen=200))
 
-    def since(self, before: "Statistics", *names: str) -> list[int]:
-        """Return the increase of these counts since `before`."""
-        return [getattr(self, name) - getattr(before, name) for name in names]
+    def since(self, previous: "Statistics", *names: str) -> list[int]:
+        """Return the increase of each named count since `previous`."""
+        return [getattr(self, name) - getattr(previous, name) for name in names]

@@ -1,1 +1,1 @@
-"""Check and calibrate a vehicle at rest: its health, its wiring, the axes of its IMU."""
+"""Check and calibrate a vehicle: its health, its motors and their wiring, the axes of its IMU."""

@@ -1,15 +1,15 @@
 """Find the axes of the IMU on the vehicle, and its biases: from gravity, a lift of the front, and half a turn.
 
     level     the mean force f̄₁ at rest: the chip's axis nearest to it points up                            (1)
-    lifted    the front is lifted and held: specific force grows along the axis that points ahead,
+    lifted    the front is lifted and kept up: specific force grows along the axis that points ahead,
               f_ahead ≈ g sin(lift); left = up × ahead                                                      (2)
     turned    half a turn to the left by hand, put down: θ = ∫ (ω − ω̄₁) dt must be positive                (3)
     biases    from both positions, (a_x, a_y): f̄₁ = b + s, f̄₂ = b + R(−θ) s  ⇒  s, b                       (4)
 
 s is the slope of the floor, which turns with the vehicle's heading while the bias does not: the floor need not be
 level. The gyro's bias is the mean of both rests. b contains the zero error of the accelerometer and the tilt of the
-IMU; a fit identifies only their sum (sensors/imu.py). [sensors.imu] tilt_rad therefore stays unchanged, and the biases
-make up the sum. The axes are found in steps of a right angle. A fit finds the remaining turn about z, [sensors.imu]
+IMU. A fit identifies only their sum (sensors/imu.py), so [sensors.imu] tilt_rad stays unchanged, and the biases contain
+the rest. The axes are found in steps of a right angle. A fit finds the remaining turn about z, [sensors.imu]
 heading_rad.
 """
 
@@ -22,8 +22,8 @@ import numpy as np
 
 from baqueano.diagnostics import fault
 from baqueano.errors import AnswerNo
-from baqueano.language import marked as N_
-from baqueano.language import translated as _
+from baqueano.language import mark as N_
+from baqueano.language import translate as _
 from baqueano.robot.workshop.floor_tests import STILL_M_S2, STILL_RAD_S
 from baqueano.signals import STANDARD_GRAVITY, Motion
 
@@ -31,33 +31,36 @@ if TYPE_CHECKING:
     from baqueano.contracts.values import JsonObject, TableRow
     from baqueano.vehicle_file.file import VehicleFile
 
-REST_S = 8.0  # the gyro's noise of 0.04 °/s at 200 Hz and 44 Hz wide is then known to 0.002 °/s
+REST_S = 8.0  # the mean of the gyro, with noise 0.04 °/s at 200 Hz and 44 Hz, is then known to 0.002 °/s
 STEADY_S = 0.5
 PATIENCE_S = 60.0
 HELD = 5.0  # times the scatter at rest: a hand moves more than a floor
 UPRIGHT = np.cos(np.radians(25.0))
-LEAST_LIFT = np.sin(np.radians(8.0))  # a tilt that no floor has
-CLEAR = np.tan(np.radians(30.0))  # of a lift over the front, not over a corner
+LEAST_LIFT = np.sin(np.radians(8.0))  # more than the slope of any floor
+CLEAR = np.tan(np.radians(30.0))  # limit between a lift of the front and a lift of a corner
 LEAST_TURN_RAD = np.radians(90.0)
 LETTERS = ("x", "y", "z")
-Say = Callable[[str], object]
+Notify = Callable[[str], object]
 
 
 @dataclass
 class ImuReader:
-    """The IMU in its chip's axes, with a function to wait and a clock."""
+    """The IMU in its chip's axes, whose rates are integrated, with a function to wait and a clock."""
 
     imu: Any
     wait: Callable[[float], object] = time.sleep
     now_ns: Callable[[], int] = time.monotonic_ns
 
     def __post_init__(self) -> None:
-        self.bias = np.zeros(3)  # of the gyro, once it is known
+        self.bias = np.zeros(3)  # bias of the gyro, once it is known
         self.turned = np.zeros(3)  # ∫ (gyro − bias) dt [rad]
         self._last_ns = 0
 
     def samples(self, seconds: float) -> tuple[np.ndarray, np.ndarray]:
-        """Return forces (n, 3) and rates (n, 3) of this duration. AnswerNo without a sample."""
+        """Return specific forces (n, 3) [m/s²] and rates (n, 3) [rad/s] of this duration.
+
+        Raise AnswerNo without a sample.
+        """
         end, read = self.now_ns() + round(seconds * 1e9), []
         while self.now_ns() < end:
             self.wait(0.01)
@@ -73,7 +76,10 @@ class ImuReader:
         return np.array([s.accel for s in read]), np.array([s.gyro for s in read])
 
     def still(self, seconds: float, quantity: str) -> tuple[np.ndarray, np.ndarray]:
-        """Wait for rest, and return the means (3,), (3,) over this duration of rest. AnswerNo after a minute."""
+        """Wait for rest, and return the means of force (3,) and rate (3,) over this duration of rest.
+
+        Raise AnswerNo after a minute without rest.
+        """
         end = self.now_ns() + round(PATIENCE_S * 1e9)
         while self.now_ns() < end:
             if not _steady(*self.samples(STEADY_S)):
@@ -83,8 +89,11 @@ class ImuReader:
                 return accel.mean(axis=0), gyro.mean(axis=0)
         raise AnswerNo(fault("calibrate.not-still", what=quantity, within_s=PATIENCE_S))
 
-    def changed(self, quantity: str, accepts: Callable[[np.ndarray], bool]) -> np.ndarray:
-        """Return the mean force (3,) once the IMU is at rest and `accepts` the force. AnswerNo after a minute."""
+    def wait_for_force(self, quantity: str, accepts: Callable[[np.ndarray], bool]) -> np.ndarray:
+        """Return the mean force (3,) once the IMU is at rest and `accepts` returns True for the force.
+
+        Raise AnswerNo if this has not happened after a minute.
+        """
         end = self.now_ns() + round(PATIENCE_S * 1e9)
         while self.now_ns() < end:
             accel, gyro = self.samples(STEADY_S)
@@ -102,7 +111,10 @@ def _steady(accel: np.ndarray, gyro: np.ndarray, times: float = 1.0) -> bool:
 
 @dataclass(frozen=True)
 class MountedImu:
-    """The result. Biases (a_x, a_y) [m/s²] and ω [rad/s] are the sensor's means at rest; `slope_rad` is the floor's."""
+    """The result of `calibrate`.
+
+    Biases (a_x, a_y) [m/s²] and ω [rad/s] are the sensor's means at rest; `slope_rad` is the slope of the floor.
+    """
 
     axes: tuple[str, str, str]  # the chip's axes that point ahead, left, up
     accel: np.ndarray
@@ -110,21 +122,21 @@ class MountedImu:
     slope_rad: float
     lift_rad: float
     turn_rad: float
-    oblique_rad: float  # of the chip's own up, from the vehicle's
+    oblique_rad: float  # angle between the chip's up axis and the vehicle's
 
     verdict = "FOUND"
 
     def rows(self) -> list["TableRow"]:
-        """Return one row."""
+        """Return the result as a list of one row."""
         return [asdict(self)]
 
     @classmethod
     def of(cls, row: "TableRow") -> "MountedImu":
-        """Return the result from a row of `rows`, its inverse, from JSON."""
+        """Return the result from a row in JSON: the inverse of `rows`."""
         return cls(**row | {"axes": tuple(row["axes"]), "accel": np.array(row["accel"])})
 
     def table(self) -> str:
-        """Return the table as text."""
+        """Return axes, biases, slope and turn as text."""
         a_x, a_y = self.accel
         return _(
             "axes that point ahead, left, up: {axes}; {oblique_rad:.1f}° from upright\nat rest: "
@@ -140,7 +152,7 @@ class MountedImu:
         )
 
     def values(self, file: "VehicleFile") -> "JsonObject":
-        """Return the changes of a vehicle file: axes, and biases that explain the rest beside its tilt and scales."""
+        """Return the changes of a vehicle file: the axes, and biases that fit the means with its tilt and scales."""
         values: JsonObject = {"robot.imu_axes": list(self.axes)}
         if "imu" in file.sensors._fields:
             imu = file.sensors.imu
@@ -151,9 +163,9 @@ class MountedImu:
         return values
 
 
-def calibrate(watched: ImuReader, say: Say) -> MountedImu:
-    """Guide the operator through the three positions and return axes and biases. The IMU must use its chip's axes."""
-    say(
+def calibrate(watched: ImuReader, notify: Notify) -> MountedImu:
+    """Guide the operator through rest, lift and turn, and return axes and biases. The IMU must use its chip's axes."""
+    notify(
         _(
             "put the vehicle on the floor, wheels down, and do not touch it for {steady_s:g} s",
             steady_s=REST_S + STEADY_S,
@@ -161,16 +173,18 @@ def calibrate(watched: ImuReader, say: Say) -> MountedImu:
     )
     first, gyro_1 = watched.still(REST_S, N_("at rest"))
     up, watched.bias = upward(first), gyro_1
-    say(_("now lift its front by a hand's breadth, straight over the rear, and hold it there"))
+    notify(_("now lift its front by about 10 cm, straight up, and hold it there"))
     least = LEAST_LIFT * STANDARD_GRAVITY
 
     def is_tilted(accel: np.ndarray) -> bool:
         return bool(np.abs(_across(accel - first, up)).max() > least)
 
-    axes, lift = ahead(watched.changed(N_("the lift of the front"), is_tilted) - first, up)
-    say(_("put it down and turn it on the floor by about half a turn to the left; then do not touch it"))
+    axes, lift = ahead(watched.wait_for_force(N_("the lift of the front"), is_tilted) - first, up)
+    notify(_("put it down and turn it on the floor by about half a turn to the left; then do not touch it"))
     before = watched.turned
-    watched.changed(N_("the turn"), lambda accel: _is_turned(watched, before, up) and not is_tilted(accel))
+    watched.wait_for_force(
+        N_("the turn"), lambda accel: _is_turned(watched, before, up) and not is_tilted(accel)
+    )
     second, gyro_2 = watched.still(REST_S, N_("after the turn"))
     gyro = float(0.5 * up @ (gyro_1 + gyro_2))
     turn = float(up @ (watched.turned - before))
@@ -182,7 +196,10 @@ def calibrate(watched: ImuReader, say: Say) -> MountedImu:
 
 
 def _is_turned(reader: ImuReader, before: np.ndarray, up: np.ndarray) -> bool:
-    """Return True if the vehicle was turned to the left. AnswerNo if it was turned to the right.  (3)"""
+    """Return True if the vehicle was turned to the left. Raise AnswerNo if it was turned to the right.  (3)
+
+    Turns up to 90° do not count.
+    """
     turn = float(up @ (reader.turned - before))
     if turn < -LEAST_TURN_RAD:
         raise AnswerNo(fault("calibrate.turned-right", turned_deg=-np.degrees(turn)))
@@ -190,7 +207,7 @@ def _is_turned(reader: ImuReader, before: np.ndarray, up: np.ndarray) -> bool:
 
 
 def upward(force: np.ndarray) -> np.ndarray:
-    """Return the chip's axis (3,), with its sign, that points up. AnswerNo if none is near.  (1)"""
+    """Return the chip's axis (3,), with its sign, that points up. Raise AnswerNo if none points nearly up.  (1)"""
     place = int(np.argmax(np.abs(force)))
     if abs(force[place]) < UPRIGHT * np.linalg.norm(force):
         x, y, z = force
@@ -201,9 +218,9 @@ def upward(force: np.ndarray) -> np.ndarray:
 
 
 def ahead(change: np.ndarray, up: np.ndarray) -> tuple[np.ndarray, float]:
-    """Return the chip's axes (3, 3), rows ahead, left, up, and the lift [rad], by the change of force.  (2)
+    """Return the axes (3, 3), rows ahead, left, up in the chip's axes, and the lift [rad].  (2)
 
-    AnswerNo if the vehicle was lifted over a corner.
+    Raise AnswerNo if the vehicle was lifted over a corner.
     """
     gains = _across(change, up)
     first, second = np.argsort(-np.abs(gains))[:2]
@@ -224,7 +241,7 @@ def ahead(change: np.ndarray, up: np.ndarray) -> tuple[np.ndarray, float]:
 
 
 def biases(first: np.ndarray, second: np.ndarray, turn_rad: float) -> tuple[np.ndarray, np.ndarray]:
-    """Return b (2,) and s (2,) of (4)."""
+    """Return the bias b (2,) and the slope s (2,) [m/s²] of (4), from the mean forces of both positions."""
     c, s = np.cos(turn_rad), np.sin(turn_rad)
     slope = np.linalg.solve(np.array([[c, s], [-s, c]]) - np.eye(2), second - first)
     return first - slope, slope
@@ -237,5 +254,5 @@ def names(axes: np.ndarray) -> tuple[str, str, str]:
 
 
 def _across(vector: np.ndarray, up: np.ndarray) -> np.ndarray:
-    """Return the components (3,) of `vector` along the two other axes."""
+    """Return `vector` (3,) with a zero in place of its component along the axis `up`."""
     return vector * (1.0 - np.abs(up))

@@ -1,16 +1,17 @@
-"""Find place, direction and least duty of each motor, by gyro and accelerometer, without encoders.
+"""Find side, direction and dead zone of each motor, by gyro and accelerometer, without encoders.
 
     ramp      only one motor, until the vehicle turns: the sign of ω shows its side or its plug             (1)
     push      both, so that the turns cancel: ∫ a dt shows ahead or back, and so side or plug               (2)
     sweep     the other motor keeps it turning; this one steps down from far above its ramp:
               d = d₀ + a Δω + b Δω²,   with Δω its share of the turn                                        (3)
     store     duty = d₀ + s r,  s = c/k, k = Δω/(d − d₀) at the top of the sweep, c = min (1 − d₀) k        (4)
-    straight  both at r = 0.5: the turn that remains is ω = c r ε; half of ε to each slope, once            (5)
+    straight  both at r = 0.5: the remaining turn is ω = c r ε; each slope is corrected by half of ε, once  (5)
     held      the same with the heading held by the gyro (controllers/heading_hold.py): ω = 2 c u_ψ         (6)
 
-A left motor backwards and a right one forwards look alike in (1). In (3) the other motor overcomes caster and bearings,
-so d₀ is that of this motor and its gears. With (4) a request r has the same effect on both wheels, ahead and back. Each
-duty is held SETTLE_S, five times the slowest lag of such vehicles (0.17 s, mechanical), before ω is measured.
+A left motor that runs backwards and a right motor that runs forwards look alike in (1). In (3) the other motor
+overcomes caster and bearings, so d₀ belongs only to this motor and its gears. With (4) a request r has the same effect
+on both wheels, ahead and back. Each duty is kept for SETTLE_S before ω is measured. This is five times the slowest lag
+of these vehicles (0.17 s, mechanical).
 """
 
 from collections.abc import Callable
@@ -20,12 +21,12 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 
 from baqueano.controllers.hand import Hand
-from baqueano.controllers.heading_hold import OF_SPEED, HeadingHold, placed
+from baqueano.controllers.heading_hold import OF_SPEED, HeadingHold, place_poles
 from baqueano.diagnostics import fault
 from baqueano.errors import AnswerNo, RobotUnreachable
-from baqueano.language import marked as N_
+from baqueano.language import mark as N_
 from baqueano.language import number
-from baqueano.language import translated as _
+from baqueano.language import translate as _
 from baqueano.robot.uno import settings as uno_settings
 from baqueano.robot.uno.frames import Settings, Way, Wiring
 from baqueano.signals import NANOSECONDS, Estimate, Reference, seconds
@@ -36,36 +37,36 @@ if TYPE_CHECKING:
     from baqueano.robot.workshop.floor_tests import FloorTests, ImuSamples
     from baqueano.worlds.robot import Sample
 
-TURNS_RAD_S = 0.7  # ten times the vibration of such a vehicle, 0.07
+TURNS_RAD_S = 0.7  # ten times the vibration of these vehicles, 0.07
 RAMP_PER_S = 0.25
-ABOVE = 0.25  # duty above the ramp's, at which a motor surely runs
+ABOVE = 0.25  # added to the duty of the ramp, so that a motor runs with certainty
 LEVELS = 7
 SETTLE_S, MEAN_S, PAUSE_S = 0.8, 0.3, 0.4
 PUSH_S, PUSHED_M_S = 0.4, 0.1  # a tenth of a metre a second: 3 times what 0.05 m/s² of vibration adds up to
 STRAIGHT_REQUEST, STRAIGHT_S = 0.5, 1.5
-STRAIGHT = 0.05  # wheels that differ by less go straight enough for any controller
+STRAIGHT = 0.05  # with a smaller difference of the wheels any controller can drive straight
 HELD_TAU_S, HELD_LATE_S = 0.17, 0.1  # of (6): the slowest lag, and the motors', the wire's and 10 ms
-TRIES = 3  # to store again what was stored before
+TRIES = 3  # attempts to restore the former settings
 NAMES = (N_("left forwards"), N_("left backwards"), N_("right forwards"), N_("right backwards"))
-TURN = (-1.0, 1.0)  # of a wheel that runs forwards: the left one turns the vehicle to the right
-Say = Callable[[str], object]
+TURN = (-1.0, 1.0)  # turn by a wheel that runs forwards: the left wheel turns the vehicle right
+Notify = Callable[[str], object]
 
 
 class Sweep(NamedTuple):
-    """The result of a sweep: a wheel in one direction."""
+    """The result of a sweep of one wheel in one direction."""
 
     started: float  # duty at which the vehicle began to move, alone and from rest
     dead_zone: float
     gain: float  # turn per duty beyond the dead zone [rad/s]
-    rms: float  # of the fit (3), in duty
+    rms: float  # residual of the fit (3), in duty
 
 
 @dataclass(frozen=True)
 class Motors:
-    """The stored result.
+    """The result of `calibrate`, which is stored in the Uno.
 
-    `left_over` (2,): the remaining difference of the wheels, forwards and backwards; `held_deg` (2,): the heading error
-    at the end of (6).
+    `left_over` (2,) is the remaining relative difference of the wheels, forwards and backwards. `held_deg` (2,) is the
+    heading error at the end of (6).
     """
 
     settings: Settings
@@ -77,11 +78,11 @@ class Motors:
 
     @property
     def verdict(self) -> str:
-        """Return STRAIGHT or CROOKED."""
+        """Return STRAIGHT if the wheels differ little in both directions, else CROOKED."""
         return "STRAIGHT" if max(map(abs, self.left_over)) <= STRAIGHT else "CROOKED"
 
     def rows(self) -> list["TableRow"]:
-        """Return a row of the whole, and one for each wheel and direction."""
+        """Return a row for the whole vehicle, then a row for each wheel and direction."""
         whole = {
             "wiring": int(self.settings.wiring), "wheels_differ_before": self.before,
             "wheels_differ": self.left_over, "turned_dps": self.turned_dps, "held_deg": self.held_deg,
@@ -91,7 +92,7 @@ class Motors:
 
     @classmethod
     def of(cls, rows: list["TableRow"]) -> "Motors":
-        """Return the result from `rows`, its inverse, from JSON, with the values that `table` uses."""
+        """Return the result from rows in JSON, the inverse of `rows`, with only the settings that `table` uses."""
         whole, *wheels = rows
         ways = tuple(Way(*(row[name] for name in Way._fields)) for row in wheels)
         sweeps = tuple(Sweep(*(row[name] for name in Sweep._fields)) for row in wheels)
@@ -100,7 +101,7 @@ class Motors:
         return cls(Settings(wiring=whole["wiring"], ways=ways), sweeps, *pairs)
 
     def table(self) -> str:
-        """Return the table as text."""
+        """Return wiring, dead zones, slopes and straight drives as text."""
         wide = max(15, *(len(_(name)) for name in NAMES))
         lines = [
             wiring_text(self.settings.wiring),
@@ -123,7 +124,7 @@ class Motors:
             lines.append(
                 _(
                     "straight {name}: turns {w:+.1f} °/s, wheels differ by {e:+.1%} (before the trim "
-                    "{b:+.1%}); by the gyro {h:+.1f}° off after {straight_s:g} s",
+                    "{b:+.1%}); heading error by the gyro {h:+.1f}° after {straight_s:g} s",
                     name=name,
                     w=w,
                     e=e,
@@ -135,8 +136,8 @@ class Motors:
         if self.verdict == "CROOKED":
             lines.append(
                 _(
-                    "The wheels differ by more than {straight:.0%}: does one slip, or rub? Clean the tyres, "
-                    "calibrate again.",
+                    "The wheels differ by more than {straight:.0%}: does a wheel slip or rub? Clean the "
+                    "tyres, and calibrate again.",
                     straight=STRAIGHT,
                 )
             )
@@ -149,11 +150,11 @@ def wiring_text(wiring: int) -> str:
     return _("wiring: {names}", names=", ".join(map(_, names)) or _("as in the guide"))
 
 
-def calibrate(floor: "FloorTests", say: Say = lambda text: None) -> Motors:
-    """Find and store the settings of both motors; the other settings are kept. The vehicle turns and drives 0.5 m.
+def calibrate(floor: "FloorTests", notify: Notify = lambda text: None) -> Motors:
+    """Find and store the settings of both motors, and keep all other settings. The vehicle turns and drives 0.5 m.
 
-    AnswerNo if it does not move, or moves in a way that fits no wiring. Then, and after any other error, the former
-    settings are stored again, also in an Uno that is stopped; `say` reports if it accepted them.
+    Raise AnswerNo if a motor does not turn the vehicle, or if the measurements do not allow a result. After any error
+    the former settings are stored again, also in an Uno that is stopped; `notify` reports if the Uno accepted them.
     """
     before = floor.uno.settings(floor.wait)
     motors = Wiring.LEFT_MOTOR_REVERSED | Wiring.RIGHT_MOTOR_REVERSED | Wiring.MOTORS_SWAPPED
@@ -162,42 +163,43 @@ def calibrate(floor: "FloorTests", say: Say = lambda text: None) -> Motors:
     try:
         floor.upright()
         floor.store(neutral)
-        wiring = _wiring(floor, say)
+        wiring = _wiring(floor, notify)
         neutral = neutral._replace(wiring=neutral.wiring | wiring)
         floor.store(neutral)
-        sweeps = _sweeps(floor, say)
+        sweeps = _sweeps(floor, notify)
         settings = neutral._replace(ways=ways(sweeps), dither_permille=before.dither_permille)
-        return _straight(floor, settings, sweeps, say)
+        return _straight(floor, settings, sweeps, notify)
     except BaseException:
-        _give_back(floor, before, say)
+        _give_back(floor, before, notify)
         raise
     finally:
         floor.uno.disarm()
 
 
-def _give_back(floor: "FloorTests", before: Settings, say: Say) -> None:
+def _give_back(floor: "FloorTests", previous: Settings, notify: Notify) -> None:
     """Store the former settings again. Ctrl-C ends the attempts.
 
-    An Uno that is still armed, because a command was lost, refuses them: each attempt disarms it anew.
+    An Uno that is still armed, because a command was lost, refuses the settings. Each attempt therefore disarms it
+    first.
     """
     try:
         for remaining in reversed(range(TRIES)):
             floor.uno.disarm()
             floor.wait(0.05)
             try:
-                floor.uno.keep(before, floor.wait)
+                floor.uno.keep(previous, floor.wait)
                 break
             except RobotUnreachable:
                 if not remaining:
                     raise
-        say(_("the Uno keeps its old settings"))
+        notify(_("the Uno keeps its old settings"))
     except (RobotUnreachable, KeyboardInterrupt):
-        say(
+        notify(
             _(
-                "the Uno did not take back what it kept before, and keeps settings of a calibration that "
-                "was not finished: the motors may run the wrong way round. When it answers again, "
-                "calibrate it anew, or type there what it kept: {as_typed}",
-                as_typed=uno_settings.as_typed(before),
+                "the Uno did not accept its former settings, and keeps those of an unfinished calibration. "
+                "The motors may run in the wrong direction. When the Uno responds again, calibrate it "
+                "again, or type its former settings: {as_typed}",
+                as_typed=uno_settings.as_typed(previous),
             )
         )
 
@@ -207,7 +209,8 @@ def _wheel_duties(wheel: int, duty: float, other_duty: float = 0.0) -> tuple[flo
 
 
 def _ramp(floor: "FloorTests", wheel: int, direction: float) -> tuple[float, float]:
-    """Return the duty at which the vehicle turns, and the sign of the turn.  (1)"""
+    """Raise the duty of one motor until the vehicle turns; return that duty and the sign of the turn. (1) Raise
+    AnswerNo if the vehicle does not turn."""
     bias = floor.rest(0.3).gyro[:, 2].mean()
     levels: list[float] = []
 
@@ -231,11 +234,14 @@ def _ramp(floor: "FloorTests", wheel: int, direction: float) -> tuple[float, flo
     return levels[-1], float(np.sign(turn))
 
 
-def _wiring(floor: "FloorTests", say: Say) -> Wiring:
-    """Return the flags of the motors' plugs that are connected the other way round.  (1), (2)"""
-    say(_("which motor is which: it will turn to both sides, then push to and fro"))
+def _wiring(floor: "FloorTests", notify: Notify) -> Wiring:
+    """Return the flags of motors' plugs that are reversed or swapped.  (1), (2)
+
+    Raise AnswerNo if a motor does not turn the vehicle, or if the push is too weak.
+    """
+    notify(_("finding which motor is which: the vehicle will turn to both sides, then move forward and back"))
     (left, turn_l), (right, turn_r) = _ramp(floor, 0, 1.0), _ramp(floor, 1, 1.0)
-    # of commands that run both wheels in one direction, if the motors are not swapped
+    # signs of commands that run both wheels in one direction, if the motors are not swapped
     signs = -turn_l, turn_r
     duties = [min(1.0, duty + ABOVE) * sign for duty, sign in zip((left, right), signs, strict=True)]
     push_m_s = _push(floor, duties) - _push(floor, [-d for d in duties])
@@ -256,19 +262,19 @@ def _wiring(floor: "FloorTests", say: Say) -> Wiring:
         wiring |= Wiring.MOTORS_SWAPPED
         wiring |= Wiring.RIGHT_MOTOR_REVERSED if turn_l < 0 else Wiring(0)
         wiring |= Wiring.LEFT_MOTOR_REVERSED if turn_r > 0 else Wiring(0)
-    say(wiring_text(wiring))
+    notify(wiring_text(wiring))
     return wiring
 
 
 def _push(floor: "FloorTests", duties: list[float]) -> float:
-    """Return ∫ a dt along the axis ahead [m/s].  (2)"""
+    """Drive both motors by `duties`, and return ∫ a dt along the axis ahead [m/s].  (2)"""
     bias = floor.rest(0.3).accel[:, 0].mean()
     samples = floor.hold(duties[0], duties[1], PUSH_S)
     floor.hold(0.0, 0.0, PAUSE_S)
     return float(np.mean(samples.accel[:, 0] - bias) * PUSH_S)
 
 
-def _sweeps(floor: "FloorTests", say: Say) -> tuple[Sweep, ...]:
+def _sweeps(floor: "FloorTests", notify: Notify) -> tuple[Sweep, ...]:
     """Return the sweeps of both wheels in both directions.  (3)"""
     start_duties = [_ramp(floor, wheel, direction)[0] for wheel in (0, 1) for direction in (1.0, -1.0)]
     sweeps = []
@@ -277,7 +283,7 @@ def _sweeps(floor: "FloorTests", say: Say) -> tuple[Sweep, ...]:
         sign = 1.0 - 2.0 * direction
         other_duty = min(1.0, start_duties[2 * (1 - wheel) + 1 - direction] + ABOVE)  # it runs the other way
         sweeps.append(_sweep(floor, wheel, sign, start_duties[place], other_duty, name))
-        say(_("{name}: dead zone {dead_zone:.1%}", name=_(name), dead_zone=sweeps[-1].dead_zone))
+        notify(_("{name}: dead zone {dead_zone:.1%}", name=_(name), dead_zone=sweeps[-1].dead_zone))
     return tuple(sweeps)
 
 
@@ -292,13 +298,14 @@ def _sweep(
         samples = floor.hold(*_wheel_duties(wheel, sign * float(duty), -sign * other_duty), SETTLE_S + MEAN_S)
         turns.append(turn * float(np.mean(samples.after(SETTLE_S).gyro[:, 2] - bias)))
     floor.hold(0.0, 0.0, PAUSE_S)
-    return fitted(start_duty, np.array(duties[:-1]), np.array(turns[:-1]) - turns[-1], name)
+    return fit_sweep(start_duty, np.array(duties[:-1]), np.array(turns[:-1]) - turns[-1], name)
 
 
-def fitted(started: float, duties: np.ndarray, added: np.ndarray, name: str) -> Sweep:
-    """Return the fit (3) through the levels, (n,) duties and (n,) Δω, of at least a fifth of the largest Δω.
+def fit_sweep(started: float, duties: np.ndarray, added: np.ndarray, name: str) -> Sweep:
+    """Return the fit (3) of `duties` (n,) to `added` (n,), the Δω of each duty [rad/s].
 
-    AnswerNo if fewer than four levels remain, or if the dead zone is above 0.7.
+    Only points with at least a fifth of the largest Δω are used. Raise AnswerNo if fewer than four such points exist,
+    or if the dead zone is above 0.7.
     """
     runs = added > max(0.2 * added.max(), 0.1)
     if runs.sum() < 4:
@@ -323,7 +330,7 @@ def fitted(started: float, duties: np.ndarray, added: np.ndarray, name: str) -> 
 
 
 def ways(sweeps: tuple[Sweep, ...]) -> tuple[Way, ...]:
-    """Return the settings of each wheel and direction.  (4)"""
+    """Return the settings of each wheel and direction, in the order of the sweeps.  (4)"""
     reach = min((1.0 - s.dead_zone) * s.gain for s in sweeps)
     return tuple(Way(round(1000 * s.dead_zone), _slope(1000.0 * reach / s.gain)) for s in sweeps)
 
@@ -332,9 +339,9 @@ def _slope(permille: float) -> int:
     return int(np.clip(round(permille), 100, 3000))
 
 
-def _straight(floor: "FloorTests", settings: Settings, sweeps: tuple[Sweep, ...], say: Say) -> Motors:
-    """Drive straight, trim, and drive straight again.  (5)"""
-    say(_("straight on: half a metre to and fro, three times"))
+def _straight(floor: "FloorTests", settings: Settings, sweeps: tuple[Sweep, ...], notify: Notify) -> Motors:
+    """Drive straight, correct the slopes, drive straight again, and return the result.  (5), (6)"""
+    notify(_("straight ahead: half a metre forward and back, three times"))
     reach = min((1.0 - s.dead_zone) * s.gain for s in sweeps)
     floor.store(settings)
     before = tuple(_differ(floor, sign, reach)[0] for sign in (1.0, -1.0))
@@ -355,7 +362,7 @@ def _straight(floor: "FloorTests", settings: Settings, sweeps: tuple[Sweep, ...]
 
 
 def _differ(floor: "FloorTests", sign: float, reach: float) -> tuple[float, float]:
-    """Return ε of (5), positive if the right wheel does more, and the turn [rad/s]."""
+    """Return ε of (5), positive if the right wheel is faster, and the turn [rad/s]."""
     bias = floor.rest(0.3).gyro[:, 2].mean()
     request = sign * STRAIGHT_REQUEST
     samples: ImuSamples = floor.hold(request, request, STRAIGHT_S)
@@ -368,7 +375,7 @@ def _heading_error(floor: "FloorTests", sign: float, reach: float) -> float:
     """Return the heading error [rad] after a straight drive with the heading held.  (6)"""
     bias = floor.rest(0.3).gyro[:, 2].mean()
     straight = Hand(lambda: np.array([sign * STRAIGHT_REQUEST, 0.0, 0.0]))
-    hold = HeadingHold(straight, placed(2.0 * reach, HELD_TAU_S, HELD_LATE_S), 1.0, OF_SPEED)
+    hold = HeadingHold(straight, place_poles(2.0 * reach, HELD_TAU_S, HELD_LATE_S), 1.0, OF_SPEED)
     state, psi, r, imu_ns = hold.init(), 0.0, 0.0, -1
 
     def duties(t_s: float) -> tuple[float, float]:
@@ -381,13 +388,13 @@ def _heading_error(floor: "FloorTests", sign: float, reach: float) -> float:
         left, right = mix("two_wheels", command.u)
         return float(left), float(right)
 
-    def feel(sample: "Sample") -> bool:
+    def integrate_gyro(sample: "Sample") -> bool:
         nonlocal psi, r, imu_ns
         r = float(sample.gyro[2] - bias)
         psi += r * seconds(sample.t_ns, imu_ns) if imu_ns >= 0 else 0.0
         imu_ns = sample.t_ns
         return False
 
-    floor.follow(duties, STRAIGHT_S, feel)
+    floor.follow(duties, STRAIGHT_S, integrate_gyro)
     floor.hold(0.0, 0.0, PAUSE_S)
     return psi

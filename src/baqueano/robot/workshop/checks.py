@@ -1,4 +1,4 @@
-"""Represent the checks of a vehicle: figure, verdict, and remedy.
+"""Represent the checks of a vehicle: each has a figure, a verdict and a remedy. The verdicts are:
 
 ok        as it should be
 warn      it drives, but worse than it could
@@ -9,7 +9,7 @@ unknown   cannot be checked on this machine; the figure states why
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, NamedTuple
 
-from baqueano.language import translated as _
+from baqueano.language import translate as _
 from baqueano.printable import in_lines
 
 if TYPE_CHECKING:
@@ -17,7 +17,7 @@ if TYPE_CHECKING:
 
 
 class Check(NamedTuple):
-    """A check of the vehicle."""
+    """A check of the vehicle: its name, its verdict, the measured figure as text, and a remedy."""
 
     name: str
     verdict: str
@@ -27,7 +27,7 @@ class Check(NamedTuple):
 
 @dataclass
 class Report:
-    """All checks."""
+    """The checks of a vehicle, and the verdict on all of them."""
 
     checks: list[Check] = field(default_factory=list)
 
@@ -42,7 +42,7 @@ class Report:
         return [check._asdict() for check in self.checks]
 
     def table(self) -> str:
-        """Return a line for each check, with its remedy below it."""
+        """Return a line of text for each check, with its remedy below it unless the verdict is "ok"."""
         wide = max(len(_(check.name)) for check in self.checks)
         grade = max(7, *(len(_(check.verdict)) for check in self.checks))
         lines = []

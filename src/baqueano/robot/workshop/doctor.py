@@ -13,9 +13,9 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from baqueano.errors import BaqueanoError
-from baqueano.language import marked as N_
+from baqueano.language import mark as N_
 from baqueano.language import number
-from baqueano.language import translated as _
+from baqueano.language import translate as _
 from baqueano.robot.imu.bus_recovery import recoverable
 from baqueano.robot.workshop.checks import Check, Report
 from baqueano.robot.workshop.uno_checks import uno
@@ -41,13 +41,13 @@ HOT_C = 75.0  # the Pi slows down at 80
 LEAST_YEAR = 2025  # a Pi without a battery for its clock and without a network wakes in the past
 JITTER_HZ = 100.0
 POSIX, LINUX = sys.platform != "win32", sys.platform == "linux"
-Say = Callable[[str], object]
+Notify = Callable[[str], object]
 
 
 def examine(
-    hardware: "Hardware", root: Path, runs: Path, jitter_s: float = 0.0, say: Say = lambda text: None
+    hardware: "Hardware", root: Path, runs: Path, jitter_s: float = 0.0, notify: Notify = lambda text: None
 ) -> Report:
-    """Run all checks, hardware first. Each is independent, and none raises an error."""
+    """Run all checks, hardware first, and return the report. A missing or faulty device is reported, not raised."""
     report = Report()
     for part in (
         lambda: uno(hardware.port, hardware.least_battery_v),
@@ -62,14 +62,14 @@ def examine(
         lambda: disk(runs, hardware.least_disk_mb),
         lambda: clock(),
         lambda: realtime(),
-        lambda: jitter(jitter_s, say) if jitter_s > 0.0 else iter(()),
+        lambda: jitter(jitter_s, notify) if jitter_s > 0.0 else iter(()),
     ):
         report.checks += part()
     return report
 
 
 def imu(hardware: "Hardware", root: Path) -> Iterator[Check]:
-    """Open the IMU and check it for two seconds."""
+    """Open the IMU of [robot], and yield the checks made during two seconds."""
     from baqueano.robot.imu import driver as imu_driver
 
     bus = f"dev/i2c-{hardware.imu_bus:.0f}"
@@ -90,7 +90,7 @@ def imu(hardware: "Hardware", root: Path) -> Iterator[Check]:
 
 
 def imu_checks(chip: Any, wait: Callable[[float], object], seconds: float = 2.0) -> Iterator[Check]:
-    """Check chip, bus, rate and noise of a running IMU."""
+    """Yield the checks of chip, bus, rate, noise and self-test of a running IMU."""
     identity, samples = chip.identity, []
     for _look in range(round(seconds / 0.02)):
         wait(0.02)
@@ -107,7 +107,7 @@ def imu_checks(chip: Any, wait: Callable[[float], object], seconds: float = 2.0)
         ),
         "; ".join(identity.warnings),
     )
-    share = chip.settings.rate_hz * identity.burst_s  # of the bus's time
+    share = chip.settings.rate_hz * identity.burst_s  # share of the time in which the bus is busy
     yield Check(
         N_("IMU bus"),
         "ok" if identity.bus_hz > 200e3 else "warn" if share < 0.7 else "bad",
@@ -126,7 +126,7 @@ def imu_checks(chip: Any, wait: Callable[[float], object], seconds: float = 2.0)
             N_("IMU rate"),
             "bad",
             _("no sample in {seconds:g} s", seconds=seconds),
-            _("Look at its four wires"),
+            _("Check its four wires"),
         )
         return
     off = chip.rate_hz / chip.settings.rate_hz - 1.0
@@ -135,8 +135,8 @@ def imu_checks(chip: Any, wait: Callable[[float], object], seconds: float = 2.0)
         N_("IMU rate"),
         "ok" if abs(off) < 0.05 and not failures and not clock.slips else "warn",
         _(
-            "{rate_hz:.2f} ± {rate_error_hz:.2f} Hz of {rate_hz2} ({off:+.1%}), stamped within "
-            "{phase_error_ns:.1f} ms; {failed} calls failed or overflowed, {slips} times samples lost",
+            "{rate_hz:.2f} ± {rate_error_hz:.2f} Hz of {rate_hz2} ({off:+.1%}), timestamps within "
+            "{phase_error_ns:.1f} ms; {failed} calls failed or overflowed, samples were lost {slips} times",
             rate_hz=chip.rate_hz,
             rate_error_hz=clock.rate_error_hz,
             rate_hz2=chip.settings.rate_hz,
@@ -145,14 +145,14 @@ def imu_checks(chip: Any, wait: Callable[[float], object], seconds: float = 2.0)
             failed=failures,
             slips=clock.slips,
         ),
-        _("Shorten its wires, twist SDA with ground; a chip's clock may be 4 % off"),
+        _("Shorten its wires, and twist SDA with ground; the clock of a chip may have an error of 4 %"),
     )
     yield from noise(samples)
-    yield tested(chip, wait)
+    yield self_test_check(chip, wait)
 
 
-def tested(chip: Any, wait: Callable[[float], object]) -> Check:
-    """Return the check of the chip's self-test: the chip deflects each axis."""
+def self_test_check(chip: Any, wait: Callable[[float], object]) -> Check:
+    """Return the check of the chip's self-test, in which the chip deflects each axis."""
     from baqueano.robot.imu.self_test import self_test
 
     try:
@@ -172,7 +172,7 @@ def tested(chip: Any, wait: Callable[[float], object]) -> Check:
     ]
     silent = sum(a.passed is None for a in axes)
     ratios = _(
-        "{good} of 6 axes answer as at the factory, which says nothing of {silent}",
+        "{good} of 6 axes respond as in the factory, which did not store a code for {silent}",
         good=6 - silent - len(off),
         silent=silent,
     )
@@ -180,12 +180,12 @@ def tested(chip: Any, wait: Callable[[float], object]) -> Check:
         N_("IMU self-test"),
         "warn" if off else "ok",
         "; ".join([ratios, *off]),
-        _("A clone, or a damaged chip"),
+        _("It is a clone, or a damaged chip"),
     )
 
 
 def noise(samples: "list[Sample]") -> Iterator[Check]:
-    """Check the scatter of the IMU at rest, and the size of gravity."""
+    """Yield the checks of the IMU's scatter at rest, and, if it is wrong, of the magnitude of gravity."""
     import numpy as np
 
     from baqueano.robot.workshop.floor_tests import STILL_M_S2, STILL_RAD_S
@@ -198,26 +198,27 @@ def noise(samples: "list[Sample]") -> Iterator[Check]:
         N_("IMU noise"),
         "ok" if noise_a < STILL_M_S2 and noise_g < STILL_RAD_S else "warn",
         _(
-            "{noise_a:.3f} m/s², {noise_g:.3f} °/s; feels {size:.2f} m/s²",
+            "{noise_a:.3f} m/s², {noise_g:.3f} °/s; measures {size:.2f} m/s²",
             noise_a=noise_a,
             noise_g=np.degrees(noise_g),
             size=size,
         ),
         _(
-            "Put the vehicle on a floor where nobody walks; if it stands still, the chip is bad or its supply is"
+            "Put the vehicle on a floor where nobody walks. If it is at rest, the chip or its supply is "
+            "faulty"
         ),
     )
     if abs(size / STANDARD_GRAVITY - 1.0) > 0.1:
         yield Check(
             N_("IMU scale"),
             "bad",
-            _("{size:.2f} m/s² at rest, expected 9.81 ± 10 %", size=size),
+            _("{size:.2f} m/s² at rest; expected 9.81 ± 10 %", size=size),
             _("Replace the IMU"),
         )
 
 
 def groups(root: Path) -> Iterator[Check]:
-    """Check if this user may open the devices, by the user's groups."""
+    """Yield a check for each group: does this user belong to it, and so may open its devices?"""
     names: dict[int, str] = {}
     with suppress(OSError):
         for line in (root / "etc/group").read_text(encoding="utf-8").splitlines():
@@ -226,20 +227,20 @@ def groups(root: Path) -> Iterator[Check]:
     own_groups = {names.get(gid) for gid in os.getgroups()} if POSIX else set()
     for group, device in GROUPS.items():
         if group not in names.values():
-            yield Check(f"group {group}", "unknown", _("there is no such group on this machine"))
+            yield Check(f"group {group}", "unknown", _("this group does not exist on this machine"))
         elif group in own_groups or (POSIX and os.geteuid() == 0):
-            yield Check(f"group {group}", "ok", _("{what} may be opened", what=_(device)))
+            yield Check(f"group {group}", "ok", _("{what} can be opened", what=_(device)))
         else:
             yield Check(
                 f"group {group}",
                 "bad",
-                _("this user is not in it: {what} may not be opened", what=_(device)),
+                _("this user is not in the group: {what} cannot be opened", what=_(device)),
                 _("Type: sudo usermod -aG {group} $USER, and log in again", group=group),
             )
 
 
 def power(root: Path) -> Iterator[Check]:
-    """Check the Pi's report of its supply since it started."""
+    """Check the Raspberry Pi's report about its supply voltage since it started."""
     try:
         bits = int((root / THROTTLED).read_text(encoding="utf-8"), 16)
     except (OSError, ValueError):
@@ -250,7 +251,7 @@ def power(root: Path) -> Iterator[Check]:
         N_("supply"),
         "bad" if bits & 0xF else "warn" if causes else "ok",
         ", ".join(causes) or _("never under 4.63 V"),
-        _("Use a supply of 5.1 V and 2.5 A with short thick wires, apart from the motors' battery"),
+        _("Use a supply of 5.1 V and 2.5 A with short thick wires, separate from the motors' battery"),
     )
 
 
@@ -265,12 +266,12 @@ def temperature(root: Path) -> Iterator[Check]:
         N_("temperature"),
         "ok" if celsius < HOT_C else "warn",
         f"{number(celsius):.0f} °C",
-        _("A heat sink, or some air"),
+        _("Add a heat sink, or a fan"),
     )
 
 
 def governor(root: Path) -> Iterator[Check]:
-    """Check the governor of the processor's clock: a clock that changes makes ticks late."""
+    """Check the governor of the processor's clock: a clock that changes delays ticks."""
     try:
         mode = (
             (root / "sys/devices/system/cpu/cpu0/cpufreq/scaling_governor")
@@ -292,7 +293,7 @@ def governor(root: Path) -> Iterator[Check]:
 
 
 def disk(runs: Path, least_mb: float) -> Iterator[Check]:
-    """Check the free space for runs: 100 Hz fill about 4 MB a minute."""
+    """Check the free disk space for runs: a run at 100 Hz needs about 4 MB a minute."""
     place = next(p for p in (runs.absolute(), *runs.absolute().parents) if p.exists())
     free_mb = shutil.disk_usage(place).free / 1e6
     yield Check(
@@ -309,7 +310,7 @@ def disk(runs: Path, least_mb: float) -> Iterator[Check]:
 
 
 def clock(now_s: Callable[[], float] = time.time) -> Iterator[Check]:
-    """Check that the date is plausible."""
+    """Check that the clock is set: the year must be LEAST_YEAR or later."""
     year = time.gmtime(now_s()).tm_year
     text = time.strftime("%Y-%m-%d %H:%M UTC", time.gmtime(now_s()))
     yield Check(
@@ -324,11 +325,11 @@ def clock(now_s: Callable[[], float] = time.time) -> Iterator[Check]:
 
 
 def realtime() -> Iterator[Check]:
-    """Check if this user may have the priority that a control loop needs."""
+    """Check if this user may use the real-time priority that a control loop needs."""
     from baqueano.robot.service.realtime import PRIORITY
 
     if not LINUX:
-        yield Check(N_("real time"), "unknown", _("this system has no SCHED_FIFO"))
+        yield Check(N_("real time"), "unknown", _("this system does not support SCHED_FIFO"))
         return
     before = os.sched_getscheduler(0), os.sched_getparam(0)
     try:
@@ -344,12 +345,12 @@ def realtime() -> Iterator[Check]:
                 priority=PRIORITY,
                 strerror=error.strerror,
             ),
-            _("The service has it from systemd (baqueano robot setup); this user needs none"),
+            _("The service receives it from systemd (baqueano robot setup); this user does not need it"),
         )
 
 
-def jitter(seconds: float, say: Say = lambda text: None) -> Iterator[Check]:
-    """Check the delay with which a loop of 100 Hz wakes, with real-time priority if this user may have it."""
+def jitter(seconds: float, notify: Notify = lambda text: None) -> Iterator[Check]:
+    """Check the wake-up delays of a loop of 100 Hz, with real-time priority if this user may use it."""
     import numpy as np
 
     from baqueano.robot.service.realtime import PRIORITY
@@ -360,7 +361,7 @@ def jitter(seconds: float, say: Say = lambda text: None) -> Iterator[Check]:
         with suppress(OSError):
             os.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param(PRIORITY))
             granted = True
-    say(_("measures the wake-up error of a 100 Hz loop for {seconds:g} s", seconds=seconds))
+    notify(_("measures the wake-up error of a 100 Hz loop for {seconds:g} s", seconds=seconds))
     try:
         late_us = lateness(seconds)
     finally:
@@ -379,14 +380,14 @@ def jitter(seconds: float, say: Say = lambda text: None) -> Iterator[Check]:
             ticks=len(late_us),
         ),
         _(
-            "With the service's priority it is less: sudo baqueano robot doctor --jitter. Else "
-            "another program keeps the processor busy"
+            "With the service's priority the delay is smaller: sudo baqueano robot doctor --jitter. If "
+            "not, another program keeps the processor busy"
         ),
     )
 
 
 def lateness(seconds: float) -> list[float]:
-    """Return the wake-up errors [µs] of absolute deadlines, a hundred a second."""
+    """Return the delay [µs] of each wake-up of a loop with 100 absolute deadlines per second."""
     period = round(1e9 / JITTER_HZ)
     start, late = time.monotonic_ns(), []
     for tick in range(1, round(seconds * JITTER_HZ) + 1):

@@ -1,4 +1,4 @@
-"""Give a command the hardware for itself: on this machine, while the service is stopped, or over ssh on another."""
+"""Reserve the hardware for one command: on this machine, while the service is stopped, or over ssh on another."""
 
 import json
 import shlex
@@ -9,27 +9,30 @@ from contextlib import ExitStack, contextmanager, suppress
 from typing import TYPE_CHECKING
 
 from baqueano.diagnostics import fault
-from baqueano.door.remote_session import answer_of, attended
+from baqueano.door.remote_session import answer_of, interrupt_on_hangup
 from baqueano.door.ssh import ssh
 from baqueano.door.states import DoorState
 from baqueano.errors import INTERRUPTED, AnswerNo, RobotUnreachable, UsageError, of_code
 from baqueano.language import VARIABLE, current
-from baqueano.language import translated as _
+from baqueano.language import translate as _
 from baqueano.printable import words
 from baqueano.robot import SERVICE
-from baqueano.robot.uno.serial_port import connected
+from baqueano.robot.uno.serial_port import open_uno
 from baqueano.robot.workshop.floor_tests import FloorTests
 
 if TYPE_CHECKING:
     from baqueano.contracts.values import TableRow
     from baqueano.vehicle_file.head import Hardware
 
-Say = Callable[[str], object]
+Notify = Callable[[str], object]
 
 
 @contextmanager
-def service_off(say: Say) -> Iterator[None]:
-    """Stop the service meanwhile, if it runs. AnswerNo while it drives, UsageError if it may not be stopped."""
+def service_off(notify: Notify) -> Iterator[None]:
+    """Stop the service if it runs, and start it again after the body.
+
+    Raise AnswerNo while it drives, UsageError if it may not be stopped.
+    """
     if not shutil.which("systemctl") or _quiet(["systemctl", "--quiet", "is-active", SERVICE]).returncode:
         yield
         return
@@ -40,12 +43,12 @@ def service_off(say: Say) -> Iterator[None]:
         raise UsageError(
             fault("hardware.service-has-it", f"sudo systemctl stop {SERVICE}", error=process.stderr.strip())
         )
-    say(_("{service} stopped meanwhile", service=SERVICE))
+    notify(_("{service} stopped meanwhile", service=SERVICE))
     try:
         yield
     finally:
         process = _quiet([*sudo, "systemctl", "start", SERVICE])
-        say(
+        notify(
             _(
                 "{service} was not started again ({error}). Type: sudo systemctl start {service}",
                 service=SERVICE,
@@ -57,39 +60,42 @@ def service_off(say: Say) -> Iterator[None]:
 
 
 @contextmanager
-def opened(
-    hardware: "Hardware", say: Say, in_chip_axes: bool = False, motors: bool = True
+def open_hardware(
+    hardware: "Hardware", notify: Notify, in_chip_axes: bool = False, motors: bool = True
 ) -> Iterator[FloorTests]:
-    """Open Uno and IMU of [robot] until the operator disconnects: then KeyboardInterrupt.
+    """Yield Uno and IMU of [robot], while the service is stopped.
 
-    Without `motors` the Uno may be missing.
+    Without `motors` the Uno is not opened. Raise KeyboardInterrupt in the body if the operator disconnects.
     """
     from baqueano.robot.imu import driver as imu_driver
 
     with ExitStack() as things:
-        things.enter_context(service_off(say))
-        things.enter_context(attended(say))
-        uno = things.enter_context(connected(hardware.port)) if motors else None
-        imu = imu_driver.of(hardware, say, in_chip_axes)
+        things.enter_context(service_off(notify))
+        things.enter_context(interrupt_on_hangup(notify))
+        uno = things.enter_context(open_uno(hardware.port)) if motors else None
+        imu = imu_driver.of(hardware, notify, in_chip_axes)
         things.callback(imu.close)
         yield FloorTests(uno, imu)
 
 
 def _not_driving() -> None:
-    """Raise AnswerNo if the service drives. If it does not answer, it does not drive, or its watchdog ends it."""
-    from baqueano.door.remote import reached
+    """Raise AnswerNo if the service drives.
 
-    with suppress(RobotUnreachable), reached("here") as remote:
+    A service that does not answer either does not drive or is ended by its watchdog.
+    """
+    from baqueano.door.remote import connect
+
+    with suppress(RobotUnreachable), connect("here") as remote:
         state = remote.state["state"]
         if state in (DoorState.MANUAL, DoorState.MISSION):
             raise AnswerNo(fault("hardware.drives", state=state))
 
 
 def rows_from_host(host: str, *verb: str) -> list["TableRow"]:
-    """Return the rows that `baqueano VERB --json` answers at HOST; its messages to the operator are shown at once.
+    """Return the rows of `baqueano VERB --json` at HOST; messages to the operator are shown as they arrive.
 
-    Raises the error that was raised there, KeyboardInterrupt if it was interrupted, RobotUnreachable without a
-    connection.
+    Raise the error that was raised at HOST, KeyboardInterrupt if the command was interrupted, or RobotUnreachable
+    without a connection.
     """
     answer, code = answer_of(ssh(host, shlex.join([*_language_setting(), "baqueano", *verb, "--json"])))
     try:
@@ -101,16 +107,14 @@ def rows_from_host(host: str, *verb: str) -> list["TableRow"]:
     if code == INTERRUPTED:
         raise KeyboardInterrupt
     cause = {
-        127: _("{host} lacks baqueano. Type: baqueano robot setup {host}", host=host),
-        255: _("{host} was not reached by ssh. To see why: ssh {host}", host=host),
-    }.get(
-        code, _("{host}: baqueano {verb} ended there, for the reason above.", host=host, verb=" ".join(verb))
-    )
+        127: fault("ssh.no-baqueano", f"baqueano robot setup {host}", host=host),
+        255: fault("ssh.not-reached", f"ssh {host}", host=host),
+    }.get(code, fault("ssh.ended", host=host, verb=" ".join(verb)))
     raise of_code(code, cause, otherwise=RobotUnreachable)
 
 
 def _language_setting() -> list[str]:
-    """Return the command words that make the vehicle answer in the current language."""
+    """Return the words before a command that make the vehicle answer in the current language, [] for English."""
     return [] if current() == "en" else ["env", f"{VARIABLE}={current()}"]
 
 

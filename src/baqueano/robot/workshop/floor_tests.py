@@ -1,4 +1,4 @@
-"""Drive the vehicle on the floor by given duties, and record its IMU, for a calibration."""
+"""Drive the vehicle on the floor by given duties, and record its IMU for a calibration."""
 
 import time
 from collections.abc import Callable
@@ -16,26 +16,26 @@ if TYPE_CHECKING:
     from baqueano.worlds.robot import Sample
 
 STEP_S = 0.01
-SILENT_S = 0.2  # of the IMU or the Uno, after which nothing is driven; no duty is held as short as that
-TILT_COS = 0.9  # of the angle between gravity and the axis that should point up: 26°
+SILENT_S = 0.2  # silence of the IMU or the Uno that ends a test
+TILT_COS = 0.9  # cosine of the largest tilt of the axis that should point up: 26°
 STILL_RAD_S, STILL_M_S2 = 0.02, 0.15  # scatter at rest: ten times the noise of the chip behind 44 Hz
 
 
 class ImuSamples(NamedTuple):
-    """Samples of the IMU, axes ahead, left, up."""
+    """Samples of the IMU in the axes ahead, left, up."""
 
     t_s: np.ndarray  # (n,) from the first command on
     accel: np.ndarray  # (n, 3) specific force [m/s²]
     gyro: np.ndarray  # (n, 3) [rad/s]
 
     def after(self, t_s: float) -> "ImuSamples":
-        """Return the samples from `t_s` on."""
+        """Return the samples from the time `t_s` [s] on."""
         keep = self.t_s >= t_s
         return ImuSamples(self.t_s[keep], self.accel[keep], self.gyro[keep])
 
     @property
     def still(self) -> bool:
-        """Return True if the samples contain only noise."""
+        """Return True if forces and rates scatter as little as at rest."""
         return bool(
             np.all(self.gyro.std(axis=0) < STILL_RAD_S) and np.all(self.accel.std(axis=0) < STILL_M_S2)
         )
@@ -43,7 +43,7 @@ class ImuSamples(NamedTuple):
 
 @dataclass
 class FloorTests:
-    """Uno and IMU, axes ahead, left, up, with a function to wait and a clock."""
+    """Uno and IMU (axes ahead, left, up), with a function to wait and a clock."""
 
     uno: Any
     imu: Any
@@ -51,14 +51,20 @@ class FloorTests:
     now_ns: Callable[[], int] = time.monotonic_ns
 
     def hold(self, left: float, right: float, seconds: float) -> ImuSamples:
-        """Send these duties every 10 ms for this time. SafetyStop if the link or the IMU fails."""
+        """Send these duties every 10 ms for this time, and return the IMU's samples.
+
+        Raise SafetyStop if the link or the IMU fails.
+        """
         return self.follow(lambda t_s: (left, right), seconds)
 
     def follow(
         self, duties: Callable[[float], tuple[float, float]], seconds: float,
         until: Callable[["Sample"], bool] = lambda sample: False,
     ) -> ImuSamples:  # fmt: skip
-        """Send duties as a function of time [s] for this time, or until a sample meets the condition."""
+        """Send `duties`, a function of time [s], every 10 ms for this time, and return the IMU's samples.
+
+        End earlier if `until` returns True for a sample. Raise SafetyStop if the link or the IMU fails.
+        """
         start = imu_ns = uno_ns = self.now_ns()
         samples, finished = [], False
         self.imu.read()
@@ -78,7 +84,10 @@ class FloorTests:
         )
 
     def rest(self, seconds: float) -> ImuSamples:
-        """Return the IMU's samples with the motors at zero, at rest. AnswerNo if the vehicle moves for 3 s."""
+        """Return the IMU's samples at rest, with the motors at zero.
+
+        Raise AnswerNo if the vehicle moves in each of ten attempts.
+        """
         scatter = 0.0
         for _ in range(10):
             self.hold(0.0, 0.0, 0.3)
@@ -89,14 +98,14 @@ class FloorTests:
         raise AnswerNo(fault("floor.not-still", scatter_deg_s=np.degrees(scatter)))
 
     def upright(self) -> None:
-        """Raise AnswerNo if the axis that should point up does not."""
+        """Raise AnswerNo unless the IMU's up axis points up, within 26°."""
         accel = self.rest(0.3).accel.mean(axis=0)
         if accel[2] < TILT_COS * STANDARD_GRAVITY:
             x, y, z = accel
             raise AnswerNo(fault("floor.gravity", "baqueano robot calibrate imu", x=x, y=y, z=z))
 
     def store(self, settings: "Settings") -> None:
-        """Disarm, write the settings that the firmware stores, and arm again."""
+        """Disarm, write `settings` into the Uno's EEPROM, and arm again."""
         self.uno.disarm()
         self.wait(0.05)
         self.uno.keep(settings, self.wait)

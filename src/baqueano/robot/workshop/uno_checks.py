@@ -1,7 +1,7 @@
 """Check the Uno for `baqueano robot doctor`: the firmware on its line, and the losses in both directions.
 
-Only the receiver of a frame can count it as damaged or lost. The Uno counts the frames that it misses and reports them
-in its telemetry. To have enough frames to count, the checks send as many commands as in a drive, all with motors off.
+Only the receiver of a frame can count it as damaged or lost. The Uno reports the number of frames that it missed in its
+telemetry. The checks send as many commands as a drive, all with motors off, so that there are enough frames to count.
 """
 
 import time
@@ -10,8 +10,8 @@ from copy import copy
 from typing import TYPE_CHECKING
 
 from baqueano.errors import BaqueanoError
-from baqueano.language import marked as N_
-from baqueano.language import translated as _
+from baqueano.language import mark as N_
+from baqueano.language import translate as _
 from baqueano.robot.workshop.checks import Check
 
 if TYPE_CHECKING:
@@ -20,41 +20,41 @@ if TYPE_CHECKING:
     from baqueano.robot.uno.statistics import Statistics
 
 COMMAND_EVERY_S = 0.01
-FIRST_S = 0.1  # until telemetry shows the sequence of the last command
+FIRST_S = 0.1  # time until telemetry shows the sequence of the last command
 LOSS_WARN, LOSS_BAD = 1e-3, 0.05  # shares of frames
 RAM, LEAST_RAM = 2048, 128  # bytes
-QUIETER = N_("Keep the USB cable away from the motors' wires, and 100 nF across each motor")
+QUIETER = N_("Keep the USB cable away from the motors' wires, and put 100 nF across each motor")
 
 
 def uno(port: str, least_battery_v: float, seconds: float = 2.0) -> Iterator[Check]:
-    """Check the line, the firmware on it, its delay, and its losses in two seconds."""
+    """Yield the checks of the serial line, of the firmware, and of delay and losses within `seconds`."""
     from baqueano.robot.uno.frames import AskInfo, Info
-    from baqueano.robot.uno.serial_port import connected, find_port
+    from baqueano.robot.uno.serial_port import find_port, open_uno
 
     try:
         device_path = find_port(port)
-        with connected(device_path) as link:
+        with open_uno(device_path) as link:
             yield Check(N_("serial line"), "ok", device_path)
             time.sleep(FIRST_S)
-            before = copy(link.statistics)  # a frame whose beginning was missed counts as damaged
+            before = copy(link.statistics)  # not counted: a first frame received without its beginning
             send_commands(link, seconds, time.sleep)
             yield from answers(link, least_battery_v, before)
-            yield memory(link.ask(AskInfo(), Info))  # INFO of its start comes before it has looked
+            yield memory(link.request(AskInfo(), Info))  # the INFO sent at boot is older than this figure
     except BaqueanoError as error:
-        yield Check(N_("serial line"), "bad", _("no Uno with our firmware"), str(error))
+        yield Check(N_("serial line"), "bad", _("an Uno with our firmware was not found"), str(error))
 
 
 def send_commands(link: "Uno", seconds: float, wait: Callable[[float], object]) -> None:
-    """Send as many commands as in a drive, each with the motors off."""
+    """Send as many commands as in a drive of this duration [s], each with the motors off."""
     for _tick in range(round(seconds / COMMAND_EVERY_S)):
         link.disarm()
         wait(COMMAND_EVERY_S)
 
 
 def answers(
-    link: "Uno", least_battery_v: float, before: "Statistics", wait: Callable[[float], object] = time.sleep
+    link: "Uno", least_battery_v: float, previous: "Statistics", wait: Callable[[float], object] = time.sleep
 ) -> Iterator[Check]:
-    """Check a link that has received for a while, since its statistics were `before`."""
+    """Yield the checks of a link; losses count from the statistics `previous` on."""
     from baqueano.robot.uno.frames import PROTOCOL, VERSION, Way
 
     info, telemetry = link.info, link.receive()
@@ -63,7 +63,7 @@ def answers(
             N_("firmware"),
             "bad",
             _("the Uno was reset during the check"),
-            _("Look at its supply, and try again"),
+            _("Check its supply, and try again"),
         )
         return
     has, own_version = (info.version_major, info.version_minor, info.version_patch), VERSION
@@ -79,15 +79,15 @@ def answers(
         ),
         _("Type: baqueano robot flash"),
     )
-    yield from line(link, before)
-    yield at_uno(link.statistics, before, info)
+    yield from line(link, previous)
+    yield at_uno(link.statistics, previous, info)
     yield start(info)
     ppm = 1e6 * link.clock.skew
     yield Check(
         N_("Uno's clock"),
         "ok" if abs(ppm) < 5000.0 else "warn",
         _("{ppm:+.0f} ppm", ppm=-ppm),
-        _("More than a resonator may be off: does the board run at 16 MHz?"),
+        _("This error is too large for a resonator: does the board run at 16 MHz?"),
     )
     if telemetry:
         yield battery(telemetry[-1].battery_v, least_battery_v)
@@ -100,8 +100,8 @@ def answers(
     )
 
 
-def line(link: "Uno", before: "Statistics") -> Iterator[Check]:
-    """Check the delay of the line, and its losses."""
+def line(link: "Uno", previous: "Statistics") -> Iterator[Check]:
+    """Yield the checks of the line's round-trip time, and of lost and damaged frames since `previous`."""
     trips = sorted(link.statistics.trips_ms)
     if trips:
         middle, last = trips[len(trips) // 2], trips[-1]
@@ -109,29 +109,34 @@ def line(link: "Uno", before: "Statistics") -> Iterator[Check]:
             N_("link round trip"),
             "ok" if last < 20.0 else "warn",
             _("{middle:.1f} ms, at most {last:.1f} of {trips}", middle=middle, last=last, trips=len(trips)),
-            _("Use a short USB cable without a hub; look for another program that works hard"),
+            _("Use a short USB cable without a hub, and look for another program that loads the processor"),
         )
     else:
         yield Check(N_("link round trip"), "bad", _("no answer to a ping"), _("Type: baqueano robot flash"))
-    lost_frames, damaged_frames, came = link.statistics.since(before, "lost", "damaged", "received")
+    lost_frames, damaged_frames, came = link.statistics.since(previous, "lost", "damaged", "received")
     yield Check(
         N_("frames"),
         of_share((lost_frames + damaged_frames) / max(1, came + lost_frames)),
-        _("{came} came, {lost} lost, {damaged} damaged", came=came, lost=lost_frames, damaged=damaged_frames),
+        _(
+            "{came} received, {lost} lost, {damaged} damaged",
+            came=came,
+            lost=lost_frames,
+            damaged=damaged_frames,
+        ),
         _(QUIETER),
     )
 
 
-def at_uno(now: "Statistics", before: "Statistics", info: "Info") -> Check:
-    """Return the check of the Uno's counts of the frames sent to it; `info` is the INFO that it answered."""
-    frames, spoilt, ignored_frames, overrun = now.since(before, "written", "spoilt", "ignored", "overrun")
+def at_uno(now: "Statistics", previous: "Statistics", info: "Info") -> Check:
+    """Return the check of the frames sent to the Uno, as the Uno counted them; `info` is its INFO."""
+    frames, spoilt, ignored_frames, overrun = now.since(previous, "written", "spoilt", "ignored", "overrun")
     share = spoilt / max(1, frames)
     return Check(
         N_("frames to the Uno"),
         "warn" if (ignored_frames or overrun) and share < LOSS_BAD else of_share(share),
         _(
-            "{written} sent, {spoilt} damaged ({share:.1f} %), {ignored} not obeyed, {overrun} bytes "
-            "lost in its receiver; earlier, since its start, {earlier} damaged",
+            "{written} sent, {spoilt} damaged ({share:.1f} %), {ignored} ignored, {overrun} bytes lost in "
+            "its receiver; earlier, since its start, {earlier} damaged",
             written=frames,
             spoilt=spoilt,
             share=100.0 * share,
@@ -139,14 +144,12 @@ def at_uno(now: "Statistics", before: "Statistics", info: "Info") -> Check:
             overrun=overrun,
             earlier=info.bad_crc + info.bad_shape,
         ),
-        _(QUIETER)
-        if spoilt
-        else _("Is there another program on its line? If not, type: baqueano robot flash"),
+        _(QUIETER) if spoilt else _("Does another program use its line? If not, type: baqueano robot flash"),
     )
 
 
 def start(info: "Info") -> Check:
-    """Return the check of the last start's cause. The supply also sags at power-up."""
+    """Return the check of the cause of the Uno's last start; a brown-out at power-up is not a fault."""
     from baqueano.robot.uno.frames import ResetCause, causes
 
     cause = info.reset_cause
@@ -161,12 +164,14 @@ def start(info: "Info") -> Check:
         ),
         _("Its firmware hung. Type: baqueano robot flash")
         if hung
-        else _("Its supply sagged: 1000 µF at the bridge, thick short wires, a converter of its own"),
+        else _(
+            "Its supply voltage dropped. Use 1000 µF at the bridge, short thick wires and a separate converter"
+        ),
     )
 
 
 def memory(info: "Info") -> Check:
-    """Return the check of the RAM that the Uno's stack never used; a larger stack would overwrite variables."""
+    """Return the check of the RAM that the Uno's stack has never used; too large a stack overwrites variables."""
     free = info.least_free_ram
     return Check(
         N_("Uno's memory"),
@@ -177,12 +182,12 @@ def memory(info: "Info") -> Check:
 
 
 def of_share(lost: float) -> str:
-    """Return the verdict on a share of lost frames."""
+    """Return the verdict on a share of lost frames, 0 to 1."""
     return "ok" if lost < LOSS_WARN else "warn" if lost < LOSS_BAD else "bad"
 
 
 def battery(volts: float, least_v: float) -> Check:
-    """Return the check of the motors' battery, measured behind its divider."""
+    """Return the check of the voltage of the motors' battery, unknown if `least_v` is 0."""
     if least_v <= 0.0:
         return Check(
             N_("battery"),

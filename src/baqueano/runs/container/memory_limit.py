@@ -1,13 +1,13 @@
-"""The memory that an external file may take: 20 times its size, at least 64 MiB, at most 1 GiB.
+"""Limit the memory for an external file to 20 times its size, at least 64 MiB, at most 1 GiB.
 
-A run at rest unpacks to about ten times its file; a file made to fill the memory unpacks to a thousand times its size.
+A run at rest unpacks to about ten times its file. A file made to fill the memory unpacks to a thousand times its size.
 """
 
 FLOOR, TIMES, MOST = 64 * 2**20, 20, 2**30
 
 
-def allowed(size: int) -> int:
-    """Return the number of bytes of memory that a file of `size` bytes may take."""
+def limit_bytes(size: int) -> int:
+    """Return the number of bytes of memory that may be used for a file of `size` bytes."""
     return min(max(FLOOR, TIMES * size), MOST)
 
 

@@ -1,11 +1,12 @@
-"""The messages of a run: ROS 2 messages in CDR, little-endian (XCDR1), packed with `struct` only.
+"""Pack and unpack the messages of a run: ROS 2 messages in CDR, little-endian (XCDR1), with `struct` only.
 
-A message is `00 01 00 00`, then the fields. Each field is aligned to its size, counted from after those four bytes.
-Every channel has one frame name and one size, so all its messages have the same layout: one format string packs them,
-and one NumPy record type unpacks all of them at once. Doubles are exact. The MCAP times of the message are exact too:
-`log_time` is the arrival at the loop, `publish_time` the instant of measurement.
+A message is `00 01 00 00`, then the fields. Each field is aligned to its size, counted from the end of these four
+bytes. Every channel has one frame name and one size, so all its messages have the same layout. One format string packs
+them, and one NumPy record type unpacks all of them at once. Doubles are exact. The MCAP times of the message are exact
+too: `log_time` is the arrival at the loop, `publish_time` the instant of measurement.
 
-IMU, poses and events are standard types, so that viewers can draw them. The file contains the definition of the others.
+IMU, poses and events are standard types, so that viewers can draw them.
+The file contains the definitions of all other types.
 """
 
 import math
@@ -138,7 +139,8 @@ class MessageLayout:
 
     def unpack(self, data: bytearray, sizes: Sequence[int]) -> dict[str, np.ndarray]:
         """Return the fields of all messages in `data`, field name → (N, count), without a copy.
-        The messages follow each other without a gap. ValueError if one does not have this layout."""
+        The messages follow each other without a gap. Raise ValueError if a message has another layout.
+        """
         if len(data) != len(sizes) * self._struct.size or any(size != self._struct.size for size in sizes):
             raise Invalid(fault("damage.message-bytes", bytes=self._struct.size))
         rows = np.frombuffer(data, self._dtype)

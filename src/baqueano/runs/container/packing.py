@@ -1,7 +1,7 @@
 """Pack signals into messages: a method for each recorded signal.
 
-`put(topic, arrival_ns, data, t_ns, spare)` receives each message; `spare` is True if the message can be computed
-again from the other ones.
+`put(topic, arrival_ns, data, t_ns, spare)` receives each message.
+`spare` is True if the message can be computed again from other messages.
 """
 
 import json
@@ -27,7 +27,7 @@ class Packing:
         self.file, self.put = file, put
 
     def command(self, which: str, t_ns: int, u: object) -> None:
-        """Pack the command `u` (n,): "applied" until t_ns, "requested" or "sent" at t_ns."""
+        """Pack the command `u` (n,): "applied" in the interval that ends at `t_ns`, "requested" or "sent" at `t_ns`."""
         values = np.asarray(u, dtype=float).tolist()
         topic = self.file.command(which, len(values))
         self.put(topic.id, t_ns, topic.pack(t_ns, len(values), *values), t_ns, False)
@@ -64,21 +64,21 @@ class Packing:
 
     def reference(self, t_ns: int, eta: object, nu: object, done: float) -> None:
         """Pack the reference pose and velocity."""
-        topic, pose = self.file.fixed("/reference"), np.asarray(eta, dtype=float).tolist()
+        topic, pose = self.file.fixed_topic("/reference"), np.asarray(eta, dtype=float).tolist()
         values = [*pose, *np.asarray(nu, dtype=float).tolist(), float(done)]
         self.put(topic.id, t_ns, topic.pack(t_ns, *values), t_ns, True)
         self._pose("/reference/pose", t_ns, pose)
 
     def truth(self, t_ns: int, eta: object, nu: object, nu_dot: object) -> None:
         """Pack the true pose, velocity and acceleration."""
-        topic, pose = self.file.fixed("/truth"), np.asarray(eta, dtype=float).tolist()
+        topic, pose = self.file.fixed_topic("/truth"), np.asarray(eta, dtype=float).tolist()
         rest = [x for part in (nu, nu_dot) for x in np.asarray(part, dtype=float).tolist()]
         self.put(topic.id, t_ns, topic.pack(t_ns, *pose, *rest), t_ns, False)
         self._pose("/truth/pose", t_ns, pose)
 
     def event(self, event: Event) -> None:
-        """Pack an event: a line of text for the user."""
-        topic = self.file.fixed("/events")
+        """Pack an event: a message for the user."""
+        topic = self.file.fixed_topic("/events")
         level = 10 + 10 * LEVELS.index(event.level)
         message = event.diagnostic
         data = ("", "") if message is None else (str(message.code), json.dumps(message.to_json()))
@@ -86,5 +86,5 @@ class Packing:
         self.put(topic.id, event.t_ns, payload, event.t_ns, False)
 
     def _pose(self, name: str, t_ns: int, eta: list[float]) -> None:
-        topic = self.file.fixed(name)
+        topic = self.file.fixed_topic(name)
         self.put(topic.id, t_ns, topic.pack(t_ns, *pose_values(eta)), t_ns, True)

@@ -1,7 +1,7 @@
 """Read a run: verify every checksum, recover the readable part of a cut or damaged file, and report the rest.
 
-`read_run(path)` returns the run. `run.notes` is empty for a complete file, else it has one sentence per loss. A foreign
-file, or a file without readable data, raises a FileError that names the kind of file.
+`read_run(path)` returns the run. `run.notes` is empty for a complete file, else it contains a sentence per loss. A
+foreign file, or a file without readable data, raises a FileError that names the kind of file.
 """
 
 import json
@@ -14,10 +14,10 @@ import numpy as np
 
 from baqueano.diagnostics import Diagnostic, Severity, fault, note
 from baqueano.errors import FileError, Invalid, cause_of
-from baqueano.printable import typed
+from baqueano.printable import baqueano_command
 from baqueano.runs.container import memory_limit, messages
 from baqueano.runs.container.records import MAGIC, Contents, McapChannel, McapMessages, TooLarge, scan
-from baqueano.runs.container.run_file import METADATA, VEHICLE_FILE, unsealed
+from baqueano.runs.container.run_file import METADATA, VEHICLE_FILE, unseal
 from baqueano.runs.logs import LEVELS, Channel, EstimateLog, Event, ReferenceLog, TruthLog
 from baqueano.runs.run import Run
 
@@ -53,7 +53,7 @@ def read_run(path: Path | str) -> Run:
     Raises
     ------
     FileError
-        If the file is not a run, or nothing in it can be read. The message names the kind of file.
+        If the file is not a run, or if it is unreadable. The message names the kind of file.
 
     Examples
     --------
@@ -93,10 +93,12 @@ def read_bytes(path: Path) -> bytes:
             )
         data = path.read_bytes()
     except IsADirectoryError:
-        raise FileError(fault("runs.folder", typed("runs", "ls", "--runs", path), path=path)) from None
+        raise FileError(
+            fault("runs.folder", baqueano_command("runs", "ls", "--runs", path), path=path)
+        ) from None
     except FileNotFoundError:
         raise FileError(
-            fault("runs.absent", typed("runs", "ls", "--runs", path.parent), missing=path)
+            fault("runs.absent", baqueano_command("runs", "ls", "--runs", path.parent), missing=path)
         ) from None
     except OSError as error:
         raise FileError(fault("runs.not-read", path=path, error=error.strerror or error)) from error
@@ -119,7 +121,7 @@ class _RunAssembly:
     def __init__(self, path: Path, contents: Contents) -> None:
         self.path, self.contents = path, contents
         self.notes: list[Diagnostic] = []
-        self.taken = 0  # bytes of memory beyond those of the messages themselves
+        self.taken = 0  # bytes of memory in addition to the messages
         self.topics: dict[str, list[tuple[McapChannel, int]]] = {}  # in the order in which they were named
         for key, channel in sorted(contents.channels.items()):
             self.topics.setdefault(channel.topic, []).append((channel, key))
@@ -149,7 +151,7 @@ class _RunAssembly:
         return run
 
     def ticks(self) -> Channel:
-        rows = self.read("/command/applied", "u", self.sized(messages.command_layout))
+        rows = self.read("/command/applied", "u", self.of_size(messages.command_layout))
         if rows is None:
             topics = ", ".join(sorted(self.topics)[:8])[:400] or "no topics"
             cause = _join_causes(self.contents.problems[:2])
@@ -157,7 +159,7 @@ class _RunAssembly:
                 raise FileError(
                     fault(
                         "runs.not-ours",
-                        typed("runs", "import", "MAP.toml", self.path),
+                        baqueano_command("runs", "import", "MAP.toml", self.path),
                         path=self.path,
                         held=topics,
                     )
@@ -187,7 +189,7 @@ class _RunAssembly:
         }
 
     def on_ticks(self, topic: str, applied: Channel) -> np.ndarray | None:
-        commands = self.read(topic, "u", self.sized(messages.command_layout))
+        commands = self.read(topic, "u", self.of_size(messages.command_layout))
         if commands is None:
             return None
         if commands.z.shape[1] != applied.z.shape[1]:
@@ -208,7 +210,7 @@ class _RunAssembly:
             size_text = channel.metadata.get("size", "none")
             size = None if size_text == "none" else self.number("/estimate", size_text.split(" ")[0])
             layout = messages.estimate_layout(size, "without" not in size_text)
-            t_ns, _, fields = self.unpacked("/estimate", layout, key)
+            t_ns, _, fields = self.unpack("/estimate", layout, key)
             pieces.append((size, "without" not in size_text, t_ns, fields))
         if not pieces:
             return None
@@ -219,14 +221,14 @@ class _RunAssembly:
         return _concatenate([_estimate_piece(m, with_cov, *piece) for piece in pieces], EstimateLog)
 
     def reference(self) -> ReferenceLog | None:
-        rows = self.fixed("/reference", messages.reference_layout())
+        rows = self.read_fixed("/reference", messages.reference_layout())
         if rows is None:
             return None
         t_ns, f = rows
         return _concatenate([(t_ns, f["eta"], f["nu"], f["done"][:, 0])], ReferenceLog)
 
     def truth(self) -> TruthLog | None:
-        rows = self.fixed("/truth", messages.motion_layout())
+        rows = self.read_fixed("/truth", messages.motion_layout())
         if rows is None:
             return None
         t_ns, f = rows
@@ -253,13 +255,13 @@ class _RunAssembly:
         return "" if text is None else text.decode("utf-8", "replace")
 
     def metadata(self) -> dict[str, str]:
-        metadata = unsealed(self.contents.metadata.get(METADATA, {}))
+        metadata = unseal(self.contents.metadata.get(METADATA, {}))
         if metadata is None:
             self.notes.append(_warning("run.metadata-lost"))
         return metadata or {}
 
     def losses(self, run: Run) -> list[Diagnostic]:
-        """Return the warnings about the file as a whole: not closed, damaged."""
+        """Return warnings if the file was not closed or is damaged."""
         of, warnings = {"file": self.path.name, "ticks": len(run.t_ns)}, []
         if not self.contents.complete:
             warnings.append(_warning("run.not-closed", **of, duration_s=run.duration_s))
@@ -272,15 +274,15 @@ class _RunAssembly:
             warnings.append(_warning(code, **of, places=problems, more=more))
         return warnings
 
-    def sized(self, layout: Any) -> Any:
+    def of_size(self, layout: Any) -> Any:
         return lambda topic, schema, size: layout(size)
 
-    def fixed(
+    def read_fixed(
         self, topic: str, layout: messages.MessageLayout
     ) -> tuple[np.ndarray, dict[str, np.ndarray]] | None:
         if topic not in self.topics:
             return None
-        t_ns, _, fields = self.unpacked(topic, layout, self.topics[topic][0][1])
+        t_ns, _, fields = self.unpack(topic, layout, self.topics[topic][0][1])
         return t_ns, fields
 
     def read(self, topic: str, values: str, layout: Any) -> Channel | None:
@@ -289,15 +291,17 @@ class _RunAssembly:
             return None
         channel, key = self.topics[topic][0]
         message_layout = layout(topic, channel.schema, self.number(topic, channel.metadata.get("size", "")))
-        t_ns, arrival_ns, fields = self.unpacked(topic, message_layout, key)
+        t_ns, arrival_ns, fields = self.unpack(topic, message_layout, key)
         z = messages.imu_z(fields) if channel.schema == "sensor_msgs/msg/Imu" else fields[values]
         order = np.argsort(arrival_ns, kind="stable")
         return Channel(t_ns[order], arrival_ns[order], np.ascontiguousarray(z[order]))
 
-    def unpacked(
+    def unpack(
         self, topic: str, layout: messages.MessageLayout, key: int
     ) -> tuple[np.ndarray, np.ndarray, dict[str, np.ndarray]]:
-        """Return the times of a channel's messages, their arrival, and the fields; remove them from the contents."""
+        """Return times and arrival times (N,) [ns] of a channel's messages, and their fields.
+        Remove them from the contents.
+        """
         messages_of_key = self.contents.messages.pop(key, NOTHING)
         try:
             fields = layout.unpack(messages_of_key.data, messages_of_key.sizes)
@@ -309,7 +313,7 @@ class _RunAssembly:
         return t_ns.astype(np.int64), arrival_ns.astype(np.int64), fields
 
     def number(self, topic: str, text: str) -> int:
-        """Return the declared count of numbers in a message of a channel."""
+        """Return the declared count of numbers in each message of a channel."""
         if not text.isascii() or not text.isdecimal() or len(text) > 4:
             raise self.strange(topic, note("damage.channel-size"))
         return int(text)
@@ -319,16 +323,16 @@ class _RunAssembly:
         self.take(topic, 8 * max(rows, 0) * numbers)
 
     def take(self, topic: str, size: int) -> None:
-        """Count memory beyond that of the messages of a topic. Raise FileError if it exceeds the limit of the file."""
+        """Count `size` bytes of additional memory. Raise FileError if the sum exceeds half of the file's limit."""
         self.taken += size
-        if self.taken > memory_limit.allowed(self.contents.size) // 2:
+        if self.taken > memory_limit.limit_bytes(self.contents.size) // 2:
             raise self.strange(topic, note("damage.memory", size=memory_limit.text_of_size(self.taken)))
 
     def strange(self, topic: str, cause: Diagnostic | str) -> FileError:
         return FileError(
             fault(
                 "runs.foreign-topic",
-                typed("runs", "import", "MAP.toml", self.path),
+                baqueano_command("runs", "import", "MAP.toml", self.path),
                 path=self.path,
                 topic=topic,
                 error=cause,
@@ -351,7 +355,7 @@ def _join_causes(causes: list[Diagnostic | str]) -> Diagnostic | str | None:
 def _estimate_piece(
     m: int | None, with_cov: bool, size: int | None, _: bool, t_ns: np.ndarray, f: dict[str, np.ndarray]
 ) -> tuple[np.ndarray | None, ...]:
-    """Return the columns of an EstimateLog from one channel; an unreported innovation becomes NaN if others exist."""
+    """Return the columns of an EstimateLog from one channel. Innovations of another size than `m` become NaN."""
     k = len(t_ns)
     innovation = innovation_cov = None
     if m is not None:
@@ -371,7 +375,7 @@ def _concatenate(pieces: list[Any], kind: Any) -> Any:
 
 
 def _in_place(parts: tuple[Any, ...], place: np.ndarray) -> np.ndarray | None:
-    """Return the joined column of the segments with each row in its place; it is copied once, as it may be large."""
+    """Return the joined column with each row in its place. It is copied only once, because it may be large."""
     if parts[0] is None:
         return None
     column, at = np.empty((len(place), *parts[0].shape[1:]), dtype=parts[0].dtype), 0

@@ -2,8 +2,9 @@
 
 All data before a cut or around a damaged place are returned, and every lost place is reported. A message is returned
 only from a chunk whose checksum is right, so wrong data never pass silently. If a record is damaged, the reader
-searches for the next chunk and goes on there. The search reads no byte twice, so a damaged file takes no longer than
-an intact one. The unpacked and stored bytes are counted against `memory_limit.allowed`.
+searches for the next chunk and continues there. The search reads each byte at most once. The repeated reading inside
+damaged records is limited to AGAIN times the size of the file. The sum of unpacked and stored bytes may not exceed
+`memory_limit.limit_bytes`.
 """
 
 import re
@@ -80,7 +81,7 @@ class Contents:
 
 
 class TooLarge(Invalid):
-    """Raised for a file that takes more memory than its size allows."""
+    """Raised for a file that needs more memory than its size allows."""
 
 
 class Damage(Invalid):
@@ -123,8 +124,10 @@ class Cursor:
 
 
 def scan(data: bytes, unread: frozenset[str] = frozenset()) -> Contents:
-    """Return the verified records in the bytes of a file that begins with MAGIC, without messages of schemas `unread`.
-    Raise TooLarge if it takes more memory than `memory_limit.allowed`."""
+    """Return the verified records of a file, `data`, which begins with MAGIC. Skip the messages of the schemas
+    `unread`.
+    Raise TooLarge if the file needs more memory than `memory_limit.limit_bytes`.
+    """
     walk = _Walk(data, unread)
     walk.run()
     return walk.contents
@@ -150,33 +153,33 @@ class _Walk:
             at = self.record(at)
         unnamed_channels = [k for k in self.contents.messages if k not in self.contents.channels]
         if unnamed_channels:
-            self.lost(-1, -1, note("damage.names", topics=len(unnamed_channels)))
+            self.report_damage(-1, -1, note("damage.names", topics=len(unnamed_channels)))
         topics = Counter[str]()
         for key, of_channel in self.contents.messages.items():
             topic = self.contents.channels[key].topic if key in self.contents.channels else ""
             topics[topic] += len(of_channel.data) + 24 * len(of_channel.sizes)
         self.afford(self.contents.kept + max(topics.values(), default=0))
 
-    def record(self, at: int) -> int | None:
-        """Read the record at `at`; return the position of the next record, or None if no more can be read."""
-        if len(self.data) - at < 9:
+    def record(self, offset: int) -> int | None:
+        """Read the record at `offset`; return the position of the next record, or None if no more can be read."""
+        if len(self.data) - offset < 9:
             return None
-        kind, size = _RECORD_HEAD.unpack_from(self.data, at)
-        end, chunk = at + 9 + size, self.next_chunk(at)
+        kind, size = _RECORD_HEAD.unpack_from(self.data, offset)
+        end, chunk = offset + 9 + size, self.next_chunk(offset)
         lost_step = chunk < min(end, len(self.data)) and not self.ended
         if lost_step and kind not in (CHUNK, ATTACHMENT):  # or a chunk with a damaged kind
-            self.lost(at, chunk, note("damage.unexpected", kind=kind))
-            if chunk > at:
+            self.report_damage(offset, chunk, note("damage.unexpected", kind=kind))
+            if chunk > offset:
                 return chunk
             kind = CHUNK  # its checksum decides
         if end > len(self.data):
-            chunk = self.next_chunk(at + 1)
+            chunk = self.next_chunk(offset + 1)
             if chunk == len(self.data):
                 return None
-            self.lost(at, chunk, note("damage.record-size", size=size))
+            self.report_damage(offset, chunk, note("damage.record-size", size=size))
             return chunk
         if kind == 0 and size == 0:  # the tail that a power cut leaves: all of it at once
-            rest = _NOT_ZERO.search(self.data, at)
+            rest = _NOT_ZERO.search(self.data, offset)
             end += ((rest.start() if rest else len(self.data)) - end) // 9 * 9
             cause = note("damage.zeros")
         elif not 0 < kind <= LAST_KNOWN:
@@ -185,45 +188,47 @@ class _Walk:
             cause = note("damage.short-record", kind=kind, size=size)
         else:
             try:
-                self.content(kind, at + 9, end)
+                self.content(kind, offset + 9, end)
                 return end
             except Damage as damage:
                 cause = damage.diagnostic
-        self.lost(at, end, cause)
-        return self.behind(at, end)
+        self.report_damage(offset, end, cause)
+        return self.behind(offset, end)
 
-    def behind(self, at: int, end: int) -> int:
-        """Return the position after a damaged record: a chunk inside it, else its end."""
-        chunk = self.next_chunk(at + 1)
-        if chunk >= end or self.walked_twice + end - at > AGAIN * len(self.data):
+    def behind(self, offset: int, end: int) -> int:
+        """Return the position after a damaged record: the first chunk inside the record, else the end of the record."""
+        chunk = self.next_chunk(offset + 1)
+        if chunk >= end or self.walked_twice + end - offset > AGAIN * len(self.data):
             return end
-        self.walked_twice += end - at
+        self.walked_twice += end - offset
         return chunk
 
-    def lost(self, at: int, to: int, cause: Diagnostic | str) -> None:
-        """Report a damaged place; damage that follows it without a gap is not reported again."""
-        if at < 0 or at != self.lost_to:
+    def report_damage(self, offset: int, to: int, cause: Diagnostic | str) -> None:
+        """Report a damaged place. Damage that follows it without a gap is not reported again."""
+        if offset < 0 or offset != self.lost_to:
             self.contents.places += 1
             if self.contents.places <= MOST_REPORTED:
                 self.contents.problems.append(
-                    cause if at < 0 else note("damage.at", first=at, last=to, cause=cause)
+                    cause if offset < 0 else note("damage.at", first=offset, last=to, cause=cause)
                 )
         self.lost_to = to
 
-    def next_chunk(self, at: int) -> int:
-        """Return the position of the first chunk at or after `at`, by its signature; the size of the file if none."""
-        if at > self.sign:
-            sign = self.data.find(_SIGNATURE, at + _SIGNATURE_AT)
+    def next_chunk(self, offset: int) -> int:
+        """Return the position of the first chunk at or after `offset`, by its signature.
+        Return the file size without a chunk.
+        """
+        if offset > self.sign:
+            sign = self.data.find(_SIGNATURE, offset + _SIGNATURE_AT)
             self.sign = len(self.data) if sign < 0 else sign - _SIGNATURE_AT
         return self.sign
 
-    def content(self, kind: int, at: int, end: int) -> None:
-        """Read the bytes `at` to `end` of a record. Raise Damage if they do not have the expected form."""
-        body = self.view[at:end]
+    def content(self, kind: int, offset: int, end: int) -> None:
+        """Read the bytes `offset` to `end` of a record. Raise Damage if they do not have the expected form."""
+        body = self.view[offset:end]
         if kind == CHUNK:
             self.chunk(body)
         elif kind in (SCHEMA, CHANNEL) and self.ended:
-            self.named(kind, Cursor(body), self.repeated)
+            self.read_name(kind, Cursor(body), self.repeated)
         elif kind == HEADER:
             self.contents.profile = Cursor(body).text()
         elif kind == ATTACHMENT:
@@ -238,16 +243,16 @@ class _Walk:
                 raise Damage(fault("damage.end"))
             self.ended = True
             checksum = Cursor(body).number(4)
-            if checksum and not self.contents.places and checksum != zlib.crc32(self.view[: at - 9]):
-                self.lost(-1, -1, note("damage.data-checksum"))
+            if checksum and not self.contents.places and checksum != zlib.crc32(self.view[: offset - 9]):
+                self.report_damage(-1, -1, note("damage.data-checksum"))
         elif kind == FOOTER:
-            self.footer(Cursor(body), at + 16)
+            self.footer(Cursor(body), offset + 16)
             self.contents.complete = self.data[end : end + 8] == MAGIC
         elif kind == MESSAGE:
             raise Damage(fault("damage.no-checksum"))
 
     def chunk(self, body: memoryview) -> None:
-        records = self.opened(body)
+        records = self.unpack_chunk(body)
         at, skipped_bytes, messages, drawn_channels = 0, 0, self.contents.messages, self.skipped_channels
         while at < len(records):
             if len(records) - at < 9:
@@ -273,7 +278,7 @@ class _Walk:
                     of_channel.arrival_ns.append(log_time)
                     of_channel.t_ns.append(publish_time)
             elif kind in (SCHEMA, CHANNEL):
-                self.named(kind, Cursor(records[at : at + size]), self.contents.channels)
+                self.read_name(kind, Cursor(records[at : at + size]), self.contents.channels)
             at += size
         self.contents.kept += (len(records) - skipped_bytes) * 9 // 8  # growing arrays reserve more memory
 
@@ -286,7 +291,7 @@ class _Walk:
             raise Damage(fault("damage.summary-checksum"))
         self.contents.channels = self.repeated | self.contents.channels
 
-    def named(self, kind: int, cursor: Cursor, channels: dict[int, McapChannel]) -> None:
+    def read_name(self, kind: int, cursor: Cursor, channels: dict[int, McapChannel]) -> None:
         if kind == SCHEMA:
             schema = cursor.number(2)
             name = cursor.text()
@@ -317,23 +322,23 @@ class _Walk:
         self.keep(NAMED * len(name) + 4 * len(data))
 
     def keep(self, size: int) -> None:
-        """Count bytes of memory, and raise TooLarge if they exceed the limit."""
+        """Count `size` bytes of memory, and raise TooLarge if the sum exceeds the limit."""
         self.contents.kept += size
         self.afford(len(self.data) + self.contents.kept)
 
     def afford(self, need: int) -> None:
-        """Raise TooLarge if `need` bytes of memory are more than the file may take."""
-        if need > memory_limit.allowed(len(self.data)):
+        """Raise TooLarge if `need` more bytes of memory would exceed the limit of the file."""
+        if need > memory_limit.limit_bytes(len(self.data)):
             raise TooLarge(
                 fault(
                     "damage.too-large",
                     size=memory_limit.text_of_size(len(self.data)),
                     need=memory_limit.text_of_size(need),
-                    most=memory_limit.text_of_size(memory_limit.allowed(len(self.data))),
+                    most=memory_limit.text_of_size(memory_limit.limit_bytes(len(self.data))),
                 )
             )
 
-    def opened(self, body: memoryview) -> bytes | memoryview:
+    def unpack_chunk(self, body: memoryview) -> bytes | memoryview:
         """Return the records in a chunk. Raise Damage if its checksum is wrong, TooLarge if it is too large."""
         _, _, size, checksum = _CHUNK_HEAD.unpack_from(body)
         cursor = Cursor(body)
@@ -347,9 +352,9 @@ class _Walk:
         _check_size(compression, payload, size)
         memory_bytes = len(self.data) + self.contents.kept
         room = max(
-            (memory_limit.allowed(len(self.data)) - memory_bytes) // 2, 0
+            (memory_limit.limit_bytes(len(self.data)) - memory_bytes) // 2, 0
         )  # for the records, and for their stored parts
-        records = decompressed(compression, payload, min(size, room))
+        records = decompress(compression, payload, min(size, room))
         self.unpacked += len(records)
         self.afford(max(self.unpacked, memory_bytes + 2 * (size if len(records) > room else len(records))))
         if len(records) != size:
@@ -372,8 +377,9 @@ def _check_size(compression: str, payload: memoryview, size: int) -> None:
             raise Damage(fault("damage.chunk-other-size"))
 
 
-def decompressed(compression: str, packed: memoryview, size: int) -> bytes | memoryview:
-    """Return at most `size` + 1 bytes of the unpacked data; one byte more than `size` shows that there are more."""
+def decompress(compression: str, packed: memoryview, size: int) -> bytes | memoryview:
+    """Return the unpacked data, but at most `size` + 1 bytes: one byte more than `size` shows that they are
+    too long."""
     if compression == "":
         return packed
     if compression == "zstd":

@@ -1,4 +1,4 @@
-"""The MCAP file of a run: topics, chunks and attachments. No thread, no queue, no clock.
+"""Write the MCAP file of a run: topics, chunks and attachments. It does not use threads, queues or clocks.
 
 Profile `ros2`, messages in CDR, definitions in the file, so that Foxglove, PlotJuggler, rerun, rosbags and
 `ros2 bag` can open it. The topics:
@@ -22,7 +22,7 @@ from typing import Any, NamedTuple
 from baqueano.diagnostics import fault
 from baqueano.errors import FileError, UsageError
 from baqueano.runs.container import messages
-from baqueano.vehicle_file.text.toml_text import parsed
+from baqueano.vehicle_file.text.toml_text import parse_toml
 
 CHUNK_SIZE = 2**18  # bytes before compression, when time does not close a chunk first
 VEHICLE_FILE = "vehicle.toml"  # name of the attachment
@@ -38,9 +38,11 @@ class Topic(NamedTuple):
 
 
 def imu_names(vehicle_text: str) -> Callable[[str, int], bool]:
-    """Return a test for IMU sensors: those of kind imu… in the vehicle file; a sensor not in it counts by its name."""
+    """Return a test for IMU sensors: 3 numbers, and a kind in the vehicle file that begins with imu.
+    The name of a sensor that is not in the vehicle file counts as its kind.
+    """
     try:
-        tables = parsed(vehicle_text, "vehicle.toml").get("sensors", {})
+        tables = parse_toml(vehicle_text, "vehicle.toml").get("sensors", {})
     except (FileError, ValueError):
         tables = {}
 
@@ -69,7 +71,7 @@ class RunFile:
         self._stream = _open(path)
         self._mcap = Writer(self._stream, chunk_size=CHUNK_SIZE, enable_data_crcs=True)
         self._mcap.start(profile="ros2", library="baqueano")
-        self._mcap.add_metadata(METADATA, sealed(metadata))
+        self._mcap.add_metadata(METADATA, seal(metadata))
         self._mcap.add_attachment(0, 0, VEHICLE_FILE, "application/toml", vehicle_text.encode())
 
     def topic(self, name: str, schema: str, size: int | str, pack: Callable[..., bytes]) -> Topic:
@@ -109,8 +111,8 @@ class RunFile:
             key[0], "baqueano_msgs/msg/Estimate", size_text, messages.estimate_layout(size, with_cov).pack
         )
 
-    def fixed(self, name: str) -> Topic:
-        """Return the topic /reference, /truth, /events, or one of the poses for viewers."""
+    def fixed_topic(self, name: str) -> Topic:
+        """Return the topic /reference, /truth or /events, or one of the poses for viewers."""
         key = (name, "")
         if key not in self._topics:
             schema, pack = FIXED[name]
@@ -152,16 +154,16 @@ FIXED = {
 }
 
 
-def sealed(metadata: dict[str, str]) -> dict[str, str]:
+def seal(metadata: dict[str, str]) -> dict[str, str]:
     """Return the metadata with the format and a checksum, which MCAP does not add."""
     content = metadata | {"format": FORMAT}
     return content | {"crc32": f"{zlib.crc32(json.dumps(content, sort_keys=True).encode()):08x}"}
 
 
-def unsealed(record: dict[str, str]) -> dict[str, str] | None:
+def unseal(record: dict[str, str]) -> dict[str, str] | None:
     """Return the metadata without format and checksum; None if the checksum is wrong."""
     metadata = {key: value for key, value in record.items() if key not in ("format", "crc32")}
-    return metadata if record == sealed(metadata) else None
+    return metadata if record == seal(metadata) else None
 
 
 def _open(path: Path) -> Any:

@@ -2,8 +2,8 @@
 
 The loop packs its messages and puts them in a queue; a separate thread of the writer moves them to the file. Twice a
 second it closes a chunk and syncs it to the disk (fdatasync, else fsync). If the program is killed, or after a power
-cut, at most one second is lost. A slow disk never delays the motors: if the queue of a live run is full, messages that
-can be computed again (estimates, references) are dropped first, counted, and reported.
+cut, at most one second is lost. A slow disk never delays the motors. If the queue of a live run is full, the writer
+first drops messages that can be computed again (estimates, references). It counts and reports them.
 """
 
 import heapq
@@ -23,7 +23,7 @@ import numpy as np
 from baqueano.diagnostics import Diagnostic, fault, note
 from baqueano.errors import FileError, Invalid, UsageError
 from baqueano.messages import in_english
-from baqueano.printable import typed
+from baqueano.printable import baqueano_command
 from baqueano.runs.container.messages import LAST_NS
 from baqueano.runs.container.packing import Packing
 from baqueano.runs.container.run_file import RunFile
@@ -54,9 +54,9 @@ def versions() -> dict[str, str]:
 
 
 class RunWriter:
-    """A writer of a run, tick by tick, for a `with`. No method raises while the vehicle moves: `failure` and
-    `dropped` report problems, and `close` raises FileError.
-    `live` is for a real vehicle, which must not wait: messages are dropped if the disk stalls for minutes.
+    """A writer of a run, tick by tick, for a `with` statement. While the vehicle moves, its methods do not raise:
+    `failure` and `dropped` report problems, and `close` raises FileError. `live` is for a real vehicle, which must not
+    wait: messages are dropped if the disk stalls for minutes.
 
     >>> with RunWriter("note.mcap", metadata={"kind": "none"}) as writer:
     ...     writer.event(0, "info", "me", "a line for the reader")
@@ -73,7 +73,7 @@ class RunWriter:
     ) -> None:
         self.path = Path(path)
         self.failure: OSError | None = None  # the reason why writing stopped
-        self.dropped = 0  # messages left out because the disk was too slow
+        self.dropped = 0  # messages dropped because the disk was too slow
         self._live = live
         self._file = RunFile(self.path, vehicle_text, versions() | dict(metadata or {}))
         self._packing = Packing(self._file, self._append)
@@ -86,7 +86,7 @@ class RunWriter:
         self._thread.start()
 
     def record(self, record: "Record") -> None:
-        """Write a Record of the loop: commands, new measurements, estimate and reference."""
+        """Write a record of the loop: commands, new measurements, estimate and reference."""
         tick = record.tick
         self._say("command applied", self._packing.command, "applied", tick.t_ns, tick.u)
         for name, slot in zip(tick.sensors._fields, tick.sensors, strict=True):
@@ -109,17 +109,18 @@ class RunWriter:
         self._say("truth", self._packing.truth, t_ns, motion.eta, motion.nu, motion.nu_dot)
 
     def channel(self, name: str, t_ns: int, z: object) -> None:
-        """Write a measurement (m,) that belongs to none of the vehicle's sensors: the battery, a temperature."""
+        """Write a measurement (m,) of a sensor outside the vehicle file: the battery, a temperature."""
         self._say(f"channel {name}", self._packing.sensor, name, t_ns, t_ns, z)
 
     def event(self, t_ns: int, level: str, source: str, message: Diagnostic | str) -> None:
-        """Write an event: a line of text for the user; `level` is one of LEVELS."""
+        """Write an event: a message for the user; `level` is one of LEVELS."""
         data = message if isinstance(message, Diagnostic) else None
         level = level if level in LEVELS else "warning"
         self._say("event", self._packing.event, Event(t_ns, level, source, in_english(message), data))
 
     def close(self) -> None:
-        """Write the buffered rest and the index. Raise FileError with the saved part if the disk refused."""
+        """Write the remaining buffer and the index. If the disk refused, raise FileError, which names the
+        saved part."""
         if self._closed:
             return
         self._closed = True
@@ -138,7 +139,7 @@ class RunWriter:
             raise FileError(
                 fault(
                     "runs.disk-full",
-                    typed("runs", "recover", self.path),
+                    baqueano_command("runs", "recover", self.path),
                     path=self.path,
                     error=self.failure.strerror or self.failure,
                 )
@@ -157,7 +158,7 @@ class RunWriter:
                 raise
 
     def _say(self, subject: str, pack: Callable[..., Any], *args: object) -> None:
-        """Pack a message; if one cannot be packed, report it once in the run and go on."""
+        """Pack a message. If it cannot be packed, report this once per subject in the run and continue."""
         try:
             pack(*args)
         except (struct.error, ValueError, TypeError, AttributeError, OverflowError) as error:
@@ -201,7 +202,7 @@ class RunWriter:
 
 
 def write_run(run: Run, path: Path | str) -> Path:
-    """Write the whole run into a new file, which appears complete or not at all.
+    """Write the whole run to a new file, which appears complete or not at all.
 
     Parameters
     ----------
@@ -248,8 +249,8 @@ def write_run(run: Run, path: Path | str) -> Path:
 
 
 def _messages(run: Run, file: RunFile) -> Iterator[Message]:
-    """Yield all messages of a run by arrival, each packed when it is needed. Every topic is declared, even one without
-    messages."""
+    """Yield all messages of a run by arrival, each packed when it is needed.
+    Every topic is declared, even one without messages."""
     messages_: list[Message] = []
 
     def collect(topic: int, arrival_ns: int, data: bytes, t_ns: int, spare: bool) -> None:
@@ -308,4 +309,4 @@ def _name_topics(run: Run, file: RunFile) -> None:
         )
     for name, log in (("/reference", run.reference), ("/truth", run.truth)):
         if log is not None:
-            file.fixed(name)
+            file.fixed_topic(name)

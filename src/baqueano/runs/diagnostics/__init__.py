@@ -1,10 +1,10 @@
-"""Diagnostics of a recording: units, signs, clocks and readings that disagree with each other.
+"""Diagnose a recording: find units, signs, clocks and readings that contradict each other.
 
 signal_map          the signal and the unit that each channel shows, by likelihood
 physical_limits     each signal by itself: numbers that no small vehicle reaches
 motion, by_motion   the motion by each source, and sensors and commands compared with the motion by the others
 truth               course and heading of the truth
-cross_checks        all of them, and the consequence for the import
+cross_checks        all checks, and the consequence for the import
 repeated_readings   readings that repeat the previous one
 doubt               one finding
 """

@@ -1,12 +1,12 @@
-"""Compare sensors and commands with the motion that the other ones measure, each by a signal map (signal_map.py).
+"""Compare sensors and commands with the motion by other sensors, each by a signal map (signal_map.py).
 
     (ω_z), (v)              of (ω), (v) by the truth                            scale within 1.25          (1)
     (v_r − v_l)             of (ω) by the truth, or by the gyro                 track of 0.03 to 5 m       (2)
     (a_x, a_y)              of (v̇, v ω)                                         scale within 2.5           (3)
     (ω)                     of (u_steering v, u_throttle v)                     any scale                  (4)
 
-(3) depends on the units of v and, without a truth, of the gyro. If gyro and wheels turn in opposite directions and
-(3) contradicts the gyro too, the gyro is inverted; else swapped wheels and an IMU upside down look the same.
+(3) depends on the units of v and, without a truth, of the gyro. Gyro and wheels may turn in opposite directions. If (3)
+then also contradicts the gyro, the gyro is inverted. Otherwise swapped wheels and an IMU upside down look the same.
 """
 
 from collections.abc import Callable
@@ -59,7 +59,7 @@ def by_motion(run: Run, m: "ColumnMap") -> list[Doubt]:
 
 
 def _doubt(hypothesis: Hypothesis, entry: "Entry", code: str, otherwise: Diagnostic) -> Doubt:
-    """Return an error that contradicts the map, with the line to write; `otherwise` is for a scale of no known unit."""
+    """Return an error that contradicts the map, with the map's new line: `otherwise` if the unit is not known."""
     line = hypothesis.meaning or otherwise
     if hypothesis.code == "inverted":
         scale_note = note("recording.write-scale", scale=f"{-entry.scale:g}")
@@ -77,7 +77,7 @@ def _reason(hypothesis: Hypothesis, entry: "Entry", code: str) -> Diagnostic:
 
 
 def _lines(measures: str, entry: "Entry", *only: str) -> dict[float, Diagnostic]:
-    """Return the line to write for each unit that `entry` may have instead, by its ratio."""
+    """Return ratio → map line for each other unit that `entry` may have."""
     units = ratios(measures, entry.unit).items()
     return {
         r: note("recording.write-unit", unit_of_it=unit, key=entry.key)
@@ -113,8 +113,9 @@ def _by_truth(
 def _late(
     motion: LoggedMotion, entry: "Entry", z: np.ndarray, true_of: Truth
 ) -> tuple[np.ndarray, list[Doubt]]:
-    """Return the truth shifted in time to agree best with the sensor, and a doubt if the shift halves the residual.
-    An offset between two clocks makes the estimated slope too small."""
+    """Return the truth (W,), shifted in time to agree best with the sensor. Also return a doubt if the shift halves the
+    variance of the residual. The reason is that a clock offset makes the estimated slope too small.
+    """
     lags = np.linspace(-CLOCK_S, CLOCK_S, 51)
     relations = [relation(z, true_of(float(lag))) for lag in lags]
     r = np.array([relation.correlation for relation in relations])
@@ -156,7 +157,9 @@ def _wheels(motion: LoggedMotion, imu: "Imu") -> list[Doubt]:
 
 
 def _opposition(motion: LoggedMotion, reason: Diagnostic, wheels: str, imu: "Imu") -> Doubt:
-    """Return an error for the gyro or the wheels, whichever the sideways acceleration contradicts, or for both."""
+    """Return an error about the gyro if the sideways acceleration contradicts the gyro, else about gyro or wheels.
+    With a truth the error is about the wheels.
+    """
     if motion.run.truth is not None:
         return Doubt("inverted", "error", None, reason, note("recording.swap-wheels", wheels=wheels))
     of: JsonObject = {"wheels": wheels, "gyro": imu[2].key, "scale": f"{-imu[2].scale:g}"}
@@ -172,7 +175,8 @@ def _opposition(motion: LoggedMotion, reason: Diagnostic, wheels: str, imu: "Imu
 
 def _accelerometer(motion: LoggedMotion, imu: "Imu", speed: "Entry | None", opposed: bool) -> list[Doubt]:
     """Return the doubts if a_x and a_y are swapped, inverted, or in another unit. If gyro and wheels are `opposed`, a_y
-    is not checked here, as another doubt reports it.  (3)"""
+    is not checked here, because another doubt reports it.  (3)
+    """
     a, predicted, (x, y, gyro) = motion.imu[:, :2], motion.speed * motion.rate, imu
     if not max(np.std(predicted), np.std(a[:, 1])) > MOVED_M_S2 or not np.isfinite(a).all():
         return []
@@ -203,7 +207,9 @@ def _accelerometer(motion: LoggedMotion, imu: "Imu", speed: "Entry | None", oppo
 
 
 def _steering(motion: LoggedMotion) -> list[Doubt]:
-    """Return a doubt if the command that is called steering is not the one of the two that turns the vehicle.  (4)"""
+    """Return a doubt if the command named steering does not turn the vehicle but the other command does.  (4)
+    Also return one if positive steering turns the vehicle to the right.
+    """
     names, run, rate = motion.m.names, motion.run, motion.rate
     which = [i for i, name in enumerate(names) if "steer" in name.lower() or "servo" in name.lower()]
     if len(names) != 2 or len(which) != 1 or not np.std(rate) > 2.0 * TURNED_RAD_S:

@@ -1,8 +1,8 @@
 """Find errors that an imported recording may contain.
 
 It checks each signal by itself (physical_limits.py), the truth by itself (truth.py), then all against each other
-(by_motion.py). An error contradicts the map: the import stops with the line to write, or goes on if the map lists it
-under `accept`.
+(by_motion.py). An error contradicts the map: the import stops and prints the correct line for the map. It continues if
+the map lists the error under `accept`.
 """
 
 from collections.abc import Iterator
@@ -25,8 +25,8 @@ if TYPE_CHECKING:
 LONG = 10.0  # times the median duration of a value: the vehicle is at rest
 
 
-def judged(doubts: list[Doubt], m: "ColumnMap") -> tuple[Doubt, ...]:
-    """Return the doubts with accepted errors as warnings. Raise FileError if another error is left."""
+def accept_errors(doubts: list[Doubt], m: "ColumnMap") -> tuple[Doubt, ...]:
+    """Return the doubts, with accepted errors as warnings. Raise FileError if the map does not accept an error."""
     errors = [d for d in doubts if d.level == "error" and d.code not in m.accept]
     if errors:
         codes = ", ".join(f'"{code}"' for code in sorted({*m.accept, *(d.code for d in errors)}))
@@ -40,7 +40,7 @@ def judged(doubts: list[Doubt], m: "ColumnMap") -> tuple[Doubt, ...]:
 
 
 def _all(doubts: list[Doubt]) -> Diagnostic:
-    """Return several doubts as one; a line to write that several of them share is printed after the last."""
+    """Return several doubts as one. A map line that several doubts share is printed only after the last of them."""
     lines = [d.line for d in doubts]
     each = [
         note("recording.and-line", cause=d.reason, line=d.line)
@@ -69,7 +69,7 @@ def look(run: Run, m: "ColumnMap") -> list[Doubt]:
 
 
 def _channel_doubts(key: str, t_ns: np.ndarray, z: np.ndarray, slow: bool = False) -> Iterator[Doubt]:
-    """Yield the doubts about one signal: constant or held values; a `slow` signal may repeat its values."""
+    """Yield the doubts about constant or held values of one signal. A `slow` signal may repeat its values."""
     z = z[:, np.isfinite(z).any(axis=0)]
     if len(z) < 10 or not z.shape[1]:
         return
@@ -83,4 +83,4 @@ def _channel_doubts(key: str, t_ns: np.ndarray, z: np.ndarray, slow: bool = Fals
     if are_held(lasting):
         every = float(np.mean(lasting[lasting < LONG * np.median(lasting)]))
         reason = note("recording.held", key=key, share=1.0 - 1.0 / every, every=every)
-        yield Doubt("held samples", "warning", int(t_ns[0]), reason, note("recording.write-new-when"))
+        yield Doubt("repeated samples", "warning", int(t_ns[0]), reason, note("recording.write-new-when"))

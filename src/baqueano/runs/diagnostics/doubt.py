@@ -1,13 +1,15 @@
-"""A finding about a recording."""
+"""Store a finding about a recording."""
 
 from typing import NamedTuple
 
 from baqueano.diagnostics import Diagnostic, Severity, note
-from baqueano.language import marked as N_
+from baqueano.language import mark as N_
 from baqueano.messages import text
 
 KINDS = (  # codes as words; `accept` in a map takes them in English
-    N_("constant"), N_("held samples"), N_("gyro at rest"), N_("fast turns"), N_("quiet accelerometer"), N_("curve"),
+    N_("constant"), N_(
+        "repeated samples"
+    ), N_("gyro at rest"), N_("fast turns"), N_("quiet accelerometer"), N_("curve"),
     N_("command range"), N_("inverted"), N_("swapped"), N_("unit"), N_("scale"), N_("no sign"), N_("unrelated"),
     N_("clock"), N_("track"), N_("sign"), N_("mirrored"), N_("heading offset"), N_("repeats"), N_("gap"),
     N_("time jump"), N_("time unit"), N_("time steps back"), N_("short"), N_("no command yet"), N_("no command"),
@@ -16,10 +18,10 @@ KINDS = (  # codes as words; `accept` in a map takes them in English
 
 
 class Doubt(NamedTuple):
-    """A finding about a recording; its sentences are data, translated when they are read."""
+    """A finding about a recording; its sentences are stored as data, and translated when they are read."""
 
     code: str  # the name for `accept` in the map
-    level: str  # "error": contradicts the map; "warning": was corrected or left out; "info": only reported
+    level: str  # "error": contradicts the map; "warning": was corrected or excluded; "info": only reported
     t_ns: int | None  # its beginning; None: it concerns the whole recording
     reason: Diagnostic
     line: Diagnostic | str | None = None  # to write in the map
@@ -32,7 +34,7 @@ class Doubt(NamedTuple):
 
     @property
     def cure(self) -> str:
-        """Return the line to write in the map."""
+        """Return the line to write in the map; "" without one."""
         return text(self.line)
 
     @property
@@ -45,5 +47,5 @@ class Doubt(NamedTuple):
 
     @property
     def advice(self) -> str:
-        """Return the sentence and, if there is one, the line to write."""
+        """Return the reason as a sentence, followed by the line to write, if any."""
         return f"{self.text}; {self.cure}" if self.line else self.text

@@ -1,9 +1,10 @@
-"""The motion by each source of a recording, as means over common windows; NaN for a quantity without a sensor.
+"""Compute the motion by each source of a recording, as means over common windows; NaN for a quantity without a sensor.
 
     truth: Δψ/Δt, Δ(x, y)/Δt · (cos ψ, sin ψ)   gyro: ω_z   odometer, or mean of two wheels: v   wheels: v_l, v_r
 
-Windows of 0.2 s or four samples, each overlapping half of the previous one. A mean is the difference of an integral
-between the ends of the window, as a derivative is that of the signal: so v̇ and a_x refer to the same span.
+Windows have 0.2 s or four samples, and overlap half of the previous window.
+A mean is the difference of an integral between the ends of the window.
+A derivative is the difference of the signal between the same ends, so v̇ and a_x refer to the same span.
 """
 
 from typing import TYPE_CHECKING
@@ -50,13 +51,13 @@ class LoggedMotion:
         return self._change(t, np.concatenate([[0.0], area]))
 
     def true_rate(self, late_s: float = 0.0) -> np.ndarray:
-        """Return ω of the truth with its timestamps shifted later by `late_s`."""
+        """Return ω (W,) [rad/s] of the truth, with `late_s` added to its timestamps."""
         if (truth := self.run.truth) is None:
             return np.full(len(self._t), np.nan)
         return self._change(self._seconds(truth.t_ns) + late_s, np.unwrap(truth.eta[:, 2]))
 
     def true_speed(self, late_s: float = 0.0) -> np.ndarray:
-        """Return ν_x of the truth with its timestamps shifted later by `late_s`."""
+        """Return ν_x (W,) [m/s] of the truth, with `late_s` added to its timestamps."""
         if (truth := self.run.truth) is None:
             return np.full(len(self._t), np.nan)
         t = self._seconds(truth.t_ns) + late_s

@@ -1,12 +1,12 @@
-"""Find numbers that no small vehicle reaches: evidence of a wrong unit from one signal only.
+"""Find numbers that a small vehicle cannot reach: they show a wrong unit from one signal only.
 
     speed, rate    the largest 1 % beyond 60 m/s, 35 rad/s (2000 deg/s, the range of small gyros)
     tyres          means of a_x, a_y over WINDOW_S, minus their median, beyond 2 g: tyres hold about 1 g      (1)
     at rest        before the first command the bias of a small gyro is below 0.35 rad/s (20 deg/s, data sheet of the
                    MPU-6050) and its noise below 0.02 rad/s (1.1 deg/s, ten times its data sheet);            (2)
                    the noise of an accelerometer is above 0.02 m/s² (2 mg; its data sheet at 44 Hz: 2.7 mg)   (3)
-    turning        a_y = v ω: the v of a curve beyond 20 m/s                                                  (4)
-    commands       a full one is 1; the full scales of 255, 1000, … and servo pulses of 1000 to 2000 µs are known
+    turning        the speed v of a curve, by a_y = v ω, beyond 20 m/s                                        (4)
+    commands       a full command is 1; full scales of 255, 1000, … and servo pulses of 1000 to 2000 µs are known
 
 (1) below 4 g, (2), (3), (4) and a rate of more than two turns a second give doubts that do not stop an import.
 """
@@ -17,7 +17,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from baqueano.diagnostics import Diagnostic, note
-from baqueano.language import marked as N_
+from baqueano.language import mark as N_
 from baqueano.runs.diagnostics.doubt import Doubt
 from baqueano.runs.diagnostics.signal_map import relation
 from baqueano.runs.maps.columns import KINDS
@@ -101,7 +101,7 @@ def _at_rest(run: Run, channel: Channel) -> np.ndarray:
 
 
 def _gyro(signal: "ColumnSignal", channel: Channel, run: Run) -> Iterator[Doubt]:
-    """Yield the doubts about the gyro, two turns a second and (2), and about a quiet accelerometer (3)."""
+    """Yield the doubts about the gyro (its rate, and (2) at rest), and about a quiet accelerometer (3)."""
     entry, rate, at_rest = signal.entries[2], channel.z[:, 2], _at_rest(run, channel)
     cure = (
         note("recording.if-in", in_unit="deg/s") if entry.unit != "deg/s" else note("recording.check-scale")
@@ -130,7 +130,7 @@ def _spread(x: np.ndarray) -> float:
 
 
 def _curve(signal: "ColumnSignal", channel: Channel) -> Iterator[Doubt]:
-    """Yield a doubt if a_y and ω_z give a curve at an impossible speed.  (4)"""
+    """Yield a doubt if a_y and ω_z imply a curve at an impossible speed.  (4)"""
     curve = relation(*_means(channel).T[1:])
     if curve.is_clear() and (v := abs(curve.slope)) > CURVE_M_S:
         first, last = signal.entries[1], signal.entries[2]
@@ -170,7 +170,7 @@ def commands(run: Run, m: "ColumnMap") -> Iterator[Doubt]:
 
 
 def _of_parts(u: np.ndarray, percents: list[np.ndarray]) -> Diagnostic | None:
-    """Return the line for a tiny command in `percents`; None if the command is really small."""
+    """Return the map line for a tiny command whose unit is one of `percents`; None if the command is really small."""
     together = percents if _largest(percents) < 100.0 * TINY else [u]
     if _largest(together) <= OVER:
         return note("recording.write", line='unit = "1"')
@@ -182,8 +182,9 @@ def _largest(columns: list[np.ndarray]) -> float:
 
 
 def _full(counts: list[np.ndarray], unit_of_it: str = "") -> Diagnostic:
-    """Return the line for commands in counts; all commands of a vehicle share one full scale. A full scale is named
-    only if the commands are not too small for it."""
+    """Return the map line for commands in counts.
+    All commands of a vehicle share one full scale, which is named only if the commands are not too small for it.
+    """
     least, most = min(float(np.min(u)) for u in counts), _largest(counts)
     if PULSE_US[0] <= least and most <= PULSE_US[1]:
         return note("recording.write-pulses", line=f"{unit_of_it}scale = 0.002, offset = -3.0")

@@ -1,9 +1,9 @@
-"""Find readings that repeat the previous one: held by a driver that reads too fast, or the steps of an encoder.
+"""Find readings that repeat the previous reading: a driver that reads too fast, or the steps of an encoder.
 
 A signal that moves by more than one level of its converter at a time does not repeat a value. So a value that repeats
-between two such jumps was held. A value that repeats next to a jump to the adjacent level moves by less than a step.
-If the wheel of an encoder rolls evenly, 1 to 4 % of such values last. If a driver reads twice as fast as the chip
-measures, all of them last.
+between two such jumps was held by the driver. A value that repeats next to a jump to the adjacent level moves by less
+than a step. If the wheel of an encoder rolls evenly, 1 to 4 % of the values between jumps repeat. If a driver reads
+twice as fast as the chip measures, all of them repeat.
 """
 
 from typing import NamedTuple
@@ -22,12 +22,14 @@ class Repeats(NamedTuple):
 
 
 def are_held(lasting: np.ndarray) -> bool:
-    """Return True if enough of the values (K,) last more than one reading, as with a driver that is too fast."""
+    """Return True if enough of the values repeat, as with a driver that is too fast.
+    `lasting` (K,) counts their readings.
+    """
     return len(lasting) >= ENOUGH and bool(np.mean(lasting > 1) > HELD)
 
 
 def repeats(x: np.ndarray) -> Repeats:
-    """Return the repeats of a channel x (M,); a value that is not finite repeats no other.
+    """Return the repeats of a channel x (M,); values that are not finite do not count as repeats.
 
     >>> repeats(np.array([0.0, 0.0, 0.1, 0.1, 0.0, 0.1, 0.1, 2.0, 2.0, 5.0, 5.0, 3.0])).lasting
     array([2, 2, 1])

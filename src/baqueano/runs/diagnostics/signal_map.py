@@ -2,15 +2,15 @@
 
     z_i = s_i r_i g_i h_π(i) + e_i,   s_i = ±1,   low_i ≤ g_i ≤ high_i                                    (1)
 
-z is measured, h is predicted from one of these: a truth, wheels, v̇ and v ω, a model. r is the ratio of two units,
-g the scale that data sheets, skidding wheels or guessed files leave open. ρ is the correlation of z_i and h_j, and N
-windows contain as much information as n independent ones. Then the best slope gains, compared with no relation at all,
+z is measured. h is predicted from one of these: a truth, wheels, v̇ and v ω, a model. r is the ratio of two units. g is
+the scale that data sheets, skidding wheels or guessed files do not determine. ρ is the correlation of z_i and h_j, and
+N windows contain as much information as n independent windows. Compared with a slope of 0, the best slope has the gain
 
     log L = −n/2 log(1 − ρ²),   n = N (1 − a)/(1 + a),   a = a_e a_h                                      (2)
 
-a_e, a_h are the autocorrelations, one window apart, of the residual and of h; s is the sign of the slope; r the ratio
-nearest to it. A relation counts if log L rises by MARGIN in total and by WORTH per window. Channels are swapped only if
-each channel's own prediction explains nothing of it: a nearly right prediction may correlate less than a wrong one.
+a_e, a_h are the autocorrelations, one window apart, of the residual and of h. s is the sign of the slope, and r the
+ratio nearest to it. A relation counts if log L rises by MARGIN in total and by WORTH per window. Channels are swapped
+only if their own predictions do not explain them at all: a nearly right prediction may correlate less than a wrong one.
 """
 
 from collections.abc import Mapping, Sequence
@@ -37,7 +37,7 @@ class Relation(NamedTuple):
 
     @property
     def gain(self) -> float:
-        """Return the gain of log L per window over no relation.  (2)"""
+        """Return the gain of log L per window, compared with a slope of 0.  (2)"""
         return -0.5 * float(np.log(max(1.0 - self.correlation**2, PERFECT)))
 
     def is_clear(self, worth: float = WORTH) -> bool:
@@ -65,7 +65,7 @@ class Hypothesis(NamedTuple):
 
 
 def ratios(measures: str, read_as: str) -> dict[float, str]:
-    """Return the units a column may have other than `read_as`, by the ratio of the read value to the true one."""
+    """Return ratio → unit for all units of a column other than `read_as`; the ratio is read value / true value."""
     unit_read = unit(read_as)
     si = unit_read.si if unit_read and unit_read.measures == measures else 1.0
     return {
@@ -74,7 +74,8 @@ def ratios(measures: str, read_as: str) -> dict[float, str]:
 
 
 def relation(z: np.ndarray, h: np.ndarray) -> Relation:
-    """Return the regression of z (N,) on h (N,) over the rows finite in both; zeros for fewer than FEW windows."""
+    """Return the regression of z (N,) on h (N,) over the rows that are finite in both; zeros for fewer than
+    FEW rows."""
     good = np.isfinite(z) & np.isfinite(h)
     if np.count_nonzero(good) < FEW:
         return Relation()
@@ -101,7 +102,9 @@ def _autocorrelation(x: np.ndarray, least: float = 0.0) -> float:
 def signal_map(
     z: np.ndarray, h: np.ndarray, channels: Sequence[MappedChannel], worth: float = WORTH
 ) -> list[Hypothesis]:
-    """Return which of the predictions h (N, k ≥ m) each channel of z (N, m) shows: its own, the i-th, or another."""
+    """Return for each channel of z (N, m) the prediction of h (N, k ≥ m) that it shows.
+    Channel i should show prediction i; the code "swapped" marks another one.
+    """
     of = relations(z, h)
     hypotheses = [_hypothesis(i, of[i][i], channel, worth) for i, channel in enumerate(channels)]
     swaps = {(i, j): _swap(of, i, j, worth) for i in range(len(of)) for j in range(i + 1, h.shape[1])}
@@ -131,7 +134,7 @@ def _hypothesis(of: int, r: Relation, channel: MappedChannel, worth: float) -> H
 
 
 def _swap(of: Sequence[Sequence[Relation]], i: int, j: int, worth: float) -> float:
-    """Return the gain of log L if i and j swap predictions; 0 if it is small or an own prediction fits."""
+    """Return the gain of log L if i and j swap predictions. Return 0 if it is small or if an own prediction fits."""
     pairs = [(of[a][a], of[a][b]) for a, b in _pairs(of, i, j)]
     gain = sum(candidate.n * (candidate.gain - own.gain) for own, candidate in pairs)
     clear = sum(candidate.gain - own.gain for own, candidate in pairs) > worth and gain > MARGIN

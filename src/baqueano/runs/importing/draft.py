@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 
 from baqueano.errors import FileError
-from baqueano.language import translated as _
+from baqueano.language import translate as _
 from baqueano.runs.maps.units import unit
 from baqueano.runs.tables.table import LogTable, read_table
 
@@ -76,16 +76,16 @@ def _tables(table: LogTable, free_columns: list[str]) -> Iterator[str]:
 
 
 def _rest(free_columns: Sequence[str]) -> list[str]:
-    return [f"\n# {_('columns without a place:')} {', '.join(free_columns)}"] if free_columns else []
+    return [f"\n# {_('columns that are not used:')} {', '.join(free_columns)}"] if free_columns else []
 
 
 def _plain(name: str) -> str:
-    """Return a column's name in small letters, its words separated by _."""
+    """Return a column's name in lower case, with its words separated by _."""
     return re.sub(r"[^a-z0-9]+", "_", name.lower()).strip("_")
 
 
 def _take(free_columns: list[str], pattern: str) -> str:
-    """Return the first column whose name matches, and remove it from `free_columns`; "" without one."""
+    """Return the first column whose name matches, and remove it from `free_columns`. Return "" if none matches."""
     column = next((name for name in free_columns if re.search(pattern, _plain(name))), "")
     if column:
         free_columns.remove(column)
@@ -93,7 +93,7 @@ def _take(free_columns: list[str], pattern: str) -> str:
 
 
 def _unit(name: str, measures: str) -> str:
-    """Return the unit at the end of a name, or UNKNOWN without a unit of this quantity."""
+    """Return the unit at the end of a name, or UNKNOWN if none of this quantity is there."""
     words = _plain(name).split("_")
     for ending in ("_".join(words[-2:]), words[-1]):
         unit_ = unit(SPELT.get(ending, ""))

@@ -1,8 +1,8 @@
 """Import recordings as runs: `import_run("cpm_run_a")`, `import_runs("trials.toml", ["log.csv"])`.
 
 The ticks are the instants of the file that [ticks] names. `applied` is the command in force during the interval that
-ends at the tick. Sensors keep their own instants and arrive with the next tick. No regular grid is assumed. Several
-files, or a file that is split (sources.py), make several runs.
+ends at the tick. Sensors keep their own instants and arrive with the next tick. The ticks may be irregular. Several
+files, or a file that is split (sources.py), become several runs.
 """
 
 import re
@@ -12,13 +12,13 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
-from baqueano.contracts.result import Result, shortened
+from baqueano.contracts.result import Result, shorten
 from baqueano.diagnostics import fault, note
 from baqueano.errors import FileError
 from baqueano.geometry import wrap
-from baqueano.language import translated as _
+from baqueano.language import translate as _
 from baqueano.messages import in_english
-from baqueano.printable import typed
+from baqueano.printable import baqueano_command
 from baqueano.runs.container.writer import versions
 from baqueano.runs.diagnostics import cross_checks
 from baqueano.runs.diagnostics.doubt import Doubt
@@ -48,18 +48,17 @@ class ImportedRun(NamedTuple):
 
     @property
     def verdict(self) -> str:
-        """Return WARN if data had to be left out or were doubtful, else USABLE."""
+        """Return WARN if a doubt is a warning, as for excluded or doubtful data, else USABLE."""
         return "WARN" if any(d.level == "warning" for d in self.doubts) else "USABLE"
 
     @property
-    def noticed(self) -> "ImportedRun":
-        """Return the import without the doubts that every such import has."""
+    def without_common_doubts(self) -> "ImportedRun":
+        """Return the import without the doubts that every import with such a map has."""
         return self._replace(doubts=tuple(d for d in self.doubts if not d.usual))
 
     def __repr__(self) -> str:
-        return shortened(
-            [self.run.table().partition("\n")[0]], self.noticed.table().splitlines(), [self.verdict]
-        )
+        doubts = self.without_common_doubts.table().splitlines()
+        return shorten([self.run.table().partition("\n")[0]], doubts, [self.verdict])
 
     def rows(self) -> list["TableRow"]:
         """Return the doubts as flat dicts."""
@@ -75,7 +74,7 @@ class ImportedRun(NamedTuple):
         ]
 
     def table(self) -> str:
-        """Return one line per doubt; of a kind that occurs more than ALIKE times, the first and their count."""
+        """Return one line per doubt. Of a kind with more than ALIKE doubts, return only the first and their count."""
         many = Counter((d.level, d.code) for d in self.doubts)
         lines: dict[object, str] = {}
         for k, d in enumerate(self.doubts):
@@ -93,7 +92,7 @@ class ImportedRuns(NamedTuple):
 
     @property
     def verdict(self) -> str:
-        """Return WARN if one of the runs has it, else USABLE."""
+        """Return WARN if the verdict of a run is WARN, else USABLE."""
         return "WARN" if any(run.verdict == "WARN" for run in self.each) else "USABLE"
 
     def rows(self) -> list["TableRow"]:
@@ -101,11 +100,11 @@ class ImportedRuns(NamedTuple):
         return [{"run": run.run.name} | row for run in self.each for row in run.rows()]
 
     def table(self) -> str:
-        """Return a line per kind of doubt: the number of runs, and the sentence of the first."""
+        """Return a line per kind of doubt: the number of runs with it, and the sentence of the first one."""
         first: dict[tuple[str, str], Doubt] = {}
         counts: dict[tuple[str, str], int] = {}
         for run in self.each:
-            for d in {d.code: d for d in reversed(run.noticed.doubts)}.values():
+            for d in {d.code: d for d in reversed(run.without_common_doubts.doubts)}.values():
                 first.setdefault((d.level, d.code), d)
                 counts[d.level, d.code] = counts.get((d.level, d.code), 0) + 1
         lines = [
@@ -118,7 +117,7 @@ class ImportedRuns(NamedTuple):
             )
             for (level, code), d in first.items()
         ]
-        return "\n".join(lines or [_("nothing was doubtful")])
+        return "\n".join(lines or [_("nothing in the data was doubtful")])
 
 
 def import_run(
@@ -131,7 +130,7 @@ def import_run(
     Parameters
     ----------
     column_map : ColumnMap, path or str
-        A map, its path, or the name of one that comes with the package; docs/importing.md describes it.
+        A map, its path, or the name of a map of the package; docs/importing.md describes maps.
     files : list of path or dict, optional
         A path for each [files.NAME] by name, or one path for all files without a path in the map.
     vehicle_text : str
@@ -145,7 +144,7 @@ def import_run(
     Raises
     ------
     FileError
-        If the recording contradicts its map, or makes several runs.
+        If the recording contradicts its map, or contains several runs.
 
     Examples
     --------
@@ -162,9 +161,8 @@ def import_run(
     m = column_map if isinstance(column_map, ColumnMap) else load_map(column_map)
     runs = import_runs(m, files, vehicle_text)
     if len(runs) > 1:
-        raise FileError(
-            fault("import.several-runs", typed("runs", "import", m.path), map=m.path.name, count=len(runs))
-        )
+        fix = baqueano_command("runs", "import", m.path)
+        raise FileError(fault("import.several-runs", fix, map=m.path.name, count=len(runs)))
     return runs[0]
 
 
@@ -173,9 +171,9 @@ def import_runs(
     files: list[Path | str] | dict[str, Path | str] | None = None,
     vehicle_text: str = "",
 ) -> list[ImportedRun]:
-    """Return all runs that a map makes of its files: one per given file, or one per part of a split file, in order.
-    Parts with fewer ticks than a run needs are left out; a doubt of the first run reports this. Raise FileError like
-    `import_run`, and if no part is long enough."""
+    """Return all runs of the files of a map, in order: one per file, or one per part of a split file.
+    Parts with fewer ticks than a run needs are skipped, and a doubt of the first run reports them. Raise FileError as
+    `import_run` does, and if all parts are too short."""
     m = column_map if isinstance(column_map, ColumnMap) else load_map(column_map)
     runs, short, source = [], [], None
     for part in parts(m, files or {}):
@@ -224,7 +222,8 @@ def _import_part(m: ColumnMap, part: Part, vehicle_text: str) -> ImportedRun:
     if all(entry.constant == 0.0 for entry in m.command.entries):
         doubts.append(Doubt("no command", "info", int(t_ns[0]), note("recording.no-command"), usual=True))
     doubts += cross_checks.look(run, m)
-    result = cross_checks.judged(list(dict.fromkeys(doubts)), m)  # two parts of one file have the same gaps
+    doubts = list(dict.fromkeys(doubts))  # two parts of one file have the same gaps
+    result = cross_checks.accept_errors(doubts, m)
     events = tuple(
         Event(d.t_ns or int(t_ns[0]), d.level, "import", in_english(d.diagnostic), d.diagnostic)
         for d in result
@@ -264,13 +263,13 @@ def _values(signal: ColumnSignal, source: Source) -> np.ndarray:
 
 
 def _within_a_turn(angle: np.ndarray) -> bool:
-    """Return True if an angle wraps after each turn; a wheel's angle may count on."""
+    """Return True if an angle wraps after each turn; the angle of a wheel may count further."""
     finite = angle[np.isfinite(angle)]
     return len(finite) > 0 and float(np.ptp(np.quantile(finite, (0.01, 0.99)))) < 2.01 * np.pi
 
 
 def _check_header(entry: Entry) -> None:
-    """Raise FileError if the column name has another unit than the map: `speed [km/h]` is not in m/s."""
+    """Raise FileError if the column name states another unit than the map, as `speed [km/h]` with m/s in the map."""
     in_header = re.search(r"[\[(]([^\[()\]]+)[\])]\s*$", entry.column or "")
     by_header, by_map = unit(in_header[1]) if in_header else None, unit(entry.unit)
     has_unit = by_header is not None and by_header.measures not in ("ratio", "raw", "counts")
@@ -289,7 +288,8 @@ def _check_header(entry: Entry) -> None:
 def _finite_rows(
     signal: ColumnSignal, source: Source, doubts: list[Doubt], t_ns: np.ndarray | None = None
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Return times and values of the rows without a missing number; `t_ns` (rows,) replaces the times of the source."""
+    """Return times and values of the rows with all numbers. `t_ns` (rows,) replaces the times of the source.
+    A doubt reports the missing numbers."""
     values = _values(signal, source)
     present = [k for k, entry in enumerate(signal.entries) if not entry.absent]
     whole = np.asarray(np.isfinite(values[:, present]).all(axis=1))
@@ -305,7 +305,7 @@ def _finite_rows(
 
 
 def _instants(signal: ColumnSignal, source: Source) -> np.ndarray:
-    """Return the times (rows,) of a signal; a rate from a difference of rows is in the middle between them."""
+    """Return the times (rows,) [ns] of a signal. A rate by difference of two rows is in the middle between them."""
     t_ns = source.t_ns + round(signal.mount.shift_s * NANOSECONDS)
     if all(entry.derivative or entry.absent for entry in signal.entries):
         return np.asarray(t_ns - np.diff(t_ns, prepend=t_ns[:1]) // 2)
@@ -315,7 +315,8 @@ def _instants(signal: ColumnSignal, source: Source) -> np.ndarray:
 def _applied_commands(
     m: ColumnMap, sources: dict[str, Source], ticks: np.ndarray, doubts: list[Doubt]
 ) -> tuple[int, np.ndarray, np.ndarray]:
-    """Return the number of ticks without a command, the other ticks, and the command (N, n) in force at them."""
+    """Return the number of ticks before the first command, the
+    ticks (N,) with a command, and the command (N, n) in force."""
     t_ns, u = _finite_rows(m.command, sources[m.command.file], doubts)
     if m.wheels:
         u = np.array([unmix("two_wheels", w) for w in u])
@@ -346,7 +347,7 @@ def _span(t_ns: np.ndarray) -> str:
 def _sample(
     signal: ColumnSignal, sources: dict[str, Source], ticks: np.ndarray, doubts: list[Doubt]
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Return times and values of a signal: as measured, or resampled to the ticks."""
+    """Return times and values of a signal, as measured or resampled at the ticks."""
     source = sources[signal.file]
     t_ns, values = _finite_rows(signal, source, doubts, _instants(signal, source))
     if t_ns[-1] < ticks[0] or t_ns[0] > ticks[-1]:

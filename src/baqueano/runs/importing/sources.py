@@ -1,11 +1,11 @@
 """Read the files of an import: their paths, their rows in order of time, and the parts of a file with several runs.
 
-    split = "COLUMN"       a part for each value of the column, in the order in which they come
-    split_gap_s = 5.0      a part begins after a longer pause, and where the time begins again
+    split = "COLUMN"       a part for each value of the column, in the order of the file
+    split_gap_s = 5.0      a new part after a longer pause, and if the time steps back
 
-If several files of one map are split, their parts are matched by the value of the column, and those between pauses
-in order. A value that is missing in one of the files is left out. Of a file that is not split, each part gets the rows
-within its time.
+If several files of one map are split, their parts are matched by the value of the column; parts between pauses are
+matched in order. If a value is missing in one of the files, its part is skipped. From a file that is not split, each
+part receives the rows within its time.
 """
 
 import glob
@@ -17,7 +17,7 @@ import numpy as np
 
 from baqueano.diagnostics import fault, note
 from baqueano.errors import FileError
-from baqueano.printable import typed
+from baqueano.printable import baqueano_command
 from baqueano.runs.diagnostics.doubt import Doubt
 from baqueano.runs.importing.timing import rows_in_order, times
 from baqueano.runs.maps.column_map import data_folders
@@ -54,7 +54,7 @@ class SourcePiece(NamedTuple):
 
 
 def parts(m: ColumnMap, files: object) -> Iterator[Part]:
-    """Yield the parts of each set of files that is given or found."""
+    """Yield the parts of each set of files: the given files, or the files that the map finds."""
     for paths in _sets(m, files):
         doubts: list[Doubt] = []
         tables = {name: _table(m, spec, paths[name], doubts) for name, spec in m.files.items()}
@@ -100,14 +100,14 @@ def _pieces(m: ColumnMap, spec: FileSpec, table: LogTable) -> list[SourcePiece]:
         ends = np.cumsum(np.bincount(which))
         groups = list(zip(values, np.split(np.argsort(which, kind="stable"), ends[:-1]), strict=True))
     if spec.split_gap_s is None:
-        return [SourcePiece(value, value, table.at(at)) for value, at in groups]
+        return [SourcePiece(value, value, table.select(at)) for value, at in groups]
     t_ns, _ = times(table, spec, m.start_ns, m.path.name)
     cut = []
     for value, at in groups:
         step = np.diff(t_ns[at])
         edges = np.flatnonzero((step < 0) | (step > spec.split_gap_s * NANOSECONDS)) + 1
         for k, piece in enumerate(np.split(at, edges), 1):
-            cut.append(SourcePiece(value, f"{value}-{k}".lstrip("-"), table.at(piece)))
+            cut.append(SourcePiece(value, f"{value}-{k}".lstrip("-"), table.select(piece)))
     return cut
 
 
@@ -115,7 +115,8 @@ def _match(
     m: ColumnMap, pieces: dict[str, list[SourcePiece]], doubts: list[Doubt]
 ) -> list[tuple[str, dict[str, LogTable]]]:
     """Return the label of each part and its rows in each file, in the order of the ticks' file. Raise FileError if the
-    files do not share a value, or if their numbers of parts differ."""
+    files do not share a value, or if their numbers of parts differ.
+    """
     if not all(m.files[file].split for file in pieces):  # parts without a value are matched in order
         pieces = {file: [piece._replace(value="") for piece in each] for file, each in pieces.items()}
     by_file = {file: {piece.value: [] for piece in each} for file, each in pieces.items()}
@@ -148,7 +149,7 @@ def _match(
 
 
 def _missing_values(m: ColumnMap, by_file: dict[str, dict[str, list[SourcePiece]]]) -> Iterator[Doubt]:
-    """Yield a doubt for each file that lacks values of another one; the parts with these values are left out."""
+    """Yield a doubt for each file without values that another file has; the parts of these values are skipped."""
     for lacking, of in by_file.items():
         for file, file_values in by_file.items():
             unmatched_values = [value for value in file_values if value not in of]
@@ -161,20 +162,20 @@ def _missing_values(m: ColumnMap, by_file: dict[str, dict[str, list[SourcePiece]
 
 
 def _values_of(m: ColumnMap, file: str, values: Iterable[str]) -> str:
-    """Return the column by which a file is split, with these values of it, for a message."""
+    """Return the column by which a file is split, with these values, as text for a message."""
     each = list(values)
     more = f", … (+ {len(each) - 5})" if len(each) > 5 else ""
     return f"{m.files[file].split} = {', '.join(each[:5])}{more}"
 
 
 def _plain(label: str) -> str:
-    """Return a value in the form for a run's name: 3.0 becomes 003."""
+    """Return a value in the form for a run's name: "3.0" becomes "003"."""
     number = label.removesuffix(".0")
     return number.zfill(3) if number.isdecimal() else label
 
 
 def _within(source: Source, t_ns: np.ndarray) -> Source:
-    """Return the rows within the time of a part, and the last one before it."""
+    """Return the rows within the time of a part, and the row before them."""
     if len(t_ns) < 2:
         return source
     step = int(np.median(np.diff(t_ns)))
@@ -184,7 +185,7 @@ def _within(source: Source, t_ns: np.ndarray) -> Source:
 
 
 def _name(m: ColumnMap, paths: dict[str, Path]) -> str:
-    """Return the name of the file if the map is for several files, else the name of the map."""
+    """Return the run's name: the name of the file if the map is for several files, else the name of the map."""
     run_paths = [
         paths[name] for name, spec in m.files.items() if spec.path is None or glob.has_magic(spec.path)
     ]
@@ -228,7 +229,7 @@ def _sets(m: ColumnMap, files: Any) -> list[dict[str, Path]]:
 
 
 def _expand(path: Path) -> list[Path]:
-    """Return the files that match a path with *."""
+    """Return the files that match a path; it may contain *."""
     if not glob.has_magic(str(path)) or path.exists():
         return [path]
     matches = sorted(glob.glob(str(path)))
@@ -246,7 +247,7 @@ def _path_of(m: ColumnMap, spec: FileSpec) -> Path:
         raise FileError(
             fault(
                 "import.no-path",
-                typed("runs", "import", m.path.stem, "FILE"),
+                baqueano_command("runs", "import", m.path.stem, "FILE"),
                 map=m.path.name,
                 file=spec.name,
             )
@@ -262,7 +263,7 @@ def _like(folder: Path, pattern: str) -> list[Path]:
 
 
 def is_there(path: Path) -> bool:
-    """Return True if the file exists; False if no system accepts its name."""
+    """Return True if the file exists; False also for a name that the system does not accept."""
     try:
         return path.exists()
     except (OSError, ValueError):
@@ -270,7 +271,7 @@ def is_there(path: Path) -> bool:
 
 
 def _matching(m: ColumnMap, spec: FileSpec) -> list[Path]:
-    """Return the files that match the path of `spec`, which may have *, next to the map or in a data folder."""
+    """Return the files next to the map or in a data folder that match the path of `spec`; it may contain *."""
     path = spec.path or ""
     folders = [m.path.parent, *data_folders()]
     for folder in folders:
@@ -309,7 +310,7 @@ def _table(m: ColumnMap, spec: FileSpec, path: Path, doubts: list[Doubt]) -> Log
 
 
 def _source(m: ColumnMap, spec: FileSpec, table: LogTable, doubts: list[Doubt]) -> Source:
-    """Return the rows with a known, increasing time, and of these only the new measurements."""
+    """Return the rows with a known, increasing time, but only those that are a new measurement."""
     t_ns, valid = times(table, spec, m.start_ns, m.path.name)
     if not valid.any():
         raise FileError(fault("import.no-time", table=table.label, column=spec.time))
@@ -345,7 +346,7 @@ def _columns(m: ColumnMap, spec: FileSpec) -> set[str]:
 
 
 def quaternion_of(entry: Entry) -> Sequence[str]:
-    """Return the columns x, y, z, w of a quaternion entry; empty for another entry."""
+    """Return the columns x, y, z, w of a quaternion entry; () for another entry."""
     if entry.quaternion is None:
         return ()
     if len(entry.quaternion) == 1:
@@ -354,7 +355,7 @@ def quaternion_of(entry: Entry) -> Sequence[str]:
 
 
 def _select(table: LogTable, spec: FileSpec) -> LogTable:
-    """Return the rows that satisfy `where`: a value or several, or {min = …, max = …, not = …}."""
+    """Return the rows that satisfy `where`. A condition is a value, several values, or {min = …, max = …, not = …}."""
     for column, condition in spec.where.items():
         limits = condition if isinstance(condition, dict) else {"is": condition}
         for comparison, limit in limits.items():

@@ -1,7 +1,7 @@
-"""The clock of an imported file: its time column as integer nanoseconds, and its rows in order.
+"""Read the clock of an imported file: its time column as integer nanoseconds, and its rows in order of time.
 
-It refuses a time that steps back, different rows with the same time, and a median step that no robot has. The message
-contains the line for the map that resolves it. Gaps, jumps and equal repeated rows are reported.
+It refuses a time that steps back, different rows with the same time, and a median step that is impossible for a robot.
+The error message contains the map line that resolves the problem. Gaps, jumps and equal repeated rows are reported.
 """
 
 import re
@@ -31,7 +31,9 @@ JUMP_S = 600.0  # a longer pause is probably a clock that was set
 
 
 def times(table: LogTable, spec: "FileSpec", start_ns: int, map_name: str) -> tuple[np.ndarray, np.ndarray]:
-    """Return (rows,) int64 times and a mask of the known ones. Raise FileError if they cannot be of a recording."""
+    """Return the times (rows,) int64 [ns], and a mask of the known times.
+    Raise FileError for times that are not plausible.
+    """
     shift = start_ns + round(spec.shift_s * NANOSECONDS)
     if spec.rate_hz is not None:
         rows = table.lines - table.lines[0]
@@ -93,7 +95,7 @@ def _dates(table: LogTable, spec: "FileSpec") -> np.ndarray:
 
 
 def _ns_of(date: str) -> int:
-    """Return the ns since 1970 of an iso8601 date; a date without a zone is UTC."""
+    """Return the ns since 1970 of an iso8601 date; a date without a time zone is in UTC."""
     zone, ahead_min = _ZONE.search(date), 0
     if zone is not None:
         date = date[: zone.start(1)]
@@ -105,7 +107,7 @@ def _ns_of(date: str) -> int:
 def rows_in_order(
     table: LogTable, t_ns: np.ndarray, spec: "FileSpec", used: set[str], m: "ColumnMap", doubts: list[Doubt]
 ) -> np.ndarray:
-    """Return the mask of the rows to keep so that time increases."""
+    """Return the mask (rows,) of the rows to keep, so that time increases."""
     latest = np.maximum.accumulate(t_ns)
     back = np.flatnonzero(np.diff(t_ns) < 0)
     if len(back):
@@ -142,7 +144,7 @@ def _without_repeats(
     if not len(same):
         return keep
     first, second = at[same], at[same + 1]
-    before, after = table.at(first), table.at(second)
+    before, after = table.select(first), table.select(second)
     equal = np.array([
         all(a == b for a, b in row)
         for row in zip(*(zip(before.text(c), after.text(c), strict=True) for c in sorted(column_names)), strict=True)
@@ -206,7 +208,7 @@ def _check_steps(
 
 
 def _rate_of_ticks(table: LogTable, usual: float, spec: "FileSpec") -> Doubt:
-    """Return the doubt about rare tick rates: an error for too fast ticks, a warning for slow ones."""
+    """Return the doubt about an unusual tick rate: an error if the ticks are too fast, a warning if they are slow."""
     reason = note(
         "recording.tick-lasts", table=table.label, unit_read=spec.time_unit, tick_s=usual, rate_hz=1.0 / usual
     )
@@ -216,7 +218,7 @@ def _rate_of_ticks(table: LogTable, usual: float, spec: "FileSpec") -> Doubt:
 
 
 def _units_that_fit(usual: float, rows: int, spec: "FileSpec") -> list[str]:
-    """Return the other time units that make step and length plausible, the likeliest first."""
+    """Return the other time units with a plausible step and length, the most likely unit first."""
     file_unit = unit(spec.time_unit)
     usual_s = usual / (file_unit.si if file_unit else 1.0)
     steps = {name: usual_s * unit_.si for name in ("s", "ms", "us", "ns") if (unit_ := unit(name))}

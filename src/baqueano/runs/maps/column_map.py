@@ -1,4 +1,4 @@
-"""The map of an import, in TOML: file, column, signal, unit and clock of each number.
+"""Read the map of an import, in TOML: file, column, signal, unit and clock of each number.
 
     [files.NAME]   path, topic (bags), time, time_unit, shift_s, where = {column = value}, new_when, …
                    split = "COLUMN", split_gap_s: many runs from one file
@@ -10,8 +10,8 @@
     value = (scale · radius · column · unit + offset) · times                                              (1)
 
 An entry is {column, unit, scale, radius_m, offset, times, backward, derivative, wraps, counts_per_turn}, or
-{quaternion = [x, y, z, w]}, or {constant, unit}. No default changes a number silently: if a required key is missing,
-the message shows the line to write. Every key, by examples: docs/importing.md.
+{quaternion = [x, y, z, w]}, or {constant, unit}. Defaults never change a number silently: if a required key is missing,
+the message shows the line to write. docs/importing.md explains every key by examples.
 """
 
 import math
@@ -22,16 +22,16 @@ from typing import Any
 
 from baqueano.diagnostics import Diagnostic, fault, nearest, note
 from baqueano.errors import FileError, cause_of
-from baqueano.printable import typed
+from baqueano.printable import baqueano_command
 from baqueano.runs.maps.columns import KINDS, ColumnMap, ColumnSignal, Entry, FileSpec
 from baqueano.runs.maps.mount import KEYS, mount_of
 from baqueano.runs.maps.units import canonical, near_units, unit, units_of
-from baqueano.vehicle_file.text.toml_text import parsed
+from baqueano.vehicle_file.text.toml_text import parse_toml
 
 ETA, NU = ("length", "length", "angle"), ("speed", "speed", "angular rate")
 RATES = {"angle": "angular rate", "length": "speed", "speed": "acceleration"}  # what a derivative measures
 ROLLED = {"angle": "length", "angular rate": "speed"}  # what a turning wheel measures at its rim
-LARGEST = 2**63  # limit of an integer; those of Python are unlimited
+LARGEST = 2**63  # limit of an integer; integers of Python are unlimited
 LONGEST = 1_000_000  # characters of a map; a recording may have more
 AT_REST: dict[str, Any] = {"in_force": "from", "names": ["u_x", "u_y", "u_psi"], "u": [{"constant": 0.0}] * 3}
 CSV_KEYS = {"delimiter": str, "decimal": str, "encoding": str, "header": bool, "comment": str}
@@ -43,7 +43,9 @@ def maps_folder() -> Path:
 
 
 def data_folders() -> list[Path]:
-    """Return the folder of recordings: BAQUEANO_DATA, else ../shared/data next to this folder or the repository."""
+    """Return the folders of recordings: BAQUEANO_DATA, else
+    ../shared/data next to the current folder or the repository.
+    """
     from_environment = os.environ.get("BAQUEANO_DATA")
     if from_environment:
         return [Path(from_environment)]
@@ -51,7 +53,7 @@ def data_folders() -> list[Path]:
 
 
 def load_map(name_or_path: Path | str) -> ColumnMap:
-    """Return a map by its path, or a map of the package by its name."""
+    """Return the map at a path, or the map of the package with this name."""
     path, shipped_path = Path(name_or_path), maps_folder() / f"{name_or_path}.toml"
     if not path.is_file() and shipped_path.is_file():
         path = shipped_path
@@ -71,9 +73,11 @@ def load_map(name_or_path: Path | str) -> ColumnMap:
 
 
 def _tree(path: Path, text: str) -> dict[str, Any]:
-    """Return the tables of a map; ValueError if a file without the suffix .toml is not TOML, as a recording may be."""
+    """Return the tables of a map.
+    Raise ValueError if the file is not TOML; without the suffix .toml it may be a recording.
+    """
     try:
-        return parsed(text, path.name)
+        return parse_toml(text, path.name)
     except FileError as error:
         if path.suffix.lower() == ".toml":
             raise
@@ -81,17 +85,17 @@ def _tree(path: Path, text: str) -> dict[str, Any]:
 
 
 def _beginning(path: Path) -> str:
-    """Return a map, or the first LONGEST characters of a recording."""
+    """Return the first LONGEST characters of a file: a whole map, or the beginning of a recording."""
     with path.open(encoding="utf-8-sig") as file:
         return file.read(LONGEST)
 
 
 def _no_map(path: Path, error: ValueError) -> Diagnostic:
-    """Return the fault of a file that is not TOML: a wrong map if its suffix is .toml, else a recording."""
+    """Return the fault of a file that is not TOML: a wrong map if its suffix is .toml, else probably a recording."""
     if path.suffix.lower() == ".toml":
         code = "map.not-read" if isinstance(error, UnicodeDecodeError) else "map.not-toml"
         return fault(code, path=path, error=str(error))
-    fix, words = typed("runs", "import", path, "--draft", f"{path.stem}.toml"), str(error)
+    fix, words = baqueano_command("runs", "import", path, "--draft", f"{path.stem}.toml"), str(error)
     place = re.search(r"at line (\d+), column (\d+)", words)  # tomllib gives the place only in its text
     if place is None:
         return fault("map.recording", fix, path=path)
@@ -99,8 +103,9 @@ def _no_map(path: Path, error: ValueError) -> Diagnostic:
 
 
 def _expectation(value: str, measures: str, derivative: bool) -> Diagnostic:
-    """Return the correction for an entry that measures `value` but must measure `measures`: another unit, or a key
-    next to its unit."""
+    """Return the correction for an entry that measures `value` but
+    must measure `measures`: other units, or another key.
+    """
     rate = "" if derivative else RATES.get(value, "")
     ways = {ROLLED.get(value): "rolls", rate: "rate", ROLLED.get(rate): "rate-of-rolling"}
     way = f"-or-{ways[measures]}" if measures in ways else ""
@@ -114,25 +119,25 @@ class _Parser:
         self.path, self.text, self.tree = path, text, tree
 
     def map(self) -> ColumnMap:
-        """Return the complete map."""
+        """Return the parsed map."""
         top = self.keys("", self.tree, {
             "format": int, "name": str, "about": str, "accept": list, "start_ns": int, "files": dict,
             "ticks": dict, "command": dict, "sensors": dict, "truth": dict,
         })  # fmt: skip
         if top.get("format") != 1:
             raise self.wrong("format", top.get("format"), note("expect.format"))
-        tables = self.needed(top, "files", note("expect.files"))
+        tables = self.require(top, "files", note("expect.files"))
         files = {name: self.file(name, self.table(f"files.{name}", spec)) for name, spec in tables.items()}
         self.file_names = list(files)
         sensors = {name: self.sensor(name, spec) for name, spec in top.get("sensors", {}).items()}
-        ticks = top.get("ticks", {}) if len(files) == 1 else self.needed(
+        ticks = top.get("ticks", {}) if len(files) == 1 else self.require(
             top, "ticks", note("expect.ticks")
         )  # fmt: skip
         self.keys("ticks", ticks, {"file": str})
         if "command" not in top and sensors:  # the vehicle is at rest
             top["command"] = AT_REST | ticks
         signal, names, in_force, wheels = self.command(
-            self.needed(top, "command", note("expect.table", key="command"))
+            self.require(top, "command", note("expect.table", key="command"))
         )
         return ColumnMap(
             str(top.get("name", self.path.stem)), self.path, self.text, top.get("start_ns", 0),
@@ -141,7 +146,7 @@ class _Parser:
         )  # fmt: skip
 
     def command(self, spec: dict[str, Any]) -> tuple[ColumnSignal, tuple[str, ...], str, bool]:
-        """Read [command]: signal, names of its entries, `in_force`, and True if it has a command for each wheel."""
+        """Parse [command]: signal, names of its entries, `in_force`, and True if it has a command for each wheel."""
         self.keys("command", spec, {"file": str, "names": list, "in_force": str, "u": list, "wheels": list})
         in_force = spec.get("in_force")
         if in_force not in ("from", "until"):
@@ -164,7 +169,7 @@ class _Parser:
         return signal, names, in_force, wheels
 
     def file(self, name: str, spec: dict[str, Any]) -> FileSpec:
-        """Read [files.NAME]."""
+        """Parse [files.NAME]."""
         key = f"files.{name}"
         self.keys(key, spec, CSV_KEYS | {
             "path": str, "topic": str, "time": str, "time_unit": str, "time_rest": dict, "shift_s": float,
@@ -193,7 +198,7 @@ class _Parser:
         )  # fmt: skip
 
     def clock(self, key: str, spec: dict[str, Any]) -> tuple[str, str]:
-        """Read the column of time and its unit; ("", "s") if the rows have a constant rate."""
+        """Return the time column and its unit; ("", "s") if the rows have a constant rate."""
         in_bag, time = "topic" in spec, spec.get("time")
         if "rate_hz" in spec and time is None and not in_bag:
             if not spec["rate_hz"] > 0.0:
@@ -210,7 +215,7 @@ class _Parser:
         return time, str(time_unit)
 
     def rest(self, key: str, spec: dict[str, Any]) -> tuple[str, str] | None:
-        """Read the second column of a time in two columns, with its unit; None without one."""
+        """Return column and unit of the second part of a time in two columns; None if the time is in one column."""
         rest = spec.get("time_rest")
         if rest is None:
             return None
@@ -225,7 +230,7 @@ class _Parser:
         return str(rest["column"]), str(rest["unit"])
 
     def sensor(self, name: str, spec: Any) -> ColumnSignal:
-        """Read [sensors.NAME]; each entry of a known kind must measure the quantity of that kind."""
+        """Parse [sensors.NAME]. Each entry of a known kind must measure the quantity of that kind."""
         key = f"sensors.{name}"
         self.keys(key, self.table(key, spec), {
             "file": str, "kind": str, "z": list, "sample": str, "shift_s": float,
@@ -239,7 +244,7 @@ class _Parser:
         return self.signal(key, spec, "z", measures, kind)
 
     def truth(self, spec: Any) -> ColumnSignal:
-        """Read [truth]: three entries, η, or six, η and ν."""
+        """Parse [truth]: three entries for η, or six for η and ν."""
         kinds = {"file": str, "eta": list, "nu": list, "sample": str} | KEYS
         self.keys("truth", self.table("truth", spec), kinds)
         pose = self.signal("truth", spec, "eta", ETA, "pose")
@@ -250,7 +255,8 @@ class _Parser:
     def signal(
         self, key: str, spec: dict[str, Any], list_name: str, measures: Any, kind: str | None
     ) -> ColumnSignal:
-        """Read the entries under `list_name`, one for each of `measures`; None there accepts any unit."""
+        """Parse the entries under `list_name`, one for each quantity of `measures`. A quantity None accepts
+        any unit."""
         entries = spec.get(list_name)
         if not entries or len(entries) != len(measures):
             expected = note("expect.entries", count=len(measures), measures=[m or "1" for m in measures])
@@ -277,7 +283,7 @@ class _Parser:
             raise self.wrong(f"[{key}] lever_arm_m", spec.get("lever_arm_m"), cause_of(error)) from error
 
     def entry(self, key: str, spec: object, measures: str | None) -> Entry:
-        """Read an entry of a signal. Raise FileError if a key is wrong or missing."""
+        """Parse an entry of a signal. Raise FileError if a key is wrong or missing."""
         if not isinstance(spec, dict):
             raise self.wrong(key, spec, note("expect.entry"))
         self.keys(key, spec, {
@@ -338,7 +344,7 @@ class _Parser:
         return canonical(name)
 
     def counts(self, key: str, measures: str, entry: Entry) -> None:
-        """Check that `counts_per_turn` is given for counts, and for no other unit."""
+        """Raise FileError if counts are without `counts_per_turn`, or if another unit has it."""
         per_turn = entry.counts_per_turn
         if measures == "counts" and not (per_turn is not None and per_turn > 0.0):
             raise self.wrong(
@@ -348,7 +354,7 @@ class _Parser:
             raise self.wrong(f"{key} counts_per_turn", per_turn, note("expect.no-counts"))
 
     def file_of(self, key: str, spec: dict[str, Any]) -> str:
-        """Return the file that a table names; if it names none, the only file."""
+        """Return the file that a table names, or the only file if it names none."""
         name = spec.get("file", self.file_names[0] if len(self.file_names) == 1 else None)
         if not isinstance(name, str) or name not in self.file_names:
             raise self.wrong(
@@ -362,14 +368,14 @@ class _Parser:
             raise self.wrong(f"[{key}]", spec, note("expect.table", key=key))
         return spec
 
-    def needed(self, spec: dict[str, Any], key: str, expected: Diagnostic) -> Any:
-        """Return the value of the required `key`; FileError if it is missing."""
+    def require(self, spec: dict[str, Any], key: str, expected: Diagnostic) -> Any:
+        """Return the value of the required `key`. Raise FileError if it is missing."""
         if not spec.get(key):
             raise self.wrong(key, spec.get(key), expected)
         return spec[key]
 
     def keys(self, table: str, spec: dict[str, Any], kinds: dict[str, type]) -> dict[str, Any]:
-        """Return `spec` if it contains only keys of `kinds`, each with its type, else raise FileError."""
+        """Return `spec` if all its keys are in `kinds` and have the right types, else raise FileError."""
         for key, value in spec.items():
             place = f"[{table}] {key}" if table else key
             if key not in kinds:
@@ -385,7 +391,7 @@ class _Parser:
         return spec
 
     def wrong(self, place: str, value: object, expected: Diagnostic | str) -> FileError:
-        """Return the error to raise: the place, the value there, and the expected value."""
+        """Return the error to raise, with the place, the value in the map, and the expected value."""
         code = "map.missing" if value is None else "map.wrong"
         value_text = repr(value)[:200]
         return FileError(fault(code, map=self.path.name, place=place, found=value_text, expected=expected))

@@ -1,4 +1,4 @@
-"""The content of a map: files and their clocks, signals and the source of each number.
+"""Define the content of a map: files and their clocks, signals and the source of each number.
 
 column_map.py parses the text of a map into these classes; importing/ makes runs with them.
 """
@@ -42,8 +42,8 @@ class FileSpec(NamedTuple):
     new_when: str | None  # rows count if this column changes; the others repeat the last measurement
     repeats: str | None  # "first" or "last": the row to keep of several with the same time
     backwards: str | None  # "drop": leave out rows that are not later than a previous one
-    split: str | None  # a new run where this column changes
-    split_gap_s: float | None  # a new run after a longer pause, and where the time begins again
+    split: str | None  # a new run for each value of this column
+    split_gap_s: float | None  # a new run after a longer pause, and if the time steps back
     rate_hz: float | None  # of the rows of a file without a column of time
     options: "JsonObject"  # for reading its text
 
@@ -67,7 +67,7 @@ class Entry(NamedTuple):
 
     @property
     def si(self) -> float:
-        """Return the SI value of one unit of the column; for an encoder the angle of one count."""
+        """Return the factor from the column's unit to SI; for an encoder the angle of one count."""
         if self.counts_per_turn is not None:
             return 2.0 * math.pi / self.counts_per_turn
         unit_of_entry = unit(self.unit)

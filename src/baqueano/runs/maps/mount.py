@@ -1,11 +1,11 @@
-"""Pose of the truth's mark on the vehicle, and the delay of its timestamps: [truth] in the map of a recording.
+"""Pose of the truth's mark on the vehicle, and the shift of its timestamps: [truth] in the map of a recording.
 
     p = p_m − R(ψ) l,   ψ = ψ_m − χ                                                                       (1)
     ν_x, ν_y = R(χ) ν_m − ν_ψ × l                                                                         (2)
     l = l₁ + R(χ₁) l₀,   χ = χ₁ + χ₀,   o = o₁ + o₀                                                       (3)
 
-l is the position of the mark ahead and to the left of the body's origin, χ its rotation to the left. (3) adds the
-mount l₁, χ₁, o₁ found on a run to the mount l₀, χ₀, o₀ with which the run was imported; o is the shift of the time.
+l is the position of the mark ahead and to the left of the body's origin. χ is its rotation to the left, and o the time
+shift. A run is imported with the mount l₀, χ₀, o₀. (3) adds the mount l₁, χ₁, o₁ that is found on this run.
 """
 
 import tomllib
@@ -17,7 +17,7 @@ import numpy as np
 from baqueano.diagnostics import fault
 from baqueano.errors import FileError, Invalid, UsageError
 from baqueano.geometry import map_from_body, wrap
-from baqueano.printable import typed
+from baqueano.printable import baqueano_command
 
 if TYPE_CHECKING:
     from baqueano.contracts.values import JsonObject
@@ -34,7 +34,7 @@ class Mount(NamedTuple):
     heading_rad: float = 0.0
 
     def body(self, eta: np.ndarray, nu: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Return η and ν (N, 3) of the body from those of the mark; `nu` may be NaN if it is not known.  (1), (2)"""
+        """Return η and ν (N, 3) of the body from η and ν of the mark; an unknown `nu` is NaN.  (1), (2)"""
         if self.lever_arm_m == (0.0, 0.0) and self.heading_rad == 0.0:
             return eta, nu
         psi, (ahead, left) = eta[:, 2] - self.heading_rad, self.lever_arm_m
@@ -44,7 +44,7 @@ class Mount(NamedTuple):
         return eta, along - nu[:, 2:] * np.array([-left, ahead, 0.0])
 
     def composed_with(self, offset: "Mount") -> "Mount":
-        """Return this mount plus the `offset` that was found on a run imported with it.  (3)"""
+        """Return this mount plus the `offset` that was found on a run that was imported with this mount.  (3)"""
         first = map_from_body(offset.heading_rad)[:2, :2] @ np.array(self.lever_arm_m)
         ahead, left = np.array(offset.lever_arm_m) + first
         return Mount(
@@ -53,8 +53,9 @@ class Mount(NamedTuple):
 
 
 def mount_of(spec: "JsonObject", heading_is_known: bool = True) -> Mount:
-    """Return the mount of a table [truth]. Raise ValueError if its lever arm is not two numbers, or if the heading that
-    the mount needs is not known."""
+    """Return the mount of a table [truth]. Raise ValueError if its lever arm is not two finite numbers.
+    Also raise it if the mount needs a heading that is not known.
+    """
     lever = spec.get("lever_arm_m", [0.0, 0.0])
     numbers = all(isinstance(x, int | float) and not isinstance(x, bool) for x in lever)
     if len(lever) != 2 or not numbers or not np.isfinite(lever).all():
@@ -67,10 +68,11 @@ def mount_of(spec: "JsonObject", heading_is_known: bool = True) -> Mount:
 
 
 def write_mount(path: Path | str, run: "Run", own_mount: dict[str, float], halves: dict[str, float]) -> Mount:
-    """Write the calibration `own_mount` of the truth into the map at `path`, by which `run` was imported.
+    """Write the calibration `own_mount` of the truth into the map at `path`, with which `run` was imported.
 
-    Numbers have the names of KEYS, the lever arm lever_arm_m[0] and lever_arm_m[1]; `halves` are the half widths of
-    their 95 % intervals. The rest of the file is unchanged. UsageError if the run was imported with another map."""
+    The names are KEYS, and lever_arm_m[0] and lever_arm_m[1] for the lever arm. `halves` are the half widths of the
+    95 % intervals. The rest of the file is unchanged. Raise UsageError if the run was imported with another map.
+    """
     path = Path(path)
     if not path.is_file():
         raise UsageError(fault("map.not-file", "--map MAP.toml", path=path, run=run.name))
@@ -84,7 +86,7 @@ def write_mount(path: Path | str, run: "Run", own_mount: dict[str, float], halve
         raise UsageError(
             fault(
                 "map.other-truth",
-                typed("runs", "import", path.name, "RECORDING"),
+                baqueano_command("runs", "import", path.name, "RECORDING"),
                 map=path.name,
                 run=run.name,
             )
@@ -102,7 +104,7 @@ def write_mount(path: Path | str, run: "Run", own_mount: dict[str, float], halve
 
 
 def _set_value(table: Any, key: str, value: Any, text: str) -> None:
-    """Put a number or two into a table of tomlkit, with a comment unless the table is inline."""
+    """Set a number or a list of two in a table of tomlkit, with a comment; an inline table does not get a comment."""
     table[key] = [round(x, 5) for x in value] if isinstance(value, tuple) else round(value, 5)
     if type(table).__name__ != "InlineTable":
         table[key].comment(text)

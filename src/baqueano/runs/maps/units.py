@@ -1,4 +1,4 @@
-"""Units of recordings, converted to SI when they are imported and nowhere else."""
+"""Convert units of recordings to SI; only the import does this."""
 
 import difflib
 import math
@@ -80,7 +80,7 @@ _BY_LOWER = {name.lower(): name for name in UNITS} | {name.lower(): unit for nam
 
 
 def unit(name: str) -> ColumnUnit | None:
-    """Return the unit of that name, None for an unknown name."""
+    """Return the unit with that name; None for an unknown name."""
     return UNITS.get(canonical(name))
 
 
@@ -94,7 +94,7 @@ def canonical(name: str) -> str:
 
 
 def near_units(name: str) -> str:
-    """Return the units most similar to `name`, for a message."""
+    """Return the units whose names are most similar to `name`, for a message."""
     near = difflib.get_close_matches(name, UNITS, n=3, cutoff=0.4)
     return ", ".join(near or UNITS)
 

@@ -17,7 +17,7 @@ import numpy as np
 from baqueano.diagnostics import fault, note
 from baqueano.errors import FileError, UsageError
 from baqueano.runs.container import memory_limit
-from baqueano.runs.container.records import CHUNK, LARGEST_CHUNK, Damage, decompressed
+from baqueano.runs.container.records import CHUNK, LARGEST_CHUNK, Damage, decompress
 from baqueano.runs.tables.table import LogTable
 
 SUFFIXES = (".bag", ".db3", ".mcap")
@@ -31,7 +31,7 @@ def is_bag(path: Path) -> bool:
 
 
 def read_topic(path: Path, topic: str | None, columns: set[str], label: str) -> LogTable:
-    """Return the recorded messages of a topic; columns `bag` and `header.stamp` are ns since 1970."""
+    """Return the recorded messages of a topic. The columns `bag` and `header.stamp` are ns since 1970."""
     try:
         from rosbags.highlevel import AnyReader, AnyReaderError
         from rosbags.serde import SerdeError
@@ -61,7 +61,8 @@ def read_topic(path: Path, topic: str | None, columns: set[str], label: str) -> 
 
 
 def _check_chunks(path: Path, label: str) -> None:
-    """Refuse a bag with a chunk that would fill the memory, because `rosbags` unpacks each chunk at once."""
+    """Raise FileError for a bag with a chunk that would fill the memory, because `rosbags` unpacks each chunk
+    at once."""
     try:
         chunks = {".bag": _ros1_chunks, ".mcap": _mcap_chunks}[path.suffix]
         with path.open("rb") as file:
@@ -80,12 +81,12 @@ def _check_chunks(path: Path, label: str) -> None:
 
 
 def _unpack(compression: str, payload: bytes) -> bytes | memoryview:
-    """Return the unpacked chunk, at most one byte more than LARGEST_CHUNK; empty if it is not compressed."""
+    """Return the unpacked chunk, but at most LARGEST_CHUNK + 1 bytes; empty if the chunk is not compressed."""
     if compression in ("", "none"):
         return b""
     if compression == "bz2":
         return bz2.BZ2File(io.BytesIO(payload)).read(LARGEST_CHUNK + 1)
-    return decompressed(compression, memoryview(payload), LARGEST_CHUNK)
+    return decompress(compression, memoryview(payload), LARGEST_CHUNK)
 
 
 def _mcap_chunks(file: BinaryIO) -> Iterator[tuple[str, bytes]]:
@@ -113,7 +114,7 @@ def _ros1_chunks(file: BinaryIO) -> Iterator[tuple[str, bytes]]:
 
 
 def _number(message: object, path: str, label: str, topic: str) -> int | float:
-    """Return the number in a field; for header.stamp the ns since 1970."""
+    """Return the number in a field of a message; for header.stamp the ns since 1970."""
     value = _field(message, path, label, topic)
     if path == "header.stamp":
         return value.sec * 1_000_000_000 + value.nanosec

@@ -1,5 +1,5 @@
-"""A column of text in as much memory as in its file: its cells one after the other, each followed by a zero byte.
-A list of strings takes ten times as much."""
+"""Store a column of text in as much memory as in its file: its cells one after the other, each followed by a zero
+byte. A list of strings needs ten times as much."""
 
 from collections.abc import Iterable, Iterator
 from typing import Any, overload
@@ -13,7 +13,7 @@ class Cells:
     """An immutable sequence of cells.
 
     >>> cells = Cells.of(["0.1", "", "ñ"])
-    >>> cells[2], cells[:2], list(cells.at(np.array([0, 2])))
+    >>> cells[2], cells[:2], list(cells.select(np.array([0, 2])))
     ('ñ', ['0.1', ''], ['0.1', 'ñ'])
     """
 
@@ -23,8 +23,8 @@ class Cells:
 
     @classmethod
     def of(cls, cells: Iterable[str]) -> "Cells":
-        """Return these cells as Cells; a cell may not contain a zero byte."""
-        return cells if isinstance(cells, Cells) else cls(packed(cells))
+        """Return `cells` as Cells; a cell must not contain a zero byte."""
+        return cells if isinstance(cells, Cells) else cls(pack(cells))
 
     def __len__(self) -> int:
         return len(self.ends)
@@ -43,13 +43,13 @@ class Cells:
             yield from block.decode().split("\0")
 
     def blocks(self) -> Iterator[tuple[slice, bytes]]:
-        """Yield the rows of each block, and its cells separated by a zero byte."""
+        """Yield the rows of each block, and the block's cells separated by a zero byte."""
         for start in range(0, len(self), BLOCK):
             piece = self._piece(start, BLOCK)
             yield slice(start, min(start + BLOCK, len(self))), piece[:-1]
 
-    def at(self, rows: np.ndarray) -> "Cells":
-        """Return the cells of these rows, which must increase."""
+    def select(self, rows: np.ndarray) -> "Cells":
+        """Return the cells of these rows; the row indices must increase."""
         if not len(rows):
             return Cells(b"")
         first, count = int(rows[0]), int(rows[-1] - rows[0]) + 1
@@ -69,6 +69,6 @@ class Cells:
         return int(self.ends[row - 1]) if row else 0
 
 
-def packed(cells: Iterable[str]) -> bytes:
+def pack(cells: Iterable[str]) -> bytes:
     """Return the bytes of cells, each followed by a zero byte."""
     return "".join([cell + "\0" for cell in cells]).encode()

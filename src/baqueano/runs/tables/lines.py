@@ -1,6 +1,7 @@
 """Read the lines of an external text file one at a time: UTF-8 with or without BOM, UTF-16 with BOM, gzip.
 
-The data are counted against `memory_limit.allowed`, so a packed file that would fill the memory is refused early.
+The size of the data may not exceed `memory_limit.limit_bytes`, so a
+packed file that would fill the memory is refused early.
 """
 
 import gzip
@@ -30,7 +31,7 @@ class Lines:
     def __iter__(self) -> Iterator[str]:
         try:
             with self.path.open("rb") as file:
-                self.allowed = memory_limit.allowed(self.path.stat().st_size)
+                self.allowed = memory_limit.limit_bytes(self.path.stat().st_size)
                 self.packed = file.read(2) == b"\x1f\x8b"
                 file.seek(0)
                 yield from self._decode(gzip.GzipFile(fileobj=file) if self.packed else file)
@@ -42,7 +43,7 @@ class Lines:
             ) from error
 
     def take(self, size: int) -> None:
-        """Count memory. Raise FileError if it is more than the file may take."""
+        """Count `size` bytes of memory. Raise FileError if the sum exceeds the limit of the file."""
         self.taken += size
         if self.taken > self.allowed:
             code, fix = ("too-large", f"gunzip -k {self.path.name}") if self.packed else ("too-long", "")
@@ -82,7 +83,9 @@ class Lines:
                 ) from None
 
     def _looks_like(self, start: bytes) -> str:
-        """Return the encoding of a file by its first bytes. Raise FileError if it is not text, or ambiguous."""
+        """Return the encoding of a file by its first bytes.
+        Raise FileError if it is not text, or if its encoding is ambiguous.
+        """
         zeros = start.count(0)
         if not start:
             raise FileError(fault("table.empty", file=self.label))

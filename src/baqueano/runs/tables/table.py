@@ -1,7 +1,7 @@
-"""A CSV file as columns of text, and the numbers in them; nothing is guessed silently.
+"""Read a CSV file as columns of text, and the numbers in them, without silent guesses.
 
-Detected automatically: the encoding (lines.py); the separator if only one fits every line; the decimal comma if no
-number can be read in two ways. Otherwise the message contains the line that the map needs.
+It detects the encoding (lines.py), the separator if only one fits every line, and the decimal comma if all numbers are
+unambiguous. Otherwise an error message contains the line that the map needs.
 """
 
 import csv
@@ -16,8 +16,8 @@ import numpy as np
 
 from baqueano.diagnostics import Diagnostic, fault
 from baqueano.errors import FileError
-from baqueano.language import translated as _
-from baqueano.runs.tables.cells import Cells, packed
+from baqueano.language import translate as _
+from baqueano.runs.tables.cells import Cells, pack
 from baqueano.runs.tables.lines import CELL, Lines
 
 if TYPE_CHECKING:
@@ -46,10 +46,10 @@ class LogTable(NamedTuple):
     columns: "JsonObject"  # name → Cells, or an array (bags); None: several columns have that name
     lines: np.ndarray  # (rows,) line of the file, or number of the message
     decimal: str = "."
-    cut: tuple[int, ...] = ()  # lines that were left out
+    cut: tuple[int, ...] = ()  # lines that were excluded
 
     def text(self, column: str) -> Any:
-        """Return the column as it was read. Raise FileError unless exactly one has that name."""
+        """Return the column as it was read. Raise FileError if no column or several columns have that name."""
         import difflib
 
         if column not in self.columns:
@@ -70,7 +70,7 @@ class LogTable(NamedTuple):
         return _("several columns of that name") if cells is None else f"{', '.join(map(str, cells[:3]))}, …"
 
     def numbers(self, column: str) -> np.ndarray:
-        """Return (rows,) float64; NaN if the cell is empty or one of MISSING."""
+        """Return the numbers (rows,) of a column, float64; NaN if the cell is empty or one of MISSING."""
         cells = self.text(column)
         if isinstance(cells, np.ndarray):
             return cells.astype(np.float64)
@@ -87,7 +87,7 @@ class LogTable(NamedTuple):
         return values
 
     def _number(self, cell: str, column: str, row: int) -> float:
-        """Return the number in a cell. Raise FileError if it is not one."""
+        """Return the number in a cell. Raise FileError if the cell is not a number."""
         if _NUMBER.fullmatch(cell):
             return float(cell)
         word = cell.lower()
@@ -98,7 +98,9 @@ class LogTable(NamedTuple):
         raise FileError(self._not_a_number(column, row))
 
     def integers(self, column: str) -> np.ndarray | None:
-        """Return (rows,) int64 if every cell is an integer, else None; ns since 1970 do not fit in a float."""
+        """Return the column as int64 (rows,), because ns since 1970 do
+        not fit in a float; None if a cell is not an integer.
+        """
         cells = self.text(column)
         if isinstance(cells, np.ndarray):
             return cells.astype(np.int64) if cells.dtype.kind in "iu" else None
@@ -113,7 +115,7 @@ class LogTable(NamedTuple):
         return values
 
     def has(self, column: str, value: str | float) -> np.ndarray:
-        """Return (rows,) bool: True if the column has that value, a string as written or a number."""
+        """Return (rows,) bool: True if the column has the value, which is a number or a string as it is written."""
         if isinstance(value, str):
             cells = self.text(column)
             return np.fromiter((cell == value for cell in cells), dtype=bool, count=len(cells))
@@ -121,12 +123,16 @@ class LogTable(NamedTuple):
 
     def only(self, keep: np.ndarray) -> "LogTable":
         """Return the rows where `keep` is true."""
-        return self if keep.all() else self.at(np.flatnonzero(keep))
+        return self if keep.all() else self.select(np.flatnonzero(keep))
 
-    def at(self, rows: np.ndarray) -> "LogTable":
-        """Return the rows of these indices, which must increase."""
+    def select(self, rows: np.ndarray) -> "LogTable":
+        """Return the rows with these indices, which must increase."""
         columns = {
-            name: cells if cells is None else cells[rows] if isinstance(cells, np.ndarray) else cells.at(rows)
+            name: cells
+            if cells is None
+            else cells[rows]
+            if isinstance(cells, np.ndarray)
+            else cells.select(rows)
             for name, cells in self.columns.items()
         }
         return self._replace(columns=columns, lines=self.lines[rows])
@@ -193,8 +199,9 @@ def _rows(label: str, texts: Iterator[tuple[int, str]], delimiter: str) -> Itera
 def _columns(
     lines: Lines, rows: Iterator[tuple[int, list[str]]], width: int, delimiter: str
 ) -> tuple[list[bytearray], "array[int]", tuple[int, ...]]:
-    """Return the cells of each column, the line of each row, and the lines left out. Raise FileError for rows of
-    another width; only a last row that was cut is left out."""
+    """Return the cells of each column, the line number of each row, and the numbers of the excluded lines.
+    Raise FileError for rows of another width; only an incomplete last row is excluded.
+    """
     columns, numbers, block = [bytearray() for _ in range(width)], array("q"), []
     uneven, wrong, number, put_at = 0, (0, 0), 0, 0
     for number, row in rows:
@@ -220,8 +227,8 @@ def _append(lines: Lines, block: list[list[str]], columns: list[bytearray]) -> N
     """Move the rows of a block to the columns."""
     lines.take(CELL * len(columns) * len(block))
     for column, cells in zip(columns, zip(*block, strict=True), strict=False):
-        data = packed(cells)
-        column += packed([cell.strip() for cell in cells]) if _BLANK.search(data) else data
+        data = pack(cells)
+        column += pack([cell.strip() for cell in cells]) if _BLANK.search(data) else data
     block.clear()
 
 

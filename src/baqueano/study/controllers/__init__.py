@@ -1,9 +1,9 @@
-"""`baqueano study controllers`: all controllers on the same robots of the second simulator, routes, noise and tuning.
+"""`baqueano study controllers`: compare all controllers with the same simulated robots, routes, noise and tuning.
 
-Robots with the tolerances of real parts are identified from commands and IMU only, as in `study driving`. The gains of
-each controller were tuned once, on the model of the garage's vehicle, from the same number of starts. A controller that
-cannot be compiled, such as mpc, keeps its defaults. Each controller drives each route of each robot from rest, with the
-same noise. It is evaluated in three ways:
+Robots of the second simulator (truth/) with the tolerances of real parts are identified from commands and IMU only, as
+in `study driving`. The gains of each controller were tuned once, on the model of the garage's vehicle, from the same
+number of starts. A controller that cannot be compiled, such as mpc, keeps its defaults. Each controller drives each
+route of each robot from rest, with the same noise. There are three evaluations:
 
     pose         pose and velocity are known; the distance of the robot from its path
     estimate     commands and IMU only; the distance by the robot's estimate
@@ -27,16 +27,18 @@ STARTS = 3
 
 
 def controllers(
-    seeds: int = 100, first: int = 0, processes: int = 1, backend: str = "auto", own: "Sequence[OwnBlock]" = (),
-    kinds: Sequence[str] = KINDS, starts: int = STARTS, each: Callable[[int], None] = lambda k: None,
+    seeds: int = 100, first: int = 0, processes: int = 1, backend: str = "auto", user_blocks: "Sequence[OwnBlock]" = (),
+    kinds: Sequence[str] = KINDS, starts: int = STARTS, advance: Callable[[int], None] = lambda k: None,
 ) -> Controllers:  # fmt: skip
-    """Return the drives of robots `first` … `first + seeds − 1`. `own` are further controllers: "file.py:Class" or
-    a class. `starts` descents tune the gains of each. `each` is called with the number of robots that are done."""
+    """Return the drives of robots `first` … `first + seeds − 1`. `own` are further controllers ("file.py:Class" or a
+    class).
+    The gains of each controller are tuned by `starts` descents. `advance` receives the number of robots just finished.
+    """
     contestants: list[Contestant] = []
-    for kind in (*kinds, *own):
+    for kind in (*kinds, *user_blocks):
         contestants.append(contestant(kind, starts, backend))
     work = partial(batch, contestants=tuple(contestants), backend=backend)
-    drives_of_robots = spread_over(work, range(first, first + seeds), processes, each)
+    drives_of_robots = spread_over(work, range(first, first + seeds), processes, advance)
     robots = sorted(drives_of_robots, key=lambda robot: robot.seed)
     drives = [robot for robot in robots if robot.drives]
     results = {

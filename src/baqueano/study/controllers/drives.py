@@ -1,4 +1,4 @@
-"""The drives of `study controllers`: each robot is identified, then driven by each controller along each route."""
+"""Identify each robot of `study controllers`, and drive it by each controller along each route."""
 
 from dataclasses import replace
 from typing import TYPE_CHECKING, NamedTuple
@@ -42,7 +42,7 @@ class Contestant(NamedTuple):
 
 
 class DrivenRobot(NamedTuple):
-    """The drives of a robot for each way of evaluation; empty if its fit was refused."""
+    """The drives of a robot for each evaluation; empty if its fit was refused."""
 
     seed: int
     drives: dict[str, list[SweepDrive]]
@@ -87,9 +87,9 @@ def batch(seed: int, contestants: tuple[Contestant, ...], backend: str) -> Drive
 
 
 def from_origin(route: "Route") -> "Route":
-    """Return the route relative to its first pose, where a robot of the truth begins."""
+    """Return the route relative to its first pose, because a robot of the truth begins at the origin."""
     eta = np.array([pose_error(eta, route.eta[0]) for eta in route.eta])
-    eta[:, 2] = route.eta[:, 2] - route.eta[0, 2]  # it goes on over full turns
+    eta[:, 2] = route.eta[:, 2] - route.eta[0, 2]  # the heading is unwrapped
     return route._replace(eta=eta)
 
 

@@ -7,9 +7,9 @@ import numpy as np
 from baqueano.contracts.result import Result
 from baqueano.contracts.values import TableRow
 from baqueano.diagnostics import Diagnostic, Severity, Verdict, note
-from baqueano.language import marked as N_
+from baqueano.language import mark as N_
 from baqueano.language import number
-from baqueano.language import translated as _
+from baqueano.language import translate as _
 from baqueano.messages import verdict_line
 from baqueano.study.controllers.drives import Contestant
 from baqueano.sweep.result import SweepResult
@@ -21,12 +21,12 @@ THIRD = 1.0 / 3.0  # of the paper's PD: the limit for the best controller if the
 
 @dataclass(frozen=True, slots=True, eq=False, repr=False)
 class Controllers(Result):
-    """All drives, by way of evaluation.
+    """The drives of all robots by all controllers, grouped by evaluation.
 
     Attributes
     ----------
     drives : dict of SweepResult
-        "pose", "estimate" and "truth"; each compares with the first controller.
+        "pose", "estimate" and "truth" → drives; their ratios refer to the first controller.
     contestants : tuple of Contestant
         The controllers and their gains, in the order of the rows.
     robots : int
@@ -70,7 +70,7 @@ class Controllers(Result):
 
     @property
     def reasons(self) -> tuple[Diagnostic, ...]:
-        """Return a warning for each promise that is not kept."""
+        """Return a warning for a best ratio above THIRD, and for gains at a bound, stops and refused fits."""
         out, rows = [], self.rows()
         best = min(rows[1:], key=lambda row: row["pose_ratio"], default=None)
         if best is not None and not np.isfinite(best["pose_high"]):
@@ -103,7 +103,7 @@ class Controllers(Result):
         head = f"{_('controller'):16}" + "".join(f"{_(view):>30}" for view in self.drives)
         under = " " * 16 + "".join(f"{_('median p95 mm'):>15}{_('ratio'):>15}" for _view in self.drives)
         lines = [
-            _("{robots} robots, {routes} drives each; ratio to {first}, with its interval of 95 %",
+            _("{robots} robots, {routes} drives each; ratio to {first}, with its 95 % interval",
               robots=self.robots - len(self.refused), routes=2, first=self.contestants[0].label),
             head, under,
         ]  # fmt: skip

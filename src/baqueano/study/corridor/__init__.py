@@ -1,16 +1,17 @@
 """`baqueano study corridor`: check that the corridor claimed by the filter contains the vehicle.
 
-Vehicles of the independent truth are identified from commands and IMU only. They follow a sinuous circle, an eight or
-a rectangle at 0.2 m/s for a minute, with the recommended filter. vehicles.py lists how they differ from their files.
+Vehicles of the independent truth are identified from commands and IMU only.
+They follow a sinuous circle, an eight or a rectangle at 0.2 m/s for a minute, with the recommended filter.
+The module vehicles.py lists their differences from the files.
 """
 
 from collections.abc import Callable
 from dataclasses import replace
 
-from baqueano.language import translated as _
+from baqueano.language import translate as _
 from baqueano.study.corridor.drives import CorridorDrive, batch
 from baqueano.study.corridor.recorded import ends_of_recordings
-from baqueano.study.corridor.result import AT_S, Corridors, Instant, gathered
+from baqueano.study.corridor.result import AT_S, Corridors, Instant, gather
 from baqueano.sweep.workers import spread_over
 
 TOGETHER = 10  # vehicles that are simulated side by side
@@ -21,30 +22,32 @@ def corridor(
     first: int = 0,
     processes: int = 1,
     backend: str = "auto",
-    each: Callable[[int], None] = lambda k: None,
+    advance: Callable[[int], None] = lambda k: None,
 ) -> Corridors:
-    """Evaluate the corridors of vehicles `first` … `first + vehicles − 1`; `each` receives the number that is done."""
+    """Evaluate the corridors of vehicles `first` … `first + vehicles − 1`.
+    `advance` receives the number of vehicles just finished.
+    """
     jobs = [
         (range(k, min(k + TOGETHER, first + vehicles)), backend)
         for k in range(first, first + vehicles, TOGETHER)
     ]
-    parts = spread_over(batch, jobs, processes, lambda jobs_done: each(jobs_done * TOGETHER))
+    parts = spread_over(batch, jobs, processes, lambda jobs_done: advance(jobs_done * TOGETHER))
     drives = sorted((d for some, _ in parts for d in some), key=lambda d: d.seed)
-    return judged(drives, sorted(seed for _, refusals in parts for seed in refusals))
+    return evaluate_corridors(drives, sorted(seed for _, refusals in parts for seed in refusals))
 
 
 def with_recordings(
-    corridors: Corridors, backend: str = "auto", say: Callable[[str], object] = lambda text: None
+    corridors: Corridors, backend: str = "auto", progress: Callable[[str], object] = lambda text: None
 ) -> Corridors:
-    """Return the corridors of the vehicles together with those of windows of recordings."""
-    ends, notes = ends_of_recordings(backend, say)
-    windows = gathered(ends, 0, ())
+    """Return the corridors of the vehicles with the corridors of windows of recordings added."""
+    ends, notes = ends_of_recordings(backend, progress)
+    windows = gather(ends, 0, ())
     lost_cases = corridors.lost | windows.lost
     return replace(corridors, windows=windows.instants, lost=lost_cases, notes=(*corridors.notes, *notes))
 
 
-def judged(drives: list[CorridorDrive], refused: list[int]) -> Corridors:
-    """Return the corridors of drives at the times AT_S and at the end of each lap."""
+def evaluate_corridors(drives: list[CorridorDrive], refused: list[int]) -> Corridors:
+    """Return the corridors of drives, at the times AT_S and at the end of each lap."""
     labelled_instants = [(f"{t:g} s", _instant(d, t)) for t in AT_S for d in drives if d.t_s[-1] >= t]
     laps = max((int(d.t_s[-1] / d.lap_s) for d in drives), default=0)
     labelled_instants += [
@@ -53,7 +56,7 @@ def judged(drives: list[CorridorDrive], refused: list[int]) -> Corridors:
         for d in drives
         if d.t_s[-1] >= k * d.lap_s
     ]
-    return gathered(labelled_instants, len(drives), refused)
+    return gather(labelled_instants, len(drives), refused)
 
 
 def _instant(drive: CorridorDrive, t_s: float) -> Instant:

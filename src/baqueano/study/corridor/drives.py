@@ -9,7 +9,7 @@ from baqueano.guides.repeat import Repeat
 from baqueano.guides.route import Route
 from baqueano.signals import Estimate, Slot, Tick
 from baqueano.simulate.open_loop import times
-from baqueano.study.corridor.vehicles import identified, switched_on_anew, vehicles
+from baqueano.study.corridor.vehicles import identify_vehicles, switched_on_anew, vehicles
 from baqueano.study.driving import SHAPES, Loop
 from baqueano.study.truth import Robots, TruthWorld
 
@@ -33,7 +33,7 @@ def batch(job: tuple[range, str]) -> tuple[list[CorridorDrive], list[int]]:
     """Return the drives of these seeds, and the seeds whose fit was refused."""
     seeds, backend = job
     robots = vehicles(seeds)
-    files = identified(robots, seeds, backend)
+    files = identify_vehicles(robots, seeds, backend)
     usable = [k for k, file in enumerate(files) if file is not None]
     names, vehicle_files = [seeds[k] for k in usable], [file for file in files if file is not None]
     restarted_robots = switched_on_anew(robots.some(usable), names, vehicle_files)
@@ -42,7 +42,7 @@ def batch(job: tuple[range, str]) -> tuple[list[CorridorDrive], list[int]]:
 
 
 def follow(loops: list[Loop], robots: Robots, seeds: list[int]) -> list[CorridorDrive]:
-    """Simulate the drive of each vehicle along the route of its seed, and return the errors."""
+    """Simulate the drive of each vehicle along the route of its seed, and return its errors and covariances."""
     rate_hz, n = loops[0].file.rate_hz, len(loops)
     shapes = [list(SHAPES)[seed % len(SHAPES)] for seed in seeds]
     routes = [SHAPES[shape](SPEED_M_S) for shape in shapes]
@@ -63,7 +63,7 @@ def follow(loops: list[Loop], robots: Robots, seeds: list[int]) -> list[Corridor
         true = world.truth.eta
         for i, loop in enumerate(loops):
             tick = Tick(int(t), before[i], loop.slots(Slot(1.0, z[i])))
-            progress[i], reference = guides[i].step(progress[i], at(int(t_ns[max(k, rest)])))
+            progress[i], reference = guides[i].step(progress[i], estimate_at(int(t_ns[max(k, rest)])))
             states[i], (command, estimate) = loop.step(states[i], tick, reference._replace(t_ns=int(t)))
             u[i] = command if k >= rest else 0.0
             if k in sample_rows[i]:
@@ -85,6 +85,6 @@ def instants(route: Route, rest: int, ticks: int, rate_hz: float) -> set[int]:
     return {*range(rest, ticks, round(EVERY_S * rate_hz)), *ends.tolist()}
 
 
-def at(t_ns: int) -> Estimate:
+def estimate_at(t_ns: int) -> Estimate:
     """Return an estimate for a guide that needs only its time."""
     return Estimate(t_ns, np.zeros(3), np.zeros(3), np.zeros((6, 6)))

@@ -1,11 +1,11 @@
-"""Windows of recordings: the pose is known at the start of each, and the corridor is checked at its end.
+"""Windows of recordings: the pose is known at the start of each window, and the corridor is checked at its end.
 
     calibrated      the gyro scale by the camera in the run of the fit, known to 1 %
     raw             the gyro scale by the chip's data sheet, known to 3 %
     odometer        calibrated, and an odometer whose scale is by the same camera
 
-Fitted on one recording and checked on another one, in both directions. The filter runs on through a recording: it keeps
-its estimates of speed and biases, and only the pose is reset.
+A vehicle file is fitted to one recording and checked on another one, in both directions. The filter runs through the
+whole recording. At the end of each window only its pose is reset: it keeps its estimates of speed and biases.
 """
 
 from collections.abc import Callable
@@ -18,12 +18,12 @@ from baqueano.diagnostics import Verdict
 from baqueano.geometry import wrap
 from baqueano.identify.noise.most_likely import example_of, ticks_of
 from baqueano.identify.sensor_calibration import calibrate
-from baqueano.language import translated as _
+from baqueano.language import translate as _
 from baqueano.runs.initial_pose import initial_pose
 from baqueano.runs.interpolated import poses_at
 from baqueano.study.corridor.result import Instant
 from baqueano.study.estimation.errors import WINDOWS_S
-from baqueano.study.estimation.judging import fitted
+from baqueano.study.estimation.judging import fit_subject
 from baqueano.study.estimation.subjects import BOTH, IMU, SUBJECTS, Subject, missing
 from baqueano.symbolic import scan
 
@@ -41,15 +41,15 @@ MOST_TICKS = 1_000_000
 
 
 def ends_of_recordings(
-    backend: str = "auto", say: Callable[[str], object] = lambda text: None
+    backend: str = "auto", progress: Callable[[str], object] = lambda text: None
 ) -> tuple[list[tuple[str, Instant]], list[str]]:
-    """Return the ends of all windows with their names, "10 s, raw", and a sentence for each recording left out."""
+    """Return (name, instant) at the end of each window, such as "10 s, raw", and a note on each skipped recording."""
     out, notes = [], []
     for case in CASES:
         if files := missing(case):
             notes.append(
                 _(
-                    "{case} is left out: {files} is missing; set BAQUEANO_DATA to its folder",
+                    "{case} is excluded: {files} is missing; set BAQUEANO_DATA to its folder",
                     case=case,
                     files=files[0],
                 )
@@ -57,9 +57,9 @@ def ends_of_recordings(
             continue
         for subject in SUBJECTS[case][0]():
             for name, sensors in SETS.items():
-                say(f"{subject.name}, {name}")
+                progress(f"{subject.name}, {name}")
                 with_scale = subject._replace(file=calibrated_file(subject, name))
-                fit, file = fitted(with_scale, sensors, backend)
+                fit, file = fit_subject(with_scale, sensors, backend)
                 if fit.verdict == Verdict.REFUSED:
                     notes.append(_("{name}, {name2}: its fit is refused", name=subject.name, name2=name))
                     continue
@@ -70,7 +70,7 @@ def ends_of_recordings(
 
 
 def windows(file: "VehicleFile", run: "Run", window_s: float, backend: str = "auto") -> list[Instant]:
-    """Return the ends of consecutive windows, by the filter of `file`."""
+    """Return error and covariance of the filter of `file` at the end of each window with known poses at both ends."""
     ekf, truth = file.estimator(), run.truth
     assert truth is not None
     ticks = ticks_of(run, ekf, MOST_TICKS)
@@ -114,7 +114,7 @@ def _rows(ticks: Any, a: int, b: int) -> Any:
 
 
 def calibrated_file(subject: Subject, name: str) -> "VehicleFile":
-    """Return the file before the fit, with the scales of the set `name`."""
+    """Return the initial file of the fit, with the sensor scales of the set `name` ("raw": the scale 1)."""
     values: JsonObject = {SCALE: 1.0, f"{SCALE}_std": KNOWN[name]}
     if name != "raw":
         scales = {figure.name: figure.value for figure in calibrate(subject.fitted, subject.file).numbers}

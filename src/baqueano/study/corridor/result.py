@@ -3,9 +3,9 @@
     d² = eᵀ P⁻¹ e of position (2) or heading (1),   coverage = share of vehicles with d² ≤ χ²(0.95)         (1)
     wider than needed = χ²(0.95) / (95 % quantile of d²): of the area of a position, of the variance of a heading   (2)
 
-A vehicle counts while the standard deviation of its heading is at most LOST_RAD. With few vehicles chance is allowed
-for: a bar is missed only if the whole 95 % interval of a coverage (Wilson 1927) lies outside. A region is too wide if
-a region WIDER times smaller still covers more than 95 %, by that interval.
+A vehicle counts while the standard deviation of its heading is at most LOST_RAD. The verdict allows for the chance of
+few vehicles. It counts a bar as missed only if the whole 95 % interval of a coverage (Wilson 1927) is outside the bar.
+By the same interval, a region is too wide if a region WIDER times smaller still covers more than 95 %.
 """
 
 from collections.abc import Sequence
@@ -17,7 +17,7 @@ import numpy as np
 from baqueano.compare.corridor import CHI_SQUARE_95, LOST_RAD, QUANTILE_95
 from baqueano.diagnostics import Verdict
 from baqueano.language import number
-from baqueano.language import translated as _
+from baqueano.language import translate as _
 
 if TYPE_CHECKING:
     from baqueano.contracts.values import JsonObject, TableRow
@@ -39,24 +39,26 @@ class Instant(NamedTuple):
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Corridors:
-    """The corridors of all vehicles, at instants with names."""
+    """The corridors of all vehicles, by named instant."""
 
     instants: dict[str, tuple[Instant, ...]]  # "10 s", "lap 1" → the vehicles that are not lost there
     lost: dict[str, int]
     vehicles: int
     refused: tuple[int, ...]  # seeds whose fit was refused: they did not drive
-    windows: dict[str, tuple[Instant, ...]] = field(default_factory=dict)  # "10 s, raw" → those of recordings
+    windows: dict[str, tuple[Instant, ...]] = field(
+        default_factory=dict
+    )  # "10 s, raw" → the windows of recordings
     notes: tuple[str, ...] = ()
 
     def rows(self) -> list["TableRow"]:
-        """Return a flat row for each instant and quantity."""
+        """Return a flat row with coverage and width for each instant and quantity."""
         out = []
         for source, source_instants in (("simulated", self.instants), ("recorded", self.windows)):
             coverage, wider = (COVERAGE, WIDER) if source == "simulated" else (OF_RECORDINGS, np.inf)
             for at, instants in source_instants.items():
                 for quantity, bar in DEGREES.items():
                     row = {"source": source, "at": at, "quantity": quantity, "cases": len(instants)}
-                    d2 = np.array([squared(instant, quantity) for instant in instants])
+                    d2 = np.array([squared_distance(instant, quantity) for instant in instants])
                     out.append(row | {"lost": self.lost.get(at, 0)} | _coverage_row(d2, bar, coverage, wider))
         return out
 
@@ -65,7 +67,7 @@ class Corridors:
         """Return a sentence for each bar that is missed."""
         return tuple(
             _(
-                "{quantity} at {at}: coverage {coverage:.0f} %, {wider:.2f} × what is needed",
+                "{quantity} at {at}: coverage {coverage:.0f} %, {wider:.2f} × the size that is needed",
                 quantity=r["quantity"],
                 at=r["at"],
                 coverage=100.0 * r["coverage"],
@@ -95,9 +97,9 @@ class Corridors:
             )
         lines.append(
             _(
-                "Coverage of the 95 % region is to lie within {low:g} and {high:g}; its area, of a "
-                "heading its variance, is to be at most {wider:g} × that of a region that holds 95 % of "
-                "these vehicles. Windows of recordings: coverage at least {of_recordings:g}.",
+                "The coverage of the 95 % region must be between {low:g} and {high:g}. Its area (for a "
+                "heading, its variance) must be at most {wider:g} × that of a region with 95 % of these "
+                "vehicles. For windows of recordings, the coverage must be at least {of_recordings:g}.",
                 low=COVERAGE[0],
                 high=COVERAGE[1],
                 wider=WIDER,
@@ -107,16 +109,20 @@ class Corridors:
         if self.refused:
             lines.append(
                 _(
-                    "The fits of {refused} vehicles were refused: they did not drive.",
+                    "The fits of {refused} vehicles were refused: these vehicles did not drive.",
                     refused=len(self.refused),
                 )
             )
         return "\n".join(
-            [*lines, *self.notes, f"{_(self.verdict)}: {'; '.join(self.reasons) or _('all bars are met')}"]
+            [
+                *lines,
+                *self.notes,
+                f"{_(self.verdict)}: {'; '.join(self.reasons) or _('all requirements are met')}",
+            ]
         )
 
 
-def squared(instant: Instant, quantity: str) -> float:
+def squared_distance(instant: Instant, quantity: str) -> float:
     """Return d² of the position or the heading.  (1)"""
     k = slice(0, 2) if quantity == "position" else slice(2, 3)
     return float(instant.error[k] @ np.linalg.solve(instant.cov[k, k], instant.error[k]))
@@ -127,7 +133,7 @@ def has_heading(instant: Instant) -> bool:
     return bool(instant.cov[2, 2] <= LOST_RAD**2)
 
 
-def gathered(named: Sequence[tuple[str, Instant]], vehicles: int, refused: Sequence[int]) -> Corridors:
+def gather(named: Sequence[tuple[str, Instant]], vehicles: int, refused: Sequence[int]) -> Corridors:
     """Return the corridors of named instants; the names keep the order of their first occurrence."""
     names = list(dict.fromkeys(name for name, _ in named))
     instants = {

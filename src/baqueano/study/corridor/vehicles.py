@@ -1,9 +1,9 @@
 """Vehicles of the independent truth with the IMU of a data sheet, each identified from commands and IMU.
 
     gyro      scale uniform within ± 3 %; its bias is a random walk, and changes at each power-on
-    wheels    radii differ by 2 %; the rest has the tolerances of real parts (truth/two_wheels.py)
+    wheels    radii differ by 2 %; all other parts have the tolerances of real parts (truth/two_wheels.py)
 
-The vehicle file contains only gyro_scale_std of the garage, and gyro_bias_std for the bias at power-on.
+Of these errors the vehicle file contains only gyro_scale_std of the garage, and gyro_bias_std for the bias at power-on.
 """
 
 from collections.abc import Sequence
@@ -28,26 +28,28 @@ def vehicles(seeds: Sequence[int]) -> Robots:
     robots, draws = together([draw_robots(1, seed) for seed in seeds]), [_draw(seed) for seed in seeds]
     scale = np.array([1.0 + draw.uniform(-TOLERANCE, TOLERANCE) for draw in draws])
     side = np.array([draw.choice([-0.5, 0.5]) * APART for draw in draws])
-    imu = robots.imu.changed(gyro_scale=scale, walk=np.tile([0.0, 0.0, BIAS_WALK], (len(draws), 1)))
-    return robots.changed(imu=imu, wheel=1.0 + np.stack([-side, side], axis=1))
+    imu = robots.imu.with_parameters(gyro_scale=scale, walk=np.tile([0.0, 0.0, BIAS_WALK], (len(draws), 1)))
+    return robots.with_parameters(imu=imu, wheel=1.0 + np.stack([-side, side], axis=1))
 
 
 def switched_on_anew(robots: Robots, seeds: Sequence[int], files: Sequence[VehicleFile]) -> Robots:
-    """Return the vehicles with the gyro bias of the drive, PAUSE_S after the experiment."""
+    """Return the vehicles with a new gyro bias: they are switched on again, PAUSE_S after the experiment."""
     bias = robots.imu.bias.copy()
     for k, (seed, file) in enumerate(zip(seeds, files, strict=True)):
         sd = np.hypot(file.sensors.imu.gyro_bias_std, BIAS_WALK * np.sqrt(PAUSE_S))
         bias[k, 2] += sd * _draw(seed + 1_000_000).standard_normal()
-    return robots.changed(imu=robots.imu.changed(bias=bias))
+    return robots.with_parameters(imu=robots.imu.with_parameters(bias=bias))
 
 
-def identified(robots: Robots, seeds: Sequence[int], backend: str) -> list[VehicleFile | None]:
+def identify_vehicles(robots: Robots, seeds: Sequence[int], backend: str) -> list[VehicleFile | None]:
     """Return the file of each vehicle after `identify --update`; None if the fit is refused."""
     out: list[VehicleFile | None] = []
     for run in experiments(robots, range(seeds[0], seeds[-1] + 1)):
         fit = identify(run, guess(), FREE, options=FitOptions(backend=backend))
         is_refused = fit.verdict == Verdict.REFUSED
-        out.append(None if is_refused else measure_noise(fit, run, backend=backend).updated(fit.vehicle_file))
+        out.append(
+            None if is_refused else measure_noise(fit, run, backend=backend).updated_file(fit.vehicle_file)
+        )
     return out
 
 

@@ -1,6 +1,11 @@
 """Vehicles of the independent truth in the form of the package: vehicle files, true parameters, and runs."""
 
 from baqueano.study.counterpart.cars import FREE_CAR, car_file, car_numbers, car_values, with_car_numbers
-from baqueano.study.counterpart.recorded import GroupDrive, driven, readings_without_noise, recorded
+from baqueano.study.counterpart.recorded import (
+    GroupDrive,
+    drive_group,
+    readings_without_noise,
+    run_of_vehicle,
+)
 from baqueano.study.counterpart.robots import FREE_ROBOT, robot_file, robot_values, with_values
 from baqueano.study.counterpart.world import LoopWorld, world_of

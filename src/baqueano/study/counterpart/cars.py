@@ -35,7 +35,7 @@ BEYOND: dict[str, tuple[str, int]] = {  # parameters that are not in a file unde
 
 
 def car_values(cars: Cars) -> dict[str, np.ndarray]:
-    """Return the true value (n,) of each parameter that has one, and of the speed at a throttle of AT."""
+    """Return path → true value (n,) of the parameters that have one, and the steady speed at a throttle of AT."""
     out = {path: column(getattr(cars, name), k) / cars.mass_kg for path, (name, k) in PER_KG.items()}
     out |= {path: column(getattr(cars, name), k) for path, (name, k) in OF_CAR.items()}
     zone = out["model.drivetrain.dead_zone_forward[0]"]
@@ -43,14 +43,14 @@ def car_values(cars: Cars) -> dict[str, np.ndarray]:
 
 
 def car_numbers(cars: Cars) -> dict[str, np.ndarray]:
-    """Return all unknown numbers (n,) of a run: those of a file, those of BEYOND, and the biases."""
+    """Return path → value (n,) of all unknowns of a run: parameters of the file, parameters of BEYOND, and biases."""
     out = car_values(cars) | {path: column(getattr(cars, name), k) for path, (name, k) in BEYOND.items()}
     del out[SPEED]
     return out | {path: column(getattr(cars.imu, name), k) for path, (name, k) in BIASES.items()}
 
 
 def with_car_numbers(cars: Cars, values: Mapping[str, np.ndarray]) -> Cars:
-    """Return the cars with these values (n,) of numbers of `car_numbers`, as its inverse."""
+    """Return the cars with these values (n,) of some numbers of `car_numbers`, as its inverse."""
     before = car_numbers(cars)
     car_changes: dict[str, np.ndarray] = {}
     imu_changes: dict[str, np.ndarray] = {}
@@ -62,7 +62,7 @@ def with_car_numbers(cars: Cars, values: Mapping[str, np.ndarray]) -> Cars:
             add(car_changes, cars, PER_KG[path], more * cars.mass_kg)
         else:
             add(car_changes, cars, (OF_CAR | BEYOND)[path], more)
-    return cars.changed(imu=cars.imu.changed(**imu_changes), **car_changes)
+    return cars.with_parameters(imu=cars.imu.with_parameters(**imu_changes), **car_changes)
 
 
 def speed_at(x: np.ndarray) -> np.ndarray:
@@ -76,7 +76,7 @@ def speed_at(x: np.ndarray) -> np.ndarray:
 
 
 def car_file(car: Cars) -> VehicleFile:
-    """Return the file of one car, with true values if they exist, else plausible ones."""
+    """Return the file of one car, with true values if they exist, else with plausible values."""
     value = {path: float(v[0]) for path, v in car_values(car).items()}
     a, b = car.axle_m[0]
     imu, zone = car.imu, [*car.zone[0]]

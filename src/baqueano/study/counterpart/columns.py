@@ -1,4 +1,4 @@
-"""Columns of the parameters of a group of vehicles: they link a path of a vehicle file to the numbers of the truth."""
+"""Link each parameter path of a vehicle file to a column of an array of the truth."""
 
 import numpy as np
 
@@ -15,8 +15,8 @@ def column(values: np.ndarray, k: int) -> np.ndarray:
     return (values if k == WHOLE else values[:, k]).copy()
 
 
-def add(changed: dict[str, np.ndarray], owner: object, at: tuple[str, int], by: np.ndarray) -> None:
-    """Add `by` (n,) to a column of a field of `owner` in `changed`, which may contain other changes of the field."""
-    name, k = at
+def add(changed: dict[str, np.ndarray], owner: object, place: tuple[str, int], by: np.ndarray) -> None:
+    """Add `by` (n,) to the field and column `at` of `owner`. `changed` collects the changed fields, by name."""
+    name, k = place
     changed.setdefault(name, getattr(owner, name).copy())
     changed[name][... if k == WHOLE else (slice(None), k)] += by

@@ -24,7 +24,7 @@ class GroupDrive(NamedTuple):
     wandered: np.ndarray  # (n, 3) drift of the biases, mean of all ticks
 
 
-def driven(
+def drive_group(
     vehicles: Robots | Cars, u: np.ndarray, seeds: Sequence[int], t_ns: np.ndarray, step_s: float = STEP_S
 ) -> GroupDrive:
     """Return the drives of the vehicles under the commands u (N, n, m), each in force until its tick."""
@@ -34,8 +34,8 @@ def driven(
     for k, dt_s in enumerate(np.diff(t_ns, prepend=0) * 1e-9):
         z[k] = world.tick(u[k], float(dt_s))
         truth[k] = np.concatenate(world.truth, axis=1)
-        quiet[k], wheel_travel[k] = world.quiet, world.rolled
-        drift += world.wandered / len(u)
+        quiet[k], wheel_travel[k] = world.quiet, world.rolling_speed
+        drift += world.bias_drift / len(u)
     return GroupDrive(t_ns, z, quiet, truth, wheel_travel, drift)
 
 
@@ -50,7 +50,7 @@ def readings_without_noise(
     return quiet
 
 
-def recorded(shown: GroupDrive, k: int, u: np.ndarray, file: VehicleFile, name: str, seed: int) -> Run:
+def run_of_vehicle(shown: GroupDrive, k: int, u: np.ndarray, file: VehicleFile, name: str, seed: int) -> Run:
     """Return the run of vehicle `k` under u (N, m); with an odometer if the file has one."""
     t_ns, truth = shown.t_ns, shown.truth[:, k]
     channels = {"imu": Channel(t_ns, t_ns, shown.z[:, k])}

@@ -5,8 +5,8 @@ A wheel with toe angle τ and arm w pushes with F = g K:
     X_i = F_i cos τ_i, Y_i = F_i sin τ_i:   T_00 = X_l + X_r,  T_02 = X_r − X_l,  T_10 = Y_l + Y_r,  T_12 = Y_r − Y_l
     T_20 = X_r w_r − X_l w_l,  T_22 = X_r w_r + X_l w_l                                                   (1)
 
-The mass of the file is right, because a scale measures it; so is the inertia, the reference of all terms about z.
-A run shows only the sum of a tilt and an accelerometer bias. So the file contains the tilt, and the bias is free.
+The file contains the true mass, because a scale measures it, and the true inertia, to which all terms about z refer. A
+run shows only the sum of a tilt and an accelerometer bias. So the file contains the tilt, and the bias is free.
 """
 
 from collections.abc import Mapping
@@ -76,7 +76,7 @@ def with_values(robots: Robots, values: Mapping[str, np.ndarray]) -> Robots:
             "toe_rad": np.arctan2(Y, X),
             "arm_m": N / X,
         }
-    return robots.changed(imu=robots.imu.changed(**imu_changes), **robot_changes)
+    return robots.with_parameters(imu=robots.imu.with_parameters(**imu_changes), **robot_changes)
 
 
 def robot_file(robot: Robots) -> VehicleFile:

@@ -10,7 +10,7 @@ from baqueano.signals import NANOSECONDS, Command, Motion, Slot, Tick, sensor_sl
 from baqueano.study.truth import Cars, Robots, TruthWorld
 from baqueano.symbolic import function
 
-# of Runge-Kutta: a third of the shortest time constant, that of tyres at rest
+# of Runge-Kutta: a third of the shortest time constant (tyres at rest)
 ROBOT_STEP_S, CAR_STEP_S = 5e-3, 1e-3
 FEW = 3  # vehicles; NumPy takes as long for one as for fifty, and more of them give a long code to compile
 

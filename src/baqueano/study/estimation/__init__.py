@@ -2,9 +2,9 @@
 
 from collections.abc import Callable, Sequence
 
-from baqueano.language import translated as _
+from baqueano.language import translate as _
 from baqueano.study.estimation import simulated as independent
-from baqueano.study.estimation.judging import judged
+from baqueano.study.estimation.judging import evaluate
 from baqueano.study.estimation.result import EstimationStudy
 from baqueano.study.estimation.subjects import SETUPS, SUBJECTS, missing
 from baqueano.study.recordings import check_present
@@ -16,7 +16,7 @@ CASES = (*SUBJECTS, SIMULATED)
 def estimation(
     seeds: int = 0,
     backend: str = "auto",
-    say: Callable[[str], object] = lambda text: None,
+    progress: Callable[[str], object] = lambda text: None,
     cases: Sequence[str] = CASES,
     kinds: Sequence[str] = (),
     processes: int = 1,
@@ -28,7 +28,7 @@ def estimation(
         if files := missing(name):
             left_out.append(
                 _(
-                    "{name} is left out: {files} is missing; set BAQUEANO_DATA to its folder",
+                    "{name} is excluded: {files} is missing; set BAQUEANO_DATA to its folder",
                     name=name,
                     files=files[0],
                 )
@@ -36,20 +36,20 @@ def estimation(
             continue
         for subject in SUBJECTS[name][0]():
             for sensors in SETUPS:
-                say(
+                progress(
                     _(
-                        "{name}, {sensors}: fitting {duration_s:.0f} s, judging others",
+                        "{name}, {sensors}: fitting {duration_s:.0f} s, testing on others",
                         name=subject.name,
                         sensors=sensors,
                         duration_s=subject.fitted.duration_s,
                     )
                 )
-                out += judged(subject, sensors, kinds, backend)
+                out += evaluate(subject, sensors, kinds, backend)
     if not (seeds and SIMULATED in cases):
         if not out:
             check_present()
         return EstimationStudy(tuple(out), notes=tuple(left_out))
-    say(_("simulating, fitting and judging {seeds} vehicles", seeds=seeds))
-    outcomes = independent.simulated(seeds, kinds, backend, processes)
+    progress(_("simulating, fitting and testing {seeds} vehicles", seeds=seeds))
+    outcomes = independent.simulate_outcomes(seeds, kinds, backend, processes)
     rows, each = independent.rows(outcomes), independent.each_vehicle(outcomes)
     return EstimationStudy(tuple(out), tuple(rows), tuple(each), (*left_out, independent.sentence(outcomes)))

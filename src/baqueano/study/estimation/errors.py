@@ -1,8 +1,9 @@
 """Squared errors of an estimate and of its reference, in blocks of one run, and their ratio.
 
 Speed is ν_x. Positions are relative to the first true pose: path and truth coincide there, in position and heading. A
-window of T is aligned anew at its first true pose. Blocks are the windows for positions, segments of 10 s for the
-speed, and the whole run as one block: its position errors are one draw of the heading errors.
+window of T is aligned anew at its first true pose. The blocks are the windows for positions in windows, and segments of
+10 s for the speed. For positions over the whole run, the run is one block, because one draw of the heading errors
+determines all its position errors.
 
     ratio = √(Σ_b e_b² / Σ_b ẽ_b²),   its interval by drawing whole blocks b with replacement             (1)
 """
@@ -12,9 +13,9 @@ from typing import NamedTuple
 
 import numpy as np
 
-from baqueano.compare.errors import absolute, aligned
+from baqueano.compare.errors import absolute, align_trajectory
 from baqueano.identify.noise.speed_channels import ratio_of_blocks
-from baqueano.language import marked as N_
+from baqueano.language import mark as N_
 from baqueano.runs.interpolated import poses_at, true_speed
 from baqueano.runs.run import TruthLog
 from baqueano.signals import seconds
@@ -35,17 +36,17 @@ class BlockSums(NamedTuple):
 
     @property
     def rms(self) -> tuple[float, float]:
-        """Return the rms error of the estimate and that of the reference."""
+        """Return the rms errors of the estimate and of the reference."""
         n = max(float(np.sum(self.samples)), 1.0)
         return float(np.sqrt(np.sum(self.ours) / n)), float(np.sqrt(np.sum(self.reference) / n))
 
     @property
     def ratio(self) -> tuple[float, float, float]:
-        """Return the ratio and its 95 % interval, which is NaN for few blocks.  (1)"""
+        """Return the ratio of the rms errors and its 95 % interval, which is NaN for few blocks.  (1)"""
         return ratio_of_blocks(self.ours, self.reference)
 
 
-def joined(parts: Sequence[BlockSums]) -> BlockSums:
+def merge(parts: Sequence[BlockSums]) -> BlockSums:
     """Return the blocks of several runs joined into one."""
     return BlockSums(*(np.concatenate(column) for column in zip(*parts, strict=True)))
 
@@ -60,7 +61,8 @@ class EstimatedPath(NamedTuple):
 def block_errors(
     t_ns: np.ndarray, ours: EstimatedPath, reference: EstimatedPath, truth: TruthLog
 ) -> dict[str, BlockSums]:
-    """Return the errors of both at the ticks `t_ns` (N,) against the truth, by quantity."""
+    """Return the squared errors of `ours` and `reference` at the ticks `t_ns` (N,) against the truth, summed
+    by block."""
     eta, speed, t_s = poses_at(t_ns, truth.t_ns, truth.eta), true_speed(t_ns, truth), seconds(t_ns, t_ns[0])
     pieces = (t_s // BLOCK_S).astype(int)
     out = {
@@ -75,10 +77,10 @@ def block_errors(
 
 
 def _off(eta: np.ndarray, true: np.ndarray) -> np.ndarray:
-    """Return the squared distance (N,) from the truth, aligned at the first true pose."""
+    """Return the squared distance (N,) [m²] from the truth, after alignment at the first true pose."""
     if not np.isfinite(true).all(axis=1).any():
         return np.full(len(eta), np.nan)
-    return absolute(aligned(eta, true, "start"), true).position_m ** 2
+    return absolute(align_trajectory(eta, true, "start"), true).position_m ** 2
 
 
 def _windows(t_s: np.ndarray, window_s: float) -> list[np.ndarray]:

@@ -15,7 +15,7 @@ from baqueano.runs import Run
 from baqueano.runs.initial_pose import initial_pose
 from baqueano.runs.interpolated import true_speed
 from baqueano.study.estimation.errors import BlockSums, EstimatedPath, block_errors
-from baqueano.study.estimation.references import integrated, open_loop
+from baqueano.study.estimation.references import dead_reckoning, open_loop
 from baqueano.study.estimation.subjects import SETUPS, Subject, with_sensors
 from baqueano.vehicle_file import VehicleFile
 from baqueano.vehicle_file.build import DEFAULT_KIND
@@ -34,16 +34,18 @@ class JudgedEstimate(NamedTuple):
     stopped: str  # the reason why the replay stopped, "" if it did not
 
 
-def judged(
+def evaluate(
     subject: Subject, sensors: str, kinds: Sequence[str] = (), backend: str = "auto"
 ) -> list[JudgedEstimate]:
-    """Evaluate each estimator of `kinds` on the run of the subject; without any, the one of its file."""
-    fit, file = fitted(subject, sensors, backend)
+    """Evaluate each estimator of `kinds` on the run of the subject.
+    Without `kinds`, evaluate the estimator of its file.
+    """
+    fit, file = fit_subject(subject, sensors, backend)
     run = subject.judged
     assert run.truth is not None
     start = initial_pose(run)
     nu = open_loop(file, run, start, backend)
-    reference = EstimatedPath(integrated(file, run, nu, start), nu[:, 0])
+    reference = EstimatedPath(dead_reckoning(file, run, nu, start), nu[:, 0])
     out = []
     for kind in kinds or (file.data["estimator"].get("kind", DEFAULT_KIND["estimator"]),):
         replay_run = _replay(run, file, kind, backend)
@@ -68,7 +70,7 @@ def judged(
     return out
 
 
-def fitted(subject: Subject, sensors: str, backend: str = "auto") -> tuple[Fit, VehicleFile]:
+def fit_subject(subject: Subject, sensors: str, backend: str = "auto") -> tuple[Fit, VehicleFile]:
     """Return the fit, and the file that `baqueano identify RUN --update` writes unless the fit is refused."""
     fit = identify(
         subject.fitted,
@@ -77,7 +79,7 @@ def fitted(subject: Subject, sensors: str, backend: str = "auto") -> tuple[Fit, 
         options=FitOptions(backend=backend),
     )
     noise = measure_noise(fit, subject.fitted, backend=backend)
-    return fit, noise.updated(fit.vehicle_file, subject.fitted.name)
+    return fit, noise.updated_file(fit.vehicle_file, subject.fitted.name)
 
 
 def _replay(run: Run, file: VehicleFile, kind: str, backend: str) -> Run:

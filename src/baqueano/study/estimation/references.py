@@ -1,6 +1,7 @@
 """The references of an estimator: the model from the commands only, and plain integration of the readings.
 
-Both begin at the initial pose of the run. ω is the reading of the gyro, s that of the odometer, calibrated by the file:
+Both begin at the initial pose of the run. ω is the reading of the gyro, and s the reading of the odometer.
+The file calibrates both:
 
     ν̂     the model under the commands of the run only                                                    (1)
     r = (ω − bias) / scale,   v = s / scale; without an odometer v = ν̂_x                                   (2)
@@ -28,7 +29,7 @@ def open_loop(file: "VehicleFile", run: "Run", start: np.ndarray, backend: str =
     vehicle, record = file.vehicle, record_of(run, {})
     begin = vehicle.init(*(start[k : k + 3] for k in range(0, len(start), 3)))
     if np.any(start[3:] != 0.0):  # a moving vehicle has had a command before
-        begin = begin._replace(drivetrain=vehicle.drivetrain.settled(record.u[0]))
+        begin = begin._replace(drivetrain=vehicle.drivetrain.steady_state(record.u[0]))
 
     def step(state: "Tree", line: np.ndarray) -> tuple["Tree", np.ndarray]:
         state, motion = vehicle.step(state, line[1:], line[0], np.zeros(3))
@@ -39,7 +40,7 @@ def open_loop(file: "VehicleFile", run: "Run", start: np.ndarray, backend: str =
     return nu[np.searchsorted(record.t_s, run.t_s - 1e-9)]
 
 
-def integrated(file: "VehicleFile", run: "Run", nu: np.ndarray, start: np.ndarray) -> np.ndarray:
+def dead_reckoning(file: "VehicleFile", run: "Run", nu: np.ndarray, start: np.ndarray) -> np.ndarray:
     """Return η (N, 3) at the ticks by integration; `nu` (N, 3) is the velocity by the model.  (2), (3)"""
     sensors = file.sensors._asdict()
     imu, odometer = sensors["imu"], sensors.get("odometer")
@@ -57,7 +58,7 @@ def integrated(file: "VehicleFile", run: "Run", nu: np.ndarray, start: np.ndarra
 
 
 def _readings(run: "Run", sensor: str, entry: int) -> np.ndarray:
-    """Return a channel (N,) at the ticks, interpolated between its readings."""
+    """Return entry `entry` (N,) of a sensor at the ticks, interpolated between its readings."""
     channel = run.sensors[sensor]
     finite = np.isfinite(channel.z[:, entry])
     return np.interp(run.t_s, seconds(channel.t_ns[finite], run.t_ns[0]), channel.z[finite, entry])

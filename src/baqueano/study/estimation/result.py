@@ -3,9 +3,9 @@
     pooled ratio     √(Σ e² / Σ ẽ²) over all recordings, its interval by drawing whole blocks            (1)
     typical ratio    the geometric mean of the ratios of the recordings                                  (2)
 
-A large error weighs more in (1); all recordings have equal weight in (2). Bars apply to (1), and to single recordings:
-the ratio of a recording may not be significantly above ALONE. A refused fit is not written: no bar applies to its
-recording.
+A large error weighs more in (1); all recordings have equal weight in (2).
+Bars apply to (1), and to single recordings: the ratio of a recording may not be significantly above ALONE.
+A refused fit is not written: no bar applies to its recording.
 """
 
 from dataclasses import dataclass
@@ -14,10 +14,10 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from baqueano.diagnostics import Verdict
-from baqueano.language import marked as N_
+from baqueano.language import mark as N_
 from baqueano.language import number
-from baqueano.language import translated as _
-from baqueano.study.estimation.errors import QUANTITIES, SPEED, joined
+from baqueano.language import translate as _
+from baqueano.study.estimation.errors import QUANTITIES, SPEED, merge
 from baqueano.study.estimation.subjects import BOTH
 
 if TYPE_CHECKING:
@@ -36,7 +36,7 @@ AGAINST = {
 
 @dataclass(frozen=True, slots=True)
 class EstimationStudy:
-    """The evaluated recordings, then robots and cars of the independent truth."""
+    """The evaluated recordings, and the evaluated robots and cars of the independent truth."""
 
     judged: tuple["JudgedEstimate", ...]
     simulated: tuple["JsonObject", ...] = ()  # rows: the share that is not worse
@@ -48,15 +48,15 @@ class EstimationStudy:
         return [*self.rows_shown(), *self.vehicles]
 
     def rows_shown(self) -> list["TableRow"]:
-        """Return the rows without those of each simulated vehicle."""
+        """Return all rows except the rows of single simulated vehicles."""
         own = [
             row | ({"ok": None} if estimate.fit == REFUSED else {})
             for estimate in self.judged
             for row in (*_of_one(estimate), *_of_consistency(estimate))
         ]
-        return [*own, *self.pooled(), *self.simulated]
+        return [*own, *self.pooled_ratios(), *self.simulated]
 
-    def pooled(self) -> list["TableRow"]:
+    def pooled_ratios(self) -> list["TableRow"]:
         """Return the pooled and the typical ratio for each set of sensors, estimator and quantity, with its bar."""
         out = []
         fitted = [estimate for estimate in self.judged if estimate.fit != REFUSED]
@@ -69,7 +69,7 @@ class EstimationStudy:
             ]
             for quantity in QUANTITIES:
                 parts = [estimate.errors[quantity] for estimate in some]
-                ratio, low, high = joined(parts).ratio
+                ratio, low, high = merge(parts).ratio
                 bar = SPEED_WITH_ODOMETER if (quantity, sensors) == (SPEED, BOTH) else POOLED
                 typical = float(np.exp(np.mean([np.log(part.ratio[0]) for part in parts])))
                 for name, value in ((N_("pooled"), ratio), (N_("typical"), typical)):
@@ -142,13 +142,14 @@ class EstimationStudy:
                 position=_(AGAINST[False]),
             ),
             _(
-                "NO: a ratio on one recording that is significantly above {alone:g}, or a bar that is "
-                "missed. The goal of a pooled ratio is {goal:g}.",
+                "NO marks a ratio on one recording that is significantly above {alone:g}, or a requirement "
+                "that is not met. The goal of a pooled ratio is {goal:g}.",
                 alone=ALONE,
                 goal=GOAL,
             ),
             _(
-                "NEES of a speed is to lie within {nees}, NIS within {nis}, lag-1 correlation within ± {white:g}.",
+                "The NEES of a speed must be in {nees}, the NIS in {nis}, and the lag-1 correlation within "
+                "± {white:g}.",
                 nees=NEES,
                 nis=NIS,
                 white=WHITE,
@@ -160,7 +161,7 @@ class EstimationStudy:
             *self.notes,
             *dict.fromkeys(
                 _(
-                    "{recording}: its fit is {verdict}, so it is shown and not counted.",
+                    "{recording}: its fit is {verdict}, so it is shown but not counted.",
                     recording=estimate.recording,
                     verdict=_(REFUSED),
                 )
@@ -173,7 +174,7 @@ class EstimationStudy:
             [
                 *lines,
                 _(
-                    "{verdict}: {met} of {all} bars are met",
+                    "{verdict}: {met} of {all} requirements are met",
                     verdict=_(self.verdict),
                     met=sum(checks),
                     all=len(checks),

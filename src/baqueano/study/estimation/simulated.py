@@ -1,14 +1,14 @@
-"""Robots and cars of the independent truth, with physics that the model lacks, fitted and evaluated like recordings.
+"""Fit and evaluate robots and cars of the independent truth like recordings, with physics that the model excludes.
 
-    slip            wheels that slip: a robot's beyond 0.4 to 0.8 N, a car's soft tyres sideways too, at full lock
+    slip            wheels that slip, of a robot beyond 0.4 to 0.8 N; soft tyres of a car, steered up to full lock
     backlash        gears with 1 to 5 mm of play at the rim
     slope           a floor that rises by 2 to 6°
-    second lag      motors of the second order: 40 to 120 ms come before the lag
+    second lag      motors of the second order, with another lag of 40 to 120 ms before the first one
 
-Each is a number of the vehicle (study/truth), the same in both runs. A vehicle is fitted to 40 s of random steps, with
-the free parameters that a user would choose. It is evaluated on 40 s of other steps. An odometer measures the rotation
-of the wheels, with noise of 0.02 m/s. "Not worse" is a ratio of at most ALONE. A refused fit is not written, and its
-vehicle is not evaluated.
+Each effect is a parameter of the vehicle (study/truth), the same in both runs. A vehicle is fitted to 40 s of random
+steps, with the free parameters that a user would choose. It is evaluated on 40 s of other steps. An odometer measures
+the rotation of the wheels, with noise of 0.02 m/s. "Not worse" is a ratio of at most ALONE. A refused fit is not
+written, and its vehicle is not evaluated.
 """
 
 from collections.abc import Callable, Sequence
@@ -19,12 +19,12 @@ import numpy as np
 
 from baqueano.diagnostics import Verdict
 from baqueano.errors import BaqueanoError
-from baqueano.language import marked as N_
-from baqueano.language import translated as _
+from baqueano.language import mark as N_
+from baqueano.language import translate as _
 from baqueano.simulate.open_loop import times
-from baqueano.study.counterpart import driven, recorded
+from baqueano.study.counterpart import drive_group, run_of_vehicle
 from baqueano.study.estimation.errors import QUANTITIES
-from baqueano.study.estimation.judging import JudgedEstimate, judged
+from baqueano.study.estimation.judging import JudgedEstimate, evaluate
 from baqueano.study.estimation.subjects import SETUPS, Subject
 from baqueano.study.faults.subject import VEHICLES, subject
 from baqueano.study.faults.subject import FaultSubject as Driven
@@ -64,25 +64,33 @@ class SimulatedOutcome(NamedTuple):
 def slip(q: Robots | Cars, draw: np.random.Generator) -> Robots | Cars:
     """Return the vehicle with wheels that slip; a car also has soft tyres."""
     if isinstance(q, Robots):
-        return q.changed(transmission=q.transmission.changed(grip_n=draw.uniform(0.4, 0.8, 1)))
+        return q.with_parameters(
+            transmission=q.transmission.with_parameters(grip_n=draw.uniform(0.4, 0.8, 1))
+        )
     tyres = {"tyre_n_rad": np.array([[15.0, 22.0]]), "grip_n": np.full((1, 2), 2.2)}
-    return q.changed(**tyres, transmission=q.transmission.changed(grip_n=draw.uniform(1.2, 2.0, 1)))
+    return q.with_parameters(
+        **tyres, transmission=q.transmission.with_parameters(grip_n=draw.uniform(1.2, 2.0, 1))
+    )
 
 
 def backlash(q: Robots | Cars, draw: np.random.Generator) -> Robots | Cars:
-    """Return the vehicle with gears that have play."""
-    return q.changed(transmission=q.transmission.changed(play_m=draw.uniform(0.001, 0.005, 1)))
+    """Return the vehicle with gears that have 1 to 5 mm of play."""
+    return q.with_parameters(
+        transmission=q.transmission.with_parameters(play_m=draw.uniform(0.001, 0.005, 1))
+    )
 
 
 def slope(q: Robots | Cars, draw: np.random.Generator) -> Robots | Cars:
-    """Return the vehicle on a floor that rises."""
+    """Return the vehicle on a floor that rises by 2 to 6° in a random direction."""
     rise, way = np.radians(draw.uniform(2.0, 6.0, 1)), draw.uniform(-np.pi, np.pi, 1)
-    return q.changed(slope_rad=rise, slope_heading_rad=way)
+    return q.with_parameters(slope_rad=rise, slope_heading_rad=way)
 
 
 def second_lag(q: Robots | Cars, draw: np.random.Generator) -> Robots | Cars:
     """Return the vehicle with motors of the second order."""
-    return q.changed(transmission=q.transmission.changed(second_lag_s=draw.uniform(0.04, 0.12, 1)))
+    return q.with_parameters(
+        transmission=q.transmission.with_parameters(second_lag_s=draw.uniform(0.04, 0.12, 1))
+    )
 
 
 LACKING = {N_("slip"): slip, N_("backlash"): backlash, N_("slope"): slope, N_("second lag"): second_lag}
@@ -93,10 +101,14 @@ def lacking(seed: int) -> tuple[str, str]:
     return list(LACKING)[seed % len(LACKING)], VEHICLES[seed // len(LACKING) % len(VEHICLES)]
 
 
-def simulated(
-    seeds: int, kinds: Sequence[str], backend: str, processes: int, each: Callable[[int], None] | None = None
+def simulate_outcomes(
+    seeds: int,
+    kinds: Sequence[str],
+    backend: str,
+    processes: int,
+    advance: Callable[[int], None] | None = None,
 ) -> list[SimulatedOutcome]:
-    """Return the outcomes of vehicles with seeds 0 … `seeds` − 1."""
+    """Return the evaluations of vehicles with seeds 0 … `seeds` − 1."""
     jobs = []
     for vehicle in VEHICLES:
         some = [seed for seed in range(seeds) if lacking(seed)[1] == vehicle]
@@ -104,17 +116,17 @@ def simulated(
             EstimationJob(vehicle, tuple(some[k : k + TOGETHER]), tuple(kinds), backend)
             for k in range(0, len(some), TOGETHER)
         ]
-    return [outcome for batch in spread_over(work, jobs, processes, each) for outcome in batch]
+    return [outcome for batch in spread_over(work, jobs, processes, advance) for outcome in batch]
 
 
 def work(job: EstimationJob) -> list[SimulatedOutcome]:
-    """Return the outcomes of the vehicles of a job."""
+    """Return the evaluations of the vehicles of a job."""
     out = []
     for seed, test_subject in zip(job.seeds, _subjects(job), strict=True):
         estimates, failure = [], ""
         for sensors in SETUPS:
             try:
-                estimates += judged(test_subject, sensors, job.kinds, job.backend)
+                estimates += evaluate(test_subject, sensors, job.kinds, job.backend)
             except BaqueanoError as error:
                 failure = f"{test_subject.name}, {sensors}: {error}"
         out.append(SimulatedOutcome(seed, lacking(seed)[0], tuple(estimates), failure))
@@ -122,7 +134,7 @@ def work(job: EstimationJob) -> list[SimulatedOutcome]:
 
 
 def rows(outcomes: Sequence[SimulatedOutcome]) -> list["TableRow"]:
-    """Return the share of vehicles that are not worse, a row per set of sensors, estimator, lack and quantity."""
+    """Return the share of vehicles that are not worse: a row per set of sensors, estimator, effect and quantity."""
     out = []
     all_judged = [
         (outcome.lacking, j) for outcome in outcomes for j in outcome.judged if j.fit != Verdict.REFUSED
@@ -174,7 +186,7 @@ def sentence(outcomes: Sequence[SimulatedOutcome]) -> str:
 
 
 def _subjects(job: EstimationJob) -> list[Subject]:
-    """Return the vehicles with both runs, all simulated side by side."""
+    """Return the vehicles of a job with both runs; all are simulated side by side."""
     vehicles, signals, files = [], [], []
     for seed in job.seeds:
         of = subject(job.vehicle, seed)
@@ -183,12 +195,13 @@ def _subjects(job: EstimationJob) -> list[Subject]:
         vehicles += 2 * [LACKING[lacking(seed)[0]](of.vehicle, np.random.default_rng([seed, 50]))]
         files.append(of.file)
     seeds = [run_seed for seed in job.seeds for run_seed in (seed, seed + OTHER)]
-    group = vehicles[0].joined(vehicles[1:])
-    drive = driven(group, np.stack(signals, axis=1), seeds, times(len(signals[0]), files[0].rate_hz))
+    group = vehicles[0].merge(vehicles[1:])
+    drive = drive_group(group, np.stack(signals, axis=1), seeds, times(len(signals[0]), files[0].rate_hz))
     free, out = subject(job.vehicle, job.seeds[0]).free, []
     for k, (seed, file) in enumerate(zip(job.seeds, files, strict=True)):
         first, second = (
-            recorded(drive, j, signals[j], file, f"seed {seeds[j]}", seeds[j]) for j in (2 * k, 2 * k + 1)
+            run_of_vehicle(drive, j, signals[j], file, f"seed {seeds[j]}", seeds[j])
+            for j in (2 * k, 2 * k + 1)
         )
         first = replace(first, truth=None)  # a fit on the floor is without a truth
         out.append(Subject(f"{lacking(seed)[0]}, {job.vehicle} {seed}", file, first, second, free))
@@ -196,7 +209,7 @@ def _subjects(job: EstimationJob) -> list[Subject]:
 
 
 def _file(driven: Driven, seed: int) -> Any:
-    """Return the subject's file with an odometer; a car with slipping tyres gets its full steering range."""
+    """Return the subject's file with an odometer; a car with slipping tyres has its full steering range."""
     if "odometer" not in driven.file.sensors._fields:
         return parse(driven.file.text + ODOMETER, driven.file.name)
     return driven.file.with_values(FULL_LOCK) if lacking(seed)[0] == "slip" else driven.file

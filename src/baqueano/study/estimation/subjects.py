@@ -1,10 +1,10 @@
 """Runs for the fit and runs for the evaluation, with the initial vehicle file of the fit.
 
-    cpm             a car of 1:18 under a camera, two runs: each fitted, evaluated on the other
-    dart            a JetRacer of 1:10 under a Vicon, driven freely twice: likewise
-    dart bag        the same car on another day, a bag, by each of these two fits
+    cpm             a car of 1:18 under a camera, two runs: a fit to each run is evaluated on the other run
+    dart            a JetRacer of 1:10 under a Vicon, two runs of free driving: evaluated as cpm
+    dart bag        the same car on another day, a ROS bag: each fit of dart is evaluated on it
 
-Each is evaluated with its IMU only (without the odometer in file and run), and with both sensors.
+Each subject is evaluated with its IMU only (without the odometer in file and run), and with both sensors.
 """
 
 import re
@@ -37,14 +37,14 @@ class Subject(NamedTuple):
 
 
 def cpm() -> list[Subject]:
-    """Return the two CPM subjects: each run fitted, evaluated on the other."""
+    """Return the two CPM subjects: one is fitted to run a and evaluated on run b, the other one vice versa."""
     return _both_ways(
         "cpm", load("car"), {"a": import_run("cpm_run_a").run, "b": import_run("cpm_run_b").run}
     )
 
 
 def dart() -> list[Subject]:
-    """Return the two DART subjects: each run fitted, evaluated on the other."""
+    """Return the two DART subjects: one is fitted to run 1 and evaluated on run 2, the other one vice versa."""
     folder = next(f for f in data_folders() if (f / "dart_jetracer").is_dir())
     runs = [
         imported_run.run for imported_run in import_runs("dart_jetracer_vicon", [str(folder / FREE_DRIVING)])
@@ -53,7 +53,7 @@ def dart() -> list[Subject]:
 
 
 def dart_bag() -> list[Subject]:
-    """Return the subjects that are fitted to each run of free driving and evaluated on the bag."""
+    """Return two subjects: each is fitted to one run of free driving and evaluated on the bag."""
     bag = import_run("dart_jetracer_bag").run
     return [subject._replace(name=f"{subject.name[:6]} → bag", judged=bag) for subject in dart()]
 
@@ -66,12 +66,12 @@ SUBJECTS: dict[str, tuple[Callable[[], list[Subject]], tuple[str, ...]]] = {
 
 
 def missing(name: str) -> list[str]:
-    """Return the missing files of these recordings."""
+    """Return the files of the recordings `name` that are missing."""
     return missing_of(SUBJECTS[name][1])
 
 
 def with_sensors(file: VehicleFile, names: tuple[str, ...]) -> VehicleFile:
-    """Return the file with only these sensors, all used by its estimator."""
+    """Return the file with only these sensors; its estimator uses all of them."""
     text = file.text
     for name in set(file.sensors._fields) - set(names):
         text = re.sub(rf"^\[sensors\.{name}\].*?(?=^\[|\Z)", "", text, flags=re.MULTILINE | re.DOTALL)

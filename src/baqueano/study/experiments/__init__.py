@@ -1,23 +1,24 @@
 """`baqueano study experiments`: compare a designed experiment with four signals in the same room.
 
-The drive is planned with a file of the garage. Robots and cars of truth/, with independent physics, drive it: their
-parameters in the file are uniform within ± SPREAD of the file's values, the others have the tolerances of real parts.
-The criterion is the Cramér-Rao bound of that physics (identification/bound.py): its geometric mean over parameters of
+The drive is planned with a file of the garage. Robots and cars of truth/, with independent
+physics, drive it. Their parameters in the file are uniform within ± SPREAD of the file's
+values; all others have the tolerances of real parts. The criterion is the Cramér-Rao bound of
+that physics (identification/bound.py), as a geometric mean over the parameters of
 
     standard error / value                                                                                (1)
 
-IMU biases and all other free parameters of a fit are estimated too, each with a prior standard deviation of its own
-size. A body is outside if it passes a wall in one of the DRIVES of a vehicle, each on another disturbing floor. All
-signals are at most as large as the file allows and go through the same `contained`.
+IMU biases and all other free parameters of a fit are estimated too, with priors (drives.py). A body is outside if it
+passes a wall in one of the DRIVES of a vehicle. Each of these drives is on another disturbing floor. All signals are
+within the file's limits, and the same function `contain` keeps them in the room.
 """
 
 from functools import partial
 from typing import Any
 
 from baqueano.identify.design.room import room_of
-from baqueano.language import translated as _
+from baqueano.language import translate as _
 from baqueano.study.experiments.drives import outcome, plans, vehicles_around
-from baqueano.study.experiments.result import Experiments, SignalErrors, joined, rows_of
+from baqueano.study.experiments.result import Experiments, SignalErrors, merge, rows_of
 from baqueano.sweep.workers import spread_over
 from baqueano.vehicle_file import load
 
@@ -25,24 +26,25 @@ ROOMS = (("small", "2x2", 7), ("small", "3x3", 6), ("car", "4x4", 7))  # file, r
 
 
 def experiments(
-    seed: int = 0, duration_s: float = 60.0, processes: int = 1, backend: str = "auto", say: Any = lambda text: None
+    seed: int = 0, duration_s: float = 60.0, processes: int = 1, backend: str = "auto",
+    progress: Any = lambda text: None,
 ) -> Experiments:  # fmt: skip
     """Return the table over the vehicles of ROOMS, with a last row for all of them."""
     rows, every = [], {}
     for name, size, count in ROOMS:
-        say(_("{name}: {count} vehicles in {size} m", name=name, count=count, size=size))
+        progress(_("{name}: {count} vehicles in {size} m", name=name, count=count, size=size))
         draws = of_file(name, size, count, seed, duration_s, processes, backend)
         rows += rows_of(name, size, draws)
         for signal, part in draws.items():
             every.setdefault(signal, []).append(part)
-    whole = {signal: joined(parts) for signal, parts in every.items()}
+    whole = {signal: merge(parts) for signal, parts in every.items()}
     return Experiments((*rows, *rows_of("all", "", whole)), duration_s)
 
 
 def of_file(
     name: str, size: str, count: int, seed: int, duration_s: float, processes: int, backend: str
 ) -> dict[str, SignalErrors]:
-    """Return for each signal its errors and margins on `count` vehicles around the file."""
+    """Return signal → errors and margins on `count` vehicles around the file."""
     file = load(name)
     room, vehicles = room_of(file, size), vehicles_around(file, count, seed)
     signal_plans = plans(file, room, count, seed, duration_s, backend)

@@ -1,4 +1,4 @@
-"""Vehicles of the truth around a file, the commands planned for them, and the information in these commands."""
+"""Plan the commands for vehicles of the truth around a file, and measure the information in these commands."""
 
 import time
 from typing import Any, NamedTuple
@@ -6,8 +6,8 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from baqueano.identify.design.information import NUISANCE_SD, mean_error, unknowns
-from baqueano.identify.design.plan import designed
-from baqueano.identify.design.room import VEHICLES, Room, contained
+from baqueano.identify.design.plan import design_plan
+from baqueano.identify.design.room import VEHICLES, Room, contain
 from baqueano.identify.design.signals import KINDS, excitation
 from baqueano.identify.design.vehicle_cloud import Cloud, possible_vehicles
 from baqueano.study.counterpart import world_of
@@ -18,7 +18,7 @@ from baqueano.vehicle_file import VehicleFile, load
 
 SPREAD = 0.3
 DRIVES = 10
-LAG_S = 0.01  # motor lag of a car whose file has none; its delay is shorter by as much
+LAG_S = 0.01  # motor lag of a car whose file is without one; its delay is shorter by the same time
 
 
 class PlannedDrive(NamedTuple):
@@ -31,9 +31,9 @@ class PlannedDrive(NamedTuple):
 def plans(
     file: VehicleFile, room: Room, count: int, seed: int, duration_s: float, backend: str
 ) -> dict[str, PlannedDrive]:
-    """Return for each signal the commands of all vehicles; the designed ones are the same for all."""
+    """Return signal → commands of all vehicles; the designed commands are the same for all vehicles."""
     began_s = time.perf_counter()
-    u = designed(file, room, duration_s, seed=seed, backend=backend).u
+    u = design_plan(file, room, duration_s, seed=seed, backend=backend).u
     out = {DESIGNED: PlannedDrive(np.repeat(u[:, None], count, axis=1), time.perf_counter() - began_s)}
     cloud = Cloud(file, possible_vehicles(file, vehicles=VEHICLES), seed, backend)
     for kind in KINDS:
@@ -41,7 +41,7 @@ def plans(
         for k in range(count):
             began_s = time.perf_counter()
             command = excitation(kind, file.command.limit, duration_s, file.rate_hz, seed + k, rest_s=1.0)
-            us.append(contained(command, file, room, cloud=cloud).u)
+            us.append(contain(command, file, room, cloud=cloud).u)
             slowest = max(slowest, time.perf_counter() - began_s)
         out[kind] = PlannedDrive(np.stack(us, axis=1), slowest)
     return out
@@ -51,10 +51,10 @@ def vehicles_around(file: VehicleFile, count: int, seed: int) -> Robots | Cars:
     """Return vehicles of the truth whose parameters are within ± SPREAD of the file's values."""
     q = draw_robots(count, seed) if len(file.command.limit) == 3 else draw_cars(count, seed)
     if isinstance(q, Cars):  # the file has only a delay
-        q = q.changed(
+        q = q.with_parameters(
             lag_s=np.full(count, LAG_S), delay_s=np.full(count, file.vehicle.drivetrain.delay_s - LAG_S)
         )
-    q = q.changed(floor=np.tile(file.vehicle.process_noise_std, (count, 1)))
+    q = q.with_parameters(floor=np.tile(file.vehicle.process_noise_std, (count, 1)))
     draw = np.random.default_rng([seed, 71])
     paths = [path for path in possible_vehicles(file, vehicles=2).paths if path in numbers(q)]
     unit = draw.uniform(-SPREAD, SPREAD, (len(paths), count))
@@ -66,11 +66,11 @@ def vehicles_around(file: VehicleFile, count: int, seed: int) -> Robots | Cars:
 def outcome(
     job: tuple[str, PlannedDrive], vehicles: Robots | Cars, name: str, room: Room, seed: int
 ) -> tuple[str, SignalErrors]:
-    """Return a signal's name, with its errors and margins on the vehicles."""
+    """Return the name of a signal, and its errors and margins on the vehicles."""
     (signal, plan), file = job, load(name)
     each = [vehicles.some([k]) for k in range(plan.u.shape[1])]
-    around: list[Any] = [perturbed_copies(q.changed(floor=0.0 * q.floor)) for q in each]
-    group, many = around[0].joined(around[1:]), len(around[0].mass_kg)
+    around: list[Any] = [perturbed_copies(q.with_parameters(floor=0.0 * q.floor)) for q in each]
+    group, many = around[0].merge(around[1:]), len(around[0].mass_kg)
     quiet = np.split(ideal_readings(group, np.repeat(plan.u, many, axis=1), file.rate_hz), len(each), axis=1)
     paths = [path for path in unknowns(file).names if path in numbers(vehicles)]
     errors = [_error(readings, q, paths) for readings, q in zip(quiet, each, strict=True)]
@@ -89,20 +89,22 @@ def ideal_readings(vehicles: Robots | Cars, u: np.ndarray, rate_hz: float) -> np
     world, out = world_of(vehicles, [0] * u.shape[1]), []
     for now in u:
         world.tick(now, 1.0 / rate_hz)
-        wheel_travel = [world.rolled[:, None]] if isinstance(vehicles, Cars) else []
+        wheel_travel = [world.rolling_speed[:, None]] if isinstance(vehicles, Cars) else []
         out.append(np.concatenate([world.quiet, *wheel_travel], axis=1))
     return np.stack(out)
 
 
 def _error(quiet: np.ndarray, vehicle: Robots | Cars, paths: list[str]) -> float:
-    """Return (1) of one vehicle from the readings (N, 2p, m) of its perturbed copies."""
+    """Return the mean error (1) of one vehicle from the readings (N, 2p, m) of its perturbed copies."""
     value = {path: abs(float(x[0])) for path, x in numbers(vehicle).items()}
     bound = bound_of(quiet, vehicle, {path: _size(path, value) for path in value})
     return mean_error(np.array([bound[path] / value[path] for path in paths]))
 
 
 def _size(path: str, value: dict[str, float]) -> float:
-    """Return the prior standard deviation of a parameter: its size; if it is 0, the largest size in its field."""
+    """Return the prior standard deviation of a parameter: NUISANCE_SD of a bias, else the size of its value.
+    If the value is 0, return the largest size in its field, or 1.
+    """
     if "bias" in path:
         return NUISANCE_SD
     field = path.partition("[")[0]

@@ -9,7 +9,7 @@ if TYPE_CHECKING:
     from baqueano.contracts.values import TableRow
 from baqueano.diagnostics import Verdict
 from baqueano.language import number
-from baqueano.language import translated as _
+from baqueano.language import translate as _
 
 DESIGNED, BASELINE = "designed", "random_steps"
 RATIO = 1.5
@@ -40,18 +40,19 @@ class Experiments:
 
     @property
     def reasons(self) -> tuple[str, ...]:
-        """Return a sentence for each requirement that is not met."""
+        """Return a sentence for each requirement that is missed."""
         out, by_vehicle = [], {row.vehicle: row for row in self.each if row.signal == DESIGNED}
         if by_vehicle["all"].ratio < RATIO:
             out.append(
                 _(
-                    "designed is {ratio:.2f} times better than random steps, not {wanted:g} times",
+                    "the designed signal is {ratio:.2f} times better than random steps; expected "
+                    "{wanted:g} times",
                     ratio=by_vehicle["all"].ratio,
                     wanted=RATIO,
                 )
             )
         if above := by_vehicle["all"].above_best:
-            out.append(_("of {above} vehicles another signal tells more", above=above))
+            out.append(_("for {above} vehicles another signal gives more information", above=above))
         exits = sum(row.left for row in self.each if row.vehicle != "all")
         if exits:
             out.append(_("in {left} drives the body left the room", left=exits))
@@ -99,7 +100,7 @@ class SignalErrors(NamedTuple):
 
 
 def rows_of(vehicle: str, size: str, draws: dict[str, SignalErrors]) -> list[ExperimentRow]:
-    """Return a row for each signal."""
+    """Return a row for each signal on the vehicles of one file and room."""
     base = _geometric(draws[BASELINE].errors)
     rows = []
     for signal, drive in draws.items():
@@ -114,7 +115,7 @@ def rows_of(vehicle: str, size: str, draws: dict[str, SignalErrors]) -> list[Exp
     return rows
 
 
-def joined(parts: list[SignalErrors]) -> SignalErrors:
+def merge(parts: list[SignalErrors]) -> SignalErrors:
     """Return the figures of a signal on the vehicles of all parts."""
     errors, margins = (np.concatenate([part[i] for part in parts]) for i in (0, 1))
     return SignalErrors(errors, margins, max(part.seconds for part in parts))

@@ -1,3 +1,3 @@
-"""Faults of recordings and of models, and their detection by fits."""
+"""Damage recordings and models, and count the faults that fits detect."""
 
 from baqueano.study.faults.detection import FAULTS, Faults, faults

@@ -1,7 +1,7 @@
-"""Damage to recordings: an intact run and a random generator → the same run, damaged.
+"""Damage recordings: each function takes an intact run and a random generator, and returns the damaged run.
 
-The size of a damage is drawn for each run, from barely visible to obvious. A damage that does not apply (motors of a
-car with one motor) returns None.
+The size of a damage is drawn for each run, from barely visible to obvious. A function returns None if its damage does
+not apply, such as swapped motors of a car with one motor.
 """
 
 from collections.abc import Callable
@@ -9,7 +9,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from baqueano.language import marked as N_
+from baqueano.language import mark as N_
 from baqueano.runs.run import Channel, Run
 from baqueano.signals import NANOSECONDS, STANDARD_GRAVITY
 from baqueano.vehicle_file import VehicleFile
@@ -35,17 +35,17 @@ def outliers(run: Run, file: VehicleFile, rng: np.random.Generator) -> Run:
 
 
 def gyro_in_degrees(run: Run, file: VehicleFile, rng: np.random.Generator) -> Run:
-    """Log the gyro in degrees per second."""
+    """Convert the logged gyro to degrees per second."""
     return _with(run, _z(run) * [1.0, 1.0, 180.0 / np.pi])
 
 
 def accelerometer_in_g(run: Run, file: VehicleFile, rng: np.random.Generator) -> Run:
-    """Log the accelerometers in multiples of 9.80665 m/s²."""
+    """Convert the logged accelerometers to multiples of 9.80665 m/s²."""
     return _with(run, _z(run) / [STANDARD_GRAVITY, STANDARD_GRAVITY, 1.0])
 
 
 def time_in_milliseconds(run: Run, file: VehicleFile, rng: np.random.Generator) -> Run:
-    """Make all timestamps count 1000 times as fast; a camera's pose is left out."""
+    """Make all clocks run 1000 times as fast; the run is returned without its truth."""
 
     def late(t_ns: np.ndarray) -> np.ndarray:
         return run.t_ns[0] + 1000 * (t_ns - run.t_ns[0])
@@ -55,12 +55,12 @@ def time_in_milliseconds(run: Run, file: VehicleFile, rng: np.random.Generator) 
 
 
 def command_in_volts(run: Run, file: VehicleFile, rng: np.random.Generator) -> Run:
-    """Log the command as the voltage of a battery of 6 to 12 V."""
+    """Convert the logged command to the voltage of a battery of 6 to 12 V."""
     return replace(run, applied=_of_full(run, file) * rng.uniform(6.0, 12.0))
 
 
 def command_in_pwm(run: Run, file: VehicleFile, rng: np.random.Generator) -> Run:
-    """Log the command as whole counts of 255."""
+    """Convert the logged command to whole counts of 255."""
     return replace(run, applied=np.rint(_of_full(run, file) * 255.0))
 
 
@@ -69,8 +69,8 @@ def _of_full(run: Run, file: VehicleFile) -> np.ndarray:
     return run.applied / np.where(limit > 0.0, limit, 1.0)
 
 
-def clipped(run: Run, file: VehicleFile, rng: np.random.Generator) -> Run:
-    """Clip each channel at 50 to 80 % of its largest reading."""
+def clip_imu(run: Run, file: VehicleFile, rng: np.random.Generator) -> Run:
+    """Clip each channel of the IMU at 50 to 80 % of its largest reading."""
     z = _z(run)
     end = rng.uniform(0.5, 0.8) * np.max(np.abs(z), axis=0)
     return _with(run, np.clip(z, -end, end))
@@ -87,7 +87,7 @@ def late_sensor(run: Run, file: VehicleFile, rng: np.random.Generator) -> Run:
 
 
 def repeated_time(run: Run, file: VehicleFile, rng: np.random.Generator) -> Run:
-    """Give 3 to 20 % of the IMU samples the timestamp of the previous sample."""
+    """Replace the timestamp of 3 to 20 % of the IMU samples by the timestamp of the previous sample."""
     c = run.sensors["imu"]
     same = np.flatnonzero(rng.random(len(c.t_ns)) < rng.uniform(0.03, 0.2))
     t_ns = c.t_ns.copy()
@@ -125,7 +125,7 @@ def sensor_clock_goes_back(run: Run, file: VehicleFile, rng: np.random.Generator
 
 
 def bursts(run: Run, file: VehicleFile, rng: np.random.Generator) -> Run:
-    """Read and timestamp the IMU's samples in bursts of 4 to 10."""
+    """Timestamp the IMU's samples in bursts of 4 to 10 samples, 20 µs apart."""
     c, of = run.sensors["imu"], int(rng.integers(4, 11))
     last = np.minimum((np.arange(len(c.t_ns)) // of + 1) * of - 1, len(c.t_ns) - 1)
     t_ns = c.t_ns[last] - (last - np.arange(len(last))) * 20_000
@@ -133,7 +133,7 @@ def bursts(run: Run, file: VehicleFile, rng: np.random.Generator) -> Run:
 
 
 def hold_samples(run: Run, file: VehicleFile, rng: np.random.Generator) -> Run:
-    """Let the IMU measure 3 to 8 times more slowly than it is read."""
+    """Repeat each IMU sample for 3 to 8 readings, as if the IMU measured more slowly than it is read."""
     z, of = _z(run), int(rng.integers(3, 9))
     return _with(run, z[np.arange(len(z)) // of * of])
 
@@ -148,38 +148,38 @@ def stuck(run: Run, file: VehicleFile, rng: np.random.Generator) -> Run:
 
 
 def zeros(run: Run, file: VehicleFile, rng: np.random.Generator) -> Run:
-    """Log 5 to 30 % of the frames as zero."""
+    """Set 5 to 30 % of the IMU samples to zero."""
     z = _z(run)
     z[rng.random(len(z)) < rng.uniform(0.05, 0.3)] = 0.0
     return _with(run, z)
 
 
 def not_numbers(run: Run, file: VehicleFile, rng: np.random.Generator) -> Run:
-    """Set 1 to 20 % of the readings to NaN."""
+    """Set 1 to 20 % of the IMU's readings to NaN."""
     z = _z(run)
     z[rng.random(z.shape) < rng.uniform(0.01, 0.2)] = np.nan
     return _with(run, z)
 
 
 def axes_swapped(run: Run, file: VehicleFile, rng: np.random.Generator) -> Run:
-    """Log a_x as a_y, and a_y as a_x."""
+    """Swap a_x and a_y in the log."""
     return _with(run, _z(run)[:, [1, 0, 2]])
 
 
 def axis_inverted(run: Run, file: VehicleFile, rng: np.random.Generator) -> Run:
-    """Log one of a_x, a_y, ω_z with the other sign."""
+    """Invert the sign of one of a_x, a_y, ω_z."""
     sign = np.ones(3)
     sign[rng.integers(0, 3)] = -1.0
     return _with(run, _z(run) * sign)
 
 
 def gyro_inverted(run: Run, file: VehicleFile, rng: np.random.Generator) -> Run:
-    """Log ω_z with the other sign."""
+    """Invert the sign of ω_z."""
     return _with(run, _z(run) * [1.0, 1.0, -1.0])
 
 
 def gravity_on_an_axis(run: Run, file: VehicleFile, rng: np.random.Generator) -> Run:
-    """Mount the IMU upright: one of its horizontal axes becomes vertical and measures gravity."""
+    """Replace a_x or a_y by gravity and noise, as if the IMU were mounted upright."""
     z, axis = _z(run), int(rng.integers(0, 2))
     sd = float(np.sqrt(file.sensors.imu.cov[axis, axis]))
     z[:, axis] = rng.choice([-1.0, 1.0]) * STANDARD_GRAVITY + sd * rng.standard_normal(len(z))
@@ -187,19 +187,19 @@ def gravity_on_an_axis(run: Run, file: VehicleFile, rng: np.random.Generator) ->
 
 
 def dead_channel(run: Run, file: VehicleFile, rng: np.random.Generator) -> Run:
-    """Set one of a_x, a_y, ω_z to 0."""
+    """Set one of a_x, a_y, ω_z to 0 in the whole run."""
     z = _z(run)
     z[:, rng.integers(0, 3)] = 0.0
     return _with(run, z)
 
 
 def motors_swapped(run: Run, file: VehicleFile, rng: np.random.Generator) -> Run | None:
-    """Swap left and right motor: the turning command is logged with the other sign; None for a car."""
+    """Invert the sign of the turning command, as if left and right motor were swapped; None for a car."""
     return None if run.applied.shape[1] < 3 else replace(run, applied=run.applied * [1.0, 1.0, -1.0])
 
 
 def motor_inverted(run: Run, file: VehicleFile, rng: np.random.Generator) -> Run | None:
-    """Reverse one motor: forward becomes turning and turning becomes forward; None for a car."""
+    """Swap the commands forward and turning, as if one motor were reversed; None for a car."""
     if run.applied.shape[1] < 3:
         return None
     limit = np.asarray(file.command.limit)
@@ -209,13 +209,13 @@ def motor_inverted(run: Run, file: VehicleFile, rng: np.random.Generator) -> Run
 
 
 def too_short(run: Run, file: VehicleFile, rng: np.random.Generator) -> Run:
-    """Cut the run to 0.4 to 1.5 s."""
+    """Cut the run to a duration of 0.4 to 1.5 s."""
     at = rng.uniform(0.0, 5.0)
     return run.cut(at, at + rng.uniform(0.4, 1.5))
 
 
 def half_driven(run: Run, file: VehicleFile, rng: np.random.Generator) -> Run:
-    """Set the last entry of the logged command to zero for the last 30 to 70 % of the run."""
+    """Set the last entry of the logged command to zero in the last 30 to 70 % of the run."""
     u = run.applied.copy()
     u[int(rng.uniform(0.3, 0.7) * len(u)) :, -1] = 0.0
     return replace(run, applied=u)
@@ -227,14 +227,14 @@ DAMAGES: dict[str, Damage] = {
     N_("time in ms"): time_in_milliseconds,
     N_("command in volts"): command_in_volts,
     N_("command in PWM"): command_in_pwm,
-    N_("clipped"): clipped,
+    N_("clipped"): clip_imu,
     N_("late sensors"): late_sensor,
     N_("repeated time"): repeated_time,
     N_("time jumps a day"): time_jumps_a_day,
     N_("time jumps seconds"): time_jumps_seconds,
     N_("clock goes back"): sensor_clock_goes_back,
     N_("bursts"): bursts,
-    N_("held samples"): hold_samples,
+    N_("repeated samples"): hold_samples,
     N_("stuck"): stuck,
     N_("frames as zero"): zeros,
     N_("not numbers"): not_numbers,

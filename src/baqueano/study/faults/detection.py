@@ -1,16 +1,16 @@
-"""`baqueano study faults`: the verdicts of fits on damaged and on undamaged recordings.
+"""`baqueano study faults`: count the verdicts of fits on damaged and on undamaged recordings.
 
-Data come from the independent truth (subject.py); the run is damaged. All parameters are free that a user would free.
-A parameter is wrong if it is off by more than 5 standard errors and 5 % of its true value. The table shows for each
-fault: fits, wrong fits called USABLE, undamaged runs that were REFUSED, and the counts of the verdicts. A damage that
-can be mended is compared with the fit of the same run before the damage:
+The runs are simulated by the independent truth (subject.py), then damaged. A fit frees all parameters that a user would
+free. A parameter is wrong if it is off by more than 5 standard errors and 5 % of its true value. The table shows for
+each fault: fits, wrong fits called USABLE, undamaged runs that were REFUSED, and the counts of the verdicts. For a
+damage that a fit can repair, the fit is compared with the fit of the same run before the damage:
     over_clean = median over runs of |error damaged| / median over runs of |error clean|                  (1)
 
 The unit of errors is the standard error of the clean fit, all parameters together. (1) has two parts: the lost samples,
 and the harm in the remaining ones. The second part is measured by
     over_left = median over runs of |error damaged| / median over runs of |error left|                    (2)
 
-left: the undamaged run without the readings that the fit of the damaged one leaves out (undamaged.py).
+"left" is the undamaged run without the readings that the fit of the damaged run excludes (undamaged.py).
 """
 
 from collections.abc import Callable, Sequence
@@ -23,15 +23,15 @@ from baqueano.diagnostics import Verdict
 from baqueano.errors import BaqueanoError
 from baqueano.identify import FitOptions, identify
 from baqueano.identify.result.fit_result import Fit
-from baqueano.language import marked as N_
+from baqueano.language import mark as N_
 from baqueano.language import number
-from baqueano.language import translated as _
+from baqueano.language import translate as _
 from baqueano.runs.run import Channel, Run
 from baqueano.study.faults.damage import DAMAGES, outliers
 from baqueano.study.faults.logging import LOGGING
 from baqueano.study.faults.structures import STRUCTURES, FaultPlan
 from baqueano.study.faults.subject import VEHICLES, FaultSubject, subject
-from baqueano.study.faults.undamaged import undamaged
+from baqueano.study.faults.undamaged import undamaged_run
 from baqueano.study.wrong import wrong
 from baqueano.sweep.workers import spread_over
 
@@ -46,7 +46,7 @@ SOUND = (
     N_("sound"), N_("sound, 10 % outliers"), N_("sound, multisine"), N_("sound, 60 s"), N_("sound, other start"),
 )  # fmt: skip
 MENDED = (
-    N_("repeated time"), N_("time jumps a day"), N_("time jumps seconds"), N_("held samples"), N_("stuck"),
+    N_("repeated time"), N_("time jumps a day"), N_("time jumps seconds"), N_("repeated samples"), N_("stuck"),
     N_("frames as zero"), N_("not numbers"), N_("clipped"), N_("bursts"), N_("clock goes back"),
 )  # fmt: skip
 HARM = {**DAMAGES, **LOGGING}
@@ -54,7 +54,7 @@ FAULTS = (*SOUND, *HARM, *STRUCTURES)
 
 
 class FaultJob(NamedTuple):
-    """A fault to apply to the vehicle of a seed, and fit."""
+    """A fault, and the vehicle and seed of the fit with this fault."""
 
     fault: str
     vehicle: str
@@ -63,7 +63,7 @@ class FaultJob(NamedTuple):
 
 
 class FaultOutcome(NamedTuple):
-    """The verdict of the fit in a job, and its errors."""
+    """The verdict of the fit of a job, and its errors."""
 
     job: FaultJob
     verdict: str  # ERROR: the fit did not start, and the message gave the reason; CRASH: the program failed
@@ -71,7 +71,7 @@ class FaultOutcome(NamedTuple):
     off: float  # root mean square of the errors, in standard errors of the clean fit; NaN: not compared
     clean: float
     reasons: tuple[str, ...]  # codes
-    left: float = np.nan  # that of the clean run without the readings that the damaged one lost
+    left: float = np.nan  # error of the clean run without the readings that the damaged run lost
     lost: float = np.nan  # the lost part of the readings
 
 
@@ -86,7 +86,7 @@ class FaultInputs(NamedTuple):
 
 
 def work(jobs: tuple[FaultJob, ...]) -> list[FaultOutcome]:
-    """Return the outcomes of faults on one vehicle and seed, without those that do not apply to it."""
+    """Return the outcomes of faults on one vehicle and seed. Skip faults that do not apply to it."""
     of = subject(jobs[0].vehicle, jobs[0].seed)
     outcomes, before = [], _Before(of, jobs[0].backend)
     for job, inputs in _inputs(of, jobs):
@@ -113,7 +113,7 @@ def _outcome(job: FaultJob, inputs: FaultInputs, before: "_Before") -> FaultOutc
         return outcome
     clean = before.fit(inputs.clean)
     outcome = outcome._replace(off=_rms(fit, clean, inputs.truth), clean=_rms(clean, clean, inputs.truth))
-    same = undamaged(inputs.clean, inputs.run, inputs.file)
+    same = undamaged_run(inputs.clean, inputs.run, inputs.file)
     if same is None:
         return outcome
     repaired_fit = identify(
@@ -123,14 +123,14 @@ def _outcome(job: FaultJob, inputs: FaultInputs, before: "_Before") -> FaultOutc
 
 
 class _Before:
-    """The fit of a run before the damage: one for all damages of a vehicle and seed."""
+    """The fit of the undamaged run of a vehicle and seed: it is computed once for all damages."""
 
     def __init__(self, subject: FaultSubject, backend: str) -> None:
         self._of, self._backend = subject, backend
         self._clean_fit: Fit | None = None
 
     def fit(self, run: Run) -> "Fit":
-        """Return the fit, which is computed at the first call."""
+        """Return the fit of `run`; compute it at the first call only."""
         if self._clean_fit is None:
             self._clean_fit = identify(
                 run, self._of.file, self._of.free, options=FitOptions(diagnose=False, backend=self._backend)
@@ -253,7 +253,7 @@ class Faults:
 
     @property
     def reasons(self) -> tuple[str, ...]:
-        """Return the reasons why the verdict is not USABLE."""
+        """Return a sentence for each reason why the verdict is not USABLE."""
         rows = self.rows()
         out = [
             _(
@@ -285,7 +285,10 @@ class Faults:
 
     @property
     def verdict(self) -> Verdict:
-        """Return USABLE without wrong USABLE fits and crashes, and with at most 2 % of undamaged runs refused."""
+        """Return USABLE if undamaged runs were fitted, at most 2 % of them are REFUSED, and no wrong fit is USABLE or
+        crashed.
+        Else return REFUSED.
+        """
         return Verdict.REFUSED if self.reasons else Verdict.USABLE
 
     def table(self) -> str:
@@ -316,7 +319,7 @@ class Faults:
 
 
 def _ratio(pairs: list[tuple[float, float]]) -> float | None:
-    """Return the ratio of the two medians over the pairs that are finite, or None.  (1), (2)"""
+    """Return the ratio of the two medians over the finite pairs; None if all pairs contain NaN.  (1), (2)"""
     finite = [pair for pair in pairs if np.isfinite(pair).all()]
     return float(np.divide(*np.median(finite, axis=0))) if finite else None
 
@@ -329,9 +332,9 @@ def faults(
     only: Sequence[str] | None = None,
     processes: int = 1,
     backend: str = "auto",
-    each: Callable[[int], None] | None = None,
+    advance: Callable[[int], None] | None = None,
 ) -> Faults:
-    """Return the outcomes of `seeds` fits of each fault, from seed `first` on; the vehicles take turns."""
+    """Return the outcomes of `seeds` fits of each fault, from seed `first` on, with the vehicles in turn."""
     jobs: dict[tuple[str, int], list[FaultJob]] = {}
     for fault in only or FAULTS:
         some = [v for v in vehicles if v != "car" or fault not in NOT_FOR_CARS]
@@ -341,8 +344,8 @@ def faults(
     batches = [
         tuple(of[k : k + TOGETHER]) for _, of in sorted(jobs.items()) for k in range(0, len(of), TOGETHER)
     ]
-    tell = each or (lambda n: None)
-    batches_done = spread_over(work, batches, processes, lambda n: tell(n * TOGETHER))
+    report = advance or (lambda n: None)
+    batches_done = spread_over(work, batches, processes, lambda n: report(n * TOGETHER))
     outcomes = tuple(o for batch in batches_done for o in batch)
     requested = sum(map(len, batches))
     return Faults(outcomes, requested, min(requested, sum(map(len, batches[: len(batches_done)]))))

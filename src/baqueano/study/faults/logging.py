@@ -1,10 +1,10 @@
-"""Damages by clocks, filters and loggers before a recording is written; more in damage.py."""
+"""Damage runs as clocks, filters and loggers do before a recording is written; damage.py contains further damages."""
 
 from dataclasses import replace
 
 import numpy as np
 
-from baqueano.language import marked as N_
+from baqueano.language import mark as N_
 from baqueano.runs.run import Channel, Run
 from baqueano.signals import NANOSECONDS
 from baqueano.vehicle_file import VehicleFile
@@ -37,8 +37,8 @@ def mount_turns(run: Run, file: VehicleFile, rng: np.random.Generator) -> Run:
     return _with_imu(run, z)
 
 
-def resampled(run: Run, file: VehicleFile, rng: np.random.Generator) -> Run:
-    """Read all sensors at 50 to 90 % of the rate and interpolate linearly between the readings, as tools do."""
+def resample(run: Run, file: VehicleFile, rng: np.random.Generator) -> Run:
+    """Read all sensors at 50 to 90 % of the rate and interpolate linearly between the readings, as logging tools do."""
     sensors = {}
     for name, c in run.sensors.items():
         t = (c.t_ns - c.t_ns[0]) * 1e-9
@@ -55,14 +55,14 @@ def low_passed(run: Run, file: VehicleFile, rng: np.random.Generator) -> Run:
 
 
 def gyro_zeroes_itself(run: Run, file: VehicleFile, rng: np.random.Generator) -> Run:
-    """Let the gyro subtract its own mean over the last 1 to 5 s."""
+    """Subtract from the gyro its moving mean, a first-order low-pass with a time constant of 1 to 5 s."""
     z = run.sensors["imu"].z.copy()
     z[:, 2] -= _smooth(run, 1.0 / (rng.uniform(1.0, 5.0) * file.rate_hz))[:, 2]
     return _with_imu(run, z)
 
 
 def sign_lost(run: Run, file: VehicleFile, rng: np.random.Generator) -> Run:
-    """Log the magnitude of a command, or of a channel of the IMU, for the second half of the run."""
+    """Replace a command or a channel of the IMU by its magnitude in the second half of the run."""
     half = slice(len(run.t_ns) // 2, None)
     if rng.random() < 0.5:
         u = run.applied.copy()
@@ -74,7 +74,7 @@ def sign_lost(run: Run, file: VehicleFile, rng: np.random.Generator) -> Run:
 
 
 def epoch_in_milliseconds(run: Run, file: VehicleFile, rng: np.random.Generator) -> Run:
-    """Treat timestamps in milliseconds since 1970 as nanoseconds."""
+    """Replace the timestamps by milliseconds since 1970, which a reader then takes for nanoseconds."""
 
     def in_milliseconds(t_ns: np.ndarray) -> np.ndarray:
         return EPOCH_MS + t_ns // 1_000_000
@@ -95,7 +95,7 @@ def half_duplicated(run: Run, file: VehicleFile, rng: np.random.Generator) -> Ru
 
 
 def two_imus(run: Run, file: VehicleFile, rng: np.random.Generator) -> Run:
-    """Let every other reading come from a second IMU, turned by 20 to 180° and with other biases."""
+    """Let every second reading come from another IMU, turned by 20 to 180° and with other biases."""
     z = run.sensors["imu"].z.copy()
     angle = np.radians(rng.uniform(20.0, 180.0)) * rng.choice([-1.0, 1.0])
     z[1::2, :2] = z[1::2, :2] @ _rotation(angle)
@@ -104,7 +104,7 @@ def two_imus(run: Run, file: VehicleFile, rng: np.random.Generator) -> Run:
 
 
 def ten_hertz(run: Run, file: VehicleFile, rng: np.random.Generator) -> Run:
-    """Keep only the samples of a logger of 10 Hz."""
+    """Keep only the samples that a logger of 10 Hz would keep."""
     every = max(1, round(file.rate_hz / 10.0))
     k = np.arange(every - 1, len(run.t_ns), every)
     sensors = {n: Channel(c.t_ns[k], c.arrival_ns[k], c.z[k]) for n, c in run.sensors.items()}
@@ -112,7 +112,7 @@ def ten_hertz(run: Run, file: VehicleFile, rng: np.random.Generator) -> Run:
 
 
 def kilohertz_with_repeats(run: Run, file: VehicleFile, rng: np.random.Generator) -> Run:
-    """Log at 1 kHz for 10 s, with repeats of the latest command and reading."""
+    """Log the first 10 s at 1 kHz, with repeats of the latest command and reading."""
     times, first = max(1, round(1000.0 / file.rate_hz)), round(10.0 * file.rate_hz)
     row, late = np.repeat(np.arange(first), times), np.tile(np.arange(times), first)
     t_ns = run.t_ns[row] + late * (NANOSECONDS // 1000)
@@ -132,7 +132,8 @@ def _with_imu(run: Run, z: np.ndarray) -> Run:
 
 
 def _rotation(angle: float) -> np.ndarray:
-    """Return the matrix (2, 2) that transforms rows (x, y) to axes turned to the left."""
+    """Return the matrix (2, 2) that transforms row vectors (x, y) to axes that are turned to the left by
+    `angle` [rad]."""
     c, s = np.cos(angle), np.sin(angle)
     return np.array([[c, -s], [s, c]])
 
@@ -151,7 +152,7 @@ LOGGING = {
     N_("clock 200 ppm off"): clock_drifts_little,
     N_("clock 2 % off"): clock_drifts_much,
     N_("mount turns"): mount_turns,
-    N_("resampled"): resampled,
+    N_("resampled"): resample,
     N_("low-passed"): low_passed,
     N_("gyro zeroes itself"): gyro_zeroes_itself,
     N_("sign lost"): sign_lost,

@@ -1,7 +1,8 @@
-"""Effects of the real world that the fitted model lacks: a subject, its command and a generator → a plan.
+"""Plan simulations with an effect of the real world that the fitted model does not include.
 
-An effect on the motor force is simulated as an equivalent command, `effective`; the log contains the command that was
-sent. An effect of the motion takes it from the undamaged run. The sizes are drawn for each run.
+Each function takes a subject, its command, its undamaged run and a random generator. An effect on the motor force is
+simulated as an equivalent command, `effective`; the log contains the command that was sent. If an effect depends on the
+motion, the motion is taken from the undamaged run. The size of the effect is drawn for each run.
 """
 
 from collections.abc import Callable
@@ -9,7 +10,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from baqueano.language import marked as N_
+from baqueano.language import mark as N_
 from baqueano.runs.run import Run
 from baqueano.study.faults.subject import FaultSubject
 from baqueano.study.truth import Cars, Robots
@@ -36,7 +37,8 @@ def _plan(subject: FaultSubject, effective: np.ndarray, **more: Any) -> FaultPla
 
 
 def _channels(subject: FaultSubject, u: np.ndarray) -> np.ndarray:
-    """Return the duties (N, k) of a two-wheeled vehicle's wheels as fractions of full; else the commands."""
+    """Return the duties (N, 2) [left, right] of a two-wheeled vehicle, else the commands (N, m), as fractions
+    of full."""
     limit = np.asarray(subject.file.command.limit)
     part = u / np.where(limit > 0.0, limit, 1.0)
     return np.column_stack([part[:, 0] - part[:, 2], part[:, 0] + part[:, 2]]) if len(limit) == 3 else part
@@ -66,7 +68,7 @@ def dead_zone(subject: FaultSubject, u: np.ndarray, sound: Run, rng: np.random.G
     plan = FaultPlan(subject.vehicle, u, subject.file.with_values(zones))
     if isinstance(subject.vehicle, Cars):
         zone = subject.file.command.limit[0] * rng.uniform(0.1, 0.3) * np.ones((1, 2))
-        plan = plan._replace(vehicle=subject.vehicle.changed(zone=zone))
+        plan = plan._replace(vehicle=subject.vehicle.with_parameters(zone=zone))
     return plan
 
 
@@ -78,13 +80,13 @@ def saturation(subject: FaultSubject, u: np.ndarray, sound: Run, rng: np.random.
 
 def lag(subject: FaultSubject, u: np.ndarray, sound: Run, rng: np.random.Generator) -> FaultPlan:
     """Give the motors a time constant of 50 to 300 ms, and the model no lag."""
-    late = subject.vehicle.changed(lag_s=rng.uniform(0.05, 0.3, 1))
+    late = subject.vehicle.with_parameters(lag_s=rng.uniform(0.05, 0.3, 1))
     return FaultPlan(late, u, subject.file.with_values({LAG: 0.0}), without=(LAG,))
 
 
 def delay(subject: FaultSubject, u: np.ndarray, sound: Run, rng: np.random.Generator) -> FaultPlan:
     """Delay the commands by 20 to 150 ms, and give the model no delay."""
-    late = subject.vehicle.changed(delay_s=rng.uniform(0.02, 0.15, 1))
+    late = subject.vehicle.with_parameters(delay_s=rng.uniform(0.02, 0.15, 1))
     return FaultPlan(late, u, subject.file.with_values({DELAY: 0.0}), without=(DELAY,))
 
 
@@ -106,7 +108,7 @@ def _velocity(run: Run) -> np.ndarray:
 
 
 def backlash(subject: FaultSubject, u: np.ndarray, sound: Run, rng: np.random.Generator) -> FaultPlan:
-    """Remove the force for 50 to 200 ms after a change of sign."""
+    """Set the force to zero for 50 to 200 ms after a change of its sign."""
     ticks = round(rng.uniform(0.05, 0.2) * subject.file.rate_hz)
 
     def loose(w: np.ndarray) -> np.ndarray:
@@ -123,7 +125,7 @@ def backlash(subject: FaultSubject, u: np.ndarray, sound: Run, rng: np.random.Ge
 
 
 def caster(subject: FaultSubject, u: np.ndarray, sound: Run, rng: np.random.Generator) -> FaultPlan | None:
-    """Add a kick about z, decaying in 0.2 to 0.5 s, when the vehicle reverses its direction."""
+    """Add a kick about z when the vehicle reverses; it decays with a time constant of 0.2 to 0.5 s. None for a car."""
     if isinstance(subject.vehicle, Cars):
         return None
     nu = _velocity(sound)
@@ -140,7 +142,7 @@ def caster(subject: FaultSubject, u: np.ndarray, sound: Run, rng: np.random.Gene
 
 
 def cogging(subject: FaultSubject, u: np.ndarray, sound: Run, rng: np.random.Generator) -> FaultPlan:
-    """Let the force ripple with the distance that the wheel rolls."""
+    """Let the force ripple by 10 to 40 % with the rolled distance, with a period of 2 to 10 cm."""
     nu = _velocity(sound)
     way = np.cumsum(nu[:, 0]) / subject.file.rate_hz
     ripple = rng.uniform(0.1, 0.4) * np.sin(2.0 * np.pi * way / rng.uniform(0.02, 0.1))
@@ -154,7 +156,7 @@ def one_sided(subject: FaultSubject, u: np.ndarray, sound: Run, rng: np.random.G
 
 
 def slipping(subject: FaultSubject, u: np.ndarray, sound: Run, rng: np.random.Generator) -> FaultPlan:
-    """Reduce the force of a wheel, or of both of a car, to 30 % for 5 s; an odometer reads 1.5 times the speed."""
+    """Reduce the force of one wheel of a robot, or of a car, to 30 % for 5 s. An odometer reads 1.5 times the speed."""
     w, k = _channels(subject, u), int(rng.integers(0, 2)) if isinstance(subject.vehicle, Robots) else 0
     start = int(rng.uniform(0.2, 0.6) * len(u))
     during = slice(start, start + round(SLIP_S * subject.file.rate_hz))
@@ -169,27 +171,32 @@ def slipping(subject: FaultSubject, u: np.ndarray, sound: Run, rng: np.random.Ge
 
 
 def dry_friction(subject: FaultSubject, u: np.ndarray, sound: Run, rng: np.random.Generator) -> FaultPlan:
-    """Add dry friction of 5 to 30 % of the full force along x and about z; remove it from the fitted file."""
+    """Add dry friction of 5 to 30 % of the full force along x, of a robot also about z.
+    Remove dry friction from the fitted file.
+    """
     part, q = rng.uniform(0.05, 0.3), subject.vehicle
     if isinstance(q, Cars):
         full = q.stall_n * subject.file.command.limit[0]
         return FaultPlan(
-            q.changed(dry_n=part * full), u, subject.file.with_values({"model.coulomb_m_s2": 0.0})
+            q.with_parameters(dry_n=part * full), u, subject.file.with_values({"model.coulomb_m_s2": 0.0})
         )
     full = 2.0 * q.stall_n[0] * np.array([1.0, 0.0, 0.06])
     none = subject.file.with_values({"model.friction.coulomb": [0.0, 0.0, 0.0]})
-    return FaultPlan(q.changed(dry=part * full[None]), u, none)
+    return FaultPlan(q.with_parameters(dry=part * full[None]), u, none)
 
 
 def centre_of_mass(
     subject: FaultSubject, u: np.ndarray, sound: Run, rng: np.random.Generator
 ) -> FaultPlan | None:
-    """Move the centre of mass along x by 10 to 30 % of the radius of gyration; the fit keeps it fixed."""
+    """Move the centre of mass along x by 10 to 30 % of the radius of gyration; the fit keeps it fixed. None
+    for a car."""
     q = subject.vehicle
     if isinstance(q, Cars):
         return None
     ahead_m = q.ahead_m + rng.uniform(0.1, 0.3) * np.sqrt(q.inertia_kg_m2 / q.mass_kg)
-    return FaultPlan(q.changed(ahead_m=ahead_m), u, subject.file, without=("model.centre_of_mass_x_m",))
+    return FaultPlan(
+        q.with_parameters(ahead_m=ahead_m), u, subject.file, without=("model.centre_of_mass_x_m",)
+    )
 
 
 def tilted_floor(
@@ -200,14 +207,14 @@ def tilted_floor(
     if isinstance(q, Cars):
         return None
     rise, way = np.radians(rng.uniform(2.0, 6.0, 1)), rng.uniform(-np.pi, np.pi, 1)
-    return FaultPlan(q.changed(slope_rad=rise, slope_heading_rad=way), u, subject.file)
+    return FaultPlan(q.with_parameters(slope_rad=rise, slope_heading_rad=way), u, subject.file)
 
 
 def second_vehicle(subject: FaultSubject, u: np.ndarray, sound: Run, rng: np.random.Generator) -> FaultPlan:
-    """Take the rest of the log, from 25 to 75 % on, from a vehicle with other friction and motors."""
+    """Replace the readings after 25 to 75 % of the run by the readings of a vehicle with other friction and motors."""
     factor, q = float(rng.choice([-1.0, 1.0])) * rng.uniform(0.15, 0.6), subject.vehicle
     drag = {"viscous": q.viscous} if isinstance(q, Robots) else {"rolling": q.rolling}
-    changed_vehicle = q.changed(
+    changed_vehicle = q.with_parameters(
         stall_n=q.stall_n * (1.0 - 0.5 * factor), **{k: v * (1.0 + factor) for k, v in drag.items()}
     )
     cut = int(rng.uniform(0.25, 0.75) * len(u))

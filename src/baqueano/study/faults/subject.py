@@ -1,4 +1,4 @@
-"""Vehicles of the fault study: a robot or a car of the independent truth, the same for a seed."""
+"""Create the vehicles of the fault study: a robot or a car of the independent truth, determined by its seed."""
 
 from collections.abc import Sequence
 from typing import NamedTuple
@@ -13,10 +13,10 @@ from baqueano.study.counterpart import (
     FREE_ROBOT,
     car_file,
     car_values,
-    driven,
-    recorded,
+    drive_group,
     robot_file,
     robot_values,
+    run_of_vehicle,
 )  # fmt: skip
 from baqueano.study.identification.trials import as_sent, car, robot
 from baqueano.study.truth import Cars, Robots
@@ -43,7 +43,7 @@ class FaultSubject(NamedTuple):
         return {path: float(value[0]) for path, value in values.items()}
 
     def signal(self, seconds: float, kind: str = "random_steps") -> np.ndarray:
-        """Return commands (N, m) as the motors receive them, after a rest."""
+        """Return commands (N, m) as the motors receive them, with a rest of REST_S at the beginning."""
         file = self.file
         u = excitation(kind, file.command.limit, seconds, file.rate_hz, self.seed, rest_s=REST_S)
         return as_sent(u) if isinstance(self.vehicle, Robots) else u
@@ -52,11 +52,12 @@ class FaultSubject(NamedTuple):
         self, vehicles: Sequence[Robots | Cars], effective: Sequence[np.ndarray], logged: Sequence[np.ndarray]
     ) -> list[Run]:
         """Return the runs of the vehicles, simulated side by side, each under its `effective` commands."""
-        group = vehicles[0].joined(list(vehicles[1:]))  # type: ignore[arg-type]
+        group = vehicles[0].merge(list(vehicles[1:]))  # type: ignore[arg-type]
         t_ns = times(len(effective[0]), self.file.rate_hz)
-        drive = driven(group, np.stack(effective, axis=1), [self.seed] * len(vehicles), t_ns)
+        drive = drive_group(group, np.stack(effective, axis=1), [self.seed] * len(vehicles), t_ns)
         return [
-            recorded(drive, k, u, self.file, f"seed {self.seed}", self.seed) for k, u in enumerate(logged)
+            run_of_vehicle(drive, k, u, self.file, f"seed {self.seed}", self.seed)
+            for k, u in enumerate(logged)
         ]
 
 

@@ -1,7 +1,7 @@
-"""The undamaged run without the readings that a fit leaves out of the damaged one.
+"""Remove from the undamaged run the readings that a fit excludes from the damaged run.
 
-A damage that is detected costs samples. One part of the error of such a fit comes from the lost samples, another one
-from harm in the remaining ones. The undamaged run without the same samples, those of the same time, separates them.
+A fit loses samples to a detected damage. One part of its error comes from the lost samples, the other part from harm in
+the remaining samples. The undamaged run without the samples of the same times separates the two parts.
 """
 
 from dataclasses import replace
@@ -13,9 +13,10 @@ from baqueano.runs.run import Run
 from baqueano.vehicle_file import VehicleFile
 
 
-def undamaged(sound: Run, damaged: Run, file: VehicleFile) -> tuple[Run, float] | None:
-    """Return the `sound` run with NaN for the readings that are left out of the `damaged` one, and their fraction.
-    Return None if the samples have other times, so that they do not correspond."""
+def undamaged_run(sound: Run, damaged: Run, file: VehicleFile) -> tuple[Run, float] | None:
+    """Return the `sound` run with NaN for the readings that a fit excludes from the `damaged` run, and their fraction.
+    Return None if the samples of the two runs have different times, so that they do not correspond.
+    """
     pieces, _ = clean([damaged], file, file.sensors._asdict())
     sensors, lost_count, count = dict(sound.sensors), 0, 0
     for name, channel in sound.sensors.items():

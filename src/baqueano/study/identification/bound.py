@@ -1,10 +1,10 @@
-"""The Cramér-Rao bound of a simulator, by finite differences of that simulator.
+"""Compute the Cramér-Rao bound of a simulator, by finite differences of its readings.
 
     G = ∂h/∂θ by (h(θ + s) − h(θ − s)) / 2s,   b_i = √((Σ_t Gᵀ Q⁻¹ G + P₀⁻¹)⁻¹)_ii                        (1)
 
-h is the noise-free reading of the sensors, Q the covariance of their noise, and P₀ that of the prior: none, P₀⁻¹ = 0,
-unless it is given. (1) contains all free parameters of a fit together, including the biases. It contains neither
-outliers nor a random walk of the biases nor the rounding of the converter.
+h is the noise-free reading of the sensors, Q the covariance of their noise, and P₀ the covariance of the prior. Without
+a prior, P₀⁻¹ = 0. (1) contains all free parameters of a fit together, including the biases. It does not contain
+outliers, a random walk of the biases, or the rounding of the converter.
 """
 
 from collections.abc import Mapping
@@ -44,7 +44,7 @@ def steps(vehicle: Robots | Cars) -> dict[str, float]:
 
 
 def perturbed_copies(vehicle: Robots | Cars) -> Robots | Cars:
-    """Return two vehicles per parameter, a group (2p,): with the parameter one step larger, then one step smaller."""
+    """Return 2p copies of the vehicle: for each of p parameters θ a copy with θ + s, then a copy with θ − s.  (1)"""
     of = steps(vehicle)
     group = vehicle.some([0] * (2 * len(of)))
     values = {}
@@ -58,7 +58,7 @@ def perturbed_copies(vehicle: Robots | Cars) -> Robots | Cars:
 def bound_of(
     quiet: np.ndarray, vehicle: Robots | Cars, prior_sigma: Mapping[str, float] | None = None
 ) -> dict[str, float]:
-    """Return path → b of (1) from the readings (N, 2p, m) of the `perturbed_copies`; with an odometer if m = 4.
+    """Return path → b of (1) from the readings (N, 2p, m) of the `perturbed_copies`; m = 4 with an odometer, else 3.
 
     `prior_sigma`: path → prior standard deviation, √P₀ of (1).
     """

@@ -1,17 +1,17 @@
-"""The page of `baqueano study identification`: table, histogram of errors, coverage."""
+"""Write the page of `baqueano study identification`: table, histogram of errors, coverage."""
 
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from baqueano.diagnostics import Verdict
-from baqueano.language import marked as N_
+from baqueano.language import mark as N_
 from baqueano.language import number
-from baqueano.language import translated as _
-from baqueano.printable import typed
+from baqueano.language import translate as _
+from baqueano.printable import baqueano_command
 from baqueano.report import Drawing, Headline, Page, Section, Table, draw
 from baqueano.report.figures import MEASURED, MODEL, REFERENCE, TRUTH
-from baqueano.report.lab import panel, styled
+from baqueano.report.lab import panel, with_style
 from baqueano.study.identification.result import LIMITS, POOL, Identification
 
 if TYPE_CHECKING:
@@ -24,18 +24,22 @@ CASES = (
 )  # fmt: skip
 PARAMETERS = ("case", "name", "intervals", "holds", "named", "rmse", "sd")
 ABOUT = N_(
-    "holds: part of the 95 % intervals that hold the truth. rmse: root mean square error "
-    "over the Cramér-Rao bound of the same runs. sd: median of the standard error over that "
-    "bound. named: part of the fits whose verdict speaks of the parameter. wrongly_usable: "
-    "fits with a parameter off by 5 of its errors and 5 %, called USABLE."
+    "holds: fraction of the 95 % intervals that contain the truth. rmse: root mean square error divided by "
+    "the Cramér-Rao bound of the same runs. sd: median of the standard error divided by that bound. named: "
+    "fraction of the fits whose verdict names the parameter. wrongly_usable: fits called USABLE although a "
+    "parameter has an error above 5 standard errors and 5 %."
 )
 Z = N_(
-    "Clean: each error in its own standard error, {} estimates, and the normal density. Beyond 4.5: at the edge."
+    "Clean: each error divided by its own standard error ({} estimates), and the normal density. Values "
+    "beyond 4.5 are drawn at the edge."
 )
 COVERAGE = N_(
-    "Clean: part of the 95 % intervals that hold the truth, with twice its scatter; the band is the requirement."
+    "Clean: fraction of the 95 % intervals that contain the truth, with twice its standard deviation; the "
+    "band is the requirement."
 )
-BARS = N_("Clean: errors and standard errors in bounds. The line is what an error has to keep below.")
+BARS = N_(
+    "Clean: errors and standard errors, in units of the Cramér-Rao bound. An error must stay below the line."
+)
 
 
 def page_of_identification(study: Identification) -> Page:
@@ -55,8 +59,8 @@ def page_of_identification(study: Identification) -> Page:
     single = [row for row in rows if row["name"] != POOL]
     wrong = sum(row["wrongly_usable"] for row in pool)
     return Page(
-        title=_("How near to the limit a fit comes"),
-        subtitle=_("Robots and cars of an independent truth, 60 s each, {over}", over=over),
+        title=_("Errors of the fits compared with the theoretical limit"),
+        subtitle=_("Robots and cars of an independent simulator, 60 s each, {over}", over=over),
         verdict=study.verdict,
         headlines=[
             Headline(
@@ -79,7 +83,7 @@ def page_of_identification(study: Identification) -> Page:
             Section("Parameters", "", [Table(_columns(single, PARAMETERS))]),
             Section("Figures", "", parts),
         ],
-        reproduce=typed("study", "identification", "--seeds", study.requested),
+        reproduce=baqueano_command("study", "identification", "--seeds", study.requested),
     )
 
 
@@ -87,7 +91,7 @@ def _columns(rows: list["TableRow"], names: tuple[str, ...]) -> list["TableRow"]
     return [{name: row[name] for name in names} for row in rows]
 
 
-@styled
+@with_style
 def histogram(z: np.ndarray) -> "Figure":
     """Draw the histogram of all errors z (K,) with the normal density."""
     figure, axis = panel((9.2, 2.8))
@@ -98,7 +102,7 @@ def histogram(z: np.ndarray) -> "Figure":
     return figure
 
 
-@styled
+@with_style
 def coverage(rows: list[dict[str, float]]) -> "Figure":
     """Draw the fraction of the intervals that contain the truth, by parameter."""
     part = np.array([row["holds"] for row in rows])
@@ -113,7 +117,7 @@ def coverage(rows: list[dict[str, float]]) -> "Figure":
     return figure
 
 
-@styled
+@with_style
 def efficiency(rows: list[dict[str, float]]) -> "Figure":
     """Draw errors and standard errors divided by their bounds, by parameter."""
     figure, axis = panel((9.2, 3.4))

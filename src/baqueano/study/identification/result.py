@@ -1,10 +1,11 @@
-"""`baqueano study identification`: errors, intervals and verdicts of fits to the independent truth (trials.py).
+"""`baqueano study identification`: evaluate the errors, intervals and verdicts of simulated fits (trials.py).
 
     rmse_i / bound_i = √(mean (p̂_i − p_i)²) / √(mean b_i²)      both means over the same fits              (1)
 
-b is the bound of bound.py. If the true value of a parameter is its lower limit, its estimate may be nearer than (1)
-allows; it is not pooled. An interval counts if the fit was not refused and the parameter is identifiable. A parameter
-is named if a reason of the verdict states its possible error. The error of Huber's estimate alone is 1.026 bounds.
+b is the bound of bound.py. If the true value of a parameter is its lower limit, its error may be below the bound, so
+this parameter is not pooled. An interval counts if the fit was not refused and the parameter is identifiable. A
+parameter is named if a reason of the verdict states its possible error. With normal noise, Huber's estimator has an
+error of 1.026 bounds (an efficiency of 95 %).
 """
 
 import pickle
@@ -19,7 +20,7 @@ import numpy as np
 from baqueano.diagnostics import Verdict
 from baqueano.identify.covariance.quantiles import QUANTILE_95
 from baqueano.language import number
-from baqueano.language import translated as _
+from baqueano.language import translate as _
 from baqueano.study.identification.trials import CASES, SECONDS, TrialJob, TrialOutcome, work
 from baqueano.study.wrong import wrong
 from baqueano.sweep.workers import spread_over
@@ -38,7 +39,7 @@ class Limit(NamedTuple):
 
     coverage: float = 0.0  # of all intervals, at least
     held_most: float = 1.0
-    each: float = 0.0  # of those of one parameter
+    each: float = 0.0  # of the intervals of one parameter, at least
     rmse: float = np.inf
     rmse_each: float = np.inf
     width: float = np.inf  # median of standard error / bound
@@ -61,7 +62,7 @@ LIMITS = {
 
 @dataclass(frozen=True)
 class Identification:
-    """The outcomes of all fits, fewer than requested if it was interrupted."""
+    """The outcomes of all fits; fewer than requested after an interruption."""
 
     outcomes: tuple[TrialOutcome, ...]
     requested: int
@@ -109,10 +110,13 @@ class Identification:
         lines += ["", f"{_(rows[0]['case'])}:"]
         for row in (row for row in rows if row["name"] != POOL and row["case"] == rows[0]["case"]):
             lines.append(f"{row['name'].removeprefix('model.'):36}{row['fits']:5}{_figures(row)}")
-        message = _("every limit is kept, within the scatter of {seeds} seeds", seeds=self.seeds)
+        message = _("every limit is met, within the scatter of {seeds} seeds", seeds=self.seeds)
         lines += [
             "",
-            _("holds: 95 % intervals. rmse, sd: in Cramér-Rao bounds. wrong: fits that were called USABLE."),
+            _(
+                "holds: coverage of the 95 % intervals. rmse, sd: in Cramér-Rao bounds. wrong: wrong fits "
+                "that were called USABLE."
+            ),
         ]
         return "\n".join([*lines, f"{_(self.verdict)}: {'; '.join(self.reasons) or message}"])
 
@@ -150,14 +154,14 @@ def _row(case: str, name: str, outcomes: list[TrialOutcome], names: tuple[str, .
 
 
 def _reasons(row: "TableRow") -> list[str]:
-    """Return the limits that a row exceeds by more than the scatter of its seeds."""
+    """Return a sentence for each limit that a row exceeds by more than chance explains for its number of seeds."""
     limit, whole, n = LIMITS[row["case"]], row["name"] == POOL, max(row["fits"], 1)
     few = SURE * np.sqrt(0.95 * 0.05 / max(row["intervals"], 1))
     by_chance = 1.0 + SURE / np.sqrt(2.0 * max(row["intervals"], 1))
     least, rmse = (limit.coverage, limit.rmse) if whole else (limit.each, limit.rmse_each)
     out = []
     if row["holds"] < min(least, 0.95 - few) or (whole and row["holds"] > max(limit.held_most, 0.95 + few)):
-        out.append(_("{holds:.1f} % of the intervals hold the truth", holds=100 * row["holds"]))
+        out.append(_("{holds:.1f} % of the intervals contain the truth", holds=100 * row["holds"]))
     if row["rmse"] is not None and row["rmse"] > max(rmse, by_chance):
         out.append(_("rmse {rmse:.3f} bounds", rmse=row["rmse"]))
     if whole:
@@ -173,7 +177,10 @@ def _reasons(row: "TableRow") -> list[str]:
             )
         if row["holds_or_named"] < min(limit.held_or_named, 0.95 - few):
             out.append(
-                _("{percent:.0f} % of the parameters are held or named", percent=100 * row["holds_or_named"])
+                _(
+                    "{percent:.0f} % of the parameters are in their interval or named",
+                    percent=100 * row["holds_or_named"],
+                )
             )
         if row["fits_named"] > limit.named + SURE * np.sqrt(limit.named * (1.0 - limit.named) / n):
             out.append(_("{percent:.0f} % of the fits name a parameter", percent=100 * row["fits_named"]))
@@ -182,18 +189,18 @@ def _reasons(row: "TableRow") -> list[str]:
                 _("{wrongly_usable} wrong fits were called USABLE", wrongly_usable=row["wrongly_usable"])
             )
         if row["silent"]:
-            out.append(_("{silent} ended elsewhere and did not say so", silent=row["silent"]))
+            out.append(_("{silent} ended in another minimum without a warning", silent=row["silent"]))
     return [f"{_(row['case'])}, {row['name'].removeprefix('model.')}: {text}" for text in out]
 
 
 def identification(
     seeds: int = SEEDS, first: int = 0, backend: str = "auto", processes: int = 1,
-    each: Callable[[int], None] | None = None, *, cases: Sequence[str] = CASES, duration_s: float = SECONDS,
+    advance: Callable[[int], None] | None = None, *, cases: Sequence[str] = CASES, duration_s: float = SECONDS,
     keep: Path | None = None,
 ) -> Identification:  # fmt: skip
     """Fit vehicles `first` … `first + seeds − 1` of each case, with this number of `processes`.
 
-    `each` is called with the number of seeds that have just been done. Ctrl-C ends it with the finished results, if
+    `advance` is called with the number of seeds that have just been done. Ctrl-C ends it with the finished results, if
     there is at least one seed. With a folder `keep`, outcomes are stored there and not computed again.
 
     With more than one process, Python starts anew in each, as `multiprocessing` does: call this function from under
@@ -206,9 +213,9 @@ def identification(
     ]
     if keep is not None:
         keep.mkdir(parents=True, exist_ok=True)
-    tell = each or (lambda n: None)
+    report = advance or (lambda n: None)
     batches_done = spread_over(
-        partial(_stored_outcomes, keep=keep), jobs, processes, lambda n: tell(n * BATCH)
+        partial(_stored_outcomes, keep=keep), jobs, processes, lambda n: report(n * BATCH)
     )
     if not batches_done:
         raise KeyboardInterrupt

@@ -1,12 +1,12 @@
 """Simulations and fits of `study identification`: robots and cars of the independent truth.
 
-Robots with dead zones of 0.25 to 0.33, unequal gains, dry friction, a lag of 45 ms, delays of 4 to 17 ms; an 8-bit PWM
-whose counts are logged; an IMU 3 cm off the centre, turned by 4° and tilted by 2°. All parameters are free that a user
-would free. The search begins at a rough guess, but with the true tilt (robots.py). Cars on tyres are fitted with the
-kinematic car, IMU and odometer:
+Robots have dead zones of 0.25 to 0.33, unequal gains, dry friction, a lag of 45 ms and delays of 4 to 17 ms. Their
+8-bit PWM counts are logged. The IMU is 3 cm off the centre, turned by 4° and tilted by 2°. A fit frees all parameters
+that a user would free, and begins at a rough guess with the true tilt (robots.py). Cars on tyres are fitted by the
+kinematic car, from IMU and odometer. The cases:
     clean               only white noise
     rough               ticks 1 ms irregular with true timestamps, 0.5 % outliers of 20 σ, steps of 1 σ, walking biases
-    floor               process noise of a rough floor; floor, innovations: with the other cost
+    floor               process noise of a rough floor; "floor, innovations" is the same with the other cost
     low-passed          clean, but the IMU filters at 44 Hz, which is not in the file
     wrong start         clean, from friction and forces times 0.2 to 5, random signs, and dead zones from 0 to 0.5
     matched             cars with stiff and equal tyres, gentle steering: nearly the fitted model
@@ -19,7 +19,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from baqueano.identify import Fit, FitOptions, excitation, identify
-from baqueano.language import marked as N_
+from baqueano.language import mark as N_
 from baqueano.runs.run import Run
 from baqueano.simulate.open_loop import times
 from baqueano.study.counterpart import (
@@ -28,11 +28,11 @@ from baqueano.study.counterpart import (
     GroupDrive,
     car_file,
     car_values,
-    driven,
+    drive_group,
     readings_without_noise,
-    recorded,
     robot_file,
     robot_values,
+    run_of_vehicle,
 )  # fmt: skip
 from baqueano.study.counterpart.cars import SPEED, speed_at
 from baqueano.study.demo import GUESS
@@ -74,7 +74,7 @@ class TrialJob(NamedTuple):
 
 
 class TrialOutcome(NamedTuple):
-    """The result of a fit, with the truth."""
+    """The result of a fit, with the true values of its parameters."""
 
     case: str
     seed: int
@@ -98,16 +98,17 @@ def work(job: TrialJob) -> list[TrialOutcome]:
 
 
 def robot(seed: int) -> Robots:
-    """Return the robot of that seed, with a mounted and tilted IMU, dead zones and lag."""
+    """Return the robot of that seed, with dead zones, motor lag, and an IMU that is off the centre, turned and
+    tilted."""
     draw, q = np.random.default_rng([seed, 40]), draw_robots(1, seed)
     at, towards = draw.uniform(-np.pi, np.pi, 2)
-    imu = q.imu.changed(
+    imu = q.imu.with_parameters(
         place_m=0.03 * np.array([[np.cos(at), np.sin(at)]]),
         turn_rad=np.radians(4.0) * draw.choice([-1.0, 1.0], 1),
         tilt_rad=np.radians(2.0) * np.array([[np.cos(towards), np.sin(towards)]]),
     )
     forward, backward = draw.uniform(0.25, 0.33, (2, 1, 2))
-    return q.changed(
+    return q.with_parameters(
         forward=forward, backward=backward, lag_s=np.full(1, 0.045), floor=np.zeros((1, 3)), imu=imu
     )
 
@@ -118,7 +119,7 @@ def car(seed: int, case: str) -> Cars:
     return (
         q
         if case == "understeer"
-        else q.changed(tyre_n_rad=np.full((1, 2), 40.0), grip_n=np.full((1, 2), 10.0))
+        else q.with_parameters(tyre_n_rad=np.full((1, 2), 40.0), grip_n=np.full((1, 2), 10.0))
     )
 
 
@@ -143,16 +144,16 @@ def _of_robots(job: TrialJob, cases: list[str]) -> list[TrialOutcome]:
         bounds = _bounds(robots, us, t_ns)
     if "clean" in cases or "wrong start" in cases:
         drives = dict.fromkeys(
-            ("clean", "wrong start"), driven(_group(robots), _columns(us), job.seeds, t_ns)
+            ("clean", "wrong start"), drive_group(_group(robots), _columns(us), job.seeds, t_ns)
         )
     if any("floor" in case for case in cases):
-        rough = [q.changed(floor=np.array([FLOOR])) for q in robots]
+        rough = [q.with_parameters(floor=np.array([FLOOR])) for q in robots]
         drives |= dict.fromkeys(
-            ("floor", "floor, innovations"), driven(_group(rough), _columns(us), job.seeds, t_ns)
+            ("floor", "floor, innovations"), drive_group(_group(rough), _columns(us), job.seeds, t_ns)
         )
     if "low-passed" in cases:
         slow = [_low_pass(q) for q in robots]
-        drives["low-passed"] = driven(_group(slow), _columns(us), job.seeds, t_ns)
+        drives["low-passed"] = drive_group(_group(slow), _columns(us), job.seeds, t_ns)
     if "rough" in cases:
         drives["rough"] = _roughly(robots, us, job.seeds, t_ns)
     out: list[TrialOutcome] = []
@@ -160,12 +161,14 @@ def _of_robots(job: TrialJob, cases: list[str]) -> list[TrialOutcome]:
         clean: Fit | None = None
         for case in cases:
             q = robots[k] if case != "rough" else _coarse(robots[k])
-            run = recorded(drives[case], k, us[k], guess(q), f"robot {job.seeds[k]}", job.seeds[k])
+            run = run_of_vehicle(drives[case], k, us[k], guess(q), f"robot {job.seeds[k]}", job.seeds[k])
             fit = _fit(run, q, case, job.seeds[k], job.backend)
             clean = fit if case == "clean" else clean
             bound = bounds[k] if case in BOUNDED else {}
             right = clean if case == "wrong start" else None
-            true = robot_values(q.changed(imu=q.imu.changed(bias=q.imu.bias + drives[case].wandered[k])))
+            true = robot_values(
+                q.with_parameters(imu=q.imu.with_parameters(bias=q.imu.bias + drives[case].wandered[k]))
+            )
             out.append(_outcome(case, job.seeds[k], fit, true, bound, right))
     return out
 
@@ -193,15 +196,15 @@ def _roughly(
     """Return the drives of robots whose logger samples at irregular times."""
     late = np.random.default_rng(41).normal(0.0, JITTER_S, len(t_ns)).clip(-3.0 * JITTER_S, 3.0 * JITTER_S)
     irregular = t_ns + np.round(1e9 * late).astype(np.int64)
-    return driven(_group([_coarse(q) for q in robots]), _columns(us), seeds, irregular)
+    return drive_group(_group([_coarse(q) for q in robots]), _columns(us), seeds, irregular)
 
 
 def _coarse(q: Robots) -> Robots:
-    return q.changed(imu=q.imu.changed(walk=np.array([WALK]), step=q.imu.noise))
+    return q.with_parameters(imu=q.imu.with_parameters(walk=np.array([WALK]), step=q.imu.noise))
 
 
 def _low_pass(q: Robots) -> Robots:
-    return q.changed(imu=q.imu.changed(low_pass_s=np.full(1, 0.5 / (np.pi * LOW_PASS_HZ))))
+    return q.with_parameters(imu=q.imu.with_parameters(low_pass_s=np.full(1, 0.5 / (np.pi * LOW_PASS_HZ))))
 
 
 def _with_outliers(run: Run, q: Robots, seed: int) -> Run:
@@ -229,10 +232,10 @@ def _of_cars(job: TrialJob, case: str) -> list[TrialOutcome]:
     cars = [car(seed, case) for seed in job.seeds]
     files = [car_file(q) for q in cars]
     us = [_car_steps(seed, files[0].rate_hz, job.duration_s, STEERED[case]) for seed in job.seeds]
-    drive = driven(_group(cars), _columns(us), job.seeds, times(len(us[0]), files[0].rate_hz))
+    drive = drive_group(_group(cars), _columns(us), job.seeds, times(len(us[0]), files[0].rate_hz))
     out = []
     for k, seed in enumerate(job.seeds):
-        run = recorded(drive, k, us[k], files[k], f"car {seed}", seed)
+        run = run_of_vehicle(drive, k, us[k], files[k], f"car {seed}", seed)
         fit = identify(run, files[k], FREE_CAR, options=FitOptions(backend=job.backend))
         out.append(_outcome(case, seed, fit, car_values(cars[k]), {}, None))
     return out
@@ -304,7 +307,7 @@ def _car_steps(seed: int, rate_hz: float, duration_s: float, lock: float) -> np.
 
 
 def _group(vehicles: Sequence[Any]) -> Any:
-    return vehicles[0].joined(list(vehicles[1:]))
+    return vehicles[0].merge(list(vehicles[1:]))
 
 
 def _columns(us: Sequence[np.ndarray]) -> np.ndarray:

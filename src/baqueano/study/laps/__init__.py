@@ -1,10 +1,10 @@
-"""`baqueano study laps`: fifty laps with an IMU, an identified model, and a fix that measures the position.
+"""`baqueano study laps`: drive fifty laps with an IMU, an identified model, and a fix that measures the position.
 
 Robots of the independent truth (corridor/vehicles.py: gyro within ± 3 %, wheels that differ by 2 %) are identified
 (team.py) and switched on anew. They follow three routes with each fix (fixes.py). Either all readings arrive, or 20 %
 are missed, 10 % arrive twice and 5 % are mistaken for another mark. With an uncalibrated gyro, the study compares the
-share of robots that keep the route with the forecast. With an IMU alone, it tests the coverage of the stated region,
-and if the robot stops before a wall.
+share of robots that keep the route with the forecast. With only an IMU, it tests the coverage of the stated region. It
+also tests that the robot stops before a wall.
 """
 
 from collections.abc import Callable, Sequence
@@ -16,19 +16,19 @@ import numpy as np
 from baqueano.compare.corridor import QUANTILE_95
 from baqueano.compare.corridor_ahead import corridor_ahead
 from baqueano.guides.route import Route
-from baqueano.language import marked as N_
+from baqueano.language import mark as N_
 from baqueano.study.driving import SHAPES
 from baqueano.study.laps.drives import EVERY, RATE_HZ, Team, TeamWithFix, follow
 from baqueano.study.laps.fixes import FIXES, with_fix
 from baqueano.study.laps.result import SETTLED, WORST_M, Lap, LapCase, LapStudy, Whole, laps_of
-from baqueano.study.laps.team import GYROS, SPEED_M_S, identified
+from baqueano.study.laps.team import GYROS, SPEED_M_S, identify_teams
 from baqueano.study.truth import PassingFaults
 from baqueano.sweep.workers import spread_over
 from baqueano.vehicle_file import VehicleFile
 
 ROUTES = ("rectangle", "eight", "sinuous")
 READ = {
-    N_("all read"): PassingFaults(),
+    N_("no reading lost"): PassingFaults(),
     N_("faults"): PassingFaults(missed=0.2, twice=0.1, mistaken=0.05),
 }
 BATCH = 4  # robots in parallel
@@ -36,12 +36,14 @@ BATCH = 4  # robots in parallel
 
 def laps_over_fixes(
     seeds: int = 20, first: int = 0, count: int = 50, processes: int = 1, backend: str = "auto",
-    cases: Sequence[LapCase] | None = None, each: Callable[[int], None] = lambda k: None,
+    cases: Sequence[LapCase] | None = None, advance: Callable[[int], None] = lambda k: None,
 ) -> LapStudy:  # fmt: skip
-    """Return `count` laps of robots `first` … `first + seeds − 1`; `each` receives the number of finished robots."""
+    """Return `count` laps of robots `first` … `first + seeds − 1`.
+    `advance` receives the number of robots just finished.
+    """
     jobs = [range(k, min(k + BATCH, first + seeds)) for k in range(first, first + seeds, BATCH)]
     work = partial(batch, count=count, backend=backend, cases=all_cases() if cases is None else cases)
-    parts = spread_over(work, jobs, processes, lambda batches: each(batches * BATCH))
+    parts = spread_over(work, jobs, processes, lambda batches: advance(batches * BATCH))
     drives = tuple(lap for _, batch_drives, _, _ in parts for lap in batch_drives)
     wholes = tuple(whole for _, _, batch_wholes, _ in parts for whole in batch_wholes)
     refusals = {seed for *_, refused_seeds in parts for seed in refused_seeds}
@@ -51,39 +53,39 @@ def laps_over_fixes(
 def all_cases(
     routes: Sequence[str] = ROUTES, fixes: Sequence[str] = tuple(FIXES), gyros: Sequence[str] = GYROS
 ) -> list[LapCase]:
-    """Return the cases of the study; an uncalibrated gyro is driven only with an IMU alone and over two tags."""
+    """Return the cases of the study. A robot with an uncalibrated gyro drives only without a fix and over two tags."""
     return [
         LapCase(route, fix, gyro, read)
         for gyro in gyros
         for route in routes
         for fix in fixes
         for read in READ
-        if (gyro == "calibrated" or (fix in ("none", "tags") and read == "all read"))
-        and (fix != "none" or read == "all read")
+        if (gyro == "calibrated" or (fix in ("none", "tags") and read == "no reading lost"))
+        and (fix != "none" or read == "no reading lost")
     ]
 
 
 def batch(
     seeds: range, count: int, backend: str, cases: Sequence[LapCase]
 ) -> tuple[int, list[Lap], list[Whole], list[int]]:
-    """Return the number of robots, their laps and drives, and the seeds whose fit was refused."""
+    """Return the number of robots, their laps, their whole drives, and the seeds whose fit was refused."""
     drives: list[Lap] = []
     wholes: list[Whole] = []
     refusals: list[int] = []
     for gyro in dict.fromkeys(case.gyro for case in cases):
         of = [case for case in cases if case.gyro == gyro]
-        robots = identified(seeds, gyro, backend, any(case.fix != "none" for case in of))
+        robots = identify_teams(seeds, gyro, backend, any(case.fix != "none" for case in of))
         refusals += robots.refused
         for route in dict.fromkeys(case.route for case in of):
             its = [case for case in of if case.route == route]
             teams = [robots.alone if case.fix == "none" else robots.learned for case in its]
-            some_drives, some_wholes = driven(its, teams, count, backend)
+            some_drives, some_wholes = drive_cases(its, teams, count, backend)
             drives += some_drives
             wholes += some_wholes
     return len(seeds), drives, wholes, refusals
 
 
-def driven(
+def drive_cases(
     cases: Sequence[LapCase], teams: Sequence[Team], count: int, backend: str
 ) -> tuple[list[Lap], list[Whole]]:
     """Return the laps and the whole drives of the cases of one route; all robots drive in parallel."""
@@ -102,7 +104,9 @@ def driven(
 
 
 def forecast(file: VehicleFile, fix: str, route: Route, count: int, backend: str) -> float:
-    """Return the probability to stay within WORST_M of the route, predicted by the corridor of the first laps."""
+    """Return the probability to stay within WORST_M of the route. It is computed from the predicted corridor of the
+    first laps; 0 if the estimate is lost in them.
+    """
     corridor = corridor_ahead(with_fix(file, fix, route), route, min(count, SETTLED), backend).corridor
     if np.isfinite(corridor.lost_s):
         return 0.0

@@ -45,7 +45,7 @@ class Team(NamedTuple):
 
 
 class TeamWithFix(NamedTuple):
-    """A team, its fix, and the faults of the readings."""
+    """A team, its fix, and the fault rates of the fix's readings."""
 
     team: Team
     fix: str
@@ -73,7 +73,7 @@ def room_around(route: Route, file: VehicleFile) -> Room:
 
 
 class _Driver:
-    """Software of one robot: its blocks, and the watch over the walls."""
+    """The software of one robot: its blocks, and the watch that stops it before a wall."""
 
     def __init__(self, loop: Loop, fix: str, route: Route) -> None:
         self._loop, self._sizes = loop, FIXES[fix].sizes
@@ -106,7 +106,8 @@ class _Driver:
 def follow(
     route: Route, laps: int, parts: Sequence[TeamWithFix], backend: str, log: bool = False
 ) -> list[Laps]:
-    """Return the drives of each part: `laps` laps of a route after a rest at its start."""
+    """Return the drives of each part: a rest at the start of the route, then `laps` laps. `log`: also return
+    the runs."""
     drivers = _drivers(route, parts, backend)
     ends = np.cumsum([0, *(len(part.team.files) for part in parts)]).tolist()
     spans = [slice(a, b) for a, b in pairwise(ends)]
@@ -158,9 +159,9 @@ def _drivers(route: Route, parts: Sequence[TeamWithFix], backend: str) -> list[_
 
 
 def _truth(route: Route, parts: Sequence[TeamWithFix], backend: str) -> tuple[TruthWorld, list[Reader]]:
-    """Return the world of all robots, and the readers of each part."""
+    """Return the world of all robots, and the readers of each part of the robots."""
     teams = [part.team for part in parts]
-    robots = teams[0].robots.joined([team.robots for team in teams[1:]])
+    robots = teams[0].robots.merge([team.robots for team in teams[1:]])
     seeds = [seed for team in teams for seed in team.seeds]
     start, fast = np.tile(route.eta[0], (len(seeds), 1)), partial(function, backend=backend)
     readers = [

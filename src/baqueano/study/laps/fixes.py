@@ -8,7 +8,7 @@ Three lines with normals nᵢ at places pᵢ relative to the middle of the route
 
     H = [nᵢᵀ, pᵢ × nᵢ],   at these places its smallest singular value is at least 0.7 on each route        (1)
 
-A mistaken gate may be anywhere on the route; the filter does not receive these places.
+A mistaken gate may be anywhere on the route. The filter is not informed of the places of mistaken gates.
 """
 
 from collections.abc import Callable, Sequence
@@ -17,7 +17,7 @@ from typing import NamedTuple
 import numpy as np
 
 from baqueano.guides.route import Route
-from baqueano.language import marked as N_
+from baqueano.language import mark as N_
 from baqueano.study.truth import Floor, FloorLines, Gate, PassingFaults, Reader
 from baqueano.vehicle_file import VehicleFile, parse
 

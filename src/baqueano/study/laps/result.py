@@ -1,6 +1,6 @@
 """Result of `study laps`: for each fix and route the share of robots that keep the route, the errors, and the NEES.
 
-NEES        eᵀ P⁻¹ e / 3 of (x, y, ψ): 1 for a consistent filter, less for a cautious one                (1)
+NEES        eᵀ P⁻¹ e / 3 of (x, y, ψ): 1 for a consistent filter, less for a cautious filter             (1)
 within      share of the samples with eᵀ P⁻¹ e ≤ χ²₃, while σ_ψ is at most LOST_RAD                      (2)
 forecast    mean over the robots of P(|n| < WORST_M / σ), σ the largest across in corridor_ahead.py      (3)
 
@@ -16,7 +16,7 @@ import numpy as np
 from baqueano.compare.corridor import LOST_RAD
 from baqueano.diagnostics import Verdict
 from baqueano.language import number
-from baqueano.language import translated as _
+from baqueano.language import translate as _
 
 if TYPE_CHECKING:
     from baqueano.contracts.values import TableRow
@@ -127,7 +127,8 @@ class LapStudy:
 
     @property
     def reasons(self) -> tuple[str, ...]:
-        """Return the bounds that are not kept: all bounds with tags; walls, coverage and NEES with the other fixes."""
+        """Return a sentence for each missed bound: all bounds with tags; walls, coverage and NEES with the
+        other fixes."""
         out = []
         if self.refused:
             out.append(
@@ -139,7 +140,7 @@ class LapStudy:
 
     @property
     def verdict(self) -> Verdict:
-        """Return WARN if a bound is not kept, else USABLE."""
+        """Return WARN if a bound is missed, else USABLE."""
         return Verdict.WARN if self.reasons else Verdict.USABLE
 
     def table(self) -> str:
@@ -147,11 +148,11 @@ class LapStudy:
         head = (
             f"{_('route'):11}{_('fix'):13}{_('gyro'):14}{_('readings'):10}{_('kept'):>6}{_('forecast'):>10}"
         )
-        head += f"{_('beside, cm'):>18}{_('estimate, cm'):>14}{_('within'):>8}{'NEES':>6}{_('stopped, in lap'):>17}"
+        head += f"{_('cross, cm'):>18}{_('estimate, cm'):>14}{_('within'):>8}{'NEES':>6}{_('stopped, in lap'):>17}"
         lines = [
             _(
-                "{robots} robots, {laps} laps; beside the route: 95 % quantile of the first lap and the last, "
-                "largest of all; largest error of the estimate after lap {settled}",
+                "{robots} robots, {laps} laps. Cross-track error: 95 % quantile of the first and of the "
+                "last lap, and the largest of all. Estimate: its largest error after lap {settled}",
                 robots=self.robots,
                 laps=self.laps,
                 settled=SETTLED,
@@ -170,26 +171,26 @@ class LapStudy:
                 f"{number(r['nees']):6.2f}{stops:>17}"
             )
         return "\n".join(
-            [*lines, "", f"{_(self.verdict)}: {'; '.join(self.reasons) or _('all bounds are kept')}"]
+            [*lines, "", f"{_(self.verdict)}: {'; '.join(self.reasons) or _('all bounds are met')}"]
         )
 
 
 def _misses(row: "TableRow", laps: int) -> list[str]:
-    """Return a sentence for each bound that a row does not keep."""
+    """Return a sentence for each bound that a row misses."""
     out = []
     if row["touched"]:
         out.append(_("{robots} robots touched a wall", robots=row["touched"]))
     if row["within"] < LEAST_WITHIN:
-        out.append(_("{within:.0%} within the 95 % region, 90 % expected", within=row["within"]))
+        out.append(_("{within:.0%} are within the 95 % region; expected 90 %", within=row["within"]))
     if row["nees"] > MOST_NEES:
-        out.append(_("NEES {nees:.2f}, at most {most:g} expected", nees=row["nees"], most=MOST_NEES))
+        out.append(_("NEES {nees:.2f}; expected at most {most:g}", nees=row["nees"], most=MOST_NEES))
     if row["fix"] != "tags":
         return out
     if row["gyro"] == "uncalibrated":
         if abs(row["forecast"] - row["kept"]) > FORECAST:
             out.append(
                 _(
-                    "{kept:.0%} of the robots keep the route, {forecast:.0%} were forecast",
+                    "{kept:.0%} of the robots keep to the route; the forecast was {forecast:.0%}",
                     kept=row["kept"],
                     forecast=row["forecast"],
                 )
@@ -197,12 +198,14 @@ def _misses(row: "TableRow", laps: int) -> list[str]:
         return out
     if row["last_across_p95_m"] > WORST_M:
         distance = f"{number(100.0 * row['last_across_p95_m']):.0f} cm"
-        out.append(_("lap {lap}: {distance} beside the route, 10 cm expected", lap=laps, distance=distance))
-    if row["read"] == "all read" and row["position_worst_m"] > WORST_M:
+        out.append(
+            _("lap {lap}: {distance} from the route; expected at most 10 cm", lap=laps, distance=distance)
+        )
+    if row["read"] == "no reading lost" and row["position_worst_m"] > WORST_M:
         distance = f"{number(100.0 * row['position_worst_m']):.0f} cm"
-        out.append(_("the estimate is {distance} off, 10 cm expected", distance=distance))
+        out.append(_("the error of the estimate is {distance}; expected at most 10 cm", distance=distance))
     if row["route"] != "sinuous" and row["kept"] < LEAST_KEPT:
-        out.append(_("{kept:.0%} of the robots keep the route, 90 % expected", kept=row["kept"]))
+        out.append(_("{kept:.0%} of the robots keep to the route; expected 90 %", kept=row["kept"]))
     if row["stopped"]:
         out.append(_("{stopped} drives were stopped", stopped=row["stopped"]))
     return out

@@ -1,8 +1,9 @@
-"""Robots of the independent truth, each with the vehicle file that its owner would obtain.
+"""Identify robots of the independent truth, so that each has the vehicle file that its owner would obtain.
 
-The gyro scale has an error of up to ± 3 % (corridor/vehicles.py). The gyro stays uncalibrated, or two turns on a mark
-calibrate it before the experiment, as in `baqueano drive`. The file without a fix is identified from the experiment
-only. The others also use LEARNED laps of a rectangle over tags, which measure the speed error of the model.
+The gyro scale has an error of up to ± 3 % (corridor/vehicles.py).
+The gyro stays uncalibrated, or two turns on a mark calibrate it before the experiment, as in `baqueano drive`.
+The file of a robot without a fix is identified from the experiment only.
+The files with a fix also use LEARNED laps of a rectangle over tags, because they show the speed error of the model.
 """
 
 from collections.abc import Sequence
@@ -16,7 +17,7 @@ from baqueano.drive.recording import MARK_SOURCE
 from baqueano.errors import AnswerNo
 from baqueano.identify import FitOptions, identify
 from baqueano.identify.noise.covariances import measure_noise
-from baqueano.language import marked as N_
+from baqueano.language import mark as N_
 from baqueano.runs import Run
 from baqueano.runs.logs import Event
 from baqueano.runs.run import Channel
@@ -44,15 +45,17 @@ class Teams(NamedTuple):
     refused: list[int]  # seeds whose fit was refused
 
 
-def identified(seeds: range, gyro: str, backend: str, learns: bool = True) -> Teams:
-    """Return the robots of the seeds; `learned` is empty unless `learns`."""
+def identify_teams(seeds: range, gyro: str, backend: str, learns: bool = True) -> Teams:
+    """Return the robots of the seeds with their files; without `learns`, the team `learned` is empty."""
     robots, options = vehicles(seeds), FitOptions(backend=backend)
-    starts = calibrated(robots, seeds) if gyro == "calibrated" else [guess()] * len(seeds)
+    starts = calibrate(robots, seeds) if gyro == "calibrated" else [guess()] * len(seeds)
     runs = experiments(robots, seeds)
     fits = [identify(run, start, FREE, options=options) for run, start in zip(runs, starts, strict=True)]
     usable = [k for k, fit in enumerate(fits) if fit.verdict != Verdict.REFUSED]
     files = [fits[k].vehicle_file for k in usable]
-    alone = [measure_noise(fits[k], runs[k], backend=backend).updated(fits[k].vehicle_file) for k in usable]
+    alone = [
+        measure_noise(fits[k], runs[k], backend=backend).updated_file(fits[k].vehicle_file) for k in usable
+    ]
     names = [seeds[k] for k in usable]
     learned = (
         _identify_with_laps(Team(files, robots.some(usable), names), [runs[k] for k in usable], backend)
@@ -68,7 +71,7 @@ def identified(seeds: range, gyro: str, backend: str, learns: bool = True) -> Te
 
 
 def _identify_with_laps(team: Team, runs: list[Run], backend: str) -> dict[int, VehicleFile]:
-    """Return the file of each seed from an experiment and laps over tags, without the refused fits."""
+    """Return seed → file identified from an experiment and laps over tags; a refused fit does not have an entry."""
     route, out = SHAPES["rectangle"](SPEED_M_S), {}
     (laps,) = follow(route, LEARNED, [TeamWithFix(team, "tags", PassingFaults())], backend, log=True)
     for file, seed, run, over in zip(team.files, team.seeds, runs, laps.runs, strict=True):
@@ -76,12 +79,12 @@ def _identify_with_laps(team: Team, runs: list[Run], backend: str) -> dict[int, 
         fit = identify(both, start, FREE, use=("imu",), options=FitOptions(backend=backend))
         if fit.verdict != Verdict.REFUSED:
             noise = measure_noise(fit, both, backend=backend)
-            out[seed] = noise.updated(fit.vehicle_file, file.name)
+            out[seed] = noise.updated_file(fit.vehicle_file, file.name)
     return out
 
 
-def calibrated(robots: Robots, seeds: Sequence[int]) -> list[VehicleFile]:
-    """Return the guess with the gyro scale of each robot from two turns; unchanged if they do not determine it."""
+def calibrate(robots: Robots, seeds: Sequence[int]) -> list[VehicleFile]:
+    """Return the guess with the gyro scale of each robot by two turns; unchanged if the turns do not determine it."""
     out = []
     for run in turned_twice(robots, seeds):
         try:
@@ -92,7 +95,7 @@ def calibrated(robots: Robots, seeds: Sequence[int]) -> list[VehicleFile]:
 
 
 def turned_twice(robots: Robots, seeds: Sequence[int]) -> list[Run]:
-    """Return a run of each robot that rests and turns twice, with an event on its mark before and after."""
+    """Return a run of each robot: it rests, then turns twice, with a mark event before and after the turns."""
     n, file = len(seeds), guess()
     world = TruthWorld(robots, [seed + 7_000 for seed in seeds], step_s=STEP_S, fast=function)
     t_ns = times(round(LONGEST_S * RATE_HZ), RATE_HZ)

@@ -1,1 +1,1 @@
-"""The paper's case studies, reproduced: its errors and those of baqueano, its two models, and a page of them."""
+"""Reproduce the paper's case studies: its errors and the errors of baqueano, its two models, and a page about them."""

@@ -1,7 +1,7 @@
-"""Reproduce case study I of the paper, with its errors and those of baqueano, and check the values of case study II.
+"""Reproduce case study I of the paper, with the errors of paper and baqueano, and check the values of case study II.
 
-The vehicle, the excitation and the noise are those of garage/case-study-1; the accelerometer is the paper's in
-simulation and fit (errata 3). Rows are in the paper's signs: friction coefficients are negative there.
+The vehicle, the excitation and the noise are from garage/case-study-1. Simulation and fit use the paper's accelerometer
+(errata 3). Rows have the paper's signs: its friction coefficients are negative.
 """
 
 from collections.abc import Callable, Iterator
@@ -13,7 +13,7 @@ import numpy as np
 from baqueano.diagnostics import Verdict
 from baqueano.identify import Fit, FitOptions, excitation, identify
 from baqueano.language import number
-from baqueano.language import translated as _
+from baqueano.language import translate as _
 from baqueano.messages import texts
 from baqueano.runs import Run
 from baqueano.simulate import simulate
@@ -53,16 +53,16 @@ def names() -> Iterator[tuple[str, str, float]]:
             yield f"T_{i + 1}{j + 1}", f"model.actuator_matrix[{i},{j}]", 1.0
 
 
-def recorded(seed: int, backend: str = "auto") -> tuple[VehicleFile, "Run"]:
+def simulate_seed(seed: int, backend: str = "auto") -> tuple[VehicleFile, "Run"]:
     """Return the vehicle of case study I and its run of 60 s of random steps, each held for 1 s."""
     vehicle = load("case-study-1")
     u = excitation("random_steps", vehicle.command.limit, SECONDS, vehicle.rate_hz, seed, hold_s=HOLD_S)
     return vehicle, simulate(vehicle, u, seed, name=f"case study I, seed {seed}", backend=backend)
 
 
-def fitted(seed: int, backend: str = "auto") -> Fit:
-    """Return the dynamic model fitted to that run: from rest, an IMU without bias, as in the paper."""
-    vehicle, run = recorded(seed, backend)
+def fit_seed(seed: int, backend: str = "auto") -> Fit:
+    """Return the dynamic model fitted to the run of `seed`: from rest, with an IMU without bias, as in the paper."""
+    vehicle, run = simulate_seed(seed, backend)
     return identify(
         run, vehicle, FREE, options=FitOptions(start=START, biases=False, at_rest=True, backend=backend)
     )
@@ -76,7 +76,7 @@ class CaseStudy:
     seeds: tuple[int, ...]
 
     def rows(self) -> list["TableRow"]:
-        """Return name, truth, paper, estimate, sd in the paper's signs; a value that is not observable is None."""
+        """Return name, truth, paper, estimate and sd in the paper's signs; a value is None if it is not observable."""
         return [
             {"name": name, "truth": truth, "paper": PRINTED[name], "estimate": estimate, "sd": sd}
             for name, truth, estimate, sd in self._values(self.fits[0])
@@ -113,7 +113,7 @@ class CaseStudy:
         return Verdict.WARN if verdict == Verdict.USABLE and np.abs(self.z).max() > 4.5 else verdict
 
     def table(self) -> str:
-        """Return a text table with the paper's errors and those of the first fit, in per cent of the truth."""
+        """Return a text table with the errors of the paper and of the first fit, in per cent of the truth."""
         head = (
             f"{'':8}{_('truth'):>10} {_('paper'):>11} {_('its error'):>10} {_('ours'):>12} "
             f"{_('± sd'):>9} {_('our error'):>10}"
@@ -148,7 +148,7 @@ class CaseStudy:
 
 
 def _error(value: float | None, truth: float) -> str:
-    """Return the error in per cent of the truth; the value if the truth is zero."""
+    """Return the error in per cent of the truth, or the value if the truth is zero."""
     if value is None:
         return ""
     if truth == 0.0:
@@ -157,12 +157,13 @@ def _error(value: float | None, truth: float) -> str:
 
 
 def case_study(
-    seed: int = 0, seeds: int = 1, backend: str = "auto", each: Callable[[int], None] | None = None
+    seed: int = 0, seeds: int = 1, backend: str = "auto", advance: Callable[[int], None] | None = None
 ) -> CaseStudy:
-    """Fit case study I at `seeds` seeds from `seed` on; `each` is called after each of them. Ctrl-C ends it with the
-    finished fits, if there is at least one."""
+    """Fit case study I at `seeds` seeds from `seed` on. `advance` receives the number of fits just finished.
+    Ctrl-C ends it with the finished fits, if there is at least one.
+    """
     every = tuple(range(seed, seed + seeds))
-    fits = spread_over(lambda s: fitted(s, backend), every, each=each)
+    fits = spread_over(lambda s: fit_seed(s, backend), every, advance=advance)
     if not fits:
         raise KeyboardInterrupt
     return CaseStudy(tuple(fits), every[: len(fits)])
@@ -170,7 +171,7 @@ def case_study(
 
 @dataclass(frozen=True)
 class ImpliedParameters:
-    """Case study II: the printed values, and their consequences."""
+    """The printed values of case study II, and their consequences."""
 
     mass_kg: float = 0.61
     radius_m: float = 0.07
@@ -180,7 +181,7 @@ class ImpliedParameters:
     T_33: float = 0.000965
 
     def rows(self) -> list["TableRow"]:
-        """Return for each printed value its consequence and the expected one."""
+        """Return a row for each printed value: its consequence and the expected value."""
         disc = 0.5 * self.mass_kg * self.radius_m**2
         gyration = np.sqrt(self.inertia / self.mass_kg)
         turning, with_disc = self.T_33 / self.inertia, self.T_33 / disc
@@ -214,7 +215,7 @@ class ImpliedParameters:
         return [dict(zip(("printed", "implies", "expected"), row, strict=True)) for row in figures]
 
     def table(self) -> str:
-        """Return the printed values, their consequences and the expected ones as text."""
+        """Return the printed values, their consequences and the expected values as text."""
         return "\n".join(
             [
                 _("Case study II, as printed"),

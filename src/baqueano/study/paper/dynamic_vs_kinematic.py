@@ -1,8 +1,9 @@
-"""Compare the two models of the paper: which one predicts accelerations better, which one velocities.
+"""Compare the two models of the paper, dynamic and kinematic, by their predictions of accelerations and velocities.
 
-Both are fitted to the same run and evaluated on another one: by R, the covariance of μ_t − g(u, μ_{t−1}) against the
-truth (one step ahead); and by the velocity estimate of the EKF with this model. The kinematic V is fitted to the true
-velocity, "the real values provided to simulate the system", as in the paper: an IMU alone hardly shows it.
+Both are fitted to the same run and evaluated on another run. One criterion is R, the covariance of
+μ_t − g(u, μ_{t−1}) against the truth (one step ahead). The other criterion is the velocity
+estimate of the EKF with this model. An IMU hardly shows the kinematic V. So V is fitted to the true velocity, as in the
+paper ("the real values provided to simulate the system").
 """
 
 from dataclasses import dataclass
@@ -14,9 +15,9 @@ from baqueano.compare.errors import rms
 from baqueano.drive import replay
 from baqueano.identify import Fit, FitOptions, identify
 from baqueano.identify.noise.covariances import measure_noise
-from baqueano.language import marked as N_
+from baqueano.language import mark as N_
 from baqueano.language import number
-from baqueano.language import translated as _
+from baqueano.language import translate as _
 from baqueano.runs.interpolated import at_times
 from baqueano.vehicle_file import VehicleFile, parse
 
@@ -33,7 +34,7 @@ velocity_matrix = [[0.1, 0.0, 0.0], [0.0, 0.0, 0.0], [0.0, 0.0, 0.05]]
 
 @dataclass(frozen=True)
 class JudgedModel:
-    """A model: its fit, R from the truth, and errors of the EKF on a held-out run."""
+    """A model with its fit, R against the truth, and the errors of the EKF on a held-out run."""
 
     model: str
     fit: Fit
@@ -42,7 +43,7 @@ class JudgedModel:
 
 
 def kinematic_file(vehicle: VehicleFile) -> VehicleFile:
-    """Return the same vehicle with the kinematic model instead of its own."""
+    """Return the file of the same vehicle with the kinematic model."""
     a, b = vehicle.text.index("[model]"), vehicle.text.index("[sensors")
     return parse(vehicle.text[:a] + KINEMATIC + vehicle.text[b:], f"{vehicle.name}, kinematic")
 
@@ -50,7 +51,7 @@ def kinematic_file(vehicle: VehicleFile) -> VehicleFile:
 def compare_models(
     dynamic: Fit, run: "Run", validation_run: "Run", backend: str = "auto"
 ) -> tuple[JudgedModel, JudgedModel]:
-    """Return the evaluations of the model of `dynamic` and of the kinematic one, both fitted to `run`."""
+    """Return the evaluations of the model of `dynamic` and of the kinematic model, both fitted to `run`."""
     kinematic = identify(
         run, kinematic_file(dynamic.file), use=("truth",), options=FitOptions(backend=backend)
     )
@@ -62,7 +63,7 @@ def compare_models(
 
 def _judged_model(model: str, fit: Fit, run: "Run", validation_run: "Run", backend: str) -> JudgedModel:
     noise = measure_noise(fit, run, source="truth", backend=backend)
-    replay_run = replay(validation_run, noise.updated(fit.vehicle_file), backend=backend)
+    replay_run = replay(validation_run, noise.updated_file(fit.vehicle_file), backend=backend)
     log = replay_run.estimate
     assert log is not None
     assert validation_run.truth is not None
@@ -71,7 +72,7 @@ def _judged_model(model: str, fit: Fit, run: "Run", validation_run: "Run", backe
 
 
 def rows(judged: tuple[JudgedModel, ...]) -> list["TableRow"]:
-    """Return a row per model: one-step errors (square roots of R) and the EKF's velocity errors."""
+    """Return a row per model: one-step errors (square roots of the diagonal of R) and the EKF's velocity errors."""
     return [
         {
             "model": j.model,
@@ -99,5 +100,5 @@ def table(judged: tuple[JudgedModel, ...]) -> str:
         for row in figures
     ]
     return "\n".join(
-        [_("Which model predicts what (one step ahead, and as the EKF's model on another run)"), *lines]
+        [_("Predictions of each model (one step ahead, and as the EKF's model on another run)"), *lines]
     )

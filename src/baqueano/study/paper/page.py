@@ -1,11 +1,11 @@
-"""The page of `baqueano study paper`: tables and the paper's two figures, drawn from runs of baqueano."""
+"""Write the page of `baqueano study paper`: tables and the paper's two figures, drawn from runs of baqueano."""
 
 import numpy as np
 
 from baqueano.guides.shapes import sinuous_circle
-from baqueano.language import marked as N_
+from baqueano.language import mark as N_
 from baqueano.language import number
-from baqueano.language import translated as _
+from baqueano.language import translate as _
 from baqueano.report import Headline, Page, Section, Table, draw, figures
 from baqueano.report.fit_report import label
 from baqueano.simulate import simulate_loop
@@ -14,12 +14,12 @@ from baqueano.study.paper.dynamic_vs_kinematic import JudgedModel, rows
 from baqueano.vehicle_file import load
 
 SHOWN_S = 30.0
-SIGNS = N_("In the paper's signs. A dash is not observable: u_y is always zero.")
+SIGNS = N_("Signs as in the paper. A dash means not observable: u_y is always zero.")
 SENSORS = N_("The paper's fig. acceleracion_simulacion: measured in blue, the dynamic model in green.")
-MODELS = N_("One step ahead (square roots of R), and as the EKF's model on a run that neither has seen.")
+MODELS = N_("One step ahead (square roots of R), and as the EKF's model on a run that neither fit used.")
 CLOSED = N_(
-    "The paper's fig. evaluacion_real, for the simulated small vehicle: reference, truth, and what the EKF with "
-    "the dynamic model believes."
+    "The paper's fig. evaluacion_real, for the simulated small vehicle: reference, truth, and the estimate "
+    "of the EKF with the dynamic model."
 )
 
 

@@ -1,4 +1,4 @@
-"""A figure of a recording with its bar."""
+"""Create table rows that compare a figure of a recording with its bar."""
 
 from typing import TYPE_CHECKING
 

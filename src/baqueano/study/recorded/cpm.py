@@ -1,12 +1,12 @@
-"""A real car of 1:18 (CPM Lab µCar), driven twice under a camera: a model fitted to one run, evaluated on the other.
+"""Fit a model to one run of a real 1:18 car (CPM Lab µCar) under a camera, and evaluate it on the other run.
 
-From the garage's file of this car only the dimensions are used: gyro and odometer count as perfect, the delay is 0, and
-the model begins with only a gain, viscous drag and the steering. Its other terms are chosen on the run itself
-(selection/selection.py); the effect of the logged battery voltage is one of the candidates. The evaluation is the speed
-of the whole other run, simulated from throttle and servo only, in the odometer's own unit.
+From the garage's file of this car only the dimensions are used. Gyro and odometer count as perfect, and the delay is 0.
+The model begins with only a gain, viscous drag and the steering. Its other terms are chosen on the run itself
+(selection/selection.py); the effect of the logged battery voltage is one of the candidates. The criterion is the speed
+of the whole other run, simulated from throttle and servo only, in the odometer's unit.
 
 The scale of the gyro and the clock of the camera are calibrated against the camera (identify/sensor_calibration.py).
-The camera begins on its own clock: the shift that the map adds to it is removed first.
+First the clock shift that the map adds to the camera is removed, so that the camera has its raw clock.
 """
 
 from collections.abc import Callable
@@ -18,7 +18,7 @@ from baqueano.identify.selection.selection import choose
 from baqueano.identify.sensor_calibration import Calibration, calibrate
 from baqueano.identify.validation import validate
 from baqueano.language import number
-from baqueano.language import translated as _
+from baqueano.language import translate as _
 from baqueano.messages import text
 from baqueano.runs import Run
 from baqueano.runs.importing import import_run
@@ -48,13 +48,13 @@ BATTERY = "battery voltage"
 CAR = "cpm_mucar"
 
 
-def rows(say: Callable[[str], None] = lambda text: None, backend: str = "auto") -> list["TableRow"]:
-    """Return recording, quantity, value, bar, ok. Raise FileError if the recordings are missing."""
+def rows(progress: Callable[[str], None] = lambda text: None, backend: str = "auto") -> list["TableRow"]:
+    """Return the rows of the study, with recording, quantity, value, bar and ok. Raise FileError without recordings."""
     runs = {name: with_raw_clock(name) for name in MAPS}
     car = load("car").with_values(NEUTRAL)
     out = []
     for name, test_name in (("a", "b"), ("b", "a")):
-        say(
+        progress(
             _(
                 "CPM: choosing a model on run {name}, {duration_s:.0f} s",
                 name=name,
@@ -64,7 +64,7 @@ def rows(say: Callable[[str], None] = lambda text: None, backend: str = "auto") 
         choice = choose(runs[name], car, use=USE, options=FitOptions(backend=backend))
         out += of_choice(choice, runs[test_name], name, test_name)
     for name, run in runs.items():
-        say(_("CPM: gyro and clock of run {name} by its camera", name=name))
+        progress(_("CPM: gyro and clock of run {name} by its camera", name=name))
         out += of_calibration(calibrate(run, car), name)
     return out
 
@@ -80,7 +80,7 @@ def of_choice(choice: "Choice", other_run: "Run", name: str, other: str) -> list
     """Return the rows on the speed of the other run, the chosen terms and the battery."""
     figures = {figure.channel: figure for figure in validate(choice.fit, other_run).figures}
     share, bar = figures["odometer[0]"].explained, EXPLAINED[name]
-    dry = DRY.intersection(choice.taken)
+    dry = DRY.intersection(choice.selected_terms)
     battery = next(judgement for judgement in choice.judged if judgement.term.name == BATTERY)
     return [
         row(
@@ -92,8 +92,8 @@ def of_choice(choice: "Choice", other_run: "Run", name: str, other: str) -> list
         ),
         row(
             CAR,
-            _("{name}: terms taken", name=name),
-            ", ".join(map(_, choice.taken)),
+            _("{name}: terms added", name=name),
+            ", ".join(map(_, choice.selected_terms)),
             _("dry friction or dead zone"),
             bool(dry),
         ),
@@ -101,14 +101,14 @@ def of_choice(choice: "Choice", other_run: "Run", name: str, other: str) -> list
             CAR,
             f"{name}: {_(BATTERY)}",
             text(battery.message),
-            _("not taken"),
+            _("not added"),
             battery.verdict != Decision.TAKEN,
         ),
     ]
 
 
 def of_calibration(calibration: Calibration, name: str) -> list["TableRow"]:
-    """Return the rows on gyro and clock; the vehicle file's gyro_scale is measured rotation per true rotation."""
+    """Return the rows on gyro scale and camera clock; a file's gyro_scale is measured rotation per true rotation."""
     turn, offset = 1.0 / calibration.value("sensors.imu.gyro_scale"), calibration.value("clock.truth")
     near = abs(turn - GYRO) <= NEAR
     close = abs(offset - CLOCK_S[name]) <= CLOSE_S

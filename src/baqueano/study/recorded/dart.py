@@ -1,9 +1,9 @@
-"""DART's JetRacer (TU Delft): throttle steps from rest on two floors, every other run held out.
+"""Fit DART's JetRacer (TU Delft) to throttle steps from rest on two floors, with every second run held out.
 
-Of each floor the 1st, 3rd, 5th … run are fitted together; the 2nd, 4th, 6th … are simulated from the throttle only,
-from rest, and compared with the encoder. The vehicle file (jetracer.toml) contains guesses. The free parameters are the
+On each floor the 1st, 3rd, 5th … run are fitted together. The other runs are simulated from the throttle only, from
+rest, and compared with the encoder. The vehicle file (jetracer.toml) contains guesses. The free parameters are the
 drive of a car: gain, viscous and dry friction, drag of the driven motor, dead zone, delay. The dead zone is rounded to
-two digits, as its bar.
+two digits, like its bar.
 """
 
 from collections.abc import Callable
@@ -13,9 +13,9 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from baqueano.identify import Fit, FitOptions, identify
-from baqueano.language import marked as N_
+from baqueano.language import mark as N_
 from baqueano.language import number
-from baqueano.language import translated as _
+from baqueano.language import translate as _
 from baqueano.runs import Run
 from baqueano.runs.importing import import_runs
 from baqueano.runs.maps.column_map import data_folders
@@ -48,20 +48,20 @@ def files() -> list[str]:
     return [f"dart_jetracer/{pattern}.csv.gz" for pattern in FLOORS.values()]
 
 
-def rows(say: Callable[[str], None] = lambda text: None, backend: str = "auto") -> list["TableRow"]:
-    """Return rows of recording, quantity, value, bar, ok."""
+def rows(progress: Callable[[str], None] = lambda text: None, backend: str = "auto") -> list["TableRow"]:
+    """Return the rows of the study, with recording, quantity, value, bar and ok."""
     out = []
     for floor, pattern in FLOORS.items():
         runs = runs_of(pattern)
-        say(
+        progress(
             _(
-                "DART, {floor}: fitting {steps} throttle steps, judging {others} others",
+                "DART, {floor}: fitting {steps} throttle steps, testing on {others} others",
                 floor=_(floor),
                 steps=len(runs[0::2]),
                 others=len(runs[1::2]),
             )
         )
-        fit, error = judged(runs, backend)
+        fit, error = fit_and_validate(runs, backend)
         zone = float(fit.vehicle_file.vehicle.drivetrain.dead_zone_forward[0])
         name = f"dart, {_(floor)}"
         out.append(
@@ -76,14 +76,14 @@ def rows(say: Callable[[str], None] = lambda text: None, backend: str = "auto") 
 
 
 def runs_of(pattern: str) -> list["Run"]:
-    """Return the throttle steps of a floor, in the order in which they were driven."""
+    """Return the throttle steps of a floor, in the order of the drives."""
     folder = next(f for f in data_folders() if (f / MAP).is_dir())
     paths: list[Path | str] = [str(folder / MAP / f"{pattern}.csv.gz")]
     return [imported_run.run for imported_run in import_runs(MAP, paths)]
 
 
-def judged(runs: list["Run"], backend: str = "auto") -> tuple[Fit, float]:
-    """Return the fit to every other run, and the rms speed error of the other runs [m/s]."""
+def fit_and_validate(runs: list["Run"], backend: str = "auto") -> tuple[Fit, float]:
+    """Return the fit to the 1st, 3rd, 5th … run, and the rms speed error of the other runs [m/s]."""
     file = load(Path(__file__).parent / "jetracer.toml")
     fit = identify(
         runs[0::2], file, FREE, use=("odometer",), options=FitOptions(at_rest=True, backend=backend)

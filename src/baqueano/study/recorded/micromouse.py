@@ -1,10 +1,10 @@
-"""Micromouse "Algernon" (opatiny/micromouse): duty against the speed of both wheels, steady after each step.
+"""Fit the micromouse "Algernon" (opatiny/micromouse): duty and the steady speed of both wheels after each step.
 
-Gain, dead zone forward and backward and the coast of each motor are fitted to one sweep; 2 s a step, 5 of 255 a step.
-They are compared with a sweep of another day and battery, in steps of 1. The dead band is the mean of both wheels and
-directions, in units of the duty. It is compared with the duty at which the wheels of the other sweep begin to turn; the
-left one, forward, sticks until 65 and then turns at once, which no dead zone can model. The asymmetry is the excess
-speed of the right wheel by the model, over the commands at which both wheels turned.
+Gain, both dead zones (forward and backward) and coast of each motor are fitted to one sweep. Its steps are 5 of 255,
+each for 2 s. The fit is compared with a sweep of another day and battery, in steps of 1. The dead band is the mean of
+both wheels and directions, in units of the duty. It is compared with the duty at which the wheels of the other sweep
+begin to turn. There the left wheel sticks forward until 65 and then turns at once: a dead zone cannot model this. The
+asymmetry is the modelled excess speed of the right wheel, over the commands at which both wheels turned.
 """
 
 from collections.abc import Callable
@@ -15,7 +15,7 @@ import numpy as np
 
 from baqueano.identify import Fit, FitOptions, identify
 from baqueano.language import number
-from baqueano.language import translated as _
+from baqueano.language import translate as _
 from baqueano.runs import Run
 from baqueano.runs.importing import import_run
 from baqueano.runs.maps.column_map import data_folders
@@ -46,11 +46,11 @@ def files() -> list[str]:
     return [f"micromouse_pwm/{FITTED}", f"micromouse_pwm/{OTHER}"]
 
 
-def rows(say: Callable[[str], None] = lambda text: None, backend: str = "auto") -> list["TableRow"]:
-    """Return rows of recording, quantity, value, bar, ok."""
-    say(_("micromouse: fitting a sweep of the duty, judging another one"))
+def rows(progress: Callable[[str], None] = lambda text: None, backend: str = "auto") -> list["TableRow"]:
+    """Return the rows of the study, with recording, quantity, value, bar and ok."""
+    progress(_("micromouse: fitting a sweep of the duty, testing on another sweep"))
     run, test_run = run_of(FITTED), run_of(OTHER)
-    fit = fitted(run, backend)
+    fit = fit_sweep(run, backend)
     band, threshold = dead_band(fit), begins_to_turn(test_run)
     faster = asymmetry(fit, run, backend)
     z, simulated = measured_and_simulated(fit.vehicle_file, test_run, "wheels", backend)
@@ -83,22 +83,24 @@ def run_of(file: str) -> "Run":
     return import_run("micromouse_ms", [path]).run
 
 
-def fitted(run: "Run", backend: str = "auto") -> Fit:
-    """Return the fit to one sweep."""
+def fit_sweep(run: "Run", backend: str = "auto") -> Fit:
+    """Return the fit of gains, dead zones and coast to one sweep."""
     return identify(
         run, load(Path(__file__).parent / "micromouse.toml"), FREE, options=FitOptions(backend=backend)
     )
 
 
 def dead_band(fit: Fit) -> float:
-    """Return the dead band, the mean over wheels and directions [of 255]."""
+    """Return the mean dead band of both wheels and directions [of 255]."""
     drivetrain = fit.vehicle_file.vehicle.drivetrain
     zones = np.concatenate([drivetrain.dead_zone_forward, drivetrain.dead_zone_backward])
     return FULL * float(zones.mean())
 
 
 def begins_to_turn(run: "Run") -> float:
-    """Return the duty at which a wheel begins to turn, between two steps; mean over wheels and directions [of 255]."""
+    """Return the duty [of 255] at which a wheel begins to turn, halfway between two steps.
+    It is the mean over wheels and directions.
+    """
     duty, speed = FULL * run.applied[:, 0], run.sensors["wheels"].z[-len(run.applied) :]
     thresholds = []
     for wheel in speed.T:
@@ -110,7 +112,7 @@ def begins_to_turn(run: "Run") -> float:
 
 
 def asymmetry(fit: Fit, run: "Run", backend: str = "auto") -> float:
-    """Return the excess speed of the right wheel by the model, as a fraction, for the rows where both turned."""
+    """Return the modelled excess speed of the right wheel, as a fraction, over the rows in which both wheels turned."""
     z, simulated = measured_and_simulated(fit.vehicle_file, run, "wheels", backend)
     both = (np.abs(z) > TURNS_M_S).all(axis=1)
     left, right = np.abs(simulated[both]).sum(axis=0)

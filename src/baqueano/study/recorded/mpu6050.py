@@ -1,7 +1,7 @@
-"""A real MPU-6050, ten minutes at rest: compare means, standard deviations and Allan deviation with published ones.
+"""Compare mean, standard and Allan deviation of a real MPU-6050, at rest for ten minutes, with published values.
 
 The author of the recording published mean and standard deviation of each axis, to six digits. Here they are computed
-again from the imported file, in the author's units. The Allan deviation over 1 s is compared with that of an
+again from the imported file, in the author's units. The Allan deviation over 1 s is compared with the result of an
 independent implementation at the mean rate (0.0129, 0.0092, 0.0094 °/s).
 """
 
@@ -12,9 +12,9 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from baqueano.identify.noise.at_rest import at_rest
-from baqueano.language import marked as N_
+from baqueano.language import mark as N_
 from baqueano.language import number
-from baqueano.language import translated as _
+from baqueano.language import translate as _
 from baqueano.runs.importing import import_run
 from baqueano.runs.maps.column_map import data_folders, load_map
 from baqueano.signals import STANDARD_GRAVITY
@@ -32,9 +32,9 @@ SI = {"accelerometer": STANDARD_GRAVITY, "gyro": np.pi / 180.0}
 AXES = "XYZ"
 
 
-def rows(say: Callable[[str], None] = lambda text: None, backend: str = "auto") -> list["TableRow"]:
-    """Return rows of recording, quantity, value, bar, ok."""
-    say(_("MPU-6050 at rest, 11 min"))
+def rows(progress: Callable[[str], None] = lambda text: None, backend: str = "auto") -> list["TableRow"]:
+    """Return the rows of the study, with recording, quantity, value, bar and ok."""
+    progress(_("MPU-6050 at rest, 11 min"))
     statistics = at_rest(import_run(MAP).run)
     author = _author_figures()
     out = []
@@ -60,7 +60,7 @@ def rows(say: Callable[[str], None] = lambda text: None, backend: str = "auto") 
 
 
 def _row(quantity: str, value: float, reference: float, part: float) -> "JsonObject":
-    """Return a row that requires the author's figure within a fraction `part` of it."""
+    """Return a row that requires `value` to be within a fraction `part` of the author's figure `reference`."""
     ok = bool(abs(value - reference) <= part * abs(reference) + (5e-7 if part == DIGITS else 0.0))
     bar = f"{number(reference):g} ± {number(100 * part):g} %"
     return row(MAP, quantity, value, bar, ok)

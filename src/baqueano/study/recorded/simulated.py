@@ -33,7 +33,7 @@ def measured_and_simulated(
 
 
 def end_of(file: "VehicleFile", run: "Run", backend: str = "auto") -> tuple[np.ndarray, np.ndarray]:
-    """Return the last true pose (3,), and the pose (3,) that the model reaches from the first true one."""
+    """Return the last true pose (3,), and the pose (3,) that the model reaches from the first true pose."""
     truth, vehicle = run.truth, file.vehicle
     assert truth is not None
     inside = (run.t_ns > truth.t_ns[0]) & (run.t_ns < truth.t_ns[-1])

@@ -1,9 +1,9 @@
-"""Warthog and Husky (norlab-ulaval/DRIVE): wheel speeds to poses, for a vehicle that skids to turn.
+"""Predict poses from wheel speeds for skid-steered vehicles: Warthog and Husky (norlab-ulaval/DRIVE).
 
 Each window of 2 s is a run. The two wheel radii, the effective track and the outward slide in a curve are fitted to the
-windows of the first half. The lidar's poses are the measurements. For each window of the second half the pose at its
-end is predicted from the pose at its beginning and the wheel speeds only. The vehicle file (warthog.toml) begins from
-the nominal radius and track; the Husky has other nominal values, and is a check on another vehicle.
+windows of the first half. The lidar's poses are the measurements. For each window of the second half, the final pose is
+predicted from the initial pose and the wheel speeds only. The vehicle file (warthog.toml) contains the nominal radius
+and track as initial values. The Husky has other nominal values, and is a check on another vehicle.
 """
 
 from collections.abc import Callable
@@ -14,7 +14,7 @@ import numpy as np
 
 from baqueano.geometry import wrap
 from baqueano.identify import Fit, FitOptions, identify
-from baqueano.language import translated as _
+from baqueano.language import translate as _
 from baqueano.runs import Run
 from baqueano.runs.importing import import_runs
 from baqueano.runs.maps.column_map import data_folders
@@ -41,33 +41,33 @@ def files() -> list[str]:
     return list(FILES.values())
 
 
-def rows(say: Callable[[str], None] = lambda text: None, backend: str = "auto") -> list["TableRow"]:
-    """Return rows of recording, quantity, value, bar, ok."""
+def rows(progress: Callable[[str], None] = lambda text: None, backend: str = "auto") -> list["TableRow"]:
+    """Return the rows of the study, with recording, quantity, value, bar and ok."""
     out = []
     for name in FILES:
         runs = runs_of(name)
         half = len(runs) // 2
-        say(
+        progress(
             _(
-                "{name}: fitting {fitted} windows of 2 s, judging {others} others",
+                "{name}: fitting {fitted} windows of 2 s, testing on {others} others",
                 name=name,
                 fitted=half,
                 others=len(runs) - half,
             )
         )
-        fit = fitted(runs[:half], name, backend)
+        fit = fit_windows(runs[:half], name, backend)
         far_m, far_rad = errors(fit.vehicle_file, runs[half:], backend)
         place, angle = f"≤ {FAR_M} m", f"≤ {np.degrees(FAR_RAD):.0f}°"
         out.append(row(name, "2 s ahead, position [m, median]", far_m, place, far_m <= FAR_M))
         out.append(
             row(name, "2 s ahead, heading [°, median]", float(np.degrees(far_rad)), angle, far_rad <= FAR_RAD)
         )
-        say(f"{name}: {sentence(fit, name)}")
+        progress(f"{name}: {sentence(fit, name)}")
     return out
 
 
 def runs_of(name: str) -> list["Run"]:
-    """Return the windows, in the order of the file."""
+    """Return the windows of a vehicle as runs, in the order of the file."""
     path = next(p for f in data_folders() if (p := f / FILES[name]).exists())
     return [imported_run.run for imported_run in import_runs(MAP, [path])]
 
@@ -80,8 +80,8 @@ def start(name: str) -> VehicleFile:
     )
 
 
-def fitted(runs: list["Run"], name: str, backend: str = "auto") -> Fit:
-    """Return the fit to these windows."""
+def fit_windows(runs: list["Run"], name: str, backend: str = "auto") -> Fit:
+    """Return the fit of radii, effective track and slide to these windows."""
     return identify(runs, start(name), FREE, use=("truth",), options=FitOptions(backend=backend))
 
 

@@ -1,7 +1,8 @@
-"""An independent truth: simulators with their own equations, which import none of the physics that they evaluate.
+"""Simulate vehicles independently of the models: with other equations, and without an import of the evaluated physics.
 
-Data for studies, benchmarks and tests of statistics come from here, because a fit agrees with data from its own model.
-Plain NumPy, many vehicles side by side, Runge-Kutta at 1 kHz; a step also ends where a command takes effect.
+Studies, benchmarks and tests of statistics use this data, because a fit agrees too well with data from its own model.
+The simulators use plain NumPy, many vehicles side by side, and Runge-Kutta at 1 kHz.
+A step also ends when a command takes effect.
 """
 
 from baqueano.study.truth.bicycle import Cars, draw_cars

@@ -1,4 +1,4 @@
-"""Cars as dynamic bicycles: tyres that slip and saturate, a motor and a servo that lag.
+"""Simulate cars as dynamic bicycles: tyres that slip and saturate, a motor and a servo that lag.
 
 The origin is the centre of mass, a behind the front axle and b ahead of the rear axle, which is driven:
 
@@ -8,9 +8,9 @@ The origin is the centre of mass, a behind the front axle and b ahead of the rea
     body      m (v̇_x − ω v_y) = F − R(v_x) − Y_f sin δ,   m (v̇_y + ω v_x) = Y_f cos δ + Y_r                (4)
               I ω̇ = a Y_f cos δ − b Y_r,   R(v) = S₀ tanh(v/v₀) + r₁ v + r₂ |v| v                           (5)
 
-Gravity on a slope is added to both equations of (4). transmission.py lies between (1) and (4), with r₁ as back-EMF.
-On a steady circle at small angles  δ = L ω/v + U v ω,  U = m (b C_r − a C_f) / (L C_f C_r): U > 0 understeers.
-The figures are those of a car of 1:18. An odometer turns with the rear wheels.
+Gravity on a slope is added to both equations of (4). transmission.py is between (1) and (4), with r₁ as back-EMF. On a
+steady circle at small angles δ = L ω/v + U v ω, U = m (b C_r − a C_f) / (L C_f C_r): U > 0 understeers. The default
+values are of a car of 1:18. An odometer turns with the rear wheels.
 """
 
 from collections.abc import Callable
@@ -56,10 +56,11 @@ class Cars(Group):
 
     @property
     def states(self) -> int:
-        """Return the number of states: pose, velocity, motor force, steering angle, and those of the transmission."""
+        """Return the number of states: pose, velocity, motor force, steering angle, and the states of the
+        transmission."""
         return 8 + self.transmission.states(1)
 
-    def rolled(self, x: np.ndarray) -> np.ndarray:
+    def rolling_speed(self, x: np.ndarray) -> np.ndarray:
         """Return the rolling speed (n,) of the rear wheels."""
         return x[:, 3] + self.transmission.slip(x[:, 8:])
 
@@ -81,7 +82,7 @@ class Cars(Group):
             target, F, out = force_target, force, np.empty_like(x)
             if not self.transmission.is_ideal:
                 wheel = (force_target[:, None], force[:, None], vx[:, None], self.rolling[:, None])
-                target, F, out[:, 8:] = self.transmission.passed(x[:, 8:], *wheel)
+                target, F, out[:, 8:] = self.transmission.transmit(x[:, 8:], *wheel)
                 target, F = target[:, 0], F[:, 0]
             cos, sin = np.cos(delta), np.sin(delta)
             front, rear = vy + a * w, vy - b * w
@@ -115,7 +116,7 @@ class Cars(Group):
 
 
 def draw_cars(n: int, seed: int) -> Cars:
-    """Return n cars with the tolerances of real parts that understeer a little: U about 0.008 rad s²/m."""
+    """Return n cars with the tolerances of real parts. They understeer a little: U is about 0.008 rad s²/m."""
     draw = np.random.default_rng([seed, 30])
 
     def about(value: float, part: float) -> np.ndarray:

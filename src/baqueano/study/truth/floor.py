@@ -1,9 +1,9 @@
-"""Marks on a floor, read by n vehicles that pass over them: some are missed, read twice, or mistaken for another.
+"""Marks on a floor, read by n vehicles that pass over them. Some are missed, read twice, or mistaken for another mark.
 
-A reader is nearest to a place when its distance stops decreasing. Within the radius it then reports with noise: over a
-tag its own position, in a gate its own pose. A line is reported when it is crossed, with the distance beyond it. If a
-tag or gate is mistaken for another one, the report is shifted by the vector between the two. If a line is mistaken for
-another one, the report names the other line.
+A reader is nearest to a mark when its distance stops decreasing. If the mark is then within the radius, the reader
+reports with noise: over a tag the vehicle's position, in a gate its pose. A line is reported when it is crossed, with
+the distance beyond it. If a tag or gate is mistaken for another one, the report is shifted by the vector between the
+two. If a line is mistaken for another line, the report names the other line.
 """
 
 from collections.abc import Callable, Iterable, Sequence
@@ -25,7 +25,7 @@ class PassingFaults(NamedTuple):
 
 
 class Reader(Protocol):
-    """Readers of n vehicles on the same floor."""
+    """The readers of n vehicles on the same floor."""
 
     def read(self, t_s: float, eta: np.ndarray) -> np.ndarray:
         """Return the reports (n, m) at `t_s` of vehicles at the poses (n, 3); NaN without a report."""
@@ -43,8 +43,10 @@ class Floor:
         self._near, self._reports = _Near(points_m, radius_m, xy), _Reports((len(xy), 2), seeds, faults)
 
     def read(self, t_s: float, eta: np.ndarray) -> np.ndarray:
-        """Return the positions (n, 2) that are reported at `t_s`; NaN without a report."""
-        return self._reports.at(t_s, [(i, self._over(k, eta[i])) for i, k in self._near.passed(eta[:, :2])])
+        """Return the reported positions (n, 2) [m] at `t_s`; NaN without a report."""
+        return self._reports.readings_at(
+            t_s, [(i, self._over(k, eta[i])) for i, k in self._near.passages(eta[:, :2])]
+        )
 
     def _over(self, k: int, eta: np.ndarray) -> Measure:
         def measure(draw: np.random.Generator, mistaken: bool) -> np.ndarray:
@@ -57,7 +59,7 @@ class Floor:
 
 
 class Gate:
-    """A gate at `poses` [0] that measures the pose; a mistaken gate is one of the other `poses` (m, 3)."""
+    """A gate at `poses` [0] that measures the pose. A mistaken gate is taken for one of the other `poses` (m, 3)."""
 
     def __init__(
         self, poses: np.ndarray, radius_m: float, noise: np.ndarray, seeds: Sequence[int], xy: np.ndarray,
@@ -67,8 +69,10 @@ class Gate:
         self._near, self._reports = _Near(poses[:1, :2], radius_m, xy), _Reports((len(xy), 3), seeds, faults)
 
     def read(self, t_s: float, eta: np.ndarray) -> np.ndarray:
-        """Return the poses (n, 3) that are reported at `t_s`; NaN without a report."""
-        return self._reports.at(t_s, [(i, self._in(eta[i])) for i, _ in self._near.passed(eta[:, :2])])
+        """Return the reported poses (n, 3) [m, m, rad] at `t_s`; NaN without a report."""
+        return self._reports.readings_at(
+            t_s, [(i, self._in(eta[i])) for i, _ in self._near.passages(eta[:, :2])]
+        )
 
     def _in(self, eta: np.ndarray) -> Measure:
         def measure(draw: np.random.Generator, mistaken: bool) -> np.ndarray:
@@ -97,7 +101,7 @@ class FloorLines:
         before, (self._beyond, aside) = self._beyond, self._to(eta[:, :2])
         passed = (before < 0.0) & (self._beyond >= 0.0) & (np.abs(aside) <= self._half_width_m)
         rows = np.argwhere(passed).tolist()
-        return self._reports.at(t_s, [(i, self._over(k, self._beyond[i, k])) for i, k in rows])
+        return self._reports.readings_at(t_s, [(i, self._over(k, self._beyond[i, k])) for i, k in rows])
 
     def _over(self, k: int, beyond_m: float) -> Measure:
         def measure(draw: np.random.Generator, mistaken: bool) -> np.ndarray:
@@ -108,7 +112,8 @@ class FloorLines:
         return measure
 
     def _to(self, xy: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Return the distances (n, m) [m] beyond the lines, and to the left of their points."""
+        """Return the distances (n, m) [m] of vehicles at `xy` (n, 2), beyond the lines and to the left of
+        their points."""
         off, (c, s) = (
             xy[:, None, :] - self._poses[:, :2],
             (np.cos(self._poses[:, 2]), np.sin(self._poses[:, 2])),
@@ -124,8 +129,8 @@ class _Near:
         self._distance = self._to(xy)
         self._shrinks = np.zeros_like(self._distance, dtype=bool)
 
-    def passed(self, xy: np.ndarray) -> list[tuple[int, int]]:
-        """Return the pairs (vehicle, point) that are nearest now, at most one point for each vehicle."""
+    def passages(self, xy: np.ndarray) -> list[tuple[int, int]]:
+        """Return the pairs (vehicle, point) that are nearest at this call, at most one point for each vehicle."""
         distance = self._to(xy)
         shrinks = distance < self._distance
         nearest = self._shrinks & ~shrinks & (self._distance <= self._radius_m)
@@ -133,7 +138,7 @@ class _Near:
         return [(int(i), int(np.argmax(nearest[i]))) for i in np.flatnonzero(nearest.any(axis=1))]
 
     def _to(self, xy: np.ndarray) -> np.ndarray:
-        """Return the distances (n, m) from the vehicles to the points."""
+        """Return the distances (n, m) [m] from vehicles at `xy` (n, 2) to the points."""
         return np.hypot(*np.moveaxis(xy[:, None, :] - self._points, -1, 0))
 
 
@@ -145,8 +150,9 @@ class _Reports:
         self._draw = [np.random.default_rng([seed, 22]) for seed in seeds]
         self._late: list[tuple[float, np.ndarray]] = []
 
-    def at(self, t_s: float, passings: Iterable[tuple[int, Measure]]) -> np.ndarray:
-        """Return the reports (n, m) at `t_s`, NaN without one; `passings` contain vehicles and their measurements."""
+    def readings_at(self, t_s: float, passings: Iterable[tuple[int, Measure]]) -> np.ndarray:
+        """Return the reports (n, m) at `t_s`; NaN without a report. `passings` contain vehicles and their
+        measurements."""
         out = np.full(self._shape, np.nan)
         for i, measure in passings:
             draw = self._draw[i]

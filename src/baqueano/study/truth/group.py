@@ -18,22 +18,22 @@ class TruthGroup(NamedTuple):
 class Group:
     """Arrays whose first axis is the vehicle, or groups of such arrays."""
 
-    def changed(self, **values: Any) -> Self:
+    def with_parameters(self, **values: Any) -> Self:
         """Return the vehicles with other parameters."""
         return replace(self, **values)
 
     def some(self, which: list[int]) -> Self:
-        """Return the vehicles with these indices, each as often as it is listed."""
+        """Return the vehicles with these indices; an index may be listed several times."""
         return replace(
             self, **{k: v.some(which) if isinstance(v, Group) else v[which] for k, v in self._all()}
         )
 
-    def joined(self, others: "list[Self]") -> Self:
+    def merge(self, others: "list[Self]") -> Self:
         """Return these and the other vehicles as one group."""
         arrays = {}
         for name, value in self._all():
             more = [getattr(group, name) for group in others]
-            arrays[name] = value.joined(more) if isinstance(value, Group) else np.concatenate([value, *more])
+            arrays[name] = value.merge(more) if isinstance(value, Group) else np.concatenate([value, *more])
         return replace(self, **arrays)
 
     def _all(self) -> list[tuple[str, Any]]:

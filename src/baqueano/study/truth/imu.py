@@ -1,11 +1,12 @@
-"""Readings of n inertial measurement units, each with an offset from the origin, a rotation and a tilt.
+"""Simulate n inertial measurement units, each with an offset from the origin, a rotation and a tilt.
 
-At (l_x, l_y) from the origin, then turned by ζ to the left, then with roll φ and pitch θ (nose down is positive):
+A unit is at (l_x, l_y) from the origin.
+It is turned by ζ to the left, then rolled by φ and pitched by θ (positive nose down):
 
     f = (v̇_x − ω v_y − ω² l_x − ω̇ l_y,  v̇_y + ω v_x − ω² l_y + ω̇ l_x) − gravity along the floor          (1)
     a_x = cos θ f_x' − sin θ g,    a_y = cos φ f_y' + sin φ (sin θ f_x' + cos θ g),   ω_z = s cos φ cos θ ω (2)
 
-s is the scale of the gyro. A first-order low-pass may come next. A bias is a random walk from reading to reading; the
+s is the scale of the gyro. A first-order low-pass may follow. A bias is a random walk from reading to reading; the
 converter rounds to whole steps.
 """
 
@@ -54,7 +55,8 @@ class Imus(Group):
         return np.stack([forward, left, self.gyro_scale * cr * cp * w], axis=1) + self.bias
 
     def readings(self, quiet: np.ndarray, wandered: np.ndarray, white: np.ndarray) -> np.ndarray:
-        """Return the readings (n, 3) with bias drift `wandered`, noise of unit normals `white`, and rounding."""
+        """Return the readings (n, 3): `quiet` plus drift `wandered`, with noise from unit normals `white`, and
+        rounded."""
         z = quiet + wandered + self.noise * white
         safe = np.where(self.step > 0.0, self.step, 1.0)
         return np.where(self.step > 0.0, safe * np.round(z / safe), z)

@@ -1,7 +1,7 @@
-"""Integrate n vehicles by Runge-Kutta at 1 kHz, with the same commands at individual delays.
+"""Integrate n vehicles by Runge-Kutta at 1 kHz; each vehicle has its own command delay.
 
-A command that is sent at t takes effect from t + d on. A step of a vehicle ends there, so that the force inside a step
-is smooth and the error is that of the method.
+A command that is sent at t takes effect from t + d on, with the delay d. A step of a vehicle ends at this time. So the
+force inside a step is smooth, and only the method causes an integration error.
 """
 
 from collections.abc import Callable
@@ -14,7 +14,7 @@ KEPT = 50  # commands that may still be delayed
 
 
 class Line:
-    """Delay line for the commands of n vehicles, with the delays `delay_s` (n,)."""
+    """A delay line for the commands of n vehicles, with the delays `delay_s` (n,)."""
 
     def __init__(self, delay_s: np.ndarray, commands: int) -> None:
         self._delay_s, self._all = delay_s, np.arange(len(delay_s))
@@ -26,18 +26,18 @@ class Line:
         self._sent_s = np.append(self._sent_s[1:], t_s)
         self._commands = np.concatenate([self._commands[1:], np.array(u, dtype=float)[None]])
 
-    def delayed(self, t_s: np.ndarray) -> np.ndarray:
+    def effective_commands(self, t_s: np.ndarray) -> np.ndarray:
         """Return the commands (n, m) in effect at `t_s` (n,)."""
         return self._commands[np.searchsorted(self._sent_s, t_s - self._delay_s, side="right") - 1, self._all]
 
     def next_s(self, t_s: np.ndarray) -> np.ndarray:
-        """Return the time (n,) at which the next command takes effect; infinity if none is on its way."""
+        """Return the time (n,) [s] at which the next command takes effect; infinity if all commands are in effect."""
         which = np.searchsorted(self._sent_s, t_s + SHORTEST_S - self._delay_s, side="right")
         coming = np.append(self._sent_s, np.inf)[which]
         return coming + self._delay_s
 
 
-def integrated(
+def integrate(
     stepped: Callable[[np.ndarray, np.ndarray, np.ndarray], np.ndarray],
     x: np.ndarray,
     span_s: tuple[float, float],
@@ -45,17 +45,18 @@ def integrated(
     kicked: Callable[[np.ndarray, np.ndarray], np.ndarray] | None = None,
     step_s: float = STEP_S,
 ) -> np.ndarray:
-    """Return the states (n, k) at the end of the span; `stepped` takes states, commands in effect (n, m) and lengths
-    of the steps (n, 1).
-    `kicked` takes the states at the end of a step and its lengths (n,), and returns them with the kicks of a rough
-    floor.
+    """Return the states (n, k) at the end of the span.
+
+    `stepped` takes states, commands in effect (n, m) and lengths of the steps (n, 1) [s], and returns the next states.
+    `kicked` takes the states at the end of a step and its lengths (n,) [s].
+    It returns them with the kicks of a rough floor.
     """
     at, end = np.full(len(x), span_s[0]), span_s[1]
     while np.any(at < end):
         stop = np.minimum(np.minimum(at + step_s, line.next_s(at)), end)
         stop = np.where(end - stop < SHORTEST_S, end, stop)
         h = stop - at
-        x = stepped(x, line.delayed(at + 0.5 * h), h[:, None])
+        x = stepped(x, line.effective_commands(at + 0.5 * h), h[:, None])
         at = stop
         if kicked is not None:
             x = kicked(x, h)

@@ -1,4 +1,4 @@
-"""Between a motor and the floor: a motor of the second order, gears with play, a wheel that slips.
+"""Transmit force from motor to floor: a motor of the second order, gears with play, a wheel that slips.
 
 The rim of a wheel moves at speed r without slip, and faster by s with slip; f is the force of its motor:
 
@@ -6,9 +6,9 @@ The rim of a wheel moves at speed r without slip, and faster by s with slip; f i
     gears           T = f − e (r + s),   e its back-EMF [N s/m], which is part of the body's drag         (2)
     play            γ̇ = T/e within ± β/2;   T′ = T with γ at the end that T points to, else 0             (3)
     slip            m ṡ = T′ − G,   G = D tanh(C s/D) the force on the floor; without slip G = T′, s = 0  (4)
-    on the body     F = G + e r,   as its drag subtracts e r: F = f without play and slip                 (5)
+    on the body     F = G + e r,   because the drag subtracts e r: F = f without play and slip            (5)
 
-A rotor without load takes its new speed at once, so (3) needs no inertia. C and m are those of a wheel of 30 g.
+A rotor without load reaches its new speed at once, so (3) does not contain an inertia. C and m are of a wheel of 30 g.
 """
 
 from dataclasses import dataclass
@@ -34,7 +34,7 @@ class WheelForces(NamedTuple):
 
 @dataclass(frozen=True)
 class Transmission(Group):
-    """Parameters of the transmission, one of each kind per vehicle: arrays (n,)."""
+    """Parameters of n transmissions: arrays (n,)."""
 
     second_lag_s: np.ndarray  # λ₂, 0 for a motor of the first order
     play_m: np.ndarray  # β at the rim, 0 for none
@@ -42,22 +42,22 @@ class Transmission(Group):
 
     @classmethod
     def ideal(cls, n: int) -> Self:
-        """Return the transmissions of n vehicles that pass the motor force on unchanged."""
+        """Return n transmissions that transmit the motor force unchanged."""
         return cls(np.zeros(n), np.zeros(n), np.full(n, np.inf))
 
     @cached_property
     def is_ideal(self) -> bool:
-        """Return True without a second lag, play or slip in any vehicle: then inner states are not needed."""
+        """Return True if all vehicles are without second lag, play and slip: then inner states are not needed."""
         return not (np.any(self.second_lag_s) or np.any(self.play_m) or np.any(np.isfinite(self.grip_n)))
 
     def states(self, wheels: int) -> int:
         """Return the number of inner states of a vehicle."""
         return 0 if self.is_ideal else INNER * wheels
 
-    def passed(
+    def transmit(
         self, inner: np.ndarray, steady: np.ndarray, force: np.ndarray, rim: np.ndarray, emf: np.ndarray
     ) -> WheelForces:
-        """Return target q, force F and state rates from p, f (n, w), rim speeds r (n, w), and e (n, 1).  (1)-(5)"""
+        """Return target q, force F and state rates, from p and f (n, w), rim speeds r (n, w), and e (n, 1).  (1)-(5)"""
         q, gamma, s = np.split(inner, INNER, axis=1)
         lag_s, half, slips = self.second_lag_s[:, None], 0.5 * self.play_m[:, None], self._slips
         T = force - emf * (rim + s)
@@ -71,7 +71,7 @@ class Transmission(Group):
         return WheelForces(np.where(second, q, steady), G + emf * rim, rate)
 
     def slip(self, inner: np.ndarray) -> np.ndarray:
-        """Return the slip s (n,), the mean of the wheels."""
+        """Return the slip s (n,) [m/s], the mean of the wheels."""
         return np.mean(np.split(inner, INNER, axis=1)[2], axis=1) if inner.shape[1] else np.zeros(len(inner))
 
     @cached_property

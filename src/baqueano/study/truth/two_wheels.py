@@ -6,11 +6,11 @@ With the body's origin between the wheels and the centre of mass c ahead of it:
     forces           X = f_l + f_r − S(v_x) − a v_x − b |v_x| v_x,   N = f_r w_r − f_l w_l − S(ω) − …       (3)
     body             m (v̇_x − ω (v_y + c ω)) = X,   m (v̇_y + c ω̇ + ω v_x) = Y,   I ω̇ = N − c Y           (4)
     dry friction     S(v) = S₀ tanh(v/v₀) (1 + (k − 1) e^−(v/v_s)²),   at rest k times that in motion     (5)
-    unequal wheels   of radius r, relative to their mean: each has g K / r, and half of the motors' drag a,
+    unequal wheels   of radius r relative to their mean: each has g K / r, and half of the motors' drag a,
                      a / r² at the speed of its rim                                                       (6)
 
 A wheel that toes in also pushes sideways. The factor k raises a dead zone while its wheel is at rest. Between (2) and
-(3) lies transmission.py, with ½ a as the back-EMF of a motor. Published figures of small gear motors: 0.6 m/s, dead
+(3) is transmission.py, with ½ a as the back-EMF of a motor. Published figures of small gear motors are 0.6 m/s and dead
 zones of 0.27 to 0.34.
 """
 
@@ -64,10 +64,10 @@ class Robots(Group):
 
     @property
     def states(self) -> int:
-        """Return the number of states: pose, velocity, force of both motors, and those of the transmission."""
+        """Return the number of states: pose, velocity, force of both motors, and the states of the transmission."""
         return 8 + self.transmission.states(2)
 
-    def rolled(self, x: np.ndarray) -> np.ndarray:
+    def rolling_speed(self, x: np.ndarray) -> np.ndarray:
         """Return the mean rolling speed (n,) of the wheels."""
         return x[:, 3] + self.transmission.slip(x[:, 8:])
 
@@ -85,7 +85,7 @@ class Robots(Group):
             target, force, cos, sin, out = target_at(x), x[:, 6:8], np.cos(psi), np.sin(psi), np.empty_like(x)
             if not self.transmission.is_ideal:
                 rim, emf = self._rim(x), 0.5 * self.viscous[:, :1]
-                target, force, out[:, 8:] = self.transmission.passed(x[:, 8:], target, force, rim, emf)
+                target, force, out[:, 8:] = self.transmission.transmit(x[:, 8:], target, force, rim, emf)
             along, aside = force * cos_toe, force * sin_toe
             resistance, g = self._friction(x[:, 3:6]) + self._unequal(x[:, 3:6]), self.gravity(psi)
             X = along[:, 0] + along[:, 1] - resistance[:, 0]
@@ -130,7 +130,7 @@ class Robots(Group):
         return SCALE * self.dry_speed_m_s[:, None]
 
     def _rim(self, x: np.ndarray) -> np.ndarray:
-        """Return the rim speeds (n, 2) of wheels that do not slip."""
+        """Return the rim speeds (n, 2) [m/s] of wheels without slip."""
         return x[:, 3, None] + x[:, 5, None] * self.arm_m * SIDES
 
     def _force_target(self, u: np.ndarray) -> Callable[[np.ndarray], np.ndarray]:

@@ -1,4 +1,4 @@
-"""n vehicles in their world: it receives commands and returns the readings of the IMUs and the truth."""
+"""Simulate n vehicles in a world that receives commands and returns the readings of the IMUs and the truth."""
 
 from collections.abc import Callable, Sequence
 from itertools import pairwise
@@ -8,17 +8,19 @@ import numpy as np
 
 from baqueano.study.truth.bicycle import Cars
 from baqueano.study.truth.group import TruthGroup
-from baqueano.study.truth.integrate import SHORTEST_S, STEP_S, Line, integrated, runge_kutta
+from baqueano.study.truth.integrate import SHORTEST_S, STEP_S, Line, integrate, runge_kutta
 from baqueano.study.truth.two_wheels import Robots
 
 JUST_S = 1e-6  # before now: for the command of the step that ends now
 
 
 class TruthWorld:
-    """Vehicles at rest at the poses `eta` (n, 3), each with the noise of its seed, the same in every group.
+    """Vehicles at rest at the poses `eta` (n, 3), each with the noise of its seed, which is the same in every group.
 
-    Steps of 1 ms. A longer `step_s` is for hours of driving with robots whose IMU does not have a low-pass. `fast`, for
-    long drives too, takes a function of arrays and examples of them, and returns an equal but faster function."""
+    The integration step is 1 ms. A longer `step_s` is for hours of driving by robots
+    whose IMU is without a low-pass. `fast` is also for long drives: it accepts a function of arrays and example arrays,
+    and returns an equal, faster function.
+    """
 
     def __init__(
         self,
@@ -44,7 +46,7 @@ class TruthWorld:
         self._nu_dot = fast(lambda x, u: physics.rate(x, u)[:, 3:6], self._x, u)
 
     def tick(self, u: np.ndarray, dt_s: float) -> np.ndarray:
-        """Return the readings (n, 3) of the IMUs after `dt_s` under the commands u (n, m), sent from now on."""
+        """Send the commands u (n, m), move for `dt_s`, and return the readings (n, 3) of the IMUs."""
         self.go(u, dt_s)
         draw = np.stack([rng.standard_normal(6) for rng in self._noise])
         self._drift = self._drift + self.physics.imu.walk * np.sqrt(dt_s) * draw[:, 3:]
@@ -53,24 +55,24 @@ class TruthWorld:
         return self.physics.imu.readings(quiet, self._drift, draw[:, :3])
 
     def go(self, u: np.ndarray, dt_s: float) -> None:
-        """Move for `dt_s` under the commands u (n, m), sent from now on; no IMU is read."""
+        """Send the commands u (n, m) and move for `dt_s`, without a reading of an IMU."""
         self._line.send(self.t_s, u)
         before, self.t_s = self.t_s, self.t_s + dt_s
         self._advance(before, self._apply_kick if len(self._rough) else None)
 
     def _advance(self, before_s: float, kick: Any) -> None:
-        """Integrate from `before_s` to now; with a low-pass, in steps of 1 ms for its filter."""
+        """Integrate from `before_s` to now, in steps of 1 ms for the low-pass of an IMU."""
         low_pass_s, end_s = self.physics.imu.low_pass_s, self.t_s
         if not np.any(low_pass_s > 0.0):
             span_s = before_s, end_s
-            self._x = integrated(self._runge_kutta_step, self._x, span_s, self._line, kick, self._step_s)
+            self._x = integrate(self._runge_kutta_step, self._x, span_s, self._line, kick, self._step_s)
             return
         edges = np.linspace(before_s, end_s, 1 + max(1, round((end_s - before_s) / STEP_S)))
         tau_s = np.maximum(low_pass_s, SHORTEST_S)[:, None]
         for a, b in pairwise(edges.tolist()):
             self.t_s, was = a, self.quiet
             self._smooth = was if self._smooth is None else self._smooth
-            self._x = integrated(self._runge_kutta_step, self._x, (a, b), self._line, kick)
+            self._x = integrate(self._runge_kutta_step, self._x, (a, b), self._line, kick)
             self.t_s = b
             rise = (self.quiet - was) * tau_s / (b - a)
             self._smooth = self.quiet - rise + (self._smooth - was + rise) * np.exp(-(b - a) / tau_s)
@@ -78,16 +80,16 @@ class TruthWorld:
     @property
     def truth(self) -> TruthGroup:
         """Return the present pose, velocity and acceleration of the vehicles."""
-        u = self._line.delayed(np.full(len(self._x), self.t_s - JUST_S))
+        u = self._line.effective_commands(np.full(len(self._x), self.t_s - JUST_S))
         return TruthGroup(self._x[:, :3].copy(), self._x[:, 3:6].copy(), self._nu_dot(self._x, u))
 
     @property
-    def rolled(self) -> np.ndarray:
-        """Return the rolling speed (n,) of the wheels: that of the vehicles plus their slip."""
-        return self.physics.rolled(self._x)
+    def rolling_speed(self) -> np.ndarray:
+        """Return the rolling speed (n,) [m/s] of the wheels: the speed of the vehicles plus the slip."""
+        return self.physics.rolling_speed(self._x)
 
     @property
-    def wandered(self) -> np.ndarray:
+    def bias_drift(self) -> np.ndarray:
         """Return the drift (n, 3) of the biases until now."""
         return self._drift
 

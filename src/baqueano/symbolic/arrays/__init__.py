@@ -1,1 +1,1 @@
-"""Run NumPy code on symbols: arrays of scalars with NumPy's operators, elementwise functions and linear algebra."""
+"""Run NumPy code on symbols: arrays of symbols with NumPy's operators, elementwise functions and linear algebra."""

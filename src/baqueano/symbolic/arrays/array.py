@@ -1,8 +1,8 @@
 """Define arrays of scalars: an ndarray of objects with NumPy's operators and functions.
 
-An element is a `Scalar` or an ordinary number. Operators act element by element (elementwise.py). Functions that only
-move elements (concatenate, stack, reshape, …) are NumPy's; `_FUNCTIONS` lists the others. NumPy computes arrays without
-scalars, on floats.
+An element is a `Scalar` or an ordinary number. Operators act element by element (elementwise.py). NumPy's own functions
+move elements (concatenate, stack, reshape, …); `_FUNCTIONS` lists the other functions. If an array contains only
+numbers, NumPy computes with floats.
 """
 
 from collections.abc import Callable, Iterable, Sequence
@@ -17,9 +17,9 @@ from baqueano.symbolic.errors import TraceError, untraceable
 
 
 class TracedArray(np.ndarray):
-    """An array of objects: scalars and numbers."""
+    """An array of objects, each a `Scalar` or a number."""
 
-    origin: linalg.Origin | None = None  # what it was made of, if that is of use later
+    origin: linalg.Origin | None = None  # the factors of a product, if known
 
     def __array_ufunc__(self, ufunc: np.ufunc, method: str, *inputs: Value, **kwargs: Value) -> Value:
         return ufunc_on(ufunc, method, inputs, kwargs)
@@ -41,9 +41,9 @@ class TracedArray(np.ndarray):
 
     @property
     def T(self) -> "TracedArray":
-        """Return the transpose, with its transposed origin."""
+        """Return the transposed array; its origin is transposed too."""
         result = self.transpose()
-        result.origin = self.origin and self.origin.transposed()
+        result.origin = self.origin and self.origin.transpose()
         return result
 
     def dot(self, b: Value, out: Value = None) -> Value:
@@ -68,14 +68,14 @@ class TracedArray(np.ndarray):
 
 
 def _key(key: Value) -> Value:
-    """Return an index without scalars as NumPy requires it; NumPy refuses one with scalars."""
+    """Return an index as an ordinary array, as NumPy requires; unchanged, for NumPy to refuse, if it has scalars."""
     if isinstance(key, tuple):
         return tuple([_key(k) for k in key])
     return plain(key) if isinstance(key, TracedArray) and not has_scalars(key) else key
 
 
 def has_scalars(x: Value) -> bool:
-    """Return True if the value of an element is known only at run time."""
+    """Return True if `x` is or contains a `Scalar`, whose value is known only at run time."""
     if isinstance(x, np.ndarray):
         return x.dtype == object and any(isinstance(e, Scalar) for e in x.ravel().tolist())
     if isinstance(x, list | tuple):
@@ -94,11 +94,11 @@ def as_array(x: Value) -> np.ndarray:
     return array
 
 
-def traced(x: Value) -> Value:
+def as_traced(x: Value) -> Value:
     """Return an object array of NumPy as a TracedArray; an array without axes becomes its only element."""
     if isinstance(x, np.ndarray) and x.dtype == object:
         return x.view(TracedArray) if x.ndim else x.item()
-    return type(x)([traced(e) for e in x]) if type(x) in (list, tuple) else x
+    return type(x)([as_traced(e) for e in x]) if type(x) in (list, tuple) else x
 
 
 def plain(x: Value) -> Value:
@@ -109,7 +109,7 @@ def plain(x: Value) -> Value:
 
 
 def filled_later(x: Value) -> Value:
-    """Return an array of floats as one that can receive scalars; any other value unchanged."""
+    """Return an array of floats as a TracedArray, which can receive scalars; any other value unchanged."""
     return (
         x.astype(object).view(TracedArray)
         if isinstance(x, np.ndarray) and x.dtype.kind == "f" and x.ndim
@@ -118,7 +118,7 @@ def filled_later(x: Value) -> Value:
 
 
 def ufunc_on(ufunc: np.ufunc, method: str, inputs: tuple[Value, ...], kwargs: dict[str, Value]) -> Value:
-    """Apply an operator or an elementwise function of NumPy."""
+    """Return the result of an operator or elementwise function of NumPy; TraceError for an unknown function."""
     out = kwargs.pop("out", (None,))[0]
     if not any(map(has_scalars, inputs)):
         result = filled_later(getattr(ufunc, method)(*map(plain, inputs), **kwargs))
@@ -131,7 +131,7 @@ def ufunc_on(ufunc: np.ufunc, method: str, inputs: tuple[Value, ...], kwargs: di
         options = {k: v for k, v in kwargs.items() if v is not None and k not in ("dtype", "casting")}
         if "axis" in kwargs:
             options["axis"] = kwargs["axis"]
-        result = traced(getattr(UFUNCS[ufunc.__name__], method)(*map(as_array, inputs), **options))
+        result = as_traced(getattr(UFUNCS[ufunc.__name__], method)(*map(as_array, inputs), **options))
         if ufunc is np.subtract and method == "__call__":
             linalg.remember_complement(result, *inputs)
     if out is None:
@@ -143,7 +143,7 @@ def ufunc_on(ufunc: np.ufunc, method: str, inputs: tuple[Value, ...], kwargs: di
 
 
 def function_on(function: Callable[..., Value], args: Sequence[Value], kwargs: dict[str, Value]) -> Value:
-    """Apply another function of NumPy."""
+    """Return the result of a NumPy function that is not elementwise; TraceError if it does not accept scalars."""
     if function in _IN_PLACE:
         return _original(function)(*args, **kwargs)
     if not has_scalars([*args, *kwargs.values()]):
@@ -151,7 +151,7 @@ def function_on(function: Callable[..., Value], args: Sequence[Value], kwargs: d
     if function in _FUNCTIONS:
         return _FUNCTIONS[function](*args, **kwargs)
     try:
-        return traced(_original(function)(*args, **kwargs))
+        return as_traced(_original(function)(*args, **kwargs))
     except TraceError:
         raise
     except (TypeError, AttributeError, NotImplementedError) as error:
@@ -184,7 +184,7 @@ def where(condition: Value, a: Value, b: Value) -> Value:
     """
     if not has_scalars((condition, a, b)):
         return np.where(condition, a, b)
-    return traced(WHERE(as_array(condition), as_array(a), as_array(b)))
+    return as_traced(WHERE(as_array(condition), as_array(a), as_array(b)))
 
 
 def interp(x: Value, xp: Value, fp: Value) -> Value:
@@ -197,7 +197,7 @@ def interp(x: Value, xp: Value, fp: Value) -> Value:
     xp : ndarray (m,)
         Abscissae of the table, increasing.
     fp : ndarray (m,)
-        Values of the table; they hold beyond its ends.
+        Values of the table; the end values are used outside its range.
 
     Returns
     -------
@@ -242,11 +242,11 @@ def _interp(
         y = y if left is None else apply("where", apply("lt", x, xp[0]), left, y)
         return y if right is None else apply("where", apply("lt", xp[-1], x), right, y)
 
-    return traced(elementwise(read)(as_array(x)))
+    return as_traced(elementwise(read)(as_array(x)))
 
 
 def _hats(x: Value, xp: Value, fp: Value) -> Value:
-    """Return the value of a table known only at run time, as a sum of ramps: for a few points."""
+    """Return the interpolation in a table known only at run time, as a sum of ramps: for tables of a few points."""
     if len(xp) > 100:
         raise untraceable("trace.interp-points", points=len(xp))
     y = fp[0]
@@ -265,11 +265,11 @@ def _select(conditions: Sequence[Value], choices: Sequence[Value], default: Valu
 def _diag(v: Value, k: int = 0) -> Value:
     v = as_array(v)
     if v.ndim == 2:
-        return traced(np.diagonal(v, k).copy())
+        return as_traced(np.diagonal(v, k).copy())
     n = len(v) + abs(k)
     matrix = np.full((n, n), 0.0, dtype=object)
     matrix[np.arange(len(v)) + max(-k, 0), np.arange(len(v)) + max(k, 0)] = v
-    return traced(matrix)
+    return as_traced(matrix)
 
 
 def _full_like(x: Value, value: Value, *_: Value, **__: Value) -> TracedArray:

@@ -1,4 +1,4 @@
-"""Apply NumPy's elementwise functions to arrays of objects: each element goes through `apply`."""
+"""Apply NumPy's elementwise functions to arrays of objects, by a call of `apply` for each element."""
 
 from collections.abc import Callable
 from operator import add, mul, neg, sub
@@ -6,7 +6,7 @@ from operator import add, mul, neg, sub
 import numpy as np
 
 from baqueano.contracts.values import Value
-from baqueano.symbolic.arrays.scalar import apply, power, quotient, remainder, rounded
+from baqueano.symbolic.arrays.scalar import apply, power, quotient, remainder, round_half_even
 
 
 def elementwise(function: Callable[..., Value] | str, **identity: Value) -> np.ufunc:
@@ -80,7 +80,7 @@ _OURS: dict[np.ufunc, np.ufunc] = {
     np.floor: elementwise("floor"),
     np.ceil: elementwise(_ceil),
     np.trunc: elementwise(_trunc),
-    np.rint: elementwise(rounded),
+    np.rint: elementwise(round_half_even),
     np.minimum: elementwise("min", identity=None),
     np.maximum: elementwise("max", identity=None),
     np.fmin: elementwise(_fmin, identity=None),

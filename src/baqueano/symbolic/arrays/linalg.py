@@ -1,8 +1,8 @@
 """Compute linear algebra of small matrices of scalars: products and triangular factors, with the use of symmetry.
 
-A product keeps its factors. A P Aᵀ with P symmetric is symmetric: only one triangle is computed, the other one has the
-same scalars. With A = I − K H the product A B is B − K (H B), which needs fewer operations. Nothing has to be declared:
-two entries are equal if they are the same node.
+A product stores its factors. A P Aᵀ with P symmetric is symmetric: only one triangle is computed, and the other has the
+same scalars. With A = I − K H the product A B is B − K (H B), which needs fewer operations. The user need not declare a
+symmetry: two entries are equal if they are the same node.
 """
 
 from typing import NamedTuple
@@ -15,45 +15,45 @@ from baqueano.symbolic.errors import untraceable
 
 
 class Origin(NamedTuple):
-    """The origin of a matrix: left @ right, or I − left @ right."""
+    """The factors from which a matrix was computed: left @ right, or I − left @ right."""
 
     left: np.ndarray
     right: np.ndarray
     complement: bool
-    cells: np.ndarray  # as it was made: it may have been written to since
+    cells: np.ndarray  # a copy of the result, to detect later changes of it
 
-    def transposed(self) -> "Origin":
+    def transpose(self) -> "Origin":
         """Return the origin of the transposed matrix."""
         return Origin(self.right.T, self.left.T, self.complement, self.cells.T)
 
 
 def matmul(a: Value, b: Value) -> Value:
-    """Return a @ b for vectors and matrices; with a plain number, the product of np.dot."""
-    from baqueano.symbolic.arrays.array import as_array, traced
+    """Return a @ b for vectors and matrices; for a plain number, the product a b as np.dot does."""
+    from baqueano.symbolic.arrays.array import as_array, as_traced
 
     x, y = as_array(a), as_array(b)
     if x.ndim == 0 or y.ndim == 0:
         return a * b
     if x.ndim > 2 or y.ndim > 2:
-        return traced(np.matmul(x, y))
+        return as_traced(np.matmul(x, y))
     if x.shape[-1] != y.shape[0]:
         raise untraceable("trace.product-shapes", left=str(x.shape), right=str(y.shape))
     rows, columns = np.atleast_2d(x), y if y.ndim == 2 else y[:, None]
     product = _product(rows, columns, origin_of(a), origin_of(b))
-    result = traced(product.reshape(x.shape[:-1] + y.shape[1:]))
+    result = as_traced(product.reshape(x.shape[:-1] + y.shape[1:]))
     if x.ndim == y.ndim == 2:
         result.origin = Origin(rows.copy(), columns.copy(), False, product.copy())
     return result
 
 
 def origin_of(x: Value) -> Origin | None:
-    """Return the origin of an array, if it is unchanged."""
+    """Return the origin of an array; None if it is unknown, or if the array was changed since then."""
     origin = getattr(x, "origin", None)
     return origin if origin is not None and same(origin.cells, x) else None
 
 
 def remember_complement(result: Value, a: Value, b: Value) -> None:
-    """Note the origin of `result` = a − b, if it is I − K H."""
+    """Store the origin of `result` = a − b in it, if it is I − K H."""
     origin = origin_of(b)
     if origin is None or origin.complement or not isinstance(a, np.ndarray) or a.shape != b.shape:
         return
@@ -94,7 +94,7 @@ def _product(a: np.ndarray, b: np.ndarray, of_a: Origin | None, of_b: Origin | N
 
 
 def _closes(of_a: Origin, b: Value) -> bool:
-    """Return True if a = L P is followed by b = Lᵀ, with P symmetric."""
+    """Return True if a @ b is L P Lᵀ: a = L P with P symmetric, and b = Lᵀ."""
     return same(of_a.left, (b.cells if isinstance(b, Origin) else b).T) and is_symmetric(of_a.right)
 
 
@@ -113,18 +113,18 @@ def _is_zero(x: Value) -> bool:
 def solve(a: Value, b: Value) -> Value:
     """Return x with a x = b, b (n,) or (n, m): by L D Lᵀ if a is symmetric, else by L U.
 
-    Rows are exchanged only if the choice is certain before run time.
+    Rows are exchanged only if the pivot can be chosen before run time.
     """
-    from baqueano.symbolic.arrays.array import as_array, traced
+    from baqueano.symbolic.arrays.array import as_array, as_traced
 
     A, x = as_array(a).copy(), as_array(b).copy()
     if A.ndim != 2 or A.shape[0] != A.shape[1] or x.ndim not in (1, 2) or len(x) != len(A):
         raise untraceable("trace.solve-shapes", left=str(A.shape), right=str(x.shape))
-    return traced(_solve(A, x if x.ndim == 2 else x[:, None]).reshape(x.shape))
+    return as_traced(_solve(A, x if x.ndim == 2 else x[:, None]).reshape(x.shape))
 
 
 def inv(a: Value) -> Value:
-    """Return a⁻¹."""
+    """Return the inverse (n, n) of a square matrix."""
     return solve(a, np.eye(len(a)))
 
 
@@ -141,7 +141,7 @@ def det(a: Value) -> Value:
 
 
 def norm(x: Value, ord: Value = None, axis: Value = None, keepdims: bool = False) -> Value:
-    """Return the square root of the sum of squares."""
+    """Return the Euclidean norm over `axis`: the square root of the sum of squares."""
     if ord not in (None, 2, "fro") or (ord == 2 and np.ndim(x) == 2 and axis is None):
         raise untraceable("trace.norm")
     return np.sqrt(np.sum(x * x, axis=axis, keepdims=keepdims))
@@ -177,7 +177,7 @@ def _pivot(A: np.ndarray, k: int) -> int:
 
 
 def _eliminate(A: np.ndarray, k: int, symmetric: bool) -> dict[int, Value]:
-    """Clear column k below the diagonal, keeping a symmetric matrix symmetric; return the factor of each row."""
+    """Make column k zero below the diagonal, and return the factor of each row; a symmetric matrix stays symmetric."""
     inverse = apply("div", 1.0, A[k, k])
     factors = {i: A[i, k] * inverse for i in range(k + 1, len(A)) if not _is_zero(A[i, k])}
     for i, factor in factors.items():

@@ -1,8 +1,8 @@
 """Represent a number while a function is traced or differentiated: a `Node` of a graph, or a `Dual` number.
 
 Both are elements of object arrays and have the operators of Python and NumPy. Only `apply` applies an operator to its
-arguments: floats are computed, nodes are put into their graph, dual numbers carry their derivatives along. A truth
-value is a bool, or a scalar that is 0 or 1.
+arguments. With floats it computes a float, with nodes a node of their graph, with dual numbers a value and its
+derivatives. A truth value is a bool, or a scalar that is 0 or 1.
 """
 
 from collections.abc import Callable, Iterable
@@ -17,13 +17,13 @@ NUMBERS = (float, int, np.number, np.bool_)
 
 
 def apply(op: str, *args: Value, value: Value = None) -> Value:
-    """Apply an operator to floats and scalars. `value` is the table (xp, fp) of interp."""
+    """Return the result of an operator on floats and scalars. `value` is the table (xp, fp) of interp."""
     highest, level = None, -1
     for a in args:
         if type(a) is not float and isinstance(a, Scalar) and a.level > level:
             highest, level = a, a.level
     if highest is not None:
-        return highest.applied(op, args, value)
+        return highest.apply(op, args, value)
     return ieee.OPERATORS[op](*args) if value is None else ieee.OPERATORS[op](*args, value)
 
 
@@ -55,8 +55,8 @@ def remainder(a: Value, b: Value) -> Value:
     return a - b * quotient(a, b)
 
 
-def rounded(a: Value) -> Value:
-    """Return the nearest integer, the even one for a tie."""
+def round_half_even(a: Value) -> Value:
+    """Return the nearest integer; for a tie, the even integer."""
     r = apply("floor", a + 0.5)
     tie = apply("and", apply("eq", r - a, 0.5), apply("ne", remainder(r, 2.0), 0.0))
     return r - tie
@@ -92,8 +92,8 @@ class Scalar:
     level = 0  # of derivation: a dual number within a derivative of a derivative stands above the outer one
     shape, ndim, size = (), 0, 1
 
-    def applied(self, op: str, args: tuple[Value, ...], value: Value) -> Value:
-        """Apply an operator; this is the scalar of the highest level among `args`."""
+    def apply(self, op: str, args: tuple[Value, ...], value: Value) -> Value:
+        """Return the result of an operator; this scalar has the highest level among `args`."""
         raise NotImplementedError
 
     __add__, __radd__ = _binary("add"), _binary("add", swapped=True)
@@ -145,7 +145,7 @@ class Scalar:
 
     @property
     def T(self) -> "Scalar":
-        """Return the scalar unchanged: it does not have axes."""
+        """Return the scalar unchanged, because it does not have axes."""
         return self
 
     def item(self) -> "Scalar":
@@ -165,7 +165,7 @@ class Scalar:
         return as_array(self).reshape(*shape)
 
     def astype(self, dtype: Value) -> "Scalar":
-        """Return the scalar: floats and truth values stay unchanged. TraceError for an integer type (rounding)."""
+        """Return the scalar unchanged for a float or bool type. TraceError for an integer type, which would round."""
         if np.dtype(dtype).kind in "iu":
             raise untraceable("trace.needs-int")  # fmt: skip
         return self

@@ -1,8 +1,8 @@
-"""Replace NumPy's constructors of arrays during a trace by ones whose arrays can hold scalars.
+"""Replace NumPy's constructors of arrays during a trace by functions whose arrays can contain scalars.
 
-`np.array([x, 0.0])` never calls its elements, and `A = np.zeros((3, 3)); A[0, 1] = x` needs room for more than floats.
-So these names of the module `numpy` are replaced while a trace runs in any thread, and restored afterwards. For other
-threads, and for NumPy's code, the functions work as usual.
+`np.array([x, 0.0])` does not call methods of its elements, and `A = np.zeros((3, 3)); A[0, 1] = x` needs an array of
+objects. So these names of the module `numpy` are replaced while a trace runs in any thread, and restored afterwards.
+For other threads, and for NumPy's code, the functions work as usual.
 """
 
 import sys
@@ -22,7 +22,7 @@ _FILLED = ("zeros", "ones", "empty", "full", "eye", "identity", "zeros_like", "o
            "full_like")  # fmt: skip
 
 
-_OURS = ("numpy.", "baqueano.symbolic.")  # whose calls are never meant to make room for scalars
+_OURS = ("numpy.", "baqueano.symbolic.")  # modules whose calls do not need arrays for scalars
 
 
 class _TraceContext(threading.local):
@@ -37,7 +37,7 @@ _before: dict[str, Value] = {}
 
 @contextmanager
 def tracing() -> Iterator[int]:
-    """Let arrays hold scalars within the context; yield the depth of this trace, 1 for the outermost."""
+    """Let new arrays contain scalars within the context; yield the depth of this trace, 1 for the outermost."""
     global _running
     with _lock:
         if _running == 0:

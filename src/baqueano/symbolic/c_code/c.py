@@ -27,7 +27,7 @@ def make_kernel(program: Program) -> "CKernel":
 
 
 class CKernel:
-    """The kernel in C. Arrays are float64 and C-contiguous; those that are written to are the caller's."""
+    """The kernel in C. Arrays are float64 and C-contiguous; the caller owns the arrays to fill."""
 
     def __init__(self, program: Program) -> None:
         self.program = program
@@ -38,7 +38,7 @@ class CKernel:
 
     @property
     def source(self) -> str:
-        """Return the C code generated so far, or that of `run` if none was generated."""
+        """Return the C code generated so far, or the code of `run` if none was generated."""
         if not self.texts:
             self._text("values")
         return "\n".join(self.texts.values())
@@ -52,7 +52,7 @@ class CKernel:
         outputs: np.ndarray,
         final: np.ndarray,
     ) -> None:
-        """Run N ticks: fill outputs (N, m) and the carry after the last one, (c,)."""
+        """Run N ticks: fill outputs (N, m), and final (c,), the carry after the last tick."""
         self._function("values")(n, *_addresses(theta, start, inputs), 0.0, *_addresses(outputs, final), None)
 
     def bind(
@@ -66,13 +66,13 @@ class CKernel:
     ) -> Callable[[], object]:
         """Return `run` bound to these arrays, whose addresses are read once. The caller keeps them alive.
 
-        The call holds the interpreter's lock: a tick of microseconds should not wait for other threads to release it.
+        The call keeps the interpreter's lock, because a tick takes only microseconds and should not wait for the lock.
         """
         addresses = np.array([n, *_addresses(theta, start, inputs, outputs, final)], dtype=np.int64)
         self._function("values", hasty=True)  # a tick at a time, the call costs more than the arithmetic
         entry_point = ctypes.PYFUNCTYPE(ctypes.c_int, POINTER)(("again", self.libraries["values", True]))
         call = partial(entry_point, POINTER(addresses.ctypes.data))  # converted once
-        call.__dict__["given"] = addresses  # it lives as long as the call
+        call.__dict__["given"] = addresses  # keeps the array alive as long as the call
         return call
 
     def sensitivities(
@@ -92,7 +92,7 @@ class CKernel:
     def total(
         self, n: int, theta: np.ndarray, start: np.ndarray, inputs: np.ndarray, gradient: bool
     ) -> tuple[float, np.ndarray | None]:
-        """Return the only output, summed over the ticks, and its gradient (p,) or None, by `gradient`."""
+        """Return the sum of the only output over the ticks, and its gradient (p,), or None if not `gradient`."""
         cost, slope = np.zeros(1), np.zeros(len(theta))
         function = self._function("gradient" if gradient else "cost")
         function(n, *_addresses(theta, start, inputs), 0.0, *_addresses(cost, slope), None)
@@ -120,9 +120,9 @@ class CKernel:
         outputs: np.ndarray | None,
         final: np.ndarray,
     ) -> None:
-        """Run L vehicles: theta (L, p), start (L, s). Fill final (L, c), and outputs (L, N, m) unless it is None.
+        """Run L vehicles: theta (L, p), start (L, s). Fill final (L, c), and outputs (L, N, m) if it is not None.
 
-        Inputs that `is_shared` are columns of shared (N, ·), the others those of own (L, N, ·).
+        Inputs that are True in `is_shared` are columns of shared (N, ·), the others columns of own (L, N, ·).
         """
         function = self._function("batch", tuple(is_shared), outputs is not None, hasty=self.program.hasty)
 
@@ -137,7 +137,7 @@ class CKernel:
         else:
             from concurrent.futures import ThreadPoolExecutor
 
-            with ThreadPoolExecutor(len(parts)) as pool:  # ctypes lets go of the interpreter's lock
+            with ThreadPoolExecutor(len(parts)) as pool:  # ctypes releases the interpreter's lock
                 list(pool.map(run, parts))
 
     def _text(self, name: str, *options) -> str:
@@ -149,7 +149,7 @@ class CKernel:
 
     @cached_property
     def _slopes(self) -> c_bodies.DerivativeProgram:
-        return c_bodies.differentiated(
+        return c_bodies.differentiate(
             with_reciprocals(self.program, 1)
         )  # the slope of x/y by y needs 1/y anyway
 
@@ -166,7 +166,7 @@ class CKernel:
         library = self.libraries[key] = compile.load(
             header(body, self.program.tables) + body,
             operations=body.count(" = "),
-            find_vectors=name == "batch",  # √ and ⌊ ⌋ of eight become vectors only so
+            find_vectors=name == "batch",  # only with this option √ and ⌊ ⌋ of eight lanes become vectors
             hasty=hasty,
         )
         function = library.kernel
@@ -180,7 +180,7 @@ def _addresses(*arrays: np.ndarray) -> list[int]:
 
 
 def _parts(count: int, n: int) -> list[slice]:
-    """Return the vehicles for each processor, in whole vectors; one part if there is little to do."""
+    """Return the vehicles for each thread, in whole vectors; one part if more threads would not pay."""
     processors = len(os.sched_getaffinity(0)) if sys.platform == "linux" else os.cpu_count() or 1
     threads = min(processors, count // c_bodies.LANES, count * n // WORTH_A_THREAD)
     if threads < 2:

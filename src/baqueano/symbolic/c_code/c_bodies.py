@@ -1,6 +1,7 @@
-"""Generate the functions of a kernel as C code: one loop over the ticks each, around the same arithmetic.
+"""Generate the functions of a kernel as C code: each is a loop over the ticks with the same arithmetic.
 
-All but `batch` have one signature: n ticks; θ, start and inputs in; one setting; up to three arrays out.
+Except `batch` they have one signature: the number n of ticks; inputs θ, start and inputs; a setting; up to three
+arrays to fill.
 """
 
 from collections.abc import Sequence
@@ -34,15 +35,15 @@ UNROLLED = 16  # parameters, up to which the hessian is summed in straight-line 
 
 
 class DerivativeProgram(NamedTuple):
-    """A program, the rows of its tangents, and the order of both, shared by all functions with derivatives."""
+    """A program, the rows of its tangents, and the order of the statements, for all functions with derivatives."""
 
     program: Program
     rows: list[Tangents]
     order: EmitPlan
 
 
-def differentiated(program: Program) -> DerivativeProgram:
-    """Return the program with tangents, kept or eliminated, whichever needs fewer operations per tick."""
+def differentiate(program: Program) -> DerivativeProgram:
+    """Return the program with its tangents, kept or eliminated: the variant with fewer operations per tick."""
     bodies = []
     for eliminate in (False, True):
         rows = [tangents(program, *block, eliminate) for block in blocks(len(program.theta))]
@@ -57,8 +58,8 @@ def differentiated(program: Program) -> DerivativeProgram:
 def values(program: Program) -> str:
     """Return the code that fills first (n, m), the outputs, and second (c,), the carry after the last tick.
 
-    The function `again` takes all but the setting in one array: a call with one argument costs a third of one with
-    eight.
+    The function `again` receives all arguments except the setting in one array: this call costs a third of a call with
+    eight arguments.
     """
     text = CText(width=1)
     text.lines.append(SIGNATURE)
@@ -90,7 +91,7 @@ def sensitivities(slopes: DerivativeProgram) -> str:
 
 
 def cost(program: Program) -> str:
-    """Return the code that fills first, the sum of the only output."""
+    """Return the code that fills first (1,), the sum of the only output."""
     text = CText(width=1)
     order = plan(program.initial, (*program.outputs, *program.next_carry), {*program.carry, *program.inputs})
     text.lines += [SIGNATURE, "    double sum = 0.0;"]
@@ -105,7 +106,7 @@ def cost(program: Program) -> str:
 
 
 def gradient(slopes: DerivativeProgram) -> str:
-    """Return the code that fills first, the sum of the only output, and second (p,), its derivatives."""
+    """Return the code that fills first (1,), the sum of the only output, and second (p,), its gradient."""
     text = _with_tangents(slopes, "double sum = 0.0;", "v_{lanes} gradient{first} = {{0}};")
     program, rows = slopes.program, slopes.rows
     text.add(f"sum += {text.value(program.outputs[0])};")
@@ -119,7 +120,7 @@ def normal_equations(slopes: DerivativeProgram) -> str:
     """Return the code of the normal equations for residuals r with Huber's ρ, with bend k = setting.
 
     ρ = ½ r² for |r| <= k, else k |r| − ½ k²;  w = ρ′/r. The code fills first: Σ ρ; second (p,): Σ w r ∂r;
-    third (p, p): Σ w ∂r ∂rᵀ, of which only the upper half is valid.
+    third (p, p): Σ w ∂r ∂rᵀ; only its upper half is valid.
     """
     program, rows, p = slopes.program, slopes.rows, len(slopes.program.theta)
     text = _with_tangents(
@@ -151,7 +152,7 @@ def normal_equations(slopes: DerivativeProgram) -> str:
 
 
 def _add_to_hessian(text: CText, rows: list[Tangents], residuals: range, p: int) -> None:
-    """Add the blocks on and above the diagonal; beyond 16 parameters in loops, to limit the compile time."""
+    """Add the blocks on and above the diagonal; for over 16 parameters as loops, to limit the compile time."""
     if p > UNROLLED:
         size = rows[-1].first + rows[-1].lanes
         for k in residuals:
@@ -214,9 +215,9 @@ def batch(program: Program, shared: Sequence[bool], outputs: bool) -> str:
 
 
 def _with_tangents(slopes: DerivativeProgram, *declarations: str) -> CText:
-    """Begin the code, down to the last statement of a tick, with rows of the outputs and of the carry.
+    """Return the code up to the last statement of a tick, with the tangents of the outputs and of the carry.
 
-    Declarations that name {first} are made for each block of θ; if θ is empty, they are omitted.
+    A declaration with {first} is repeated for each block of θ; without θ it is omitted.
     """
     (program, rows, order), text = slopes, CText(width=1)
     text.lines.append(SIGNATURE)
@@ -255,7 +256,7 @@ def _symbols(text: CText, program: Program) -> None:
 def _begin(
     text: CText, program: Program, order: EmitPlan, rows: Sequence[Tangents] = (), head: Sequence[str] = ()
 ) -> None:
-    """Write the code down to the last statement of a tick."""
+    """Add the code up to the last statement of a tick."""
     text.symbols(program.carry, "x{}")
     text.statements(order.before)
     text.add(*(f"v_{text.width} x{k} = {text.whole(x)};" for k, x in enumerate(program.initial)))

@@ -20,7 +20,7 @@ ROWS = ("row", "choose", "unit", "drift")
 
 
 def header(body: str, tables: Sequence) -> str:
-    """Return the declarations that the body needs: elementary functions for its widths, and the tables of `interp`."""
+    """Return the declarations for the body: elementary functions of its widths, and the tables of `interp`."""
     functions = (pkgutil.get_data("baqueano.symbolic", "c_math.h") or b"").decode()
     many = len(re.findall(FUNCTION_CALL, body)) > INLINED
     widths = sorted({2, *map(int, re.findall(r"\bv_(\d+)", body))} - {1})
@@ -44,7 +44,7 @@ def literal(value: float) -> str:
 
 
 class CText:
-    """C code that grows, and the names of its terms so far."""
+    """C code under construction, and the names of its terms."""
 
     def __init__(self, width: int) -> None:
         self.width = width  # of scalars
@@ -56,11 +56,11 @@ class CText:
         return "\n".join((*self.lines, "}\n"))
 
     def add(self, *lines: str) -> None:
-        """Add these lines with the present indentation."""
+        """Add these lines of code with the present indentation."""
         self.lines += ["    " * self.depth + line for line in lines]
 
     def open(self, line: str) -> None:
-        """Add a line that opens a brace, and indent the following ones."""
+        """Add a line that opens a brace, and indent the following lines."""
         self.add(line)
         self.depth += 1
 
@@ -70,11 +70,11 @@ class CText:
         self.add("}")
 
     def symbols(self, terms: Iterable[Term], pattern: str) -> None:
-        """Define the names of leaves: {} in the pattern is replaced by the number."""
+        """Define the names of these leaves: the pattern, with the index of the leaf in place of {}."""
         self.names |= {term: pattern.format(k) for k, term in enumerate(terms)}
 
     def statements(self, statements: Iterable[Statement]) -> None:
-        """Add a C statement for each one, in order; a branch is an if with two arms."""
+        """Add a C statement for each statement, in order; a branch becomes an if with two arms."""
         for s in statements:
             if isinstance(s, EmittedBranch):
                 self.branch(s)
@@ -83,7 +83,7 @@ class CText:
                 self.add(f"const {self.type(s)} {self.name(s)} = {value};")
 
     def branch(self, branch: EmittedBranch) -> None:
-        """Declare the choices, and assign their values in an if and an else."""
+        """Add the declarations of the choices, and an if and an else that assign their values."""
         condition = self.mask(branch.condition)
         self.add(*(f"{self.type(choice)} {self.name(choice)};" for choice in branch.choices))
         self.open(f"if ({condition}) {{")
@@ -94,12 +94,12 @@ class CText:
         self.close()
 
     def arm(self, statements: Iterable[Statement], choices: Iterable[Term], argument: int) -> None:
-        """Add an arm of a branch; `argument`, 1 or 2, is the operand that a choice takes there."""
+        """Add an arm of a branch; `argument`, 1 or 2, is the index of the operand that a choice has in this arm."""
         self.statements(statements)
         self.add(*(f"{self.names[c]} = {self.value(c.args[argument])};" for c in choices))
 
     def assign(self, targets: Sequence[Term], values: Sequence[Term]) -> None:
-        """Assign all at once: a value that is also a target is read before any is written."""
+        """Add assignments that act at the same time: values that are also targets are read before any is written."""
         moves = {x: y for x, y in zip(targets, values, strict=True) if x is not y}
         names = {y: f"old_{self.names[y]}" for y in moves.values() if y in moves}
         self.add(*(f"const {self.type(y)} {name} = {self.names[y]};" for y, name in names.items()))
@@ -116,7 +116,7 @@ class CText:
         return f"m_{self.width}" if term.op in MASKS else f"v_{self.width}"
 
     def value(self, term: Term) -> str:
-        """Return an operand of + − × ÷ and comparisons, in which a constant may meet a vector."""
+        """Return the code of an operand of + − × ÷ and comparisons, where constants and vectors may be mixed."""
         if term.op == "const":
             return literal(term.value)
         if term.op == "unit":
@@ -125,16 +125,16 @@ class CText:
         return f"number_{self.width}({name})" if term.op in MASKS else name
 
     def whole(self, term: Term) -> str:
-        """Return an argument of a function: a constant has to fill all lanes."""
+        """Return the code of a function argument; a constant is copied into all lanes."""
         value = self.value(term)
         return f"splat_{self.width}({value})" if term.op == "const" and self.width > 1 else value
 
     def mask(self, term: Term) -> str:
-        """Return a condition: a mask unchanged, a number compared with 0."""
+        """Return the code of a condition: a mask unchanged, a number compared with 0."""
         return self.names[term] if term.op in MASKS else f"({self.whole(term)} != 0.0)"
 
     def expression(self, term: Term) -> str:
-        """Return the right-hand side of a term."""
+        """Return the code that computes a term."""
         op, args, width = term.op, term.args, self.width
         if op == "row":
             pairs = sorted(zip(args[::2], args[1::2], strict=True), key=lambda pair: not _is_sign(pair[0]))
@@ -160,12 +160,12 @@ class CText:
         return f"{op}_{width}({values})"
 
     def product(self, coefficient: Term, row: Term) -> str:
-        """Return a coefficient times a row, without a coefficient of 1."""
+        """Return the code of a coefficient times a row; a coefficient of 1 is omitted."""
         if _is_sign(coefficient):
             return self.value(row) if coefficient.value == 1.0 else f"(-{self.value(row)})"
         return f"{self.value(coefficient)} * {self.value(row)}"
 
 
 def _is_sign(coefficient: Term) -> bool:
-    """Return True for 1 or −1. Such a row comes first: then each further product and its sum are one instruction."""
+    """Return True for a coefficient of 1 or −1: its row is first, so each later product and sum is one instruction."""
     return coefficient.op == "const" and coefficient.value in (1.0, -1.0)

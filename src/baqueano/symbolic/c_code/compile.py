@@ -2,11 +2,11 @@
 
 A library is stored in the user's cache folder under the hash of all that it depends on (code, flags, compiler,
 processor). The file name is the hash of its content, and is checked before loading: a damaged file is removed and built
-again. Two processes that build the same kernel at once do not disturb each other.
+again. Two processes may build the same kernel at the same time.
 
-Never -ffast-math: loading a library that was linked with it turns subnormal numbers to zero in the whole process.
--fno-math-errno, -fno-trapping-math and -ffp-contract=fast give the same gain. Modules needed only for a build are
-imported there: a kernel from the cache is loaded in a few milliseconds.
+Never use -ffast-math: a library that was linked with it sets subnormal numbers to zero in the whole process.
+-fno-math-errno, -fno-trapping-math and -ffp-contract=fast make the code as fast. Modules needed only for a build are
+imported during the build, so a kernel from the cache is loaded in a few milliseconds.
 """
 
 import atexit
@@ -23,7 +23,7 @@ from functools import cache
 from pathlib import Path
 from typing import TYPE_CHECKING, NamedTuple
 
-from baqueano.diagnostics import Diagnostic, fault, joined
+from baqueano.diagnostics import Diagnostic, fault, merge
 from baqueano.errors import DiagnosticError
 
 if TYPE_CHECKING:
@@ -41,7 +41,7 @@ double probe(double x) { pair a = {x, 1.0}, b = a * a + a; return b[0] + b[1]; }
 
 
 class CompileError(DiagnosticError, RuntimeError):
-    """The error of a compiler that refuses a code, or is missing."""
+    """The error of a compiler that is missing, or that does not compile a code."""
 
 
 class Compiler(NamedTuple):
@@ -53,17 +53,17 @@ class Compiler(NamedTuple):
 
 
 class FoundCompiler(NamedTuple):
-    """The compiler in use, and the obstacles to the others."""
+    """The compiler in use, and the reasons why others do not work."""
 
     compiler: Compiler | None
     reason: Diagnostic | None  # None when the first one worked
 
 
 def load(source: str, operations: int = 0, find_vectors: bool = True, hasty: bool = False) -> "ctypes.CDLL":
-    """Return the library of a C code, from the cache if it is there. CompileError without a compiler.
+    """Return the library of a C code, from the cache if possible. CompileError without a compiler.
 
-    The flags depend on the `operations` of its loop. `find_vectors` lets the compiler vectorise by itself; `hasty`
-    makes the compilation quick instead of thorough.
+    The flags depend on the number of `operations` in its loop. `find_vectors` lets the compiler vectorise; `hasty`
+    makes the compilation faster and the code slower.
     """
     compiler = find()
     if compiler.compiler is None:
@@ -72,7 +72,7 @@ def load(source: str, operations: int = 0, find_vectors: bool = True, hasty: boo
 
 
 def find() -> FoundCompiler:
-    """Return the first compiler that works: only $BAQUEANO_CC if it is set; else cc, gcc, clang, ziglang."""
+    """Return the first of cc, gcc, clang and ziglang that works; if $BAQUEANO_CC is set, only this compiler."""
     return _find(os.environ.get("BAQUEANO_CC", ""), os.environ.get("PATH", ""))
 
 
@@ -85,10 +85,10 @@ def _find(requested: str, path: str) -> FoundCompiler:
         except CompileError as error:
             whys.append(error.diagnostic)
         else:
-            return FoundCompiler(compiler, joined(whys))
+            return FoundCompiler(compiler, merge(whys))
     if requested and not whys:
         whys.append(fault("compiler.no-command", found=requested))
-    return FoundCompiler(None, joined(whys) or fault("compiler.absent", "pip install ziglang"))
+    return FoundCompiler(None, merge(whys) or fault("compiler.absent", "pip install ziglang"))
 
 
 def _candidates(requested: str, path: str) -> Iterator[Compiler]:
@@ -110,7 +110,7 @@ def _candidates(requested: str, path: str) -> Iterator[Compiler]:
 
 
 def _compiler(command: tuple[str, ...]) -> Compiler:
-    """Return a compiler with its identity: path, size and date, which need no process."""
+    """Return a compiler with its identity: path, size and date, which are read without a process."""
     real = os.path.realpath(command[0])
     status = os.stat(real)
     names = " ".join((real, *command))
@@ -119,7 +119,7 @@ def _compiler(command: tuple[str, ...]) -> Compiler:
 
 
 def _is_empty_shell(path: str) -> bool:
-    """Return True for the /usr/bin/cc of macOS that only opens a window, while the developer tools are missing."""
+    """Return True for /usr/bin/cc of macOS without the developer tools: it only opens a window."""
     if sys.platform != "darwin" or not path.startswith("/usr/bin/"):
         return False
     import subprocess
@@ -128,7 +128,7 @@ def _is_empty_shell(path: str) -> bool:
 
 
 def _flag_sets(compiler: Compiler, operations: int, find_vectors: bool, hasty: bool) -> list[tuple[str, ...]]:
-    """Return the flags to try in turn: compilers have different flags for the present processor."""
+    """Return the sets of flags to try in turn: compilers have different flags for the present processor."""
     hasty = hasty and operations > SHORT
     level = HASTY if hasty else "-O1" if operations > HASTY_ABOVE else "-O3"
     common = (level, "-fno-math-errno", "-fno-trapping-math", "-ffp-contract=fast", "-shared", "-w")
@@ -172,7 +172,7 @@ def _open_library(
 
 
 def _stored_library(folder: Path) -> Path | None:
-    """Return the undamaged library in the folder of a key, or None."""
+    """Return the path of the undamaged library in the folder of a key, or None."""
     for path in folder.glob("*" + SUFFIX):
         if hashlib.sha256(path.read_bytes()).hexdigest() == path.stem:
             return path
@@ -202,7 +202,7 @@ def _build(folder: Path, source: str, flag_sets: list[tuple[str, ...]], compiler
 def _run(command: list[str], folder: str) -> str:
     """Run a command inside the folder; return its output if it failed, else "".
 
-    Its arguments do not contain a folder: so spaces and accents of a home folder never occur in them.
+    Its arguments do not contain the folder, whose name may have spaces and accents.
     """
     import subprocess
 
@@ -228,7 +228,7 @@ def _cache_folder() -> Path:
 
 
 def user_cache() -> Path:
-    """Return the cache folder of this user; without a home folder, one that is deleted with the process."""
+    """Return the cache folder of this user; without a home folder, a folder that is deleted with the process."""
     if sys.platform == "win32":
         root = os.environ.get("LOCALAPPDATA") or "~/AppData/Local"
     elif sys.platform == "darwin":

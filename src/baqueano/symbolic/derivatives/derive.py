@@ -1,7 +1,7 @@
-"""Differentiate the operators, one rule each, on all arguments of `apply`: floats, nodes, dual numbers.
+"""Differentiate the operators by one rule each, for all arguments of `apply`: floats, nodes, dual numbers.
 
-If a derivative does not exist, a harmless one is taken: 0 for hypot and atan2 at the origin, that of the first argument
-for min and max at a tie. The derivative of sqrt at 0 is large, not infinite, so that 0 · derivative stays 0.
+If a derivative does not exist, a finite value replaces it. It is 0 for hypot and atan2 at the origin; min and max at a
+tie depend on the first argument. The derivative of sqrt at 0 is large, not infinite, so that 0 · derivative stays 0.
 """
 
 from collections.abc import Callable, Sequence
@@ -16,7 +16,7 @@ TINY = 1e-300  # kept away from 0, where 1/TINY is still finite
 
 
 def slopes(op: str, result: Value, args: Sequence[Value], table: Value = None) -> tuple[Value, ...]:
-    """Return ∂result/∂args; 0.0 if the operator is constant in the argument."""
+    """Return ∂result/∂a of each argument a; 0.0 if the operator is constant in the argument."""
     if table is not None:
         return (apply("interp_slope", *args, value=table) if op == "interp" else 0.0,)
     rule = _SLOPES.get(op)
@@ -34,7 +34,7 @@ def partials(node: Node) -> tuple[tuple[Node, Node], ...]:
 def combine(op: str, args: Sequence[Value], rows: Sequence[Row], slopes: Sequence[Value]) -> Row:
     """Return the row {source: derivative} of a result from the rows of its arguments.
 
-    The arms of `where` are combined by a choice, never by a product with 0: the arm that is not taken may be NaN.
+    The arms of `where` are combined by a choice, never by a product with 0, because the other arm may be NaN.
     """
     if op == "where":
         _, a, b = rows
@@ -52,7 +52,7 @@ def combine(op: str, args: Sequence[Value], rows: Sequence[Row], slopes: Sequenc
 
 
 def jacobian_rows(roots: Sequence[Node], sources: Sequence[Node]) -> list[dict[Node, Node]]:
-    """Return for each root its derivatives by the sources that it depends on, as nodes."""
+    """Return for each root a dict of its derivatives, as nodes, by the sources on which it depends."""
     rows: dict[Node, Row] = {source: {source: 1.0} for source in sources}
     for node in below(roots):
         own = [rows.get(a, {}) for a in node.args]

@@ -1,7 +1,7 @@
 """Compute forward derivatives with dual numbers: a value and its derivatives by the seeds that it depends on.
 
-Value and derivatives have the kind of the arguments: floats without a trace, nodes while a step is traced, dual numbers
-of a lower level inside an outer derivative. So `jacobian` works alike in all three cases, without side effects.
+Value and derivatives have the type of the arguments. They are floats without a trace, nodes while a step is traced, and
+dual numbers of a lower level inside an outer derivative. So `jacobian` works in all three cases, without side effects.
 """
 
 from collections.abc import Callable
@@ -14,20 +14,20 @@ from baqueano.symbolic.arrays.array import TracedArray, as_array, filled_later, 
 from baqueano.symbolic.arrays.scalar import Scalar, apply
 from baqueano.symbolic.arrays.tracing import tracing
 from baqueano.symbolic.derivatives.derive import Row, combine, slopes
-from baqueano.symbolic.errors import located
+from baqueano.symbolic.errors import locate_errors
 from baqueano.symbolic.ieee import LOGICAL
 
 
 class Dual(Scalar):
-    """A value with {seed: derivative}; seeds are numbered within their level."""
+    """A value with a dict {seed: derivative}; seeds are numbered within their level."""
 
     __slots__ = ("level", "row", "value")
 
     def __init__(self, value: Value, row: Row, level: int) -> None:
         self.value, self.row, self.level = value, row, level
 
-    def applied(self, op: str, args: tuple[Value, ...], value: Value) -> Value:
-        """Apply the chain rule; a result that does not depend on a seed is not a dual number."""
+    def apply(self, op: str, args: tuple[Value, ...], value: Value) -> Value:
+        """Return the result with its derivatives by the chain rule; a plain value if it does not depend on a seed."""
         level = self.level
         values, rows = [], []
         for a in args:
@@ -41,7 +41,7 @@ class Dual(Scalar):
         return Dual(result, row, level) if row else result
 
 
-def seeded(values: np.ndarray, level: int) -> TracedArray:
+def seed_array(values: np.ndarray, level: int) -> TracedArray:
     """Return an array whose entries are the seeds 0, 1, …, in order."""
     seeds = np.empty(values.shape, dtype=object)
     flat = values.ravel().tolist()
@@ -60,19 +60,19 @@ def rows_of(values: np.ndarray, count: int, level: int) -> np.ndarray:
 
 
 def jacobian(f: Callable[..., Value], argument: int = 0) -> Callable[..., Value]:
-    """Return the function that computes ∂f/∂x exactly, without differences.
+    """Return the function that computes ∂f/∂x exactly, without finite differences.
 
     Parameters
     ----------
     f : callable
-        NumPy, pure.
+        A pure function in NumPy.
     argument : int
-        The argument of the derivative.
+        Index of the argument x.
 
     Returns
     -------
     callable
-        Of the same arguments; (m, n) for vectors, (n,) if f is a number, (m,) if the argument is one.
+        Function of the same arguments. It returns (m, n) for vectors, (n,) if f is a number, (m,) if x is a number.
 
     Examples
     --------
@@ -82,9 +82,9 @@ def jacobian(f: Callable[..., Value], argument: int = 0) -> Callable[..., Value]
     """
 
     def derivative(*args: Value) -> Value:
-        with tracing() as level, located():
+        with tracing() as level, locate_errors():
             x = as_array(args[argument])
-            seeds = seeded(x, level) if x.ndim else Dual(x.item(), {0: 1.0}, level)
+            seeds = seed_array(x, level) if x.ndim else Dual(x.item(), {0: 1.0}, level)
             if isinstance(seeds, TracedArray):
                 seeds.flags.writeable = False
             y = as_array(f(*args[:argument], seeds, *args[argument + 1 :]))

@@ -1,7 +1,7 @@
-"""Sum over the residuals of a run, r (N, m) with ∂r (N, m, p).
+"""Compute the normal equations of the residuals of a run, r (N, m) with ∂r (N, m, p).
 
 cost = Σ ρ(r),   gradient = Σ ψ(r) ∂r,   hessian = Σ w ∂r ∂rᵀ,   w = ψ(r) / r                         (1)
-ρ = ½ r² and ψ = r where |r| ≤ k,   ρ = k |r| − ½ k² and ψ = k sign r beyond           Huber 1964     (2)
+ρ = ½ r² and ψ = r if |r| ≤ k,   else ρ = k |r| − ½ k² and ψ = k sign r                Huber 1964     (2)
 """
 
 import numpy as np

@@ -2,8 +2,8 @@
 
     S⁺ = S + y,    ∂S⁺ = ∂S + ∂y,    ∂x⁺ = ∂f/∂x ∂x + ∂f/∂θ                                              (1)
 
-All are scalars of the graph, so the back ends run it in lanes as any other step. As in tangents.py the arms of `where`
-are combined by a choice.
+All these values are scalars of the graph, so the back ends run the program in lanes as any other step. As in
+tangents.py, the arms of `where` are combined by a choice.
 """
 
 from collections.abc import Iterable
@@ -14,8 +14,8 @@ from baqueano.symbolic.graph.node import Graph, Node, below
 from baqueano.symbolic.graph.program import Program
 
 
-def summed(program: Program, slopes: int) -> Program:
-    """Return the program without outputs, with m sums and m · `slopes` derivatives of them at the end of its carry."""
+def with_sums(program: Program, slopes: int) -> Program:
+    """Return the program without outputs; its carry ends with m sums and their m · `slopes` derivatives."""
     graph, zero = program.graph, program.graph.const(0.0)
     carry, initial, after = list(program.carry), list(program.initial), list(program.next_carry)
     of_sums = [list(program.outputs)]
@@ -42,7 +42,7 @@ def summed(program: Program, slopes: int) -> Program:
 
 
 def _derivatives(graph: Graph, roots: Iterable[Node], seeds: dict[Node, Node]) -> dict[Node, Node]:
-    """Return the derivatives of all nodes below the roots that are not 0, from those of the `seeds`."""
+    """Return the derivatives of all nodes below the roots, from the derivatives of the `seeds`; zeros are omitted."""
     rows, zero = dict(seeds), graph.const(0.0)
     for node in below(roots):
         if node in seeds or not any(a in rows for a in node.args):

@@ -1,15 +1,15 @@
 """Compute forward tangents: the derivatives of every value by the parameters, as rows of a few lanes.
 
 For v = f(a, b, …) the row is ∂v = ∂f/∂a ∂a + ∂f/∂b ∂b + …. Each active value is either *kept*, as a separate row, or
-*eliminated*: its coefficients are multiplied, as scalars, into those of its users. To keep all costs a vector operation
-for each edge of the graph, so it grows linearly. A value has s sources, n of them with a coefficient that is not 1, and
-u users, p of them more than a sum. With B blocks of parameters its elimination saves work if
+*eliminated*: its coefficients are multiplied, as scalars, into the coefficients of its users. To keep all values costs
+a vector operation for each edge of the graph, so it grows linearly. A value has s sources, n of them with a coefficient
+that is not 1, and u users, p of them more than a sum. With B blocks of parameters its elimination saves work if
 
     s u + n p / B <= s + u:                                                                               (1)
 
-the products of coefficients are scalars, which all blocks share. Both are made, and the cheaper one is taken. The arms
-of `where` are combined by a choice between rows, never by a product with 0: the arm that is not taken may be NaN. If
-all sources are the carry and the parameters, which exist at every tick, a choice between coefficients is enough.
+the products of coefficients are scalars for all blocks. Both programs are made, and the cheaper program is used. The
+arms of `where` are combined by a choice between rows, never by a product with 0: the other arm may be NaN. If all
+sources are the carry and the parameters, which exist at every tick, a choice between coefficients is enough.
 """
 
 from collections.abc import Iterable, Iterator
@@ -24,7 +24,7 @@ SUMS = ("add", "sub", "neg")
 
 
 class TangentRow:
-    """∂/∂θ of one value, for `lanes` parameters. Hashable by identity, as a Node."""
+    """The derivatives of one value by `lanes` parameters. Hashable by identity, as a Node."""
 
     __slots__ = ("args", "lanes", "op", "value")
 
@@ -37,7 +37,7 @@ class TangentRow:
 
 
 class Tangents(NamedTuple):
-    """The rows of one block of parameters."""
+    """The tangent rows for one block of parameters, as a kernel needs them."""
 
     first: int  # the block begins with θ[first]
     lanes: int
@@ -68,7 +68,7 @@ def tangents(program: Program, first: int, lanes: int, eliminate: bool) -> Tange
 
 
 def _moving(program: Program, order: Iterable[Node]) -> set[Node]:
-    """Return the nodes that depend on the carry or the inputs."""
+    """Return the nodes that change from tick to tick: they depend on the carry or the inputs."""
     terms = {*program.carry, *program.inputs}
     for node in order:
         if any(a in terms for a in node.args):
@@ -90,7 +90,7 @@ def active(program: Program, seeds: Iterable[Node]) -> set[Node]:
 
 
 class _Rows:
-    """The rows of all nodes of an order; `base` are those of the leaves."""
+    """The tangent rows of all nodes of an order; `base` contains the rows of the leaves."""
 
     def __init__(
         self,
@@ -112,7 +112,7 @@ class _Rows:
                 self.combine(node)
 
     def row(self, node: Node) -> TangentRow:
-        """Return ∂node as one row."""
+        """Return the derivatives of a node as one row."""
         if node not in self.made:
             self.made[node] = self.sum(self.combinations.get(node, {}))
         return self.made[node]
@@ -134,7 +134,7 @@ class _Rows:
             self.combinations[node] = {self.row(node): node.graph.const(1.0)}
 
     def chain(self, node: Node) -> Combination:
-        """Return Σ ∂node/∂a ∂a."""
+        """Return Σ ∂node/∂a ∂a over the arguments a of a node: a sum of coefficients times rows."""
         make = node.graph.make
         result: Combination = {}
         for a, slope in partials(node):
@@ -156,7 +156,7 @@ class _Rows:
 
     def is_kept(self, node: Node, combination: Combination) -> bool:
         if len(combination) == 1 and all(map(_is_one, combination.values())):
-            return False  # it is another row already
+            return False  # it already is the row of another node
         if not self.eliminate or node not in self.moving:
             return True
         rows, uses = len(combination), self.uses[node]
@@ -165,7 +165,7 @@ class _Rows:
 
 
 def _uses(order: Iterable[Node]) -> tuple[dict[Node, int], dict[Node, int]]:
-    """Return for each node the number of its uses, and of those that are not sums."""
+    """Return two counts for each node: its uses, and its uses that are not sums."""
     uses: dict[Node, int] = dict.fromkeys(order, 0)
     products = dict(uses)
     for node in uses:
@@ -180,6 +180,6 @@ def _is_one(node: Node) -> bool:
 
 
 def blocks(count: int) -> Iterator[tuple[int, int]]:
-    """Yield (first parameter, lanes) of the vectors that hold `count` parameters: eight each, or the last four."""
+    """Yield (first parameter, lanes) of the vectors for `count` parameters: eight lanes, or four in the last."""
     for first in range(0, count, 8):
         yield first, 4 if count - first <= 4 else 8

@@ -1,1 +1,1 @@
-"""Represent a function as a graph: nodes, simplification rules, the trace of a call, the order of its arithmetic."""
+"""Represent a function as a graph: nodes, simplification rules, the trace of a call, the order of the operations."""

@@ -1,4 +1,4 @@
-"""Turn a trace into the program that runs: without mirrored, constant and dead entries of the carry.
+"""Convert a trace to the program that runs: without mirrored, constant and dead entries of the carry.
 
 *Mirrored*: the other side of a symmetric matrix. *Constant*: an entry that a step returns unchanged. *Dead*: an entry
 on which no requested result depends. The removed entries are restored after the run.
@@ -15,7 +15,7 @@ from baqueano.symbolic.graph.trace import Trace
 
 
 class Assembly(NamedTuple):
-    """A program, and the map from its carry to the whole one."""
+    """A program, and the map from its carry to the whole carry."""
 
     program: Program
     first: np.ndarray  # (s,) place of each start value in the whole carry
@@ -31,8 +31,8 @@ class Assembly(NamedTuple):
 def assemble(trace: Trace, keep_all: bool, given_start: bool) -> Assembly:
     """Return the program of a trace.
 
-    `keep_all`: the final carry is requested as well as the outputs. `given_start`: the start values come at run time,
-    even if the trace has them as functions of θ.
+    With `keep_all` the final carry is computed as well as the outputs. With `given_start` the start values are given at
+    run time, even if the trace contains them as functions of θ.
     """
     graph = trace.graph
     first_of: dict[Node, int] = {}
@@ -73,7 +73,7 @@ def assemble(trace: Trace, keep_all: bool, given_start: bool) -> Assembly:
 
 
 def lasting_zeros(graph: Graph, carry: Sequence[Node], after: Sequence[Node], zero: set[int]) -> set[int]:
-    """Return the places of `zero` that stay 0 by induction: from zeros there the step returns zeros again."""
+    """Return the places of `zero` that stay 0 by induction: from zeros in them the step returns zeros again."""
     nothing = graph.const(0.0)
     while zero:
         order = sorted(zero)

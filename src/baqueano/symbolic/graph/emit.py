@@ -1,9 +1,9 @@
-"""Order the arithmetic: determine place and time of each node's computation.
+"""Order the arithmetic: choose the place of each operation in the code of a kernel.
 
-The code of a kernel is a list of statements. It is demand-driven: each root is followed depth first. So a value stands
-near its first use, and a compiler's scheduler starts from short lives. Terms that depend neither on the carry nor on
-the inputs are moved before the loop. Work that only one arm of `where` needs is sunk into a branch. It must be enough
-to pay for a branch that is sometimes mispredicted. A *term* has `op` and `args`: a scalar `Node`, or a `TangentRow`.
+The code is a list of statements, made depth first from each root. So a value is computed shortly before its first use,
+and needs a register only for a short time. Terms that depend neither on the carry nor on the inputs are computed before
+the loop. Work that only one arm of `where` needs is moved into a branch. The work must be larger than the cost of a
+branch, which the processor sometimes mispredicts. A *term* has `op` and `args`: a scalar `Node`, or a `TangentRow`.
 """
 
 from collections import Counter, defaultdict
@@ -39,7 +39,7 @@ Statement: TypeAlias = Term | EmittedBranch
 
 
 class EmitPlan(NamedTuple):
-    """The nodes computed before the loop over the ticks, and within it."""
+    """The statements before the loop over the ticks, and within it."""
 
     before: list[Statement]
     loop: list[Statement]
@@ -50,7 +50,7 @@ def plan(
 ) -> EmitPlan:
     """Return the statements for `initial` before the loop, and for `roots` at every tick.
 
-    The leaves `changing` vary from tick to tick; terms of `roots` that do not depend on them stand before the loop.
+    The leaves `changing` vary from tick to tick; terms of `roots` that do not depend on them are before the loop.
     """
     roots = list(roots)
     moving = _moving(roots, changing)
@@ -62,7 +62,7 @@ def plan(
 def with_reciprocals(program: Program, uses: int) -> Program:
     """Replace x / p by x · (1/p) if p does not change from tick to tick, or divides at least `uses` times.
 
-    A quotient of which a step function is computed stays: ⌊49 · (1/49)⌋ is 0.
+    A quotient inside a step function is not replaced: ⌊49 / 49⌋ is 1, but ⌊49 · (1/49)⌋ is 0.
     """
     graph = program.graph
     parts = (program.next_carry, program.outputs)
@@ -84,7 +84,7 @@ def with_reciprocals(program: Program, uses: int) -> Program:
 
 
 def _step_divisors(order: Sequence[Node]) -> set[Node]:
-    """Return the nodes that floor and comparisons depend on, through sums and choices: there the last digit decides."""
+    """Return the nodes on which floor and comparisons depend, through sums and choices: their last digit matters."""
     nodes: set[Node] = set()
     for node in reversed(order):
         passed_on = node in nodes and node.op in ("add", "sub", "neg", "min", "max", "where")
@@ -100,9 +100,9 @@ def _is_reciprocal(node: Node) -> bool:
 def schedule(
     roots: Iterable[Term], is_given: Callable[[Term], bool], branches: bool = True, pays: float = BRANCH_PAYS
 ) -> list[Statement]:
-    """Return statements that compute the roots from the known nodes, each term once, in an order that can be run.
+    """Return statements that compute the roots from the given nodes: each term once, after its arguments.
 
-    A branch is made from `pays` operations on.
+    A branch is made only for at least `pays` operations.
     """
     roots = list(roots)
     if not branches:
@@ -110,13 +110,13 @@ def schedule(
     search = _Branches(roots, is_given, pays)
     while True:
         try:
-            return _Scheduler(is_given, search.chosen()).emit(roots)
+            return _Scheduler(is_given, search.select()).emit(roots)
         except _Circle as circle:
             search.refused.add(circle.key)
 
 
 def cost(statements: Iterable[Statement]) -> float:
-    """Return the count of operations of the statements, with both arms of a branch."""
+    """Return the weighted number of operations of the statements, with both arms of each branch."""
     total = 0.0
     for s in statements:
         if isinstance(s, EmittedBranch):
@@ -127,7 +127,7 @@ def cost(statements: Iterable[Statement]) -> float:
 
 
 def postorder(roots: Iterable[Term], is_given: Callable[[Term], bool]) -> list[Term]:
-    """Return all terms under the roots, arguments before users, without those already computed and their terms."""
+    """Return all terms below the roots, arguments before users; given terms and all below them are excluded."""
     visited_terms: set[Term] = set()
     order = []
     for root in roots:
@@ -182,7 +182,7 @@ class _BranchKey(NamedTuple):
 
 @dataclass(eq=False, slots=True)
 class _Region:
-    """The place of a statement: the loop, or an arm of a branch that stands in another region."""
+    """The place of a statement: the loop, or an arm of a branch inside another region."""
 
     number: int = 0
     parent: "_Region | None" = None
@@ -196,7 +196,7 @@ class _Region:
             region = region.parent
 
     def meet(self, other: "_Region") -> "_Region":
-        """Return the innermost region that contains both."""
+        """Return the innermost region that contains this region and the other."""
         if other is self:
             return self
         holders = set(other.outwards())
@@ -217,7 +217,7 @@ class _BranchGroup:
 
 
 class _Circle(Exception):
-    """The error of a branch that would have to be finished before it can begin."""
+    """The error of a branch whose start depends on its own result."""
 
     def __init__(self, key: _BranchKey) -> None:
         self.key = key
@@ -233,8 +233,8 @@ class _Branches:
         self.refused_everywhere: set[tuple[Term, int]] = set()  # condition, level
         self.levels: dict[Term, int] = {}
 
-    def chosen(self) -> dict[Term, _BranchGroup]:
-        """Return the group of each choice that is worth a branch, without the groups that cost less than a branch."""
+    def select(self) -> dict[Term, _BranchGroup]:
+        """Return the group of each choice in a branch; groups with fewer than `pays` operations are removed."""
         while True:
             groups = self.groups()
             each = {group.key: group for group in groups.values()}  # many choices share a group
@@ -281,12 +281,12 @@ class _Branches:
         return None if key in self.refused or (key.condition, key.level) in self.refused_everywhere else key
 
     def arm(self, key: _BranchKey, arm: int, outside: _Region) -> _Region:
-        """Return the region of an arm; regions keep their numbers from round to round."""
+        """Return the region of an arm; a region has the same number in each round."""
         return _Region(self.numbers.setdefault((key, arm), len(self.numbers) + 1), outside, outside.depth + 1)
 
 
 def _settle(order: list[Term], places: dict[Term, _Region], groups: list[_BranchGroup]) -> None:
-    """Set the terms of each region, and those that each branch needs from outside."""
+    """Set the terms of each region, and the terms outside of each branch that the branch needs."""
     for term in order:
         for region in places[term].outwards():
             region.terms.append(term)

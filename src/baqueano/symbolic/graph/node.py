@@ -1,7 +1,7 @@
-"""Define the scalars of a trace: a hash-consed graph. The same operation on the same arguments is the same node.
+"""Define the scalars of a trace: a hash-consed graph, in which equal operations on equal arguments are one node.
 
-Only a graph makes its nodes. It folds constants and applies the local rules of simplify.py. A graph belongs to one
-trace and is freed with it. Truth values are the numbers 0 and 1.
+Only the graph creates nodes. It folds constants and applies the local rules of simplify.py. A graph belongs to one
+trace and is deleted with it. Truth values are the numbers 0 and 1.
 """
 
 from collections.abc import Iterable, Mapping
@@ -17,7 +17,7 @@ from baqueano.symbolic.graph.simplify import RULES
 
 
 class Node(Scalar):
-    """A scalar of a trace. Hashable by identity; == makes another node, so compare with `is`."""
+    """A scalar of a trace. Hashable by identity; == creates a node, so compare nodes with `is`."""
 
     __slots__ = ("args", "graph", "index", "op", "value")
 
@@ -28,7 +28,7 @@ class Node(Scalar):
         self.value = value  # of a constant; the name of a symbol; the number of a table
         self.index = index  # of creation: arguments have a smaller one
 
-    def applied(self, op: str, args: tuple[Value, ...], value: Value) -> Value:
+    def apply(self, op: str, args: tuple[Value, ...], value: Value) -> Value:
         """Return the node of an operation; a constant result is returned as a float or a bool."""
         graph = self.graph
         if value is not None:
@@ -42,7 +42,7 @@ class Node(Scalar):
 class Graph:
     """The nodes of one trace, and the tables that `interp` reads.
 
-    Nodes are numbered in the order of creation. The `lock` ensures that one thread at a time makes them.
+    Nodes are numbered in the order of creation. The `lock` ensures that only one thread at a time creates them.
     """
 
     def __init__(self) -> None:
@@ -51,7 +51,7 @@ class Graph:
         self.tables: list[tuple[np.ndarray, np.ndarray]] = []
 
     def node(self, value: Value) -> Node:
-        """Return a number or a node of this trace as a node."""
+        """Return a number as a constant node, and a node of this trace unchanged."""
         if not isinstance(value, Node):
             return self.const(value)
         if value.graph is not self:
@@ -59,12 +59,12 @@ class Graph:
         return value
 
     def const(self, value: float) -> Node:
-        """Return a constant; 0 and −0 are different ones."""
+        """Return the node of a constant; 0 and −0 are different nodes."""
         value = float(value)
         return self._intern(("const", value.hex()), "const", (), value)
 
     def symbol(self, name: str) -> Node:
-        """Return a new free value; two symbols are never the same node."""
+        """Return a new node for a value known only at run time; two symbols are never the same node."""
         return self._intern(("symbol", len(self.nodes)), "symbol", (), name)
 
     def make(self, op: str, *args: Node, value: Value = None) -> Node:
@@ -81,7 +81,7 @@ class Graph:
         return self._intern((op, value, *[a.index for a in args]), op, args, value)
 
     def table(self, xp: np.ndarray, fp: np.ndarray) -> int:
-        """Return the number of a table; equal tables have one number."""
+        """Return the number of the table (xp, fp); equal tables have the same number."""
         for k, (x, f) in enumerate(self.tables):
             if np.array_equal(x, xp) and np.array_equal(f, fp):
                 return k
@@ -89,7 +89,7 @@ class Graph:
         return len(self.tables) - 1
 
     def substitute(self, roots: Iterable[Node], new: Mapping[Node, Node]) -> list[Node]:
-        """Return the roots with some nodes replaced, simplified again."""
+        """Return the roots after the replacement of nodes by `new`, simplified again."""
         roots = list(roots)
         new_nodes = dict(new)
         for node in below(roots):
@@ -107,12 +107,12 @@ class Graph:
 
 
 def _order(a: Node, b: Node) -> tuple[Node, Node]:
-    """Return the pair with a constant first, then the older node."""
+    """Return both nodes in a fixed order: a constant first, else the older node first."""
     return (b, a) if (b.op == "const", -b.index) > (a.op == "const", -a.index) else (a, b)
 
 
 def below(roots: Iterable[Node]) -> list[Node]:
-    """Return all nodes that the roots depend on, with the roots, arguments before users."""
+    """Return the roots and all nodes on which they depend, arguments before users."""
     nodes: set[Node] = set()
     stack = list(roots)
     while stack:

@@ -11,7 +11,7 @@ Array: TypeAlias = np.ndarray
 
 
 class Program(NamedTuple):
-    """A step of a scan as a graph: c numbers are carried, q enter and m leave at each tick, p are parameters."""
+    """A step of a scan as a graph, with c numbers of the carry, q inputs and m outputs per tick, and p parameters."""
 
     graph: Graph
     theta: tuple[Node, ...]  # p symbols
@@ -31,7 +31,7 @@ class Program(NamedTuple):
 
 
 class NormalEquations(NamedTuple):
-    """A sum of squares around θ: the step of Gauss and Newton is −hessian⁻¹ gradient."""
+    """A sum of squares near θ: cost, gradient, hessian. The Gauss-Newton step is −hessian⁻¹ gradient."""
 
     cost: float  # Σ ρ(r)
     gradient: np.ndarray  # (p,) Σ ψ(r) ∂r
@@ -39,7 +39,7 @@ class NormalEquations(NamedTuple):
 
 
 class Kernel(Protocol):
-    """A program made runnable by a back end.
+    """Protocol of a program that a back end made runnable.
 
     Arrays are float64 and C-contiguous: theta (p,), start (s,), inputs (n, q). The caller owns the arrays to fill:
     outputs (n, m), d_outputs (n, m, p), final (c,).
@@ -51,7 +51,7 @@ class Kernel(Protocol):
         ...
 
     def run(self, n: int, theta: Array, start: Array, inputs: Array, outputs: Array, final: Array) -> None:
-        """Run n ticks: fill outputs and final."""
+        """Run n ticks: fill outputs, and final, the carry after the last tick."""
         ...
 
     def bind(
@@ -59,7 +59,7 @@ class Kernel(Protocol):
     ) -> Callable[[], object]:
         """Return `run` bound to these arrays, to be called often.
 
-        The call returns a true value, and leaves outputs invalid, if one of `Program.zeros` is not 0.
+        If one of `Program.zeros` is not 0, the call returns a true value and the outputs are not valid.
         """
         ...
 
@@ -78,7 +78,7 @@ class Kernel(Protocol):
     def total(
         self, n: int, theta: Array, start: Array, inputs: Array, gradient: bool
     ) -> tuple[float, Array | None]:
-        """Return the only output summed over the ticks, and its gradient (p,) or None, by `gradient`."""
+        """Return the sum of the only output over the ticks, and its gradient (p,), or None if not `gradient`."""
         ...
 
     def normal_equations(
@@ -101,6 +101,6 @@ class Kernel(Protocol):
     ) -> None:
         """Run L lanes: theta (L, p), start (L, s), final (L, c), outputs (L, n, m) or None.
 
-        Inputs that `is_shared` are the columns of shared (n, ·), in order, the others those of own (L, n, ·).
+        Inputs that are True in `is_shared` are the columns of shared (n, ·), in order, the others of own (L, n, ·).
         """
         ...

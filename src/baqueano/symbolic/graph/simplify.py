@@ -1,8 +1,8 @@
 """Simplify nodes by local rules: x + 0 is x, x · 0 is 0, two negations cancel.
 
-Each rule takes a graph and the arguments of one operator, constants first if their order is free, and returns a simpler
-node or None. x · 0 and x − x are 0 even if x may be inf or NaN: otherwise no matrix would stay sparse. So finiteness is
-tested as |x| < inf, never as x − x = 0.
+A rule receives a graph and the arguments of one operator, and returns a simpler node or None. If the order of the
+arguments is free, constants are first. x · 0 and x − x are 0 even if x may be inf or NaN: otherwise matrices would not
+stay sparse. So finiteness is tested as |x| < inf, never as x − x = 0.
 """
 
 import math
@@ -97,7 +97,7 @@ def _neg(g: "Graph", a: "Node") -> "Node | None":
     return None
 
 
-def _even(op: str) -> Callable[..., Value]:
+def _even_function(op: str) -> Callable[..., Value]:
     return lambda g, a: g.make(op, a.args[0]) if a.op == "neg" else None
 
 
@@ -183,9 +183,9 @@ RULES: dict[str, Callable[..., "Node | None"]] = {
     "mul": _mul,
     "div": _div,
     "neg": _neg,
-    "cos": _even("cos"),
-    "cosh": _even("cosh"),
-    "abs": _even("abs"),
+    "cos": _even_function("cos"),
+    "cosh": _even_function("cosh"),
+    "abs": _even_function("abs"),
     "min": _min,
     "max": _max,
     "floor": _floor,

@@ -1,8 +1,8 @@
 """Trace a call of a step, with symbols in place of numbers, and return its graph.
 
-A matrix of the carry that starts symmetric is traced with the same symbol on both sides of the diagonal. If the step
-returns the same nodes on both sides again, it stays symmetric by induction. Then only half of its entries are carried.
-If not, the step is traced again without that assumption.
+A matrix of the carry that is symmetric at the start is traced with the same symbol on both sides of the diagonal. If
+the step returns the same nodes on both sides, the matrix stays symmetric by induction. Then only half of its entries
+are in the carry. Otherwise, the step is traced again without that assumption.
 """
 
 from collections.abc import Callable, Iterable
@@ -16,7 +16,7 @@ from baqueano.errors import Invalid
 from baqueano.symbolic.arrays.array import TracedArray, as_array
 from baqueano.symbolic.arrays.linalg import is_symmetric
 from baqueano.symbolic.arrays.tracing import tracing
-from baqueano.symbolic.errors import TraceError, located
+from baqueano.symbolic.errors import TraceError, locate_errors
 from baqueano.symbolic.graph.node import Graph, Node
 from baqueano.symbolic.graph.tree import Leaf, Shape, build, kind_finder, leaves, shape_of, values, with_kinds
 
@@ -32,14 +32,14 @@ class Trace(NamedTuple):
     next_carry: list[Node]
     outputs: list[Node]
     output_shape: Shape
-    carry_shape: Shape | None  # an integer that does not stay one is a float
+    carry_shape: Shape | None  # an integer that does not stay an integer is a float
 
 
 def trace_function(f: Callable[..., Tree], shapes: Iterable[Shape]) -> Trace:
-    """Trace a function of trees of these shapes; its result is the output."""
+    """Return the trace of a function of trees of these shapes; its result is the output, without a carry."""
     graph = Graph()
     kinds: dict[Node, str] = {}
-    with tracing(), located():
+    with tracing(), locate_errors():
         arguments = [_symbols(graph, shape, kinds) for shape in shapes]
         result = f(*(tree for tree, _ in arguments))
     inputs = [node for _, nodes in arguments for node in nodes]
@@ -55,7 +55,7 @@ def trace_step(
     parameters: int | None,
     symmetric: set[str],
 ) -> tuple[Trace, set[str]]:
-    """Trace a step; `carry` is a function of θ or None. Also return the leaves of `symmetric` that stay symmetric."""
+    """Return the trace of a step, and the leaves of `symmetric` that stay symmetric; `carry` is f(θ) or None."""
     while True:
         trace = _traced_step(step, carry, carry_shape, inputs, parameters, symmetric)
         remaining = {p for p in symmetric if _stays_symmetric(trace, carry_shape, p)}
@@ -75,7 +75,7 @@ def _traced_step(
     graph = Graph()
     kinds: dict[Node, str] = {}
     initial = None
-    with tracing(), located():
+    with tracing(), locate_errors():
         theta = [graph.symbol(f"theta[{k}]") for k in range(parameters or 0)]
         theta_of = () if parameters is None else (_freeze(np.array(theta, dtype=object).view(TracedArray)),)
         if carry is not None:
@@ -92,7 +92,10 @@ def _traced_step(
 
 
 def _stable_kinds(shape: Shape, symbols: list[Node], after: list[Node], kinds: dict[Node, str]) -> Shape:
-    """Return the shape of a carry, in which an integer or truth value that becomes a float is one; update `kinds`."""
+    """Return the shape of a carry with stable kinds, and update `kinds`.
+
+    An integer or truth value that becomes a float in a step is a float from the start.
+    """
     changed_symbols = symbols
     while changed_symbols:
         kind_of = kind_finder(kinds)
@@ -109,7 +112,7 @@ def _stable_kinds(shape: Shape, symbols: list[Node], after: list[Node], kinds: d
 
 
 def _const_kind(node: Node, kind: str) -> str:
-    """Return `kind` if a constant fits it, "f" if it does not; "" if the node is not a constant."""
+    """Return `kind` if the node is a constant of this kind, "f" for another constant, "" if it is not a constant."""
     if node.op != "const":
         return ""
     return kind if node.value in ((0.0, 1.0) if kind == "b" else (np.floor(node.value),)) else "f"

@@ -29,12 +29,12 @@ class Leaf(NamedTuple):
 
     @property
     def size(self) -> int:
-        """Return the count of numbers."""
+        """Return the number of entries of the leaf."""
         return int(np.prod(self.shape))
 
     @property
     def names(self) -> list[str]:
-        """Return the names of its numbers, as "x.mean[0]"."""
+        """Return the name of each entry of the leaf, as "x.mean[0]"."""
         if not self.is_array:
             return [self.path]
         return [f"{self.path}[{','.join(map(str, index))}]" for index in np.ndindex(self.shape)]
@@ -61,7 +61,7 @@ Shape: TypeAlias = Leaf | Branch | ConstantLeaf
 
 
 def shape_of(tree: Tree, path: str, kind_of: Callable[[Tree], str] = lambda _: "f") -> Shape:
-    """Return the shape of a tree; `kind_of` returns the kind to which a scalar is restored."""
+    """Return the shape of a tree; `kind_of` returns the kind of a scalar: "f", "i" or "b"."""
     if isinstance(tree, np.ndarray):
         return _array_leaf(tree, path, kind_of)
     if isinstance(tree, Scalar):
@@ -86,7 +86,7 @@ def leaves(shape: Shape) -> Iterator[Leaf]:
 
 
 def with_kinds(shape: Shape, kinds: Iterator[str]) -> Shape:
-    """Return the same shape with other `kinds` of leaves."""
+    """Return the same shape with these `kinds` of leaves, in order."""
     if isinstance(shape, Leaf):
         return shape._replace(kind=next(kinds))
     if isinstance(shape, Branch):
@@ -100,7 +100,7 @@ def size(shape: Shape) -> int:
 
 
 def values(shape: Shape, tree: Tree) -> list[Tree]:
-    """Return the leaves of a tree that has this shape; ValueError if it has another one."""
+    """Return the leaves of a tree of this shape; ValueError if it has another shape."""
     if isinstance(shape, Leaf):
         return [tree]
     if isinstance(shape, ConstantLeaf):
@@ -116,7 +116,7 @@ def values(shape: Shape, tree: Tree) -> list[Tree]:
 
 
 def build(shape: Shape, leaves: Iterator[Tree]) -> Tree:
-    """Return the tree with these `leaves`, in order."""
+    """Return the tree of this shape with these `leaves`, in order."""
     if isinstance(shape, Leaf):
         return next(leaves)
     if isinstance(shape, ConstantLeaf):
@@ -125,7 +125,7 @@ def build(shape: Shape, leaves: Iterator[Tree]) -> Tree:
 
 
 def make(kind: type, keys: Sequence[Tree], children: Sequence[Tree]) -> Tree:
-    """Return a branch of this kind, without __post_init__: its checks would be `if`s on scalars."""
+    """Return an object of this kind without a call of __post_init__, whose checks would be `if`s on scalars."""
     if kind is dict:
         return dict(zip(keys, children, strict=True))
     if kind in (tuple, list):
@@ -139,7 +139,7 @@ def make(kind: type, keys: Sequence[Tree], children: Sequence[Tree]) -> Tree:
 
 
 def as_floats(leaf: Leaf, value: Tree, lead: tuple[int, ...] = ()) -> np.ndarray:
-    """Return the value at a leaf, as floats with `lead` axes in front; ValueError if it has another shape."""
+    """Return the value of a leaf as floats, with the axes `lead` in front; ValueError for another shape."""
     array = np.asarray(value)
     if array.shape != lead + leaf.shape or array.dtype.kind not in "fiub":
         raise Invalid(
@@ -154,15 +154,15 @@ def as_floats(leaf: Leaf, value: Tree, lead: tuple[int, ...] = ()) -> np.ndarray
     return array.astype(float, copy=False)
 
 
-def restored(leaf: Leaf, column: np.ndarray) -> Tree:
-    """Return floats in the kind of the leaf: an array, or a Python number for a value without axes."""
+def restore(leaf: Leaf, column: np.ndarray) -> Tree:
+    """Return floats converted to the kind of the leaf: an array, or a Python number for a value without axes."""
     column = column != 0.0 if leaf.kind == "b" else column
     column = np.rint(column).astype(np.int64) if leaf.kind == "i" else column
     return column if column.ndim else column.item()
 
 
 def kind_finder(symbols: dict[Node, str]) -> Callable[[Tree], str]:
-    """Return a function that returns the kind of a node, from the kinds of the symbols.
+    """Return a function that finds the kind of a node from the kinds of the symbols.
 
     The kind is "i" for a node made only of integers, "b" for a truth value, else "f".
     """
@@ -243,12 +243,12 @@ def flat_row(shape: Shape, tree: Tree) -> np.ndarray:
 
 
 def tree_of(shape: Shape, rows: np.ndarray) -> Tree:
-    """Return rows (…, numbers) as the tree whose leaves begin with the axes of the rows."""
+    """Return the tree of rows (…, numbers); its leaves begin with the same axes (…) as the rows."""
     return build(shape, _columns(shape, rows))
 
 
 def _columns(shape: Shape, rows: np.ndarray) -> Iterator[Tree]:
     at = 0
     for leaf in leaves(shape):
-        yield restored(leaf, rows[..., at : at + leaf.size].reshape(rows.shape[:-1] + leaf.shape))
+        yield restore(leaf, rows[..., at : at + leaf.size].reshape(rows.shape[:-1] + leaf.shape))
         at += leaf.size

@@ -1,9 +1,9 @@
 """Make a `Program` runnable as Python code of plain floats, for machines without a C compiler.
 
-Values that are used once are written into the expression that uses them; the others are local names. Python raises if
-IEEE returns inf or NaN (1/0, sqrt of −1). Then the code runs once more with functions that do not raise, and these are
-kept. Derivatives: the code computes the Jacobian of one tick, and NumPy multiplies it into the tangents. Lanes: the
-same code, on arrays with one entry per lane.
+A value that is used once is written into the expression that uses it; other values are local names. Python raises if
+IEEE arithmetic returns inf or NaN (1/0, sqrt of −1). Then the code runs again with functions that do not raise, also in
+later calls. For derivatives, the code computes the Jacobian of one tick, and NumPy multiplies it into the tangents. For
+lanes, the same code runs on arrays with one entry per lane.
 """
 
 import math
@@ -37,7 +37,7 @@ _LANES = {
 
 
 class TangentCode(NamedTuple):
-    """The derivatives that are not 0: their places in a matrix, and their nodes."""
+    """The entries of a Jacobian that are not 0: their places in the matrix, and their nodes."""
 
     places: list[int]
     nodes: list[Node]
@@ -49,12 +49,12 @@ def make_kernel(program: Program) -> "PythonKernel":
 
 
 class PythonKernel:
-    """The kernel as functions of plain floats; see program.Kernel."""
+    """The kernel as Python functions of plain floats; see program.Kernel."""
 
     def __init__(self, program: Program) -> None:
         self.program = program
         self.functions: dict[str, Callable[..., Value]] = {}
-        self.careful = False  # since something was divided by zero
+        self.careful = False  # True after a division by zero, or another error
         self.slopes: tuple[TangentCode, TangentCode] | None = None  # at the start, and of a tick
 
     @property
@@ -63,7 +63,7 @@ class PythonKernel:
         return kernel_text(self.program, FLOATS, [self.program.outputs])
 
     def run(self, n: int, theta: Array, start: Array, inputs: Array, outputs: Array, final: Array) -> None:
-        """Run n ticks: fill outputs and final."""
+        """Run n ticks: fill outputs, and final, the carry after the last tick."""
         _, rows, last = self._call((), [self.program.outputs], theta, start, inputs)
         outputs[:] = np.array([y for (y,) in rows], dtype=float).reshape(outputs.shape)
         final[:] = last
@@ -94,7 +94,7 @@ class PythonKernel:
     def total(
         self, n: int, theta: Array, start: Array, inputs: Array, gradient: bool
     ) -> tuple[float, Array | None]:
-        """Return the summed only output, and its gradient or None, by `gradient`."""
+        """Return the sum of the only output over the ticks, and its gradient (p,), or None if not `gradient`."""
         outputs, slopes = np.empty((n, 1)), np.empty((n, 1, len(theta)))
         if gradient:
             self.sensitivities(n, theta, start, inputs, outputs, slopes)
@@ -105,7 +105,7 @@ class PythonKernel:
     def normal_equations(
         self, n: int, theta: Array, start: Array, inputs: Array, huber: float | None
     ) -> tuple[float, Array, Array]:
-        """Return cost, gradient and hessian of the outputs as residuals."""
+        """Return cost, gradient (p,) and hessian (p, p) of the outputs as residuals."""
         outputs = np.empty((n, len(self.program.outputs)))
         slopes = np.empty((*outputs.shape, len(theta)))
         self.sensitivities(n, theta, start, inputs, outputs, slopes)
@@ -123,7 +123,7 @@ class PythonKernel:
         outputs: Array | None,
         final: Array,
     ) -> None:
-        """Run all lanes at once, tick by tick."""
+        """Run all lanes in parallel, tick by tick; arguments as in program.Kernel."""
         order = np.argsort(np.argsort([not x for x in is_shared], kind="stable"), kind="stable")
         ticks = ([[*shared[k], *own[:, k].T][i] for i in order] for k in range(n))
         groups = [] if outputs is None else [self.program.outputs]
@@ -138,7 +138,7 @@ class PythonKernel:
                     outputs[:, k, column] = value
 
     def _tick(self, inputs: Array, outputs: Array) -> Callable[[], object]:
-        """Return the call of a tick: only used inputs become Python numbers, and each value is written once."""
+        """Return a function that runs a tick: it converts only the inputs in use, and writes each output once."""
         program, place = self.program, {node: k for k, node in enumerate(self.program.inputs)}
         nodes = list(dict.fromkeys(program.outputs))
         used_inputs = sorted(place[node] for node in below(nodes) if node in place)
@@ -172,7 +172,7 @@ class PythonKernel:
         return call
 
     def _slopes(self) -> tuple[TangentCode, TangentCode]:
-        """Return the entries of ∂carry₀/∂θ and ∂(outputs, next carry)/∂(carry, θ) that are not 0."""
+        """Return the nonzero entries of ∂carry₀/∂θ, and of ∂(outputs, next carry)/∂(carry, θ)."""
         if self.slopes is None:
             p, m = self.program, len(self.program.outputs)
             begin = jacobian_rows(p.initial, p.theta)
@@ -220,7 +220,7 @@ class PythonKernel:
 
 
 def _dependent(program: Program, begin: list[dict[Node, Node]], after: list[dict[Node, Node]]) -> set[Node]:
-    """Return θ and the entries of the carry that depend on it: a derivative by others may be inf, and is not needed."""
+    """Return θ and the entries of the carry that depend on it; derivatives by other entries are not needed."""
     dependent, size = set(program.theta), -1
     while size != len(dependent):
         size = len(dependent)

@@ -16,7 +16,7 @@ BRANCH_PAYS = 4.0  # operations: a branch costs Python little more than one of t
 
 
 class Formats(NamedTuple):
-    """The notation of operators; one that is not listed is a call of `op_`."""
+    """The notation of operators; an operator that is not listed is a call of the function `op_`."""
 
     name: str
     texts: dict[str, str]
@@ -46,7 +46,7 @@ ARRAYS = Formats("arrays", _COMMON, truths_are_numbers=False)
 def kernel_text(
     program: Program, formats: Formats, groups: Sequence[Sequence[Node]], first: Sequence[Node] = ()
 ) -> str:
-    """Return the code of the kernel: `first` is computed before the loop; a row has a tuple for each of `groups`."""
+    """Return the code of the kernel: it computes `first` before the loop, and per tick a tuple for each of `groups`."""
     each = [*program.next_carry, *(node for group in groups for node in group)]
     once = [*program.initial, *first]
     text = _PythonText(formats, [*each, *once])
@@ -75,7 +75,7 @@ def kernel_text(
 
 
 def tick_text(formats: Formats, inputs: Sequence[Node], nodes: Sequence[Node]) -> str:
-    """Return the code of a tick without parameters and carry; terms of one arm of a choice are sunk into a branch."""
+    """Return the code of a tick without parameters and carry; terms of only one arm of a choice are in a branch."""
     text = _PythonText(formats, nodes)
     leaves = text.leaves("i", inputs)
     text.statements([node for node in below(nodes) if node.op == "const"], "")
@@ -94,12 +94,12 @@ def _moving(program: Program, roots: Sequence[Node]) -> set[Node]:
 
 
 def _truths(node: Node) -> int:
-    """Return the number of first arguments that are conditions."""
+    """Return how many arguments of a node, from the first on, are conditions."""
     return len(node.args) if node.op in _OF_TRUTHS else 1 if node.op == "where" else 0
 
 
 class _PythonText:
-    """Statements that compute nodes. Each node has the name of a variable, or an expression."""
+    """The text of statements that compute nodes; each node is a variable or an expression."""
 
     def __init__(self, formats: Formats, roots: Sequence[Node]) -> None:
         self.formats = formats
@@ -123,7 +123,7 @@ class _PythonText:
         return f"({', '.join(names)},)" if names else "()"
 
     def statements(self, nodes: Iterable[Statement], indent: str, name_all: bool = False) -> list[str]:
-        """Return the statements of the nodes, in order; a node that is used once becomes a part of its user."""
+        """Return the statements of the nodes, in order; a node that is used once is written into its user."""
         lines = []
         for node in nodes:
             if isinstance(node, EmittedBranch):
@@ -142,7 +142,7 @@ class _PythonText:
         return lines
 
     def branch(self, branch: EmittedBranch, indent: str) -> list[str]:
-        """Return an if and an else that assign the values of the choices."""
+        """Return the code of an if and an else that assign the values of the choices."""
         lines, inside = [], indent + "    "
         for k, (head, arm) in enumerate(
             ((f"if {self.names[branch.condition]}:", branch.then), ("else:", branch.otherwise))
@@ -154,7 +154,7 @@ class _PythonText:
         return lines
 
     def expression(self, node: Node) -> str:
-        """Return the code of one node."""
+        """Return the expression that computes one node."""
         if node.op == "const":
             return repr(node.value)
         truths = _truths(node)
@@ -168,7 +168,7 @@ class _PythonText:
         return f"{node.op}_({', '.join(args + table)})"
 
     def number(self, node: Node) -> str:
-        """Return the code of a value that is used as a number, though it may be a truth value."""
+        """Return the code of a node as a number; a truth value is converted to 0.0 or 1.0."""
         is_truth = node.op in LOGICAL and not self.formats.truths_are_numbers
         return f"(1.0 * {self.names[node]})" if is_truth else self.names[node]
 

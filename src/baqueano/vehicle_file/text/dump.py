@@ -1,4 +1,4 @@
-"""Convert tables to TOML text: by tomlkit if it read them, else plainly, without comments."""
+"""Convert tables to TOML text: by tomlkit if it read them, else in a plain format without comments."""
 
 import json
 from collections.abc import Mapping
@@ -7,7 +7,7 @@ from typing import Any
 
 
 def dump(document: Any) -> str:
-    """Return the text of a document."""
+    """Return the TOML text of a document: a tomlkit document or a dict of tables."""
     if hasattr(document, "as_string"):
         return document.as_string()
     return "\n".join(_lines(document, ())).strip("\n") + "\n"

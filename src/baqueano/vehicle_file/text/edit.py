@@ -1,6 +1,7 @@
-"""Edit values in the text of a vehicle file: all else stays, and the file is written whole or not at all.
+"""Edit values in the text of a vehicle file; the rest of the text is unchanged.
 
-So the difference of two files shows only the changes of the vehicle: its wear.
+So the difference of two files shows only the changes of the vehicle: its wear. A file is written completely or not at
+all.
 """
 
 import os
@@ -33,24 +34,24 @@ SD_DIGITS = 3  # of a standard deviation; a value is written to a thousandth of 
 
 
 def override(file: VehicleFile, settings: Iterable[str]) -> VehicleFile:
-    """Return the file with other values on top: the layer of the command line.
+    """Return the file with values from the command line, which override the values of the file.
 
     Parameters
     ----------
     file : VehicleFile
         The file.
     settings : iterable of str
-        "model.mass_kg=0.7" and the like.
+        Settings such as "model.mass_kg=0.7".
 
     Returns
     -------
     VehicleFile
-        Checked as a whole.
+        The new file, completely checked.
 
     Raises
     ------
     UsageError
-        For a text other than key=value, or a value that the file may not have.
+        For a text other than key=value, or a value that is not allowed.
 
     Examples
     --------
@@ -77,7 +78,7 @@ def override(file: VehicleFile, settings: Iterable[str]) -> VehicleFile:
     return file
 
 
-def edited(
+def edit_text(
     file: VehicleFile,
     values: "JsonObject",
     provenance: Mapping[str, Any],
@@ -97,7 +98,10 @@ def edited(
 
 
 def write_whole(file: VehicleFile, path: str | Path | None = None) -> Path:
-    """Write the text to a new file, which then replaces the old one: after an interruption the old one stays."""
+    """Write the text to a new file, which then replaces the old file; return the path.
+
+    After an interruption the old file is unchanged.
+    """
     target = Path(path).expanduser() if path is not None else file.path
     if target is None:
         raise UsageError(fault("vehicle.of-garage", name=file.name))
@@ -146,7 +150,7 @@ def _with(
     parameter_cov: ParameterCov | None = None,
     envelope: "Envelope | None" = None,
 ) -> str:
-    """Return the text with the new values: with comments by tomlkit, else written anew."""
+    """Return the text with the new values: edited by tomlkit with its comments, else written again without them."""
     paths = known_paths(_with_kinds(file.data, values), file.folder)
     if keep_comments:
         import tomlkit
@@ -176,13 +180,13 @@ def _with(
 
 
 def _with_kinds(data: "JsonObject", values: Mapping[str, object]) -> "JsonObject":
-    """Return the tables with the kinds that `values` set for rooms."""
+    """Return the tables in which the rooms have the kinds that `values` contain."""
     kinds = {key.removesuffix(".kind"): value for key, value in values.items() if key in KINDS}
     return data | {room: {**data.get(room, {}), "kind": kind} for room, kind in kinds.items()}
 
 
 def _drop_unknown(document: Any, changed_paths: Iterable[tuple[str, ...]], paths: list[str]) -> None:
-    """Delete the keys that the block of another kind does not have."""
+    """Delete the keys that the block of a new kind does not have, and their provenance."""
     for room, *rest in changed_paths:
         if rest == ["kind"] and f"{room}.kind" in KINDS:
             for key in [k for k in document[room] if f"{room}.{k}" not in paths]:
@@ -282,7 +286,7 @@ def _cov_table(p: ParameterCov) -> "JsonObject":
 
 
 def _round(value: Any, sd: Any) -> Any:
-    """Return values rounded to a thousandth of their standard deviation, if it is known."""
+    """Return values rounded to about a thousandth of their standard deviation; unchanged if it is unknown."""
     if sd is None or isinstance(value, str | bool):
         return value
     array, sd = np.asarray(value, dtype=float), np.broadcast_to(np.asarray(sd, dtype=float), np.shape(value))

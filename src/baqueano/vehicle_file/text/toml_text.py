@@ -1,7 +1,7 @@
 """Convert the bytes of a vehicle file to text and tables, with a line number for every key.
 
-A hand-written file may come from any editor: a byte order mark is dropped. UTF-16 and other encodings are refused with
-the remedy. So is a file above the limits of 64 KiB or 16 levels.
+A byte order mark, which some editors write, is removed. A file in UTF-16 or another encoding is refused with the
+remedy. A file above the limits of 64 KiB or 16 levels is also refused.
 """
 
 import re
@@ -53,15 +53,15 @@ def decode(content: bytes, name: str) -> str:
 
 
 def tables(text: str, name: str) -> "JsonObject":
-    """Return the tables of the text. FileError with the wrong line if it is not TOML."""
+    """Return the tables of the text. FileError, with the line of the fault, if it is not TOML."""
     try:
-        return parsed(text, name)
+        return parse_toml(text, name)
     except tomllib.TOMLDecodeError as error:
         raise FileError(_syntax(str(error), text, name)) from error
 
 
-def parsed(text: str, name: str) -> "JsonObject":
-    """Return the tables of the text. FileError for one beyond the limits, TOMLDecodeError if it is not TOML."""
+def parse_toml(text: str, name: str) -> "JsonObject":
+    """Return the tables of the text. FileError for a text above the limits, TOMLDecodeError if it is not TOML."""
     _refuse_long_keys(text, name)
     try:
         data = tomllib.loads(text)
@@ -77,7 +77,7 @@ def parsed(text: str, name: str) -> "JsonObject":
 
 
 def line_of(text: str, path: tuple[str, ...]) -> int | None:
-    """Return the line of the key or table `path`; None if it is not found."""
+    """Return the line number, from 1, of the key or table `path`; None if it is not found."""
     table: tuple[str, ...] = ()
     for number, line in enumerate(text.splitlines(), 1):
         if header := _HEADER.match(line):

@@ -1,1 +1,1 @@
-"""Publish the vehicle to programs that use Foxglove's protocol; they have read-only access."""
+"""Publish the vehicle to programs that use Foxglove's protocol, with read-only access."""

@@ -7,7 +7,8 @@ parameters      name, world and blocks of the vehicle, its gains and limits: rea
 connection      the block diagram: which block publishes a topic, which block reads it
 graph
 
-The field `op` names each message. A client that publishes, calls or sets receives an error status; nothing changes.
+The field `op` names each message. A client that tries to publish, call or set receives an error status, and the vehicle
+does not change.
 """
 
 import json
@@ -20,22 +21,22 @@ from baqueano.contracts.values import Value
 from baqueano.diagnostics import note
 from baqueano.messages import text
 from baqueano.printable import one_line
-from baqueano.web.visitor import Visitor, encoded, packed
+from baqueano.web.visitor import Visitor, binary_frame, encode_json
 
 if TYPE_CHECKING:
     from baqueano.contracts.values import JsonObject
 
-NAMES = ("foxglove.sdk.v1", "foxglove.websocket.v1")  # of the subprotocol
+NAMES = ("foxglove.sdk.v1", "foxglove.websocket.v1")  # names of the subprotocol
 MESSAGE = struct.Struct("<BIQ")  # opcode 1, subscription, time [ns]
 DATA, ERROR, SECOND = 1, 2, 10**9
-MOST = 256  # subscriptions of a client
-FAMILIES = {  # of the first part of a column's name → topic
+MOST = 256  # most subscriptions of a client
+FAMILIES = {  # first part of a column's name → topic
     "eta": "/estimate/pose", "P": "/estimate/covariance", "nu": "/estimate/velocity", "ref": "/guide/reference",
     "truth": "/world/truth", "u": "/command/applied", "asked": "/controller/command", "z": "/sensors",
     "model": "/estimate/measurement", "innov": "/estimate/innovation", "S": "/estimate/innovation_std",
 }  # fmt: skip
 DRIVE, EVENTS, ROUTE = "/drive", "/events", "/guide/route"
-READS = {  # block → the topics that it reads; each publishes those below its own name
+READS = {  # block → the topics that it reads; each publishes the topics below its name
     "estimator": ("/sensors", "/command/applied"), "guide": ("/estimate/pose", ROUTE),
     "controller": ("/guide/reference", "/estimate/pose", "/estimate/velocity"),
     "supervisor": ("/controller/command", "/sensors"), "world": ("/command/applied",),
@@ -44,7 +45,7 @@ WRITES = {
     "estimator": "/estimate/", "guide": "/guide/", "controller": "/controller/", "supervisor": "/command/",
     "world": ("/sensors", "/world/", DRIVE, EVENTS),
 }  # fmt: skip
-LEVELS = {"info": 2, "warning": 3, "error": 4, "fatal": 5}  # of foxglove.Log
+LEVELS = {"info": 2, "warning": 3, "error": 4, "fatal": 5}  # levels of foxglove.Log
 REFUSED = {
     "setParameters": "web.foxglove-set", "advertise": "web.foxglove-publish",
     "subscribeParameterUpdates": "web.foxglove-updates",
@@ -52,14 +53,14 @@ REFUSED = {
 
 
 class Client(NamedTuple):
-    """A connected program, and its subscriptions: subscription number → topic."""
+    """A connected program and its subscriptions: subscription number → topic."""
 
     line: Visitor
     subscriptions: dict[int, str]
 
 
 class Foxglove:
-    """All programs that watch a vehicle. `about` returns the description: vehicle, fields, route."""
+    """The programs that watch a vehicle; `about` returns its description: vehicle, blocks, fields, route."""
 
     def __init__(self, about: "Callable[[], JsonObject]", now_ns: Callable[[], int] = time.time_ns) -> None:
         self._about, self._now_ns = about, now_ns
@@ -74,19 +75,19 @@ class Foxglove:
         """Send a new client the server information and the list of channels."""
         self._clients[line] = Client(line, {})
         vehicle = self._about().get("vehicle") or {}
-        line.say({
+        line.send({
             "op": "serverInfo", "name": f"baqueano: {vehicle.get('name', '')}", "sessionId": str(self._begun_ns),
             "capabilities": ["parameters", "connectionGraph"], "supportedEncodings": ["json"],
             "metadata": {"world": str(vehicle.get("world", ""))},
         })  # fmt: skip
-        line.say({"op": "advertise", "channels": self._channels()})
+        line.send({"op": "advertise", "channels": self._channels()})
 
     def on_disconnect(self, line: Visitor) -> None:
-        """Forget a client that has disconnected."""
+        """Remove a client that has disconnected."""
         self._clients.pop(line, None)
 
     async def receive(self, line: Visitor, word: "JsonObject") -> None:
-        """Carry out a message of a client; answer one that would change something by an error status."""
+        """Carry out a message of a client; answer a message that would change something by an error status."""
         client, op = self._clients[line], word["op"]
         try:
             match op:
@@ -96,20 +97,20 @@ class Foxglove:
                     for number in word["subscriptionIds"]:
                         client.subscriptions.pop(int(number), None)
                 case "getParameters":
-                    line.say(self._parameters(word["parameterNames"], word.get("id")))
+                    line.send(self._parameters(word["parameterNames"], word.get("id")))
                 case "subscribeConnectionGraph":
-                    line.say(self._graph())
+                    line.send(self._graph())
                 case "unsubscribeConnectionGraph" | "unsubscribeParameterUpdates" | "unadvertise":
                     pass
                 case _:
-                    line.say(_status(REFUSED.get(op, "web.unknown-word"), op))
-                    if op == "setParameters":  # the values that hold
-                        line.say(self._parameters([], word.get("id")))
+                    line.send(_status(REFUSED.get(op, "web.unknown-word"), op))
+                    if op == "setParameters":  # send the present values
+                        line.send(self._parameters([], word.get("id")))
         except (KeyError, TypeError, ValueError, OverflowError) as error:
-            line.say(_status("web.not-understood", type(error).__name__))
+            line.send(_status("web.not-understood", type(error).__name__))
 
     def show(self, rows: list[list[float]]) -> None:
-        """Send the rows of a frame to the clients that subscribed to their topics; each topic is encoded only once."""
+        """Send the rows of a frame to the clients that subscribed to their topics; encode each topic only once."""
         if not self._clients:
             return
         fields = self._about()["fields"]
@@ -121,7 +122,9 @@ class Foxglove:
                 if topic not in bodies:
                     bodies[topic] = [(self._stamp(row), _body(topic, fields, row)) for row in rows]
                 messages += [
-                    packed(MESSAGE.pack(DATA, number, t_ns) + body) for t_ns, body in bodies[topic] if body
+                    binary_frame(MESSAGE.pack(DATA, number, t_ns) + body)
+                    for t_ns, body in bodies[topic]
+                    if body
                 ]
             if messages:
                 client.line.show(b"".join(messages))
@@ -137,9 +140,9 @@ class Foxglove:
         for request in requests:
             number, channel = int(request["id"]), int(request["channelId"])
             if not 0 < channel <= len(self._topics) or not 0 <= number < 1 << 32:
-                client.line.say(_status("web.foxglove-channel", str(channel)))
+                client.line.send(_status("web.foxglove-channel", str(channel)))
             elif len(client.subscriptions) >= MOST:
-                client.line.say(_status("web.foxglove-most", str(MOST)))
+                client.line.send(_status("web.foxglove-most", str(MOST)))
             else:
                 client.subscriptions[number] = self._topics[channel - 1]
                 if self._topics[channel - 1] == ROUTE:
@@ -164,15 +167,15 @@ class Foxglove:
         ]  # fmt: skip
 
     def _renew_channels(self) -> None:
-        """Advertise the channels again if the columns changed, as another vehicle may have other columns."""
+        """Advertise the channels again if the topics have changed, as they do with other columns of another vehicle."""
         before = self._topics
         channels = self._channels()
         if before == self._topics:
             return
         for client in self._clients.values():
             client.subscriptions.clear()
-            client.line.say({"op": "unadvertise", "channelIds": [*range(1, len(before) + 1)]})
-            client.line.say({"op": "advertise", "channels": channels})
+            client.line.send({"op": "unadvertise", "channelIds": [*range(1, len(before) + 1)]})
+            client.line.send({"op": "advertise", "channels": channels})
 
     def _parameters(self, names: list[str], request_id: object) -> "JsonObject":
         vehicle = self._about().get("vehicle") or {}
@@ -214,14 +217,14 @@ class Foxglove:
         return {"timestamp": _time(self._now_ns()), "frame_id": "map", "poses": poses}
 
     def _send(self, topic: str, message: "JsonObject") -> None:
-        body = encoded(message)
+        body = encode_json(message)
         for client in self._clients.values():
             for number, channel_topic in client.subscriptions.items():
                 if channel_topic == topic:
-                    client.line.show(packed(MESSAGE.pack(DATA, number, self._now_ns()) + body))
+                    client.line.show(binary_frame(MESSAGE.pack(DATA, number, self._now_ns()) + body))
 
     def _stamp(self, row: list[float]) -> int:
-        """Return the time of a row [ns] on the wall clock: the start of its drive plus the time since then."""
+        """Return the wall-clock time [ns] of a row: the start of its drive plus its drive time."""
         t_s = float(row[0] or 0.0)
         if t_s < self._last_s:
             self._begun_ns = self._now_ns() - round(t_s * SECOND)
@@ -253,10 +256,10 @@ def _properties(topic: str, fields: "list[JsonObject]") -> "JsonObject":
 
 
 def _body(topic: str, fields: "list[JsonObject]", row: list[float]) -> bytes:
-    """Return the numbers of a topic as JSON, or b"" if all of them are unknown."""
+    """Return the numbers of a topic in a row as JSON, or b"" if all of them are unknown."""
     pairs = zip((field["name"] for field in fields), row, strict=False)
     values = {_key(name): x for name, x in pairs if _topic(name) == topic}
-    return encoded(values) if any(x is not None for x in values.values()) else b""
+    return encode_json(values) if any(x is not None for x in values.values()) else b""
 
 
 def _time(t_ns: int) -> "JsonObject":

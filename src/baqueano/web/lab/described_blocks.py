@@ -1,7 +1,7 @@
 """Describe a block for the page: its text, its parameters, the time of a step, and the blocks that could replace it.
 
-A class of the user is listed from its source text only. It is executed once a visitor chooses it, from the folder of
-the vehicle file or the folder where the page was started. A browser cannot send source text.
+A class of the user is listed by its source text, without executing it. It is executed only after a visitor has chosen
+it, from the folder of the vehicle file or the folder where the page was started. A browser cannot send source text.
 """
 
 import ast
@@ -26,14 +26,14 @@ ROOMS_BY_INPUTS = {
 }  # fmt: skip
 LOOP = ("estimator", "guide", "controller", "supervisor")
 SWAPPED = ("estimator", "guide", "controller")
-LONGEST_TEXT = 60_000  # letters of a file that is shown
-FILES, LARGEST = 50, 200_000  # of the user's folder
-CALLS, ROUNDS = 50, 5  # of a step that is timed
-MOST_NUMBERS = 9  # of an array that is shown whole
+LONGEST_TEXT = 60_000  # most letters of a file that are shown
+FILES, LARGEST = 50, 200_000  # most files of the user's folder, and most bytes of each
+CALLS, ROUNDS = 50, 5  # calls in a round, and rounds, to time a step
+MOST_NUMBERS = 9  # most numbers of an array that are shown
 
 
-def described(word: "JsonObject", file: "VehicleFile") -> "JsonObject":
-    """Return all that the page shows of the block of a room, or of another `kind` in its place.
+def block_description(word: "JsonObject", file: "VehicleFile") -> "JsonObject":
+    """Return all that the page shows about the block of a room, or about a block of another `kind` in its place.
 
     Raise UsageError if the kind is not in the list of the room.
     """
@@ -52,22 +52,22 @@ def described(word: "JsonObject", file: "VehicleFile") -> "JsonObject":
 
 
 def check_block(word: "JsonObject", file: "VehicleFile") -> "JsonObject":
-    """Return the findings of `blocks check` about the block."""
+    """Return the findings of `blocks check` about the block of a room, or of another `kind`."""
     from baqueano.vehicle_file.checked import check
 
-    described(word | {"kind": word["kind"]}, file)  # refuses what is in no list
+    block_description(word | {"kind": word["kind"]}, file)  # refuses a kind that is not in the list
     room = word["room"]
     report = check(block_of(room, word["kind"] or _kind_in_file(room, file), file), file, room)
     return {"findings": [finding.to_json() for finding in report.findings]}
 
 
 def listed_kinds(room: str, file: "VehicleFile") -> list[str]:
-    """Return the kinds that fit a room: the built-in kinds, and the classes of the user's folder."""
+    """Return the kinds that fit a room: the built-in kinds and the classes of the user's folder."""
     return [*kinds(room), *own_kinds(room, file)]
 
 
 def own_kinds(room: str, file: "VehicleFile") -> list[str]:
-    """Return "file.py:Class" for each class in the user's folder whose source text fits a room."""
+    """Return "file.py:Class" for each class in the user's folder that fits the room by its source text."""
     kinds = []
     for path in sorted(Path(file.folder or ".").glob("*.py"))[:FILES]:
         if path.is_symlink() or path.stat().st_size > LARGEST:
@@ -82,7 +82,7 @@ def own_kinds(room: str, file: "VehicleFile") -> list[str]:
 
 
 def _room(cls: ast.ClassDef) -> str:
-    """Return the room of a class, found from the inputs of its `step` or from its base class, or "" if neither fits."""
+    """Return the room of a class, by the inputs of its `step` or by its base class; "" if it does not fit a room."""
     steps = [
         function for function in cls.body if isinstance(function, ast.FunctionDef) and function.name == "step"
     ]
@@ -94,7 +94,7 @@ def _room(cls: ast.ClassDef) -> str:
 
 
 def block_of(room: str, kind: str, file: "VehicleFile") -> Tree:
-    """Return the block of a room, built with the values of the vehicle file."""
+    """Return the block of this kind for a room, built with the values of the vehicle file."""
     from baqueano.guides.shapes import circle
 
     if room == "vehicle":
@@ -116,7 +116,7 @@ def _kind_in_file(room: str, file: "VehicleFile") -> str:
 def step_us(room: str, kind: str, file: "VehicleFile") -> float | None:
     """Return the time [µs] of one step of this block, compiled as in a drive and measured on this machine.
 
-    None if a block of the loop raises an error.
+    Return None if a block of the loop raises an error.
     """
     from baqueano import loop
     from baqueano.drive.session import compile_blocks, example_tick
@@ -130,7 +130,7 @@ def step_us(room: str, kind: str, file: "VehicleFile") -> float | None:
         _, estimate = quick.estimator.step(states.estimator, tick)
         _, reference = quick.guide.step(states.guide, estimate)
         _, command = quick.controller.step(states.controller, reference, estimate)
-    except Exception:  # a block of the user's: `blocks check` names what is wrong
+    except Exception:  # an error in a user's block, which `blocks check` reports
         return None
     inputs = {"estimator": (tick,), "guide": (estimate,), "controller": (reference, estimate),
               "supervisor": (command, tick, estimate)}[room]  # fmt: skip
@@ -151,7 +151,7 @@ def _is_own(cls: type) -> bool:
 
 
 def _text(cls: type) -> "JsonObject":
-    """Return the file name of a class, its text, and the line where the class begins."""
+    """Return file name and source text of a class, and the line where the class begins."""
     from baqueano.block_checks.source_text import source_text
 
     text = source_text(cls)
@@ -161,7 +161,7 @@ def _text(cls: type) -> "JsonObject":
 
 
 def _line(text: str, name: str) -> int:
-    """Return the line, counted from 0, at which the class begins, or 0 if it is not found."""
+    """Return the line number, from 0 on, at which the class begins; 0 if it is not found."""
     return next((k for k, line in enumerate(text.splitlines()) if line.startswith(f"class {name}")), 0)
 
 

@@ -1,4 +1,4 @@
-"""Hold the drives that a lab worker identifies: the current one, from its rows, and finished runs."""
+"""Identify drives in a lab worker: the current drive from its rows, and finished runs."""
 
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -8,11 +8,11 @@ if TYPE_CHECKING:
     from baqueano.vehicle_file.file import VehicleFile
     from baqueano.web.lab.identification import DriveIdentification
 
-KEPT = 8  # answers on runs
+KEPT = 8  # stored answers about runs
 
 
 class Drives:
-    """The current drive, and the stored answers about runs."""
+    """The identification of the current drive, and the stored answers about finished runs."""
 
     def __init__(self) -> None:
         self._vehicle: tuple[str, int] | None = None
@@ -45,13 +45,13 @@ class Drives:
         from baqueano.drive.verbs import vehicle_of
         from baqueano.runs import read_run
         from baqueano.web.lab.identification import DriveIdentification
-        from baqueano.web.lab.recorded import recorded
+        from baqueano.web.lab.recorded import pack_run
 
         path = Path(word["path"])
         key = str(path), path.stat().st_mtime_ns
         if key not in self._answers:
             run = read_run(path)
-            packed_run, drive = recorded(run), DriveIdentification(vehicle_of(run))
+            packed_run, drive = pack_run(run), DriveIdentification(vehicle_of(run))
             drive.rows([field["name"] for field in packed_run.fields], packed_run.x.tolist())
             self._answers[key] = drive.whole(run)
             drive.close()
@@ -61,13 +61,13 @@ class Drives:
 
 
 def _version(source: str) -> tuple[str, int]:
-    """Return a key that changes if the file of a vehicle is written again."""
+    """Return a key that changes if the file of a vehicle changes."""
     path = Path(source)
     return source, path.stat().st_mtime_ns if path.is_file() else 0
 
 
 def _file(source: str) -> "VehicleFile":
-    """Return the vehicle file of a name, a path, or a run."""
+    """Return the vehicle file with a name, at a path, or in a run."""
     if source.endswith(".mcap"):
         from baqueano.drive.verbs import vehicle_of
         from baqueano.runs import read_run

@@ -1,4 +1,4 @@
-"""The page's end of the lab worker: send a request and await the answer. The first request starts the worker."""
+"""Use the lab worker from the page: send a request and await the answer. The first request starts the worker."""
 
 import asyncio
 import json
@@ -17,17 +17,17 @@ LINE = 16 << 20
 
 
 class Lab:
-    """A worker that answers requests in the order in which they arrive."""
+    """A handle of a lab worker, which answers requests in the order in which they are sent."""
 
     def __init__(self) -> None:
         self._program: asyncio.subprocess.Process | None = None
         self._turn = asyncio.Lock()
         self._tasks: set[asyncio.Task[tuple[JsonObject, bytes]]] = set()
 
-    async def ask(self, do: str, **words: object) -> tuple["JsonObject", bytes]:
-        """Return the answer to a request, and the bytes that follow it. Raise the error that the worker met.
+    async def request(self, do: str, **words: object) -> tuple["JsonObject", bytes]:
+        """Return the answer to a request, and the bytes that follow it. Raise the error that the worker reports.
 
-        The answer is read even if the caller is cancelled, so that it is not taken for the answer to the next request.
+        The answer is read even if the caller is cancelled; otherwise the next request would receive it.
         """
         task = asyncio.create_task(self._exchange({"do": do, **words}))
         self._tasks.add(task)
@@ -52,7 +52,7 @@ class Lab:
                 return {"no": fault("web.lab-ended").to_json(), "code": 1}, b""
 
     async def close(self) -> None:
-        """End the worker, and cancel the requests that wait for it."""
+        """Cancel the requests that wait, and end the worker."""
         for task in list(self._tasks):
             task.cancel()
         await asyncio.gather(*self._tasks, return_exceptions=True)

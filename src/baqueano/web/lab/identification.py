@@ -1,9 +1,9 @@
-"""Identify the parameters of a vehicle during a drive, in the lab worker, from the rows that the page receives.
+"""Identify the parameters of a vehicle during a drive, in a lab worker, from the rows that the page receives.
 
-The information of each window is exact (identify/design/live.py). A real fit over all rows runs in a thread, first
-after FIRST_S of driving, then each second, but within SHARE of the time. The expected errors follow from the
-information: at the values of the vehicle file before the first fit, at the fitted values afterwards. The fit gives the
-values, their own standard errors and the verdict.
+The information of each window is exact (identify/design/live.py). A complete fit over all rows runs in a thread, first
+after FIRST_S of driving, then each second. The fits use at most the share SHARE of the time. The expected errors follow
+from the information: at the values of the vehicle file before the first fit, at the fitted values afterwards. The fit
+determines the values, their standard errors and the verdict.
 """
 
 import time
@@ -19,7 +19,7 @@ from baqueano.identify.design.information import Informant
 from baqueano.identify.design.live import WINDOW, RecursiveInformation, bits
 from baqueano.identify.design.next_motion import MotionAdvisor
 from baqueano.identify.fit import identify
-from baqueano.identify.parameters.free import Free, described
+from baqueano.identify.parameters.free import Free, free_parameter
 from baqueano.runs.logs import Channel
 from baqueano.runs.run import Run
 from baqueano.signals import NANOSECONDS
@@ -29,20 +29,20 @@ if TYPE_CHECKING:
     from baqueano.identify.result.fit_result import Fit
     from baqueano.vehicle_file.file import VehicleFile
 
-FIRST_S = 8.0  # of driving, before the first fit
-PERIOD_S, SLOW_PERIOD_S = 1.0, 15.0  # between fits, with a compiler and without
-SHARE = 0.5  # of the time, that fits may take
-BUDGET_S = 0.3  # of a question, for windows; what is left waits for the next one
-AGO_S = 2.5  # of driving: how far back the pale bars are
-POINTS = 300  # of the curve of information
-STAGES = 6  # fits of a run that is over
-UNSEEN = 0.3  # standard error, in parts of the value, from where on a motion is missing
-LEAST = 0.05  # of the size in the file, below which a fitted value is no measure of its own error
+FIRST_S = 8.0  # drive time before the first fit
+PERIOD_S, SLOW_PERIOD_S = 1.0, 15.0  # between fits, with a compiler and without one
+SHARE = 0.5  # largest share of the time for fits
+BUDGET_S = 0.3  # time for windows in one question; the others wait
+AGO_S = 2.5  # drive time between the pale bars and now
+POINTS = 300  # points of the information curve
+STAGES = 6  # number of fits of a finished run
+UNSEEN = 0.3  # relative standard error above which a motion is missing
+LEAST = 0.05  # of the size in the file; the error of a smaller value is relative to that size
 LONGEST_GAP_S = 5.0
 
 
 class FitOfDrive(NamedTuple):
-    """A fit of the first `t_s` seconds of a drive, and the time that it took."""
+    """A fit of the first `t_s` seconds of a drive, and its computing time `took_s`."""
 
     fit: "Fit"
     t_s: float
@@ -50,7 +50,7 @@ class FitOfDrive(NamedTuple):
 
 
 class DriveIdentification:
-    """The identification of one drive of one vehicle. The same thread must call `rows` and `state`."""
+    """The identification of one drive of a vehicle at a time. The same thread must call `rows` and `state`."""
 
     def __init__(self, file: "VehicleFile", backend: str = "auto") -> None:
         self.file = file
@@ -60,21 +60,21 @@ class DriveIdentification:
             self._informant, np.asarray(file.command.limit, dtype=float), file.rate_hz
         )
         blocks = FittedBlocks(file.vehicle, file.sensors)
-        self._free = [described(blocks, path, {}) for path in self._informant.of.names]
+        self._free = [free_parameter(blocks, path, {}) for path in self._informant.of.names]
         self._sizes = {name: int(getattr(file.sensors, name).size) for name in file.sensors._fields}
         self.compiled = self._informant.kernel.backend == "c"
         self._thread = ThreadPoolExecutor(1)
         self.restart()
 
     def restart(self) -> None:
-        """Begin with another drive of the same vehicle."""
+        """Reset the identification for another drive of the same vehicle."""
         self._job: Future[FitOfDrive | Diagnostic] | None = None
         self._next_s = 0.0
-        self._reason: Diagnostic | None = None  # the last fit was none
+        self._reason: Diagnostic | None = None  # why the last fit failed
         self._last_fit: FitOfDrive | None = None
-        self._fit_ticks = 0  # that the last fit had
+        self._fit_ticks = 0  # number of ticks of the last fit
         self._theta, self._size = self._informant.nominal, self._informant.of.size
-        self._wider = np.ones(len(self._free))  # errors of the last fit, in parts of what is expected
+        self._wider = np.ones(len(self._free))  # errors of the last fit, relative to the expected errors
         self._begin()
 
     def _begin(self) -> None:
@@ -86,7 +86,7 @@ class DriveIdentification:
         self._fit_ticks = 0
 
     def warm(self) -> None:
-        """Compile the code that a window needs before the first window arrives."""
+        """Compile the code for a window before the first window arrives."""
         if self.compiled:
             rest_command = np.zeros((WINDOW, self._u.shape[1]))
             self._live.add(self._information, rest_command)
@@ -99,14 +99,15 @@ class DriveIdentification:
 
     @property
     def busy(self) -> bool:
-        """Return True while rows wait for their window or their fit, or while a fit is running."""
+        """Return True while a fit runs, or while rows wait for their window or fit."""
         waiting = self.seconds >= FIRST_S and self._fit_ticks < len(self._ticks)
         return self._job is not None or waiting or len(self._sd) < len(self._ticks) // WINDOW
 
     def rows(self, names: list[str], rows: list[list[float | None]]) -> None:
-        """Add ticks that follow the previous ones.
+        """Add the ticks that follow the ticks added before.
 
-        Missing ticks are filled with the last command and without measurements. A gap over LONGEST_GAP_S begins anew.
+        Missing ticks are filled with the last command and without measurements. After a gap over LONGEST_GAP_S the
+        drive begins again.
         """
         x = np.array(rows, dtype=float).reshape(len(rows), len(names))
         at = {name: k for k, name in enumerate(names)}
@@ -132,7 +133,7 @@ class DriveIdentification:
         self._u, self._z = np.concatenate([self._u, in_force]), np.concatenate([self._z, z_on_ticks])
 
     def state(self) -> "JsonObject":
-        """Return all that the page shows, and start a fit if one is due."""
+        """Return all that the page shows about the identification, and start a fit if one is due."""
         self._take_fit()
         self._advance(time.monotonic() + BUDGET_S)
         now_s = time.monotonic()
@@ -144,7 +145,7 @@ class DriveIdentification:
         return self._description()
 
     def whole(self, run: Run) -> "JsonObject":
-        """Return the state for a finished run whose rows have all been added, with fits of growing parts of the run."""
+        """Return the state for a finished run, with fits of growing parts of it; all its rows must have been added."""
         ends = np.geomspace(FIRST_S, max(FIRST_S, run.duration_s), STAGES if self.compiled else 1)
         fits: list[FitOfDrive] = []
         for t_s in [*ends[:-1].tolist(), run.duration_s]:
@@ -164,7 +165,7 @@ class DriveIdentification:
         }  # fmt: skip
 
     def run(self) -> Run:
-        """Return the rows as a run."""
+        """Return the rows added so far as a run."""
         t_ns = (self._ticks * round(NANOSECONDS / self.file.rate_hz)).astype(np.int64)
         sensors, at = {}, 0
         for name, size in self._sizes.items():
@@ -183,7 +184,7 @@ class DriveIdentification:
         return WINDOW / self.file.rate_hz
 
     def _fit(self, run: Run) -> FitOfDrive | Diagnostic:
-        """Return a fit, or the diagnostic of its failure."""
+        """Return a fit of a run, or the diagnostic of its failure."""
         began_s = time.monotonic()
         try:
             fit = identify(run, self.file)
@@ -192,7 +193,7 @@ class DriveIdentification:
         return FitOfDrive(fit, len(run.t_ns) / self.file.rate_hz, time.monotonic() - began_s)
 
     def _take_fit(self) -> None:
-        """Take over a fit that has finished: from now on errors are expected at its values."""
+        """Use a fit that has finished for the expected errors, and plan the time of the next fit."""
         if self._job is None or not self._job.done():
             return
         result, self._job = self._job.result(), None
@@ -205,7 +206,7 @@ class DriveIdentification:
         self._next_s = max(self._next_s, time.monotonic() + took_s * (1.0 / SHARE - 1.0))
 
     def _use(self, drive_fit: FitOfDrive) -> None:
-        """Compute the expected errors at the values of this fit. A refused fit does not change them."""
+        """Compute the expected errors at the values of this fit; a refused fit does not change them."""
         self._last_fit = drive_fit
         if drive_fit.fit.verdict == Verdict.REFUSED:
             return
@@ -225,7 +226,7 @@ class DriveIdentification:
             self._wider = np.fmax(np.array(errors, dtype=float) / self._sd[at], 1.0)
 
     def _advance(self, until_s: float) -> None:
-        """Add the complete windows that have arrived, until the time `until_s`."""
+        """Add the information of the complete windows that have arrived, at most until the time `until_s`."""
         has = np.isfinite(self._z).astype(float)
         for at in range(len(self._sd) * WINDOW, len(self._ticks) - WINDOW + 1, WINDOW):
             part = slice(at, at + WINDOW)
@@ -237,7 +238,7 @@ class DriveIdentification:
     def _description(self) -> "JsonObject":
         sd = np.array(self._sd) if self._sd else np.ones((1, len(self._free)))
         ago = max(0, len(sd) - 1 - round(AGO_S / self._window_s))
-        each = max(1, -(-len(sd) // POINTS))  # windows of a point of the curve
+        each = max(1, -(-len(sd) // POINTS))  # windows per point of the curve
         total = -np.sum(np.log2(sd[each - 1 :: each]), axis=1)
         rate = np.maximum(np.diff(total, prepend=0.0), 0.0) / (each * self._window_s)
         value = (
@@ -265,7 +266,7 @@ class DriveIdentification:
         }  # fmt: skip
 
     def _fit_words(self, drive_fit: FitOfDrive) -> "JsonObject":
-        """Return a fit in plain numbers: values, their relative standard errors, and the verdict."""
+        """Return a fit as data for JSON: values, their relative standard errors, and the verdict."""
         fit, value, sd = drive_fit.fit, [], []
         for path in self._informant.of.names:
             k = fit.names.index(path) if path in fit.names else None
@@ -281,9 +282,10 @@ class DriveIdentification:
         }  # fmt: skip
 
     def _next(self) -> "JsonObject | None":
-        """Return the motion that would reduce the uncertainty most.
+        """Return the advised motion, which would reduce the uncertainty most.
 
-        None without a compiler, where the search takes seconds, before the first window, or if no motion is advised.
+        Return None before the first window, or if no motion is advised. Without a compiler the search would take
+        seconds; then also return None.
         """
         if not self.compiled or not self._sd:
             return None
@@ -295,7 +297,7 @@ class DriveIdentification:
 
 
 def label_of(parameter: Free) -> Diagnostic:
-    """Return the name of a parameter for people."""
+    """Return the name of a parameter as a diagnostic to show to people."""
     if parameter.label:
         return note("known.label", meaning=parameter.label, entry="")
     entry = f" [{', '.join(map(str, parameter.entry))}]" if parameter.entry else ""

@@ -1,9 +1,10 @@
-"""The page's end of live identification: the rows of the drive go to a separate lab worker. Its results arrive each
-second, and are sent to each browser that watches, in its language.
+"""Identify parameters during a drive: send its rows to a separate lab worker, and the results to the browsers.
+
+Results arrive each second, and are sent to each browser that watches, in its language.
 
   browser   identify {on}             begin to watch, or stop watching
-  page      identify {of: "live", …}  each second while a browser watches: the state of each parameter
-  browser   ask {what: "identify", run}   page   answer {to: "ask", …}: the same for a run, at all its times
+  page      identify {of: "live", …}  the state of each parameter, each second while a browser watches
+  browser   ask {what: "identify", run}   page   answer {to: "ask", …}: the same for a run, for all its times
 
 The worker starts when the first browser watches. Until then the newest KEPT frames are stored.
 """
@@ -19,7 +20,7 @@ from typing import TYPE_CHECKING
 from baqueano.contracts.values import Value
 from baqueano.diagnostics import Diagnostic
 from baqueano.errors import BaqueanoError
-from baqueano.language import translated, within
+from baqueano.language import translate, within
 from baqueano.messages import text
 from baqueano.web.lab.handle import Lab
 from baqueano.web.visitor import Visitor
@@ -30,28 +31,28 @@ if TYPE_CHECKING:
 EACH_S = 1.0
 FRAMES_HZ = 20.0
 KEPT = 2_400  # frames of a drive that no browser watches: two minutes
-PORTION = 2_000  # rows a question, about
+PORTION = 2_000  # approximate number of rows in a request
 NAN = float("nan")
 
 
 class Identifying:
-    """The current drive, or the last one, and the browsers that watch its identification."""
+    """The current or last drive, and the browsers that watch its identification."""
 
     def __init__(self, visitors: Callable[[], Iterable[Visitor]] = tuple) -> None:
         self._lab, self._visitors = Lab(), visitors
-        self.vehicle = ""  # name or path of its file, or the run that holds it
+        self.vehicle = ""  # name or path of its file, or the run that contains it
         self._looking: set[Visitor] = set()
         self._names: list[str] = []
         self._at: list[int] = []
-        self._frames: deque[array[float]] = deque(maxlen=KEPT)  # rows that the worker has not got
+        self._frames: deque[array[float]] = deque(maxlen=KEPT)  # rows not yet sent to the worker
         self._last_s = 0.0
         self._drive = 0
-        self._warm = ""  # the vehicle for which the worker has what it needs
+        self._warm = ""  # the vehicle for which the worker is prepared
         self._reply: JsonObject | None = None
         self._asking: asyncio.Task[None] | None = None
 
     def begin(self, names: list[str], ahead: bool = False) -> None:
-        """Begin a drive with these columns. `ahead` starts the worker at once, before a browser watches."""
+        """Begin a drive with these columns. If `ahead` is True, start the worker before a browser watches."""
         has_time = "t" in names
         self._at = [
             k for k, name in enumerate(names) if has_time and (name == "t" or name[:2] in ("u.", "z."))
@@ -73,7 +74,7 @@ class Identifying:
         self._last_s = rows[-1][self._at[0]] or 0.0
 
     def look(self, visitor: Visitor, on: bool) -> None:
-        """Begin to send the identification to this browser, or stop if `on` is False."""
+        """Begin to send the identification to this browser, or end this if `on` is False."""
         if not on:
             self._looking.discard(visitor)
             return
@@ -83,10 +84,10 @@ class Identifying:
         if self._asking is None or self._asking.done():
             self._asking = asyncio.create_task(self._ask())
 
-    async def recorded(self, path: Path, language: str) -> "JsonObject":
+    async def identify_run(self, path: Path, language: str) -> "JsonObject":
         """Return the identification of a run, with sentences in this language."""
-        reply, _ = await self._lab.ask("identify run", path=str(path))
-        return worded(reply, language)
+        reply, _ = await self._lab.request("identify run", path=str(path))
+        return with_sentences(reply, language)
 
     async def close(self) -> None:
         """End the worker."""
@@ -103,7 +104,7 @@ class Identifying:
         self._reply = None
 
     async def _ask(self, once: bool = False) -> None:
-        """Send rows to the worker each second, and pass on its answers, while a browser watches."""
+        """Send rows to the worker each second while a browser watches, and forward its answers."""
         if once:
             await self._once()
         while self._looking:
@@ -124,7 +125,7 @@ class Identifying:
             flat = self._frames.popleft().tolist()
             rows += [flat[k : k + wide] for k in range(0, len(flat), wide)]
         try:
-            reply, _ = await self._lab.ask(
+            reply, _ = await self._lab.request(
                 "identify", vehicle=self.vehicle, drive=drive, names=self._names, rows=rows
             )
         except BaqueanoError as error:
@@ -135,11 +136,11 @@ class Identifying:
                 self._say(visitor, reply)
 
     def _say(self, visitor: Visitor, reply: "JsonObject") -> None:
-        visitor.say({"is": "identify", "of": "live"} | worded(reply, visitor.language))
+        visitor.send({"is": "identify", "of": "live"} | with_sentences(reply, visitor.language))
 
 
-def worded(reply: "JsonObject", language: str) -> "JsonObject":
-    """Return an answer of the worker with its diagnostics as sentences of this language."""
+def with_sentences(reply: "JsonObject", language: str) -> "JsonObject":
+    """Return an answer of the worker with its diagnostics as sentences in this language."""
     with within(language):
         return {name: _in_words(value, name) for name, value in reply.items()}
 
@@ -151,4 +152,4 @@ def _in_words(value: Value, name: str) -> Value:
         return {key: _in_words(item, key) for key, item in value.items()}
     if isinstance(value, list) and value and isinstance(value[0], dict):
         return [_in_words(item, "") for item in value]
-    return translated(value) if name == "verdict" and isinstance(value, str) else value
+    return translate(value) if name == "verdict" and isinstance(value, str) else value

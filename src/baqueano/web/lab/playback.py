@@ -1,9 +1,10 @@
-"""Play runs that were just recorded: send the messages of a service, at a pace, from finished drives.
+"""Play recorded runs like live drives: send the messages of a service, at a pace, from finished runs.
 
   python -m baqueano.web.lab.playback FOLDER [--pace F] [--no-browser]
 
-stdin carries lines of JSON: {"play": path}, {"tuned": …} and {"say": diagnostic}. At the end of stdin it plays the
-rest while a browser watches, then ends. Neither the playback nor a browser slows the simulation down.
+stdin contains lines of JSON: {"play": path}, {"tuned": …} and {"say": diagnostic}. After the end of stdin the player
+plays the remaining entries while a browser watches, then ends. The playback does not slow down the simulation that
+records the runs.
 """
 
 import argparse
@@ -30,15 +31,15 @@ PACE = 4.0
 SLOWEST, FASTEST = 0.05, 50.0
 STEP_S = 0.05  # between frames
 TELL_S = 0.2
-ROWS = 4096  # that are asked for at once
-COMES_S = 10.0  # in which a browser that was opened may come
-LOOKS_S = 4.0  # of an experiment at the vehicle, before its parameters are shown
-STAYS_S = 4.0  # with what was learned, after it
-TUNED_S = 7.0  # with the gains
+ROWS = 4096  # rows requested at once
+COMES_S = 10.0  # time for an opened browser to connect
+LOOKS_S = 4.0  # time of an experiment before its parameters are shown
+STAYS_S = 4.0  # time to show the parameters after an experiment
+TUNED_S = 7.0  # time to show the gains
 
 
 class RunPlayer:
-    """A service whose drives are recorded runs."""
+    """A service that plays recorded runs as its drives."""
 
     def __init__(self, lab: Lab, pace: float = PACE) -> None:
         self._lab, self._pace = lab, pace
@@ -47,15 +48,15 @@ class RunPlayer:
         self._paused, self._stop_reason = False, None
         self.viewers: Callable[[], int] = lambda: 1
         self._mission: JsonObject = {}
-        self._scene: JsonObject = {"screen": "drive"}  # that browsers show which have not chosen one
-        self._patience_s = 0.0  # until when a browser is waited for; 0 before the first run
+        self._scene: JsonObject = {"screen": "drive"}  # shown by browsers that have not chosen a screen
+        self._patience_s = 0.0  # time until which to wait for a browser; 0 before the first run
 
     def put(self, item: "Path | Diagnostic | JsonObject | None") -> None:
         """Queue a run to play, tuned gains to show, or a diagnostic to send; None ends the playback."""
         self._waiting.put_nowait(item)
 
-    def say(self, do: str, **words: object) -> None:
-        """Carry out a message as a service does. Raise UsageError for one that a recorded drive cannot follow."""
+    def send(self, do: str, **words: object) -> None:
+        """Carry out a message as a service does. Raise UsageError if a recorded drive cannot follow it."""
         if do == "pace":
             factor = words["factor"]
             if not isinstance(factor, int | float) or not SLOWEST <= factor <= FASTEST:
@@ -69,8 +70,8 @@ class RunPlayer:
             raise UsageError(fault("web.playback"))
         self._tell()
 
-    async def hear(self, on_word: "Callable[[JsonObject], None]") -> None:
-        """Play the queued entries one after the other, until None."""
+    async def receive(self, on_word: "Callable[[JsonObject], None]") -> None:
+        """Play the queued entries one after the other until the entry None."""
         self._on_word = on_word
         self._tell()
         while (entry := await self._waiting.get()) is not None:
@@ -82,10 +83,10 @@ class RunPlayer:
                 on_word({"is": "event", "level": str(entry.severity), "said": entry})
 
     async def close(self) -> None:
-        """Do nothing: a player holds no resources."""
+        """Do nothing, as a player does not own resources."""
 
     async def _play(self, path: Path) -> None:
-        about, _ = await self._lab.ask("open", path=str(path))
+        about, _ = await self._lab.request("open", path=str(path))
         names = [field["name"] for field in about["fields"]]
         around = {"world": "simulated", "blocks": about["blocks"], "file": str(path)}
         self._on_word({"is": "vehicle", **about["vehicle"], **around})
@@ -98,7 +99,9 @@ class RunPlayer:
         is_experiment = about["kind"] == "experiment"
         await self._show({"screen": "drive"})
         while first_row < about["rows"]:
-            frame = (await self._lab.ask("frame", path=str(path), number=0, first=first_row, count=ROWS))[1]
+            frame = (await self._lab.request("frame", path=str(path), number=0, first=first_row, count=ROWS))[
+                1
+            ]
             rows = list(rows_of(frame, len(names)))
             at = 0
             while at < len(rows):
@@ -133,7 +136,7 @@ class RunPlayer:
             await self._show({"screen": "identify"}, STAYS_S)
 
     async def _show(self, scene: "JsonObject", stays_s: float = 0.0) -> None:
-        """Show a screen for `stays_s` seconds while a browser watches; a pause of the player does not count."""
+        """Show a screen, and wait `stays_s` seconds while a browser watches; a pause of the player does not count."""
         self._scene = scene
         self._tell()
         while stays_s > 0.0 and self.viewers():
@@ -141,7 +144,7 @@ class RunPlayer:
             stays_s -= 0.0 if self._paused else STEP_S
 
     async def _somebody(self) -> bool:
-        """Return True once a browser watches, or False if none has connected within COMES_S."""
+        """Wait for a browser; return True once a browser watches, or False if none has connected within COMES_S."""
         self._patience_s = self._patience_s or time.monotonic() + COMES_S
         while not self.viewers() and time.monotonic() < self._patience_s:
             await asyncio.sleep(STEP_S)
@@ -178,7 +181,7 @@ def rows_of(frame: bytes, columns: int) -> Iterator[list[float]]:
 
 
 async def play(folder: Path, pace: float, browser: bool) -> None:
-    """Serve a page of the entries that stdin delivers, until all of them have been shown."""
+    """Serve a page that plays the entries from stdin, until all of them have been shown."""
     from baqueano.web.run import PageOptions, show_vehicle
 
     lab = Lab()
@@ -187,7 +190,7 @@ async def play(folder: Path, pace: float, browser: bool) -> None:
     reading = loop.run_in_executor(
         None, read, sys.stdin.buffer, partial(loop.call_soon_threadsafe, playback.put)
     )
-    say = partial(print, file=sys.stderr, flush=True)
+    notify = partial(print, file=sys.stderr, flush=True)
 
     async def start() -> RunPlayer:
         return playback
@@ -199,7 +202,7 @@ async def play(folder: Path, pace: float, browser: bool) -> None:
         await show_vehicle(
             start,
             PageOptions(folder, browser=browser),
-            lambda message: say(text(message)),
+            lambda message: notify(text(message)),
             lasting=False,
             meet=meet,
         )
@@ -209,7 +212,7 @@ async def play(folder: Path, pace: float, browser: bool) -> None:
 
 
 def read(coming: BinaryIO, put: "Callable[[Path | Diagnostic | JsonObject | None], object]") -> None:
-    """Pass on each line of stdin, and None at its end; skip malformed lines."""
+    """Pass the entry in each line of stdin to `put`, and None at its end; skip malformed lines."""
     for line in coming:
         try:
             word = json.loads(line)
@@ -223,7 +226,7 @@ def read(coming: BinaryIO, put: "Callable[[Path | Diagnostic | JsonObject | None
 
 
 def main() -> None:
-    """Run the page of a demo."""
+    """Parse the command line, and run the playback."""
     parser = argparse.ArgumentParser(prog="python -m baqueano.web.lab.playback", description=__doc__)
     parser.add_argument("folder", type=Path)
     parser.add_argument("--pace", type=float, default=PACE)

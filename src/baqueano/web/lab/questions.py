@@ -1,7 +1,8 @@
 """Answer questions of browsers by lab workers: laps and cost landscapes of gains, blocks, comparisons.
 
-Only the newest question of each kind of a browser counts; an older one that still waits is answered `stale`. Laps go
-before longer jobs: a landscape is computed in parts, and descents, checks and comparisons have a separate worker.
+Only the newest question of each kind from a browser counts; an older question that still waits is answered `stale`.
+Laps have priority over longer jobs: a landscape is computed in parts, and descents, checks and comparisons have a
+separate worker.
 """
 
 import asyncio
@@ -23,15 +24,15 @@ if TYPE_CHECKING:
     from baqueano.contracts.values import JsonObject
 
 SIDE = 24  # laps along an axis of a landscape, at most
-PIECE = 10  # laps of a landscape between two other questions
-COMPARED = 6  # runs side by side
-LONGEST_NAME = 200  # letters of a name of a browser
+PIECE = 10  # laps of a landscape in one request
+COMPARED = 6  # most runs in a comparison
+LONGEST_NAME = 200  # most letters of a name from a browser
 
 
 class Questions:
-    """The workers, and the questions sent to them.
+    """The workers of a page, and the questions that they answer.
 
-    `source` returns the vehicle of the page, {vehicle, routes} or {path, routes}, or None without a vehicle file.
+    `source` returns the vehicle of the page: {vehicle, routes}, {path, routes}, or None without a vehicle file.
     """
 
     def __init__(self, shelf: Shelf, source: "Callable[[], JsonObject | None]") -> None:
@@ -39,14 +40,17 @@ class Questions:
         self._bench, self.slow = Lab(), Lab()
         self._newest: dict[tuple[Visitor, str], object] = {}
         self._running: set[asyncio.Task[None]] = set()
-        self.blocks: dict[str, str] = {}  # room → kind that the next mission takes in place of the file's
+        self.blocks: dict[str, str] = {}  # room → kind that the next mission uses in place of the file's kind
         self.words: dict[str, Callable[[Visitor, JsonObject], Awaitable[JsonObject]]] = {
             "tune": self._tune, "lap": self._lap, "landscape": self._landscape, "downhill": self._downhill,
             "block": self._block, "check": self._check, "compare": self._compare,
         }  # fmt: skip
 
-    def ask(self, visitor: Visitor, word: "JsonObject") -> None:
-        """Start a task that answers a question; the next message of this browser does not wait for it."""
+    def start_answer(self, visitor: Visitor, word: "JsonObject") -> None:
+        """Start a task that answers a question, so that the next message of this browser does not wait.
+
+        Raise UsageError for an unknown question.
+        """
         question = str(word["what"])
         if question not in self.words:
             raise UsageError(fault("web.no-question", what=one_line(question)[:LONGEST_NAME]))
@@ -57,7 +61,7 @@ class Questions:
         task.add_done_callback(self._running.discard)
 
     async def close(self) -> None:
-        """End the workers and cancel the waiting questions."""
+        """Cancel the waiting questions, and end the workers."""
         for task in list(self._running):
             task.cancel()
         await asyncio.gather(*self._running, return_exceptions=True)
@@ -75,7 +79,7 @@ class Questions:
         if self._is_newest(visitor, word):
             self._newest.pop((visitor, word["what"]), None)
         if visitor.open:
-            visitor.say({"is": "answer", "to": "ask", "id": word.get("id")} | reply)
+            visitor.send({"is": "answer", "to": "ask", "id": word.get("id")} | reply)
 
     def _refusal(self, visitor: Visitor, reason: Diagnostic) -> "JsonObject":
         with within(visitor.language):
@@ -85,7 +89,10 @@ class Questions:
         return visitor.open and self._newest.get((visitor, word["what"])) == word.get("id")
 
     def about(self, word: "JsonObject") -> "JsonObject":
-        """Return the subject of a question: a run of the list, or the page's vehicle. Raise UsageError without one."""
+        """Return the subject of a question: a run of the list, or the page's vehicle.
+
+        Raise UsageError if the run does not exist, or if the page does not have a vehicle file.
+        """
         if word.get("run"):
             paths = self._shelf.paths()
             if word["run"] not in paths:
@@ -101,17 +108,17 @@ class Questions:
         return self.about(word) | {"route": str(word.get("route") or "")[:LONGEST_NAME], "kind": kind}
 
     async def _tune(self, visitor: Visitor, word: "JsonObject") -> "JsonObject":
-        reply, _ = await self._bench.ask("tune", **self._bench_word(word))
+        reply, _ = await self._bench.request("tune", **self._bench_word(word))
         return reply
 
     async def _lap(self, visitor: Visitor, word: "JsonObject") -> "JsonObject":
         if not self._is_newest(visitor, word):
             return {"stale": True}
-        reply, _ = await self._bench.ask("lap", gains=word["gains"], **self._bench_word(word))
+        reply, _ = await self._bench.request("lap", gains=word["gains"], **self._bench_word(word))
         return reply
 
     async def _landscape(self, visitor: Visitor, word: "JsonObject") -> "JsonObject":
-        """Return the costs of a square of laps, row by row from the bottom."""
+        """Return the costs of a square grid of laps, row by row from the bottom, or `stale`."""
         side = max(2, min(SIDE, int(word["side"])))
         at = [(i / (side - 1), j / (side - 1)) for j in range(side) for i in range(side)]
         arguments = {name: word[name] for name in ("gains", "a", "b")} | self._bench_word(word)
@@ -119,27 +126,27 @@ class Questions:
         for first in range(0, len(at), PIECE):
             if not self._is_newest(visitor, word):
                 return {"stale": True}
-            reply, _ = await self._bench.ask("costs", at=at[first : first + PIECE], **arguments)
+            reply, _ = await self._bench.request("costs", at=at[first : first + PIECE], **arguments)
             costs += reply["costs"]
         return {"side": side, "costs": costs, "seconds": time.monotonic() - began}
 
     async def _downhill(self, visitor: Visitor, word: "JsonObject") -> "JsonObject":
         arguments = {name: word[name] for name in ("gains", "price")} | self._bench_word(word)
-        reply, _ = await self.slow.ask("downhill", **arguments)
+        reply, _ = await self.slow.request("downhill", **arguments)
         return reply
 
     async def write(self, visitor: Visitor, word: "JsonObject") -> Diagnostic:
-        """Write gains into the vehicle file of the page, and return the confirmation."""
+        """Write gains into the vehicle file of the page, and return the message that confirms it."""
         arguments = {"gains": word["gains"]} | self._bench_word({"route": word.get("route")})
-        reply, _ = await self._bench.ask("write", **arguments)
+        reply, _ = await self._bench.request("write", **arguments)
         return note("web.tuned", file=reply["file"])
 
     async def _block(self, visitor: Visitor, word: "JsonObject") -> "JsonObject":
-        reply, _ = await self.slow.ask("block", **self._block_word(word))
+        reply, _ = await self.slow.request("block", **self._block_word(word))
         return reply | {"swapped": self.blocks.get(str(word["room"]))}
 
     async def _check(self, visitor: Visitor, word: "JsonObject") -> "JsonObject":
-        reply, _ = await self.slow.ask("check", **self._block_word(word))
+        reply, _ = await self.slow.request("check", **self._block_word(word))
         with within(visitor.language):
             return {"findings": [text(Diagnostic.of_json(finding)) for finding in reply["findings"]]}
 
@@ -153,17 +160,17 @@ class Questions:
         run_paths = [paths[name] for name in list(word["runs"])[:COMPARED] if name in paths]
         if not run_paths:
             raise UsageError(fault("web.no-run"))
-        reply, _ = await self.slow.ask(
+        reply, _ = await self.slow.request(
             "compare", paths=[str(path) for path in run_paths], language=visitor.language
         )
         return reply
 
     async def swap(self, room: str, kind: str) -> str:
-        """Use another block from the next mission on, "" for the block of the file; return its kind.
+        """Use a block of this kind in a room from the next mission on, "" for the file's block; return its kind.
 
-        Raise UsageError if the room cannot be swapped, or the kind is not in its list.
+        Raise UsageError if the block of the room cannot be swapped, or if the kind is not in the room's list.
         """
-        reply, _ = await self.slow.ask(
+        reply, _ = await self.slow.request(
             "block", **self.about({}), room=room[:LONGEST_NAME], kind=kind[:LONGEST_NAME]
         )
         if not reply["kinds"]:

@@ -1,8 +1,8 @@
-"""Convert a recorded run for the page: rows of float32, one per tick, and a description of the run.
+"""Convert a recorded run for the page to rows of float32, one per tick, and a description of the run.
 
 cross      −(x − x_r) sin ψ_r + (y − y_r) cos ψ_r: offset of the estimate to the left of its reference   (1)
-progress   Σ |Δp_r|, the path length of the reference so far                                             (2)
-nis        y′ S⁻¹ y divided by the number of measured values that arrived                                (3)
+progress   Σ |Δp_r|: the path length of the reference so far                                             (2)
+nis        yᵀ S⁻¹ y / m of the m innovations y that arrived                                              (3)
 """
 
 import tomllib
@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, TypeAlias
 
 import numpy as np
 
-from baqueano.compare.consistency import squared, whitened
+from baqueano.compare.consistency import normalised_squared_error, whiten
 from baqueano.runs.interpolated import at_times, poses_at
 from baqueano.runs.run import EstimateLog, ReferenceLog, Run, TruthLog
 from baqueano.signals import NANOSECONDS
@@ -21,9 +21,9 @@ if TYPE_CHECKING:
     from baqueano.contracts.values import JsonObject
 
 Log: TypeAlias = EstimateLog | ReferenceLog | TruthLog
-ROUTE_POINTS = 2000  # of a path that is drawn
-CLOSED_M = 0.3  # between the ends of a closed path
-ROUND = {"kind": "round", "length_m": 0.14, "width_m": 0.14}  # if the body was not measured
+ROUTE_POINTS = 2000  # most points of a drawn path
+CLOSED_M = 0.3  # largest gap between the ends of a closed path
+ROUND = {"kind": "round", "length_m": 0.14, "width_m": 0.14}  # default if the file does not have a body
 ETA, NU, P = ("x", "y", "psi"), ("u", "v", "r"), {"xx": (0, 0), "xy": (0, 1), "yy": (1, 1), "psi": (2, 2)}
 UNITS = {
     "eta.x": "m", "eta.y": "m", "eta.psi": "rad", "nu.u": "m/s", "nu.v": "m/s", "nu.r": "rad/s",
@@ -33,7 +33,7 @@ UNITS = {
 
 @dataclass(frozen=True, slots=True, eq=False)
 class PackedRun:
-    """A run that is ready to be sent."""
+    """A run as columns and rows, ready to be sent."""
 
     fields: "list[JsonObject]"  # name, unit and group of each column
     t_s: np.ndarray  # (N,) since the first tick
@@ -48,8 +48,8 @@ class PackedRun:
         return head + rows.astype("<f4", copy=False).tobytes()
 
 
-def recorded(run: Run, kinds: dict[str, str] | None = None) -> PackedRun:
-    """Return a run as rows. `kinds` gives the default block of each room, used if the file does not name one."""
+def pack_run(run: Run, kinds: dict[str, str] | None = None) -> PackedRun:
+    """Return a run as rows. `kinds` are the default kinds by room, used if the file does not name a kind."""
     columns = _columns(run)
     data = _tables(run.vehicle_text)
     names, unit = _command(data, run.applied.shape[1])
@@ -73,7 +73,7 @@ def recorded(run: Run, kinds: dict[str, str] | None = None) -> PackedRun:
 
 
 def _columns(run: Run) -> dict[str, np.ndarray]:
-    """Return each column (N,) by its name."""
+    """Return the columns of a run by name, each (N,)."""
     t, n = run.t_ns, len(run.t_ns)
     silent = np.full(n, np.nan)
     columns: dict[str, np.ndarray] = {"t": run.t_s}
@@ -101,7 +101,7 @@ def _columns(run: Run) -> dict[str, np.ndarray]:
 
 
 def _poses(log: Log | None, t_ns: np.ndarray) -> np.ndarray:
-    """Return the poses (N, 3) of a log at the ticks, NaN without a log."""
+    """Return the poses (N, 3) of a log at the ticks, all NaN without a log."""
     if log is None or not len(log.t_ns):
         return np.full((len(t_ns), 3), np.nan)
     return poses_at(t_ns, log.t_ns, log.eta)
@@ -114,7 +114,7 @@ def _rates(log: Log | None, t_ns: np.ndarray) -> np.ndarray:
 
 
 def _readings(run: Run) -> dict[str, np.ndarray]:
-    """Return per sensor channel and tick the reading, its prediction, and the innovation with its sd."""
+    """Return the columns of the sensor channels: reading, prediction, innovation and its deviation; and the NIS."""
     n = len(run.t_ns)
     names = [f"{name}[{k}]" for name, channel in run.sensors.items() for k in range(channel.z.shape[1])]
     z = np.full((n, len(names)), np.nan)
@@ -135,13 +135,13 @@ def _readings(run: Run) -> dict[str, np.ndarray]:
     if S is None:
         return columns | {"nis": np.full(n, np.nan)}
     columns |= {f"S.{name}": np.sqrt(np.maximum(S[:, k, k], 0.0)) for k, name in enumerate(names)}
-    w = whitened(y, S)
+    w = whiten(y, S)
     count = np.sum(np.isfinite(w), axis=1)
-    return columns | {"nis": squared(w) / np.maximum(count, 1)}  # (3)
+    return columns | {"nis": normalised_squared_error(w) / np.maximum(count, 1)}  # (3)
 
 
 def _about(name: str, commands: list[str], unit: str) -> "JsonObject":
-    """Return unit and group of a column; columns of one group share a plot."""
+    """Return {unit, group} of a column; columns of one group share a plot."""
     first, _, rest = name.partition(".")
     if first in ("u", "asked"):
         return {"unit": unit, "group": commands[int(rest)]}
@@ -158,7 +158,7 @@ def _unit_of_reading(channel: str) -> str:
 
 
 def _tables(vehicle_text: str) -> "JsonObject":
-    """Return the tables of the vehicle file in a run, without importing the classes that it names."""
+    """Return the tables of a vehicle file, without importing the classes that it names; {} if it is not TOML."""
     try:
         return tomllib.loads(vehicle_text)
     except (tomllib.TOMLDecodeError, RecursionError):
@@ -209,7 +209,7 @@ def _number(value: object) -> float:
 
 
 def _blocks(data: "JsonObject", kinds: dict[str, str]) -> "JsonObject":
-    """Return the kind of each block by its room."""
+    """Return the kinds of the blocks by room, with the model."""
     kind_of = {room: _table(data, room).get("kind", kind) for room, kind in kinds.items()}
     return {room: str(kind) for room, kind in kind_of.items()} | {
         "model": str(_table(data, "model").get("kind", ""))
@@ -217,7 +217,7 @@ def _blocks(data: "JsonObject", kinds: dict[str, str]) -> "JsonObject":
 
 
 def route_of(run: Run) -> "JsonObject | None":
-    """Return the path of the reference, or None for a run without a moving reference."""
+    """Return the path of the reference for the page, or None for a run without a moving reference."""
     target = run.guide_reference
     if target is None:
         return None
@@ -229,7 +229,7 @@ def route_of(run: Run) -> "JsonObject | None":
     return {"name": "", "closed": closed, "x": xy[:, 0].round(4).tolist(), "y": xy[:, 1].round(4).tolist()}
 
 
-def listed(run: Run, modified_s: float) -> "JsonObject":
+def run_entry(run: Run, modified_s: float) -> "JsonObject":
     """Return the entry of a run in the list of runs."""
     when = datetime.fromtimestamp(modified_s, UTC).isoformat(timespec="seconds")
     return {

@@ -1,6 +1,6 @@
-"""Offer the runs of a folder to browsers by keys, which only admitted visitors receive, never by a path.
+"""Offer the runs of a folder to browsers by keys and not by paths; only admitted visitors receive the keys.
 
-A key is a keyed hash of the path of the file: it cannot be guessed from outside, and is valid while the process runs.
+A key is a keyed hash of the path of the file. It cannot be guessed, and is valid while the process runs.
 """
 
 import hashlib
@@ -16,11 +16,11 @@ from baqueano.web.lab.handle import Lab
 if TYPE_CHECKING:
     from baqueano.contracts.values import JsonObject
 
-NEWEST = 200  # runs of a list
+NEWEST = 200  # most runs in a list
 
 
 class Shelf:
-    """A folder of runs, and the extra runs named in addition.
+    """The runs of a folder, and extra runs.
 
     A separate worker reads the list and writes the reports, so that a run can be opened at the same time.
     """
@@ -28,7 +28,7 @@ class Shelf:
     def __init__(self, folder: Path, extra: tuple[Path, ...] = ()) -> None:
         self.folder, self._extra_runs = folder, extra
         self._key = secrets.token_bytes(32)
-        self._lines: dict[str, JsonObject] = {}  # what is known of a run, by word
+        self._lines: dict[str, JsonObject] = {}  # list entries by key
         self._press, self._pages = Lab(), TemporaryDirectory(prefix="baqueano-page-")
 
     def word(self, path: Path) -> str:
@@ -38,7 +38,7 @@ class Shelf:
         ).hexdigest()
 
     def paths(self) -> dict[str, Path]:
-        """Return the existing runs by key, newest first. Symbolic links in the folder are ignored."""
+        """Return the paths of the existing runs by key, the newest first; symbolic links in the folder are ignored."""
         candidates = [p for p in self.folder.glob("*.mcap") if p.is_file() and not p.is_symlink()]
         candidates = [p.resolve() for p in candidates if not p.name.startswith(".")]
         candidates.sort(key=lambda path: path.stat().st_mtime, reverse=True)
@@ -46,24 +46,24 @@ class Shelf:
         return {self.word(path): path for path in files if path.is_file()}
 
     def runs(self) -> "list[JsonObject]":
-        """Return an entry for each run, with the fields known so far."""
+        """Return the list entry of each run, with None for fields not yet read."""
         return [self.line(path) for path in self.paths().values()]
 
     def line(self, path: Path) -> "JsonObject":
-        """Return the entry of a run, with the fields known so far."""
+        """Return the list entry of a run, with None for fields not yet read."""
         unread = {"kind": None, "when": None, "seconds": None, "laps": None, "report": True}
         word = self.word(path)
         return {"id": word, "name": path.stem} | unread | self._lines.get(word, {})
 
     async def read(self) -> "list[JsonObject]":
-        """Return the entries of all runs, once the worker has read them."""
+        """Let the worker read all runs, and return their list entries."""
         paths = self.paths()
-        reply, _ = await self._press.ask("runs", paths=[str(path) for path in paths.values()])
+        reply, _ = await self._press.request("runs", paths=[str(path) for path in paths.values()])
         self._lines = dict(zip(paths, reply["runs"], strict=True))
-        return [self.line(path) for path in paths.values()]  # a run of meanwhile comes with the next list
+        return [self.line(path) for path in paths.values()]  # a run written in the meantime is unread
 
     async def body(self, path: str) -> Content | None:
-        """Return the content of /run/KEY or /report/KEY, or None if the run does not exist or its report fails."""
+        """Return the content of /run/KEY or /report/KEY; None if the run does not exist or its report fails."""
         kind, _, word = path.removeprefix("/").partition("/")
         run_path = self.paths().get(word) if kind in ("run", "report") else None
         if run_path is None:
@@ -76,7 +76,7 @@ class Shelf:
         page = Path(self._pages.name) / f"{word}-{run_path.stat().st_mtime_ns}.html"
         if not page.exists():
             try:
-                await self._press.ask("report", path=str(run_path), to=str(page))
+                await self._press.request("report", path=str(run_path), to=str(page))
             except BaqueanoError:
                 return None
         return Content(TYPES[".html"], page, REPORT_POLICY)

@@ -1,7 +1,7 @@
-"""Tuning bench of the lab worker: laps, the landscape of their cost, and the descent, by stored compiled kernels.
+"""Tune gains in the lab worker: simulate laps, their cost landscape and a descent, by stored compiled kernels.
 
-The vehicle comes from a file or a run. The route is a stored one, that of the run, or a shape. A name that is not in
-a list of this process is refused.
+The vehicle is read from a file or a run. The route is a stored route, the route of the run, or a shape. A name that is
+not in a list of this process is refused.
 """
 
 import time
@@ -26,15 +26,15 @@ if TYPE_CHECKING:
     from baqueano.tune.laps import SimulatedLap
     from baqueano.vehicle_file.file import VehicleFile
 
-SIZE_M, SPEED_M_S = 1.0, 0.25  # of a shape, as a service draws it
-POINTS = 500  # of a path that is drawn
-KEPT = 4  # kernels
-MOST = 200  # laps of one question
+SIZE_M, SPEED_M_S = 1.0, 0.25  # defaults of a shape, as in a service
+POINTS = 500  # most points of a drawn path
+KEPT = 4  # stored kernels
+MOST = 200  # most laps of one question
 OF_RUN = "run"
 
 
 class TuningBench:
-    """Kernels by vehicle, route and controller."""
+    """The stored kernels, by vehicle, route and controller."""
 
     def __init__(self) -> None:
         self._laps_cache: OrderedDict[tuple[object, ...], tuple[VehicleFile, Route, SimulatedLaps]] = (
@@ -72,16 +72,16 @@ class TuningBench:
         }  # fmt: skip
 
     def lap(self, word: "JsonObject") -> "JsonObject":
-        """Return path, cost and figures of the lap with `gains`."""
+        """Return path, cost and figures of a simulated lap with `gains`, and its computing time."""
         _, _, laps = self._laps(word)
         began = time.perf_counter()
         lap = laps.lap(_values(word["gains"], laps))
         return lap_picture(lap) | {"ms": 1e3 * (time.perf_counter() - began)}
 
     def costs(self, word: "JsonObject") -> "JsonObject":
-        """Return both terms of the cost of laps whose gains vary along two axes: {gains, a, b, at: [[x, y], …]}.
+        """Return both terms of the cost of laps for the request {gains, a, b, at: [[x, y], …]}.
 
-        x and y are positions in [0, 1] within the ranges of gains a and b (search.py).
+        Only the gains a and b vary: x and y are their positions in [0, 1] within their ranges (search.py).
         """
         _, _, laps = self._laps(word)
         search, base = laps.space, _values(word["gains"], laps)
@@ -93,7 +93,7 @@ class TuningBench:
         return {"costs": _finite(laps.costs(each))}
 
     def downhill(self, word: "JsonObject") -> "JsonObject":
-        """Return the steps of a descent from `gains`: positions in [0, 1], gains, and costs.
+        """Return the steps of a descent of the cost from `gains`: gains, positions in [0, 1], and costs.
 
         `price` weights the jerk.
         """
@@ -110,9 +110,9 @@ class TuningBench:
         }  # fmt: skip
 
     def write(self, word: "JsonObject") -> "JsonObject":
-        """Write gains into the vehicle file, all or none, and return its file name.
+        """Write all gains into the vehicle file, and return its file name.
 
-        Raise UsageError for a vehicle of the garage.
+        Raise UsageError for a vehicle of the garage, which does not have a file of the user.
         """
         from baqueano.diagnostics import Verdict
         from baqueano.vehicle_file.history import Provenance
@@ -140,7 +140,7 @@ class TuningBench:
 
 
 def file_of(word: "JsonObject") -> "VehicleFile":
-    """Return the vehicle file of a question: that of the run at `path`, or the one named `vehicle`."""
+    """Return the vehicle file of a question: the file named `vehicle`, or the file in the run at `path`."""
     from baqueano.drive.verbs import vehicle_of
     from baqueano.runs import read_run
     from baqueano.vehicle_file import load
@@ -149,7 +149,7 @@ def file_of(word: "JsonObject") -> "VehicleFile":
 
 
 def route_names(word: "JsonObject") -> list[str]:
-    """Return the names of the routes to follow: that of the run, the stored ones, the shapes."""
+    """Return the names of the possible routes: the run's route, the stored routes, and the shapes."""
     names = sorted(_route_files(word))
     return [*([OF_RUN] if "path" in word and _of_run(word) is not None else []), *names, *SHAPES]
 
@@ -172,7 +172,7 @@ def _route(word: "JsonObject") -> "Route":
 
 
 def _of_run(word: "JsonObject") -> "Route | None":
-    """Return the references of a run as a route, from the first one on; None if they are missing or do not move."""
+    """Return the references of a run as a route; None if they are missing or do not move."""
     from baqueano.guides.route import Route
     from baqueano.runs import read_run
     from baqueano.signals import seconds
@@ -188,7 +188,7 @@ def _of_run(word: "JsonObject") -> "Route | None":
 
 
 def lap_picture(lap: "SimulatedLap") -> "JsonObject":
-    """Return a lap in the form in which the page draws it."""
+    """Return a lap as data for the page: its path, its costs, and its figures."""
     every = 1 + len(lap.x) // POINTS
     figures = [lap.path_cost, lap.jerk_cost, lap.distance_rms_m, lap.distance_max_m, lap.saturated]
     path, jerk, rms, most, full = (x if np.isfinite(x) else None for x in figures)
@@ -205,9 +205,9 @@ def _meanings(block: object) -> "list[tuple[str, str]]":
 
 
 def _values(numbers: object, laps: SimulatedLaps) -> np.ndarray:
-    """Return gains (p,), clipped to their bounds.
+    """Return gains (p,) from JSON, clipped to their bounds.
 
-    Raise UsageError for the wrong shape or numbers that are not finite.
+    Raise UsageError if their shape is wrong, or if a number is not finite.
     """
     try:
         values = np.array(numbers, dtype=float)
@@ -223,7 +223,7 @@ def _finite(costs: np.ndarray) -> "list[list[float | None]]":
 
 
 def _stamp(word: "JsonObject") -> tuple[object, ...]:
-    """Return a key that changes if the file of the vehicle or of the route changes."""
+    """Return a key that changes if the file of the vehicle, the run or the route changes."""
     paths = [Path(str(word[name])) for name in ("vehicle", "path") if name in word]
     paths += [path for name, path in _route_files(word).items() if name == word.get("route")]
     return tuple((str(path), path.stat().st_mtime_ns if path.is_file() else 0) for path in paths)

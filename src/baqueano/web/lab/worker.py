@@ -1,4 +1,4 @@
-"""Lab worker: read requests on stdin and write answers to stdout, one at a time. It ends when stdin ends.
+"""Run a lab worker: read requests on stdin, and write answers to stdout, one at a time, until stdin ends.
 
 to the worker      {"do": "find" | "open" | "frame" | "runs" | "report" | "vehicle" | "mission" | "compare" | …, …}
                    {"do": "tune" | "lap" | "costs" | "downhill" | "write", …}       tuning.py
@@ -16,7 +16,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, BinaryIO
 
 from baqueano.diagnostics import fault
-from baqueano.errors import BaqueanoError, FileError, UsageError, named
+from baqueano.errors import BaqueanoError, FileError, UsageError, error_text
 from baqueano.web.lab.drives import Drives
 
 if TYPE_CHECKING:
@@ -25,17 +25,17 @@ if TYPE_CHECKING:
     from baqueano.web.lab.recorded import PackedRun
     from baqueano.web.lab.tuning import TuningBench
 
-NICE = 10  # the vehicle's service and the page go first
-LONGEST_S = 3600.0  # of an experiment
+NICE = 10  # the vehicle's service and the page have priority
+LONGEST_S = 3600.0  # longest experiment
 KEPT = 4  # runs that stay open
 
 
 class Worker:
-    """The open runs, and the handlers of the requests."""
+    """The open runs, the drives that are identified, and the handlers of the requests."""
 
     def __init__(self) -> None:
         self._open: OrderedDict[tuple[str, int, str], PackedRun] = OrderedDict()
-        self._lines: dict[tuple[str, int], JsonObject] = {}  # of the list
+        self._lines: dict[tuple[str, int], JsonObject] = {}  # list entries
         self._drives = Drives()
         self._bench: TuningBench | None = None
 
@@ -61,7 +61,7 @@ class Worker:
         return words[word["do"]](word), b""
 
     def _find(self, word: "JsonObject") -> tuple["JsonObject", bytes]:
-        """Return the files of the runs with these names."""
+        """Return the paths of the runs with these names, after reading each run."""
         from baqueano.runs.folder import find
 
         paths = [find(name, word["folder"]) for name in word["names"]]
@@ -78,31 +78,31 @@ class Worker:
         return {}, run.frame(word["number"], word["first"], word["count"])
 
     def _recording(self, path: Path, estimator: str = "") -> "PackedRun":
-        """Return a run, read again if it has changed; with `estimator`, its ticks replayed through that estimator."""
+        """Return a run, read again if it has changed; if `estimator` is given, replayed through it."""
         from baqueano.runs import read_run
         from baqueano.vehicle_file.build import DEFAULT_KIND
-        from baqueano.web.lab.recorded import recorded
+        from baqueano.web.lab.recorded import pack_run
 
         key = (*_version(path), estimator)
         if key not in self._open:
             run = read_run(path)
-            self._open[key] = recorded(_refilter(run, estimator) if estimator else run, DEFAULT_KIND)
+            self._open[key] = pack_run(_refilter(run, estimator) if estimator else run, DEFAULT_KIND)
         self._open.move_to_end(key)
         while len(self._open) > KEPT:
             self._open.popitem(last=False)
         return self._open[key]
 
     def _runs(self, word: "JsonObject") -> tuple["JsonObject", bytes]:
-        """Return an entry for each of these files; a file that cannot be read gets the verdict UNREADABLE."""
+        """Return the list entry of each of these files; a file that cannot be read has the verdict UNREADABLE."""
         from baqueano.runs import read_run
-        from baqueano.web.lab.recorded import listed
+        from baqueano.web.lab.recorded import run_entry
 
         lines: list[JsonObject] = []
         for path in map(Path, word["paths"]):
             try:
                 key = _version(path)
                 if key not in self._lines:
-                    self._lines[key] = listed(read_run(path), path.stat().st_mtime)
+                    self._lines[key] = run_entry(read_run(path), path.stat().st_mtime)
                 lines.append(self._lines[key])
             except BaqueanoError:
                 lines.append(
@@ -135,14 +135,14 @@ def _refilter(run: "Run", estimator: str) -> "Run":
 
 
 def _block(word: "JsonObject") -> tuple["JsonObject", bytes]:
-    from baqueano.web.lab.described_blocks import check_block, described
+    from baqueano.web.lab.described_blocks import block_description, check_block
     from baqueano.web.lab.tuning import file_of
 
-    return (described if word["do"] == "block" else check_block)(word, file_of(word)), b""
+    return (block_description if word["do"] == "block" else check_block)(word, file_of(word)), b""
 
 
 def _compare(word: "JsonObject") -> tuple["JsonObject", bytes]:
-    """Return the table of `compare` for these runs, in a language."""
+    """Return the comparison of these runs, with sentences in the requested language."""
     from baqueano.compare import compare
     from baqueano.compare.table import sections_of
     from baqueano.language import within
@@ -159,7 +159,7 @@ def _compare(word: "JsonObject") -> tuple["JsonObject", bytes]:
 
 
 def _vehicle(word: "JsonObject") -> tuple["JsonObject", bytes]:
-    """Return the description of a real vehicle before its first drive, from its local file, and the local routes."""
+    """Return the description of a real vehicle, from its local file before its first drive, and the local routes."""
     from baqueano.door.frames.descriptions import vehicle_words
     from baqueano.vehicle_file import load
 
@@ -168,8 +168,8 @@ def _vehicle(word: "JsonObject") -> tuple["JsonObject", bytes]:
 
 
 def _mission(word: "JsonObject") -> tuple["JsonObject", bytes]:
-    """Return a whole mission in JSON, with the vehicle file and the blocks that it names."""
-    from baqueano.drive.mission import Mission, packed
+    """Return a whole mission in JSON, with the texts of the vehicle file and of the blocks that it names."""
+    from baqueano.drive.mission import Mission, pack
     from baqueano.identify.design.signals import excitation
     from baqueano.runs.route_file import read_route
     from baqueano.vehicle_file import load
@@ -189,7 +189,7 @@ def _mission(word: "JsonObject") -> tuple["JsonObject", bytes]:
         u = excitation(signal, file.command.limit, long_s, file.rate_hz, 0)
     blocks = order.get("blocks", {}) if kind == "repeat" else {}
     mission = Mission(kind, u=u, route=route, laps=max(0, round(order.get("laps", 1))), blocks=blocks)
-    return {"mission": packed(mission, file).json()}, b""
+    return {"mission": pack(mission, file).json()}, b""
 
 
 def _version(path: Path) -> tuple[str, int]:
@@ -200,7 +200,7 @@ def _version(path: Path) -> tuple[str, int]:
 
 
 def serve(coming: BinaryIO, going: BinaryIO) -> None:
-    """Answer requests until the input ends."""
+    """Read requests from `coming`, and write their answers to `going`, until the input ends."""
     worker = Worker()
     for line in coming:
         word = json.loads(line)
@@ -210,7 +210,7 @@ def serve(coming: BinaryIO, going: BinaryIO) -> None:
         except BaqueanoError as error:
             reply = {"no": error.diagnostic.to_json(), "code": error.exit_code}
         except Exception as error:  # a damaged run must not end the page
-            reply = {"no": fault("web.lab-failed", error=named(error)).to_json(), "code": 1}
+            reply = {"no": fault("web.lab-failed", error=error_text(error)).to_json(), "code": 1}
         reply |= {"bytes": len(behind)}
         going.write(json.dumps(reply).encode() + b"\n" + behind)
         going.flush()

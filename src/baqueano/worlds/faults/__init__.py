@@ -1,4 +1,4 @@
-"""Faults of a simulated world: their kinds, their times, and the checks that noticed them."""
+"""Faults of a simulated world: their kinds, their times, and the checks that detected them."""
 
 from typing import TYPE_CHECKING
 

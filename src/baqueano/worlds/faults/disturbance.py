@@ -1,7 +1,7 @@
 """Convert faults to the inputs of a tick: forces, floor, voltage, grip and readings, as plain numbers.
 
-The inputs of tick k depend only on the faults, k and the seed. Every random number has its place in a stream by k, and
-is drawn even if no fault uses it. So removing a fault does not change another one.
+The inputs of tick k depend only on the faults, k and the seed. The random numbers of tick k are at a fixed position of
+their stream, and are drawn even if no fault uses them. So the removal of a fault does not change other faults.
 """
 
 from collections.abc import Sequence
@@ -24,7 +24,7 @@ WHEEL_SENSORS = ("wheels", "encoders")
 
 
 class SensorDisturbance(NamedTuple):
-    """Disturbance of the reading of a sensor."""
+    """Disturbance of the reading of a sensor in a tick: kept or lost, factor and offset."""
 
     keep: Value  # 1 or 0
     factor: np.ndarray  # (m,)
@@ -32,7 +32,7 @@ class SensorDisturbance(NamedTuple):
 
 
 class Disturbance(NamedTuple):
-    """Disturbance of a simulated world in a tick."""
+    """Disturbance of a simulated world in a tick: forces, slope of the floor, voltage, grip and readings."""
 
     push_body: np.ndarray  # (2,) acceleration of the centre of mass along body x, y [m/s²]
     push_map: np.ndarray  # (2,) the same along x, y of the map
@@ -43,19 +43,19 @@ class Disturbance(NamedTuple):
 
 
 class Calm(NamedTuple):
-    """The sizes of a disturbance, from which that of an undisturbed tick is built."""
+    """The sizes of the arrays of a disturbance; it builds the disturbance of an undisturbed tick."""
 
     channels: int
     sizes: tuple[int, ...]
 
     def disturbance(self) -> Disturbance:
-        """Return the inputs of a tick without faults."""
+        """Return the disturbance of a tick without faults: zero forces and offsets, factors of 1."""
         sensors = tuple(SensorDisturbance(1.0, np.ones(m), np.zeros(m)) for m in self.sizes)
         return Disturbance(np.zeros(2), np.zeros(2), np.zeros(2), 1.0, np.ones(self.channels), sensors)
 
 
 class Shaking:
-    """The faults of one world and their effect, tick by tick."""
+    """Conversion of the faults of one world to the disturbance of each tick."""
 
     def __init__(self, vehicle: Vehicle, sensors: SensorBlocks, rate_hz: float, seed: int) -> None:
         self.names, self._sensors, self._rate_hz = sensors._fields, sensors, rate_hz
@@ -69,7 +69,7 @@ class Shaking:
         self._draws: list[np.ndarray] = []
 
     def check(self, one: Fault) -> Fault:
-        """Return the fault. Raise UsageError if this vehicle cannot have it."""
+        """Return the fault unchanged. Raise UsageError if this vehicle cannot have it."""
         if one.kind in ("push", "tilt") and not self._moves:
             raise UsageError(fault("shake.no-inertia", kind=one.kind))
         if one.kind == "push" and not self._mass_kg:
@@ -90,7 +90,7 @@ class Shaking:
         return round(fault.at_s * self._rate_hz)
 
     def last(self, fault: Fault) -> float:
-        """Return the number of the first tick after the fault."""
+        """Return the number of the first tick after the fault; infinity for a fault without an end."""
         if fault.until_s == float("inf"):
             return float("inf")
         return max(self.first(fault) + 1, round(fault.until_s * self._rate_hz))
@@ -148,7 +148,7 @@ class Shaking:
         return self.names.index(name), int(rest[:-1])
 
     def _random(self, k: int) -> tuple[np.ndarray, list[np.ndarray]]:
-        """Return the uniform random numbers of tick k: (1 + sensors,) of the line, (m, 2) per sensor for spikes."""
+        """Return the uniform random numbers of tick k: (1 + sensors,) for lost frames, (m, 2) per sensor for spikes."""
         if k % BATCH == 0:
             self._draws = [self._line.random((BATCH, 1 + len(self.names)))]
             pairs = zip(self._spikes, self.calm.sizes, strict=True)

@@ -1,13 +1,13 @@
-"""Define the faults of a simulated vehicle: the kind, its numbers, its begin and its duration.
+"""Define the faults of a simulated vehicle: kind, numbers, start and duration.
 
   push     x, y [N s]   impulse at the centre of mass, in the frame "body" (x ahead, y left) or "map"; in PUSH_S
-  tilt     x, y [rad]   rise of the floor towards x and y of the map, in addition to that of the vehicle file
-  cut      of           a sensor, "imu", that gives no sample
-  drift    of, size     a channel, "imu[2]", whose zero moves by `size` in its own unit, evenly within DRIFT_S
-  spikes   of, size     a channel, in which the share `part` of the samples is wrong by ± `size` in its own unit
-  slip     of, part     a wheel, left, right or all, that pushes with this part of its force; its own sensor reads
-                         AHEAD times the distance that it rolled
-  sag      part         the battery gives this part of its voltage
+  tilt     x, y [rad]   rise of the floor towards x and y of the map, in addition to the slope in the vehicle file
+  cut      of           a sensor, "imu", that does not send samples
+  drift    of, size     a channel, "imu[2]", whose zero moves by `size` [unit of the channel], linearly in DRIFT_S
+  spikes   of, size     a channel, in which the share `part` of the samples is wrong by ± `size`
+  slip     of, part     a wheel, left, right or all, that pushes with this part of its force; its sensor measures
+                         AHEAD times the speed
+  sag      part         the battery has this part of its voltage
   lose     part         share of the frames that are lost on the line: incoming readings, outgoing commands
 
 A fault can also be written as text: "12 s: push 0.3 N s left" (text.py).
@@ -50,11 +50,11 @@ class Fault:
     Parameters
     ----------
     kind : str
-        One of push, tilt, cut, drift, spikes, slip, sag, lose; the module lists the fields that count for each.
+        One of push, tilt, cut, drift, spikes, slip, sag, lose; the module lists the fields of each kind.
     at_s : float [s]
-        Time of the drive at which it begins; the tick that begins there is the first affected one.
+        Time of the drive at which it begins; the tick that begins at this time is the first affected tick.
     for_s : float, optional [s]
-        Duration; until the end of the drive if omitted. A push lasts PUSH_S.
+        Duration; by default until the end of the drive. A push lasts PUSH_S.
     of : str
         The sensor, channel or wheel.
     x, y : float [N s] or [rad]
@@ -99,13 +99,13 @@ class Fault:
 
     @property
     def until_s(self) -> float:
-        """Return the time at which it ends [s]."""
+        """Return the time [s] at which the fault ends; infinity if it lasts until the end of the drive."""
         if self.kind == "push":
             return self.at_s + PUSH_S
         return float("inf") if self.for_s is None else self.at_s + self.for_s
 
     def to_json(self) -> JsonObject:
-        """Return the fields of the fault by name."""
+        """Return the fields of the fault by name, for JSON."""
         return asdict(self)
 
     def message(self, number: int, psi_rad: float = 0.0) -> Diagnostic:
@@ -127,7 +127,7 @@ class Fault:
 
     @classmethod
     def of_diagnostic(cls, message: Diagnostic) -> Self:
-        """Return the fault that a message describes."""
+        """Return the fault that a message of `message` describes: its inverse."""
         return cls(**{field.name: message.figures[field.name] for field in fields(cls)})
 
     @classmethod
@@ -152,9 +152,9 @@ class Fault:
 
 
 def faults_in(events: Iterable[tuple[int, str, Diagnostic | None]]) -> list[Fault]:
-    """Return the faults in the events of a run, (time [ns], source, message) each, in their order.
+    """Return the faults in the events of a run, in order; an event is (time [ns], source, message).
 
-    A fault that a person ended lasts until then.
+    If a person ended a fault, its duration lasts until that time.
     """
     by_number: dict[int, Fault] = {}
     for _, source, message in events:

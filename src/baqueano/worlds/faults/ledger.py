@@ -1,14 +1,14 @@
-"""Ledger of a drive: for each fault the checks that noticed it and when, those that did not, and the reason.
+"""Record for each fault of a drive the checks that detected it and when, the other checks, and the reason.
 
-  monitor      names a sensor that disagrees (monitor/)
-  model        the model no longer fits, over 5 s (drive/health.py)
+  monitor      reports a sensor that disagrees (monitor/)
+  model        the model does not fit any more, over 5 s (drive/health.py)
   supervisor   stops the vehicle
-  gate         the estimator gave less than half the weight to GATED innovations within WINDOW_S
+  gate         the weight of GATED innovations within WINDOW_S was below one half
   nis          Σ yᵀS⁻¹y over WINDOW_S exceeds the value that k numbers reach by chance once in 10⁴ windows:
                k (1 − 2/9k + Z √(2/9k))³ (Wilson and Hilferty), and RATIO times its previous value      (1)
 
-A notice belongs to the last fault that began, or to the fault of the sensor that the monitor names. A fault that has
-ended is watched for AFTER_S more.
+A notice belongs to the last fault that began, or to the fault of the sensor that the monitor names. After its end, a
+fault is watched for AFTER_S more.
 """
 
 from collections import deque
@@ -40,7 +40,7 @@ WHEELS = ("wheels", "encoders", "odometer")
 
 
 class LedgerNotice(NamedTuple):
-    """A check that noticed a fault, with the delay and its message."""
+    """A check that detected a fault, with its delay and its message."""
 
     witness: str  # one of WITNESSES
     after_s: float
@@ -49,7 +49,7 @@ class LedgerNotice(NamedTuple):
 
 @dataclass
 class LedgerRow:
-    """A fault and the checks that noticed it."""
+    """A fault, the checks that detected it, and the error of the estimate."""
 
     number: int
     fault: Fault
@@ -60,26 +60,26 @@ class LedgerRow:
     error_m: float = float("nan")  # of the estimate at the end of the watched time
     bound_m: float = float("nan")  # 1.96 standard deviations then
 
-    def watched(self, t_s: float) -> bool:
+    def covers(self, t_s: float) -> bool:
         """Return True while a notice may belong to this fault."""
         return self.fault.at_s <= t_s <= self.until_s + AFTER_S
 
     def silent(self) -> tuple[str, ...]:
-        """Return the checks that did not notice the fault."""
+        """Return the names of the checks that did not detect the fault."""
         return tuple(
             witness for witness in WITNESSES if witness not in [notice.witness for notice in self.noticed]
         )
 
 
 class Ledger:
-    """The faults of one drive and the checks that noticed them, filled from its events and ticks in order.
+    """The faults of one drive and the checks that detected them, filled from its events and ticks in order.
 
     Parameters
     ----------
     file : VehicleFile
         The vehicle that drives.
     estimator : Estimator, optional
-        The estimator of the drive; by default the file's.
+        The estimator of the drive; by default the estimator of the file.
 
     Examples
     --------
@@ -105,7 +105,7 @@ class Ledger:
         self._refusals_s: deque[float] = deque()
 
     def on_event(self, t_ns: int, source: str, event: "Diagnostic | str") -> None:
-        """Record an event of the run."""
+        """Record an event of the run: the start or end of a fault, or the notice of a check."""
         if not isinstance(event, Diagnostic):
             return
         t_s = seconds(t_ns)
@@ -124,13 +124,13 @@ class Ledger:
         if weight is not None and self.rows:
             self._gate(t_s, weight)
         for row in self.rows:
-            if row.watched(t_s):
+            if row.covers(t_s):
                 if truth is not None:
                     row.error_m = float(np.hypot(*(eta[:2] - truth[:2])))
                 row.bound_m = 1.96 * sqrt(max(float(np.linalg.eigvalsh(cov[:2, :2])[-1]), 0.0))
 
     def nobody(self, row: LedgerRow) -> Diagnostic | None:
-        """Return the reason why no check has noticed a fault, or None if one has, or it is too early to decide."""
+        """Return a message with the reason why no check detected a fault; None if one did, or before SOON_S."""
         lasted_s = min(self.now_s, row.until_s + AFTER_S) - row.fault.at_s
         if row.noticed or lasted_s < SOON_S:
             return None
@@ -141,7 +141,7 @@ class Ledger:
         return note("ledger.nobody", subject="nobody", **figures)
 
     def reason_unnoticed(self, fault: Fault) -> Diagnostic:
-        """Return the reason why the checks cannot notice a fault of this kind with these sensors."""
+        """Return the reason why the checks cannot detect a fault of this kind with these sensors."""
         wheels = any(reads in WHEELS for reads in self._reads.values())
         code = fault.kind
         if (
@@ -173,7 +173,7 @@ class Ledger:
         self._sum, self._count = 0.0, 0
 
     def _add_notice(self, witness: str, t_s: float, message: Diagnostic) -> None:
-        watched_rows = [row for row in self.rows if row.watched(t_s)]
+        watched_rows = [row for row in self.rows if row.covers(t_s)]
         if not watched_rows:
             return
         name = message.subject.partition("[")[0]
@@ -194,13 +194,13 @@ class Ledger:
             )
 
     def _channels(self, m: int) -> set[str] | None:
-        """Return the channels of m innovations, or None if they are unknown."""
+        """Return the names of the channels of m innovations, as "imu[2]"; None if they are unknown."""
         at = innovations_of(self._estimator, self._sensors, m)
         names = [f"{n}[{c}]" for n, s in self._sensors._asdict().items() for c in range(s.size)]
         return None if at is None else {names[c] for c in at}
 
     def _square(self, t_s: float, y: np.ndarray | None, S: np.ndarray | None) -> None:
-        """Add the innovations of a tick to the window, and test it.  (1)"""
+        """Add the innovations of a tick to the window, and test the sum over the window.  (1)"""
         if y is not None and self._used_channels is None and self._count == 0:
             self._used_channels = self._channels(len(y))
         if y is not None and S is not None and (finite := np.isfinite(y)).any():
@@ -220,7 +220,7 @@ class Ledger:
         whole = bool(self._window) and t_s - self._window[0][0] > 0.9 * WINDOW_S
         if whole and (not self._before or t_s - self._before[-1][0] >= WINDOW_S):
             self._before.append((t_s, mean))
-        for row in [row for row in self.rows if row.watched(t_s)][-1:]:
+        for row in [row for row in self.rows if row.covers(t_s)][-1:]:
             row.worst_nis = mean if not isfinite(row.worst_nis) else max(mean, row.worst_nis)
             usual = [nis for at_s, nis in self._before if at_s < row.fault.at_s]
             by_chance = (1.0 - 2.0 / (9.0 * k) + Z * sqrt(2.0 / (9.0 * k))) ** 3
@@ -232,8 +232,8 @@ class Ledger:
 def ledger_of(run: "Run", file: "VehicleFile") -> Ledger:
     """Return the ledger of a recorded run.
 
-    A run does not contain the weights of its innovations, so only the ledger made during the drive has the notices of
-    the gate.
+    A run does not contain the weights of its innovations, so only a ledger that is made during the drive contains
+    notices of the gate.
 
     Parameters
     ----------

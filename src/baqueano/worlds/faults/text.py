@@ -9,7 +9,7 @@
   T s: sag 84 %                                       of the voltage
   T s: lose 30 %                                      of the frames
 
-T is the time at which it begins, or a range such as 3-6 for a fault that ends by itself.
+T is the time at which the fault begins, or a range such as 3-6 for its start and end.
 """
 
 import re
@@ -35,7 +35,7 @@ FORMS = {
 
 
 def fields_of(words: str) -> JsonObject:
-    """Return the fields of the fault. Raise UsageError for a text that is not a fault."""
+    """Return the fields of the fault that a text describes. Raise UsageError for any other text."""
     when = WHEN.fullmatch(words)
     form, example = FORMS.get(when[3] if when else "", (None, ""))
     if when is None or form is None:

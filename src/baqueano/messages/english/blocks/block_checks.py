@@ -1,4 +1,4 @@
-"""English sentences of the trials of blocks, for their authors."""
+"""English sentences of the checks of blocks, for their authors."""
 
 TEMPLATES: dict[str, str] = {
     "when.start": "at the start",
@@ -6,7 +6,7 @@ TEMPLATES: dict[str, str] = {
     "when.curve": "in a curve",
     "when.tick-of-curve": "tick {tick} of a curve",
     "when.rest": "at rest, without a command",
-    "when.rolling": "rolling free",
+    "when.rolling": "while rolling freely",
     "when.circle": "in a circle",
     "when.silent": "while all sensors are silent",
     "when.after-measurement": "after a measurement of {found}",
@@ -39,10 +39,14 @@ TEMPLATES: dict[str, str] = {
         "{place}: {subject} is not deterministic ({when}): its output may depend only on its "
         "arguments and the block's parameters."
     ),
-    "check.changes-itself": "{place}: {subject} changes the block itself ({when}). Put memory into the state.",
+    "check.changes-itself": "{place}: {subject} changes the block itself ({when}). Keep memory in the state.",
     "check.returns": "{place}: {subject} returns {found}: expected {expected}.",
-    "check.values": "{place}: {subject} returns {count} values ({when}): expected two, (state, output).",
-    "check.one-value": "{place}: {subject} returns {found} alone ({when}): expected two, (state, output).",
+    "check.values": (
+        "{place}: {subject} returns {count} values ({when}): expected two values, (state, output)."
+    ),
+    "check.one-value": (
+        "{place}: {subject} returns only {found} ({when}): expected two values, (state, output)."
+    ),
     "check.no-numbers": "{place}: {subject} gives {what} = {found}: expected numbers of shape {shape}.",
     "check.shape": "{place}: {subject} gives {what} with shape {found}: expected {shape}.",
     "check.not-finite": "{place}: {subject} gives {what} = {found} ({when}): expected finite numbers.",
@@ -52,19 +56,19 @@ TEMPLATES: dict[str, str] = {
     ),
     "check.not-symmetric": "{place}: {subject} gives a {what} that is not symmetric ({when}).",
     "check.eigenvalue": (
-        "{place}: {subject} gives a {what} with the eigenvalue {smallest:.3g} ({when}): those of a "
-        "covariance are 0 or more. The form of Joseph keeps it so: (I - K H) P (I - K H)ᵀ + K Q Kᵀ."
+        "{place}: {subject} gives a {what} with the eigenvalue {smallest:.3g} ({when}): the eigenvalues of "
+        "a covariance are 0 or more. The Joseph form ensures this: (I - K H) P (I - K H)ᵀ + K Q Kᵀ."
     ),
     "check.raises": "{place}: {subject} raises {error} ({when}).",
     "check.raises-on-line": "{place}: {subject} raises {error} on line {line} ({when}).",
     "check.moves-by-itself": "{place}: {subject} moves {moved} within 2 s without a command, on a level floor.",
     "check.gains-speed": "{place}: {subject} gains speed without a command: ν goes from {before} to {after}.",
     "check.no-noise": (
-        "{place}: {subject} has a cov with 0 on its diagonal, so an estimator would divide by 0. "
-        "Give it some noise."
+        "{place}: {subject} has a cov with 0 on its diagonal, so an estimator would divide by 0. Give it a "
+        "variance above 0."
     ),
-    "check.has": "{place}: {subject} gives has = {found}: expected 1.0 where a measurement arrived, else 0.0.",
-    "check.has-not": "{place}: {subject} gives a measurement with has = 0: its z must be zeros then.",
+    "check.has": "{place}: {subject} gives has = {found}: expected 1.0 when a measurement arrived, else 0.0.",
+    "check.has-not": "{place}: {subject} gives a measurement with has = 0: then its z must be zeros.",
     "check.rate": (
         "{place}: {subject} gives {answers} measurements in {lasted_s:g} s: rate_hz = "
         "{rate_hz:g} requires {wanted:.0f}."
@@ -78,19 +82,19 @@ TEMPLATES: dict[str, str] = {
         "reference: wrap the difference."
     ),
     "check.world-moved": (
-        "{place}: {subject} gives another command when the whole map is moved and turned. Work "
-        "with geometry.pose_error, the error in the frame of the vehicle."
+        "{place}: {subject} gives another command when the whole map is moved and turned. Use "
+        "geometry.pose_error, the error in the frame of the vehicle."
     ),
     "check.done": "{place}: {subject} gives done = {found}: expected 1.0 at the end of the route, else 0.0.",
-    "check.lets-through": "{place}: {subject} lets {u} through after a NaN in {what}: expected zeros.",
+    "check.lets-through": "{place}: {subject} outputs {u} after a NaN in {what}: expected zeros.",
     "check.drives-again": (
         "{place}: {subject} lets the vehicle drive again by itself after a NaN in {what}: a stop is final."
     ),
-    "check.beyond-limit": "{place}: {subject} lets {u} through, beyond its limit {limit}.",
+    "check.beyond-limit": "{place}: {subject} outputs {u}, which exceeds its limit {limit}.",
     "check.clock": (
-        "{place}: {subject} gives another {name} when the clock begins at {begin_ns:.2g} ns (a "
-        "time since 1970) than at 0 (tick {tick}: {found}, not {expected}). Count time from the "
-        "first tick: keep t_ns in the state, -1 before the first tick."
+        "{place}: {subject} depends on the start of the clock. At tick {tick} its {name} is {found} with a "
+        "clock that starts at {begin_ns:.2g} ns (since 1970), and {expected} with one from 0. Count time "
+        "from the first tick: keep t_ns in the state, -1 before the first tick."
     ),
     "check.slow": "{place}: {subject} works, but it cannot be compiled, so simulations with it are slow: {cause}",
     "check.not-compiled": "{place}: {subject} works, but cannot be compiled: {error}",
@@ -102,14 +106,14 @@ TEMPLATES: dict[str, str] = {
     "outside.draws": "{place} uses numpy's random numbers: {instead}.",
     "outside.calls": "{place} calls {name}(): {instead}.",
     "outside.global": "{place} writes the global {name}: {instead}.",
-    "outside.time": "time comes with the signal: seconds(tick.t_ns, belief.t_ns)",
-    "outside.random": "random numbers come in as inputs, drawn from the seed of the run",
+    "outside.time": "time arrives with the signal: seconds(tick.t_ns, belief.t_ns)",
+    "outside.random": "random numbers are inputs, drawn from the seed of the run",
     "outside.machine": "a block cannot use files or the system; its parameters come from the vehicle file",
     "outside.files": "a block cannot read files; its parameters come from the vehicle file",
-    "outside.talks": "a block has inputs from the loop only: they come with the tick",
+    "outside.talks": "a block receives inputs only from the loop: they arrive with the tick",
     "outside.threads": "a block runs only when the loop calls step(), once per tick",
     "outside.starts": "a block cannot start other programs",
     "outside.prints": "a block cannot print; put the value into its output",
     "outside.asks": "a block cannot ask the user",
-    "outside.state": "put memory into the state",
+    "outside.state": "keep memory in the state",
 }

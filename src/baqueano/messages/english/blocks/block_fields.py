@@ -12,16 +12,24 @@ TEMPLATES: dict[str, str] = {
     "cov.not-finite": "{name}[{i}][{j}] = {found}: expected a finite number.",
     "cov.not-symmetric": "{name} is not symmetric: [{i}][{j}] = {one:g} but [{j}][{i}] = {other:g}. {offer}",
     "cov.eigenvalue": (
-        "{name} has the eigenvalue {smallest:.3g}; those of a covariance are 0 or more. [{i}][{j}] = "
-        "{entry:g} is too large for the diagonal entries {first:g} and {second:g}. {offer}"
+        "{name} has the eigenvalue {smallest:.3g}; the eigenvalues of a covariance are 0 or more. "
+        "[{i}][{j}] = {entry:g} is too large for the diagonal entries {first:g} and {second:g}. {offer}"
     ),
     "ekf.mode": 'mode = "{found}": expected one of {known}.',
     "ekf.positive": (
-        "rate_hz = {rate_hz}, gate_sigma = {gate_sigma}, disturbance_time_s = {disturbance_time_s}: each must be "
-        "greater than 0. To take every measurement, set gate_sigma = inf."
+        "rate_hz = {rate_hz}, gate_sigma = {gate_sigma}, disturbance_time_s = {disturbance_time_s}: each "
+        "must be greater than 0. To accept every measurement, set gate_sigma = inf."
     ),
     "ekf.initial-std": "initial_std = {found}: expected 9 numbers greater than 0, for (η, ν, ν̇).",
     "field.use": 'use = "{found}": the vehicle does not have this sensor; it has {known}.',
+    "follower.no-law": (
+        "{block} does not have a control law: write its method velocity_law(self, memory, now). It returns the memory "
+        "and the velocity (v, ω). An example: docs/controllers.md"
+    ),
+    "vehicle.no-equation": (
+        "{vehicle} does not have its equation of motion: write its method nu_dot(self, nu, effort, psi). It returns "
+        "ν̇ (3,). An example: docs/own-vehicle.md"
+    ),
     "unscented.no-acceleration": (
         "{vehicle} does not have nu_dot, its acceleration, which this filter estimates: use ekf."
     ),
@@ -33,14 +41,14 @@ TEMPLATES: dict[str, str] = {
     "guide.times": "the route's times must start at 0 and increase; they start {found} s.",
     "route.laps": "laps = {found}: expected 0 (for ever) or more.",
     "route.laps-kept": (
-        "{kind}.laps = {before} cannot become {laps}: {cause}. Write self.laps = laps in __init__, or leave laps "
-        "out."
+        "{kind}.laps = {before} cannot become {laps}: {cause}. Write self.laps = laps in __init__, or do "
+        "not give laps."
     ),
     "shape.length": "length {found:g} m: expected a positive number.",
     "shape.unknown": "shape {found} does not exist; the shapes are {known}",
     "shape.corners": (
-        "a rectangle of {length_m} m by {width_m} m is too small for corners of radius {corner_m} m: the radius "
-        "must be above 0 and below {most_m:g} m."
+        "a rectangle of {length_m} m by {width_m} m is too small for corners of radius {corner_m} m. The "
+        "radius must be above 0 and below {most_m:g} m."
     ),
     "shape.amplitude": (
         "SinuousCircle.amplitude_m = {amplitude_m} m: expected less than radius_m = {radius_m} m."
@@ -56,36 +64,38 @@ TEMPLATES: dict[str, str] = {
     "field.not-finite": "{where} = {found}: expected finite numbers [{in_unit}], {meaning:word}.",
     "field.range": "{where} = {found}: expected values from {low:g} to {high:g} [{in_unit}], {meaning:word}.",
     "car.commands": (
-        "Car has {commands} commands (throttle, servo), its drivetrain {of_drivetrain}: give "
+        "Car has {commands} commands (throttle, servo), but its drivetrain has {of_drivetrain}: give "
         "Drivetrain(commands=2)."
     ),
     "delay.slots": "{name}.delay_slots = {found}: expected a whole number, 0 or more.",
     "delay.no-slots": (
-        "{name}.delay_s = {delay_s:g} s but delay_slots = 0, so no past is kept to read it from: give "
+        "{name}.delay_s = {delay_s:g} s but delay_slots = 0, so past values are not stored. Give "
         "delay_slots = delay_s · rate_hz rounded up, {slots} at 100 Hz."
     ),
     "drivetrain.lag-tiny": (
-        "Drivetrain.lag_s = {lag_s:.3g} s is too small for the computation: give 0 for motors "
-        "without lag, or their time constant, usually 0.01 to 0.2 s."
+        "Drivetrain.lag_s = {lag_s:.3g} s is too small for the computation. Give 0 for motors without lag, "
+        "or their time constant, usually 0.01 to 0.2 s."
     ),
     "drivetrain.mixing": "Drivetrain.mixing = {found}: expected one of {known}.",
     "drivetrain.battery": "Drivetrain.battery = {found}: expected one of {known}.",
-    "drivetrain.commands": "Drivetrain.commands = {commands}: two_wheels mixes three, (u_x, u_y, u_psi).",
+    "drivetrain.commands": (
+        "Drivetrain.commands = {commands}: two_wheels mixes three commands, (u_x, u_y, u_psi)."
+    ),
     "drivetrain.lag": "Drivetrain.lag_s = 0 with has_lag = True: expected a time constant above 0 s.",
     "drivetrain.shape": (
         "Drivetrain.{name} has shape {found}: expected ({channels},), one value per channel of mixing = {mixing} "
         "with {commands} commands, or (1,) for all."
     ),
     "friction.track": (
-        "Friction.track_m = 0 with dry friction of a wheel: expected the distance from the left "
-        "to the right wheel [m], by which the wheels turn the vehicle."
+        "Friction.track_m = 0 with dry friction of a wheel. Expected the distance from the left to the "
+        "right wheel [m], the lever arm that turns the vehicle."
     ),
     "vehicle.commands-of-kinematic": (
-        "Kinematic has {commands} commands (u_x, u_y, u_psi), its drivetrain {of_drivetrain}: give "
+        "Kinematic has {commands} commands (u_x, u_y, u_psi), but its drivetrain has {of_drivetrain}: give "
         "Drivetrain(commands=3)."
     ),
     "vehicle.commands-of-planar": (
-        "Planar has {commands} commands (u_x, u_y, u_psi), its drivetrain {of_drivetrain}: give "
+        "Planar has {commands} commands (u_x, u_y, u_psi), but its drivetrain has {of_drivetrain}: give "
         "Drivetrain(commands=3)."
     ),
     "replay.empty": "{run} is empty: it does not have a tick to replay.",
@@ -94,9 +104,9 @@ TEMPLATES: dict[str, str] = {
         '"two_wheels"'
     ),
     "room.too-small": (
-        "the vehicle cannot stay in a room of {width_m:g} × {height_m:g} m: its corridor passes "
-        "the wall by {beyond_m:.2f} m even without a command. Give a larger room, or start "
-        "further from the wall."
+        "the vehicle cannot stay in a room of {width_m:g} × {height_m:g} m. Even without a command, its "
+        "corridor extends {beyond_m:.2f} m beyond the wall. Give a larger room, or start further from the "
+        "wall."
     ),
     "field.role": "role = {found}: expected one of {known}.",
 }

@@ -22,23 +22,28 @@ TEMPLATES: dict[str, str] = {
     S.RECORDED: "{words}",
     S.STUCK: "the vehicle has not moved for {waited_s:.0f} s, and its reference is {away_m:.2f} m away",
     S.ROOM: (
-        "the vehicle may leave the room. The wall across {axis} is {wall_m:.2f} m from its body; its place is known to "
-        "{region_m:.2f} m (95 %), and it needs {stop_m:.2f} m to stop"
+        "the vehicle may leave the room. The wall in direction {axis} is {wall_m:.2f} m from its body. Its position is "
+        "uncertain by {region_m:.2f} m (95 %), and it needs {stop_m:.2f} m to stop"
     ),
-    S.ESTIMATE_DOUBTFUL: "the estimate is not to be trusted, so the vehicle slowed down and stopped. {cause}",
+    S.ESTIMATE_DOUBTFUL: "the estimate is not reliable, so the vehicle slowed down and stopped. {cause}",
     "caution.slow": "the vehicle slows down. {cause}",
-    "caution.over": "the vehicle goes on at full pace; this is over: {cause}",
-    "caution.uncertain": "the position is known to {std_m:.2f} m; at {most_m:.2f} m the supervisor stops",
+    "caution.over": "the vehicle continues at its normal pace; this has ended: {cause}",
+    "caution.uncertain": (
+        "the standard deviation of the position is {std_m:.2f} m; at {most_m:.2f} m the supervisor stops "
+        "the vehicle"
+    ),
     "drive.on-mark": "on the mark",
     "drive.disk-full": (
         "the disk is full, so the rest of this run is not stored ({error}); the drive goes on"
     ),
-    "drive.not-compiled": "{room} {block} runs as it is written, not compiled: {error}",
-    "drive.not-watched": "the monitor cannot watch the sensors: {error}",
+    "drive.not-compiled": "{room} {block} runs without compilation: {error}",
+    "drive.not-watched": "the monitor cannot check the sensors: {error}",
     "drive.other-vehicle": (
-        "{file} has {found} commands and the world's vehicle takes {expected}: they are not the same kind of vehicle."
+        "{file} has {found} commands but the vehicle of the world accepts {expected}: they are not the "
+        "same kind of vehicle."
     ),
     "drive.own-origin": (
-        "estimator {block} starts at its own origin, but the vehicle at {start}. Write init(self, eta=None)"
+        "estimator {block} starts at its own origin, but the vehicle starts at {start}. Write init(self, "
+        "eta=None)"
     ),
 }

@@ -1,4 +1,4 @@
-"""English sentences of the engine: what cannot be traced or compiled, and shapes that do not fit."""
+"""English sentences of the engine: code that cannot be traced or compiled, and shapes that do not fit."""
 
 TEMPLATES: dict[str, str] = {
     "trace.not-convertible": "{place}\n    values known only at run time cannot become {dtype}",
@@ -7,7 +7,7 @@ TEMPLATES: dict[str, str] = {
         "{place}\n    np.{function} does not work on values known only at run time ({error}): write it with "
         "operators, np.where and sums"
     ),
-    "trace.where-arms": "{place}\n    np.where needs both arms: np.where(condition, a, b)",
+    "trace.where-arms": "{place}\n    np.where needs three arguments: np.where(condition, a, b)",
     "trace.interp-period": "{place}\n    np.interp with a period: bring x into one period first, x % period",
     "trace.interp-points": "{place}\n    np.interp in {points} points known only at run time: at most 100",
     "trace.product-shapes": "{place}\n    shapes {left} and {right} do not fit in a product",
@@ -15,14 +15,16 @@ TEMPLATES: dict[str, str] = {
     "trace.norm": "{place}\n    np.linalg.norm supports only the Euclidean norm here",
     "trace.singular": "{place}\n    a singular matrix: column {column} lacks a pivot",
     "trace.decides": (
-        "{place}\n    `if`, `and`, `or`, `not`, `while`, min(), max() and a < x < b need a value that is known "
-        "only at run time: write np.where(condition, a, b), np.clip, np.maximum or np.abs; join conditions with "
+        "{place}\n"
+        "    `if`, `and`, `or`, `not`, `while`, min(), max() and a < x < b need a value that is known only "
+        "at run time. Write np.where(condition, a, b), np.clip, np.maximum or np.abs. Join conditions with "
         "&, | and ~"
     ),
     "trace.needs-float": (
-        "{place}\n    a float is needed here, but the value is known only at run time: write np.sin, np.sqrt, … "
-        "instead of math.sin, math.sqrt, …; make arrays that are filled later inside the function, with np.zeros "
-        "or np.array; for a choice write np.where(condition, a, b), np.clip, np.maximum or np.abs"
+        "{place}\n"
+        "    a float is needed here, but the value is known only at run time. Write np.sin, np.sqrt, … "
+        "instead of math.sin, math.sqrt, …. Inside the function, make arrays that are filled later with "
+        "np.zeros or np.array. For a choice, write np.where(condition, a, b), np.clip, np.maximum or np.abs"
     ),
     "trace.needs-index": (
         "{place}\n    an index or a length must be known before run time: read tables with np.interp(x, xp, fp), "
@@ -33,7 +35,7 @@ TEMPLATES: dict[str, str] = {
     ),
     "engine.backend": 'backend = "{found}": expected one of {known}',
     "compiler.trouble": "{command}: {error}",
-    "compiler.refuses": "{command} does not compile: {error}",
+    "compiler.refuses": "{command} cannot compile the code: {error}",
     "engine.arguments": "{found} arguments, expected {expected}: {names}",
     "engine.not-compiled": "nothing is compiled yet",
     "trace.another-trace": (
@@ -47,9 +49,10 @@ TEMPLATES: dict[str, str] = {
     "tree.branch": "{path} is {found}, expected {expected} as in the example",
     "tree.numbers": "{path} has shape {found} of {dtype}, expected numbers, {expected}",
     "engine.lanes": (
-        "theta, carry and inputs have batches of {lanes}, and inputs {ticks} ticks: expected one size of each"
+        "the batch sizes of theta, carry and inputs are {lanes}, and inputs have {ticks} ticks. Expected "
+        "one batch size and one number of ticks"
     ),
-    "tree.another": "another tree than in the example at {path}",
+    "tree.another": "the structure at {path} differs from the example",
     "path.not-a-path": '"{path}" is not a path: write names with dots and indices in brackets, "a.b[0,2]"',
     "path.index": '"{path}": an index is one or more whole numbers, not [{found}]',
     "path.shape": '"{path}" has shape {expected}, not {found}',
@@ -67,14 +70,15 @@ TEMPLATES: dict[str, str] = {
         "work on a copy, np.array(x)"
     ),
     "trace.index": (
-        "{place}\n    {kind}: {error}: an index must be known before run time; write np.where(condition, a, b) to "
+        "{place}\n"
+        "    {kind}: {error}: an index must be known before run time. Write np.where(condition, a, b) to "
         "choose, np.interp(x, xp, fp) to read a table"
     ),
     "trace.numpy": "{place}\n    {kind}: {error}",
-    "trace.another-carry": "{whose} returned another carry than it is given: {cause}",
+    "trace.another-carry": "{whose} returned a carry that differs from its input: {cause}",
     "tree.dtype": "{path} is an array of {dtype}: expected numbers",
     "path.no-such-name": '"{path}": {kind} does not have {found}. {near}',
-    "compiler.absent": "no C compiler: install gcc or clang, or type: {fix}",
+    "compiler.absent": "a C compiler was not found: install gcc or clang, or type: {fix}",
     "compiler.no-command": "BAQUEANO_CC = '{found}': this command does not exist",
-    "compiler.given-up": "Python is used instead of C, which is slower: {cause}",
+    "compiler.given-up": "Python is used instead of C, and this is slower: {cause}",
 }

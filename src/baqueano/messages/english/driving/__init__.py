@@ -1,1 +1,1 @@
-"""English sentences of drives, simulations, comparisons, studies and tuning, and of sensors that are watched."""
+"""English sentences of drives, simulations, comparisons, studies, tuning, and the monitor of sensors."""

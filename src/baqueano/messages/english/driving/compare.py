@@ -1,16 +1,17 @@
-"""English sentences of comparisons, and of what their figures need."""
+"""English sentences of comparisons, and of the requirements of their figures."""
 
 CONSISTENCY = "{figure} of {of:word} is {mean:.2f}. A correct covariance gives {low:.2f} to {high:.2f}{worst}"
 
 TEMPLATES: dict[str, str] = {
     "compare.laps": (
-        "{laps} laps, the last in {seconds:.1f} s. Beside its route: {first_cm:.1f} cm rms in the first, {last_cm:.1f} "
-        "in the last, at most {most_cm:.1f} in lap {worst}. Each ends at most {gap_cm:.1f} cm from where it began."
+        "{laps} laps, the last in {seconds:.1f} s. Cross-track error: {first_cm:.1f} cm rms in the first "
+        "lap and {last_cm:.1f} in the last, at most {most_cm:.1f} in lap {worst}. Each lap ends at most "
+        "{gap_cm:.1f} cm from its start."
     ),
-    "compare.not-a-list": "alignment is a {kind}: several runs go into a list, as compare([one, other]).",
-    "compare.no-runs": "the list of runs is empty: give one or more, as baqueano compare last",
+    "compare.not-a-list": "alignment is a {kind}: give several runs as a list, compare([one, other]).",
+    "compare.no-runs": "the list of runs is empty: give one or more, for example baqueano compare last",
     "compare.times": "over_s = {over_s:g} s, skip_s = {skip_s:g} s: expected over_s above 0, skip_s at least 0.",
-    "compare.names": "names has {names} names, and there are {runs} runs: expected one for each.",
+    "compare.names": "names contains {names} names for {runs} runs: expected one name per run.",
     "lab.scipy-for-bands": "scipy is not installed, and the χ² bands need it. Type: {fix}",
     "forecast.no-covariance": (
         "the estimator {estimator:word} does not give a covariance of the pose, so its "
@@ -18,8 +19,8 @@ TEMPLATES: dict[str, str] = {
     ),
     "compare.alignment": 'alignment = "{found}": expected one of {known}.',
     "compare.no-first-heading": (
-        'alignment = "start" needs the first heading, and the truth has positions only. Align by '
-        "all positions. Type: {fix}"
+        'alignment = "start" needs the first heading, but the truth contains only positions. Align by all '
+        "positions. Type: {fix}"
     ),
     "compare.reference-short": "the reference path has {points} points: expected at least 2.",
     "compare.advice-too-sure": (
@@ -31,20 +32,23 @@ TEMPLATES: dict[str, str] = {
         "process_noise_cov."
     ),
     "consistency.not-reported": "The run does not contain an estimate with a covariance",
-    "consistency.cannot-tell": "Not enough data: the errors of {of:word} count for {samples:.1f} independent samples",
+    "consistency.cannot-tell": (
+        "There are not enough data: the errors of {of:word} are equivalent to {samples:.1f} independent "
+        "samples"
+    ),
     "consistency.consistent": f"Consistent: the {CONSISTENCY}",
     "consistency.too-sure": f"The {CONSISTENCY}",
     "consistency.too-cautious": f"The {CONSISTENCY}",
     "consistency.worst": "; the worst state is {state:word}, {nees:.2f}",
-    "consistency.unknown": "The run does not allow a judgement of {of:word}",
+    "consistency.unknown": "{of:word} cannot be judged with this run",
     "consistency.correlated": (
         "The innovations are correlated ({correlation:.2f} at lag 1): the model or the noise is incomplete"
     ),
     "corridor.lost": "lost after {t_s:.0f} s: from then on the heading is unknown",
     "corridor.lost-in-lap": "lost after {t_s:.0f} s (lap {lap}): from then on the heading is unknown",
-    "corridor.after-time": "after {t_s:.0f} s the position is known to {within} (95 %)",
-    "corridor.after-lap": "after 1 lap the position is known to {within} (95 %)",
-    "corridor.after-laps": "after {laps} laps the position is known to {within} (95 %)",
+    "corridor.after-time": "after {t_s:.0f} s the position is known within {within} (95 %)",
+    "corridor.after-lap": "after 1 lap the position is known within {within} (95 %)",
+    "corridor.after-laps": "after {laps} laps the position is known within {within} (95 %)",
     "corridor.cm": "± {across_cm:.2g} cm across, ± {heading_deg:.2g}°",
     "corridor.m": "± {across_m:.2g} m across, ± {heading_deg:.2g}°",
     "compare.of-run": "{run}: {cause}.",

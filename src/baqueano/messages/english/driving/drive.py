@@ -1,9 +1,9 @@
-"""English sentences of drives: by hand, by path, by mission, and what marks and first drives tell."""
+"""English sentences of drives by hand, by path and by mission, and of the results of marks and first drives."""
 
 TEMPLATES: dict[str, str] = {
     "pad.not-linux": "--pad: game pads are read from Linux's /dev/input. Here, drive by keys.",
     "pad.several": "--pad: there are {count} game pads: {several}. Name one: --pad {first}",
-    "pad.may-not-read": "--pad {path}: may not be read by this user. Type: {fix}",
+    "pad.may-not-read": "--pad {path}: this user may not read it. Type: {fix}",
     "pad.not-evdev": (
         "--pad {path} is not a device of evdev ({error}): expected one such as "
         "/dev/input/event5. Without a path, --pad searches for the pad."
@@ -17,42 +17,41 @@ TEMPLATES: dict[str, str] = {
     "marks.too-few": "{name} has {marks} marks: at rest on the mark, press m before and after a lap.",
     "marks.no-gyro": "{name} does not have a gyro, so its marks cannot calibrate one.",
     "marks.no-turn": (
-        "{name}: the turns between the marks cancel, as in an eight, so they give no scale. "
+        "{name}: the turns between the marks cancel, as in an eight, so they do not determine a scale. "
         "Drive a circle or a rectangle, in one direction."
     ),
     "marks.no-whole-turn": (
-        "{subject}: between two marks the gyro measured {turned_deg:.0f}°. Expected a whole "
-        "number of turns, within {within_percent:.0f} %, and at most {most}. Press m only when "
-        "the vehicle stands on the same mark with the same heading."
+        "{subject}: between two marks the gyro measured {turned_deg:.0f}°. Expected a whole number of "
+        "turns, within {within_percent:.0f} %, and at most {most}. Press m only when the vehicle is on the "
+        "same mark with the same heading."
     ),
     "marks.stood-too-short": (
         "{name}: the vehicle was at rest for {stood_s:.1f} s, too short to measure the bias of "
         "its gyro. Leave it at rest on the mark for 2 s, then drive."
     ),
     "first-drive.no-imu": (
-        "{name} does not have a sensor imu, and a first drive needs a gyro to stop. Add "
-        "[sensors.imu] to the vehicle file. Or type --known, and stand by the switch."
+        "{name} does not have a sensor imu, but a first drive needs a gyro to stop in time. Add "
+        "[sensors.imu] to the vehicle file. Or type --known, and stay near the switch."
     ),
     "first-drive.limit": (
-        "{vehicle}: [command] limit = {limit}: expected the largest size of each command, finite, one of them "
-        "above 0."
+        "{vehicle}: [command] limit = {limit}: expected the largest magnitude of each command, finite, and "
+        "at least one above 0."
     ),
     "first-drive.no-estimates": "{name} does not contain estimates of a first drive.",
     "mission.kind": 'a mission of kind "{kind}": expected one of {known}.',
     "mission.version": "this mission is of another version: update baqueano on both sides.",
     "mission.damaged": "this is not a mission ({kind}: {error}).",
     "mission.two-files": "two files of blocks are called {name}: give one of them another name.",
-    "mission.no-driver": "a lesson needs a route, or a person who drives.",
+    "mission.no-driver": "teaching needs a route, or a person who drives.",
     "mission.file-name": "a block in the file {name}: expected a plain name that ends in .py.",
     "smooth.not-kalman": (
-        "{who} cannot be smoothed: smoothing needs a Kalman filter, with a belief of mean (η, ν, "
-        "…) and cov, innovations, and Kalman gains. Leave --smooth out, or replay with ekf: "
-        "--estimator ekf"
+        "{who} cannot be smoothed: smoothing needs a Kalman filter, with a belief of mean (η, ν, …) and "
+        "cov, innovations, and Kalman gains. Remove --smooth, or replay with ekf: --estimator ekf"
     ),
     "smooth.not-compiled": "{who} cannot be compiled, so it cannot be smoothed: {cause}",
     "drive.usual-noise": (
-        "the vehicle file does not give the noise of {sensors}, so the estimator uses a usual "
-        "value. To measure it, type: baqueano identify RUN --update"
+        "the vehicle file does not contain the noise of {sensors}, so the estimator uses a typical value. "
+        "To measure it, type: baqueano identify RUN --update"
     ),
     "drive.signal-shape": (
         "the signal has shape {found}: expected finite numbers (N, {commands}), one column for each of {names}."
@@ -66,11 +65,11 @@ TEMPLATES: dict[str, str] = {
         "step {number} of the drive is {found}: expected a time above 0 s and {commands} finite numbers."
     ),
     "drive.no-steps": "the list of steps is empty: give at least one (seconds, command).",
-    "drive.says-failed": "diagnostic() of the {room} failed: {error}. It is not asked again in this drive.",
+    "drive.says-failed": "diagnostic() of the {room} failed: {error}. It is not called again in this drive.",
     "mpc.no-solver": "osqp is not installed, and the controller mpc needs its solver. Type: {fix}",
     "mpc.old-plan": (
-        "The solver of mpc found no command in time. The plan of the tick before goes on, for at most {most} ticks "
-        "in a row."
+        "The solver of mpc did not find a command in time. The plan of the previous tick continues, for at "
+        "most {most} ticks in a row."
     ),
     "mpc.unsolved": (
         "the solver of mpc did not find a command in {ticks} ticks in a row. Is the vehicle "
@@ -78,15 +77,18 @@ TEMPLATES: dict[str, str] = {
         "controller: --controller lqr"
     ),
     "route.no-estimates": "{name} does not have an estimated path, so it cannot become a route.",
-    "route.no-motion": "{name}: the vehicle did not move, so the run gives no route.",
+    "route.no-motion": "{name}: the vehicle did not move, so the run cannot become a route.",
     "route.open": (
-        "{name} ends {gap_m:.2f} m and {gap_deg:.0f}° from where it began; a closed route comes back within "
-        "{close_m} m and {close_deg:.0f}°. Drive back to the mark, or teach it as an open route."
+        "{name} ends {gap_m:.2f} m and {gap_deg:.0f}° from where it began; a closed route returns to "
+        "within {close_m} m and {close_deg:.0f}°. Drive back to the mark, or teach it as an open route."
     ),
     "drive.never-began": (
         "{cause}. This was before the first tick: the vehicle did not move, and the run was not written."
     ),
-    "pad.lacks": '--pad {path}: "{name}" has {lack}. Without a path, --pad searches for the pad.',
+    "pad.lacks": (
+        '--pad {path}: "{name}" cannot be used as a game pad ({lack}). Without a path, --pad searches for '
+        "the pad."
+    ),
     "pad.no-stick": "no stick",
     "pad.no-front-buttons": "no front buttons",
     "pad.none": (
@@ -100,17 +102,18 @@ TEMPLATES: dict[str, str] = {
         "--pad: no game pad is plugged in. Of {folder}/event*, {looked} were checked, and this "
         "user may not read {closed}. If one of these is the pad, type: {fix}"
     ),
-    "wiring.turns-wrong-left": "the left wheel turns the vehicle the wrong way: look at its wires",
-    "wiring.turns-wrong-right": "the right wheel turns the vehicle the wrong way: look at its wires",
-    "wiring.answers-as-one": "the two wheels answer as one: look at the wires of both motors",
-    "wiring.swapped": "left and right motor are swapped: change their connectors",
-    "wiring.backwards-left": "the left motor runs backwards: change its two wires",
-    "wiring.backwards-right": "the right motor runs backwards: change its two wires",
-    "first-drive.nothing-moved": "nothing moved with {command:word}: is the motor connected, the battery charged?",
+    "wiring.turns-wrong-left": "the left wheel turns the vehicle in the wrong direction: check its wires",
+    "wiring.turns-wrong-right": "the right wheel turns the vehicle in the wrong direction: check its wires",
+    "wiring.answers-as-one": "the two wheels respond as one: check the wires of both motors",
+    "wiring.swapped": "left and right motor are swapped: swap their connectors",
+    "wiring.backwards-left": "the left motor runs backwards: swap its two wires",
+    "wiring.backwards-right": "the right motor runs backwards: swap its two wires",
+    "first-drive.nothing-moved": (
+        "nothing moved with {command:word}: is the motor connected? Is the battery charged?"
+    ),
     "first-drive.ended-early": (
-        "nothing moved with up to {tried_percent:.0f} % of {command:word}, and then the drive "
-        "ended: the vehicle left its spot, or the drive took too long. Put it back and start "
-        "again"
+        "the sensors showed no motion with up to {tried_percent:.0f} % of {command:word}, and then the "
+        "drive ended. The vehicle left its spot, or the drive took too long. Put it back and start again"
     ),
     "mission.lacks": 'a mission of kind "{kind}" needs {name}.',
 }

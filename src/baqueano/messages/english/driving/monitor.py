@@ -1,7 +1,7 @@
-"""English sentences about sensors that disagree, a model that no longer fits, and motion that no fit has seen."""
+"""English sentences about sensors that disagree, a model that no longer fits, and motion outside the data of a fit."""
 
 TEMPLATES: dict[str, str] = {
-    "sensor.no-number": "{subject} gives no finite number. {off}.",
+    "sensor.no-number": "{subject} does not give a finite number. {off}.",
     "sensor.at-its-end": "{subject} is at the end of its range, {reading:.3g}. {off}.",
     "sensor.frozen": "{subject} is stuck at {reading:.3g}; expected {expected:.3g}. {off}.",
     "sensor.zero": "{subject} reads 0; expected {expected:.3g}. {off}.",

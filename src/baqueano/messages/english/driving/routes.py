@@ -1,9 +1,9 @@
-"""English sentences of routes that are made ready and judged."""
+"""English sentences about routes that are prepared and examined."""
 
 TEMPLATES: dict[str, str] = {
     "route.no-way": (
-        "the route is {length_m:.3f} m long: expected at least four points, a millimetre apart. "
-        "Teach it with a drive that moves."
+        "the route is {length_m:.3f} m long: expected at least four points, a millimetre apart. Teach it "
+        "with a drive in which the vehicle moves."
     ),
     "route.both-ways": (
         "the route changes between forward and backward {count} times, first at {at_m:.2f} m. Cut it there, and work "
@@ -14,25 +14,25 @@ TEMPLATES: dict[str, str] = {
         "the part from {from_m:g} to {to_m:g} m does not lie on the route: expected 0 ≤ from < to ≤ {length_m:.2f} m."
     ),
     "route.join-reverses": (
-        "the first route ends at {first_m_s:.2f} m/s, the second begins at {second_m_s:.2f} m/s: one is driven "
-        "forward, the other backward. Turn one of them round: {fix}"
+        "the first route ends at {first_m_s:.2f} m/s, the second begins at {second_m_s:.2f} m/s. One is "
+        "driven forward, the other backward. Reverse one of them: {fix}"
     ),
     "route.factor": "factor {found:g}: expected a positive number; 2 makes a route twice as large.",
     "route.speed": "speed {found:g} m/s: expected a positive number.",
-    "route.limit": "{name} = {found:g}: expected a positive number; a share is at most 1.",
+    "route.limit": "{name} = {found:g}: expected a positive number; a fraction is at most 1.",
     "route.points": "points have the shape {found}: expected at least two rows of x and y in metres, (m, 2).",
-    "route.point-not-finite": "point {number} is not a number. Give x and y in metres, or leave the point out.",
+    "route.point-not-finite": "point {number} is not a number. Give x and y in metres, or remove the point.",
     "route.points-same": (
-        "points {first} and {second} are {distance_m:.4f} m apart: expected at least a millimetre. Leave one "
-        "of them out."
+        "points {first} and {second} are {distance_m:.4f} m apart: expected at least a millimetre. Remove "
+        "one of them."
     ),
     "route.points-far": (
         "points {first} and {second} are {distance_m:.1f} m apart: expected at most 20 m. Are the columns in metres, "
         "and is a point missing between them?"
     ),
     "route.too-tight": (
-        "the curve at {at_m:.2f} m has a radius of {radius_m:.3f} m, which the vehicle cannot drive at any speed. Make "
-        "the route smoother or larger: {fix}"
+        "the curve at {at_m:.2f} m has a radius of {radius_m:.3f} m, too small for the vehicle at any "
+        "speed. Make the route smoother or larger: {fix}"
     ),
     "route.jump": (
         "the route jumps by {gap_m:.2f} m at {at_m:.2f} m ({at_s:.1f} s), {count} times in all: "
@@ -43,8 +43,8 @@ TEMPLATES: dict[str, str] = {
         "and the path between is not known. There are {count} such places. Cut it there, or teach it again: {fix}"
     ),
     "route.no-number": (
-        "{count} rows of the route hold something that is not a number, first row {row}. Correct the file, or teach "
-        "the route again: {fix}"
+        "{count} rows of the route contain something that is not a number; the first is row {row}. Correct "
+        "the file, or teach the route again: {fix}"
     ),
     "route.speed-too-high": (
         "at {at_m:.1f} m the route needs {needs_m_s:.2f} m/s, but the vehicle reaches "

@@ -1,10 +1,10 @@
-"""English sentences about faults of a simulated world, and about who noticed them."""
+"""English sentences about faults of a simulated world, and about the parts of the software that detected them."""
 
 TEMPLATES: dict[str, str] = {
     "shake.push": "push of {much:.2f} N s {way}",
-    "shake.way-ahead": "ahead",
+    "shake.way-ahead": "forward",
     "shake.way-left": "to the left",
-    "shake.way-back": "back",
+    "shake.way-back": "backward",
     "shake.way-right": "to the right",
     "shake.tilt": "floor tilted by {much:.1f}°, up towards {toward_deg:.0f}°",
     "shake.cut": "{of} cut",
@@ -20,13 +20,13 @@ TEMPLATES: dict[str, str] = {
     "shake.kind": "The fault {found} does not exist: expected one of {known}.",
     "shake.number": "{kind}: {name} = {found}: expected a number from {low:g} to {high:g}.",
     "shake.of": "{kind} of {found}: expected one of {known}.",
-    "shake.fields": "{found} lacks kind, or has an unknown field: expected some of {known}.",
+    "shake.fields": "{found} does not have kind, or has an unknown field: expected some of {known}.",
     "shake.words": (
-        '{found} does not describe a fault: expected a time and a kind, such as "12 s: push 0.3 N s left" or '
-        '"3-6 s: cut imu". The kinds, each with an example: {known}.'
+        '{found} does not describe a fault. Expected a time and a kind, such as "12 s: push 0.3 N s left" '
+        'or "3-6 s: cut imu". The kinds, each with an example: {known}.'
     ),
     "shake.form": '{found} does not describe a fault of the kind {kind}: expected for example "{kind} {example}".',
-    "shake.no-inertia": "This vehicle is kinematic, its velocity is its command: a {kind} cannot move it.",
+    "shake.no-inertia": "This vehicle is kinematic: its velocity is its command, so a {kind} cannot move it.",
     "shake.no-mass": (
         "The vehicle file does not have mass_kg, so the effect of a push of {found} is unknown. "
         "Tilt the floor instead."
@@ -34,13 +34,14 @@ TEMPLATES: dict[str, str] = {
     "shake.too-many": "A drive has at most {most} faults. Begin another drive.",
     "shake.no-number": "Fault number {found} does not exist: this drive had {most} so far.",
     "shake.of-another-world": (
-        "Faults happen in a simulation only, and this drive is given a world, {world}. Leave out `world` or `shake`."
+        "Faults happen in a simulation only, but this drive has its own world, {world}. Remove `world` or "
+        "`shake`."
     ),
-    "shake.robot": "Faults happen in a simulation only. Leave out --shake, or --robot {host}.",
+    "shake.robot": "Faults happen in a simulation only. Remove --shake, or --robot {host}.",
     "shake.no-drive": (
-        "The vehicle does not drive now. Start a mission first, or give the mission its faults with shake."
+        "The vehicle is not driving now. Start a mission first, or give the mission its faults with shake."
     ),
-    "shake.no-mission": "No mission was driven yet, so none can be driven again.",
+    "shake.no-mission": "No mission was driven yet, so none can be repeated.",
     "shake.by-hand": (
         "A drive by hand cannot be repeated without a fault, because a person never drives twice "
         "alike. Repeat a route, or drive an experiment."
@@ -51,18 +52,20 @@ TEMPLATES: dict[str, str] = {
     "ledger.who-gate": "gate",
     "ledger.who-nis": "NIS",
     "ledger.fault": "{at_s:.1f} s: {what}",
-    "ledger.noticed": "    {who} noticed it after {after_s:.2f} s: {said}",
-    "ledger.by-nobody": "    nothing noticed it {said}",
+    "ledger.noticed": "    {who} detected it after {after_s:.2f} s: {said}",
+    "ledger.by-nobody": "    it was not detected {said}",
     "ledger.gate": "refused {refused} innovations within {within_s:g} s",
     "ledger.nis": "{nis:.2f} over {window_s:g} s, by chance at most {most:.2f}",
     "ledger.nobody": "for {after_s:.1f} s: NIS at most {nis:.2f}. {why}.",
     "ledger.nobody-and-off": "for {after_s:.1f} s: NIS at most {nis:.2f}. {off}. {why}.",
-    "ledger.off": "The estimate has an error of {off_cm:.1f} cm, and claims ± {believed_cm:.1f} cm.",
+    "ledger.off": (
+        "The estimate has an error of {off_cm:.1f} cm, but its own uncertainty is ± {believed_cm:.1f} cm."
+    ),
     "ledger.why-push": "The push is within the disturbance that the filter expects from the floor.",
     "ledger.why-tilt": (
         "For an accelerometer a tilt looks like a bias, and other sensors do not measure it."
     ),
-    "ledger.why-tilt-pose": "The measured pose corrects the effect of the tilt, so it is small.",
+    "ledger.why-tilt-pose": "The measured pose corrects the effect of the tilt, so that effect is small.",
     "ledger.why-unused": "The estimator does not use {subject}.",
     "ledger.why-cut": "The filter continues with its model, and this sensor is not monitored.",
     "ledger.why-drift": "No other sensor shows this motion, so nothing contradicts {subject}.",

@@ -2,19 +2,19 @@
 
 TEMPLATES: dict[str, str] = {
     "simulate.as-written": (
-        "the {room} {block} asks a solver, a person or a clock, so its step cannot be compiled. Nothing tunes it, "
-        "or simulates it in one kernel. Drive it tick by tick: {fix}"
+        "the {room} {block} depends on a solver, a person or a clock, so its step cannot be compiled. It "
+        "cannot be tuned or simulated in one kernel. Run it tick by tick: {fix}"
     ),
     "simulate.never-done": "This guide never ends by itself: give the duration as duration_s.",
     "simulate.vary-shape": 'vary["{path}"] has shape {found}: expected {expected}, a row per vehicle.',
-    "simulate.vary-count": 'vary["{path}"] is for {found} vehicles, another value for {expected}.',
-    "simulate.vary-not-finite": 'vary["{path}"] holds a number that is not finite.',
+    "simulate.vary-count": 'vary["{path}"] is for {found} vehicles, but another value is for {expected}.',
+    "simulate.vary-not-finite": 'vary["{path}"] contains a number that is not finite.',
     "simulate.no-vehicles": (
         "The number of vehicles is 0: give vary = {{path: values}} with a row per vehicle, or vehicles."
     ),
     "simulate.no-covariance": (
-        "{name}: no parameter has a covariance yet, so nothing can be drawn. Fit it: baqueano identify RUNS "
-        "--update, or say what varies: vary = {{path: values}}."
+        "{name}: no parameter has a covariance yet, so vehicles cannot be drawn. Fit it: baqueano identify "
+        "RUNS --update, or state what varies: vary = {{path: values}}."
     ),
     "simulate.vehicles": "vehicles = {vehicles}: expected 1 or more.",
     "simulate.signal-shape": (

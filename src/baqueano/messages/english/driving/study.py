@@ -2,15 +2,15 @@
 
 TEMPLATES: dict[str, str] = {
     "study.recordings-missing": (
-        "recordings are missing: {folders} lack {missing}. They do not come with baqueano; set "
-        "BAQUEANO_DATA to the folder that holds {first}"
+        "recordings are missing: {folders} do not contain {missing}. They are not part of baqueano; set "
+        "BAQUEANO_DATA to the folder that contains {first}"
     ),
     "study.not-a-third": (
-        "{subject} is the best with a known pose: {ratio:.2f} of the error of {reference}, at most {high:.2f}. "
-        "Expected a third or less."
+        "{subject} is the best with a known pose: its error is {ratio:.2f} of the error of {reference}, at "
+        "most {high:.2f}. Expected a third or less."
     ),
     "study.no-interval": "{robots} robots are too few for an interval, so no controller is judged. Give more --seeds.",
-    "study.gain-at-bound": "{subject}: the search ended on a bound of {gains}",
+    "study.gain-at-bound": "{subject}: the search ended at a bound of {gains}",
     "study.stopped": "{subject}: {stopped} drives were stopped",
     "study.fits-refused": "the fits of these robots were refused: {robots}",
     "demo.refused": "the fit of the demo was refused: {cause}",

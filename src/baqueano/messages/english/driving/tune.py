@@ -2,33 +2,33 @@
 
 TEMPLATES: dict[str, str] = {
     "tune.uncontrolled": (
-        "with the best gains the vehicle is {distance_m:.3g} m rms from its route, hardly less "
-        "than without control. Is the route faster than the vehicle, or its speed below the dead "
-        "zone of its motors?"
+        "with the best gains the vehicle is {distance_m:.3g} m rms from its route, hardly less than "
+        "without control. Is the route too fast for the vehicle? Or is its speed below the dead zone of "
+        "the motors?"
     ),
     "tune.at-lower-limit": "{subject} is at its lower limit, {limit:.3g}{unit}",
     "tune.at-upper-limit": "{subject} is at its upper limit, {limit:.3g}{unit}",
     "tune.one-start": "only 1 of {starts} starts reached this cost: there may be a better one",
     "tune.saturated": (
-        "the command is at its limit {percent:.0f} % of the time: drive slower, or raise the "
-        "weight of changes of the command (jerk_m2, --jerk)"
+        "the command is at its limit {percent:.0f} % of the time. Drive slower, or raise the weight of "
+        "changes of the command (jerk_m2, --jerk)"
     ),
     "tune.unstable": (
         "with these gains a small error grows on a straight drive at {speed_m_s:.2g} m/s: tune over a longer route, "
         "or narrow the bounds"
     ),
     "simulate.lost": "{lost} of {vehicles} vehicles diverged and are not counted",
-    "simulate.clipped": "{clipped} of {vehicles} draws were moved to a bound",
-    "compare.inconsistent": "{subject} {how:word}",
+    "simulate.clipped": "in {clipped} of {vehicles} draws a parameter was moved to its bound",
+    "compare.inconsistent": "{subject}: {how:word}",
     "tune.aside": "aside_m = {aside_m:g}: expected a finite distance [m], 0 for a start on the route.",
     "tune.all-run-away": (
         "{vehicle}: with every gain in the search the simulated vehicle diverges. Limit the "
         "command ([command] limit), or give smaller bounds."
     ),
     "tune.no-gains": (
-        "{kind} does not declare a gain to tune. Write each gain as a field with unit and "
-        'bounds, with baqueano.parameter: k: float = parameter("unit of u per m", "push ahead", '
-        "low=0.0, high=20.0, default=3.0)"
+        "{kind} does not declare a gain to tune. Write each gain as a field with unit and bounds. Use "
+        'baqueano.parameter: k: float = parameter("unit of u per m", "push ahead", low=0.0, high=20.0, '
+        "default=3.0)"
     ),
     "tune.no-such-gain": "{kind} does not have the gain {found}: it has {known}.",
     "tune.bounds": (
@@ -40,18 +40,18 @@ TEMPLATES: dict[str, str] = {
     ),
     "tune.nothing-to-drive": "{routes} routes and {seeds} seeds: expected at least one of each.",
     "tune.as-written": (
-        "{controller} cannot be tuned: its step calls a library, which gives no gradient. Compare sets of its "
-        "parameters with a sweep."
+        "{controller} cannot be tuned: its step calls a library, which does not give a gradient. Compare "
+        "sets of its parameters with a sweep."
     ),
     "tune.of-a-cell": (
-        "{controller} stands in no file that a vehicle file could name. Drive with controller=tuned.controller, or "
-        "write the class into a file."
+        "{controller} is not defined in a file, so a vehicle file cannot name it. Drive with "
+        "controller=tuned.controller, or write the class into a file."
     ),
     "tune.too-many": "{dimensions} gains at once: expected at most {most}. Name fewer, and fix the rest.",
     "lab.scipy-for-tuning": "scipy is not installed, and tuning needs it. Type: {fix}",
-    "compare.diverged": "The estimate diverged at {t_s:.1f} s. Its figures are for the time before.",
+    "compare.diverged": "The estimate diverged at {t_s:.1f} s. Its figures cover only the time before that.",
     "compare.no-covariance": (
-        "The covariance is not positive definite at {ticks} of {of} ticks, first at {from_s:.2f} s, so it "
-        "gives no probability."
+        "The covariance is not positive definite at {ticks} of {of} ticks, first at {from_s:.2f} s, so a "
+        "probability cannot be computed."
     ),
 }

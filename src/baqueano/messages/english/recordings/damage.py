@@ -1,4 +1,4 @@
-"""English sentences about recordings: damage to a file, and what the map of a recording has to hold."""
+"""English sentences about recordings: damage to a file, and the required content of the map of a recording."""
 
 TEMPLATES: dict[str, str] = {
     "damage.message-bytes": "messages of {bytes} bytes were expected",
@@ -8,7 +8,7 @@ TEMPLATES: dict[str, str] = {
     "damage.times": "times that do not fit into 64 bits",
     "damage.channel-size": "a channel without the number of values per message",
     "damage.memory": "a content that needs more than {size} of memory",
-    "damage.field": "a field of {size} bytes in a record with {left} left",
+    "damage.field": "a field of {size} bytes in a record with {left} bytes left",
     "damage.not-utf8": "a text that is not UTF-8",
     "damage.map-entries": "a map of more than {most} entries",
     "damage.end": "a wrong mark of the end of the data",
@@ -19,10 +19,10 @@ TEMPLATES: dict[str, str] = {
     "damage.second-end": "a second end of the file",
     "damage.summary-checksum": "a wrong checksum of the summary",
     "damage.attachment-checksum": "a wrong checksum of the attachment '{name}'",
-    "damage.too-large": "unpacks from {size} to {need} of memory or more; at most {most} are taken for it",
+    "damage.too-large": "unpacks from {size} to {need} of memory or more; at most {most} are accepted",
     "damage.chunk-longer": "a chunk longer than its contents",
     "damage.chunk-unpacks": "a chunk of {unpacked_mib:.0f} MiB after decompression (64 MiB at most)",
-    "damage.chunk-size": "a chunk of {bytes} bytes, and {said_bytes} by its own header",
+    "damage.chunk-size": "a chunk of {bytes} bytes, whose header indicates {said_bytes}",
     "damage.chunk-checksum": "a wrong checksum of a chunk",
     "damage.chunk-not-unpacked": "a chunk that cannot be decompressed ({error})",
     "damage.chunk-other-size": "the stored size of a compressed chunk does not match its data",
@@ -30,7 +30,7 @@ TEMPLATES: dict[str, str] = {
     "damage.names": "the names of {topics} topics are lost",
     "damage.unexpected": "an unexpected record of kind {kind}",
     "damage.record-size": "a record with an impossible size, {size} bytes",
-    "damage.zeros": "zero bytes",
+    "damage.zeros": "null bytes",
     "damage.unknown-kind": "a record of unknown kind {kind}",
     "damage.short-record": "a record of kind {kind} with only {size} bytes",
     "damage.data-checksum": "the checksum of all data is wrong",
@@ -38,24 +38,25 @@ TEMPLATES: dict[str, str] = {
     "run.not-packed": "the shape of {what} is wrong, so it is not in this run: {error}",
     "damage.at": "bytes {first} to {last}: {cause}",
     "run.and": "{first}; {then}",
-    "run.repeated-ticks": "{count} repeated ticks were left out",
-    "run.other-size": "{topic} has {found} numbers, /command/applied {expected}: it was left out",
+    "run.repeated-ticks": "{count} repeated ticks were excluded",
+    "run.other-size": "{topic} has {found} numbers, /command/applied {expected}: it was excluded",
     "run.unread-events": "events that could not be read: {count} ({cause})",
     "run.vehicle-file-lost": "the vehicle file of the run is lost",
     "run.metadata-lost": "the metadata (seed, versions) are lost: their checksum is wrong",
     "run.not-closed": (
-        "{file} was not closed: {ticks} ticks, {duration_s:.2f} s, were saved; the data that the program had not yet "
-        "written, at most its last second, are lost"
+        "{file} was not closed: {ticks} ticks, {duration_s:.2f} s, were saved. The program had not yet "
+        "written the rest, at most one second, which is lost"
     ),
     "run.damaged": (
-        "{file} is damaged ({places}): the part that could not be verified was left out; {ticks} ticks are whole"
+        "{file} is damaged ({places}): the part that could not be verified was excluded; {ticks} ticks are "
+        "complete"
     ),
     "run.damaged-often": (
-        "{file} is damaged ({places}; and {more} more places): the part that could not be verified was left out; "
-        "{ticks} ticks are whole"
+        "{file} is damaged ({places}; and {more} more places): the part that could not be verified was "
+        "excluded; {ticks} ticks are complete"
     ),
-    "replay.holes": "{count} silent ticks were put where the recording has holes",
-    "replay.without-sensor": "the run does not contain sensor {sensor}, so it stays silent in the replay",
+    "replay.holes": "{count} ticks without measurements were inserted into gaps of the recording",
+    "replay.without-sensor": "the run does not contain sensor {sensor}, so the replay does not have its data",
     "run.time-range": "{time_ns} ns is not a time between 1970 and 2038",
     "import.does-not-fit": (
         "{map} does not agree with its recording: {doubts}. If the map is right, write at its "
@@ -63,14 +64,14 @@ TEMPLATES: dict[str, str] = {
     ),
     "expect.format": "format = 1",
     "expect.in-force": (
-        'in_force = "from" if the command of a row holds from its time on, in_force = "until" if it held up to '
-        "then: the difference is one tick of delay"
+        'in_force = "from" if the command of a row is valid from its time on; in_force = "until" if it was '
+        "valid until then. The difference is one tick of delay"
     ),
     "expect.u-or-wheels": (
         "either u = [ … ], an entry per command, or wheels = [left, right]. These become u_x = (l + "
         "r)/2, u_y = 0, u_psi = (r - l)/2"
     ),
-    "expect.delimiter": 'one character, as delimiter = ";" or "\\t"',
+    "expect.delimiter": 'one character, such as delimiter = ";" or "\\t"',
     "expect.rate": "the number of rows per second, above 0",
     "expect.time-unit": 'time_unit = "s", one of {known}, iso8601',
     "expect.time-rest": 'beside time: time_rest = {{ column = "nanosec", unit = "ns" }}',
@@ -79,7 +80,10 @@ TEMPLATES: dict[str, str] = {
     "expect.entry": 'an entry like {{ column = "NAME", unit = "m/s" }}',
     "expect.one-source": 'either column = "NAME", or quaternion = ["x", "y", "z", "w"], or constant = …',
     "expect.no-unit": "no unit: the heading of a quaternion is in rad",
-    "expect.wraps": "the counts of a turn, above 0, beside derivative = true: of a counter of 16 bits 65536",
+    "expect.wraps": (
+        "the counts until the counter wraps, above 0, together with derivative = true; for a 16-bit "
+        "counter 65536"
+    ),
     "expect.scale": 'scale = …, the value of one count in SI units, because unit = "raw"',
     "expect.radius": "radius_m only with the angle or angular rate of a wheel",
     "expect.counts": (
@@ -88,21 +92,25 @@ TEMPLATES: dict[str, str] = {
     ),
     "expect.no-counts": 'counts_per_turn only with unit = "counts"',
     "expect.file": 'file = "{first}", one of {known}',
-    "expect.type": "{kind}, as in the maps that come with baqueano",
+    "expect.type": "{kind}, as in the maps of baqueano",
     "expect.finite": "a number that is finite",
     "expect.lever-arm": "lever_arm_m = [ahead, left], in m",
     "expect.no-mount": (
         "neither lever_arm_m nor heading_rad, because the heading is unknown. A fit can estimate "
         "the position of the mark: --use truth --free +sensors.truth.lever_arm_m"
     ),
-    "run.times": "{name} of a run is a list of integer nanoseconds, got {dtype} of shape {found}.",
-    "run.order": (
-        "{name} of a run must {order}: entry {entry} is {t_ns} ns, the next one {next_ns} ns. Repeated or "
-        "backward times have to be removed first."
+    "run.times": "{name} of a run is a list of integer nanoseconds; found {dtype} of shape {found}.",
+    "run.times-not-increasing": (
+        "{name} of a run must increase: entry {entry} is {t_ns} ns, the next one {next_ns} ns. Remove repeated and "
+        "backward times first."
+    ),
+    "run.times-decreasing": (
+        "{name} of a run must not decrease: entry {entry} is {t_ns} ns, the next one {next_ns} ns. Remove backward "
+        "times first."
     ),
     "run.shape": "{name} of a run has shape {found}, expected {expected}: one row per time.",
     "run.arrivals": "{where} has {times} measurement times and {arrivals} arrival times.",
-    "expect.three-names": "three names, as u_x, u_y, u_psi",
+    "expect.three-names": "three names, such as u_x, u_y, u_psi",
     "expect.names": "{count} names, one per entry of u",
     "expect.one-of": "{key} = one of {allowed}",
     "expect.time-of-bag": 'time = "bag" (when it was recorded) or time = "header.stamp"',
@@ -118,11 +126,11 @@ TEMPLATES: dict[str, str] = {
     "expect.ticks": 'a table [ticks] with file = "NAME": its times are the ticks of the run',
     "expect.measures": "a unit of {measures}: {known}, or raw with a scale",
     "expect.measures-or-rolls": (
-        "a unit of {measures}: {known}, or raw with a scale, or beside it radius_m = …, that of the wheel"
+        "a unit of {measures}: {known}, or raw with a scale, or add radius_m = …, the radius of the wheel"
     ),
-    "expect.measures-or-rate": "a unit of {measures}: {known}, or raw with a scale, or beside it derivative = true",
+    "expect.measures-or-rate": "a unit of {measures}: {known}, or raw with a scale, or add derivative = true",
     "expect.measures-or-rate-of-rolling": (
-        "a unit of {measures}: {known}, or raw with a scale, or beside it derivative = true, and radius_m = …, that of "
-        "the wheel"
+        "a unit of {measures}: {known}, or raw with a scale, or add derivative = true and radius_m = …, "
+        "the radius of the wheel"
     ),
 }

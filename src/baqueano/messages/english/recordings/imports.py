@@ -1,4 +1,4 @@
-"""Findings about a recording that is imported, and the lines to write in its map."""
+"""English sentences about a recording that is imported, and about the rows to write in its map."""
 
 TEMPLATES = {
     "recording.alone": "{what:word}: {cause}",
@@ -17,17 +17,19 @@ TEMPLATES = {
     "recording.check-both-units": "check both units",
     "recording.check-unit-and-scale": "check its unit and scale",
     "recording.check-with-speed": "check its unit and scale, and those of the speed, {source}",
-    "recording.write-scale": "write scale = {scale} for it",
+    "recording.write-scale": "write scale = {scale} for this channel",
     "recording.write-unit": 'write unit = "{unit_of_it}" for {key}',
     "recording.write-shift": "write shift_s = {shift_s} in [files.{file}]",
     "recording.write-pulses": "write {line}, for pulses of 1000 to 2000 µs with 1500 in the middle",
     "recording.write-largest": (
-        "write {line}, where {most} is the largest one: a set-point in a physical unit does not have a full scale"
+        "write {line}, where {most} is the largest value: a set-point in a physical unit does not have a "
+        "full scale"
     ),
-    "recording.write-full": "write {line}, where a full command is {full}",
-    "recording.write-percent-or-full": 'write unit = "%", or {line}, where a full command is {full}',
+    "recording.write-full": "write {line}, if a full command is {full}",
+    "recording.write-percent-or-full": 'write unit = "%", or {line}, if a full command is {full}',
     "recording.write-new-when": (
-        'for the new ones alone write new_when = "COLUMN" (one that changes with each) in [files.…]'
+        'to use only the new values, write new_when = "COLUMN" (a column that changes with each new value) '
+        "in [files.…]"
     ),
     "recording.write-time-unit": 'if it is in {in_unit} write time_unit = "{in_unit}" in [files.{file}]',
     "recording.write-mirrored": "x and y are swapped, or one of y and yaw needs scale = -1.0",
@@ -35,25 +37,27 @@ TEMPLATES = {
     "recording.write-gyro": "write scale = {scale} for {gyro}",
     "recording.swap-wheels": "swap left and right of {wheels}",
     "recording.swap-or-gyro": (
-        "swap left and right of {wheels}, or if the gyro is negative where the vehicle turns left write "
+        "swap left and right of {wheels}; or, if the gyro is negative when the vehicle turns left, write "
         "scale = {scale} for {gyro}"
     ),
     "recording.swap-or-upside-down": (
-        "swap left and right of {wheels}, or if the IMU is upside down write scale = {scale} for {gyro} and "
-        "scale = {also} for {key}"
+        "swap left and right of {wheels}; or, if the IMU is upside down, write scale = {scale} for {gyro} "
+        "and scale = {also} for {key}"
     ),
     "recording.swap-axes": "swap the columns of a_x and a_y",
     "recording.swap-commands": "swap the columns of [command] u",
     "recording.check-track": "check the scale of both: counts_per_turn, radius_m, unit of {wheels}, unit of {by}",
-    "recording.constant": "[{key}] number {number}: {value:g} in all {rows} rows; is it wired?",
+    "recording.constant": "[{key}] number {number}: {value:g} in all {rows} rows; is it connected?",
     "recording.constant-command": "command {name} is {value:g} all the time",
     "recording.held": (
-        "[{key}]: {share:.0%} of the rows repeat the one before: a new value comes about every {every:.1f} rows"
+        "[{key}]: {share:.0%} of the rows repeat the previous row: a new value arrives about every "
+        "{every:.1f} rows"
     ),
     "recording.truth-fast": "[truth] eta: positions change by {speed_m_s:.3g} m/s",
     "recording.truth-turns": "[truth] eta[2]: the heading changes by {rate_rad_s:.3g} rad/s",
     "recording.mirrored": (
-        "[truth] eta: course and heading turn opposite ways (agreement {same:.2f}, mirrored {mirrored:.2f})"
+        "[truth] eta: course and heading turn in opposite directions (agreement {same:.2f}, mirrored "
+        "{mirrored:.2f})"
     ),
     "recording.beside": "[truth] eta[2]: the direction of motion differs from the heading by "
                     "{off_deg:.0f}° (or {back_deg:.0f}°)",
@@ -61,8 +65,8 @@ TEMPLATES = {
         '{key} with unit = "{unit_read}" reaches {value:.3g} {shown}: this is too much for a small vehicle'
     ),
     "recording.tyres": (
-        "{key} with unit = \"{unit_read}\" stays at {most:.3g} m/s² for {window_s:g} s: tyres "
-        "cannot give that"
+        '{key} with unit = "{unit_read}" stays at {most:.3g} m/s² for {window_s:g} s: tyres cannot produce '
+        "that"
     ),
     "recording.gyro-at-rest": (
         "{key} with unit = \"{unit_read}\" is {off:.2g} ± {sd:.2g} rad/s before the first command; "
@@ -73,48 +77,60 @@ TEMPLATES = {
         "{key} with unit = \"{unit_read}\" varies by {sd:.1g} m/s² at rest and reaches {most:.2g}: "
         "few accelerometers have so little noise"
     ),
-    "recording.curve": '{first} and {last} with unit = "{unit_read}" mean curves at {speed_m_s:.3g} m/s',
+    "recording.curve": '{first} and {last} with unit = "{unit_read}" imply curves at {speed_m_s:.3g} m/s',
     "recording.command-range": '{key} ({name}) reaches {most:.5g} with unit = "{unit_read}"; a full command is 1',
-    "recording.against-truth": "{key} is {slope:.3g} times what [truth] says (correlation {correlation:.2f})",
+    "recording.against-truth": (
+        "{key} is {slope:.3g} times the value in [truth] (correlation {correlation:.2f})"
+    ),
     "recording.against-motion": (
-        "{key} is {slope:.3g} times what speed and turning give (correlation {correlation:.2f})"
+        "{key} is {slope:.3g} times the value that speed and yaw rate imply (correlation {correlation:.2f})"
     ),
-    "recording.twice": '"{unit_read}" is too small by a factor of {ratio:.4g}. Is the column in SI units?',
+    "recording.twice": (
+        'the unit "{unit_read}" is too small by a factor of {ratio:.4g}. Is the column in SI units?'
+    ),
     "recording.no-sign": "{key} is never negative: the sensor does not measure the direction",
-    "recording.clock-later": "[truth] fits {key} best {by_ms:.0f} ms later (correlation {now:.3f}, then {then:.3f})",
-    "recording.clock-earlier": (
-        "[truth] fits {key} best {by_ms:.0f} ms earlier (correlation {now:.3f}, then {then:.3f})"
+    "recording.clock-later": (
+        "[truth] agrees best with {key} if shifted {by_ms:.0f} ms later (correlation {now:.3f} now, "
+        "{then:.3f} then)"
     ),
-    "recording.turns-against": "{wheels} and {by} have opposite signs of the turning (correlation "
-                           "{correlation:.2f})",
+    "recording.clock-earlier": (
+        "[truth] agrees best with {key} if shifted {by_ms:.0f} ms earlier (correlation {now:.3f} now, "
+        "{then:.3f} then)"
+    ),
+    "recording.turns-against": (
+        "{wheels} and {by} give yaw rates of opposite sign (correlation {correlation:.2f})"
+    ),
     "recording.and-sideways": "{cause}, and {key} contradicts it ({correlation:.2f})",
-    "recording.turns-otherwise": "{wheels} and {by} disagree on the turning (correlation {correlation:.2f})",
+    "recording.turns-otherwise": "{wheels} and {by} disagree on the yaw rate (correlation {correlation:.2f})",
     "recording.track": (
-        "{wheels} and {by} agree with wheels that are {apart_m:.3g} m apart (correlation "
-        "{correlation:.2f})"
+        "{wheels} and {by} agree if the wheels are {apart_m:.3g} m apart (correlation {correlation:.2f})"
     ),
     "recording.axes-swapped": "{x} agrees with v·ω and {y} with v̇ (correlations {first:.2f}, {second:.2f})",
-    "recording.other-steers": "command {other} turns the vehicle (correlation {correlation:.2f}), {steering} does not",
+    "recording.other-steers": (
+        "command {other} turns the vehicle (correlation {correlation:.2f}), but {steering} does not"
+    ),
     "recording.turns-right": (
-        "positive {steering} turns right (correlation {correlation:.2f}): its gain will be negative"
+        "a positive {steering} turns the vehicle to the right (correlation {correlation:.2f}): its gain "
+        "will be negative"
     ),
     "recording.steps-back": (
-        "{table}: time steps back by {back_s:.3f} s at line {line} ({count} such steps): {lost} rows up to there were "
-        "left out"
+        "{table}: time steps back by {back_s:.3f} s at line {line} ({count} such steps): {lost} rows up to "
+        "there were excluded"
     ),
     "recording.repeats": (
-        "{table}: {count} rows repeat the time of the row before, the first at line {line}; one of each was kept"
+        "{table}: {count} rows repeat the time of the previous row, the first at line {line}; one row of "
+        "each time was kept"
     ),
     "recording.gap": "{table}: {gap_s:.3f} s without a row after line {line} (usual step {usual_s:.3f} s)",
     "recording.more-gaps": "{table}: and {more} more gaps",
     "recording.tick-lasts": (
         '{table}: with time_unit = "{unit_read}" a tick lasts {tick_s:.3g} s, {rate_hz:.3g} a second'
     ),
-    "recording.short-parts": "{count} parts with fewer than {least} ticks were left out: {names}",
-    "recording.no-command-yet": "{count} ticks before the first command were left out",
+    "recording.short-parts": "{count} parts with fewer than {least} ticks were excluded: {names}",
+    "recording.no-command-yet": "{count} ticks before the first command were excluded",
     "recording.no-command": "no command: the vehicle is at rest",
-    "recording.missing": "[{key}]: {lost} of {rows} rows lack a number (NaN, empty) and were left out",
-    "recording.no-time": "{table}: {count} rows without a time were left out",
-    "recording.cut-line": "{table}: line {line} is cut and was left out",
-    "recording.not-in-all": "{map}: {values} of [files.{file}] is not in [files.{lacking}] and was left out",
+    "recording.missing": "[{key}]: {lost} of {rows} rows lack a number (NaN, empty) and were excluded",
+    "recording.no-time": "{table}: {count} rows without a time were excluded",
+    "recording.cut-line": "{table}: line {line} is cut and was excluded",
+    "recording.not-in-all": "{map}: {values} of [files.{file}] is not in [files.{lacking}] and was excluded",
 }  # fmt: skip

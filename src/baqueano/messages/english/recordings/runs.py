@@ -8,9 +8,10 @@ TEMPLATES: dict[str, str] = {
         "{path}: topic {topic} was not written by baqueano ({error}). Import such a file with a map: {fix}"
     ),
     "runs.unpacks-too-much": (
-        "{path} {error}. It is damaged, or was made to fill the memory. If you trust it, give it unpacked: {fix}"
+        "{path} {error}. It is damaged, or was made to fill the memory. If you trust it, give it "
+        "decompressed: {fix}"
     ),
-    "runs.too-large": "{path} has {size}; a run of at most {largest} is read. Cut it: {fix}",
+    "runs.too-large": "{path} has {size}; the largest run that can be read has {largest}. Cut it: {fix}",
     "runs.folder": "{path} is a folder. Give one run in it: {fix}",
     "runs.absent": "{missing} does not exist. To list the runs: {fix}",
     "runs.not-read": "{path} cannot be read: {error}. Check its permissions.",
@@ -20,15 +21,15 @@ TEMPLATES: dict[str, str] = {
         "A copy elsewhere may be complete."
     ),
     "runs.not-ours": (
-        "{path} is an MCAP file, but not a run of baqueano: topic /command/applied is missing. "
-        "It has {held}. Import it with: {fix}"
+        "{path} is an MCAP file, but not a run of baqueano: topic /command/applied is missing. It contains "
+        "{held}. Import it with: {fix}"
     ),
     "runs.run-there": "{path} exists already, and a run never replaces a file. Give another name.",
     "runs.no-place": "{path}: a run cannot be written there ({error}). Choose another folder.",
     "runs.metadata": ("{path}: metadata {key!r} = {value} of a run must be text; write str({value})."),
     "runs.disk-full": (
-        "{path}: the disk is full and did not store more of this run ({error}). The earlier part is complete; make "
-        "room, then: {fix}"
+        "{path}: the disk is full and did not store more of this run ({error}). The earlier part is "
+        "complete. Free some space, then type: {fix}"
     ),
     "runs.times": (
         "run {run}: {t_ns} ns is not between 1970 and 2038. Times of a run count from 1970 or from its own start; "
@@ -39,15 +40,15 @@ TEMPLATES: dict[str, str] = {
     "runs.no-trajectory": "run {run} does not have trajectory {found!r}; it has: {has}.",
     "runs.file-in-the-way": "{path} exists already. Give another name, or remove it.",
     "runs.unknown": "No run in {folder} matches {found!r}. The newest there: {known}. To list all: {fix}",
-    "runs.ambiguous": "{found!r} is more than one run of {folder}: {known}. Type one of these names.",
+    "runs.ambiguous": "{found!r} matches more than one run of {folder}: {known}. Type one of these names.",
     "runs.none-like": (
-        "No run in {folder} matches {found!r}. Give numbers as 3-28, every second of them as 3-28:2, a name with *, or "
-        "a folder. To list the runs: {fix}"
+        "No run in {folder} matches {found!r}. Give numbers (3-28), every second number (3-28:2), a name "
+        "with *, or a folder. To list the runs: {fix}"
     ),
     "runs.no-folder": "Folder {folder} does not exist. To make runs: {fix}",
     "runs.folder-not-made": "{folder}: a folder for runs cannot be made there ({error}).",
     "import.several-runs": (
-        "{map} makes {count} runs of its files, and one is expected here. In Python: import_runs(…); on "
+        "{map} makes {count} runs from its files, but one is expected here. In Python: import_runs(…); on "
         "the command line: {fix}"
     ),
     "import.unit-of-name": (
@@ -55,12 +56,13 @@ TEMPLATES: dict[str, str] = {
     ),
     "import.no-row": "[{key}] does not have a complete row of numbers in {table}. Are its columns right?",
     "import.no-command": (
-        "{map}: none of the ticks of [files.{ticks}] has a command of [files.{commands}]. The times of the first are "
-        "{ticks_span}, of the second {commands_span}. Shift one of them: shift_s = …"
+        "{map}: none of the ticks of [files.{ticks}] has a command of [files.{commands}]. The times of the "
+        "ticks are {ticks_span}, and the times of the commands {commands_span}. Shift one of them: shift_s "
+        "= …"
     ),
     "import.clocks-differ": (
-        "[{key}] in {table} is at {span}, and the ticks are at {ticks_span}: their clocks "
-        "differ. Write in [files.{file}]: shift_s = …"
+        "the times of [{key}] in {table} are {span}, and the times of the ticks are {ticks_span}: their "
+        "clocks differ. Write in [files.{file}]: shift_s = …"
     ),
     "import.file-absent": (
         "{map} [files.{file}] path = {missing!r} does not exist in {folders}. If the recordings are elsewhere, set "
@@ -79,12 +81,13 @@ TEMPLATES: dict[str, str] = {
         "each file. Or write split_gap_s = … instead, which matches parts in order"
     ),
     "import.stars": (
-        "{map}: paths with * are {paths}, which cannot be matched. Give the files by name: NAME=PATH"
+        "{map}: the paths {paths} contain *, so their files cannot be matched. Give the files by name: "
+        "NAME=PATH"
     ),
     "import.no-file-like": "{path}: no file matches this name. Is the folder right?",
     "import.no-path": "{map} [files.{file}] does not have a path, so give it on the command line: {fix}",
     "import.no-rows": "{table} has names of columns but no rows. Is it the right file?",
-    "import.where-empty": "{table}: where = {where} leaves 0 rows. Are column and value right?",
+    "import.where-empty": "{table}: where = {where} excludes all rows. Are the column and the value right?",
     "import.no-time": "{table}: none of the rows has a time in {column!r}. Is it the right column?",
     "import.file-unknown": "{map} does not have [files.{found}]; it has {known}.",
     "import.no-bag": "{path} is not a bag, but {map} [files.{file}] names topic {topic!r}.",
@@ -100,13 +103,14 @@ TEMPLATES: dict[str, str] = {
         "a vehicle's recording. Write in [files.{file}] of {map}: {cure}"
     ),
     "import.iso8601": (
-        "{table}: column {column!r} has times like {found!r}; iso8601 is 2024-01-22T11:39:01.250"
+        "{table}: column {column!r} has times like {found!r}; an iso8601 time is written as "
+        "2024-01-22T11:39:01.250"
     ),
     "map.not-read": "{path} cannot be read: {error}. A map is a TOML file in UTF-8.",
-    "map.not-file": "{path} is not a file: expected the map by which {run} was imported. Type: {fix}",
+    "map.not-file": "{path} is not a file: expected the map with which {run} was imported. Type: {fix}",
     "map.other-truth": (
-        "[truth] of {map} differs from the one by which {run} was imported. Import the run again, and calibrate that. "
-        "Type: {fix}"
+        "[truth] of {map} differs from the table with which {run} was imported. Import the run again, and "
+        "calibrate the new run. Type: {fix}"
     ),
     "map.no-tomlkit": "Writing a map needs tomlkit, which keeps its comments. Type: {fix}",
     "map.not-toml": "{path} is not valid TOML: {error}. Correct that line.",
@@ -118,15 +122,15 @@ TEMPLATES: dict[str, str] = {
     "route.too-short": "{path} has {count} rows; a route needs at least two.",
     "route.times": "{path} line {line}: expected t_s to start at 0 and increase, got {found:g}.",
     "route.way": (
-        "{path} line {line}: {ds_m:g} m from the row before at {v_m_s:g} m/s. Expected s_m that does not decrease, "
-        "v_m_s other than 0 where it increases, and wait_s of 0 or more."
+        "{path} line {line}: {ds_m:g} m from the previous row at {v_m_s:g} m/s. Expected s_m that does not "
+        "decrease, v_m_s other than 0 where it increases, and wait_s of 0 or more."
     ),
     "bag.no-rosbags": "{file}: ROS bags need the laptop extra: {fix}",
     "bag.not-read": (
-        "{file} cannot be read as a bag: {error}. If a ROS 1 bag was cut, type: rosbag reindex FILE"
+        "{file} cannot be read as a bag: {error}. If this is a truncated ROS 1 bag, type: rosbag reindex FILE"
     ),
     "bag.field-not-number": (
-        "{file} {topic}: expected a number in field {field!r}, found {found}; choose one of its parts."
+        "{file} {topic}: expected a number in field {field!r}, found {found}. Choose one of its parts."
     ),
     "bag.chunk": (
         "{file} has a chunk of {size} that unpacks to more than {largest}. If you trust it, write it anew "
@@ -136,10 +140,13 @@ TEMPLATES: dict[str, str] = {
         '{file} looks like UTF-16 without a byte order mark. Write in its [files.…] table: encoding = "{encoding}"'
     ),
     "table.empty": "{file} is empty (0 bytes). Is it the right file?",
-    "table.zip": "{file} is a zip file, perhaps a spreadsheet. Unpack it, or save it as CSV.",
-    "table.zero-bytes": ("{file} is not a text file: it has zero bytes. Only CSV and ROS bags are imported."),
+    "table.zip": "{file} is a zip file, perhaps a spreadsheet. Decompress it, or save it as CSV.",
+    "table.zero-bytes": (
+        "{file} is not a text file: it contains null bytes. Only CSV and ROS bags are imported."
+    ),
     "table.zero-bytes-in-line": (
-        "{file} line {line} contains zero bytes, as after a loss of power. Delete the line and everything after it."
+        "{file} line {line} contains null bytes, as after a loss of power. Delete the line and everything "
+        "after it."
     ),
     "table.long-line": (
         "{file} line {line} has more than {most} characters: a line of a recording was expected. Does each "
@@ -153,8 +160,8 @@ TEMPLATES: dict[str, str] = {
         'table: encoding = "cp1252"'
     ),
     "table.delimiter": (
-        "{file} can be read with {delimiters} between its columns. Write in its [files.…] table which it "
-        'is, for example: delimiter = "{wanted}"'
+        "{file} can be read with several delimiters between its columns: {delimiters}. Write the right one "
+        'in its [files.…] table, for example: delimiter = "{wanted}"'
     ),
     "table.no-data": "{file} does not contain a line with data. Is it the right file?",
     "table.columns": "{file} has {count} columns; at most {most} are read. Is its delimiter right?",
@@ -167,46 +174,49 @@ TEMPLATES: dict[str, str] = {
         "kind, without separators of thousands."
     ),
     "table.comma": (
-        "{file}: {found!r} may be {without} or {with_point}. If the comma is a decimal one, write in its "
+        "{file}: {found!r} may be {without} or {with_point}. If this is a decimal comma, write in its "
         '[files.…] table: decimal = ","'
     ),
-    "table.column-twice": "{file} has several columns named {column!r}; give each its own name.",
+    "table.column-twice": "{file} has several columns named {column!r}; give each of them a different name.",
     "runs.cut-at-once": "{path} was cut after {size} bytes, so it does not contain a run.",
     "runs.ends-early": "the file ends before the first second was written",
     "runs.is-ros-1": "{path} is a ROS 1 bag. Import it with: {fix}",
     "runs.is-sqlite": "{path} is a SQLite file, perhaps a ROS 2 bag. Import it with: {fix}",
     "runs.is-hdf5": "{path} is an HDF5 or MATLAB 7.3 file. Export it there as CSV, then: {fix}",
     "runs.is-matlab": "{path} is a MATLAB file. Export it there as CSV, then: {fix}",
-    "runs.is-zip": "{path} is a zip file (or a spreadsheet). Unpack it, or save it as CSV.",
-    "runs.is-gzip": "{path} is packed with gzip. If it is a CSV: {fix}",
+    "runs.is-zip": "{path} is a zip file (or a spreadsheet). Decompress it, or save it as CSV.",
+    "runs.is-gzip": "{path} is compressed with gzip. If it is a CSV: {fix}",
     "runs.is-ulog": "{path} is a PX4 log. Export it as CSV, then: {fix}",
     "runs.is-bytes": "{path} is not a run: it begins with {found}, a run begins with {expected}.",
     "runs.is-text": (
         "{path} is not a run: it begins with {found}, a run begins with {expected}. If it is a CSV: {fix}"
     ),
     "import.too-short": (
-        "{table} gives {rows} rows for the ticks of a run; at least {least} are needed. Parts as short as this: "
-        "{parts}."
+        "{table} gives {rows} rows for the ticks of a run; at least {least} are needed. Number of parts "
+        "that are too short: {parts}."
     ),
     "import.parts-differ": (
-        "{map}: files with split must have the same number of parts; found {found} where {split} = {value}. They "
-        "cannot be matched. In each file, give as split a column that distinguishes the runs, or leave the other rows "
-        "out with where = {{…}}"
+        "{map}: files with split must have the same number of parts; found {found} where {split} = "
+        "{value}. They cannot be matched. In each file, give as split a column that distinguishes the "
+        "runs, or exclude the other rows with where = {{…}}"
     ),
     "import.all-with-path": (
-        "{map} has the files {files}, all with a path. Say which is which: {first}=PATH"
+        "{map} has the files {files}, all with a path. State which file is which: {first}=PATH"
     ),
     "import.file-shared": (
-        "{map} has the files {files}, and {shared} with a path for several runs. Say which is which: {first}=PATH"
+        "{map} has the files {files}, and {shared} has a path for several runs. State which file is which: "
+        "{first}=PATH"
     ),
     "import.steps-back": (
-        "{table}: time steps back by {back_s:.3f} s at line {line} ({count} such steps). If {lost} rows that are not "
-        'later than before may be left out, write in [files.{file}] of {map}: backwards = "drop"'
+        "{table}: time steps back by {back_s:.3f} s at line {line} ({count} such steps). {lost} rows are "
+        "not later than the rows before them. If they may be excluded, write in [files.{file}] of {map}: "
+        'backwards = "drop"'
     ),
     "import.steps-back-often": (
-        "{table}: time steps back by {back_s:.3f} s at line {line} ({count} such steps). If it contains several runs, "
-        "write in [files.{file}] of {map} split = the column that distinguishes them, or split_gap_s = 5.0. If {lost} "
-        'rows that are not later than before may be left out, write there: backwards = "drop"'
+        "{table}: time steps back by {back_s:.3f} s at line {line} ({count} such steps). If it contains "
+        "several runs, write in [files.{file}] of {map} split = the column that distinguishes them, or "
+        "split_gap_s = 5.0. {lost} rows are not later than the rows before them. If they may be excluded, "
+        'write there: backwards = "drop"'
     ),
     "import.repeats": (
         "{table}: {count} rows repeat the time of the row before, at line {line} with other values. Write in "
@@ -215,15 +225,16 @@ TEMPLATES: dict[str, str] = {
     "import.time-unit": 'time_unit = "{in_unit}"',
     "import.time": "the right time and time_unit",
     "map.absent": (
-        'Map "{found}" does not exist. {near}. These maps come with baqueano; for one of your '
-        "own give a .toml file."
+        'Map "{found}" does not exist. {near}. These maps are part of baqueano. For your own map, give a '
+        ".toml file."
     ),
     "map.recording": (
-        "{path} is a recording, not a map: a map is a TOML file that assigns the columns. To have a draft of one: {fix}"
+        "{path} is a recording, not a map: a map is a TOML file that assigns the columns. To write a draft "
+        "of a map: {fix}"
     ),
     "map.recording-or-wrong": (
-        "{path} is a recording, not a map, or wrong at line {line}, column {column}: a map is a TOML file that assigns "
-        "the columns. To have a draft of one: {fix}"
+        "{path} is a recording, not a map, or has an error at line {line}, column {column}. A map is a "
+        "TOML file that assigns the columns. To write a draft of a map: {fix}"
     ),
     "map.unknown-key": "{map} {place}: unknown key. {near}.",
     "map.missing": "{map} {place} is missing; write {expected}.",
@@ -233,34 +244,34 @@ TEMPLATES: dict[str, str] = {
         '{file} does not have topic {found!r}; write topic = "…" in its [files.…] table, one of: {known}.'
     ),
     "bag.fields": "there are {fields}",
-    "bag.values": "it holds {count} values",
+    "bag.values": "there are {count} values",
     "bag.no-field": "{file} {topic}: field {field!r} does not exist: at {at!r} {has}.",
     "table.too-large": (
-        "{file} has {size} and needs {taken} of memory up to line {line}; at most {most} may be used. If you trust it, "
-        "unpack it first: {fix}"
+        "{file} has {size} and needs {taken} of memory up to line {line}; at most {most} may be used. If "
+        "you trust it, decompress it first: {fix}"
     ),
     "table.too-long": (
-        "{file} has {size} and needs {taken} of memory up to line {line}; at most {most} may be used. Cut it into "
-        "parts first."
+        "{file} has {size} and needs {taken} of memory up to line {line}; at most {most} may be used. "
+        "Split it into parts first."
     ),
     "table.no-column": (
         "{file} does not have column {column!r}. It has: {known}. Write one of these in the map, or give another file."
     ),
     "table.column-mistyped": (
-        "{file} does not have column {column!r}. Did you mean {meant}? It contains {cells}. It has: {known}. Write one "
-        "of these in the map, or give another file."
+        "{file} does not have column {column!r}. Did you mean {meant}? That column contains {cells}. The "
+        "file has: {known}. Write one of these in the map, or give another file."
     ),
     "table.comma-of-number": (
-        "{file} line {line}, column {column!r}: {found!r} is not a number. If the comma is a decimal one, write in its "
-        '[files.…] table: decimal = ","'
+        "{file} line {line}, column {column!r}: {found!r} is not a number. If this is a decimal comma, "
+        'write in its [files.…] table: decimal = ","'
     ),
     "table.word": (
-        "{file} line {line}, column {column!r}: {found!r} is not a number. Take units and words out of the cells, or "
-        'leave the row out with where = {{ {key} = {{ not = "{found}" }} }}.'
+        "{file} line {line}, column {column!r}: {found!r} is not a number. Remove units and words from the "
+        'cells, or exclude the row with where = {{ {key} = {{ not = "{found}" }} }}.'
     ),
     "table.not-number": (
-        "{file} line {line}, column {column!r}: {found!r} is not a number. Correct the cell, or leave the row out with "
-        'where = {{ {key} = {{ not = "{found}" }} }}.'
+        "{file} line {line}, column {column!r}: {found!r} is not a number. Correct the cell, or exclude "
+        'the row with where = {{ {key} = {{ not = "{found}" }} }}.'
     ),
     "table.long-cell": (
         "{file} line {line} has a cell of more than {most} characters. Is a quote open there? Correct that line."
@@ -269,11 +280,12 @@ TEMPLATES: dict[str, str] = {
         "{file} line {line} is not valid CSV: {error}. Is a quote open there? Correct that line."
     ),
     "table.uneven": (
-        "{file} line {line} has {found} cells, the header has {expected} ({count} such lines). Correct the file, or "
-        "give its delimiter in the [files.…] table."
+        "{file} line {line} has {found} cells, but the header has {expected} ({count} such lines). Correct "
+        "the file, or give its delimiter in the [files.…] table."
     ),
     "table.commas-between-commas": (
-        "{file} line {line} has {found} cells, the header has {expected} ({count} such lines). Perhaps decimal commas "
-        "stand between commas: save it with semicolons, or give its delimiter in the [files.…] table."
+        "{file} line {line} has {found} cells, the header has {expected} ({count} such lines). Perhaps "
+        "commas separate both decimals and columns: save the file with semicolons, or give its delimiter "
+        "in the [files.…] table."
     ),
 }

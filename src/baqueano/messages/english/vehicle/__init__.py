@@ -1,1 +1,1 @@
-"""English sentences of the real vehicle and of its door."""
+"""English sentences of the real vehicle and of the connections to it."""

@@ -1,22 +1,22 @@
-"""English sentences of the door: drivers from outside, and the protocol between laptop and vehicle."""
+"""English sentences of the connections: external drivers, and the protocol between laptop and vehicle."""
 
 from baqueano.diagnostics import StopReason as S
 
 TEMPLATES: dict[str, str] = {
     S.HOLDER_SILENT: (
-        "no message from the operator for {silent_ms:.0f} ms: ssh, Wi-Fi or the terminal is gone"
+        "no message from the operator for {silent_ms:.0f} ms: ssh, Wi-Fi or the terminal was lost"
     ),
     S.STOPPED_BY: "{words}",
     S.STOPPED_FROM_LAPTOP: "stopped from the laptop",
     S.STOPPED_BY_COMMAND: "stopped with baqueano robot stop",
     "door.own-mission": "Your last mission is still running. Wait for its end, or stop it.",
-    "door.mission": "This vehicle is on a mission. You may stop it: {fix}",
-    "door.somebody": "Another person drives this vehicle now. You may stop it: {fix}",
+    "door.mission": "This vehicle is on a mission. You can stop it: {fix}",
+    "door.somebody": "Another person drives this vehicle now. You can stop it: {fix}",
     "door.somebody-waits": (
-        "Another person holds this vehicle between two drives. It is at rest, but their program "
-        "may drive it at any moment. Wait until that program has ended."
+        "The program of another person reserves this vehicle between two drives. The vehicle is at rest, "
+        "but that program may drive it at any moment. Wait until the program has ended."
     ),
-    "door.not-understood": "The vehicle did not understand this request ({error})",
+    "door.not-understood": "The vehicle could not read this request ({error})",
     "door.version": (
         "This computer and the vehicle have different versions of baqueano: the protocol here is "
         "version {theirs}, on the vehicle {ours}. Install the newer one on both. On the vehicle: "
@@ -27,21 +27,24 @@ TEMPLATES: dict[str, str] = {
         "vehicle is version {theirs}, here {ours}. Install the newer one on both. On the "
         "vehicle: {fix}"
     ),
-    "remote.gone": "{host}: the connection is gone ({error}). The vehicle stops.",
+    "remote.gone": "{host}: the connection was lost ({error}). The vehicle stops.",
     "remote.silent": (
         "{host} did not answer within {within_s:g} s. Does its service run? Type there: "
         "systemctl status baqueano"
     ),
     "remote.closed": "{host}: the connection was closed. The vehicle stops by itself. To see why, type: {fix}",
-    "remote.run-name": '{host} names a run "{run}", expected a plain name as lap.mcap. Nothing was written.',
+    "remote.run-name": (
+        '{host} sent a run with the name "{run}"; expected a plain name such as lap.mcap. Nothing was '
+        "written."
+    ),
     "remote.run-too-long": (
-        "{run} at {host} has {size_mb:.0f} MB, and this disk has {free_mb:.0f} MB free (a run "
-        "has at most {longest_gb} GB). Make room, and type the same line again"
+        "{run} at {host} has {size_mb:.0f} MB, but this disk has {free_mb:.0f} MB free (a run has at most "
+        "{longest_gb} GB). Free some space, and type the same line again"
     ),
     "remote.run-otherwise": "{host} announced {run}, but sent other data. Type the same line again.",
     "remote.no-ssh": "{host} cannot be reached: ssh is missing on this machine. Install OpenSSH.",
     "remote.no-sockets": (
-        "{path}: this system does not support sockets in files. Name the vehicle by its host name."
+        "{path}: this system does not support file sockets. Name the vehicle by its host name."
     ),
     "remote.stop-not-heard": (
         "{host} did not confirm the stop. Type it again, or use the switch of the vehicle."
@@ -58,35 +61,39 @@ TEMPLATES: dict[str, str] = {
     "door.too-long": (
         "A line longer than {most_kb} kB can only be a mission, and one mission is read at a time. Send it again."
     ),
-    "door.too-many": "{dropped} requests came too fast, and were dropped. Send fewer at a time.",
+    "door.too-many": "{dropped} requests arrived too fast, and were dropped. Send fewer at a time.",
     "door.many-fetches": "{most} runs are being sent already. Wait until one has arrived.",
     "door.not-holder": "Only the person who drives can set a gain, and only while the vehicle drives.",
-    "door.not-settable": "{path} cannot be set while the vehicle drives; what can be set is {known}",
-    "door.swapped": "{kind} drives as {room}, in place of the block of the vehicle file",
+    "door.not-settable": (
+        "{path} cannot be set while the vehicle drives; the values that can be set are {known}"
+    ),
+    "door.swapped": "{kind} is used as {room}, in place of the block of the vehicle file",
     "door.set": "{path} is now {now}; it was {before}",
     "door.pace": "pace {found:g}: expected a factor from {slowest:g} to {fastest:g}",
-    "door.guide-pace": "guide.pace = {found}: expected a number from 0, where the vehicle waits, to 1",
-    "door.route-name": "{found} cannot be the name of a route. Use letters, digits and hyphens, as in lab-1.",
-    "door.no-route": "route {found} does not exist; stored are {known}. Teach it first.",
+    "door.guide-pace": "guide.pace = {found}: expected a number from 0 (the vehicle waits) to 1",
+    "door.route-name": (
+        "{found} cannot be the name of a route. Use letters, digits and hyphens, such as lab-1."
+    ),
+    "door.no-route": "route {found} does not exist; the stored routes are {known}. Teach it first.",
     "door.not-a-number": "{name} = {found}: expected a number",
     "door.runs-already": "{path}: a service runs already on this vehicle. Type: {fix}",
     "ssh.host": (
-        'HOST "{host}": expected the ssh name of a vehicle, one word that begins with a letter '
-        "or a digit, such as pilot@rover.local"
+        'HOST "{host}": expected the ssh name of a vehicle, which is one word that begins with a letter or '
+        "a digit, such as pilot@rover.local"
     ),
     "ssh.no-hardware": (
-        "{host} does not have hardware: expected a vehicle by ssh, pilot@rover.local, or "
-        "nothing, for hardware at this computer. It can only drive: baqueano experiment --robot "
-        "{host}"
+        "{host} does not have hardware: expected a vehicle by ssh, such as pilot@rover.local, or no HOST "
+        "for the hardware of this computer. With {host}, only drives are possible: baqueano experiment "
+        "--robot {host}"
     ),
     "ssh.not-a-host": (
-        "{host} is not a vehicle by ssh, such as pilot@rover.local. For an Uno at this computer, "
-        "its port belongs into the vehicle file; or type: --set robot.port={host}"
+        "{host} is not a vehicle by ssh, such as pilot@rover.local. For an Uno at this computer, write its "
+        "port into the vehicle file, or type: --set robot.port={host}"
     ),
     "ssh.too-much": "the answer of the vehicle is longer than {most_mb} MB, so the rest was not read.",
     "door.nobody": (
-        "{path}: no service answers there ({error}). On the vehicle type: {fix}; from a laptop name the vehicle, as "
-        "pilot@rover.local"
+        "{path}: no service answers there ({error}). On the vehicle type: {fix}. From a laptop, name the "
+        "vehicle, for example pilot@rover.local"
     ),
     "door.state": "the vehicle is {state}. {advice}.",
     "door.state-because": "the vehicle is {state}: {cause}. {advice}.",

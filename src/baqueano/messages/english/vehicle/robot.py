@@ -1,12 +1,12 @@
-"""English sentences of the real vehicle: the Uno, the IMU, the computer that carries the service."""
+"""English sentences of the real vehicle: the Uno, the IMU, and the computer that runs the service."""
 
 from baqueano.diagnostics import StopReason as S
 
 ENCODER = (
     "Does that wheel turn? If it does, check its encoder: 5 V, ground, wire A. Without an encoder: {fix}"
 )
-MISSION = "the service ended in the middle of a mission: {kind} into {run}, with {blocks}."
-ENDED = "One of its blocks ended, crashed or blocked the program, or somebody killed the service"
+MISSION = "the service ended in the middle of a mission: {kind}, recorded in {run}, with {blocks}."
+ENDED = "One of its blocks ended, crashed or blocked the program, or the service was killed"
 OTHERWISE = (
     "Disconnect the IMU's supply for a second. If that does not help, SDA (pin 3) and SCL (pin 5) touch ground or each "
     "other."
@@ -19,7 +19,7 @@ TEMPLATES: dict[str, str] = {
     S.UNO_DEAD_MAN: "the Uno received no command for {silent_ms:g} ms and stopped the motors",
     S.UNO_DISARMED: "the Uno is no longer armed",
     S.UNO_DEAF: (
-        "the Uno did not confirm ARM within {arming_ms:g} ms: it is not receiving. Check its cable, and the capacitors "
+        "the Uno did not confirm ARM within {arming_ms:g} ms: it does not receive. Check its cable, and the capacitors "
         "across the motors"
     ),
     S.UNO_SILENT: "the Uno has been silent for {silent_ms:.0f} ms",
@@ -29,8 +29,12 @@ TEMPLATES: dict[str, str] = {
         "no complete frame has come from the Uno for {silent_ms:.0f} ms: the line is noisy. Check its cable, and the "
         "capacitors across the motors"
     ),
-    S.STANDSTILL: "the computer stopped for {still_s:g} s; the motors were off from {dead_man_s:g} s on",
-    S.TEMPERATURE: "the computer is at {temperature_c:.0f} °C: max_temperature_c is {max_temperature_c:g}",
+    S.STANDSTILL: (
+        "the computer did not respond for {still_s:g} s; the motors were off after the first {dead_man_s:g} s"
+    ),
+    S.TEMPERATURE: (
+        "the computer is at {temperature_c:.0f} °C: the limit max_temperature_c is {max_temperature_c:g}"
+    ),
     S.DISK_FULL: (
         "the disk has {free_mb:.0f} MB free, less than least_disk_mb = {least_disk_mb:g}. Delete old runs"
     ),
@@ -39,10 +43,10 @@ TEMPLATES: dict[str, str] = {
         "the battery has had less than least_battery_v = {least_battery_v:g} V for {low_s:g} s: {battery_v:.2f} V. "
         "Charge it"
     ),
-    S.IMU_ABSENT: "no IMU: {cause}",
+    S.IMU_ABSENT: "the IMU is missing: {cause}",
     S.IMU_SILENT: "the IMU does not answer: check its four wires",
     S.IMU_BUS_HELD: (
-        "the IMU is silent: its I2C bus is stuck low. Clocks will free it while the vehicle is at rest"
+        "the IMU is silent: its I2C bus is stuck low. Clock pulses will free it while the vehicle is at rest"
     ),
     S.IMU_BUS_STILL_HELD: f"the IMU is silent: {{cause}}. {OTHERWISE}",
     S.SERVICE_ENDED: "another process ended the service",
@@ -62,14 +66,14 @@ TEMPLATES: dict[str, str] = {
     "hardware.note": "{words}",
     "imu.found": "the IMU answers now",
     "imu.held": (
-        "The I2C bus is stuck low. While the vehicle is at rest, SCL gets nine clocks as GPIO, "
-        "which free the bus from a chip in the middle of a byte. If that does not help, "
-        "disconnect the IMU's supply for a second."
+        "The I2C bus is stuck low. While the vehicle is at rest, nine clock pulses are sent on SCL as a "
+        "GPIO. They free the bus from a chip in the middle of a byte. If that does not help, disconnect "
+        "the IMU's supply for a second."
     ),
     "imu.back": "The IMU is back after {silent_s:.2f} s.",
     "imu.data-missing": "No data from the IMU for {silent_s:g} s{because}.",
     "imu.frozen": "The IMU repeated the same data {times} times.",
-    "imu.saturated": "The IMU's {axis:word} (the chip's axis) is at the end of {range}.",
+    "imu.saturated": "The IMU's {axis:word} (the chip's axis) is at the end of its range, {range}.",
     "imu.overflow": "The FIFO was {how:word} with {count} bytes, and was emptied.",
     "imu.started": "The IMU runs again.",
     "imu.restart": "The IMU is restarted.",
@@ -81,40 +85,55 @@ TEMPLATES: dict[str, str] = {
         "The IMU lost its settings (PWR_MGMT_1 0x{power:02X}, settings {found}, expected "
         "{expected}). It is restarted."
     ),
+    "imu.settings-not-stored": (
+        "The IMU did not store its settings: it answers {found}, expected {expected}. Disconnect its supply for a "
+        "second."
+    ),
     "imu.bus-cannot-be-asked": f"{{path}} is stuck low, so no device can answer. {{cause}}. {OTHERWISE}",
-    "bus.scl-held": "SCL (GPIO 3) is stuck low, so clocks cannot free the bus.",
-    "bus.scl-held-later": "SCL (GPIO 3) is stuck low after {clocks} clocks, so no more can be sent.",
-    "bus.sda-held": "SDA (GPIO 2) is still low after {clocks} clocks.",
-    "bus.given-back": "GPIO 2 and 3 were not in I2C mode, as after a killed program. They are again.",
+    "bus.scl-held": "SCL (GPIO 3) is stuck low, so clock pulses cannot free the bus.",
+    "bus.scl-held-later": (
+        "SCL (GPIO 3) is stuck low after {clocks} clock pulses, so more pulses cannot be sent."
+    ),
+    "bus.sda-held": "SDA (GPIO 2) is still low after {clocks} clock pulses.",
+    "bus.given-back": (
+        "GPIO 2 and 3 were not in I2C mode, probably because a program was killed. They were set back to "
+        "I2C mode."
+    ),
     "bus.no-pinctrl": (
         "The program pinctrl, which can free the bus, is missing. On a Raspberry Pi type: {fix}"
     ),
-    "bus.free": "SDA and SCL are high, so the bus is free: no clocks were sent.",
-    "bus.freed-at-once": "A chip blocked the I2C bus in the middle of a byte: freed after 1 clock.",
-    "bus.freed": "A chip blocked the I2C bus in the middle of a byte: freed after {clocks} clocks.",
-    "encoders.both-silent": f"both encoders count nothing, although both motors have a high command. {ENCODER}",
+    "bus.free": "SDA and SCL are high, so the bus is free, and no clock pulses were sent.",
+    "bus.freed-at-once": (
+        "A chip blocked the I2C bus in the middle of a byte: the bus was freed after 1 clock pulse."
+    ),
+    "bus.freed": (
+        "A chip blocked the I2C bus in the middle of a byte: the bus was freed after {clocks} clock pulses."
+    ),
+    "encoders.both-silent": (
+        "both encoders count nothing, although both motors have a high command. Do the wheels turn? If they do, "
+        "check the encoders: 5 V, ground, wire A. Without encoders: {fix}"
+    ),
     "encoders.left-silent": f"the left encoder counts nothing, although its motor has a high command. {ENCODER}",
     "encoders.right-silent": f"the right encoder counts nothing, although its motor has a high command. {ENCODER}",
     "drive.ticks": (
-        "{ticks} ticks: the latest started {worst_ms:.1f} ms late, {over_half} were more than "
-        "half a period late, {missed} were left out"
+        "{ticks} ticks: the latest started {worst_ms:.1f} ms late, {over_half} were more than half a "
+        "period late, {missed} were skipped"
     ),
     "drive.line": (
-        "the line to the Uno: {sent} commands sent, {unsent} not sent; {heard} frames received, "
-        "{lost} lost, {late} repeated or too late, {damaged} damaged; {resets} resets"
+        "the line to the Uno: {sent} commands sent, {unsent} not sent. {heard} frames received, {lost} "
+        "lost, {late} repeated or too late, {damaged} damaged. The Uno was reset {resets} times"
     ),
     "drive.line-in-trouble": (
-        "the line to the Uno: {sent} commands sent, {unsent} not sent; {heard} frames received, "
-        "{lost} lost, {late} repeated or too late, {damaged} damaged; {resets} resets: {cause}"
+        "the line to the Uno: {sent} commands sent, {unsent} not sent. {heard} frames received, {lost} "
+        "lost, {late} repeated or too late, {damaged} damaged. The Uno was reset {resets} times. {cause}"
     ),
     "drive.uno": (
         "the Uno received {written} frames: {spoilt} were damaged ({spoilt_percent:.1f} %) and "
         "{ignored} ignored; its receiver lost {overrun} bytes"
     ),
     "drive.imu": (
-        "the IMU gave {samples} samples, {saturated} of them at the end of its range; {withheld} "
-        "more only repeated the last one and were left out. {retries} transfers were repeated, "
-        "{failures} failed, the FIFO was emptied {overflows} times, and the IMU restarted "
-        "{restarts} times"
+        "the IMU gave {samples} samples, {saturated} of them at the end of its range; {withheld} more only "
+        "repeated the previous one and were excluded. {retries} transfers were repeated, {failures} "
+        "failed, the FIFO was emptied {overflows} times, and the IMU restarted {restarts} times"
     ),
 }
