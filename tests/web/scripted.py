@@ -17,6 +17,8 @@ from websockets.datastructures import Headers
 from websockets.http11 import Request, Response
 from websockets.sync.server import ServerConnection, serve
 
+from baqueano.door.frames.rows import ESTIMATE, REST
+from baqueano.web.page import label_fields
 from tests.web.scripted_answers import GAINS, RUNS, answer_to, route
 from tests.web.scripted_ledger import Faults, ledger
 from tests.web.taught import fit_taught
@@ -96,7 +98,8 @@ SENTENCES = {
 
 
 def fields() -> list[dict[str, str]]:
-    columns = [{"name": name, "unit": "", "group": name, "label": name} for name in PLAIN]
+    units = dict(ESTIMATE) | {name: unit.replace("1", "") for name, unit, _ in REST}
+    columns = label_fields([{"name": name, "unit": units.get(name, "s"), "group": name} for name in PLAIN], "en")
     columns += [
         {"name": f"{kind}.{k}", "unit": "duty", "group": entry["name"], "label": entry["name"]}
         for kind in ("u", "asked")
@@ -345,6 +348,7 @@ class ScriptedServer:
                 "blocks": BLOCKS,
                 "route": route(),
                 "events": events,
+                "sentence": f"{about['name']}: 41.6 s, {len(events)} events.",
             }
             guest.send(json.dumps(head | {"done": False}))
             for first in (0, 4096):

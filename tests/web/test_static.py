@@ -11,12 +11,14 @@ from baqueano.web.http import static
 STATIC = Path(__file__).parents[2] / "src" / "baqueano" / "web" / "static"
 SCRIPTS = sorted(STATIC.glob("*.js"))
 STYLES = sorted(STATIC.glob("*.css"))
-JAVASCRIPT_KB = 155
-WIRE_KB = 58  # of all scripts, as a browser gets them
+JAVASCRIPT_KB = 120
+WIRE_KB = 49  # of all scripts, as a browser gets them
 NAMESPACES = {"http://www.w3.org/2000/svg"}  # names, not addresses: nothing is fetched from them
 LITERAL = re.compile(r'"([a-z][\w-]*(?:\.[\w-]+)*)"')
 MADE = re.compile(r"`([a-z][\w-]*\.(?:[\w]+-)?)\$\{")  # t(`state.${name}`)
 ASKED = re.compile(r'\bt\("([^"]+)"')
+WORD_FOR = re.compile(r'\bwordFor\("(\w+)"')  # wordFor("kind", name) asks for kind.…
+MARKED = re.compile(r' data-(?:t|label|title)="([^"]+)"')  # of an element of the document
 AS_HTML = re.compile(
     r"innerHTML|outerHTML|insertAdjacentHTML|document\.write|\beval\(|new Function|DOMParser"
 )
@@ -24,6 +26,10 @@ AS_HTML = re.compile(
 
 def texts(language: str) -> dict[str, str]:
     return json.loads((STATIC / f"{language}.json").read_text(encoding="utf-8"))
+
+
+def document() -> str:
+    return (STATIC / "index.html").read_text(encoding="utf-8")
 
 
 def source() -> str:
@@ -57,9 +63,8 @@ def test_the_scripts_are_small():
 
 
 def test_the_html_document_contains_no_inline_script_or_style():
-    document = (STATIC / "index.html").read_text(encoding="utf-8")
-    assert not re.search(r"\sstyle=|\son\w+=|<style|<script(?![^>]*\ssrc=)", document)
-    for address in re.findall(r'(?:src|href)="([^"]+)"', document):
+    assert not re.search(r"\sstyle=|\son\w+=|<style|<script(?![^>]*\ssrc=)", document())
+    for address in re.findall(r'(?:src|href)="([^"]+)"', document()):
         assert (STATIC / address.removeprefix("/static/")).is_file(), address
 
 
@@ -73,12 +78,14 @@ def test_both_languages_have_the_same_texts_with_the_same_placeholders():
 
 
 def test_every_requested_text_exists():
-    assert set(ASKED.findall(source())) <= set(texts("en"))
+    requested = set(ASKED.findall(source())) | set(MARKED.findall(document()))
+    assert requested <= set(texts("en"))
 
 
 def test_every_text_is_used():
     script = source()
-    literal, patterns = set(LITERAL.findall(script)), tuple(MADE.findall(script))
+    literal = set(LITERAL.findall(script)) | set(MARKED.findall(document()))
+    patterns = (*MADE.findall(script), *(f"{key}." for key in WORD_FOR.findall(script)))
     unused = [key for key in texts("en") if key not in literal and not key.startswith(patterns)]
     assert not unused
 

@@ -1,76 +1,98 @@
 // Elements and their texts. What comes from outside is only ever put in as text.
 
-export const $ = (id) => document.getElementById(id);
+import { follow } from "./canvas.js";
+import { t } from "./strings.js";
 
-/** Make an element: `el("button.primary.play", { onclick: f }, "text", child)`; the attributes may be left out. */
+/** Make an element: `el("button.primary.play", { onclick: f }, "text", child)`; null is no child. */
 export function el(what, ...rest) {
-  const [tag, ...classes] = what.split(".").filter(Boolean), made = document.createElement(tag), attributes = rest[0]?.constructor === Object ? rest.shift() : {};
-  if (tag === "button") made.type = "button";
-  if (classes.length) made.classList.add(...classes);
-  for (const [name, value] of Object.entries(attributes)) {
-    if (name.startsWith("on")) made.addEventListener(name.slice(2), value);
-    else if (value === true) made.setAttribute(name, "");
-    else if (value !== false && value !== null && value !== undefined) made.setAttribute(name, value);
-  }
-  for (const child of rest) if (child !== null && child !== undefined) made.append(child);
+  const [tag, ...classes] = what.split("."), made = document.createElement(tag);
+  made.classList.add(...classes);
+  if (rest[0]?.constructor === Object) Object.assign(made, rest.shift());
+  made.append(...rest.flat().filter((child) => child !== null));
   return made;
 }
 
-/** Write a text if it differs: a browser lays out again only what changed. */
+/** Write a text if it differs: a browser lays out again only what changed. Several go into the children. */
 export function write(node, text) {
+  if (Array.isArray(text)) { text.forEach((one, k) => write(node.children[k], one)); return; }
   const plain = String(text ?? "");
   if (node.textContent !== plain) node.textContent = plain;
 }
 
+export function put(parts, texts) { for (const [name, text] of Object.entries(texts)) write(parts[name], text); }
+
+/** Give buttons what they do, by the names of the parts. */
+export function press(parts, acts) { for (const [name, act] of Object.entries(acts)) parts[name].onclick = act; }
+
 export function show(node, visible) {
-  if (node.hidden === visible) node.hidden = !visible;
+  if (node.hidden === Boolean(visible)) node.hidden = !visible;
 }
 
-/** A line drawing of 20 × 20, in the colour of the text. */
-export function icon(path) {
-  const made = document.createElementNS("http://www.w3.org/2000/svg", "svg"), line = document.createElementNS(made.namespaceURI, "path");
-  for (const [name, value] of [["viewBox", "0 0 20 20"], ["width", "18"], ["height", "18"], ["aria-hidden", "true"], ["class", "icon"]]) made.setAttribute(name, value);
-  line.setAttribute("d", path);
-  made.append(line);
-  return made;
+/** Write the texts for which the elements in a node ask; return those that have a name. */
+export function texts(root) {
+  const parts = {};
+  for (const one of root.querySelectorAll("*")) {
+    const { t: text, label, title, as } = one.dataset;
+    if (text) write(one, t(text));
+    if (label) one.ariaLabel = t(label);
+    if (title) [one.title, one.ariaLabel] = [t(title), `${one.textContent} ${t(title)}`.trim()];
+    if (as) parts[as] = one;
+  }
+  return parts;
+}
+
+/** Copy a form of index.html, into a node if there is one already; return the node and its named parts. */
+export function form(id, node = null) {
+  const copy = document.getElementById(`form-${id}`).content.cloneNode(true), parts = texts(copy);
+  copy.querySelectorAll("canvas").forEach(follow);
+  parts.node = node ?? copy.firstElementChild;
+  node?.replaceChildren(copy);
+  return parts;
 }
 
 export const calm = () => matchMedia("(prefers-reduced-motion: reduce)").matches;
 
-/** A row of choices of which one is pressed; `labels` are texts, `onpick` gets the index. */
-export function choices(name, labels, picked, onpick) {
-  const buttons = labels.map((label, k) =>
-    el("button", { "aria-pressed": String(k === picked), onclick: () => pick(k) }, label));
-  const pick = (k) => {
-    buttons.forEach((one, j) => one.setAttribute("aria-pressed", String(j === k)));
-    onpick(k);
-  };
-  return el("div.choices", { role: "group", "aria-label": name }, ...buttons);
+/** Let one of a row of choices be pressed; `onpick` gets its index. */
+export function choices(group, picked, onpick) {
+  const all = [...group.children], press = (k) => all.forEach((one, j) => { one.ariaPressed = j === k; });
+  all.forEach((one, k) => { one.onclick = () => { press(k); onpick(k); }; });
+  press(picked);
 }
 
-/** A list to choose from: `options` are values or [value, text]; `onpick` gets the value. */
-export function select(label, options, picked, onpick) {
-  const made = fill(el("select", { "aria-label": label }), options, picked);
-  made.addEventListener("change", () => onpick?.(made.value));
-  return made;
-}
-
-export function fill(list, options, picked) {
-  list.replaceChildren(...options.map((one) => { const [value, text] = [one].flat(); return el("option", { value, selected: value === picked }, text ?? value); }));
+/** Fill a list: `options` are values or [value, text]; `onpick` gets the value. */
+export function fill(list, options, picked, onpick) {
+  list.replaceChildren(...options.map((one) => { const [value, text = value] = [one].flat(); return el("option", { value, selected: value === picked }, text); }));
+  if (onpick) list.onchange = () => onpick(list.value);
   return list;
 }
 
-/** An entry of a legend, as `key("estimate", "estimate")`. */
-export const key = (kind, text) => el(`span.key.${kind}`, el("i", { "aria-hidden": "true" }), text);
+export function slide(input, part, text) {
+  input.style.setProperty("--part", `${100 * part}%`);
+  input.ariaValueText = text;
+}
 
-/** A large number under its name: `number("speed", value, unit)`, both of them elements. */
-export const number = (of, ...much) => el("div.number", el("span.of", of), el("span.much", ...much));
+export const row = (head, cells, better = -1) =>
+  el("tr", el("th", { scope: "row" }, head), cells.map((one, k) => el(k === better ? "td.better" : "td", one)));
 
-/** A part of a screen that a keyboard can scroll. */
-export const region = (what, label, ...children) => el(what, { tabindex: "0", role: "region", "aria-label": label }, ...children);
+export const head = (...names) => el("thead", el("tr", el("td"), names.map((one) => el("th", { scope: "col" }, one))));
 
-/** What stands in place of a screen that has nothing to show. */
 export const empty = (title, ...more) => el("section.card.empty", el("h2", title), ...more);
 
-/** Whether a key was pressed without Ctrl, Alt or Meta. */
+export function drag(node, at, over = () => {}, may = () => true) {
+  let held = false;
+  const end = (lost) => () => { if (held) { held = false; over(lost); } };
+  Object.assign(node, {
+    onpointerdown(e) { if (may()) { node.setPointerCapture(e.pointerId); held = true; at(e); } },
+    onpointermove(e) { if (held) at(e); },
+    onpointerup: end(false), onlostpointercapture: end(true),
+  });
+}
+
 export const alone = (event) => !(event.ctrlKey || event.metaKey || event.altKey);
+
+/** Do what a table has for a key, and return whether it has something. */
+export function keyed(table, event, down) {
+  const act = alone(event) && (table[event.code] ?? table[event.key]);
+  if (act && down) act();
+  return act;
+}

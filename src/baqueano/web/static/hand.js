@@ -1,48 +1,46 @@
 // Driving by hand: touch pad, keys, game pad; and the beats that keep the vehicle ours.
 // A beat comes from the drawing loop alone and names the last frame drawn: a hidden tab or a frozen picture falls silent.
 
-import { alone, el } from "./dom.js";
+import { clamp } from "./canvas.js";
+import { alone, drag, el, write } from "./dom.js";
+import { movable } from "./record.js";
 import { t } from "./strings.js";
 
 const EVERY_MS = 45; // 20 beats a second out of 60 pictures
-const WAYS = { KeyW: [1, 0], ArrowUp: [1, 0], KeyS: [-1, 0], ArrowDown: [-1, 0], KeyA: [0, 1], ArrowLeft: [0, 1], KeyD: [0, -1], ArrowRight: [0, -1] };
 const DEAD = 0.1; // of a game pad's stick
 const PAD_STOP = 1; // its button B, or circle
+const [UP, DOWN, LEFT, RIGHT] = [[0, 1], [0, -1], [-1, 0], [1, 0]];
+export const WAYS = { KeyW: UP, ArrowUp: UP, KeyS: DOWN, ArrowDown: DOWN, KeyA: LEFT, ArrowLeft: LEFT, KeyD: RIGHT, ArrowRight: RIGHT };
 
 export class Hand {
   constructor(page) {
-    this.page = page;
-    this.mine = false;
+    Object.assign(this, { page, mine: false, n: 0, sent_ms: 0, keys: new Set() });
     this.part = 0.5; // of the command at full stick
-    this.keys = new Set();
-    this.stick = null; // [ahead, left] while the pad is held
-    this.n = 0;
-    this.sent_ms = 0;
-    this.pad = stick(t("pad.label"), 72, () => { if (!this.mine) page.say(t("pad.take")); return this.mine; },
-      (right, ahead) => { this.stick = [ahead, -right]; this.#knob(); }, () => { this.stick = null; this.#knob(); }, () => this.letGo());
+    this.held = null; // [right, up] while the pad is held
+    const put = (held) => { this.held = held; this.#knob(); };
+    this.pad = stick(72, (...way) => put(way), (lost) => { if (lost) this.letGo(); else put(null); }, () => { if (!this.mine) page.say(t("pad.take")); return this.mine; });
     addEventListener("blur", () => { if (this.keys.size) this.letGo(); });
     addEventListener("pagehide", () => this.letGo());
     document.addEventListener("visibilitychange", () => { if (document.hidden) this.letGo(); });
     addEventListener("gamepaddisconnected", () => { if (this.fromPad) this.letGo(); });
   }
 
-  take() { this.page.link.send({ is: "take" }); }
-
   /** Stand still at once, and give the vehicle away. */
   letGo() {
     this.still();
     if (!this.mine) return;
     this.beat(performance.now(), true);
-    this.page.link.send({ is: "give" });
+    this.page.send({ is: "give" });
   }
 
   still() {
     this.keys.clear();
-    this.stick = null;
+    this.held = null;
     this.fromPad = false;
     this.#knob();
   }
 
+  take() { this.page.send({ is: "take" }); }
   toggle() { if (this.mine) this.letGo(); else this.take(); }
 
   lease({ you }) {
@@ -51,22 +49,19 @@ export class Hand {
     this.pad.classList.toggle("live", you);
   }
 
-  /** Return whether the key was one of ours. */
   key(event, down) {
-    if (!(event.code in WAYS) || !alone(event)) return false;
-    if (down !== this.keys.has(event.code)) this.sent_ms = 0; // the next picture has its beat
-    if (down && this.mine) this.keys.add(event.code); else this.keys.delete(event.code);
+    const { code } = event;
+    if (!(code in WAYS) || !alone(event)) return false;
+    if (down !== this.keys.has(code)) this.sent_ms = 0; // the next picture has its beat
+    if (down && this.mine) this.keys.add(code); else this.keys.delete(code);
     this.#knob();
     return this.mine;
   }
 
-  /** Return (ahead, to the left), each in [-1, 1]. */
+  /** [right, ahead], each in [-1, 1]. */
   get wanted() {
-    if (this.stick) return this.stick;
-    if (this.keys.size) {
-      const sum = [0, 1].map((k) => [...this.keys].reduce((all, key) => all + WAYS[key][k], 0));
-      return sum.map((one) => Math.min(Math.max(one, -1), 1));
-    }
+    if (this.held) return this.held;
+    if (this.keys.size) return [0, 1].map((k) => clamp([...this.keys].reduce((sum, key) => sum + WAYS[key][k], 0), -1, 1));
     return this.#gamePad() ?? [0, 0];
   }
 
@@ -74,72 +69,69 @@ export class Hand {
 
   #gamePad() {
     const beyond = (x = 0) => (Math.abs(x) < DEAD ? 0 : (x - Math.sign(x) * DEAD) / (1 - DEAD));
-    const ways = this.#pads.map(({ axes }) => [-beyond(axes[1]), -(beyond(axes[2]) || beyond(axes[0]))]), way = ways.find(([ahead, left]) => ahead || left) ?? null;
-    this.fromPad = Boolean(way);
+    const way = this.#pads.map(({ axes }) => [beyond(axes[2]) || beyond(axes[0]), -beyond(axes[1])]).find(([right, ahead]) => right || ahead);
+    this.fromPad = way;
     return way;
   }
 
-  /** Stop by a pad's button: as STOP on the page, whoever drives. */
+  /** As STOP on the page, whoever drives. */
   #padStop() {
     const pressed = this.#pads.some(({ buttons }) => buttons[PAD_STOP]?.pressed);
     if (pressed && !this.padStopped) this.page.stop();
     this.padStopped = pressed;
   }
 
-  /** Return the command: the first that lives drives ahead, the last one turns to the left. */
+  /** The first command that moves something drives ahead, the last one turns to the left. */
   get command() {
-    const { command } = this.page.hello.vehicle, live = command.flatMap(({ low, high }, k) => (low < high ? [k] : []));
-    const u = command.map(() => 0), [ahead, left] = this.wanted;
-    const set = (k, share) => { const v = share * this.part; u[k] = v >= 0 ? v * command[k].high : -v * command[k].low; };
-    if (live.length) set(live[0], ahead);
-    if (live.length > 1) set(live[live.length - 1], left);
-    return u;
+    const { vehicle } = this.page.hello, [right, ahead] = this.wanted, [first, ...more] = movable(vehicle), share = { [first]: ahead, [more.at(-1)]: -right };
+    return vehicle.command.map(({ low, high }, k) => { const part = this.part * (share[k] ?? 0); return part >= 0 ? part * high : -part * low; });
   }
 
-  /** Called once a picture, after it was drawn. */
   beat(now_ms, still = false) {
     this.#padStop();
     if (!this.mine || (!still && now_ms - this.sent_ms < EVERY_MS)) return;
     this.sent_ms = now_ms;
     const u = this.command;
-    this.page.link.send({ is: "beat", n: ++this.n, seen: this.page.link.seen, u: still ? u.map(() => 0) : u });
+    this.page.send({ is: "beat", n: ++this.n, seen: this.page.link.seen, u: still ? u.map(() => 0) : u });
     this.#knob();
   }
 
-  #knob() {
-    const [ahead, left] = this.wanted;
-    this.pad.put(-left, ahead);
-  }
+  #knob() { this.pad.put(...this.wanted); }
 }
 
-/** A round pad with a knob: `move` gets how far the finger is to the right and up, within a circle of 1. */
-export function stick(label, travel, may, move, drop, lost = drop) {
-  const knob = el("span.knob"), pad = el("div.pad", { tabindex: "0", role: "application", "aria-label": label }, knob);
-  let held = false;
-  const at = (e) => {
-    const box = pad.getBoundingClientRect(), r = box.width / 2, x = (e.clientX - box.left - r) / (0.72 * r), y = (box.top + r - e.clientY) / (0.72 * r), far = Math.max(1, Math.hypot(x, y));
+/** A round pad: `move` gets how far the finger is to the right and up, within a circle of 1. */
+export function stick(travel, move, over, may) {
+  const knob = el("span.knob"), pad = el("div.pad", { tabIndex: 0, role: "application" }, knob);
+  drag(pad, (e) => {
+    const r = pad.clientWidth / 2, x = (e.offsetX - r) / (0.72 * r), y = (r - e.offsetY) / (0.72 * r), far = Math.max(1, Math.hypot(x, y));
     move(x / far, y / far);
-  };
-  const over = (act) => () => { if (held) { held = false; act(); } };
-  pad.addEventListener("pointerdown", (e) => { if (may()) { pad.setPointerCapture(e.pointerId); held = true; at(e); } });
-  pad.addEventListener("pointermove", (e) => { if (held) at(e); });
-  pad.addEventListener("pointerup", over(drop));
-  pad.addEventListener("lostpointercapture", over(lost));
+  }, over, may);
   pad.put = (x, y) => { knob.style.transform = `translate(${(travel * x).toFixed(0)}%, ${(-travel * y).toFixed(0)}%)`; };
   return pad;
 }
 
-/** A button with the key that does the same; with a page, one that moves its vehicle. */
-export function action(name, code, act, page = null) {
-  const made = el("button.action", el("span", t(name)), el("kbd", code.slice(3)));
-  made.code = code;
+/** A button and its key: `free` to be pressed, `on` while it acts; with a page, one that moves its vehicle. */
+export function action(name, code, act, free, on = null, page = null) {
+  const made = Object.assign(el("button.action", el("span", t(name)), el("kbd", code.slice(3))), { code, free, on });
   if (page) return moving(made, page, act);
-  made.press = () => { if (!made.disabled) act(); };
-  made.addEventListener("click", made.press);
+  made.onclick = made.press = () => { if (!made.disabled) act(); };
   return made;
 }
 
-/** Press the button that has this key, and return whether there is one. */
+export function pauseButton(page) {
+  return action("drive.pause", "KeyP", () => page.send({ is: page.state.paused ? "go" : "pause" }), () => page.moves, () => Boolean(page.state.paused));
+}
+
+export function enable(actions, { hand, state }) {
+  for (const one of actions) {
+    const free = one.free(), on = one.on?.() ?? null;
+    one.disabled = !(hand.mine && free);
+    one.ariaPressed = on;
+    one.classList.toggle("off", !free && !on);
+    if (one.code === "KeyP") write(one.firstChild, t(state.paused ? "drive.go" : "drive.pause"));
+  }
+}
+
 export function pressed(actions, event, down) {
   const button = actions.find((one) => one.code === event.code && !one.hidden);
   if (!button || !alone(event)) return false;
@@ -152,19 +144,19 @@ export function pressed(actions, event, down) {
 export function moving(button, page, act) {
   let timer = 0;
   const real = () => ["real", "emulated"].includes(page.hello.vehicle.world);
-  const drop = () => { clearTimeout(timer); timer = 0; button.classList.remove("held"); };
-  button.press = () => {
-    if (button.disabled) return;
+  const end = () => { clearTimeout(timer); timer = 0; button.classList.remove("held"); };
+  const drop = () => { if (timer) { end(); page.say(t("hold.longer")); } };
+  const press = () => {
+    if (button.disabled || timer) return;
     if (!real()) { act(); return; }
-    if (timer) return;
     button.classList.add("held");
-    timer = setTimeout(() => { drop(); act(); }, 600);
+    timer = setTimeout(() => { end(); act(); }, 600);
   };
-  button.drop = () => { if (timer) { drop(); page.say(t("hold.longer")); } };
-  button.addEventListener("pointerdown", () => { if (real()) button.press(); });
-  for (const name of ["pointerup", "pointerleave", "pointercancel", "blur"]) button.addEventListener(name, button.drop);
-  button.addEventListener("click", () => { if (!real()) button.press(); });
-  button.addEventListener("keydown", (e) => { if (e.code === "Enter" && real()) { e.preventDefault(); if (!e.repeat) button.press(); } });
-  button.addEventListener("keyup", (e) => { if (e.code === "Enter") button.drop(); });
-  return button;
+  return Object.assign(button, {
+    press, drop, onpointerup: drop, onpointerleave: drop, onpointercancel: drop, onblur: drop,
+    onpointerdown() { if (real()) press(); },
+    onclick() { if (!real()) press(); },
+    onkeydown(e) { if (e.code === "Enter" && real()) { e.preventDefault(); if (!e.repeat) press(); } },
+    onkeyup(e) { if (e.code === "Enter") drop(); },
+  });
 }

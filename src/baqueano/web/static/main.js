@@ -1,153 +1,138 @@
-// The page: the frame around the screens, the words that come and go, one drawing loop.
+// The frame around the screens, the words that come and go, the drawing loop.
 
-import { leave, readColours } from "./canvas.js";
+import { readColours } from "./canvas.js";
 import { Blocks } from "./blocks.js";
-import { $, alone, el, show, write } from "./dom.js";
+import { alone, el, press, put, show, texts } from "./dom.js";
 import { Drive } from "./drive.js";
 import { Faults } from "./faults.js";
 import { Hand } from "./hand.js";
 import { Identify } from "./identify.js";
 import { Link } from "./link.js";
-import { Record } from "./record.js";
-import { Opened, Replay } from "./replay.js";
+import { Record, trailsOf } from "./record.js";
+import { Replay } from "./replay.js";
 import { Runs } from "./runs.js";
 import { Tune } from "./tune.js";
 import { Tuned } from "./tuned.js";
-import { duration, language, num, otherLanguage, speak, t } from "./strings.js";
+import { language, num, otherLanguage, speak, t } from "./strings.js";
 
-const KEPT_S = 60; // of a live drive
-const OLD_MS = 200; // from where on the age of the picture is shown
+const KEPT_S = 60;
+const OLD_MS = 200; // where the age of the picture begins to be shown
 const SCREENS = [Drive, Identify, Replay, Tune, Runs, Blocks, Faults];
-const KEYS = ["Space", "L", "W A S D ↑ ↓ ← →", "T R B", "P M E", "1 2 3 4", "F 0 + −", "K ← → Home End", "[ ]", "N V", "Shift+↑ N G"];
+const NO_VEHICLE = { name: "", footprint: {}, command: [], rate_hz: 100, world: "recorded" };
 
 const page = {
-  hello: null, record: null, state: {}, route: null, runs: [], opened: null, ghost: null, screens: {}, screen: null, hand: null, link: null, driver: null,
-  say, stop, open, openRun,
+  hello: null, state: {}, screens: {}, screen: null, hand: null, link: null,
+  say, stop, open,
+  send(word) { this.link.send(word); },
+  ask(what, more, then) { this.link.ask(what, { ...(this.recorded && this.opened && { run: this.opened.about.run.id }), ...more }, then); },
+  openRun(run, ghost, filter) {
+    this.send({ is: "open", run, ghost, filter });
+    open("replay");
+  },
+  get recorded() { return this.hello?.mode === "replay"; },
+  get drives() { return this.hello.role === "drive"; },
   get moves() { return ["MISSION", "MANUAL"].includes(this.state.state); },
+  get ready() { return this.hand?.mine && this.state.state === "READY"; },
+  /** What the screens show: the live drive, or the run that is open. */
+  get shown() { return this.recorded ? this.opened : { record: this.record, about: this.hello }; },
 };
 const pending = {};
-const NO_VEHICLE = { name: "", footprint: { kind: "round", length_m: 0.14, width_m: 0.14 }, command: [], rate_hz: 100, world: "recorded" }; // before a run is open
+const ui = Object.fromEntries([...document.querySelectorAll("body [id]")].map((one) => [one.id, one]));
+
+function tell(what, word) { for (const one of Object.values(page.screens)) one[what]?.(word); }
 
 const on = {
   hello(word) {
     word.vehicle ??= NO_VEHICLE;
-    if (!word.fields.length) word.fields = [{ name: "t", unit: "s", group: "t", label: "t" }];
-    Object.assign(page, { hello: word, state: word.state ?? {}, route: word.route, runs: word.runs ?? [], opened: null, ghost: null, driver: word.driver, ledger: [] });
+    Object.assign(page, { hello: word, state: word.state ?? {}, route: word.route, runs: word.runs, opened: null, ghost: null, ledger: [] });
     page.record = new Record(word.fields, KEPT_S * word.vehicle.rate_hz, true);
-    page.hand?.still();
     page.hand ??= new Hand(page);
     page.hand.lease({ you: false });
+    page.hand.pad.ariaLabel = t("pad.label");
     frame();
-    if (word.open) page.link.send(word.open.ghost ? { is: "open", ...word.open } : { is: "open", run: word.open.run });
+    if (word.open) page.send({ is: "open", ...word.open });
   },
-  rows(stream, values, count) {
-    if (stream === 0) page.record.add(values, count);
-    else pending[stream]?.record.add(values, count);
-  },
-  up(up) {
-    document.body.classList.toggle("down", !up);
-    if (up) return;
-    page.hand?.lease({ you: false });
-    show($("stop"), true);
+  rows(stream, values, count) { (stream ? pending[stream] : page)?.record.add(values, count); },
+  down() {
+    show(ui.stop, true);
     sentence("error", t("link.lost"), t("link.again"));
-    lease({ who: null, you: false });
+    this.lease({ you: false });
   },
   over() {
     page.hand?.lease({ you: false });
     document.body.classList.add("no-stop");
-    for (const id of ["stop", "lease"]) show($(id), false);
+    show(ui.stop, false);
+    show(ui.lease, false);
   },
   state(word) {
     page.state = word;
-    page.screens.drive?.state(word);
-    page.screens.faults?.state();
+    tell("buttons");
     follow(word.scene);
     told();
-    meters();
   },
-  ledger({ rows }) { page.ledger = rows; page.screens.faults?.ledger(rows); },
+  ledger({ rows }) { page.ledger = rows; tell("ledger", rows); },
   route(word) { page.route = word.x?.length ? word : null; },
-  routes({ routes }) { page.screens.drive?.routes(routes.map((one) => one.name ?? one)); },
+  routes({ routes }) { tell("routes", routes.map((one) => one.name)); },
   blocks({ blocks, gains, swapped }) {
-    page.hello.blocks = blocks;
+    Object.assign(page.hello, { blocks, swapped });
     page.hello.vehicle.gains = gains;
-    page.hello.swapped = swapped;
-    for (const one of Object.values(page.screens)) one.blocks?.();
+    tell("blocks");
   },
-  runs({ runs }) { page.runs = runs; for (const one of Object.values(page.screens)) one.runs?.(); },
-  identify(word) { page.screens.identify?.take(word); },
-  lease(word) { page.hand.lease(word); lease(word); page.screens.drive?.state(page.state); page.screens.faults?.state(); },
-  event({ severity, text }) { if (["warning", "error", "fatal"].includes(severity)) say(text); },
+  runs({ runs }) { page.runs = runs; tell("runs"); },
+  identify(word) { tell("identified", word); },
+  lease(word) { page.hand?.lease(word); lease(word); tell("buttons"); },
+  event({ severity, text }) { if (["warning", "error"].includes(severity)) say(text); },
   no({ why }) {
     if (page.hello && page.link.up) say(why);
     else sentence("error", t("link.refused"), why);
   },
-  answer(word) {
+  answer({ stream, done, ...word }) {
     if (word.to !== "open") return;
-    const { stream } = word;
-    if (!word.done) {
-      pending[stream] = { record: new Record(word.fields, word.rows ?? 4096, false), about: { events: [], route: null, ...word, vehicle: word.vehicle ?? page.hello.vehicle } };
+    if (!done) {
+      pending[stream] = { record: new Record(word.fields, word.rows, false), about: word };
       return;
     }
-    if (!pending[stream]) return;
-    const { record, about } = pending[stream];
+    const came = pending[stream];
+    if (!came) return;
     pending[stream] = null;
-    if (stream === 1) Object.assign(page, { opened: new Opened(record, about), ghost: null });
-    else page.ghost = new Opened(record, about);
-    rebuilt();
+    Object.assign(page, stream === 1 ? { opened: opened(came), ghost: null } : { ghost: opened(came) });
+    tell("opened");
+    if (page.recorded) put(ui, { vehicle: page.opened.about.vehicle.name });
+    told();
   },
 };
 
-/** What was opened came: the screens show it. */
-function rebuilt() {
-  for (const one of Object.values(page.screens)) one.opened?.();
-  if (page.hello.mode === "replay") write($("vehicle"), page.opened.about.vehicle.name);
-  told();
+function opened({ record, about }) {
+  return { record, about, ...trailsOf(record, about.vehicle), label: about.filter ? t("replay.through", { name: about.filter }) : about.run.name };
 }
 
-function openRun(run, ghost, filter) {
-  page.link.send({ is: "open", run, ...(ghost ? { ghost } : {}), ...(filter ? { filter } : {}) });
-  open("replay");
-}
-
-/** Make the frame for this vehicle, this visitor and this language. */
 function frame() {
-  const { hello } = page, replay = hello.mode === "replay";
-  document.title = [hello.vehicle.name, "baqueano"].filter(Boolean).join(" · ");
+  const { hello, recorded } = page, { name, world } = hello.vehicle;
+  document.title = [name, "baqueano"].filter(Boolean).join(" · ");
   document.body.dataset.mode = hello.mode;
-  for (const node of document.querySelectorAll("canvas")) leave(node);
-  write($("vehicle"), hello.vehicle.name);
-  $("vehicle").style.borderColor = hello.robot ? `hsl(${70 + parseInt(hello.robot.slice(0, 4), 16) % 230} 60% 45%)` : "transparent"; // its own, and never red
-  write($("world"), t(`world.${hello.vehicle.world}`));
-  $("world").className = `chip world-${hello.vehicle.world}`;
+  put(ui, { vehicle: name, world: t(`world.${world}`) });
+  ui.vehicle.style.borderColor = hello.robot ? `hsl(${70 + parseInt(hello.robot.slice(0, 4), 16) % 230} 60% 45%)` : "transparent"; // its own, and never red
+  ui.world.className = `chip world-${world}`;
   fixedTexts();
-  write($("shared"), t("shared"));
-  show($("shared"), Boolean(hello.shared));
-  const shown = SCREENS.filter((one) => !(replay && one === Drive) && (one !== Faults || (!replay && hello.vehicle.world === "simulated")));
-  const before = page.screen?.constructor.key ?? location.hash.slice(1);
+  show(ui.shared, hello.shared);
+  const fits = { drive: !recorded, faults: !recorded && world === "simulated" }, shown = SCREENS.filter(({ key }) => fits[key] ?? true), before = page.screen?.constructor.key ?? location.hash.slice(1);
   page.screens = Object.fromEntries(shown.map((one) => [one.key, new one(page)]));
-  $("tabs").replaceChildren(...shown.map((one) => el("button", { role: "tab", id: `tab-${one.key}`, "aria-controls": "screen", onclick: () => open(one.key) }, t(`tab.${one.key}`))));
-  const canStop = !replay && hello.role !== "view";
-  show($("stop"), canStop);
+  ui.tabs.replaceChildren(...shown.map(({ key }) => el("button", { role: "tab", id: `tab-${key}`, onclick: () => open(key) }, t(`tab.${key}`))));
+  for (const one of ui.tabs.children) one.setAttribute("aria-controls", "screen");
+  const canStop = !recorded && hello.role !== "view";
+  show(ui.stop, canStop);
   document.body.classList.toggle("no-stop", !canStop);
-  $("meters").replaceChildren(...(replay ? [] : ["battery", "link", "loop"].map((key) => el(`span.meter.of-${key}`, el("span", t(`meter.${key}`)), el("b", { id: `meter-${key}` }, "–")))));
-  show($("lease"), !replay && hello.role === "drive");
-  lease({ who: hello.driver, you: false, watching: hello.watching });
-  open(page.screens[before] ? before : replay ? "replay" : shown[0].key, false);
+  show(ui.meters, !recorded);
+  show(ui.lease, !recorded && page.drives);
+  lease({ who: hello.driver, watching: hello.watching });
+  open(page.screens[before] ? before : recorded ? "replay" : shown[0].key, false);
   follow(page.state.scene);
-  page.ping();
-  told();
+  ping();
 }
 
 function fixedTexts() {
-  write($("stop-word"), t("stop"));
-  write($("stop-key"), t("stop.key"));
-  $("sentence").setAttribute("aria-label", t("sentence"));
-  write($("language"), otherLanguage().toUpperCase());
-  for (const id of ["language", "theme", "help"]) { $(id).title = t(`set.${id}`); $(id).setAttribute("aria-label", `${$(id).textContent} ${t(`set.${id}`)}`.trim()); }
-  write($("clear"), t("clear"));
-  $("tabs").setAttribute("aria-label", t("tabs"));
-  $("keys").replaceChildren(el("h2", t("keys")), el("dl", ...KEYS.flatMap((key, k) => [el("dt", ...(k ? key : t("stop.key")).split(" ").map((one) => el("kbd", one))), el("dd", t(`keys.${k}`))])), el("button.primary", { onclick: () => $("keys").close() }, t("keys.close")));
+  put(ui, { language: otherLanguage().toUpperCase() });
+  texts(document.body);
 }
 
 /** Show the screen of the drives that are played, until somebody chooses one. */
@@ -163,103 +148,96 @@ function open(key, chosen = true) {
   page.chosen ||= chosen;
   page.screen?.hidden?.();
   page.screen = page.screens[key];
-  $("screen").replaceChildren(page.screen.node);
+  ui.screen.replaceChildren(page.screen.node);
   document.body.dataset.screen = key;
-  for (const one of $("tabs").children) one.setAttribute("aria-selected", String(one.id === `tab-${key}`));
-  $(`tab-${key}`)?.scrollIntoView({ inline: "center", block: "nearest" });
+  for (const one of ui.tabs.children) {
+    one.ariaSelected = one.id === `tab-${key}`;
+    if (one.ariaSelected === "true") one.scrollIntoView({ inline: "center", block: "nearest" });
+  }
   page.hand.still();
   page.screen.shown?.();
   told();
 }
 
-/** The one sentence: of the drive, or of the run that is open. */
 function told() {
-  const { state, hello, opened } = page;
-  if (!hello || !page.link.up) return;
-  if (page.screen?.told) { sentence("info", ...page.screen.told); return; }
-  const recorded = hello.mode === "replay" || (page.screen?.constructor === Replay && opened);
-  if (recorded) {
-    const about = opened?.about;
-    sentence("info", opened ? opened.label : t(hello.open || hello.mode === "live" ? "replay.loading" : "replay.none"), about?.sentence ?? (opened ? t("replay.about", { s: duration(opened.record.end), n: opened.record.length }) : ""));
-  } else sentence(state.severity, state.title ?? t(`state.${state.state}`), [state.sentence, ...(state.odd ?? [])].filter(Boolean).join(" "));
-  show($("clear"), state.state === "STOPPED" && hello.mode !== "replay" && hello.role === "drive");
-  $("clear").disabled = !page.hand.mine;
+  const { state, hello, opened, recorded, screen } = page;
+  if (!page.link.up) return;
+  show(ui.clear, state.state === "STOPPED" && !recorded && page.drives);
+  ui.clear.disabled = !page.hand.mine;
+  if (screen?.told) sentence("info", ...screen.told);
+  else if (opened && (recorded || screen instanceof Replay)) sentence("info", opened.label, opened.about.sentence);
+  else if (recorded) sentence("info", t(hello.open ? "replay.loading" : "replay.none"), "");
+  else sentence(state.severity, state.title, [state.sentence, ...state.odd].join(" "));
 }
 
 function sentence(severity, title, text) {
-  write($("title"), title);
-  write($("text"), text);
-  $("sentence").dataset.severity = severity ?? "info";
+  put(ui, { title, text });
+  ui.sentence.dataset.severity = severity;
 }
 
-function lease({ who, you, watching }) {
-  const replay = page.hello?.mode === "replay";
-  write($("driver"), replay ? t("driver.recorded") : you ? t("driver.you") : who ? t("driver.other", { who }) : t("driver.nobody"));
-  $("driver").classList.toggle("you", Boolean(you));
-  write($("watching"), replay || !watching ? "" : watching === 1 ? t("driver.one-watches") : t("driver.watch", { n: watching }));
-  write($("lease"), t(you ? "lease.give" : "lease.take"));
-  $("lease").setAttribute("aria-pressed", String(Boolean(you)));
-  if (page.hello) $("clear").disabled = !you;
+function lease({ who, you = false, watching = 0 } = {}) {
+  const { recorded } = page;
+  put(ui, {
+    driver: recorded ? t("driver.recorded") : you ? t("driver.you") : who ? t("driver.other", { who }) : t("driver.nobody"),
+    watching: recorded || !watching ? "" : watching === 1 ? t("driver.one-watches") : t("driver.watch", { n: watching }),
+    lease: t(you ? "lease.give" : "lease.take"),
+  });
+  ui.driver.classList.toggle("you", you);
+  ui.lease.ariaPressed = you;
+  ui.clear.disabled = !you;
 }
 
 function meters() {
-  if (!$("meter-battery")) return;
-  const { record } = page;
-  const battery = record.value("battery"), late = record.value("late_ms");
-  show($("meter-battery").parentElement, Number.isFinite(battery));
-  write($("meter-battery"), `${num(battery, 2)} V`);
-  write($("meter-link"), page.link_ms === undefined ? "–" : `${num(page.link_ms, 0)} ms`);
-  write($("meter-loop"), `${num(late, 1)} ms`);
+  const { record } = page, battery = record.value("battery");
+  show(ui.battery.parentElement, Number.isFinite(battery));
+  put(ui, { battery: `${num(battery, 2)} V`, delay: `${num(page.link_ms, 0)} ms`, late: `${num(record.value("late_ms"))} ms` });
 }
 
-let quiet = 0;
+function flash(id, name, ms) {
+  const { classList } = ui[id];
+  classList.add(name);
+  clearTimeout(flash[id]);
+  flash[id] = setTimeout(() => classList.remove(name), ms);
+}
+
 function say(text) {
-  write($("toast"), text);
-  $("toast").classList.add("shown");
-  clearTimeout(quiet);
-  quiet = setTimeout(() => $("toast").classList.remove("shown"), 5000);
+  put(ui, { toast: text });
+  flash("toast", "shown", 5000);
 }
 
 /** Stop: no lease, no confirmation, from wherever. */
 function stop() {
-  if (page.hello?.mode === "replay") return;
+  if (page.recorded) return;
   page.hand?.still();
-  page.link.send({ is: "stop" });
-  $("stop").classList.add("pressed");
-  setTimeout(() => $("stop").classList.remove("pressed"), 400);
+  page.send({ is: "stop" });
+  flash("stop", "pressed", 400);
 }
 
 function key(event, down) {
-  if (!page.hello) return;
-  const recorded = page.hello.mode === "replay", typing = event.target.tagName === "INPUT" && event.target.type !== "range";
-  if (event.code === "Space" && !recorded) {
-    event.preventDefault();
-    if (down && !event.repeat) stop();
-    return;
-  }
-  if (typing || $("keys").open) return;
-  const choosing = event.target.tagName === "SELECT" || event.target.type === "range";
-  if (choosing && /^(Arrow|Home|End|Page)/.test(event.code)) return;
-  if (event.target.getAttribute?.("role") === "tab" && !event.shiftKey && /^Arrow(Left|Right)$/.test(event.code)) {
-    if (down) neighbour(event.code === "ArrowRight" ? 1 : -1);
-    event.preventDefault();
-    return;
-  }
-  if (page.screen instanceof Drive && page.hand.key(event, down)) { event.preventDefault(); return; }
-  if (page.screen.key?.(event, down)) { event.preventDefault(); return; }
-  if (!down || !alone(event) || event.repeat) return;
-  const number = /^Digit([1-9])$/.exec(event.code)?.[1];
-  const names = Object.keys(page.screens);
-  if (number && names[number - 1]) open(names[number - 1]);
-  else if (event.code === "KeyL" && page.hello.role === "drive" && !recorded) page.hand.toggle();
-  else if (event.key === "?") $("keys").showModal();
+  if (page.hello && keyDone(event, down)) event.preventDefault();
 }
 
-function neighbour(way) {
-  const names = Object.keys(page.screens), k = names.indexOf(page.screen.constructor.key);
-  const next = names[(k + way + names.length) % names.length];
-  open(next);
-  $(`tab-${next}`)?.focus();
+function keyDone(event, down) {
+  const { code, target, repeat } = event, { recorded, screen } = page, range = target.type === "range";
+  if (code === "Space" && !recorded) {
+    if (down && !repeat) stop();
+    return true;
+  }
+  if ((target.tagName === "INPUT" && !range) || ui.keys.open) return false;
+  if ((target.tagName === "SELECT" || range) && /^(Arrow|Home|End|Page)/.test(code)) return false;
+  const names = Object.keys(page.screens);
+  if (target.role === "tab" && !event.shiftKey && /^Arrow(Left|Right)$/.test(code)) {
+    const next = names.at((names.indexOf(screen.constructor.key) + (code === "ArrowRight" ? 1 : -1)) % names.length);
+    if (down) { open(next); ui.tabs.querySelector("[aria-selected=true]")?.focus(); }
+    return true;
+  }
+  if (screen.key?.(event, down)) return true;
+  if (!down || !alone(event) || repeat) return false;
+  const [, number] = /^Digit([1-9])$/.exec(code) ?? [];
+  if (number) open(names[number - 1]);
+  else if (code === "KeyL" && page.drives && !recorded) page.hand.toggle();
+  else if (event.key === "?") ui.keys.showModal();
+  return false;
 }
 
 function theme(chosen) {
@@ -267,60 +245,59 @@ function theme(chosen) {
   readColours();
 }
 
-function darkNow() {
-  const forced = document.documentElement.dataset.theme;
-  return forced ? forced === "dark" : matchMedia("(prefers-color-scheme: dark)").matches;
+function ping() {
+  if (!page.link.up || page.recorded || document.hidden) return;
+  const sent = performance.now();
+  page.ask("ping", {}, () => { page.link_ms = performance.now() - sent; });
 }
 
-const costs = []; // ms of the last drawings
+const costs = []; // ms
 function draw(now_ms) {
   requestAnimationFrame(draw);
-  if (!page.hello || !page.screen) return;
-  const began = performance.now();
+  if (!page.screen) return;
+  const began = performance.now(), { link, state } = page;
   page.screen.draw?.(now_ms);
-  page.link.drawn();
+  link.seen = link.number; // what has come is drawn
   page.hand.beat(now_ms);
-  const live = page.hello.mode === "live", age = page.link.age_ms, moves = page.moves && !page.state.paused; // who stands sends no rows
-  const old = live && ((moves && age > OLD_MS) || !page.link.up) && page.state.state !== "OVER" && page.link.came_ms > 0;
-  show($("age"), old);
-  if (old) write($("age"), t("age", { s: num(age / 1000, 1) }));
-  if (live) meters();
+  if (!page.recorded) meters();
+  const age_ms = performance.now() - link.came_ms, waits = page.moves && !state.paused; // who stands sends no rows
+  const old = !page.recorded && ((waits && age_ms > OLD_MS) || !link.up) && state.state !== "OVER" && link.came_ms > 0;
+  show(ui.age, old);
+  if (old) put(ui, { age: t("age", { s: num(age_ms / 1000) }) });
   costs.push(performance.now() - began);
   if (costs.length > 240) costs.shift();
 }
 
 async function begin() {
+  const dark = matchMedia("(prefers-color-scheme: dark)");
   theme(new URLSearchParams(location.search).get("theme") ?? localStorage.getItem("theme"));
-  matchMedia("(prefers-color-scheme: dark)").addEventListener("change", () => theme());
+  dark.addEventListener("change", () => theme());
   await speak();
   fixedTexts();
   sentence("info", t("link.opening"), "");
-  lease({ who: null, you: false });
-  $("stop").addEventListener("pointerdown", stop);
-  $("stop").addEventListener("click", (e) => { if (e.detail === 0) stop(); }); // Enter, or a screen reader
-  $("lease").addEventListener("click", () => page.hand?.toggle());
-  $("clear").addEventListener("click", () => page.link.send({ is: "clear" }));
-  $("help").addEventListener("click", () => $("keys").showModal());
-  $("theme").addEventListener("click", () => { const next = darkNow() ? "light" : "dark"; localStorage.setItem("theme", next); theme(next); });
-  $("language").addEventListener("click", async () => {
-    const next = otherLanguage();
-    localStorage.setItem("lang", next);
-    await speak(next);
-    page.hand = null;
-    page.link.restart(language);
+  lease();
+  ui.stop.onpointerdown = stop;
+  ui.stop.onclick = (e) => { if (e.detail === 0) stop(); }; // Enter, or a screen reader
+  press(ui, {
+    lease: () => page.hand?.toggle(), clear: () => page.send({ is: "clear" }), help: () => ui.keys.showModal(), close: () => ui.keys.close(),
+    theme() {
+      const next = (document.documentElement.dataset.theme ?? (dark.matches ? "dark" : "light")) === "dark" ? "light" : "dark";
+      localStorage.setItem("theme", next);
+      theme(next);
+    },
+    async language() {
+      await speak(otherLanguage());
+      localStorage.setItem("lang", language);
+      page.hand?.letGo();
+      page.link.restart(language);
+    },
   });
   addEventListener("keydown", (e) => key(e, true));
   addEventListener("keyup", (e) => key(e, false));
   page.link = new Link(language, on);
-  const ping = () => {
-    if (!page.link.up || page.hello?.mode !== "live" || document.hidden) return;
-    const sent = performance.now();
-    page.link.ask("ping", {}, () => { page.link_ms = performance.now() - sent; });
-  };
-  page.ping = ping;
   setInterval(ping, 2000);
   requestAnimationFrame(draw);
 }
 
-globalThis.baqueano = { page, costs }; // to look at from the browser's console
+globalThis.baqueano = { page, costs }; // for the browser's console, and the tests
 begin();

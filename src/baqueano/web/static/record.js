@@ -1,40 +1,67 @@
-// The rows of a drive by column: a window that rolls while it drives, or a whole run.
+// The rows of a drive by column.
+
+const { max, min } = Math;
+
+/** Return the first of 0 … count from which on a test holds. */
+function first(count, holds) {
+  let low = 0, high = count;
+  while (low < high) { const middle = (low + high) >> 1; if (holds(middle)) high = middle; else low = middle + 1; }
+  return low;
+}
 
 export class Record {
   /** `rows`: how many to keep at least; a record that does not roll grows. */
   constructor(fields, rows, rolling) {
-    this.fields = fields;
-    this.at = new Map(fields.map((field, k) => [field.name, k]));
-    this.rows = Math.max(rows, 64);
-    this.rolling = rolling;
-    this.columns = fields.map(() => new Float32Array(2 * this.rows));
-    this.length = 0;
+    Object.assign(this, { fields, rolling, rows: max(rows, 64), length: 0 });
     this.version = 0; // grows whenever a row has another index than before
+    this.at = new Map(fields.map((field, k) => [field.name, k]));
+    this.columns = fields.map(() => new Float32Array(2 * this.rows));
   }
 
-  get t() { return this.columns[this.at.get("t")]; }
+  get t() { return this.column("t"); }
   get last() { return this.length - 1; }
   get start() { return this.length ? this.t[0] : 0; }
-  get end() { return this.length ? this.t[this.length - 1] : 0; }
+  get end() { return this.length ? this.t[this.last] : 0; }
 
   has(name) { return this.at.has(name); }
-  column(name) { const k = this.at.get(name); return k === undefined ? null : this.columns[k]; }
-  value(name, i = this.last) { const k = this.at.get(name); return k === undefined || i < 0 ? NaN : this.columns[k][i]; }
+  field(name) { return this.fields[this.at.get(name)]; }
+  column(name) { return this.columns[this.at.get(name)]; }
+  value(name, i = this.last) { return this.column(name)?.[i] ?? NaN; }
+  values(i, ...names) { return names.map((name) => this.value(name, i)); }
 
-  clear() { this.length = 0; this.version++; }
+  get channels() { return this.fields.filter((one) => one.name.startsWith("z.")).map((one) => one.name.slice(2)); }
 
-  /** Add R rows × F values. Time that goes back is a new drive: what was before it goes. */
+  /** Return [x, y, ψ] of a row, or null where one is not known. */
+  pose(i, of = "eta") {
+    const pose = this.values(i, `${of}.x`, `${of}.y`, `${of}.psi`);
+    return pose.every(Number.isFinite) ? pose : null;
+  }
+
+  /** Return the variances [m²] of the place along its long and short axis, and the angle of the long one. */
+  ellipse(i) {
+    const [xx, xy, yy] = this.values(i, "P.xx", "P.xy", "P.yy"), middle = (xx + yy) / 2, apart = Math.hypot((xx - yy) / 2, xy);
+    return [max(middle + apart, 0), max(middle - apart, 0), 0.5 * Math.atan2(2 * xy, xx - yy)];
+  }
+
+  /** Return 1.96 √(nᵀ P n) [m], and n: to the left of the heading. */
+  across(i) {
+    const [psi, xx, xy, yy] = this.values(i, "eta.psi", "P.xx", "P.xy", "P.yy"), nx = -Math.sin(psi), ny = Math.cos(psi);
+    return [1.96 * Math.sqrt(max(nx * nx * xx + 2 * nx * ny * xy + ny * ny * yy, 0)), nx, ny];
+  }
+
+  /** Add R rows × F values. Time that goes back is a new drive. */
   add(values, R) {
+    if (!R) return;
     const F = this.fields.length, time = this.at.get("t");
-    if (R && this.length && values[time] < this.end - 1e-3) this.clear();
-    let from = 0;
-    for (let r = 1; r < R; r++) if (values[r * F + time] < values[(r - 1) * F + time] - 1e-3) from = r;
-    if (from) this.clear();
-    this.#room(R - from);
-    for (let k = 0; k < F; k++) {
-      const column = this.columns[k];
-      for (let r = from, i = this.length; r < R; r++, i++) column[i] = values[r * F + k];
+    let from = 0, before = this.length ? this.end : -Infinity, back = false;
+    for (let r = 0; r < R; r++) {
+      const now = values[r * F + time];
+      if (now < before - 1e-3) [from, back] = [r, true];
+      before = now;
     }
+    if (back) { this.length = 0; this.version++; }
+    this.#room(R - from);
+    this.columns.forEach((column, k) => { for (let r = from, i = this.length; r < R; r++, i++) column[i] = values[r * F + k]; });
     this.length += R - from;
   }
 
@@ -42,122 +69,74 @@ export class Record {
     const capacity = this.columns[0].length;
     if (this.length + more <= capacity) return;
     if (this.rolling && more <= this.rows) {
-      const gone = this.length - Math.min(this.length, this.rows);
+      const gone = max(this.length - this.rows, 0);
       for (const column of this.columns) column.copyWithin(0, gone, this.length);
       this.length -= gone;
       this.version++;
       return;
     }
-    const size = Math.max(2 * capacity, this.length + more);
+    const size = max(2 * capacity, this.length + more);
     this.columns = this.columns.map((column) => { const grown = new Float32Array(size); grown.set(column); return grown; });
   }
 
-  /** Return the first row at or after a time. */
-  lower(seconds) {
-    const t = this.t;
-    let low = 0, high = this.length;
-    while (low < high) { const middle = (low + high) >> 1; if (t[middle] < seconds) low = middle + 1; else high = middle; }
-    return low;
+  kept() {
+    const { fields, columns, length } = this;
+    return Object.assign(new Record(fields, 0, false), { columns: columns.map((one) => one.slice(0, length)), length });
   }
 
-  /** Return the row in force at a time. */
-  row(seconds) {
-    const i = this.lower(seconds);
-    return i < this.length && this.t[i] === seconds ? i : Math.max(0, Math.min(i, this.length) - 1);
-  }
+  lower(seconds) { const { t } = this; return first(this.length, (i) => t[i] >= seconds); }
 
-  /** Return the channels that are measured, as their names without the prefix. */
-  get channels() { return this.fields.filter((f) => f.name.startsWith("z.")).map((f) => f.name.slice(2)); }
-
-  field(name) { return this.fields[this.at.get(name)]; }
+  row(seconds) { const { t } = this; return max(first(this.length, (i) => t[i] > seconds) - 1, 0); }
 }
 
 /** The places of a record, thinned to steps that can be seen; each knows its row. */
-export class Trail {
-  /** `x`, `y`: names of columns; `step_m`: shorter steps are left out; `across`: with the corridor. */
-  constructor(record, x, y, step_m, across = false) {
-    Object.assign(this, { record, x, y, step_m, across, version: -1 });
-    this.reset();
-  }
-
-  reset() {
-    this.points = []; // x, y, row, and with a corridor the half width as a vector
-    this.done = 0;
-    this.box = [Infinity, Infinity, -Infinity, -Infinity];
-    this.version = this.record.version;
+class Trail {
+  /** `of`: eta or truth; `corridor`: with the 95 % corridor. */
+  constructor(record, { footprint }, of, corridor = false) {
+    Object.assign(this, { record, of, corridor, step_m: footprint.width_m / 18 });
   }
 
   update() {
-    const { record, box, step_m } = this;
-    if (this.version !== record.version) { this.reset(); return this.update(); }
-    const X = record.column(this.x), Y = record.column(this.y);
-    if (!X || !Y) return this;
-    let [lastX, lastY] = this.points.length ? this.points[this.points.length - 1] : [NaN, NaN];
-    for (; this.done < record.length; this.done++) {
-      const i = this.done, x = X[i], y = Y[i];
-      if (!(Number.isFinite(x) && Number.isFinite(y))) continue;
-      if ((x - lastX) ** 2 + (y - lastY) ** 2 < step_m * step_m) continue;
-      this.points.push(this.across ? [x, y, i, ...this.#side(i)] : [x, y, i]);
-      [lastX, lastY] = [x, y];
-      const [, , , wide = 0, high = 0] = this.points.at(-1).map(Math.abs);
-      box[0] = Math.min(box[0], x - wide); box[1] = Math.min(box[1], y - high);
-      box[2] = Math.max(box[2], x + wide); box[3] = Math.max(box[3], y + high);
+    const { record, of, step_m, corridor } = this, X = record.column(`${of}.x`), Y = record.column(`${of}.y`), rows = X && Y ? record.length : 0;
+    if (this.version !== record.version) {
+      Object.assign(this, { points: [], box: [Infinity, Infinity, -Infinity, -Infinity], done: 0, version: record.version }); // points: x, y, row, half width as a vector
     }
+    let [lastX, lastY] = this.points.at(-1) ?? [NaN, NaN];
+    for (let i = this.done; i < rows; i++) {
+      const x = X[i], y = Y[i];
+      if (!Number.isFinite(x + y) || (x - lastX) ** 2 + (y - lastY) ** 2 < step_m * step_m) continue;
+      const [half, nx, ny] = corridor ? record.across(i) : [0, 0, 0], side = [nx * half || 0, ny * half || 0], [wide, high] = side.map(Math.abs);
+      this.points.push([x, y, i, ...side]);
+      this.box = union(this.box, [x - wide, y - high, x + wide, y + high]);
+      [lastX, lastY] = [x, y];
+    }
+    this.done = rows;
     return this;
   }
 
-  /** 1.96 standard deviations across the path, as a vector to the left. */
-  #side(i) {
-    const half = 1.96 * across(this.record, i), psi = this.record.value("eta.psi", i);
-    return Number.isFinite(half) ? [-Math.sin(psi) * half, Math.cos(psi) * half] : [0, 0];
-  }
-
-  /** Return how many points lie at or before a row. */
-  until(row) {
-    let low = 0, high = this.points.length;
-    while (low < high) { const m = (low + high) >> 1; if (this.points[m][2] <= row) low = m + 1; else high = m; }
-    return low;
-  }
+  until(row = Infinity) { return first(this.points.length, (k) => this.points[k][2] > row); }
 }
 
-/** Return the standard deviation [m] of the place across the path: √(nᵀ P n), n to the left of the heading. */
-export function across(record, i) {
-  const psi = record.value("eta.psi", i), nx = -Math.sin(psi), ny = Math.cos(psi);
-  const variance = nx * nx * record.value("P.xx", i) + 2 * nx * ny * record.value("P.xy", i) + ny * ny * record.value("P.yy", i);
-  return Math.sqrt(Math.max(variance, 0));
+export function trailsOf(record, vehicle) {
+  const trail = (...what) => new Trail(record, vehicle, ...what);
+  return { estimate: trail("eta", true), path: trail("eta"), truth: trail("truth") };
 }
 
-/** The mean of the NIS over a window, and its 95 % band: a χ² of n·m degrees over n·m. */
-export class Honesty {
-  constructor(record, window_s = 10) {
-    Object.assign(this, { record, window_s, version: -1 });
-    this.components = Math.max(1, record.fields.filter((f) => f.name.startsWith("innov.")).length);
-  }
+export const movable = ({ command }) => command.flatMap(({ low, high }, k) => (low < high ? [k] : []));
 
-  #update() {
-    const { record } = this;
-    if (this.version !== record.version || this.sums.length < record.columns[0].length + 1) {
-      this.sums = new Float64Array(record.columns[0].length + 1);
-      this.counts = new Float64Array(record.columns[0].length + 1);
-      this.done = 0;
-      this.version = record.version;
-    }
-    const nis = record.column("nis");
-    for (; this.done < record.length; this.done++) {
-      const i = this.done, seen = nis && Number.isFinite(nis[i]) ? 1 : 0;
-      this.sums[i + 1] = this.sums[i] + (seen ? nis[i] : 0);
-      this.counts[i + 1] = this.counts[i] + seen;
-    }
-  }
+/** A box is [least x, y, greatest x, y]. */
+export const union = (a, b) => [min(a[0], b[0]), min(a[1], b[1]), max(a[2], b[2]), max(a[3], b[3])];
 
-  /** Return {mean, low, high} of the window that ends at this row; null where less than 2 s are known. */
-  at(i) {
-    this.#update();
-    const { record } = this;
-    if (i < 0 || i >= record.length) return null;
-    const from = record.lower(record.t[i] - this.window_s), n = this.counts[i + 1] - this.counts[from];
-    if (n < 20 || record.t[i] - record.t[from] < 2) return null;
-    const half = 1.96 * Math.sqrt(2 / (n * this.components));
-    return { mean: (this.sums[i + 1] - this.sums[from]) / n, low: 1 - half, high: 1 + half };
-  }
+export const boxOf = ({ x, y }) => [min(...x), min(...y), max(...x), max(...y)];
+
+/** Return the mean of the NIS over 10 s, and its 95 % band: a χ² of n·m degrees over n·m; null before 2 s. */
+export function honesty(record, i) {
+  const nis = record.column("nis"), { t } = record;
+  if (!nis || i < 0 || i >= record.length) return null;
+  const from = record.lower(t[i] - 10), m = max(1, record.channels.length);
+  let sum = 0, n = 0;
+  for (let k = from; k <= i; k++) if (nis[k] === nis[k]) { sum += nis[k]; n++; }
+  if (n < 20 || t[i] - t[from] < 2) return null;
+  const half = 1.96 * Math.sqrt(2 / (n * m)), mean = sum / n;
+  return { mean, low: 1 - half, high: 1 + half };
 }

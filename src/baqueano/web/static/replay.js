@@ -1,122 +1,80 @@
-// Any run, to be scrubbed, with the ghost of a second one beside it, paired by distance or by time.
+// A run, to be scrubbed, with the ghost of a second one beside it.
 
-import { area, begin, colours, dot, follow, line } from "./canvas.js";
-import { alone, choices, el, empty, fill, select, show, write } from "./dom.js";
-import { HonestyCard, Numbers, drawMap, mapKeys } from "./drive.js";
+import { area, axis, begin, clamp, dot, line } from "./canvas.js";
+import { choices, drag, el, empty, fill, form, head, keyed, put, row, show, write } from "./dom.js";
+import { drawMap, honestyCard } from "./drive.js";
 import { Map2D } from "./map.js";
-import { Honesty, Trail } from "./record.js";
-import { Strip, groupsOf, stripList } from "./strips.js";
-import { clock, duration, length, num, t } from "./strings.js";
+import { honesty, movable } from "./record.js";
+import { signals, stripList } from "./strips.js";
+import { duration, length, num, percent, t } from "./strings.js";
 
+const { max, min } = Math;
+const WAYS = ["distance", "time", "mark"];
 const RATES = [0.125, 0.25, 0.5, 1, 2, 4, 8];
-const RATE_WORDS = ["⅛×", "¼×", "½×", "1×", "2×", "4×", "8×"];
-const AHEAD = RATES.indexOf(1);
-
-/** What was opened: its rows, and what is known about it. */
-export class Opened {
-  constructor(record, about) {
-    Object.assign(this, { record, about });
-    const step = about.vehicle.footprint.width_m / 18;
-    this.estimate = new Trail(record, "eta.x", "eta.y", step, true);
-    this.path = new Trail(record, "eta.x", "eta.y", step);
-    this.truth = new Trail(record, "truth.x", "truth.y", step);
-    this.label = about.filter ? t("replay.through", { name: about.filter }) : about.run.name;
-  }
-}
 
 export class Replay {
   static key = "replay";
 
   constructor(page) {
-    this.page = page;
-    this.now_s = 0;
-    this.playing = false;
-    this.rate = AHEAD;
-    this.by = "distance";
-    this.node = el("div.replay");
+    Object.assign(this, { page, now_s: 0, playing: false, rate: RATES.indexOf(1), by: WAYS[0], node: el("div.replay") });
     this.build();
   }
 
   get run() { return this.page.opened; }
   get ghost() { return this.page.ghost; }
+  get sign() { return this.playing ? "❚❚" : "▶"; }
 
-  /** Make the screen for what is open now. */
   build() {
     const { run, ghost, page } = this;
-    this.pairs = null;
-    this.table = null;
+    this.pairs = this.curve = null;
     if (!run) {
-      this.node.replaceChildren(empty(t("replay.none"), el("p", t("replay.none-how")),
-        el("button.primary", { onclick: () => page.open("runs") }, t("tab.runs"))));
+      this.node.replaceChildren(empty(t("replay.none"), el("p", t("replay.none-how")), el("button.primary", { onclick: () => page.open("runs") }, t("tab.runs"))));
       return;
     }
-    this.map = new Map2D();
-    this.numbers = new Numbers();
-    this.honesty = new HonestyCard(run.record);
-    const groups = ghost ? this.#pairedGroups() : groupsOf(run.record, run.about.vehicle);
-    this.strips = groups.flatMap(([, strips]) => strips);
-    this.tableNode = el("table.compare");
-    this.node.replaceChildren(
-      this.map.card(mapKeys(run.record.has("truth.x"), ghost ? t("replay.ghost-of", { name: ghost.label }) : null), this.numbers.node),
-      el("section.card.strips", ghost ? this.tableNode : null, stripList(groups), ghost ? null : this.honesty.node),
-      this.#transport());
-    this.seek(Math.min(this.now_s, run.record.end));
-  }
-
-  #pairedGroups() {
-    const { run } = this, made = [];
-    const add = (name, title, unit, scale = 1) => { if (run.record.has(name)) made.push(new Strip({ title, unit, scale, traces: [{ name, line: "model" }, { name, line: "ghost" }] })); };
-    add("cross", t("strip.cross"), "m");
-    add("nu.u", t("strip.speed"), "m/s");
-    add("nu.r", t("strip.turn"), "rad/s");
-    run.about.vehicle.command.forEach(({ low, high, unit }, k) => { if (low < high) add(`u.${k}`, run.record.field(`u.${k}`)?.label ?? `u.${k}`, unit); });
-    return [["paired", made, []]];
+    const { record, about: { vehicle } } = run;
+    Object.assign(this, form("replay", this.node));
+    this.map = new Map2D(this.mapCard);
+    write(this.ghostKey, ghost && t("replay.ghost-of", { name: ghost.label }));
+    this.node.dataset.ghost = Boolean(ghost);
+    show(this.truthKey, !ghost && record.has("truth.x"));
+    this.honesty = honestyCard(record);
+    if (ghost) this.#compare(); else this.side.append(this.honesty.node);
+    const same = (name) => ({ lines: { [name]: "model" }, ghost: true });
+    this.strips = stripList(this.list, record, ghost ? { paired: ["cross", "nu.u", "nu.r", ...movable(vehicle).map((k) => `u.${k}`)].map(same) } : signals(record, vehicle));
+    this.#transport();
+    this.seek(this.now_s);
   }
 
   #transport() {
-    const { page } = this;
-    this.play = el("button.primary.play", { onclick: () => this.toggle() });
-    this.rates = choices(t("replay.rate"), RATE_WORDS, this.rate, (k) => { this.rate = k; });
-    this.scrub = follow(el("canvas.scrub", { tabindex: "0", role: "slider", "aria-label": t("replay.scrub"), "aria-valuemin": "0" }));
-    const at = (e) => this.seek(((e.offsetX - 2) / (this.scrub.clientWidth - 4)) * this.run.record.end);
-    let held = false;
-    this.scrub.addEventListener("pointerdown", (e) => { this.scrub.setPointerCapture(e.pointerId); held = true; this.scrub.focus(); at(e); });
-    this.scrub.addEventListener("pointermove", (e) => { if (held) at(e); });
-    for (const name of ["pointerup", "lostpointercapture"]) this.scrub.addEventListener(name, () => { held = false; });
-    this.when = el("b");
-    this.whole = el("span");
-    this.happened = el("p.happened");
-    const again = (...what) => page.openRun(this.run.about.run.id, ...what);
-    this.other = select(t("replay.ghost"), [], "", (id) => again(id || null));
-    this.beside = el("label.pick", t("replay.ghost"), this.other);
-    this.filter = select(t("replay.filter"), [["", t("replay.no-filter")]], "", (kind) => again(null, kind || null));
-    this.through = el("label.pick", t("replay.filter"), this.filter);
-    this.filters();
+    const { page, run, ghost, scrub } = this, again = (...what) => page.openRun(run.about.run.id, ...what);
+    this.play.onclick = () => this.toggle();
+    choices(this.rates, this.rate, (k) => { this.rate = k; });
+    drag(scrub, ({ offsetX }) => this.seekPart((offsetX - 2) / (scrub.clientWidth - 4)));
+    this.other.onchange = () => again(this.other.value);
     this.runs();
-    const ways = ["distance", "time", ...(this.ghost && this.#marks().every((one) => one.length) ? ["mark"] : [])];
-    const pairing = choices(t("replay.pair"), ways.map((one) => t(`replay.by-${one}`)), ways.indexOf(this.by), (k) => { this.by = ways[k]; this.pairs = null; });
-    return el("section.card.transport", { "aria-label": t("replay.controls") },
-      el("div.line", this.play, this.scrub, el("span.when", this.when, this.whole)),
-      el("div.line", this.rates, this.happened, this.beside, this.through,
-        this.ghost ? el("div.pick", el("span", t("replay.pair")), pairing) : null));
-  }
-
-  /** List the filters through which the same data may go: those of its room, and the project's own. */
-  filters() {
-    const id = this.run.about.run.id, list = (kinds) => fill(this.filter, [["", t("replay.no-filter")], ...kinds], this.ghost?.about.filter ?? "");
-    if (this.kinds?.of === id) list(this.kinds.list);
-    else this.page.link.ask("block", { run: id, room: "estimator" }, ({ kinds }) => { this.kinds = { of: id, list: kinds ?? [] }; show(this.through, this.kinds.list.length > 0); list(this.kinds.list); });
+    const { id } = run.about.run, list = (kinds) => { // the filters through which the same data may go
+      this.kinds = { id, kinds };
+      show(this.through, kinds.length > 0);
+      fill(this.filter, [["", t("replay.no-filter")], ...kinds], ghost?.about.filter ?? "", (kind) => again(null, kind));
+    };
+    list(this.kinds?.id === id ? this.kinds.kinds : []);
+    if (!this.kinds.kinds.length) page.ask("block", { run: id, room: "estimator" }, ({ kinds = [] }) => { if (run === this.run) list(kinds); });
+    const marked = Boolean(ghost) && this.#marks().every((one) => one.length), { ways } = this;
+    if (this.by === "mark" && !marked) this.by = WAYS[0];
+    show(ways.lastElementChild, marked);
+    choices(ways, WAYS.indexOf(this.by), (k) => { this.by = WAYS[k]; this.pairs = null; });
   }
 
   #marks() { return [this.run, this.ghost].map(({ about }) => about.events.filter((one) => one.source === "mark").map((one) => one.t)); }
 
-  /** List what may stand beside the run. */
   runs() {
     if (!this.run) return;
-    const others = this.page.runs.filter((one) => one.id !== this.run.about.run.id), ghost = this.ghost?.about.run.id;
-    fill(this.other, [["", t("replay.no-ghost")], ...others.map((one) => [one.id, one.name])], this.ghost?.about.filter ? "" : ghost ?? "");
+    const { about } = this.ghost ?? {}, others = this.page.runs.filter((one) => one.id !== this.run.about.run.id);
+    fill(this.other, [["", t("replay.no-ghost")], ...others.map((one) => [one.id, one.name])], about && !about.filter ? about.run.id : "");
     show(this.beside, others.length > 0);
   }
+
+  opened() { this.build(); }
 
   toggle() {
     if (!this.run) return;
@@ -125,62 +83,44 @@ export class Replay {
     this.last_ms = null;
   }
 
-  seek(seconds) {
-    const { record } = this.run;
-    this.now_s = Math.min(Math.max(seconds, record.start), record.end);
-  }
+  seek(seconds) { this.now_s = clamp(seconds, this.run.record.start, this.run.record.end); }
+
+  seekPart(part) { if (this.run) this.seek(axis(0, 1, this.run.record.start, this.run.record.end)(part)); }
 
   key(event, down) {
     if (!this.run) return false;
-    const { record } = this.run, tick = 1 / this.run.about.vehicle.rate_hz, far = event.shiftKey ? 1 : tick;
-    const act = {
-      KeyK: () => this.toggle(), ...(this.page.hello.mode === "replay" ? { Space: () => this.toggle() } : {}),
-      ArrowLeft: () => this.seek(this.now_s - far), ArrowRight: () => this.seek(this.now_s + far),
-      PageUp: () => this.seek(this.now_s - 5), PageDown: () => this.seek(this.now_s + 5),
-      Home: () => this.seek(0), End: () => this.seek(record.end),
+    const { run: { record, about }, now_s } = this, far = event.shiftKey ? 1 : 1 / about.vehicle.rate_hz, to = (seconds) => () => this.seek(seconds), toggle = () => this.toggle();
+    const acts = {
+      KeyK: toggle, ...(this.page.recorded && { Space: toggle }), Home: to(0), End: to(record.end),
+      ArrowLeft: to(now_s - far), ArrowRight: to(now_s + far), PageUp: to(now_s - 5), PageDown: to(now_s + 5),
       BracketLeft: () => this.#faster(-1), BracketRight: () => this.#faster(1), KeyN: () => this.#event(1), KeyV: () => this.#event(-1),
-    }[event.code];
-    if (!act || !alone(event) || event.target.tagName === "SELECT") return this.map.key(event, down);
-    if (down) act();
-    return true;
+    };
+    return (event.target.tagName !== "SELECT" && keyed(acts, event, down)) || this.map.key(event, down);
   }
 
-  #faster(more) {
-    this.rates.children[Math.min(Math.max(this.rate + more, 0), RATES.length - 1)].click();
-  }
+  #faster(more) { this.rates.children[clamp(this.rate + more, 0, RATES.length - 1)].click(); }
 
   #event(way) {
-    const times = this.run.about.events.map((one) => one.t).sort((a, b) => a - b);
-    const next = way > 0 ? times.find((s) => s > this.now_s + 1e-6) : times.reverse().find((s) => s < this.now_s - 1e-6);
-    if (next !== undefined) this.seek(next);
+    const later = this.run.about.events.map((one) => way * (one.t - this.now_s)).filter((far) => far > 1e-6);
+    if (later.length) this.seek(this.now_s + way * min(...later));
   }
 
-  opened() { this.build(); }
-
-  /** Return the ghost's row for each row of the run. */
   #paired() {
-    const { run, ghost } = this;
-    if (this.pairs && this.pairs.rows === run.record.length && this.pairs.others === ghost.record.length) return this.pairs;
-    const marks = this.by === "mark" ? this.#marks() : null;
-    const key = this.by === "distance" && [run, ghost].every((one) => Number.isFinite(one.record.value("progress", one.record.last))) ? "progress" : "t";
-    const mine = marks ? run.record.t.map((s) => aligned(s, ...marks)) : run.record.column(key), theirs = ghost.record.column(key), map = new Int32Array(run.record.length);
-    for (let i = 0, j = 0; i < map.length; i++) {
-      while (j + 1 < ghost.record.length && !(theirs[j] >= mine[i])) j++;
-      map[i] = mine[i] > theirs[ghost.record.last] ? -1 : j;
+    const { run: { record: mine }, ghost: { record: other } } = this;
+    const marks = this.by === "mark" ? this.#marks() : null, key = this.by === "distance" && [mine, other].every((one) => Number.isFinite(one.value("progress"))) ? "progress" : "t";
+    const from = marks ? mine.t.map((s) => aligned(s, ...marks)) : mine.column(key), to = other.column(key);
+    let j = 0;
+    const map = Int32Array.from({ length: mine.length }, (_, i) => {
+      while (j < other.last && !(to[j] >= from[i])) j++;
+      return from[i] > to[other.last] ? -1 : j;
+    });
+    for (const { traces: [{ name }, ghost] } of this.strips) {
+      const theirs = other.column(name), column = theirs && Float32Array.from(map, (k) => theirs[k] ?? NaN);
+      ghost.source = { column: () => column, value: (_, i) => column?.[i] ?? NaN };
     }
-    const columns = new Map();
-    const source = {
-      column: (name) => {
-        if (!columns.has(name)) { const from = ghost.record.column(name); columns.set(name, from && Float32Array.from(map, (j) => (j < 0 ? NaN : from[j]))); }
-        return columns.get(name);
-      },
-      value: (name, i) => source.column(name)?.[i] ?? NaN,
-    };
-    for (const strip of this.strips) strip.traces[1].source = source;
-    return (this.pairs = { map, rows: run.record.length, others: ghost.record.length });
+    return { map };
   }
 
-  /** Let time go on while it plays. */
   advance(now_ms) {
     if (!this.playing) return;
     if (this.last_ms) this.seek(this.now_s + ((now_ms - this.last_ms) / 1000) * RATES[this.rate]);
@@ -191,93 +131,66 @@ export class Replay {
   draw(now_ms) {
     const { run, ghost } = this;
     if (!run?.record.length) return;
-    const { record } = run;
     this.advance(now_ms);
-    const i = record.row(this.now_s), row = ghost ? this.#paired().map[i] : -1;
-    const other = ghost && { record: ghost.record, trail: ghost.path, row: row < 0 ? ghost.record.last : row, footprint: ghost.about.vehicle.footprint };
-    drawMap(this.map, run.about.route, record, ghost ? run.path : run.estimate, run.truth, i, run.about.vehicle.footprint, i, other);
-    this.numbers.draw(record, i);
-    for (const one of this.strips) one.draw(record, record.start, Math.max(record.end, record.start + 1e-3), i, this.now_s);
-    if (ghost) this.#compare(); else this.honesty.draw(i, record.start, record.end);
-    this.#scrubbing(i);
+    const { record, about } = run, { start, end } = record, { now_s } = this, i = record.row(now_s), paired = ghost && (this.pairs ??= this.#paired()).map[i];
+    drawMap(this, about.route, run, i, i, ghost && { ...ghost, row: paired < 0 ? ghost.record.last : paired });
+    for (const one of this.strips) one.draw(start, max(end, start + 1e-3), i, now_s);
+    if (!ghost) this.honesty.draw(i, start, end);
+    this.#scrubbing();
   }
 
   #scrubbing() {
-    const { record } = this.run, { scrub } = this;
-    const sign = this.playing ? "❚❚" : "▶";
-    if (this.play.textContent !== sign) { this.play.textContent = sign; this.play.setAttribute("aria-label", t(this.playing ? "replay.pause" : "replay.play")); }
-    write(this.when, duration(this.now_s));
-    write(this.whole, ` / ${duration(record.end)}`);
-    scrub.setAttribute("aria-valuemax", record.end.toFixed(2));
-    scrub.setAttribute("aria-valuenow", this.now_s.toFixed(2));
-    scrub.setAttribute("aria-valuetext", duration(this.now_s));
-    const near = this.run.about.events.filter((one) => one.t <= this.now_s + 1e-6 && one.t > this.now_s - 3).pop();
-    write(this.happened, near ? `${duration(near.t)} · ${near.text}` : "");
-    const begun = begin(scrub);
-    if (!begun) return;
-    const [c, w, h] = begun, X = (s) => 2 + ((w - 4) * (s - record.start)) / Math.max(record.end - record.start, 1e-3);
-    const { peaks, most } = this.#peaks(Math.floor(w - 4)), shape = Array.from(peaks, (peak, x) => [x + 2, h - 5 - (peak / most) * (h - 12)]);
-    area(c, [[2, h - 4], ...shape, [w - 2, h - 4]], colours.band);
-    line(c, shape, colours.muted, 1.3);
-    line(c, shape.filter(([x]) => x <= X(this.now_s)), colours.model, 2.2);
-    for (const one of this.run.about.events) {
-      const grave = ["warning", "error", "fatal"].includes(one.severity), x = X(one.t), colour = grave ? colours.alarm : colours.sim;
+    const { scrub, now_s, run: { record, about: { events } } } = this, { start, end } = record;
+    this.play.ariaLabel = t(this.playing ? "replay.pause" : "replay.play");
+    Object.assign(scrub, { ariaValueMax: end.toFixed(2), ariaValueNow: now_s.toFixed(2), ariaValueText: duration(now_s) });
+    const near = events.findLast((one) => one.t <= now_s + 1e-6 && one.t > now_s - 3);
+    put(this, { play: this.sign, when: duration(now_s), whole: ` / ${duration(end)}`, happened: near && `${duration(near.t)} · ${near.text}` });
+    const [c, w, h] = begin(scrub);
+    if (!c) return;
+    const X = axis(start, max(end, start + 1e-3), 2, w - 2), { peaks, most } = this.#peaks(Math.floor(w - 4)), Y = axis(0, most, h - 5, 7), shape = Array.from(peaks, (peak, x) => [x + 2, Y(peak)]), now = X(now_s);
+    area(c, [[2, h - 4], ...shape, [w - 2, h - 4]], "band");
+    line(c, shape, "muted", 1.3);
+    line(c, shape.filter(([x]) => x <= now), "model", 2.2);
+    for (const one of events) {
+      const grave = ["warning", "error"].includes(one.severity), x = X(one.t), colour = grave ? "alarm" : "sim";
       line(c, [[x, 3], [x, h - 4]], colour, grave ? 2.4 : 1.6, grave ? [] : [4, 3]);
       if (grave) area(c, [[x - 4, 0], [x + 4, 0], [x, 7]], colour);
     }
-    const x = X(this.now_s);
-    line(c, [[x, 0], [x, h]], colours.ink, 2);
-    dot(c, x, h - 5, 5, colours.ink);
+    line(c, [[now, 0], [now, h]], "ink", 2);
+    dot(c, now, h - 5, 5, "ink");
   }
 
-  /** Return the greatest error in each column of the scrub bar: off the route, or where there is none, off the truth. */
+  /** Return the greatest error of each pixel column: off the route, or without one, off the truth. */
   #peaks(columns) {
     const { record } = this.run;
-    if (this.curve?.of === record && this.curve.peaks.length === columns) return this.curve;
-    const cross = record.column("cross"), X = record.column("eta.x"), Y = record.column("eta.y"), TX = record.column("truth.x"), TY = record.column("truth.y");
-    const peaks = new Float32Array(columns), span = Math.max(record.end - record.start, 1e-3);
+    if (this.curve?.peaks.length === columns) return this.curve;
+    const peaks = new Float32Array(columns), place = axis(record.start, max(record.end, record.start + 1e-3), 0, columns);
     for (let i = 0; i < record.length; i++) {
-      const x = Math.min(Math.floor(((record.t[i] - record.start) / span) * columns), columns - 1);
-      const error = cross && Number.isFinite(cross[i]) ? Math.abs(cross[i]) : TX ? Math.hypot(TX[i] - X[i], TY[i] - Y[i]) : 0;
-      if (error > peaks[x]) peaks[x] = error;
+      const [cross, x, y, X, Y] = record.values(i, "cross", "eta.x", "eta.y", "truth.x", "truth.y"), k = min(Math.floor(place(record.t[i])), columns - 1);
+      const error = Number.isFinite(cross) ? Math.abs(cross) : Math.hypot(X - x, Y - y);
+      if (error > peaks[k]) peaks[k] = error;
     }
-    return (this.curve = { of: record, peaks, most: peaks.reduce((a, b) => Math.max(a, b), 1e-6) });
+    return (this.curve = { peaks, most: peaks.reduce((a, b) => max(a, b), 1e-6) });
   }
 
-  /** Write which of the two is better: a smaller number, in bold. */
   #compare() {
-    const { run, ghost } = this, key = `${run.record.length}|${ghost.record.length}`;
-    if (this.table === key) return;
-    this.table = key;
-    const [a, b] = [run, ghost].map(({ record, about }) => figures(record, about));
-    const centimetres = (x) => length(x).join(" "), percent = (x) => `${num(100 * x, 0)} %`;
-    const rows = [["rms", centimetres, 1], ["most", centimetres, 1], ["honest", percent, -1], ["jerk", (x) => num(x, 3), 1]];
-    const cell = (mine, other, shown, sign) => el("td", { class: sign * mine < sign * other ? "better" : null }, Number.isFinite(mine) ? shown(mine) : "–");
-    this.tableNode.replaceChildren(
-      el("thead", el("tr", el("td"), el("th", { scope: "col" }, el("i.dot.estimate"), run.label), el("th", { scope: "col" }, el("i.dot.ghosted"), ghost.label))),
-      el("tbody", ...rows.map(([name, shown, sign]) => el("tr", el("th", { scope: "row" }, t(`compare.${name}`)), cell(a[name], b[name], shown, sign), cell(b[name], a[name], shown, sign)))));
+    const { run, ghost } = this, [a, b] = [run, ghost].map(figures), name = ({ label }, kind) => [el(`i.dot.${kind}`), label];
+    const cm = (x) => length(x).join(" "), rows = { rms: [cm, 1], most: [cm, 1], honest: [percent, -1], jerk: [(x) => num(x, 3), 1] };
+    this.table.replaceChildren(head(name(run, "estimate"), name(ghost, "ghosted")), el("tbody", Object.entries(rows).map(([key, [shown, sign]]) =>
+      row(t(`compare.${key}`), [a, b].map((one) => (Number.isFinite(one[key]) ? shown(one[key]) : "–")), [sign * (a[key] - b[key]) < 0, sign * (b[key] - a[key]) < 0].indexOf(true)))));
   }
 }
 
-/** Return the time of the other run that a time of this one is paired with: marks pair, between them time runs evenly. */
+/** Marks pair times of two runs; between them time runs evenly. */
 function aligned(s, mine, theirs) {
-  const last = Math.min(mine.length, theirs.length) - 1, k = Math.min(mine.findLastIndex((one) => one <= s), last);
+  const last = min(mine.length, theirs.length) - 1, k = min(mine.findLastIndex((one) => one <= s), last);
   if (k < 0) return theirs[0] + s - mine[0];
-  return k < last ? theirs[k] + ((s - mine[k]) * (theirs[k + 1] - theirs[k])) / (mine[k + 1] - mine[k]) : theirs[k] + s - mine[k];
+  return k < last ? axis(mine[k], mine[k + 1], theirs[k], theirs[k + 1])(s) : theirs[k] + s - mine[k];
 }
 
-/** Return what the table compares. */
-function figures(record, { vehicle }) {
-  const cross = record.column("cross"), honesty = new Honesty(record);
-  let sum = 0, n = 0, most = 0, inside = 0, judged = 0, jerk = 0, steps = 0;
-  for (let i = 0; i < record.length; i++) {
-    if (cross && Number.isFinite(cross[i])) { sum += cross[i] ** 2; n++; most = Math.max(most, Math.abs(cross[i])); }
-    if (i % 10 === 0) { const one = honesty.at(i); if (one) { judged++; if (one.mean >= one.low && one.mean <= one.high) inside++; } }
-  }
-  vehicle.command.forEach(({ low, high }, k) => {
-    const u = record.column(`u.${k}`);
-    if (!u || low === high) return;
-    for (let i = 1; i < record.length; i++) { const d = u[i] - u[i - 1]; if (Number.isFinite(d)) { jerk += d * d; steps++; } }
-  });
-  return { rms: n ? Math.sqrt(sum / n) : NaN, most: n ? most : NaN, honest: judged ? inside / judged : NaN, jerk: steps ? Math.sqrt(jerk / steps) : NaN };
+function figures({ record, about: { vehicle } }) {
+  const all = (name) => Array.from(record.column(name)?.subarray(0, record.length) ?? []), mean = (values) => values.reduce((sum, one) => sum + one, 0) / values.length, rms = (values) => Math.sqrt(mean(values.map((one) => one * one)));
+  const cross = all("cross").filter(Number.isFinite).map(Math.abs), jerks = movable(vehicle).flatMap((k) => all(`u.${k}`).map((u, i, us) => u - us[i - 1])).filter(Number.isFinite);
+  const judged = Array.from({ length: Math.ceil(record.length / 10) }, (_, k) => honesty(record, 10 * k)).filter(Boolean).map(({ mean, low, high }) => Number(mean >= low && mean <= high));
+  return { rms: rms(cross), most: cross.reduce((a, b) => max(a, b), cross.length ? 0 : NaN), honest: mean(judged), jerk: rms(jerks) };
 }

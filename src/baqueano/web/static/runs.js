@@ -1,7 +1,8 @@
 // The list of runs: open one, put another beside it, read its report, take it home.
 
-import { el, region, show, write } from "./dom.js";
-import { duration, language, t } from "./strings.js";
+import { clamp } from "./canvas.js";
+import { el, form, head, press, put, row, show, write } from "./dom.js";
+import { duration, language, t, wordFor } from "./strings.js";
 
 const PAGE = 25, MOST = 6; // runs of a page, and side by side
 
@@ -9,93 +10,74 @@ export class Runs {
   static key = "runs";
 
   constructor(page) {
-    this.page = page;
-    this.body = el("tbody");
-    this.empty = el("p.none");
-    this.filter = el("input", { type: "search", placeholder: t("runs.filter"), "aria-label": t("runs.filter") });
-    this.filter.addEventListener("input", () => { this.first = 0; this.fill(); });
-    this.first = 0;
-    this.chosen = new Set();
-    this.compare = el("button.action.primary", { onclick: () => this.comparing() }, t("runs.compare"));
-    this.count = el("span");
-    const step = (sign, key, way) => el("button.action", { "aria-label": t(key), onclick: () => { this.first += way * PAGE; this.fill(); } }, sign);
-    this.pages = el("span");
-    this.back = step("‹", "runs.before", -1);
-    this.next = step("›", "runs.after", 1);
-    this.foot = el("footer", this.count, this.compare, this.pages, this.back, this.next);
-    const head = ["name", "kind", "when", "long", "laps", "do"].map((key) => el(`th.of-${key}`, { scope: "col" }, t(`runs.${key}`)));
-    this.node = el("section.card.runs", el("header", el("h2", t("tab.runs")), this.filter),
-      region("div.scroll", t("tab.runs"), el("table", el("thead", el("tr", ...head)), this.body), this.empty), this.foot);
+    Object.assign(this, { page, ...form("runs"), first: 0, chosen: new Set() });
+    const turn = (way) => () => { this.first += way * PAGE; this.runs(); };
+    this.filter.placeholder = this.filter.ariaLabel = t("runs.filter");
+    this.filter.oninput = () => { this.first = 0; this.runs(); };
+    press(this, { compare: () => this.comparing(), back: turn(-1), next: turn(1) });
     this.list = [...this.node.children];
-    this.fill();
+    this.runs();
   }
 
-  opened() { this.fill(); }
-  runs() { this.fill(); }
-
-  #box({ id, name }) {
-    const box = el("input", { type: "checkbox", "aria-label": t("runs.choose", { name }) });
-    box.checked = this.chosen.has(id);
-    box.addEventListener("change", () => { if (box.checked && this.chosen.size < MOST) this.chosen.add(id); else this.chosen.delete(id); box.checked = this.chosen.has(id); this.#choose(); });
-    return box;
-  }
+  opened() { this.runs(); }
 
   #choose() {
-    write(this.count, this.chosen.size ? t("runs.chosen", { n: this.chosen.size }) : t("runs.how"));
-    this.compare.disabled = this.chosen.size < 2;
+    const n = this.chosen.size;
+    write(this.count, n ? t("runs.chosen", { n }) : t("runs.how"));
+    this.compare.disabled = n < 2;
   }
 
-  /** Show the table of `compare` for the chosen runs; the smaller error is bold. */
   comparing() {
-    const back = el("button.action", { onclick: () => this.node.replaceChildren(...this.list) }, t("runs.back"));
-    const body = region("div.scroll", t("runs.compare"), el("p.none", t("runs.comparing")));
-    this.node.replaceChildren(el("header", el("h2", t("runs.compare")), back), body);
-    back.focus();
-    this.page.link.ask("compare", { runs: [...this.chosen] }, ({ names, sections, reasons, no }) => {
-      if (no) { body.firstChild.textContent = no; return; }
-      const row = ({ label, unit, cells, best }) => el("tr", el("th", { scope: "row" }, label, " ", el("small", unit)), ...cells.map((cell, k) => el("td", { class: k === best ? "better" : null }, cell)));
-      body.replaceChildren(el("table.compared", el("thead", el("tr", el("td"), ...names.map((name) => el("th", { scope: "col" }, name)))),
-        ...sections.map(({ title, rows }) => el("tbody", title ? el("tr", el("th", { scope: "rowgroup", colspan: names.length + 1 }, title)) : null, ...rows.map(row)))), ...reasons.map((one) => el("p.none", one)));
+    const { leave, compared } = form("compared", this.node);
+    leave.onclick = () => this.node.replaceChildren(...this.list);
+    leave.focus();
+    this.page.ask("compare", { runs: [...this.chosen] }, ({ names, sections, reasons, no }) => {
+      if (no) { write(compared.firstElementChild, no); return; }
+      compared.replaceChildren(el("table.compared", head(...names), sections.map(({ title, rows }) => el("tbody",
+        title ? el("tr", el("th", { scope: "rowgroup", colSpan: names.length + 1 }, title)) : null,
+        ...rows.map(({ label, unit, cells, best }) => row([label, " ", el("small", unit)], cells, best))))), ...reasons.map((one) => el("p.none", one)));
     });
   }
 
-  fill() {
-    const { page } = this, wanted = this.filter.value.trim().toLowerCase();
-    const listed = page.runs.filter((one) => `${one.name} ${one.kind ?? ""}`.toLowerCase().includes(wanted));
-    this.empty.textContent = page.runs.length ? t("runs.no-match") : t("runs.none");
-    show(this.empty, listed.length === 0);
-    const openId = page.opened?.about.run.id;
-    this.first = Math.max(0, Math.min(this.first, listed.length - 1));
+  runs() {
+    const { page, chosen } = this, { runs } = page, wanted = this.filter.value.trim().toLowerCase(), openId = page.opened?.about.run.id;
+    const listed = runs.filter((one) => `${one.name} ${one.kind ?? ""}`.toLowerCase().includes(wanted)), n = listed.length;
+    write(this.none, t(runs.length ? "runs.no-match" : "runs.none"));
+    show(this.none, !n);
+    this.first = clamp(this.first, 0, Math.max(n - 1, 0));
     this.first -= this.first % PAGE;
-    const last = Math.min(this.first + PAGE, listed.length);
-    for (const id of this.chosen) if (!page.runs.some((one) => one.id === id)) this.chosen.delete(id);
-    write(this.pages, t("runs.page", { from: listed.length && this.first + 1, to: last, n: listed.length }));
+    const last = Math.min(this.first + PAGE, n);
+    for (const id of chosen) if (!runs.some((one) => one.id === id)) chosen.delete(id);
+    write(this.pages, t("runs.page", { from: n && this.first + 1, to: last, n }));
     this.back.disabled = this.first === 0;
-    this.next.disabled = last === listed.length;
-    for (const one of [this.pages, this.back, this.next]) show(one, listed.length > PAGE);
+    this.next.disabled = last === n;
+    for (const one of [this.pages, this.back, this.next]) show(one, n > PAGE);
     this.#choose();
-    this.body.replaceChildren(...listed.slice(this.first, last).map((one) => {
-      const isOpen = one.id === openId, path = encodeURIComponent(one.id);
-      return el("tr", { "aria-current": isOpen ? "true" : null },
-        el("th.of-name", { scope: "row" }, el("label", this.#box(one), one.name)), el("td.of-kind", one.kind ? el("span.chip.plain", kindOf(one.kind)) : "–"), el("td.of-when", whenOf(one.when)),
-        el("td.of-long", Number.isFinite(one.seconds) && one.seconds !== null ? duration(one.seconds) : "–"), el("td.of-laps", one.laps ?? "–"),
-        el("td.of-do", el("div.do",
-          el("button.primary", { onclick: () => page.openRun(one.id, null) }, t("runs.open")),
-          openId && !isOpen ? el("button", { onclick: () => page.openRun(openId, one.id) }, t("runs.beside")) : null,
-          one.report === false ? null : el("a", { href: `/report/${path}`, target: "_blank", rel: "noopener" }, t("runs.report")),
-          el("a", { href: `/run/${path}`, download: true }, t("runs.download")))));
-    }));
+    this.body.replaceChildren(...listed.slice(this.first, last).map((one) => this.#row(one, openId)));
+  }
+
+  #row({ id, name, kind, when, seconds, laps, report }, openId) {
+    const { page, chosen } = this, row = form("run"), { box, beside } = row, isOpen = id === openId, path = encodeURIComponent(id);
+    put(row, { name, kind: kind ? wordFor("kind", kind) : "–", when: whenOf(when), long: Number.isFinite(seconds) ? duration(seconds) : "–", laps: laps ?? "–" });
+    if (kind) row.kind.className = "chip plain";
+    if (isOpen) row.node.ariaCurrent = "true";
+    box.ariaLabel = t("runs.choose", { name });
+    box.checked = chosen.has(id);
+    box.onchange = () => {
+      if (box.checked && chosen.size < MOST) chosen.add(id); else chosen.delete(id);
+      box.checked = chosen.has(id);
+      this.#choose();
+    };
+    press(row, { open: () => page.openRun(id), beside: () => page.openRun(openId, id) });
+    show(beside, openId && !isOpen);
+    row.report.href = `/report/${path}`;
+    show(row.report, report !== false);
+    row.file.href = `/run/${path}`;
+    return row.node;
   }
 }
 
-/** Return a date of the list as people of this language write it. */
 function whenOf(stamp) {
   const when = new Date(stamp ?? NaN);
-  return Number.isNaN(when.getTime()) ? (stamp ?? "–") : when.toLocaleString(language, { dateStyle: "medium", timeStyle: "short" });
-}
-
-/** Return the word for a kind of run; a kind that the page does not know keeps its own name. */
-function kindOf(kind) {
-  const key = `kind.${kind}`, word = t(key);
-  return word === key ? kind : word;
+  return isNaN(when) ? (stamp ?? "–") : when.toLocaleString(language, { dateStyle: "medium", timeStyle: "short" });
 }
