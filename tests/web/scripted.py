@@ -99,7 +99,9 @@ SENTENCES = {
 
 def fields() -> list[dict[str, str]]:
     units = dict(ESTIMATE) | {name: unit.replace("1", "") for name, unit, _ in REST}
-    columns = label_fields([{"name": name, "unit": units.get(name, "s"), "group": name} for name in PLAIN], "en")
+    columns = label_fields(
+        [{"name": name, "unit": units.get(name, "s"), "group": name} for name in PLAIN], "en"
+    )
     columns += [
         {"name": f"{kind}.{k}", "unit": "duty", "group": entry["name"], "label": entry["name"]}
         for kind in ("u", "asked")
