@@ -53,7 +53,7 @@ def current() -> str:
     >>> current()
     'en'
     """
-    tag = _reader.get() or _language or os.environ.get(VARIABLE) or _of_the_system()
+    tag = _reader.get() or _language or os.environ.get(VARIABLE) or _system_locale()
     language = tag.partition("_")[0].partition(".")[0].lower()
     return language if language in LANGUAGES else "en"
 
@@ -130,7 +130,7 @@ def _catalogue(language: str) -> gettext.NullTranslations:
     return gettext.translation(DOMAIN, CATALOGUES, [language], fallback=True)
 
 
-def _of_the_system() -> str:
+def _system_locale() -> str:
     locale_name = next(
         (os.environ[name] for name in ("LC_ALL", "LC_MESSAGES", "LANG") if os.environ.get(name)), ""
     )

@@ -132,7 +132,8 @@ def _records(
 def careful_step(
     blocks: Blocks, states: States, tick: Tick
 ) -> tuple[Blocks, States, Record, Diagnostic | None]:
-    """Return the blocks, the result of their `step`, and why the motors are stopped; None if they may run.
+    """Return the blocks, the states and the record after `step`, and the reason why the motors are stopped; None if
+    they may run.
 
     After a fault, blocks with a zero command replace guide, controller and supervisor. The estimator is replaced only
     if it caused the fault.

@@ -191,7 +191,7 @@ class Estimate(NamedTuple):
 
 
 class Reference(NamedTuple):
-    """The wanted pose and velocity at `t_ns`.
+    """The desired pose and velocity at `t_ns`.
 
     Attributes
     ----------

@@ -125,7 +125,7 @@ def test_a_file_without_gains_receives_the_tuned_gains(small):
     bare = with_papers_pd(gains="")
     tuning = tune(bare, circle(0.4, 0.3), starts=2, duration_s=4.0)
     assert np.isnan(tuning.cost_before)
-    assert f"cost {tuning.cost:.4g} m², {tuning.cost_uncontrolled:.4g} without control" in tuning.table()
+    assert f"cost {tuning.cost:.4g} m², {tuning.cost_uncontrolled:.4g} m² without control" in tuning.table()
     assert tuning.updated_file().controller().alpha == pytest.approx(tuning.values["alpha"])
 
 

@@ -23,7 +23,7 @@ SHOWN = 5  # files of a folder that are named
 
 
 def next_line(message: Diagnostic, code: int, args: list[str]) -> Diagnostic | None:
-    """Return the command to type next; None if the error already contains it.
+    """Return the command to type next; None if the error contains it, or if no command is known for this error.
 
     args: the command line, without `baqueano`.
     """

@@ -1,4 +1,4 @@
-"""Parse numbers on the command line, which must be finite and in their range. An error explains it in one sentence."""
+"""Parse numbers on the command line, which must be finite and in their range. One sentence explains each error."""
 
 import math
 from typing import Any

@@ -194,7 +194,8 @@ def load_truth(robot: str, vehicle: "VehicleFile") -> "VehicleFile":
 def run_path(out: Path | None, folder: str, label: str) -> Path:
     """Return the file for a new run.
 
-    Call this function last, after all checks, because it reserves a name. Raise FileError if `out` exists.
+    Without `out`, a numbered name in `folder` is reserved: call this function last, after all checks. Raise FileError
+    if `out` exists.
     """
     from baqueano.errors import FileError
     from baqueano.runs.folder import claim, release

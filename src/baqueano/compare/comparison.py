@@ -75,8 +75,8 @@ class RunComparison:
 
     @property
     def verdict(self) -> str:
-        """Return the consistency of the estimate, by NEES if the truth is known, else by NIS.
-        A diverged estimate or an invalid covariance has its own verdict.
+        """Return DIVERGED if the estimate diverged, else NOT_DEFINITE if a covariance is not valid.
+        Otherwise return the consistency of the estimate, by NEES if the truth is known, else by NIS.
         """
         if np.isfinite(self.diverged_s):
             return DIVERGED
@@ -184,7 +184,7 @@ class Comparison(Result):
 
     @property
     def verdict(self) -> Verdict:
-        """Return INCONSISTENT with reasons, and NOT REPORTED if all verdicts are "not reported".
+        """Return INCONSISTENT if `reasons` is not empty, and NOT REPORTED if all verdicts are "not reported".
         Otherwise return CONSISTENT if all reported verdicts are consistent, else CANNOT TELL.
         """
         if self.reasons:
@@ -358,7 +358,7 @@ def _command_figures(run: "Run") -> dict[str, float]:
 
 
 def _until_done(t_ns: np.ndarray, ref: Any) -> np.ndarray:
-    """Return a mask (N,): True at the times before the guide finished."""
+    """Return a mask (N,): True until the guide finished, or until the last reference if it did not finish."""
     over = ref.t_ns[ref.done > 0.0]
     return t_ns <= (over[0] if over.size else ref.t_ns[-1])
 

@@ -6,7 +6,7 @@
     l_i = 1 − mean of w_i² + w̄_i²  in place of w̄_i²  unless  w̄_i²/l_i < χ²_1(a)                                  (5)
 
 Bar-Shalom, Li & Kirubarajan 2001, section 5.4. By (4), f/d counts independent samples of Gaussian errors. Their
-correlation is about the known mean 0: an error that lasts for the whole drive is one sample. Such an error may be small
+correlation uses the known mean 0: an error that lasts for the whole drive is one sample. Such an error may be small
 by chance; then ρ̄ < 1 although the filter is right. So the missing variance of an entry counts as a lasting error,
 unless that is improbable (5). The interval is the wider one of (3) and a circular block bootstrap (Politis, Romano
 1992) with blocks of ≥ 2 N d/f.

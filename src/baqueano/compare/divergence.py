@@ -2,6 +2,8 @@
 
 diverged   |p − p*| > FAR · max(1 m, size of the true path),  or without a truth  |p − p₀| > FASTEST_M_S (t + 1 s)  (1)
 a valid covariance P has eigenvalues λ ≥ −ROUNDING max |λ|                                                          (2)
+
+p is the estimated position at the time t, p₀ the first one, p* the true position, moved so that both paths begin at p₀.
 """
 
 from dataclasses import replace

@@ -59,7 +59,9 @@ class FilterConsistency:
 
     @property
     def messages(self) -> tuple[Diagnostic, ...]:
-        """Return the verdict with its figure and the worst state, then what limits it: few samples, autocorrelation."""
+        """Return the verdict with its figure and the worst state, then its limits if any: too few samples,
+        autocorrelation.
+        """
         verdict, name, band = self._decision()
         if band is None:
             return (note("consistency.not-reported"),)

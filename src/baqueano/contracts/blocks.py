@@ -134,7 +134,7 @@ class Guide(Protocol):
         ...
 
     def step(self, state: Tree, estimate: Estimate, /) -> tuple[Tree, Reference]:
-        """Return the next state, and the reference: the wanted pose (3,) and velocity (3,)."""
+        """Return the next state, and the reference: the desired pose (3,) and velocity (3,)."""
         ...
 
 
@@ -205,7 +205,9 @@ class World(Protocol):
         return []
 
     def new_channels(self) -> list[tuple[str, int, np.ndarray]]:
-        """Return name, time [ns] and value of quantities that are not of a sensor, since the last call."""
+        """Return name, time [ns] and value of quantities that no sensor of the vehicle measures, since the last
+        call.
+        """
         return []
 
     def new_events(self) -> list[tuple[int, Diagnostic | str]]:

@@ -33,7 +33,7 @@ class RunFiles:
         self._open_run, self._looked_s = written, float("-inf")
 
     def list(self) -> bytes:
-        """Return the names of all runs, encoded as a message, except the run that is being written."""
+        """Return the names of the complete runs as an encoded message, which is at most FRESH_S old."""
         if time.monotonic() - self._looked_s > FRESH_S:
             paths = (p.name for p in self.folder.glob("*.mcap") if not p.is_symlink())
             names = sorted(name for name in paths if is_name(name) and name != self._open_run)

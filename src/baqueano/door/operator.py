@@ -106,7 +106,7 @@ class Operator:
         name: str = "",
         silence_s: float | None = None,
     ) -> None:
-        """Make `guest` the holder, and queue its mission in JSON. Raise SafetyStop as `may_ask` does.
+        """Make `guest` the holder, and queue its mission in JSON. Raise as `check_admission`.
 
         The client recognises the messages about its mission by `name`. `attended` is True if the silence of the holder
         stops the mission; `silence_s` is as in `hold`.

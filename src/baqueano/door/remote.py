@@ -150,7 +150,10 @@ class Remote:
         words: Callable[[], list["TableRow"]],
         on_state: Callable[["JsonObject"], Any],
     ) -> "JsonObject":
-        """Send commands or heartbeats until the drive with this id ends, and return its message "done"."""
+        """Send commands or heartbeats until the drive with the id `name` ends, and return its message "done".
+
+        The first Ctrl-C requests the end of the drive, a second Ctrl-C stops the vehicle.
+        """
         start_s, ending = time.monotonic(), False
         while True:
             try:
@@ -212,7 +215,7 @@ class Remote:
             return None
 
     def fetch(self, run: str, path: Path) -> Path:
-        """Store a run of the vehicle, one of `runs`, as the new file `path`, which exists only once it is complete.
+        """Store the run with the name `run` as the new file `path`, which appears only once it is complete.
 
         Return `path`. Raise FileError for an invalid run name, for an existing file, or for a run that is too large for
         this disk.

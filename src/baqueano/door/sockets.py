@@ -288,7 +288,7 @@ class Door:
             self._until[guest] = time.monotonic() + STOPPED_S
 
     def _watch(self, guest: Guest, request: "JsonObject") -> None:
-        """Begin to send frames of the next ticks to a guest, `hz` times a second; 0 ends this."""
+        """Begin to send frames of the next ticks to a guest, at `hz`, at most MOST_HZ; 0 ends this."""
         hz, names = float(request["hz"]), request.get("fields")
         guest.hz, guest.drive = (min(hz, MOST_HZ) if hz > 0.0 else 0.0), -1
         guest.names = None if names is None else tuple(map(str, names))

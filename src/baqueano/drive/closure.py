@@ -130,7 +130,7 @@ def _deviation(sensor: Tree, bias_sd: float, t_s: float) -> float:
 
 
 def _whole(turned_rad: float, name: str) -> int:
-    """Return the number k of turns between two marks. Raise AnswerNo if it is not a whole number."""
+    """Return the number k of turns between two marks. Raise AnswerNo if k is not nearly whole, or over MOST_TURNS."""
     turns = round(turned_rad / (2.0 * np.pi))
     residual_rad = abs(turned_rad - 2.0 * np.pi * turns)
     if abs(turns) > MOST_TURNS or residual_rad > max(2.0 * np.pi * WRONG * abs(turns), 3.0 * MARK_RAD):

@@ -172,8 +172,9 @@ def careful_drive(vehicle_file: VehicleFile, **options: Any) -> Run:
 
 
 def directions(vehicle_file: VehicleFile) -> np.ndarray:
-    """Return the commands (D, n) at full level to try by pulses; turns are first, because the vehicle stays in place.
+    """Return the commands (D, n) at full level to try by pulses.
 
+    The turn is the first of several channels, because the vehicle then stays in place; for a car the throttle is first.
     Raise UsageError if the command limits are not finite or all zero.
     """
     limit = np.asarray(vehicle_file.command.limit, dtype=float)
@@ -233,9 +234,9 @@ def pulses_of(run: Run) -> tuple[Pulse, ...]:
 
 
 def with_dead_zones(vehicle_file: VehicleFile, ways: np.ndarray, duties: np.ndarray) -> VehicleFile:
-    """Return the file with its dead zones set to the levels `duties` (D,) at which motion began in `ways` (D, n).
+    """Return the file with dead zones from `duties` (D,), the levels of first motion in the directions `ways` (D, n).
 
-    Dead zones that are 0 in the file stay 0.
+    A dead zone is set to the midpoint below its level, see `onset_level`. Dead zones that are 0 in the file stay 0.
     """
     drivetrain, changes = vehicle_file.vehicle.drivetrain, {}
     channel = np.array([drivetrain.mix(way) for way in ways])  # (D, k)
@@ -250,14 +251,14 @@ def with_dead_zones(vehicle_file: VehicleFile, ways: np.ndarray, duties: np.ndar
 
 
 def onset_level(level: np.ndarray) -> np.ndarray:
-    """Return the midpoints (D,) between each level and the previous level, at which the vehicle did not move."""
+    """Return the midpoint (D,) between each level of first motion and the previous level, without motion."""
     before = np.maximum(level - STEP, 0.0)
     before = np.where(GROWTH * before > STEP, level / (1.0 + GROWTH), before)
     return 0.5 * (before + level)
 
 
 def rough(first: FirstDrive, vehicle_file: VehicleFile) -> VehicleFile:
-    """Return the file with the rough gains and dead zones, as initial values for a fit.
+    """Return the file with the rough gains and, if `first.late` is False, dead zones, as initial values for a fit.
 
     Raise AnswerNo if the wiring is wrong or a direction did not move the vehicle.
     """

@@ -9,7 +9,10 @@ from types import FrameType
 
 @contextmanager
 def between_ticks(ticking: Iterable[int]) -> Iterator[Iterable[int]]:
-    """Yield the ticks, which after Ctrl-C raise KeyboardInterrupt in place of the next tick."""
+    """Yield the ticks of `ticking`: after Ctrl-C they raise KeyboardInterrupt in place of the next tick.
+
+    Ctrl-C is not changed if `ours` returns False.
+    """
     interrupted = False
 
     def request_end(number: int, frame: FrameType | None) -> None:

@@ -8,7 +8,7 @@ Two different parameters describe the error of the model (σ_d, T) and the noise
 wrongly, d_ψ explains the difference, and the gyro determines the yaw rate. A model that was identified with a gyro has
 the scale error of that gyro. Then the innovations do not show κ, and κ acts only on the path of the pose.
 
-At rest (no command for REST_S, predicted speed below STILL) the filter sets ν and d to 0. A refused number ends the
+At rest (no command for REST_S, predicted speed below STILL) the filter sets ν and d to 0. A refused reading ends the
 rest, because a person may carry the vehicle.
 
 Sources: Jazwinski 1970, section 8.4; Schmidt 1966 for κ; Skog et al. 2010 for the detection of rest.
@@ -71,9 +71,9 @@ class AugmentedEkf:
     sensors : NamedTuple of Sensor
         The sensors, by name.
     use : tuple of str
-        Sensors that correct the state, or single numbers of them: "imu[2]".
+        Sensors that correct the state, or single channels of them: "imu[2]".
     speed_from : tuple of str
-        Inertial numbers that may also correct the speed: "imu[1]".
+        Inertial channels that may also correct the speed: "imu[1]".
 
     References
     ----------

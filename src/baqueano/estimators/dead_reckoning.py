@@ -62,8 +62,7 @@ class DeadReckoningBelief(NamedTuple):
 @document
 @dataclass(frozen=True, slots=True, eq=False)
 class DeadReckoning:
-    """Dead reckoning with gyro and wheels, and with the model if a sensor is missing. It also estimates its error.
-
+    """Dead reckoning with gyro and wheels, and with the model if a sensor is missing. It also estimates its covariance.
     It does not correct the pose. Prefer `AugmentedEkf` if a camera or a floor mark measures the pose.
 
     Parameters

@@ -1,8 +1,8 @@
 """Dead reckoning with the IMU only, with zero-velocity updates: for a vehicle without a model.
 
-When the command has been zero for CALM_S, the vehicle is assumed to be at rest with speed 0. The biases b and the noise
-σ of the channels are computed from readings at rest. While the vehicle drives, with v the speed, ψ the heading, s the
-distance, δ the tick:
+The vehicle is assumed to be at rest with speed 0 before its first command, and when the command has been zero for
+CALM_S. The biases b and the noise σ of the channels are computed from readings at rest. While the vehicle drives, with
+v the speed, ψ the heading, s the distance, δ the tick:
 
     v ← v + (a_x − b_x) δ,   ψ ← ψ + (ω − b_ω) δ,   s ← s + v δ along ψ                                   (1)
     var v = σ_x² δ² k + σ_x² (k δ)² / n_rest,   the same for ψ with σ_ω                                   (2)

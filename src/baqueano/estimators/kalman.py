@@ -3,7 +3,7 @@
     x̄ = g(x),   P̄ = G P Gᵀ + R,   G = ∂g/∂x                                                              (1)
 
 x, P are mean and covariance of the state, R the process noise. `correct` uses a measurement z = h(x) + noise Q one
-number at a time. With Q = L diag(q) Lᵀ, the numbers of L⁻¹ z have independent noise; Δ is the change of the mean:
+channel at a time. With Q = L diag(q) Lᵀ, the entries of L⁻¹ z have independent noise; Δ is the change of the mean:
 
     y ← L⁻¹ (z − h(x̄)),   H ← L⁻¹ ∂h/∂x̄,   Δ = 0,   and for each row c                                    (2)
     s = H_c P H_cᵀ + q_c,   e = (y_c − H_c Δ)/√s,   K = E P H_cᵀ/s,   Δ ← Δ + K √s e                        (3)
@@ -64,9 +64,9 @@ def correct(
 ) -> Correction:
     """Return the change that the innovation y (m,) causes; the caller adds it to the mean.  (2)-(4)
 
-    H (m, n) is ∂h/∂x̄. Q is the measurement noise: (m, m), or (m,) for independent numbers; each variance is above 0.
-    `estimated` is E: (n,) for all numbers, or (m, n) with a row for each number; the default is ones. `weight(c, e, s)`
-    returns the weight w of number c.
+    H (m, n) is ∂h/∂x̄. Q is the measurement noise: (m, m), or (m,) for independent channels; each variance is above 0.
+    `estimated` is E: (n,) for all channels, or (m, n) with a row for each channel; the default is ones. `weight(c, e,
+    s)` returns the weight w of channel c.
     """
     y, H, q = independent(y, H, Q)
     E = None if estimated is None else np.broadcast_to(estimated, H.shape)

@@ -3,7 +3,7 @@
     first  until it is done,  then second                                                                 (1)
     if `first` drives to a route: second begins at the time τ of its route at which `first` arrived        (2)
 
-A guide without `entry_state` starts with a tick that is τ earlier instead.
+If the second guide does not have `entry_state`, it first receives an estimate whose timestamp is τ earlier.
 """
 
 from dataclasses import dataclass
@@ -62,12 +62,12 @@ class InTurn:
 
     @classmethod
     def led_in(cls, guide: Guide, route: Route, **limits: Value) -> "InTurn":
-        """Return the guide with a path from the vehicle's pose onto its route; DriveTo has the same `limits`."""
+        """Return the guide with a path from the vehicle's pose onto its route; `limits` are arguments of DriveTo."""
         return cls(DriveTo.join(route, **limits), guide, True)
 
     @classmethod
     def with_way_back(cls, guide: Guide, route: Route, **limits: Value) -> "InTurn":
-        """Return the guide with a path back to the start of its route; DriveTo has the same `limits`."""
+        """Return the guide with a path back to the start of its route; `limits` are arguments of DriveTo."""
         return cls(guide, DriveTo(route.eta[:1], **limits))
 
     def init(self) -> InTurnState:

@@ -119,8 +119,7 @@ class RepeatByProgress(Repeat):
         return np.concatenate([[0.0], np.cumsum(steps)])
 
     def _window(self) -> tuple[int, int]:
-        """Return how many points are within `reach_m` of a point at most: behind it, and in front of it.
-
+        """Return the largest number of points within `reach_m` of any point: behind that point, and in front of it.
         The compiled step searches only these points.
         """
         s, reach = self._way(), self.reach_m + 1e-9

@@ -29,18 +29,18 @@ OPEN = ("cost.try-innovations", "cost.innovations", "cost.simulation", "cost.too
 
 
 def by_innovations(fit: Fit) -> bool:
-    """Return True for a fit by the innovations, whose parameters include the noise of the floor."""
+    """Return True if the fit used the innovations: its parameters then include the noise of the floor."""
     return any(name.startswith(FLOOR) for name in fit.names)
 
 
 def with_cost_advice(
     fit: Fit, runs: Sequence[Run], validation: Validation, refit: Callable[[str], Fit]
 ) -> Fit:
-    """Return the fit with a note on the cost that its held-out `runs` recommend.
+    """Return the fit with a note on the cost that the held-out `runs` recommend.
 
     `validation` is the validation of the fit on these runs, and `refit(cost)` returns the fit by another cost. The
     fit is unchanged if its notes do not compare costs, or if the validation is inconclusive. If the other fit is
-    refused, the note that compares costs is removed.
+    refused, or has the same cost, the note that compares costs is removed.
     """
     at = next((k for k, message in enumerate(fit.notes) if message.code in OPEN), None)
     if at is None or any(message.severity == Severity.UNKNOWN for message in validation.messages):
@@ -59,7 +59,10 @@ def with_cost_advice(
 def by_other_cost(
     runs: Sequence[Run], file: "VehicleFile", *, options: FitOptions, **how: Any
 ) -> Callable[[str], Fit]:
-    """Return a function that fits the runs by a given cost, with `options` and `how` otherwise unchanged."""
+    """Return a function that fits the runs by a given cost, without diagnostics.
+
+    All other `options` and the arguments `how` of `identify` are unchanged.
+    """
     return lambda cost: identify(runs, file, options=replace(options, cost=cost, diagnose=False), **how)
 
 

@@ -168,7 +168,7 @@ def sensors_of(
     file: "VehicleFile", runs: list[Run], use: Sequence[str] | None
 ) -> tuple[FittedBlocks, list[Run], dict[str, list[int]]]:
     """Return the blocks with the sensors in use, the runs, and the channels of partly used sensors. If `use` names
-    the truth, it is added as a sensor."""
+    the truth, the truth becomes a sensor. Raise UsageError for an unknown sensor, or if none is in all runs."""
     if not runs:
         raise UsageError(fault("runs.none"))
     names_of_file = file.sensors._fields

@@ -115,7 +115,7 @@ class _ModelDrive(NamedTuple):
 
 
 def forecast(fit: "Fit", runs: Run | Sequence[Run], route: "Route | None" = None, name: str = "") -> Forecast:
-    """Return the open-loop errors that follow from the errors of a fit, over AHEAD_S as in its runs and over one lap.
+    """Return the open-loop errors that follow from the errors of a fit, over AHEAD_S of its runs and over one lap.
 
     Parameters
     ----------
@@ -223,7 +223,7 @@ def _whole(drive: Diagnostic, model_drive: _ModelDrive, cov: np.ndarray) -> Ahea
 
 
 def _squares(drive: _ModelDrive, i: int, j: int, cov: np.ndarray) -> tuple[float, float]:
-    """Return the variances of position and heading of the pose at row j, seen from the pose at row i.  (2)"""
+    """Return the variances of position and heading of the pose at row j, relative to the pose at row i.  (2)"""
     J = map_from_body(drive.eta[i, 2])
     change = drive.slopes[j] - drive.slopes[i]
     way = drive.eta[j] - drive.eta[i]

@@ -6,8 +6,8 @@ The gyro leads the simulation (gyro_aided.py), and each channel is weighted by i
 accelerometers: twice the gyro's scale and half the speed fit equally well. So the scales are fixed, and so is the zero
 of a car's gyro, which acts like a small steering offset. Their possible errors go into the error bars
 (scale_uncertainty.py), as does the scatter between parts of the run (jackknife.py). A change of the leading yaw rate
-changes the best delay. So both are searched in turn until they settle; a fit that starts from its result then stays
-there.
+changes the best delay. So both are searched in turn until they settle (at most FOLLOWED times). A fit that starts from
+its own result then stays there.
 
 Figures: `baqueano study without-encoders` for a real car, benchmarks/coverage_without_encoders.py for simulated cars,
 whose viscous drag is 2 % too high. The method does not help a vehicle with two wheels. A recording at 10 Hz whose a_y
@@ -112,7 +112,7 @@ def fit_imu_only(
 
 
 def _settle(task: Task) -> tuple[Task, Search]:
-    """Return the task and the search after leading yaw rate and delay have settled."""
+    """Search for the leading yaw rate and the delay in turn, at most FOLLOWED times. Return the task and the search."""
     within, end = best_search_of_all(task, task.first)
     for _ in range(FOLLOWED):
         end = _follow_gyro(within, end)
@@ -129,7 +129,7 @@ def _settle(task: Task) -> tuple[Task, Search]:
 
 
 def _follow_gyro(task: Task, end: Search) -> Search:
-    """Return the search led by the yaw rate from gyro and model together, repeated until it settles."""
+    """Repeat the search, led by the yaw rate from gyro and model, until it settles: at most FOLLOWED times."""
     problem, count = end.problem, end.evaluations
     assert isinstance(problem, GyroAidedResiduals)
     for _ in range(FOLLOWED):

@@ -10,8 +10,8 @@ parameter that a run did not show keeps its value, with a growing error. Each pa
     z_k = (mean after k − mean before k) / its standard error,   z = max_k |z_k|                          (2)
 
 The means are weighted by 1/(Σ_kk + s²). s is the scatter from run to run beyond the error bars, from differences of
-neighbouring runs. A parameter moved if the probability of z among K − 1 places and p parameters is below ALPHA
-(Bonferroni). If a straight line explains the runs better than the step, it drifted.
+neighbouring runs. A parameter moved if the p-value of z is below ALPHA, corrected for K − 1 places and p
+parameters (Bonferroni). If a straight line explains the runs better than the step, it drifted.
 """
 
 from collections.abc import Callable, Sequence
@@ -281,7 +281,7 @@ def _columns(states: list[tuple[np.ndarray, np.ndarray]], names: np.ndarray) -> 
 
 
 def _most_likely_walk(estimate: np.ndarray, sd: np.ndarray) -> float:
-    """Return q of one parameter under (1), from a grid in its typical standard error, or 0 if not significant."""
+    """Return q of one parameter under (1), from a grid of multiples of its median error; 0 if not significant."""
     measured = np.isfinite(estimate) & np.isfinite(sd)
     y, s = estimate[measured], sd[measured]
     if len(y) < 2:
@@ -349,7 +349,10 @@ def _line(t: np.ndarray, y: np.ndarray, weight: np.ndarray) -> tuple[tuple[float
 
 
 def _scatter(y: np.ndarray, variance: np.ndarray) -> float:
-    """Return s, the robust scatter of neighbours' differences beyond their errors. A step affects only one of them."""
+    """Return s, the robust scatter of the differences of neighbours beyond their errors; 0 with few runs.
+
+    A step affects only one of the differences, so it hardly changes s.
+    """
     if len(y) < FEWEST + 2:
         return 0.0
     beyond = np.median(np.diff(y) ** 2 / 0.4549) - np.median(variance[1:] + variance[:-1])
@@ -357,7 +360,7 @@ def _scatter(y: np.ndarray, variance: np.ndarray) -> float:
 
 
 def _limit(alpha: float) -> float:
-    """Return the |z| that a normal number exceeds with the probability alpha."""
+    """Return the limit that |z| of a standard normal variable exceeds with the probability `alpha`."""
     from statistics import NormalDist
 
     return NormalDist().inv_cdf(1.0 - 0.5 * alpha)

@@ -45,8 +45,8 @@ class PredictionErrorFit(NamedTuple):
 
 
 def fit_by_simulation(first: FinishedFit) -> Fit:
-    """Return the Fit by the first cost. If autocorrelation and size of the residuals are the only doubts, test by
-    the second cost if process noise explains them."""
+    """Return the Fit by the first cost. If autocorrelation and size of the residuals are the only doubts, the
+    second cost tests if process noise explains them. The test needs a dynamic model without free clocks."""
     basis, model = verdict_basis(first), first.blocks.model
     moves = (
         is_dynamic(model) and has_field(model, "process_noise_std") and not first.task.problem.shape.clocks

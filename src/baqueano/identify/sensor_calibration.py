@@ -356,7 +356,7 @@ def _number(
     was: float | None,
     words: str,
 ) -> CalibratedNumber:
-    """Return a number that is a function `of` the coefficients and the offset (p + 1,), with its error bar."""
+    """Return a calibrated number with its error bar: `of` is its function of coefficients and offset (p + 1,)."""
     x = np.array([*answer.x, answer.offset_s])
     steps = 1e-6 * np.eye(len(x)) * np.maximum(np.abs(x), 1e-3)
     slope = np.array([(of(x + h) - of(x - h)) / (2.0 * h.sum()) for h in steps])[: len(answer.cov)]

@@ -5,7 +5,7 @@
     cov G = s² σ_a² I + L diag(q) Lᵀ,   q_j = T_j² (var b_j + (b_{j+1} − b_j)²/12)                        (2)
 
 s and one constant are estimated by generalised least squares. a_k is the error of the hand on the mark. Its σ_a is
-ANGLE_STD_RAD, or the scatter of the rests if that is significantly larger (probability 1 in 100). L computes the
+ANGLE_STD_RAD, or the scatter of the rests if that is significantly larger (p-value below 1/100). L computes the
 cumulative sum, and T_j is the duration of a turn. A bias that changed from rest to rest has a uniform distribution
 between the two. A rest is REST_S or more in which the gyro scatters about as little as in its quietest time. N_k is the
 nearest whole number, if a scale off by TOLERANCE cannot change it; otherwise the user must give the number of turns. A

@@ -259,8 +259,8 @@ def _against(figure: Figure, errors: _ChannelError, own: np.ndarray) -> list[Dia
 
 
 def _channel_errors(c: ChannelFit, own: Sequence[ChannelFit]) -> tuple[_ChannelError, list[_ChannelError]]:
-    """Return the residuals of a channel and of its `own` runs, in blocks of BLOCK_S. If these are fewer than ENOUGH,
-    use blocks of SHORT_S if this gives more."""
+    """Return the residuals of a channel and of its `own` runs, in blocks of BLOCK_S. If there are fewer than ENOUGH
+    blocks, use blocks of SHORT_S if this gives more blocks."""
     every = np.concatenate([channel.measured - channel.predicted for channel in own])
     spread, trials = float(np.sqrt(np.nanmean(every**2))), []
     for block_s in (BLOCK_S, SHORT_S):

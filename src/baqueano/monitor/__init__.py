@@ -1,6 +1,6 @@
 """Detect a wrong sensor: compare its readings with a model of the commands; other sensors are a third witness.
 
-agreement.py checks each number, witness.py decides between sensor and model, findings.py formulates the message.
+agreement.py checks each channel, witness.py decides between sensor and model, findings.py formulates the message.
 """
 
 from baqueano.monitor.agreement import Agreement

@@ -1,4 +1,4 @@
-"""Measure the agreement of each number of each sensor with the model and the estimator. findings.py names the result.
+"""Measure the agreement of each sensor channel with the model and the estimator. findings.py names the result.
 
 A reading z disagrees if it is not finite, if it is at the end of its range, or if
 
@@ -26,7 +26,7 @@ from baqueano.estimators.augmented_ekf import REST_S, STILL, AugmentedBelief, Au
 from baqueano.estimators.covariance import block_diagonal, mirror_upper
 from baqueano.estimators.pauses import row_of, tree_where
 from baqueano.monitor.memory import DEGRADED_S, FROZEN_S, Memory, MonitorState, stuck
-from baqueano.monitor.numbers import Numbers, numbers_of
+from baqueano.monitor.numbers import ChannelProperties, numbers_of
 from baqueano.monitor.witness import log_odds
 from baqueano.sensors.sampling import difference
 from baqueano.signals import Motion, Tick
@@ -43,14 +43,14 @@ MEMORY_S = 2.0  # time constant of the ratio and of the evidence
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Agreement:
-    """A monitor of the doubt about each number of `sensors`, in the order of a tick."""
+    """A monitor of the doubt about each channel of `sensors`, in the order of a tick."""
 
     model: AugmentedEkf  # without sensors
     entries: tuple[int, ...] | None = None  # index of the number of each innovation; None: not known
 
     @property
-    def numbers(self) -> Numbers:
-        """Return the numbers of all sensors."""
+    def numbers(self) -> ChannelProperties:
+        """Return the properties of the channels of all sensors."""
         return numbers_of(self.model)
 
     def init(self, eta: np.ndarray | None = None, nu: np.ndarray | None = None) -> MonitorState:
@@ -164,9 +164,9 @@ class Agreement:
 
 
 def _only_suspect(suspect: np.ndarray) -> np.ndarray:
-    """Return a mask (m,): True if no other number is suspect.
+    """Return a mask (m,): True if no other channel is suspect.
 
-    An estimator that follows a wrong number refuses the correct ones, so (2) counts only without another suspect.
+    An estimator that follows a wrong channel refuses the correct channels, so (2) counts only without another suspect.
     """
     count = np.sum(np.where(suspect, 1.0, 0.0))
     return count - np.where(suspect, 1.0, 0.0) < 0.5

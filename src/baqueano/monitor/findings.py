@@ -1,4 +1,4 @@
-"""Describe a number that disagrees, and report if the sensor or the model is wrong."""
+"""Describe a channel that disagrees with the model, and report if the sensor or the model is wrong."""
 
 from dataclasses import dataclass
 
@@ -6,7 +6,7 @@ import numpy as np
 
 from baqueano.diagnostics import Diagnostic, Severity, note
 from baqueano.monitor.memory import DEGRADED_S, FROZEN_S, Memory, stuck
-from baqueano.monitor.numbers import Numbers
+from baqueano.monitor.numbers import ChannelProperties
 
 NO_NUMBER, AT_ITS_END, FROZEN, ZERO, SLIPS, SCALED, AWAY = (
     "no-number", "at-its-end", "frozen", "zero", "slips", "scaled", "away",
@@ -19,26 +19,26 @@ NOTHING, PROPORTIONAL = 0.15, 0.7
 
 @dataclass(frozen=True, slots=True)
 class Finding:
-    """A number of a sensor that has disagreed with the model for some time.
+    """A channel of a sensor that has disagreed with the model for at least EVENT_S.
 
     Attributes
     ----------
     name : str
-        "imu[2]".
+        Name of the channel, such as "imu[2]".
     t_ns : int
         Time of the finding.
     doubt_s : float
         Duration of the disagreement, minus the weighted duration of later agreement.
     looks : str
-        One of NO_NUMBER, AT_ITS_END, FROZEN, ZERO, SLIPS, SCALED, AWAY.
+        Symptom: one of NO_NUMBER, AT_ITS_END, FROZEN, ZERO, SLIPS, SCALED, AWAY.
     off : str
-        SENSOR, MODEL or UNKNOWN.
+        The wrong part: SENSOR, MODEL or UNKNOWN.
     reading : float
-        The number, in the sensor's unit.
+        The last reading, in the sensor's unit.
     expected : float
-        The number as the model predicts it from the commands.
+        The reading that the model predicts from the commands.
     ratio : float
-        Reading divided by expectation, both minus the value at rest.
+        Factor between readings and predictions, both minus the value at rest, by least squares; NaN if unknown.
 
     Examples
     --------
@@ -57,7 +57,7 @@ class Finding:
 
     @property
     def is_degraded(self) -> bool:
-        """Return True if the number has disagreed for DEGRADED_S."""
+        """Return True if `doubt_s` has reached DEGRADED_S."""
         return self.doubt_s >= DEGRADED_S
 
     @property
@@ -73,8 +73,8 @@ class Finding:
         )
 
 
-def finding(numbers: Numbers, c: int, memory: Memory, t_ns: int, doubt_s: float) -> Finding:
-    """Return the finding for number `c` from the memory of the monitor."""
+def finding(numbers: ChannelProperties, c: int, memory: Memory, t_ns: int, doubt_s: float) -> Finding:
+    """Return the finding for channel `c` from the memory of the monitor."""
     z, h, rest = float(memory.last[c]), float(memory.expected[c]), float(numbers.rest[c])
     ss, sz, zz = (float(x[c]) for x in (memory.ss, memory.sz, memory.zz))
     ratio = sz / ss if ss > 0.0 else float("nan")
@@ -87,8 +87,10 @@ def finding(numbers: Numbers, c: int, memory: Memory, t_ns: int, doubt_s: float)
     return Finding(numbers.names[c], t_ns, doubt_s, looks, off, z, h, ratio)
 
 
-def _looks(n: Numbers, c: int, memory: Memory, ratio: float, ss: float, sz: float, zz: float) -> str:
-    """Return the symptom of number `c`: NO_NUMBER, AT_ITS_END, FROZEN, ZERO, SCALED or AWAY."""
+def _looks(
+    n: ChannelProperties, c: int, memory: Memory, ratio: float, ss: float, sz: float, zz: float
+) -> str:
+    """Return the symptom of channel `c`: NO_NUMBER, AT_ITS_END, FROZEN, ZERO, SCALED or AWAY."""
     if memory.broken[c] > 0.0:
         return AT_ITS_END if np.abs(memory.last[c]) > 0.0 and np.isfinite(n.limit[c]) else NO_NUMBER
     is_constant = memory.same_s[c] >= FROZEN_S

@@ -1,4 +1,4 @@
-"""Store the memory of the monitor for each number between ticks, and its time limits."""
+"""Store the memory of the monitor for each channel between ticks, and its time limits."""
 
 from typing import NamedTuple
 
@@ -13,7 +13,7 @@ ALIVE = 50  # changes of a reading before a constant one is suspect
 
 
 class Memory(NamedTuple):
-    """The memory of each number: arrays (m,)."""
+    """The memory of the monitor: an array (m,) for each quantity, with an entry for each channel."""
 
     doubt_s: np.ndarray
     evidence: np.ndarray  # log odds: above 0 the sensor is off, below 0 the model
@@ -39,6 +39,8 @@ class MonitorState(NamedTuple):
 
 
 def stuck(memory: Memory) -> np.ndarray:
-    """Return a mask (m,): True if a reading stays exactly equal for far longer than before, which noise would
-    prevent."""
+    """Return a mask (m,): True if a reading stays exactly equal for far longer than before. Noise would prevent this.
+
+    A reading that has changed fewer than ALIVE times does not count.
+    """
     return (memory.same_s >= FROZEN_S + LONGER * memory.longest_s) & (memory.changes >= ALIVE)

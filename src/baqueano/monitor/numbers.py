@@ -1,4 +1,4 @@
-"""List properties of each number of each sensor: measured quantity, bias, range, and the numbers that fail with it."""
+"""List properties of each sensor channel: measured quantity, bias, range, and the channels that fail with it."""
 
 from functools import lru_cache
 from typing import NamedTuple
@@ -12,8 +12,8 @@ from baqueano.estimators.readings.sensor_numbers import REST, STEP, slopes, unce
 from baqueano.symbolic import get, put
 
 
-class Numbers(NamedTuple):
-    """Properties of m numbers, in the order of a tick."""
+class ChannelProperties(NamedTuple):
+    """Properties of m channels, in the order of a tick."""
 
     sensors: tuple[str, ...]
     names: tuple[str, ...]  # "imu[2]"
@@ -30,8 +30,8 @@ class Numbers(NamedTuple):
 
 
 @lru_cache(maxsize=64)
-def numbers_of(model: AugmentedEkf) -> Numbers:
-    """Return the properties of all numbers of the sensors of a `model`."""
+def numbers_of(model: AugmentedEkf) -> ChannelProperties:
+    """Return the properties of all channels of the sensors of a `model`."""
     sensors = model.sensors
     each = [(name, i) for name in sensors._fields for i in range(getattr(sensors, name).size)]
     slope = np.concatenate([slopes(getattr(sensors, name)) for name in sensors._fields])
@@ -44,7 +44,7 @@ def numbers_of(model: AugmentedEkf) -> Numbers:
         (k, *(j for j, kind_j in enumerate(kinds) if kind_j == kind and j != k))
         for k, kind in enumerate(kinds)
     )
-    return Numbers(
+    return ChannelProperties(
         sensors._fields, tuple(f"{name}[{i}]" for name, i in each),
         np.any(slope[:, :3] != 0.0, axis=1), at_rest[:, 5] != 0.0, at_rest[:, 3] != 0.0, inertial, groups,
         biases[:, 0], np.maximum(biases[:, 1], 0.0),
@@ -55,7 +55,7 @@ def numbers_of(model: AugmentedEkf) -> Numbers:
 
 
 def _bias(sensors: SensorBlocks, name: str, number: int) -> tuple[float, float]:
-    """Return standard deviation and walk of the bias of a number; (0, −1) without a bias."""
+    """Return standard deviation and random walk of the bias of a channel; (0, −1) without a bias that walks."""
     sensor = getattr(sensors, name)
     biases = [bias for bias in uncertain(sensors, name, (number,), np.zeros(3)) if bias.walk]
     slope = [

@@ -1,4 +1,4 @@
-"""Count the readings that an estimator refused, by number: one event at the end of a run, and its reader."""
+"""Count the refused readings of each channel: write one event at the end of a run, and read it again."""
 
 from collections.abc import Iterable, Sequence
 from typing import Any, NamedTuple
@@ -11,14 +11,14 @@ OF_REFUSED, OF_ARRIVED = ".refused", ".arrived"  # endings of the figures of a n
 
 
 class Refusals(NamedTuple):
-    """The count of the readings of a number that the estimator refused in a run.
+    """The count of the readings of a channel that the estimator refused in a run.
 
     Attributes
     ----------
     name : str
-        Name of the number, such as "imu[2]".
+        Name of the channel, such as "imu[2]".
     refused : int
-        Readings beyond the gate.
+        Refused readings, which the estimator gave a weight below 0.5.
     arrived : int
         All readings.
 
@@ -34,7 +34,7 @@ class Refusals(NamedTuple):
 
 
 def refusal_event(counts: Sequence[Refusals]) -> Diagnostic:
-    """Return the message with the counts."""
+    """Return the message with the counts of all channels."""
     figures: dict[str, Any] = {count.name + OF_REFUSED: count.refused for count in counts}
     figures |= {count.name + OF_ARRIVED: count.arrived for count in counts}
     each = [f"{count.name}: {count.refused}/{count.arrived}" for count in counts]
@@ -52,7 +52,7 @@ def refusals_of(events: Iterable[Tree]) -> tuple[Refusals, ...]:
     Returns
     -------
     tuple of Refusals
-        An entry per number; empty if the estimator does not report weights.
+        An entry per channel; empty if the estimator does not report weights.
 
     Examples
     --------

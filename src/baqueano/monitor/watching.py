@@ -77,7 +77,10 @@ class Watching:
         )
 
     def update(self, tick: Tick, estimate: Estimate) -> list[Notice]:
-        """Return a notice for each finding that begins, becomes degraded or ends at this tick."""
+        """Return a notice for each finding that begins, becomes degraded or ends at this tick.
+
+        If the monitor raises an error, it returns one notice with this error, and stops monitoring.
+        """
         if estimate.weight is not None:
             self._counts = True
             for k, weight in enumerate(estimate.weight.tolist()):
@@ -121,7 +124,7 @@ class Watching:
 
 
 def innovations_of(estimator: Estimator, sensors: SensorBlocks, m: int) -> tuple[int, ...] | None:
-    """Return for each of m innovations the index of its number, by the estimator's `use`; None if it is not known."""
+    """Return for each of m innovations the index of its channel, by the estimator's `use`; None if unknown."""
     names = [(name, i) for name in sensors._fields for i in range(getattr(sensors, name).size)]
     uses = getattr(getattr(estimator, "block", estimator), "use", sensors._fields)
     try:

@@ -117,7 +117,7 @@ def estimates(
     names: Sequence[str], value: np.ndarray, sd: np.ndarray, truth: np.ndarray | None = None
 ) -> "Figure":
     """Draw each estimate with its 95 % interval, relative to the truth [%]; without a truth relative to the
-    estimate."""
+    estimate. An entry that is not finite, or relative to 0, is not drawn."""
     base = value if truth is None else truth
     scale = np.where(np.abs(base) > 0, np.abs(base), np.nan)
     centre, half = 100 * (value - base) / scale, 100 * 1.96 * sd / scale

@@ -189,7 +189,10 @@ def _runs_to_draw(channels: object) -> list[str]:
 
 
 def _runs(fit: Fit) -> list[Section]:
-    """Return the section with a row for each of several runs. It also lists the runs that the page shows."""
+    """Return the section with a row for each run; [] for a single run.
+
+    The caption names the run that the model explains worst.
+    """
     worst = _of_worst(fit.channels)
     if len(fit.runs) < 2 or not worst:
         return []
@@ -251,8 +254,9 @@ def _of_run(fit: Fit, run: str) -> Section:
 
 
 def where_most_moves(channels: list[Any]) -> tuple[Any, str]:
-    """Return data and model of one run over the SHOWN_S seconds
-    with most motion, and this span as text: "20 s from 14 s".
+    """Return the drawing of data and model of one run over the SHOWN_S seconds with most motion.
+
+    Return also this span as text: "20 s from 14 s".
     """
     t_s = channels[0].t_s
     measured, predicted = (

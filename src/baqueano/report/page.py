@@ -198,8 +198,9 @@ def save_text(path: str | Path, text: str) -> Path:
 
 
 def cell(value: object, key: str = "") -> str:
-    """Return the text of a cell in column `key`: four significant
-    digits, a dash if unknown, words in the current language.
+    """Return the text of a cell in column `key`: a float with four significant digits, a dash for an unknown value.
+
+    Words are in the current language, except in the columns AS_TYPED.
     """
     if value is None or value != value:
         return "–"

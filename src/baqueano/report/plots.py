@@ -293,7 +293,7 @@ def drives(result: Forecast) -> "Figure":
 
 @with_style
 def cloud(result: Ensemble) -> "Figure":
-    """Draw the paths of the vehicles, of at most MOST of them."""
+    """Draw the end position of each vehicle, and the path of each; of many vehicles only about MOST paths."""
     figure, axes = panel((7.2, 6.2))
     sample = result.eta[:: max(1, len(result.eta) // MOST)]
     axes.plot(sample[:, :, 0].T, sample[:, :, 1].T, color=MODEL, lw=0.8, alpha=0.25)

@@ -23,9 +23,10 @@ OFF_M = 0.05
 
 
 def unknown_places(route: Route, s: np.ndarray) -> list[Diagnostic]:
-    """Return a list with the finding of the first fault, or an empty list; `s` (m,) [m] is the distance along it.
+    """Return a list with the finding about the first kind of fault, or an empty list; `s` (m,) [m] is the distance
+    along it.
 
-    A number that is not finite is tested first, then jumps, then gaps and corners.
+    The kinds are tested in this order: numbers that are not finite, then jumps, then gaps and corners.
     """
     numbers = np.column_stack([route.t_s, route.eta, route.nu])
     wrong = ~np.isfinite(numbers).all(axis=1)

@@ -101,7 +101,7 @@ def _columns(run: Run) -> Iterator[tuple[str, np.ndarray]]:
 
 
 def at_ticks(t_ns: np.ndarray, times: np.ndarray, values: np.ndarray) -> np.ndarray:
-    """Return (N, m): for each tick the newest of `values` (M, m) since the previous tick; NaN without one."""
+    """Return for each tick the newest of `values` (M, m) since the previous tick: (N, m), NaN if none is new."""
     newest = np.searchsorted(times, t_ns, side="right") - 1
     fresh = np.diff(newest, prepend=-1) > 0
     rows = np.full((len(t_ns), values.shape[1]), np.nan)

@@ -88,8 +88,8 @@ def _by_number(path: Path) -> tuple[int, str]:
 
 
 def find(name: str, folder: Path | str = "runs") -> Path:
-    """Return the run with this path, number (`3`, `0003`) or name, or the `last` run.
-    Raise FileError without exactly one.
+    """Return the path of a run by its path, number (`3`, `0003`) or name; `last` is the run with the highest number.
+    An existing path, or one with a suffix, is returned unchecked. Raise FileError if no run or several runs match.
     """
     path, folder = Path(name), Path(folder)
     if path.suffix or path.exists():

@@ -22,7 +22,9 @@ FAR_S = 0.5  # a truth that begins later does not contain the start
 
 
 def initial_pose(run: Run) -> np.ndarray:
-    """Return the pose (3,), or pose and velocity (6,), at the first tick; zeros if the run does not contain them."""
+    """Return the pose (3,), or pose and velocity (6,), at the first tick. Return zeros (3,) if the run does not contain
+    them, or if its truth begins more than FAR_S later.
+    """
     if "start" in run.metadata:
         return np.array([float(x) for x in run.metadata["start"].split()])
     truth = None if run.truth is None else _with_pose(run.truth)

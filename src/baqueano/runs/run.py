@@ -144,7 +144,7 @@ class Run(Result):
 
     def to_pandas(self) -> Any:
         """Return a pandas DataFrame with a row per tick, by time in seconds. Its columns are commands in force,
-        estimate, reference, truth, and each number of each sensor; NaN if no reading arrived since the previous tick.
+        estimate, reference, truth, and each channel of each sensor; NaN if no reading arrived since the previous tick.
         """
         from baqueano.runs.interpolated import at_times, poses_at
 

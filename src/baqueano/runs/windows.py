@@ -8,8 +8,8 @@ from baqueano.signals import NANOSECONDS
 
 
 def means(channel: Channel, origin_ns: int, width_s: float) -> tuple[np.ndarray, np.ndarray]:
-    """Return the numbers (W,) of the windows that have rows, counted from `origin_ns`, and their means (W, m).
-    A mean contains only finite entries; it is NaN without any.
+    """Return the indices (W,) of the windows that contain rows, counted from `origin_ns`, and their means (W, m).
+    A mean includes only finite entries; it is NaN without a finite entry.
     """
     number = ((channel.t_ns - origin_ns) / NANOSECONDS / width_s).astype(np.int64)
     windows, row = np.unique(number, return_inverse=True)

@@ -1,4 +1,4 @@
-"""The low-pass filter in a small IMU: widths and delays of its settings by the data sheet, and the filter of h.
+"""The low-pass filter in a small IMU: bandwidths and delays of its settings by the data sheet, and the filter of h.
 
     low_pass_hz = 1 / (2π d),  d the delay of the gyro                                                    (1)
 
@@ -15,7 +15,7 @@ import numpy as np
 
 
 class FilterBand(NamedTuple):
-    """A setting of the low-pass filter: widths [Hz] and delays [s]."""
+    """A setting of the low-pass filter: bandwidths [Hz] and delays [s]."""
 
     accel_hz: float
     accel_delay_s: float

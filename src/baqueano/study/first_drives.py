@@ -36,7 +36,7 @@ WEAKEST, STRONGEST, DEAD_ZONE, BREAKAWAY = 0.3, 3.0, 0.4, 1.3
 
 
 class MiswiredLink(World):
-    """A simulated two-wheeled vehicle with wrongly connected motors; its ticks contain the commands that were sent."""
+    """A simulated two-wheeled vehicle with its motors wired as `wiring` states; its ticks contain the sent commands."""
 
     def __init__(self, inner: World, wiring: str) -> None:
         self.inner, self.wiring, self.commands = inner, wiring, inner.commands
@@ -47,7 +47,7 @@ class MiswiredLink(World):
         return [tick._replace(u=self._command) for tick in self.inner.read(t_ns)]
 
     def write(self, command: Command) -> None:
-        """Send the command through the wrong wiring."""
+        """Send the command as the motors receive it through this wiring."""
         self._command = np.array(command.u, dtype=float)
         left, right = self._command[0] - self._command[2], self._command[0] + self._command[2]
         left = -left if self.wiring == "left inverted" else left

@@ -84,8 +84,8 @@ def recordings(
     progress: Callable[[str], object] = lambda text: None,
     names: Sequence[str] = RECORDED,
 ) -> RecordingStudy:
-    """Return the results of all recordings; after Ctrl-C only the finished results.
-    Raise FileError with the names of the files if all recordings are missing.
+    """Return the results of the recordings `names`; after Ctrl-C only the finished results.
+    Without any result, raise FileError with the names of the missing files of the CPM µCar.
     """
     rows, left_out = [], []
     for name in names:

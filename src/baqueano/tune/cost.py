@@ -31,7 +31,7 @@ class Weights(NamedTuple):
 
 
 class TickErrors(NamedTuple):
-    """The errors of a tick that are reported beside its cost."""
+    """The errors of a tick that are reported in addition to its cost."""
 
     distance_m: Tree  # from the reference
     heading_rad: Tree

@@ -91,7 +91,9 @@ def loop_margins(
 
 
 def margins(loop: Linear) -> tuple[float, float, float, float]:
-    """Return gain margins above and below 1, phase margin [rad] and delay margin [s] of L; ∞ or 0 if none.  (3)"""
+    """Return the gain margins of L above 1 (∞ if none) and below 1 (0 if none), the phase margin [rad] and the delay
+    margin [s] (∞ if none).  (3)
+    """
     omega = np.geomspace(LOWEST_RAD_S, np.pi / loop.dt_s, FREQUENCIES)
     L = loop.frequency_response(omega)
     ends = np.flatnonzero(np.diff(np.sign(np.imag(L))) != 0)

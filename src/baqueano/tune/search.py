@@ -52,7 +52,7 @@ def search(
     starts: int = STARTS,
     polish: bool = True,
 ) -> list[Descent]:
-    """Return the descents from the best of the evaluated points and from each of `own`, the least cost first.
+    """Return the descents from the `starts` best evaluated points and from each of `initial`, the least cost first.
 
     With `polish`, searches without gradients follow if the cost is rough.
     """

@@ -48,7 +48,9 @@ class SearchSpace(NamedTuple):
         return {name: float(np.asarray(get(self.block, name))) for name in self.names}
 
     def widen(self, ends: np.ndarray) -> "SearchSpace":
-        """Return the space with wider soft bounds if `ends` (p,) is −1 (at the lower bound) or +1 (at the upper)."""
+        """Return the space with wider soft bounds where the entry of `ends` (p,) is −1 (at the lower bound) or +1 (at
+        the upper). Hard bounds are not exceeded.
+        """
         high = np.where(ends > 0, np.minimum(WIDER * self.high, self.hard_high), self.high)
         low = np.where(ends < 0, np.maximum(self.low / WIDER, self.hard_low), self.low)
         return self._replace(low=low, high=high)

@@ -137,7 +137,7 @@ class TuneResult(Result):
 
     @property
     def agreeing_descents(self) -> int:
-        """Return the number of descents that reached the least cost."""
+        """Return the number of descents whose cost is at most (1 + AGREE) times the least cost."""
         return sum(d.cost <= self.cost * (1.0 + AGREE) for d in self.descents)
 
     @property

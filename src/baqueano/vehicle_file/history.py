@@ -8,7 +8,7 @@
 
     cov_ij = r_ij sd_i sd_j                                                                                       (1)
 
-A model is also a guess if none of its values has a provenance.
+A model counts as a guess if no fit measured one of its values: see `is_measured`.
 """
 
 from collections.abc import Iterator

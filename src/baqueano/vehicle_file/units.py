@@ -133,7 +133,7 @@ def _unit_text(value: object) -> str:
 
 
 def channel_unit(file: "VehicleFile", sensor: str, entry: int) -> str:
-    """Return the unit of one number of a sensor, from its kind in the vehicle file; "" for a sensor of the user."""
+    """Return the unit of one channel of a sensor, from its kind in the vehicle file; "" for a sensor of the user."""
     kind = file.data.get("sensors", {}).get(sensor, {}).get("kind", sensor)
     units = CHANNEL_UNITS.get(kind, ())
     return units[entry] if entry < len(units) else ""

@@ -241,7 +241,8 @@ class Drivetrain:
         return self.gain * w / (1.0 - self.coast + self.coast * duty)
 
     def inverse(self, effort: np.ndarray) -> np.ndarray:
-        """Return the command (n,) that causes `effort` (n,) after delay and lag: the inverse of (2)-(6).
+        """Return the command (n,) that causes `effort` (n,) after delay and lag: the inverse of (2)-(6), without limit
+        and steps.
 
         At 0 the step of the dead zone is replaced by a ramp of width RAMP. The caller applies `limit`.
         """
@@ -258,7 +259,8 @@ class Drivetrain:
         return self.unmix(np.sign(w) * duty / self._supply(share))
 
     def turn_first(self, u: np.ndarray) -> np.ndarray:
-        """Return the command (n,) with its speed reduced so that no wheel reaches its limit.
+        """Return the command (n,) with its speed reduced, at most to zero, so that no wheel reaches its limit. The turn
+        is not reduced.
 
         A wheel at its limit would turn the vehicle off its path. Without a mix of wheels, return `u` unchanged.
         """

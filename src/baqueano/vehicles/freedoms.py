@@ -32,7 +32,9 @@ def coasting_axes(vehicle: DynamicVehicle) -> tuple[int, ...]:
 
 
 def rates(vehicle: DynamicVehicle, freedoms: tuple[int, ...] | None = None) -> np.ndarray:
-    """Return the fading rates (3,) [1/s]; zeros for a vehicle without nu_dot. `freedoms` may give (1).  (2)"""
+    """Return the fading rates (3,) [1/s]; zeros for a vehicle without nu_dot.  (2)
+    `freedoms` is the result of `coasting_axes`, if it is already known.
+    """
     if not is_dynamic(vehicle):
         return np.zeros(3)
     return _rates(vehicle, coasting_axes(vehicle) if freedoms is None else freedoms)

@@ -23,7 +23,7 @@ NAN = float("nan")
 
 
 class Feed:
-    """The rows of the current drive, or of the last drive if none is under way."""
+    """The newest rows of the current or last drive: at most KEPT_S, or MOST_ROWS rows."""
 
     def __init__(self, now: Callable[[], float] = time.monotonic) -> None:
         self._now = now

@@ -79,7 +79,7 @@ class Guard:
     def role(self, address: str, token: str, from_page: bool) -> Role | None:
         """Return the role of a visitor, None if it is refused.  (2), (3)
 
-        Without an Origin the role is at most VIEW.
+        Without an Origin the role is at most VIEW. Tokens are valid for HOLDS_S after the start of the page.
         """
         failures = self._failures[address]
         while failures and self._now() - failures[0] > MINUTE_S:
@@ -152,7 +152,7 @@ def finite(x: object) -> bool:
 
 
 def _of_kind(value: object, kind: type) -> object:
-    """Return an option of a mission if it has the required type. Raise UsageError otherwise."""
+    """Return an option of a mission. Raise UsageError for another type, a number not finite, or a text over LONGEST."""
     if kind is float and finite(value):
         return value
     if kind is str and isinstance(value, str) and len(value) <= LONGEST:

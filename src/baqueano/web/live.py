@@ -280,7 +280,7 @@ class Live:
             self._tell_blocks()
 
     def _on_no(self, word: "JsonObject") -> None:
-        """Send a refusal of the service to the visitor who sent the last request, or to all if that one has left."""
+        """Send a refusal of the service to the visitor of the last request, or to all if this visitor has left."""
         about = word.get("about")
         for visitor in [self._last_sender] if self._last_sender in set(self._all()) else self._all():
             if visitor is not None:

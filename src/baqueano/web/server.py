@@ -95,7 +95,10 @@ class Server:
         await asyncio.gather(*filter(None, self._talks), return_exceptions=True)
 
     async def say_goodbye(self) -> None:
-        """Disconnect each browser after its waiting messages, with a code after which it does not connect again."""
+        """Disconnect each browser after its waiting messages, and wait for this up to GOODBYE_S.
+
+        After the code DONE a browser does not connect again.
+        """
         for visitor in list(self.visitors):
             visitor.end(DONE)
         with suppress(TimeoutError):
@@ -165,7 +168,10 @@ class Server:
     async def _look(
         self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter, head: Head, data: bytes
     ) -> None:
-        """Serve a program that uses Foxglove's protocol, if its address has a token or it runs on this machine."""
+        """Serve a program that uses Foxglove's protocol, if its URL contains a valid token.
+
+        On a page that is not shared, a program on this machine does not need a token. Raise RefusedRequest otherwise.
+        """
         address, foxglove = writer.get_extra_info("peername")[0], self.foxglove
         assert foxglove is not None
         token = head.path.removeprefix("/foxglove").removeprefix("/")

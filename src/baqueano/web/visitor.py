@@ -146,7 +146,7 @@ class Visitor:
     def _words_in(self, frame: object) -> "list[JsonObject]":
         """Return the message that this frame completes, [] without one.
 
-        Close the connection if the message is malformed or exceeds the rate.
+        Close the connection if the message is binary or malformed, or exceeds the rate.
         """
         opcode, data, last = (
             getattr(frame, "opcode", None),

@@ -4,6 +4,7 @@
   x → c, |ẋ| ≤ slew,  d = sign(x) (dead zone + slope |x|)       after t_s: as the firmware follows commands (2)
   u_k = (U(t_k) − Σ_{j<k} u_j δ_j) / δ_k                                                                (3)
 
+d is the duty and U its integral, x the request that follows the command c, u_k the mean duty of tick k of length δ_k.
 Telemetry contains the mean over a time span that ended up to a period before the tick. If a fit used it as the mean of
 the tick, the motors would be 2 to 11 ms too quick, depending on the phase. (3) corrects an error of (2) (a
 kick, dither, a delayed frame) one tick later, so errors do not accumulate.
@@ -83,7 +84,9 @@ class AppliedDuties:
         self._commands.append((now_ns + ON_THE_WAY_NS, (left, right)))
 
     def update(self, t_ns: int, mean: tuple[float, float], now: tuple[float, float], stopped: bool) -> None:
-        """Record telemetry: the mean duty (2,) since the last, the present duty (2,), True if no motor is driven."""
+        """Record telemetry: the mean duty (2,) since the previous telemetry, the present duty (2,), and True if no
+        motor is driven.
+        """
         if self._command_ns >= 0:
             self._integral = self._integral + np.array(mean) * ((t_ns - self._command_ns) * NS)
         elif self._until_ns < 0:

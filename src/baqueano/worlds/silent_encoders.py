@@ -25,7 +25,9 @@ class SilentEncoders:
         self._reported_wheels: set[int] = set()
 
     def update(self, now: "Telemetry") -> list[Diagnostic]:
-        """Return a warning for each encoder that became silent; it is not repeated until the flag is cleared."""
+        """Return a warning if one or both encoders became silent. It is repeated only after the firmware has cleared
+        its flag.
+        """
         before, self._before = self._before, now
         for wheel in range(2):
             is_driven = abs(now.applied[wheel]) >= DRIVEN_HARD

@@ -12,7 +12,7 @@ from baqueano.diagnostics import note
 from baqueano.errors import RobotUnreachable
 from baqueano.messages import text
 from baqueano.robot.imu import bus_recovery
-from baqueano.robot.imu.bus_recovery import AGAIN_NS, Recovery, recover, recoverable
+from baqueano.robot.imu.bus_recovery import AGAIN_NS, Recovery, check_bus_recovery, recover
 from tests.codes import refused
 from tests.emulated.i2c_ioctl import Bench, loop, start
 from tests.emulated.pinctrl import on_path
@@ -291,15 +291,15 @@ def test_the_bus_is_unused_during_clocking_and_the_chip_restarts_afterwards(line
 
 def test_the_doctor_reports_whether_bus_recovery_is_possible(lines, tmp_path):
     model, pins = tmp_path / "model", lines([])
-    assert recoverable(BUS, model)[0] == "unknown"
+    assert check_bus_recovery(BUS, model)[0] == "unknown"
     model.write_text("Orange Pi Zero\0")
-    assert recoverable(BUS, model)[:2] == ("unknown", "this machine is not a Raspberry Pi")
+    assert check_bus_recovery(BUS, model)[:2] == ("unknown", "this machine is not a Raspberry Pi")
     model.write_text("Raspberry Pi 3 Model B Plus Rev 1.3\0")
-    assert recoverable(BUS, model)[:2] == ("ok", "pinctrl reaches GPIO 2 and 3; SDA high, SCL high")
+    assert check_bus_recovery(BUS, model)[:2] == ("ok", "pinctrl reaches GPIO 2 and 3; SDA high, SCL high")
     pins.put(function={"2": "ip", "3": "ip"})
-    assert recoverable(BUS, model)[0::2] == ("warn", "Type: pinctrl set 2,3 a0")
+    assert check_bus_recovery(BUS, model)[0::2] == ("warn", "Type: pinctrl set 2,3 a0")
     pins.fails("root", "get", times=100)
-    verdict, _, remedy = recoverable(BUS, model)
+    verdict, _, remedy = check_bus_recovery(BUS, model)
     assert verdict == "warn"
     assert "usermod -aG gpio" in remedy
     assert {call[0] for call in pins.read()["calls"]} == {"get"}, "the check must not change a pin"

@@ -140,7 +140,10 @@ def _check_options(signal: str, rounds: int | None, update: bool) -> None:
 def signal_of(
     file: "VehicleFile", kind: str, size: str | None, seconds: float, seed: int, backend: str
 ) -> np.ndarray:
-    """Return the commands (N, n) of this kind of signal; if a room is given, the vehicle stays in it."""
+    """Return the commands (N, n) of this kind of signal.
+
+    The vehicle stays in the room `size`, if given. A designed signal always has a room, by default "2x2".
+    """
     from baqueano.identify.design.plan import design_plan
     from baqueano.identify.design.room import contain, room_of
     from baqueano.identify.design.signals import excitation
@@ -173,7 +176,8 @@ def after_first_drive(
 ) -> tuple[Any, Any]:
     """Return the file fitted to a careful first drive, and the run of that drive.
 
-    Raise AnswerNo if the vehicle is wired wrongly or does not move.
+    If the fit is refused, the file has only rough gains. Raise AnswerNo if the vehicle is wired wrongly or does not
+    move, and the error of a stopped drive.
     """
     from baqueano.drive import estimate_first_drive, rough
     from baqueano.drive.mission import Mission

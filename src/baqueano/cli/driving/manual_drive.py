@@ -43,7 +43,8 @@ def by_hand(
     """Return the run of a drive by hand in real time, which ends with q.
 
     `verb` is "drive" or "teach". `pad` is the device of the game pad, or FIND to search for it. With `hold` and a gyro,
-    the heading is kept during straight motion. `how` contains `share` and `latched` of a Cockpit.
+    the heading is kept during straight motion. `how` contains `share` and `latched` of a Cockpit. Raise UsageError for
+    an emulated vehicle.
     """
     from baqueano.drive.by_hand.cockpit import Cockpit
     from baqueano.drive.by_hand.heading_gains import gains_of
@@ -168,7 +169,10 @@ def end_by_hand(run: "Run", path: Path, robot: str) -> None:
 def scales_from_marks(
     run: "Run", file: "VehicleFile", length_m: float | None
 ) -> tuple[Diagnostic | str, dict[str, object]]:
-    """Return the scales of the sensors that the marks of a run determine, as text and as values of the vehicle file."""
+    """Return the scales of the sensors that the marks of a run determine, as text and as values of the vehicle file.
+
+    If the marks do not determine a scale, the text is the reason, and the values are {}.
+    """
     from baqueano.drive.closure import closure
     from baqueano.drive.session import marks_of
     from baqueano.errors import AnswerNo

@@ -126,7 +126,7 @@ def open_target(
 
 
 def say_ledger(run: "Run", file: "VehicleFile", shake: tuple[str, ...]) -> None:
-    """Print for each fault the checks that noticed it, and the times. If none noticed it, print the reason."""
+    """Print for each fault the checks that noticed it, and the times. If no check noticed it, print the reason."""
     if not shake:
         return
     from baqueano.worlds import ledger_of

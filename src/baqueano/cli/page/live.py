@@ -59,7 +59,7 @@ def live_page(
 ) -> Iterator[LivePage | None]:
     """Open a page for the drives of a verb, and yield it; None if it is not `shown`.
 
-    The page always ends with the verb.
+    With a display, first wait up to COMES_S for a browser. The page always ends with the verb.
     """
     if not shown:
         yield None
@@ -125,7 +125,7 @@ def _wait(true: Callable[[], bool], within_s: float, program: "subprocess.Popen[
 
 
 def _end(program: "subprocess.Popen[bytes]") -> None:
-    """Wait until the page has disconnected its browsers; end its process after ENDS_S."""
+    """Wait until the process of the page ends. Kill it after ENDS_S, or on Ctrl-C."""
     try:
         program.wait(ENDS_S)
     except (subprocess.TimeoutExpired, KeyboardInterrupt):

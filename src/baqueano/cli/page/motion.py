@@ -26,7 +26,7 @@ class PageOfDrives:
         self._program = program
 
     def show(self, run: Path) -> None:
-        """Show a run after the previous ones."""
+        """Show a run after the runs that were passed before."""
         self._send({"play": str(run.resolve())})
 
     def show_tuning(self, result: "TuneResult") -> None:

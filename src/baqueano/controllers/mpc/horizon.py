@@ -4,8 +4,8 @@
 
 e is the error of the pose at each step, E the plan of the efforts ε. The model is linearised at the plan E°. P and q
 are defined in program.py. D depends only on the weights and is computed once. The engine computes e and its derivatives
-in one call, in model steps of at most LONGEST_S. A call before it computes the state at the start, a call after it
-the command.
+in one call, in model steps of at most LONGEST_S. Another call computes the start state before, and a
+third call the command afterwards.
 """
 
 from dataclasses import replace

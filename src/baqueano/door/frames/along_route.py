@@ -1,7 +1,8 @@
 """Follow the progress of a vehicle along a route, tick by tick.
 
 Of the segments within REACH_M of the last position, measured along the route, the nearest one is used. The progress
-therefore does not jump where a route crosses itself, as a figure of eight does:
+therefore does not jump where a route crosses itself, as a figure of eight does. If no segment is within REACH_M, the
+nearest segment of the whole route is used:
 
   s = s_k + t · (p − p_k),  t = (p_{k+1} − p_k)/|p_{k+1} − p_k|,  cross = t × (p − p_k)                  (1)
 """

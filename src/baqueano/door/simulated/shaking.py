@@ -1,4 +1,4 @@
-"""Handle faults of the present drive, a ledger of the checks that noticed them, and repeated drives without them.
+"""Begin and end faults of a drive, list the checks that noticed them, and repeat the drive without some faults.
 
   shake {kind, …}              begins a fault with the next tick; the fields are in worlds/faults/fault.py
   shake {over: number}         ends the fault with this number

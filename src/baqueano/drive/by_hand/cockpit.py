@@ -137,7 +137,7 @@ class Cockpit(Observer):
         return min(1.0, FAR_MS / max(sum(delays), 1e-3))
 
     def stop(self, reason: Diagnostic) -> None:
-        """Stop the vehicle for this reason, permanently."""
+        """Stop the vehicle permanently. The reason of an earlier stop is kept."""
         self._stop = self._stop or reason
         self.status.reason = text(self._stop)
 
@@ -209,7 +209,7 @@ class Cockpit(Observer):
         )  # fmt: skip
 
     def _meet(self) -> None:
-        """Query the terminal if it answers and reports key releases, and choose the method for keys by its answers."""
+        """Send queries to the terminal, and choose by its answers how keys count (key_hold.py)."""
         start, releases = self._now(), False
         if self._line.answers:
             self._line.write(ASK_KITTY)

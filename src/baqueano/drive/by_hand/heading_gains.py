@@ -3,6 +3,7 @@
   model (2) of controllers/heading_hold.py     k, τ by a difference of one tick, at half the limit ahead
                                                T = delay + lag + 1.5 ticks + LINK_S
 
+If the model hardly turns at half the limit, as in its dead zone, the full limit is used.
 A model without a fit is a guess: the real vehicle is then assumed to turn DOUBT times as strongly as the model.
 """
 
@@ -79,7 +80,7 @@ def _limit(vehicle_file: VehicleFile) -> np.ndarray:
 def _answer(
     vehicle: DynamicVehicle, limit: np.ndarray, share: float, rate_hz: float
 ) -> tuple[float, float, float]:
-    """Return speed [m/s], k [rad/s per unit of u_ψ] and τ [s] at this share of the limit ahead.
+    """Return speed [m/s], k [rad/s per unit of u_ψ] and τ [s] at the part `share` of the limit ahead.
 
     They follow from r⁺ = a r + (1 − a) k u_ψ over a tick δ, with a = e^(−δ/τ).
     """

@@ -1,7 +1,7 @@
 """Convert keys to a direction. How long a key counts depends on the reports of the terminal.
 
   RELEASES   a key counts from its press to its release                                                     (1)
-  REPEATS    the terminal reports neither, only letters: a key counts
+  REPEATS    the terminal reports only letters, no releases: a key counts
                 until T₁ after its press, and then until T₂ after its last repeat                           (2)
                 T₁ = 0.75 s, or 1.5 · median delay in [0.3, 0.75] s once it is known
                 T₂ = 0.20 s, or 3 · median gap + 8 · median |gap − median| in [0.12, 0.35] s once it is known
@@ -61,7 +61,7 @@ class KeyHold:
 
     @property
     def nudges(self) -> bool:
-        """Return True in (2) until the first repeat of a key, while it drives at NUDGE of the speed."""
+        """Return True in (2) until the first repeat of a key: until then the vehicle drives at NUDGE of the speed."""
         return self.way == REPEATS and not self._repeats
 
     def let_go(self) -> None:

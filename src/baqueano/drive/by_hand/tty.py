@@ -166,7 +166,7 @@ def _unix() -> Tty:
 def answered_by_another(parents: Callable[[], list[str]] | None = None) -> str:
     """Return the name of a parent program that answers in place of the terminal: tmux, screen, mosh-server or zellij.
 
-    It continues to run after the terminal is lost. Return "" if this program does not run inside one.
+    That program continues to run after the terminal is lost. Return "" if this program does not run inside one.
     """
     for name in (parents or _parents)():
         for program in ("tmux", "screen", "mosh-server", "zellij"):

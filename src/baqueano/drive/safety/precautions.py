@@ -120,7 +120,7 @@ class Precautions:
 
 
 def limits_of(route: Route, vehicle_file: "VehicleFile") -> dict[str, float]:
-    """Return the speed of a route [m/s], and a radius [m] that the vehicle can drive at this speed, with a margin."""
+    """Return the median speed of a route [m/s], and a turning radius [m] for this speed, with a margin."""
     speed = np.abs(route.nu[:, 0])
     moving = speed[speed > STILL_M_S]
     v = float(np.median(moving)) if moving.size else 0.2

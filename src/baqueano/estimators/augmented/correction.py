@@ -1,12 +1,12 @@
-"""The correction of augmented_ekf.py: predict each number of a sensor, test it against a gate, and use it.
+"""The correction of augmented_ekf.py: predict each channel of a sensor, test it against a gate, and use it.
 
-A number beyond `gate_sigma` loses its weight; the other numbers keep their weights. An exception is a number whose
-previous innovation was similar: an outlier is a single number, but a turn that the model did not predict lasts. With
+A channel beyond `gate_sigma` loses its weight; the other channels keep theirs. An exception is a channel whose
+previous innovation was similar: an outlier is a single reading, but a turn that the model did not predict lasts. With
 the whitened innovation e, the previous innovation e₋, and the limit l of the gate, the weight w is
 
     w = 1/(1 + (a/l)⁸),   a = max(min(|e|, |e − e₋|/√2), |e|/ABSURD)                                       (1)
 
-place_gate.py judges the sensors that measure the pose. augmented/state.py defines which states a number may correct.
+place_gate.py judges the sensors that measure the pose. augmented/state.py defines which states a channel may correct.
 """
 
 from typing import TYPE_CHECKING, NamedTuple
@@ -36,7 +36,7 @@ WITHIN = 0.9999  # of a sensor's range: a reading at its end is not used
 
 
 class Innovations(NamedTuple):
-    """The numbers of a tick, compared with their prediction."""
+    """The measured channels of a tick, compared with their prediction."""
 
     gap: np.ndarray  # (m,) the last innovations, in order of use
     place_doubt: PlaceDoubt
@@ -58,8 +58,8 @@ def correct_tick(
 ) -> tuple[Gaussian, Innovations]:
     """Return the state after the measurements that arrived, and the innovations.
 
-    `before` contains gap and place_doubt of the previous row. `nu_dot` (3,) is the acceleration of a kinematic model;
-    None for a dynamic model.
+    `previous` contains the innovations and the PlaceDoubt of the previous row. `nu_dot` (3,) is the acceleration of a
+    kinematic model; None for a dynamic model.
     """
     its, (last, place_doubt) = layout(estimator), previous
     if not len(its.moving):

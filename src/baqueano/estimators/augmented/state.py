@@ -1,18 +1,19 @@
-"""The augmented state of augmented_ekf.py, and the entries of it that each number of a sensor may correct.
+"""The augmented state of augmented_ekf.py, and its entries that each channel of a sensor may correct.
 
     x = (x, y, ψ | ν_x, ν_y, ν_ψ | d_x, d_ψ | κ_v, κ_ψ, β, w | biases)                                     (1)
 
-A filter in which every number corrects every state relies on the couplings of its model. Then a gyro that disagrees
+A filter in which every channel corrects every state relies on the couplings of its model. Then a gyro that disagrees
 with the model changes the speed, and an odometer changes the heading. On real cars these couplings had larger errors
 than the sensors, and the estimate was worse than the model. So a number corrects, by what it measures:
 
     the pose                all states
-    ν_x, not inertial       position, ν_x, ν_y, d_x; also the turning states if no number measures only ν_ψ
+    ν_x, not inertial       position, ν_x, ν_y, d_x; also the turning states if no channel measures only ν_ψ
     only ν_ψ (a gyro)       ψ, ν_y, ν_ψ, d_ψ; at rest also its bias
-    other inertial number   its bias at rest; if in `speed_from` its bias, position, ν_x, ν_y, d_x at any time (2)
+    other inertial channel  its bias at rest; if in `speed_from` its bias, position, ν_x, ν_y, d_x at any time (2)
 
-h determines what a number measures (sensor_numbers.py). A number whose bias walks is inertial. A model error looks like
-a bias: so biases outside `speed_from` are estimated only at rest. With a pose sensor, all numbers correct all biases.
+h determines what a channel measures (sensor_numbers.py). A channel whose bias walks is inertial. A model error looks
+like a bias: so biases outside `speed_from` are estimated only at rest. With a pose sensor, all channels correct all
+biases.
 """
 
 from functools import lru_cache
@@ -41,7 +42,7 @@ LEADING = 2.5  # factor on the model's part of the gate of a gyro, because no mo
 
 
 class Layout(NamedTuple):
-    """The states of a filter for its sensors, and the states that each number of a sensor may correct."""
+    """The states of a filter for its sensors, and the states that each channel of a sensor may correct."""
 
     names: tuple[str, ...]  # the sensors
     entries: tuple[tuple[int, ...], ...]  # the numbers of each sensor that correct the state
@@ -122,7 +123,7 @@ def start_std(estimator: "AugmentedEkf") -> np.ndarray:
 
 
 def _shows(sensor: Sensor) -> list[tuple[bool, bool, bool]]:
-    """Return three booleans for each number of a sensor: it depends on the pose; on ν_x at rest; on ν_ψ at rest."""
+    """Return three booleans for each channel of a sensor: it depends on the pose; on ν_x at rest; on ν_ψ at rest."""
     return [
         (bool(np.any(anywhere[:3])), bool(at_rest[3] != 0.0), bool(at_rest[5] != 0.0))
         for anywhere, at_rest in zip(slopes(sensor), slopes(sensor, np.zeros(9)), strict=True)

@@ -1,10 +1,10 @@
 """Widen the covariance during a lasting disagreement; the correction of the state does not change.
 
-A doubt a [m/s or rad/s] belongs to the speed ν_x, another to the yaw rate ν_ψ. While a number that measures ν_x or ν_ψ
-is refused, a = |y / h'| with its innovation y and derivative h'. While the filter follows a number against its model,
+A doubt a [m/s or rad/s] belongs to the speed ν_x, another to the yaw rate ν_ψ. While a channel of ν_x or ν_ψ is
+refused, a = |y / h'| with its innovation y and derivative h'. While the filter follows a channel against its model,
 a = |ν − ν of the model|; this is detected by |d| > gate_sigma σ_d. If the doubt lasts at least DOUBT_S:
 
-    var ν ← var ν + a²  only as reported,       P_ηη ← P_ηη + J g (2 a² t δ) gᵀ Jᵀ                         (1)
+    var ν ← var ν + a²  in the estimate only,   P_ηη ← P_ηη + J g (2 a² t δ) gᵀ Jᵀ                         (1)
 
 P_ηη is the covariance of the pose, J rotates body to map. g is the axis of the velocity, δ the duration of the row, t
 the duration of the doubt. The position error is a t if the velocity is wrong by a all the time. So the region contains
@@ -40,9 +40,9 @@ def update_doubt(
 ) -> DoubtUpdate:
     """Return the doubt of speed and yaw rate after a row of `dt_s`, with its contributions to the covariances.
 
-    `slope` (m, 2) is the derivative of each number by speed and yaw rate; 0 if the number may not correct them.
-    `innovations` has y (m,), NaN for a number that did not arrive, and the weights (m,). `against` (2,) is the size of
-    the correction against the model.
+    `slope` (m, 2) is the derivative of each channel with respect to speed and yaw rate; 0 if the channel may not
+    correct them. `innovations` contains y (m,), NaN for a channel without a measurement, and the weights (m,).
+    `against` (2,) is the size of the correction against the model.
     """
     refusals, came = [], []
     for h in slope.T:
@@ -76,7 +76,7 @@ def updated_doubt(
 def wider(
     by: np.ndarray, before_s: np.ndarray, now_s: np.ndarray, psi: Value, dt_s: Value
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Return what a doubt of size `by` (2,) adds to the covariances of pose (3, 3) and velocity (3, 3).  (1)"""
+    """Return the covariances of pose (3, 3) and velocity (3, 3) that a doubt of size `by` (2,) adds.  (1)"""
     lasts, way = now_s >= DOUBT_S, map_from_body(psi)[:, [0, 2]]
     longer = np.where(before_s >= DOUBT_S, dt_s * (2.0 * before_s + dt_s), now_s**2)
     grows = lasts & (now_s > before_s)

@@ -1,9 +1,9 @@
-"""The gate of a measurement of m numbers: the largest accepted squared distance.
+"""The gate of a measurement with m channels: the largest accepted squared distance.
 
     P(χ²_m > limit) = P(|n| > σ), n normal                                                                (1)
     P(χ²_m > x) = [m odd] erfc √(x/2) + e^(−x/2) Σ_k (x/2)^k / Γ(k + 1),  k = m/2 − 1, m/2 − 2, … ≥ 0     (2)
 
-σ is the gate in standard deviations of one number. Source of (2): Abramowitz & Stegun 26.4.4, 26.4.5.
+σ is the gate in standard deviations of one channel. Source of (2): Abramowitz & Stegun 26.4.4, 26.4.5.
 """
 
 from functools import cache
@@ -14,8 +14,7 @@ from baqueano.parameter import INF
 
 @cache
 def gate(sigma: float, m: int) -> float:
-    """Return the limit of the squared distance of m numbers, as improbable as `sigma` deviations of one number.
-
+    """Return the limit of the squared distance of m channels, as improbable as `sigma` deviations of one channel.
     It is the χ² quantile, by bisection on the survival function (a finite series in m).  (1, 2)
     """
     if sigma == INF:

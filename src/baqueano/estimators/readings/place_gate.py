@@ -1,6 +1,6 @@
 """The gate of the sensors that measure the pose: it tests a reading as a whole, and the filter by two readings.
 
-    d² = yᵀ S⁻¹ y,   w = 1/(1 + (d²/χ²)⁴)         y all numbers of a sensor, χ² of m numbers at gate_sigma     (1)
+    d² = yᵀ S⁻¹ y,   w = 1/(1 + (d²/χ²)⁴)         y: all m channels of a sensor, χ²: their limit (gate.py)      (1)
     d²ᵢ = (y + Δᵢ)ᵀ S⁻¹ (y + Δᵢ),   p = 1/(1 + MISTAKEN e^(½ (d² − min d²ᵢ))),   w ← p w                       (2)
     P ← D P D,   D = d/√m for η, κ and b; of ψ, κ and b at most up to their deviation at the start             (3)
     (y − y₋)ᵀ (2 S)⁻¹ (y − y₋) ≤ χ²                                                                          (4)
@@ -30,7 +30,7 @@ TURN_STD = np.pi / np.sqrt(3.0)  # rad, of an unknown heading: uniform between �
 
 
 class PlaceNumbers(NamedTuple):
-    """The numbers of a tick, compared with their prediction."""
+    """The channels of the pose sensors in a tick, compared with their prediction."""
 
     y: np.ndarray  # (m,) innovations; 0 for a number that did not arrive
     S: np.ndarray  # (m, m) their covariance; only the noise for a number that did not arrive
@@ -121,9 +121,10 @@ def _nearest(S: np.ndarray, y: np.ndarray, ways: list[np.ndarray]) -> Value:
 
 
 def growth(grown: Value, sd: np.ndarray, most: np.ndarray, mask: np.ndarray) -> np.ndarray:
-    """Return the diagonal D (n,) of (3): the factor of each deviation `sd` (n,).
+    """Return the diagonal D (n,) of (3): the factor of each standard deviation `sd` (n,).
 
-    It is `grown` if `at` (n,) is 1, limited so that the deviation grows at most to `most` (n,); else it is 1.
+    The factor is `grown` if `mask` (n,) is 1, but at most so large that the deviation reaches `most` (n,). Else it is
+    1.
     """
     room = np.maximum(most / np.maximum(sd, 1e-12), 1.0)
     return np.where(mask > 0.0, np.minimum(grown, room), 1.0)

@@ -1,8 +1,8 @@
-"""Numbers of sensors: the measured velocities, the age, and the uncertainty of the calibration.
+"""Channels of sensors: the measured velocities, the age, and the uncertainty of the calibration.
 
 All this follows from h and the parameters. The module does not name kinds of sensors, so your own sensors work too.
 
-    ∂h/∂(η, ν, ν̇)  at rest          which velocities a number measures, to first order                    (1)
+    ∂h/∂(η, ν, ν̇)  at rest          which velocities a channel measures, to first order                   (1)
     h(θ + STEP) ≠ h(θ)               which parameters θ it depends on                                      (2)
 
 A parameter with a `std` in its metadata is uncertain. If it also has a `walk`, it is a bias, else a scale. `slip` is
@@ -46,13 +46,13 @@ class UncertainNumber(NamedTuple):
 
 
 def split(use: str) -> tuple[str, tuple[int, ...] | None]:
-    """Return the sensor and the indices of its numbers: "imu[1,2]" → ("imu", (1, 2)). None means all numbers."""
+    """Return the sensor and the indices of its channels: "imu[1,2]" → ("imu", (1, 2)). None means all channels."""
     name, bracket, rest = use.partition("[")
     return name, tuple(int(i) for i in rest.rstrip("]").split(",")) if bracket else None
 
 
 def rows_of(sensors: SensorBlocks, use: str) -> tuple[int, ...]:
-    """Return the indices of the numbers of a sensor that `use` names."""
+    """Return the indices of the channels of a sensor that `use` selects."""
     name, rows = split(use)
     return tuple(range(getattr(sensors, name).size)) if rows is None else rows
 
@@ -84,7 +84,7 @@ def slopes(sensor: Sensor, points: np.ndarray = CURVE) -> np.ndarray:
 def uncertain(
     sensors: SensorBlocks, name: str, rows: tuple[int, ...], nu: np.ndarray
 ) -> tuple[UncertainNumber, ...]:
-    """Return the uncertain parameters that change these numbers of a sensor at the velocity `nu` (3,).  (2)"""
+    """Return the uncertain parameters that change these channels of a sensor at the velocity `nu` (3,).  (2)"""
     sensor = getattr(sensors, name)
     return tuple(
         UncertainNumber(
@@ -119,10 +119,10 @@ def slips(sensors: SensorBlocks, used: dict[str, tuple[int, ...]]) -> tuple[Valu
 
 
 def scale_std(sensors: SensorBlocks, used: dict[str, tuple[int, ...]]) -> np.ndarray:
-    """Return the standard deviations (2,) of the scales of speed and yaw rate, for these numbers in use.
+    """Return the standard deviations (2,) of the scales of speed and yaw rate, for these channels in use.
 
-    Without a number that measures the speed, the speed has the scale error of the model, which was identified by gyro
-    and accelerometer.
+    If no channel measures the speed, the speed has the scale error of the model, which was identified by gyro and
+    accelerometer.
     """
     forward, turning = (
         [
@@ -138,7 +138,7 @@ def scale_std(sensors: SensorBlocks, used: dict[str, tuple[int, ...]]) -> np.nda
 
 
 def _bearing(sensor: Sensor, rows: tuple[int, ...], nu: np.ndarray) -> Iterator[tuple[str, Parameter]]:
-    """Yield path and Parameter of each uncertain parameter that changes these numbers at `nu` (3,).  (2)"""
+    """Yield path and Parameter of each uncertain parameter that changes these channels at `nu` (3,).  (2)"""
     motion, at = REST._replace(nu=nu), list(rows)
     for field, one_field in parameters(sensor) if rows else ():
         for index in [f"[{i}]" for i in range(one_field.shape[0])] if one_field.shape else [""]:

@@ -27,7 +27,7 @@ WHITE_LIMIT = 0.15  # of the variance: the least sum of autocorrelation that is 
 
 
 class Information(NamedTuple):
-    """Information of the data about θ, and what its covariance needs."""
+    """Information of the data about θ, with the sums from which the covariance of θ is computed."""
 
     bread: np.ndarray  # A (p, p)
     meat: np.ndarray  # B (p, p)
@@ -190,8 +190,8 @@ def own_information(A: np.ndarray, index: np.ndarray, others: np.ndarray) -> flo
 
 
 def own_sd(A: np.ndarray, index: np.ndarray, free: np.ndarray) -> np.ndarray:
-    """Return the standard errors (q,) of the entries `index` of θ. The fit estimates these and the entries in the mask
-    `free` (p,). A (p, p) is the information. An error is infinite without information."""
+    """Return the standard errors (q,) of the entries `index` of θ, if these and the entries in the mask `free` (p,)
+    are estimated together. A (p, p) is the information. An entry without information has an infinite error."""
     entries = np.flatnonzero((free | np.isin(np.arange(len(free)), index)) & (np.diagonal(A) > 0.0))
     root = np.sqrt(np.diagonal(A)[entries])
     inverse = np.linalg.pinv(A[np.ix_(entries, entries)] / np.outer(root, root), hermitian=True)

@@ -142,10 +142,10 @@ def _blocks(r: np.ndarray, d: np.ndarray, edges: list[int]) -> tuple[np.ndarray,
 def no_smaller(
     problem: Residuals, cov: np.ndarray, other: np.ndarray | None, k: int, by_segment: bool = False
 ) -> np.ndarray:
-    """Return `cov` (p, p), in which errors of the first k entries are raised to those in `other` (p, p), if larger.
+    """Return `cov` (p, p) with the errors of the first k entries raised to their errors in `other` (p, p), if larger.
 
-    All runs share these entries. Return `cov` unchanged if the blocks (`by_segment`: the segments)
-    agree.  (4)"""
+    All runs share the first k entries. Return `cov` unchanged without `other`, or if the blocks (`by_segment`: the
+    segments) agree.  (4)"""
     if other is None or not k:
         return cov
     shared_cov, blocks = cov[:k, :k], other[:k, :k]

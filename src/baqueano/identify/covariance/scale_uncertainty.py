@@ -124,12 +124,12 @@ def covariance_by_zeros(
         if not (np.isfinite(g).all() and np.isfinite(A).all()):
             continue  # a model that diverged
         v, measured = inverse(A) @ g[at], _measured_zero(file, name)
-        sd = _shown_zero(score, power - float(g[at] @ v)) if measured is None else measured
+        sd = _gyro_zero_std(score, power - float(g[at] @ v)) if measured is None else measured
         cov[np.ix_(at, at)] += sd**2 * np.outer(v, v)
     return cov
 
 
-def _shown_zero(score: float, power: float) -> float:
+def _gyro_zero_std(score: float, power: float) -> float:
     """Return the standard deviation σ [rad/s] of a zero that was not measured.  (4)"""
     sheet = of_tolerance(ZERO_RAD_S)
     return min(sheet, float(np.hypot(score / power, power**-0.5))) if power > sheet**-2 else sheet

@@ -120,7 +120,7 @@ def first_rows(record: FitRecord, rows: int) -> FitRecord:
 
 def _command(run: Run) -> tuple[np.ndarray, list[Diagnostic]]:
     """Return u (N, n), with unknown commands replaced by the last finite command (0 before the first), and notes
-    about them."""
+    about them. Raise UsageError if all commands are unknown."""
     finite = np.asarray(np.isfinite(run.applied).all(axis=1))
     if finite.all():
         return run.applied, []

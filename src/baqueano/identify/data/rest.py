@@ -34,8 +34,8 @@ QUIET = 2.0  # times w, or the noise of the file: a gyro that scatters more is b
 
 
 def with_gyro_at_rest(file: "VehicleFile", runs: Sequence[Run]) -> tuple["VehicleFile", Diagnostic | None]:
-    """Return the file with the gyro bias measured at rest in the runs, and a message. Return the file unchanged and
-    None if the runs do not contain a rest."""
+    """Return the file with the bias of the first gyro that was at rest in the runs, and a message. Return the file
+    unchanged and None if the runs do not contain a rest."""
     for name, sensor in file.sensors._asdict().items():
         if not has_field(sensor, "gyro_bias"):
             continue

@@ -59,7 +59,7 @@ class Composer:
         return np.mean(2.0 * np.sum(np.log(ends), axis=-1), axis=-1)
 
     def search(self) -> float:
-        """Fill the places, or improve the pieces in them, and return J less the price."""
+        """Fill the places, or improve the pieces in them, and return J minus the price of the pieces."""
         if not self.chosen:
             self._greedy()
         best = float(self.score(self.F[self.chosen].sum(axis=0)) - self.price[self.chosen].sum())
@@ -118,14 +118,14 @@ class Composer:
             pose = in_map(pose, self.path[k, :, -1])
 
     def _sort(self) -> None:
-        """Put pieces with a high price last, as they leave the position uncertain, if that order stays inside. J
-        stays the same."""
+        """Sort the chosen pieces by price, the highest last, if that order stays inside: such pieces leave the
+        position uncertain. J stays the same."""
         order = sorted(self.chosen, key=lambda k: self.price[k])
         if self._inside(self._start(), np.array(order[:1]), order[1:])[0]:
             self.chosen = order
 
     def _exchange(self, place: int, best: float) -> float:
-        """Put a better piece in the place, if one exists, and return J of the sequence less its price."""
+        """Put a better piece in the place if the search finds one. Return J of the sequence minus its price."""
         before, after = self.chosen[:place], self.chosen[place + 1 :]
         pose = self._start()
         for k in before:
@@ -141,8 +141,9 @@ class Composer:
     def _first_inside(
         self, rest: np.ndarray, pose: np.ndarray, after: list[int], least: float
     ) -> tuple[int, float] | None:
-        """Return the best piece in addition to F = `rest` (M, q, q), and J with it, or None if no piece exceeds
-        `least`. The piece must stay inside from the poses (L, 3) on, together with all pieces of `after`."""
+        """Return the index of a good piece in addition to F = `rest` (M, q, q), and J minus its price. Return None if
+        no tested piece exceeds `least`. At most the DEEP pieces with the highest bounds are tested. The piece and
+        all pieces of `after` must stay inside from the poses (L, 3) on."""
         order = np.argsort(-self._upper_bound(rest) + self.price)
         for at in range(0, min(len(order), DEEP), CLOSER):
             some = order[at : at + CLOSER]

@@ -76,7 +76,7 @@ class RecursiveInformation:
         return InformationState(theta, x, S, np.zeros((len(theta), len(theta))))
 
     def add(self, state: InformationState, u: np.ndarray, has: np.ndarray | None = None) -> InformationState:
-        """Return the state after the ticks with commands `u` (N, n). `has` (N, m) is 1 for the numbers that were
+        """Return the state after the ticks with commands `u` (N, n). `has` (N, m) is 1 for the channels that were
         measured; None means all.  (1), (2)"""
         theta, x, S, F = state
         q = len(theta)
@@ -103,7 +103,7 @@ def bits(relative_sd: np.ndarray) -> float:
 
 
 def _flat(shape: Shape, tree: "Tree") -> list["Tree"]:
-    """Return the numbers of a tree, or their symbols, one by one."""
+    """Return all scalar entries of a tree (numbers or symbols) as one list."""
     pairs = zip(leaves(shape), values(shape, tree), strict=True)
     return [
         number
@@ -113,7 +113,7 @@ def _flat(shape: Shape, tree: "Tree") -> list["Tree"]:
 
 
 def _unflat(shape: Shape, numbers: list["Tree"]) -> "Tree":
-    """Return the tree with these numbers, in the order of `_flat`."""
+    """Return the tree with these scalar entries, in the order of `_flat`."""
     at, parts = 0, []
     for leaf in leaves(shape):
         some, at = numbers[at : at + leaf.size], at + leaf.size

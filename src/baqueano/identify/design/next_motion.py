@@ -41,7 +41,7 @@ class NextMotion(NamedTuple):
 
 
 def named_motions(limit: np.ndarray, rate_hz: float) -> list[NamedMotion]:
-    """Return motions for a vehicle with these limits. Its first channel drives it ahead, its last one turns it."""
+    """Return motions within these limits. The first channel drives the vehicle ahead, the last one turns it."""
     moving, ticks = np.flatnonzero(limit > 0.0), round(SECONDS * rate_hz)
     if not len(moving):
         return []

@@ -210,7 +210,7 @@ class PlanSearch:
 
     def _coast_s(self, limit: np.ndarray) -> float:
         """Return the time [s] in which the nominal vehicle covers COVERED of its rolling distance, after one second
-        at the limit of its first command."""
+        at the limit of its first usable command."""
         second = round(self.cloud.rate_hz)
         u = np.zeros((3 * second, len(limit)))
         first = int(np.argmax(limit > 0.0))
@@ -220,7 +220,10 @@ class PlanSearch:
         return float(np.argmax(way_m >= COVERED * way_m[-1]) + 1) / second
 
     def _grow(self, pieces: list[MotionPiece]) -> None:
-        """Add the pieces that keep the speed limits to the library; replace each of the others by a gentler one."""
+        """Add the pieces that keep the speed limits to the library.
+
+        Add a gentler form of each other piece, if this form keeps the limits.
+        """
         drives = self._of_each(self._weigh, pieces)
         hasty = [k for k, drive in enumerate(drives) if not drive[0]]
         calm = [gentler(pieces[k], self.shape) for k in hasty]
@@ -237,15 +240,15 @@ class PlanSearch:
         return parallel_map(work, at, us, rows=self.cloud.size * sum(map(len, us)))
 
     def _weigh(self, tick: int, u: np.ndarray) -> tuple[bool, np.ndarray, np.ndarray | None]:
-        """Return True if the piece (T, n) keeps the speed limits, its poses (L, S, 3) and, if it does, its
-        information (M, q, q)."""
+        """Return True if the piece (T, n) keeps the speed limits, its poses (L, S, 3), and its information
+        (M, q, q). The information is None for a piece that exceeds the limits."""
         slow, path = self._path(self.cloud, tick, u, 4)
         F = np.stack([self.informant.information(u, theta) for theta in self.thetas]) if slow else None
         return slow, path, F
 
     def _path(self, cloud: Cloud, tick: int, u: np.ndarray, count: int) -> tuple[bool, np.ndarray]:
         """Return True if a cloud keeps the speed limits in the piece (T, n), and its poses (L, S, 3) at every
-        `each`-th sample. The last pose is the pose at rest."""
+        `count`-th sample. The last pose is the pose at rest."""
         stride, ticks = max(1, round(SAMPLE_S * cloud.rate_hz)), len(u)
         rest, eta = cloud.drive(cloud.state_at(np.zeros(3)), np.concatenate([u, self.to_rest]), tick)
         samples = eta[:, stride - 1 : ticks : stride]

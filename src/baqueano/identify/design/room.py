@@ -170,7 +170,7 @@ def contain(
     """Return `u` (N, n), one row a tick, with every chunk that could leave `room` replaced.  (1)
 
     `cloud` contains the possible vehicles; default: possible vehicles of `vehicle_file`, drawn with `seed`. Raise
-    UsageError for another shape; AnswerNo if they leave the room even without a command.
+    UsageError for another shape; AnswerNo if these vehicles leave the room in spite of the replacements.
 
     >>> from baqueano.identify.design.room import room_of
     >>> from baqueano.vehicle_file import load
@@ -204,7 +204,7 @@ def contain(
 
 
 def alternatives(u: np.ndarray) -> np.ndarray:
-    """Return the alternatives (C, T, n) to a chunk (T, n), in order; the last one is the command zero."""
+    """Return a chunk (T, n) and its alternatives (C, T, n), in order; the last one is the command zero."""
     n = u.shape[1]
     first = np.where(np.arange(n) == 0, -1.0, 1.0)
     signs = (np.ones(n), -np.ones(n), first, -first)

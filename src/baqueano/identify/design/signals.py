@@ -235,7 +235,7 @@ def excitation(
     rest_s: float = 0.0,
     **options: Any,
 ) -> np.ndarray:
-    """Return the signal named `kind`. A rest before and after it shows the noise and the biases of the sensors.
+    """Return the signal named `kind`. The rests at its beginning and end show the sensors' noise and biases.
 
     Parameters
     ----------

@@ -134,9 +134,9 @@ class Cloud:
         )
 
     def _settle(self, limit: np.ndarray) -> None:
-        """Move draws that are too stiff for the integrator towards the nominal vehicle, until all can be simulated.
+        """Move draws that are too stiff for the integrator towards the nominal vehicle, at most 8 times.
 
-        A fit with little information on a friction leaves its upper limit open.
+        Such draws have a very high friction: a fit with little information on friction does not limit its value.
         """
         full = np.tile(np.where(np.isfinite(limit), limit, 1.0), (round(self.rate_hz), 1))
         for _ in range(8):

@@ -63,7 +63,7 @@ def of_sensor(problem: Residuals, theta: np.ndarray, name: str) -> tuple[np.ndar
 
 
 def measurements(problem: Residuals) -> np.ndarray:
-    """Return the measurements of all segments (N, m), NaN where none exist."""
+    """Return the measurements of all segments (N, m), NaN for a missing measurement."""
     return np.where(np.concatenate(problem.has) > 0.0, np.concatenate(problem.z), np.nan)
 
 

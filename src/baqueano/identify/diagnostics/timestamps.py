@@ -31,7 +31,7 @@ FEW = 20  # samples
 
 
 def check_timestamps(run: Run, rate_hz: float) -> tuple[list[Run], list[Diagnostic]]:
-    """Return the repaired run, cut at pauses, and the findings."""
+    """Return the repaired run, cut at pauses, and the findings. A run of fewer than FEW ticks is unchanged."""
     if len(run.t_ns) < FEW:
         return [run], []
     run, unit = _units(run, rate_hz)

@@ -114,12 +114,14 @@ def _closer(task: Task, end: Search, i: int, step_s: float, tick_s: float) -> tu
             total += last.evaluations
             solution = last if _least(last) < _least(solution) else solution
     if not best.stopped:
-        solution, more = _of_both_sides(task, solution, i, fine_s, tick_s)
+        solution, more = _search_both_sides(task, solution, i, fine_s, tick_s)
         total += more
     return best._replace(solution=solution), total
 
 
-def _of_both_sides(task: Task, near: Solution, i: int, fine_s: float, tick_s: float) -> tuple[Solution, int]:
+def _search_both_sides(
+    task: Task, near: Solution, i: int, fine_s: float, tick_s: float
+) -> tuple[Solution, int]:
     """Return the solution with the least cost in the one or two ticks within `fine_s` of `near`, and the number of
     evaluations.  (3)"""
     best, total = near, 0
@@ -165,8 +167,8 @@ def _better(task: Task, first: Search, second: Search) -> Search:
 
 
 def _walk(task: Task, nearest: Search, i: int, tick_s: float) -> tuple[Task, Search, int]:
-    """Move tick by tick to the tick with the least cost. Return its task, its search and the number of evaluations.
-    At a kink, select the side with the larger error.  (4)"""
+    """Move tick by tick, at most STEPS times, to the tick with the least cost. Return its task, its search and the
+    number of evaluations. At a kink, select the side with the larger error.  (4)"""
     k, total, visits = int(nearest.solution.theta[i] / tick_s), 0, {}
     while True:
         inside = _inside(task, i, k, tick_s)
@@ -212,7 +214,10 @@ def _with_value(theta: np.ndarray, i: int, value: float) -> np.ndarray:
 
 
 def duty_step(blocks: FittedBlocks, problem: Residuals, theta: np.ndarray) -> int | None:
-    """Return the number of steps of the duties, or None if none are visible or the file contains them.  (5)"""
+    """Return the number of steps to which a timer rounds the duties, or None if no steps are visible.  (5)
+
+    Return None also if the file contains the steps, or if the commands are not the duties of two wheels.
+    """
     drivetrain: Tree = getattr(blocks.model, "drivetrain", None)
     n = blocks.model.commands
     if getattr(drivetrain, "mixing", "none") != "two_wheels" or drivetrain.duty_step > 0.0:

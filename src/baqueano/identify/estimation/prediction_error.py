@@ -69,7 +69,7 @@ class MaximumLikelihood(NamedTuple):
 
     @property
     def chance(self) -> float:
-        """Return an upper limit of the probability of a ratio (4) of at least this size if v = 0."""
+        """Return an upper limit of the p-value of the ratio (4), under the hypothesis v = 0."""
         return tail(self.ratio, len(self.noise.floor))
 
 

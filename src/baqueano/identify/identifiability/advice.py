@@ -64,7 +64,7 @@ def unobservable(
 
 
 def missing_command(parameters: Sequence[Free], command: str, never: bool) -> Diagnostic:
-    """Return the reason why a column of T or V is unknown."""
+    """Return the reason why the fit does not determine the column of `command` in the gain matrix, T or V."""
     names = _names(parameters)
     if never and command == "u_y":
         return note("identifiability.never-sideways", subject=parameters[0].path, names=names)

@@ -113,7 +113,7 @@ def filter_noise(
 
 def _crab_rad(fit: "Fit") -> float:
     """Return the angle between course and heading of the fitted model, straight ahead at half its largest command
-    [rad]."""
+    [rad]. Return 0 if the model hardly moves."""
     vehicle, dt_s = fit.blocks.model, 1.0 / fit.file.rate_hz
     u, state, nu = np.zeros(vehicle.commands), vehicle.init(), np.zeros(3)
     u[0] = 0.5 * fit.file.command.limit[0]

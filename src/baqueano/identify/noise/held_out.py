@@ -36,7 +36,7 @@ TICKS = {"c": 60_000, "python": 2000, "numpy": 500}
 
 
 class NoiseTrial(NamedTuple):
-    """Result of one R on the held-out runs."""
+    """Result of one noise matrix R on the held-out runs."""
 
     name: str
     nis: float
@@ -46,7 +46,7 @@ class NoiseTrial(NamedTuple):
 
     @property
     def consistent(self) -> str:
-        """Return the verdict of the NIS: "too sure", "too careful" or "consistent"."""
+        """Return the verdict of the NIS: "too sure", "too cautious" or "consistent"."""
         if self.low > 1.0:
             return "too sure"
         return "too cautious" if self.high < 1.0 else "consistent"
@@ -54,14 +54,14 @@ class NoiseTrial(NamedTuple):
 
 @dataclass(frozen=True, slots=True, eq=False)
 class NoiseComparison:
-    """Results of all R, the best first."""
+    """Results of all noise matrices R, the best first."""
 
     tried: tuple[NoiseTrial, ...]
     runs: tuple[str, ...]
 
     @property
     def best(self) -> str:
-        """Return the name of the R that predicts best."""
+        """Return the name of the noise matrix R with the largest L.  (2)"""
         return self.tried[0].name
 
     @property
@@ -70,7 +70,7 @@ class NoiseComparison:
         return Verdict.USABLE if self.tried[0].consistent == "consistent" else Verdict.WARN
 
     def rows(self) -> list[TableRow]:
-        """Return one flat row per R."""
+        """Return one flat row per noise matrix R."""
         return [trial._asdict() | {"consistent": trial.consistent} for trial in self.tried]
 
     def table(self) -> str:

@@ -61,9 +61,9 @@ def most_likely(
 
 
 def valley(cost: Tree, q: np.ndarray, low: np.ndarray, high: np.ndarray) -> np.ndarray:
-    """Return the q (n,) between `low` and `high` at which no step of STEPS[-1] reduces the cost. A step changes one
-    entry. From TRADED on, it may also raise one entry and lower another, as two noises may explain the same
-    error."""
+    """Return the q (n,) between `low` and `high` at which no step of STEPS[-1] reduces the cost by over 0.001. A step
+    changes one entry. A step of TRADED or less may also raise one entry and lower another, as two noises may
+    explain the same error."""
     least, axes = cost(q), np.eye(len(q))
     ways = [sign * axis for axis in axes for sign in (1.0, -1.0)]
     exchanges = [a - b for i, a in enumerate(axes) for j, b in enumerate(axes) if i != j]

@@ -49,8 +49,8 @@ def speed_channels(
 ) -> SpeedChannels | None:
     """Return the channels that may correct the speed, or None for a filter without accelerometers.  (1)
 
-    `filters` returns the filter with these channels in `speed_from` and the noise estimated for them. `own` contains
-    the channels of the file.
+    `filters(channels)` returns the filter with `channels` in its field `speed_from`, and with its noise estimated
+    again. `own` contains the channels in the vehicle file; they are returned if no run shows the speed.
     """
     without_speed = filters(())
     numbers = tuple(_undecided_numbers(without_speed))

@@ -1,6 +1,6 @@
-"""Describe the free numbers of a fit: paths of a vehicle file, with bounds and units.
+"""Describe the free parameters of a fit: paths of a vehicle file, with bounds and units.
 
-A free number has the dotted path of its entry, "model.actuator_matrix[0,2]"; a path without an entry means all entries.
+A free parameter has the path of its entry, "model.actuator_matrix[0,2]"; a path without an entry means all entries.
 Unit and bounds come from the field of the block; friction is never negative (errata 6). The role of a field
 (parameter.py) decides if it is free by default. Free by default are numbers that the equations need and that scale and
 tape cannot measure, friction and forces. Dry friction, dead zones and lag are free by default only if the file has
@@ -41,7 +41,7 @@ ORDINALS = ("first", "second", "third", "fourth", "fifth", "sixth")
 
 
 class Free(NamedTuple):
-    """One free number."""
+    """A free parameter of a fit: one number of the vehicle file, with its unit and its bounds."""
 
     path: str  # with its entry
     unit: str
@@ -109,7 +109,7 @@ def has_offset(model: Tree) -> bool:
 
 
 def entries(blocks: FittedBlocks, path: str) -> list[str]:
-    """Return the paths of the numbers below `path`, each with its entry."""
+    """Return the path of each entry of the field `path`, such as "model.actuator_matrix[0,2]"."""
     values = _value_at(blocks, path)
     if values.ndim == 0:
         return [path]
@@ -117,12 +117,12 @@ def entries(blocks: FittedBlocks, path: str) -> list[str]:
 
 
 def value(blocks: FittedBlocks, path: str) -> float:
-    """Return the number at `path`."""
+    """Return the value of the parameter at `path`."""
     return float(_value_at(blocks, path))
 
 
 def free_parameter(blocks: FittedBlocks, path: str, bounds: Mapping[str, tuple[float, float]]) -> Free:
-    """Return unit and bounds of the number at `path`; `bounds` take precedence over the bounds of the field. Raise
+    """Return the free parameter at `path`, with its unit; `bounds` take precedence over the bounds of the field. Raise
     UsageError for a path that is not a parameter, or if the bounds exclude all values."""
     field, _, entry = path.partition("[")
     owner, _, name = field.rpartition(".")
@@ -144,8 +144,8 @@ def free_parameters(
     fixed: Iterable[str],
     bounds: Mapping[str, tuple[float, float]],
 ) -> list[Free]:
-    """Return the free numbers, in order and once each; an empty list if `free` is empty. Raise UsageError if all are
-    fixed."""
+    """Return the free parameters, in order and once each; an empty list if `free` is empty. Raise UsageError if all
+    are fixed."""
     paths = [p for path in requested_paths(free, lambda: default_free(blocks)) for p in entries(blocks, path)]
     out = {p for path in fixed for p in entries(blocks, path)}
     for path in bounds:

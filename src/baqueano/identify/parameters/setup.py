@@ -309,7 +309,7 @@ def example(blocks: FittedBlocks, shape: Shape) -> np.ndarray:
 def initial_state(
     blocks: FittedBlocks, shape: Shape
 ) -> Callable[[np.ndarray], tuple[Any, tuple[Signal, ...]]]:
-    """Return the function θ → (vehicle at the start of a segment, signal of each sensor until then)."""
+    """Return the function θ → (vehicle at the start of a segment, constant signal of each sensor before it)."""
     vehicle_at, paths = vehicle_at_start(blocks, shape), (*shape.shared, *shape.per_run)
 
     def start(theta: np.ndarray) -> tuple[Any, tuple[Signal, ...]]:

@@ -122,8 +122,8 @@ def _doubts(end: FinishedFit, sd: np.ndarray) -> tuple[tuple[Diagnostic, ...], M
 
 
 def _held_back(end: FinishedFit, sd: np.ndarray) -> np.ndarray:
-    """Return the distance (s,), in standard errors, by which each shared entry of θ would move without its bounds;
-    inf if no test was requested."""
+    """Return the distance (s,), in standard errors, by which each shared entry of θ would move without its bounds.
+    It is inf without a requested test or after a stop, and 0 if the search did not converge."""
     s, solution = end.task.problem.layout.shared, end.search.solution
     if not end.score_test or end.search.stopped:
         return np.full(s, np.inf)

@@ -359,7 +359,10 @@ def marks(row: dict[str, Any]) -> str:
 
 
 def verdict_lines(fit: Any, reported: bool = False) -> list[str]:
-    """Return the verdict, its reasons, unobservable parameters and notes. `reported`: a report contains the others."""
+    """Return the verdict with the most severe reasons, unobservable parameters and notes, as lines of text.
+
+    The last line counts the omitted messages. If `reported`, it states that a report contains them.
+    """
     lists = (fit.reasons, fit.unobservable, fit.never + fit.notes)
     reasons, unobservable, notes = (group_sentences(by_weight(messages)) for messages in lists)
     if len(reasons) == 1:

@@ -9,8 +9,8 @@ model is right. docs/derivations/robust_covariance.md gives the reasons. The cho
 
     process noise is 0                        the simulation: both agree, and it is the harder test of a model
     noise, one θ, ΣD_b below 0                the innovations: errors of the simulation are a random walk
-    noise, one θ, ΣD_b above 0 by chance      the simulation: nothing is gained
-    two θ, or a larger error                  the simulation, with a warning: the model lacks an effect
+    noise, one θ, ΣD_b > 0, not significant   the simulation: nothing is gained
+    two θ by (3), or a larger error by (2)    the simulation, with a warning: the model lacks an effect
 
 Sources: Stone 1974 for (2); Hausman 1978 for (3); Quenouille 1956 for (1).
 """

@@ -84,7 +84,7 @@ def file_of_fit(fit: "Fit", on: date | None = None) -> "VehicleFile":
 
 
 def kept_priors(fit: "Fit") -> tuple[Prior, ...]:
-    """Return the biases that the file contains more accurately than the fit.  (1)"""
+    """Return the biases that the file contains more accurately than the fit, also if the fit contradicts them.  (1)"""
     out = []
     for path, x, sd in zip(
         fit.own_names, np.mean(fit.own, axis=0), np.sqrt(np.mean(fit.own_sd**2, axis=0)), strict=True

@@ -70,7 +70,7 @@ def verdict_of(e: Evidence) -> tuple[Verdict, tuple[Diagnostic, ...]]:
 
 
 def remarks(e: Evidence) -> list[Diagnostic]:
-    """Return notes that are not a reason to doubt. `e.bound` marks the bounds at which a parameter may be by chance."""
+    """Return notes that are not a reason to doubt. `e.bound` marks parameters that may be at a bound by chance."""
     out = _of(e, Severity.INFO)
     out += unlike(by_channel(e.channels, e.one_mean), hardly=True)
     out += [_at_bound(e, int(k), "by-chance", Severity.INFO) for k in np.flatnonzero(e.bound)]
@@ -292,8 +292,8 @@ def unlike(channels: dict[str, list[ChannelOfRun]], hardly: bool) -> list[Diagno
 
 
 def _beyond_chance(channel: ChannelOfRun, rest: list[ChannelOfRun], count: int) -> bool:
-    """Return True if the residuals of a run are larger than the largest residuals of `count` runs would be by
-    chance. With only two runs the scatter is unknown, and the result is True.  (1)"""
+    """Return True if the residuals of a run are significantly larger than in the `rest`, one of `count` runs.  (1)
+    Return True also if `rest` contains fewer than two runs, because their scatter is then unknown."""
     g = np.log([max(r.squares / r.samples, 1e-300) for r in (channel, *rest)])
     if len(rest) < 2:
         return True

@@ -92,8 +92,8 @@ class HeldOut:
         self, blocks: FittedBlocks, shape: Shape, records: Sequence[FitRecord], rest: Sequence[bool], unseen: int = 0,
         backend: str = "auto",
     ) -> None:  # fmt: skip
-        """Make the folds: the last `unseen` runs of `records` are held out. If `unseen` is 0, parts of all runs are
-        held out.
+        """Make the folds: the last `unseen` runs of `records` are held out. If `unseen` is 0, each
+        fold holds out other blocks, or other whole runs if there are FOLDS runs or more.
 
         `rest` marks the runs that begin at rest. The caller sets the bounds of θ, `low` and `high`.
         """
@@ -259,7 +259,7 @@ def pieces_of(runs: Sequence[Run], command: int) -> float:
 
 
 def _lasts(run: Run) -> float:
-    """Return the length of all ticks of the run [s], including the first one."""
+    """Return the duration of all ticks of the run [s], including the first tick."""
     return run.duration_s * len(run.t_ns) / max(1, len(run.t_ns) - 1)
 
 

@@ -3,8 +3,8 @@
     M ← the least model of the kind                                         terms.py                      (1)
     forward: fit M with each of n more terms; its held-out error must be significantly lower than the error
              of M, t > t_{1 − α/n}. The first term not worse than the best, t ≤ t_{1 − α}, joins M        (2)
-    until none is good; then backward: a term stays if M without it is worse, t > t_{1 − α}               (3);
-    if one was dropped, forward once more without it
+    until no term is good; then backward: a term stays if M without it is worse, t > t_{1 − α}            (3);
+    if a term was dropped, forward and backward again without it
 
 held_out.py defines error, folds and t; α = 5 %. A term at its bound, or collinear with M, is refused.
 """
@@ -106,9 +106,9 @@ def choose(
 ) -> Choice:
     """Return the model of the kind of `vehicle_file` with the terms that the runs support, and its fit.
 
-    `candidates` are names of terms (terms.py) or paths; default: all terms of the kind. `free`, `use` and `options`
-    (in TAKEN) are as in `identify`. Runs `held_out` decide the terms. Raise UsageError for an unknown name, for
-    other options, or without a command.
+    `candidates` are names of terms (terms.py) or paths; default: all terms of the kind. `free` and `use` are as
+    in `identify`; so are the `options` fixed, bounds, at_rest and backend. If given, the runs `held_out` decide the
+    terms. Raise UsageError for an unknown name, for other options, or without a command.
     """
     option_names = [name for name in options.non_defaults if name not in TAKEN]
     if option_names:
@@ -262,7 +262,7 @@ class _Growing:
         return Model(terms, end.solution.theta, end.sigma, self._score(end.solution.theta, free, end.sigma))
 
     def forward(self, model: Model, last: dict[str, TermResult], barred: set[str]) -> Model:
-        """Return the model after adding all terms that improve it significantly, one after the other.  (2)"""
+        """Add a term per round until none improves the model significantly; exclude the `barred` terms.  (2)"""
         while True:
             have = {path for term in model.terms for path in term.paths}
             open_ = [t for t in self.terms if t.name not in barred and not have.intersection(t.paths)]
@@ -317,7 +317,7 @@ class _Growing:
         return end
 
     def superfluous(self, model: Model, last: dict[str, TermResult]) -> TermTrial | None:
-        """Return the trial of the least needed term if the model does not need it, else None.  (3)"""
+        """Return the trial of the least needed of several terms if the model does not need it, else None.  (3)"""
         weakest: TermTrial | None = None
         for term in model.terms if len(model.terms) > 1 else ():
             self.progress(_("testing if {term} is still needed", term=term.name))
@@ -340,7 +340,7 @@ class _Growing:
     def _exclusion(
         self, term: Term, theta: np.ndarray, bound: np.ndarray, A: np.ndarray, free: np.ndarray
     ) -> tuple[Decision, Diagnostic] | None:
-        """Return the decision (left out or refused) and the reason if a term is excluded, else None."""
+        """Return the decision (LEFT_OUT or REFUSED) and its reason if a term is excluded, else None."""
         at = self._at(term)
         neutral = np.abs(theta[at] - self.first[at]) <= self.small[at]
         if neutral.all():

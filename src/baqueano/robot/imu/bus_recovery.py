@@ -1,4 +1,4 @@
-"""Free an I2C bus: a chip that was cut off in the middle of a byte holds SDA low until it gets its missing clocks.
+"""Free an I2C bus: a chip that was cut off in the middle of a byte holds SDA low until it receives the missing clocks.
 
     at most nine times, until SDA is high:  SCL low, SCL released, with SDA released                    (1)
     STOP:  SCL low, SDA low, SCL released, SDA released                                                 (2)
@@ -66,7 +66,7 @@ class Recovery:
 
     @property
     def running(self) -> bool:
-        """Return True while the pins are not in I2C mode: no transfer may begin."""
+        """Return True while a recovery runs: the pins may then not be in I2C mode, and no transfer may begin."""
         return self._thread is not None and self._thread.is_alive()
 
     def begin(self, now_ns: int) -> None:
@@ -122,7 +122,7 @@ def recover(path: str) -> RecoveryOutcome:
         return RecoveryOutcome(False, error.diagnostic)
 
 
-def recoverable(path: str, model: Path) -> tuple[str, str, str]:
+def check_bus_recovery(path: str, model: Path) -> tuple[str, str, str]:
     """Check if this machine could clock the bus at `path` free; the file `model` contains the name of the machine.
 
     Return a verdict, a figure and a remedy as in doctor.py.

@@ -131,10 +131,10 @@ class Mpu6050:
         return self._watch.take()
 
     def free_bus(self) -> RecoveryOutcome | None:
-        """Begin to clock a stuck bus free in a second thread, and return the outcome of the last attempt, once.
+        """Begin a recovery if the bus is stuck and data are missing. Return the last outcome once.
 
-        The vehicle must be at rest. During the recovery `read` returns an empty list; afterwards `read` starts the
-        chip.
+        The vehicle must be at rest. A second thread makes the recovery: `read` then returns an empty list, and
+        afterwards starts the chip.
         """
         if self.silent and self.bus_stuck:
             self._recovery.begin(self._now_ns())

@@ -29,7 +29,7 @@ class ComputerHealth:
         self._looked_ns, self._low_since_ns = -(1 << 62), -1
 
     def before(self, world: "Robot") -> Diagnostic | None:
-        """Return the reason against a drive, also a full disk; None if a drive may begin."""
+        """Return the reason why a drive may not begin, such as a full disk; None if it may begin."""
         free_mb = shutil.disk_usage(self._folder).free / 1e6
         if free_mb < self.limits.least_disk_mb:
             return stop(StopReason.DISK_FULL, free_mb=free_mb, least_disk_mb=self.limits.least_disk_mb)

@@ -1,6 +1,6 @@
 """Keep a file while a mission is driven: if a service finds it at its start, the previous service ended in a drive.
 
-A block can end the process of the service by os._exit or by a crash in C. It can also swallow every alarm in a loop,
+A block can end the process of the service by os._exit or by a crash in C. It can also catch every alarm in a loop,
 until systemd's watchdog ends the process. Then the process can no longer report the cause. The firmware's dead man
 stops the motors, systemd starts the service again, and the new service reads from this file which mission was driven.
 Python also writes a traceback into the file if the process ends by a signal that permits a traceback (a crash, the

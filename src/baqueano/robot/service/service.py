@@ -289,7 +289,7 @@ class Service:
         self.broadcast({"is": "event", "level": level, "said": message})
 
     def _not_ready(self) -> Diagnostic | None:
-        """Return the reason against a drive; None if a drive may begin."""
+        """Return the reason why a drive may not begin; None if it may begin."""
         if self.uno.info is None:
             return stop(StopReason.UNO_ABSENT)
         if self._no_imu is not None:

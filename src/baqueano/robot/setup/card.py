@@ -10,8 +10,8 @@ The user logs in only by key, without a password; sudo does not request a passwo
 opens, its address is 10.42.0.1. Campus networks separate their clients, so that a laptop does not reach the robot. Use
 the robot's network, which serves about four clients, or a router of the class.
 
-Neither was tested on a real card: the script was run in a folder that represents the Pi. Raspberry Pi Imager starts its
-script by (1), and cloud-init by (2).
+(1) and (2) were not tested on a real card: the script was run in a folder that represents the Pi. Raspberry Pi Imager
+starts its script by (1), and cloud-init by (2).
 """
 
 import re
@@ -61,9 +61,9 @@ def new_password() -> str:
 
 
 def boot_partition(folder: Path | None) -> Path:
-    """Return the mounted boot partition: `folder`, or the only one found.
+    """Return the mounted boot partition: `folder`, or the only boot partition found if `folder` is None.
 
-    Raise FileError if it is not a boot partition.
+    Raise FileError if `folder` is not a boot partition, or if the search does not find exactly one.
     """
     if folder is None:
         partitions = [path for label in LABELS for path in Path("/").glob(label.lstrip("/"))]

@@ -1,6 +1,6 @@
 """Represent a Raspberry Pi below its root, the record of its former state, and a change that can be undone.
 
-It uses only the standard library: for the vehicle, install.py puts this text before the text of steps.py.
+This module uses only the standard library: for the vehicle, install.py puts this text before the text of steps.py.
 """
 
 import json

@@ -1,6 +1,6 @@
 """Define the changes that make a Raspberry Pi a vehicle, step by step, and how to undo each change.
 
-It uses only the standard library: `baqueano robot setup` sends this file, behind machine.py, and the system's
+This module uses only the standard library: `baqueano robot setup` sends it, behind machine.py, and the system's
 python3 runs it as root.
 
     python3 steps.py plan|do|undo --bundle FOLDER --user NAME [--root /] [--now SECONDS]

@@ -4,7 +4,7 @@ COBS    replaces each zero by the distance to the next zero. A zero then only me
         a body of n < 254 bytes becomes n + 1 bytes
 lead    a zero is also sent before each frame. Noise before it then does not damage the frame
 loss    a damaged body passes the CRC with probability 2⁻¹⁶. It must also have a known kind, the right
-        length, and, towards the motors, the nonce, a newer sequence and numbers in range
+        length, and, towards the Uno, the nonce, a newer sequence and numbers in range
 """
 
 from binascii import crc_hqx

@@ -306,7 +306,7 @@ def flat(frame: tuple[Any, ...]) -> list[int]:
 
 
 def unflatten(layout: type[Any], numbers: list[int]) -> Any:
-    """Return the frame built from flattened numbers, the inverse of `flat`; remove these from the front of the list."""
+    """Return the frame built from flattened numbers, the inverse of `flat`. Remove the used numbers from the list."""
     values: list[Any] = []
     for hint in get_type_hints(layout, include_extras=True).values():
         code, *more = hint.__metadata__

@@ -167,7 +167,7 @@ class Uno:
         return [self._telemetry.popleft() for _ in range(len(self._telemetry))]
 
     def stood_still(self) -> Diagnostic | None:
-        """Disarm after a standstill of the computer, and return it as the reason to stop; None without a standstill."""
+        """Disarm after a standstill of the computer, and return the reason to stop; None without a standstill."""
         config = Config() if self.info is None else self.info.config
         if self._armed and (reason := self._standstill.look(config.dead_man_ms)):
             with self._lock:
@@ -249,7 +249,7 @@ class Uno:
         return self.request(config, Info, wait, lambda info: info.config == config)
 
     def send_config(self, config: Config) -> None:
-        """Send `config` once without waiting; `info` contains it later if it arrived."""
+        """Send `config` once without waiting. If it arrives, a later INFO contains it (`info.config`)."""
         self._send(config)
 
     def settings(self, wait: Callable[[float], object] = time.sleep) -> Settings:

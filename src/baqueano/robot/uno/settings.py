@@ -201,7 +201,7 @@ def _at_rest(uno: "Uno", wait: Wait) -> None:
 
 
 def watch(uno: "Uno", seconds: float, notify: Callable[[str], object], wait: Wait = time.sleep) -> None:
-    """Report battery, encoder counts and marks through `notify`, each time that a count changes, for this time [s]."""
+    """Report battery, encoder counts and marks by `notify` when the counts or marks change, for `seconds` [s]."""
     before = None
     for _look in range(round(seconds / LOOK_S)):
         wait(LOOK_S)

@@ -198,7 +198,7 @@ def calibrate(watched: ImuReader, notify: Notify) -> MountedImu:
 def _is_turned(reader: ImuReader, before: np.ndarray, up: np.ndarray) -> bool:
     """Return True if the vehicle was turned to the left. Raise AnswerNo if it was turned to the right.  (3)
 
-    Turns up to 90° do not count.
+    Turns of at most 90° in either direction do not count.
     """
     turn = float(up @ (reader.turned - before))
     if turn < -LEAST_TURN_RAD:

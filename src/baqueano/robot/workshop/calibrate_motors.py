@@ -2,7 +2,7 @@
 
     ramp      only one motor, until the vehicle turns: the sign of ω shows its side or its plug             (1)
     push      both, so that the turns cancel: ∫ a dt shows ahead or back, and so side or plug               (2)
-    sweep     the other motor keeps it turning; this one steps down from far above its ramp:
+    sweep     the other motor keeps the vehicle turning; this one steps down from far above its ramp:
               d = d₀ + a Δω + b Δω²,   with Δω its share of the turn                                        (3)
     store     duty = d₀ + s r,  s = c/k, k = Δω/(d − d₀) at the top of the sweep, c = min (1 − d₀) k        (4)
     straight  both at r = 0.5: the remaining turn is ω = c r ε; each slope is corrected by half of ε, once  (5)
@@ -151,7 +151,7 @@ def wiring_text(wiring: int) -> str:
 
 
 def calibrate(floor: "FloorTests", notify: Notify = lambda text: None) -> Motors:
-    """Find and store the settings of both motors, and keep all other settings. The vehicle turns and drives 0.5 m.
+    """Find and store the settings of both motors; keep other settings. The vehicle turns, and drives to and fro 0.5 m.
 
     Raise AnswerNo if a motor does not turn the vehicle, or if the measurements do not allow a result. After any error
     the former settings are stored again, also in an Uno that is stopped; `notify` reports if the Uno accepted them.
@@ -304,8 +304,8 @@ def _sweep(
 def fit_sweep(started: float, duties: np.ndarray, added: np.ndarray, name: str) -> Sweep:
     """Return the fit (3) of `duties` (n,) to `added` (n,), the Δω of each duty [rad/s].
 
-    Only points with at least a fifth of the largest Δω are used. Raise AnswerNo if fewer than four such points exist,
-    or if the dead zone is above 0.7.
+    Only points with Δω over 0.1 rad/s and over a fifth of the largest Δω are used. Raise AnswerNo for fewer than four
+    such points, or for a dead zone above 0.7.
     """
     runs = added > max(0.2 * added.max(), 0.1)
     if runs.sum() < 4:

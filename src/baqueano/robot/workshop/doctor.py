@@ -16,7 +16,7 @@ from baqueano.errors import BaqueanoError
 from baqueano.language import mark as N_
 from baqueano.language import number
 from baqueano.language import translate as _
-from baqueano.robot.imu.bus_recovery import recoverable
+from baqueano.robot.imu.bus_recovery import check_bus_recovery
 from baqueano.robot.workshop.checks import Check, Report
 from baqueano.robot.workshop.uno_checks import uno
 
@@ -53,7 +53,9 @@ def examine(
         lambda: uno(hardware.port, hardware.least_battery_v),
         lambda: imu(hardware, root),
         lambda: [
-            Check(N_("IMU bus recovery"), *recoverable(f"/dev/i2c-{hardware.imu_bus:.0f}", root / MODEL))
+            Check(
+                N_("IMU bus recovery"), *check_bus_recovery(f"/dev/i2c-{hardware.imu_bus:.0f}", root / MODEL)
+            )
         ],
         lambda: groups(root),
         lambda: power(root),
@@ -185,7 +187,7 @@ def self_test_check(chip: Any, wait: Callable[[float], object]) -> Check:
 
 
 def noise(samples: "list[Sample]") -> Iterator[Check]:
-    """Yield the checks of the IMU's scatter at rest, and, if it is wrong, of the magnitude of gravity."""
+    """Yield the check of the IMU's scatter at rest; and if the measured gravity is wrong by over 10 %, that check."""
     import numpy as np
 
     from baqueano.robot.workshop.floor_tests import STILL_M_S2, STILL_RAD_S
@@ -218,7 +220,7 @@ def noise(samples: "list[Sample]") -> Iterator[Check]:
 
 
 def groups(root: Path) -> Iterator[Check]:
-    """Yield a check for each group: does this user belong to it, and so may open its devices?"""
+    """Yield a check for each group that may open devices of the vehicle: is this user a member?"""
     names: dict[int, str] = {}
     with suppress(OSError):
         for line in (root / "etc/group").read_text(encoding="utf-8").splitlines():

@@ -15,7 +15,7 @@ from baqueano.door.states import DoorState
 from baqueano.errors import INTERRUPTED, AnswerNo, RobotUnreachable, UsageError, of_code
 from baqueano.language import VARIABLE, current
 from baqueano.language import translate as _
-from baqueano.printable import words
+from baqueano.printable import baqueano_command, words
 from baqueano.robot import SERVICE
 from baqueano.robot.uno.serial_port import open_uno
 from baqueano.robot.workshop.floor_tests import FloorTests
@@ -81,7 +81,7 @@ def open_hardware(
 def _not_driving() -> None:
     """Raise AnswerNo if the service drives.
 
-    A service that does not answer either does not drive or is ended by its watchdog.
+    A service that does not answer is not driving, or its watchdog will end it.
     """
     from baqueano.door.remote import connect
 
@@ -107,7 +107,7 @@ def rows_from_host(host: str, *verb: str) -> list["TableRow"]:
     if code == INTERRUPTED:
         raise KeyboardInterrupt
     cause = {
-        127: fault("ssh.no-baqueano", f"baqueano robot setup {host}", host=host),
+        127: fault("ssh.no-baqueano", baqueano_command("robot", "setup", host), host=host),
         255: fault("ssh.not-reached", f"ssh {host}", host=host),
     }.get(code, fault("ssh.ended", host=host, verb=" ".join(verb)))
     raise of_code(code, cause, otherwise=RobotUnreachable)

@@ -152,12 +152,12 @@ class MessageLayout:
 
 
 def command_layout(size: int, frame: str = "base_link") -> MessageLayout:
-    """Return the layout of baqueano_msgs/msg/Command; pack(t_ns, size, *u)."""
+    """Return the layout of baqueano_msgs/msg/Command; its messages are packed by pack(t_ns, size, *u)."""
     return MessageLayout(frame, (MessageField("u", "sequence", size),))
 
 
 def measurement_layout(size: int, frame: str) -> MessageLayout:
-    """Return the layout of baqueano_msgs/msg/Measurement; pack(t_ns, size, *z)."""
+    """Return the layout of baqueano_msgs/msg/Measurement; its messages are packed by pack(t_ns, size, *z)."""
     return MessageLayout(frame, (MessageField("z", "sequence", size),))
 
 
@@ -182,7 +182,9 @@ def imu_z(fields: dict[str, np.ndarray]) -> np.ndarray:
 
 
 def estimate_layout(size: int | None, with_cov: bool = True, frame: str = "map") -> MessageLayout:
-    """Return the layout of baqueano_msgs/msg/Estimate with an innovation of `size`; None: not reported."""
+    """Return the layout of baqueano_msgs/msg/Estimate with innovations of `size` entries; without innovations if `size`
+    is None.
+    """
     m = size or 0
     head = MessageField("eta", "array", 3), MessageField("nu", "array", 3), MessageField("cov", "array", 36)
     tail = (
@@ -193,7 +195,7 @@ def estimate_layout(size: int | None, with_cov: bool = True, frame: str = "map")
 
 
 def reference_layout(frame: str = "map") -> MessageLayout:
-    """Return the layout of baqueano_msgs/msg/Reference; pack(t_ns, *eta, *nu, done)."""
+    """Return the layout of baqueano_msgs/msg/Reference; its messages are packed by pack(t_ns, *eta, *nu, done)."""
     return MessageLayout(
         frame,
         (MessageField("eta", "array", 3), MessageField("nu", "array", 3), MessageField("done", "array", 1)),
@@ -201,12 +203,14 @@ def reference_layout(frame: str = "map") -> MessageLayout:
 
 
 def motion_layout(frame: str = "map") -> MessageLayout:
-    """Return the layout of baqueano_msgs/msg/Motion; pack(t_ns, *eta, *nu, *nu_dot)."""
+    """Return the layout of baqueano_msgs/msg/Motion; its messages are packed by pack(t_ns, *eta, *nu, *nu_dot)."""
     return MessageLayout(frame, tuple(MessageField(name, "array", 3) for name in ("eta", "nu", "nu_dot")))
 
 
 def pose_layout(frame: str = "map") -> MessageLayout:
-    """Return the layout of geometry_msgs/msg/PoseStamped, only for viewers; pack(t_ns, *pose_values(eta))."""
+    """Return the layout of geometry_msgs/msg/PoseStamped, only for viewers; pack(t_ns, *pose_values(eta)) packs a
+    message.
+    """
     return MessageLayout(
         frame, (MessageField("position", "array", 3), MessageField("orientation", "array", 4))
     )

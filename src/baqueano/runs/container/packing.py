@@ -27,7 +27,9 @@ class Packing:
         self.file, self.put = file, put
 
     def command(self, which: str, t_ns: int, u: object) -> None:
-        """Pack the command `u` (n,): "applied" in the interval that ends at `t_ns`, "requested" or "sent" at `t_ns`."""
+        """Pack the command `u` (n,). An "applied" command was in force in the interval that ends at `t_ns`; a
+        "requested" or "sent" command belongs to the time `t_ns`.
+        """
         values = np.asarray(u, dtype=float).tolist()
         topic = self.file.command(which, len(values))
         self.put(topic.id, t_ns, topic.pack(t_ns, len(values), *values), t_ns, False)

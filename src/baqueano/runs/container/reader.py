@@ -286,7 +286,7 @@ class _RunAssembly:
         return t_ns, fields
 
     def read(self, topic: str, values: str, layout: Any) -> Channel | None:
-        """Return the first channel of a topic, in order of arrival; None if the file does not have the topic."""
+        """Return the first channel of a topic, in order of arrival. Return None if the file does not have the topic."""
         if topic not in self.topics:
             return None
         channel, key = self.topics[topic][0]
@@ -299,8 +299,8 @@ class _RunAssembly:
     def unpack(
         self, topic: str, layout: messages.MessageLayout, key: int
     ) -> tuple[np.ndarray, np.ndarray, dict[str, np.ndarray]]:
-        """Return times and arrival times (N,) [ns] of a channel's messages, and their fields.
-        Remove them from the contents.
+        """Return times and arrival times (N,) [ns] of a channel's messages, and their fields. Removes the messages from
+        `contents`.
         """
         messages_of_key = self.contents.messages.pop(key, NOTHING)
         try:
@@ -345,7 +345,7 @@ def _warning(code: str, **figures: Any) -> Diagnostic:
 
 
 def _join_causes(causes: list[Diagnostic | str]) -> Diagnostic | str | None:
-    """Return several causes joined into one, or None for an empty list."""
+    """Return one cause that joins all `causes`; None for an empty list."""
     first = causes[0] if causes else None
     for then in causes[1:]:
         first = note("run.and", first=first, then=then)
@@ -375,7 +375,9 @@ def _concatenate(pieces: list[Any], kind: Any) -> Any:
 
 
 def _in_place(parts: tuple[Any, ...], place: np.ndarray) -> np.ndarray | None:
-    """Return the joined column with each row in its place. It is copied only once, because it may be large."""
+    """Return the columns `parts` joined into one, with row k moved to position place[k]. The data are copied only once,
+    because they may be large.
+    """
     if parts[0] is None:
         return None
     column, at = np.empty((len(place), *parts[0].shape[1:]), dtype=parts[0].dtype), 0

@@ -378,8 +378,7 @@ def _check_size(compression: str, payload: memoryview, size: int) -> None:
 
 
 def decompress(compression: str, packed: memoryview, size: int) -> bytes | memoryview:
-    """Return the unpacked data, but at most `size` + 1 bytes: one byte more than `size` shows that they are
-    too long."""
+    """Return the unpacked data, at most `size` + 1 bytes: the extra byte shows that they are longer than `size`."""
     if compression == "":
         return packed
     if compression == "zstd":

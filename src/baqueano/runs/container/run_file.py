@@ -179,7 +179,9 @@ def _open(path: Path) -> Any:
 
 
 def _sync_folder(folder: Path) -> None:
-    """Sync the folder, so that the name of a new file survives a power cut; not every system can do this."""
+    """Write the folder to the disk, so that the name of a new file survives a power cut; do nothing on a system without
+    this.
+    """
     try:
         handle = os.open(folder, os.O_RDONLY)
     except OSError:

@@ -195,7 +195,7 @@ class RunWriter:
             self.failure = error
 
     def _move(self) -> None:
-        """Move the queue to the open chunk."""
+        """Move all messages from the queue to the open chunk."""
         queue, add = self._queue, self._file.add
         for _ in range(len(queue)):
             add(*queue.popleft())

@@ -1,9 +1,10 @@
 """Compare sensors and commands with the motion by other sensors, each by a signal map (signal_map.py).
 
-    (ω_z), (v)              of (ω), (v) by the truth                            scale within 1.25          (1)
-    (v_r − v_l)             of (ω) by the truth, or by the gyro                 track of 0.03 to 5 m       (2)
-    (a_x, a_y)              of (v̇, v ω)                                         scale within 2.5           (3)
-    (ω)                     of (u_steering v, u_throttle v)                     any scale                  (4)
+    measured       compared with                         accepted
+    (ω_z), (v)     (ω), (v) of the truth                 scale within 1.25                                 (1)
+    (v_r − v_l)    (ω) of the truth, else of the gyro    track of 0.03 to 5 m                              (2)
+    (a_x, a_y)     (v̇, v ω)                              scale within 2.5                                  (3)
+    (ω)            (u_steering v, u_throttle v)          any scale                                         (4)
 
 (3) depends on the units of v and, without a truth, of the gyro. Gyro and wheels may turn in opposite directions. If (3)
 then also contradicts the gyro, the gyro is inverted. Otherwise swapped wheels and an IMU upside down look the same.
@@ -59,7 +60,9 @@ def by_motion(run: Run, m: "ColumnMap") -> list[Doubt]:
 
 
 def _doubt(hypothesis: Hypothesis, entry: "Entry", code: str, otherwise: Diagnostic) -> Doubt:
-    """Return an error that contradicts the map, with the map's new line: `otherwise` if the unit is not known."""
+    """Return an error that contradicts the map, with the corrected line for the map; `otherwise` if the correct unit is
+    unknown.
+    """
     line = hypothesis.meaning or otherwise
     if hypothesis.code == "inverted":
         scale_note = note("recording.write-scale", scale=f"{-entry.scale:g}")
@@ -113,8 +116,8 @@ def _by_truth(
 def _late(
     motion: LoggedMotion, entry: "Entry", z: np.ndarray, true_of: Truth
 ) -> tuple[np.ndarray, list[Doubt]]:
-    """Return the truth (W,), shifted in time to agree best with the sensor. Also return a doubt if the shift halves the
-    variance of the residual. The reason is that a clock offset makes the estimated slope too small.
+    """Return the truth (W,), shifted in time to agree best with the sensor, because a clock offset makes the estimated
+    slope too small. Also return a doubt if the shift is at least APART_S and halves the variance of the residual.
     """
     lags = np.linspace(-CLOCK_S, CLOCK_S, 51)
     relations = [relation(z, true_of(float(lag))) for lag in lags]

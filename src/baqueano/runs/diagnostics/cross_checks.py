@@ -69,7 +69,9 @@ def look(run: Run, m: "ColumnMap") -> list[Doubt]:
 
 
 def _channel_doubts(key: str, t_ns: np.ndarray, z: np.ndarray, slow: bool = False) -> Iterator[Doubt]:
-    """Yield the doubts about constant or held values of one signal. A `slow` signal may repeat its values."""
+    """Yield the doubts about one signal whose value never changes, or is repeated. A `slow` signal may repeat its
+    values.
+    """
     z = z[:, np.isfinite(z).any(axis=0)]
     if len(z) < 10 or not z.shape[1]:
         return

@@ -22,8 +22,8 @@ class Repeats(NamedTuple):
 
 
 def are_held(lasting: np.ndarray) -> bool:
-    """Return True if enough of the values repeat, as with a driver that is too fast.
-    `lasting` (K,) counts their readings.
+    """Return True if so many values repeat that the driver must be reading too fast. `lasting` (K,) is the number of
+    readings for which each value lasts.
     """
     return len(lasting) >= ENOUGH and bool(np.mean(lasting > 1) > HELD)
 

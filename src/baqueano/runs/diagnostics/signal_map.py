@@ -54,7 +54,9 @@ class MappedChannel(NamedTuple):
 
 
 class Hypothesis(NamedTuple):
-    """A row of S = signed permutation × unit ratio, as the data of one channel support it."""
+    """The prediction, the sign and the unit ratio that best explain one channel: a row of S = signed permutation ×
+    ratio.
+    """
 
     code: str  # "": as the map reads it, "swapped", "inverted", "unit", "scale" (of no known unit)
     of: int  # index of the prediction that the channel shows
@@ -134,7 +136,9 @@ def _hypothesis(of: int, r: Relation, channel: MappedChannel, worth: float) -> H
 
 
 def _swap(of: Sequence[Sequence[Relation]], i: int, j: int, worth: float) -> float:
-    """Return the gain of log L if i and j swap predictions. Return 0 if it is small or if an own prediction fits."""
+    """Return the gain of log L if the channels i and j swap their predictions. Return 0 if the gain is small, or if one
+    of the two channels fits its own prediction.
+    """
     pairs = [(of[a][a], of[a][b]) for a, b in _pairs(of, i, j)]
     gain = sum(candidate.n * (candidate.gain - own.gain) for own, candidate in pairs)
     clear = sum(candidate.gain - own.gain for own, candidate in pairs) > worth and gain > MARGIN

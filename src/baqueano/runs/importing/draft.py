@@ -93,7 +93,7 @@ def _take(free_columns: list[str], pattern: str) -> str:
 
 
 def _unit(name: str, measures: str) -> str:
-    """Return the unit at the end of a name, or UNKNOWN if none of this quantity is there."""
+    """Return the unit at the end of a column's name; UNKNOWN if the name does not end with a unit of this quantity."""
     words = _plain(name).split("_")
     for ending in ("_".join(words[-2:]), words[-1]):
         unit_ = unit(SPELT.get(ending, ""))

@@ -175,7 +175,9 @@ def _plain(label: str) -> str:
 
 
 def _within(source: Source, t_ns: np.ndarray) -> Source:
-    """Return the rows within the time of a part, and the row before them."""
+    """Return the rows of `source` between the first and the last tick of a part, `t_ns`, and the last row before
+    them.
+    """
     if len(t_ns) < 2:
         return source
     step = int(np.median(np.diff(t_ns)))
@@ -310,7 +312,7 @@ def _table(m: ColumnMap, spec: FileSpec, path: Path, doubts: list[Doubt]) -> Log
 
 
 def _source(m: ColumnMap, spec: FileSpec, table: LogTable, doubts: list[Doubt]) -> Source:
-    """Return the rows with a known, increasing time, but only those that are a new measurement."""
+    """Return the rows with a known, increasing time; with `new_when`, only those of a new measurement."""
     t_ns, valid = times(table, spec, m.start_ns, m.path.name)
     if not valid.any():
         raise FileError(fault("import.no-time", table=table.label, column=spec.time))

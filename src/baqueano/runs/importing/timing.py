@@ -95,7 +95,7 @@ def _dates(table: LogTable, spec: "FileSpec") -> np.ndarray:
 
 
 def _ns_of(date: str) -> int:
-    """Return the ns since 1970 of an iso8601 date; a date without a time zone is in UTC."""
+    """Return the ns since 1970 of an ISO 8601 date; a date without a time zone is in UTC."""
     zone, ahead_min = _ZONE.search(date), 0
     if zone is not None:
         date = date[: zone.start(1)]

@@ -43,8 +43,8 @@ def maps_folder() -> Path:
 
 
 def data_folders() -> list[Path]:
-    """Return the folders of recordings: BAQUEANO_DATA, else
-    ../shared/data next to the current folder or the repository.
+    """Return the folders to search for recordings: BAQUEANO_DATA if it is set, else ../shared/data next to the current
+    folder or the repository.
     """
     from_environment = os.environ.get("BAQUEANO_DATA")
     if from_environment:

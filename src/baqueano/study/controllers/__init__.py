@@ -30,8 +30,8 @@ def controllers(
     seeds: int = 100, first: int = 0, processes: int = 1, backend: str = "auto", user_blocks: "Sequence[OwnBlock]" = (),
     kinds: Sequence[str] = KINDS, starts: int = STARTS, advance: Callable[[int], None] = lambda k: None,
 ) -> Controllers:  # fmt: skip
-    """Return the drives of robots `first` … `first + seeds − 1`. `own` are further controllers ("file.py:Class" or a
-    class).
+    """Return the drives of robots `first` … `first + seeds − 1`. `user_blocks` are further controllers
+    ("file.py:Class" or a class).
     The gains of each controller are tuned by `starts` descents. `advance` receives the number of robots just finished.
     """
     contestants: list[Contestant] = []

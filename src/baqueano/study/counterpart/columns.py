@@ -16,7 +16,7 @@ def column(values: np.ndarray, k: int) -> np.ndarray:
 
 
 def add(changed: dict[str, np.ndarray], owner: object, place: tuple[str, int], by: np.ndarray) -> None:
-    """Add `by` (n,) to the field and column `at` of `owner`. `changed` collects the changed fields, by name."""
+    """Add `by` (n,) to the field and column `place` of `owner`. `changed` collects the changed fields by name."""
     name, k = place
     changed.setdefault(name, getattr(owner, name).copy())
     changed[name][... if k == WHOLE else (slice(None), k)] += by

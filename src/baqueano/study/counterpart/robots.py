@@ -43,7 +43,7 @@ ENTRIES = ("00", "02", "10", "12", "20", "22")
 
 
 def robot_values(robots: Robots) -> dict[str, np.ndarray]:
-    """Return the true value (n,) of each parameter that a fit of `robot_file` can have."""
+    """Return the true value (n,) of each parameter that a fit of `robot_file` can estimate."""
     out = {path: column(getattr(robots, name), k) for path, (name, k) in OF_ROBOT.items()}
     out |= {path: column(getattr(robots.imu, name), k) for path, (name, k) in OF_IMU.items()}
     force = robots.gain * robots.stall_n[:, None]

@@ -45,7 +45,7 @@ def accelerometer_in_g(run: Run, file: VehicleFile, rng: np.random.Generator) ->
 
 
 def time_in_milliseconds(run: Run, file: VehicleFile, rng: np.random.Generator) -> Run:
-    """Make all clocks run 1000 times as fast; the run is returned without its truth."""
+    """Make all clocks run 1000 times as fast, and remove the truth."""
 
     def late(t_ns: np.ndarray) -> np.ndarray:
         return run.t_ns[0] + 1000 * (t_ns - run.t_ns[0])
@@ -96,12 +96,12 @@ def repeated_time(run: Run, file: VehicleFile, rng: np.random.Generator) -> Run:
 
 
 def time_jumps_a_day(run: Run, file: VehicleFile, rng: np.random.Generator) -> Run:
-    """Let all clocks jump ahead by a day during the drive."""
+    """Let all clocks jump ahead by a day during the drive, and remove the truth."""
     return _time_jump(run, 86_400 * NANOSECONDS, rng)
 
 
 def time_jumps_seconds(run: Run, file: VehicleFile, rng: np.random.Generator) -> Run:
-    """Let all clocks jump ahead by 2 to 60 s during the drive."""
+    """Let all clocks jump ahead by 2 to 60 s during the drive, and remove the truth."""
     return _time_jump(run, round(rng.uniform(2.0, 60.0) * NANOSECONDS), rng)
 
 

@@ -285,8 +285,8 @@ class Faults:
 
     @property
     def verdict(self) -> Verdict:
-        """Return USABLE if undamaged runs were fitted, at most 2 % of them are REFUSED, and no wrong fit is USABLE or
-        crashed.
+        """Return USABLE if undamaged runs were fitted and at most 2 % of them are REFUSED. Also, no fit may crash, and
+        no wrong fit may be USABLE.
         Else return REFUSED.
         """
         return Verdict.REFUSED if self.reasons else Verdict.USABLE

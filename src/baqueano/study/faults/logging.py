@@ -30,7 +30,7 @@ def clock_drifts_much(run: Run, file: VehicleFile, rng: np.random.Generator) -> 
 
 
 def mount_turns(run: Run, file: VehicleFile, rng: np.random.Generator) -> Run:
-    """Turn the IMU about z by 10 to 40° during the drive."""
+    """Turn the accelerometer axes about z by 10 to 40° from a random time of the drive on."""
     z, angle = run.sensors["imu"].z.copy(), np.radians(rng.uniform(10.0, 40.0)) * rng.choice([-1.0, 1.0])
     after = slice(int(rng.uniform(0.3, 0.7) * len(z)), None)
     z[after, :2] = z[after, :2] @ _rotation(angle)
@@ -62,7 +62,7 @@ def gyro_zeroes_itself(run: Run, file: VehicleFile, rng: np.random.Generator) ->
 
 
 def sign_lost(run: Run, file: VehicleFile, rng: np.random.Generator) -> Run:
-    """Replace a command or a channel of the IMU by its magnitude in the second half of the run."""
+    """Replace the first command or an IMU channel by its magnitude in the second half of the run."""
     half = slice(len(run.t_ns) // 2, None)
     if rng.random() < 0.5:
         u = run.applied.copy()
@@ -74,7 +74,7 @@ def sign_lost(run: Run, file: VehicleFile, rng: np.random.Generator) -> Run:
 
 
 def epoch_in_milliseconds(run: Run, file: VehicleFile, rng: np.random.Generator) -> Run:
-    """Replace the timestamps by milliseconds since 1970, which a reader then takes for nanoseconds."""
+    """Replace the timestamps by milliseconds since 1970, which a reader takes for nanoseconds, and remove the truth."""
 
     def in_milliseconds(t_ns: np.ndarray) -> np.ndarray:
         return EPOCH_MS + t_ns // 1_000_000
@@ -87,7 +87,7 @@ def epoch_in_milliseconds(run: Run, file: VehicleFile, rng: np.random.Generator)
 
 
 def half_duplicated(run: Run, file: VehicleFile, rng: np.random.Generator) -> Run:
-    """Replace the second half of the run by a copy of the first half."""
+    """Replace the second half of the run by a copy of the first half, and remove the truth."""
     half = len(run.t_ns) // 2
     twice = np.concatenate([np.arange(half), np.arange(len(run.t_ns) - half)])
     sensors = {name: c._replace(z=c.z[twice]) for name, c in run.sensors.items()}
@@ -104,7 +104,7 @@ def two_imus(run: Run, file: VehicleFile, rng: np.random.Generator) -> Run:
 
 
 def ten_hertz(run: Run, file: VehicleFile, rng: np.random.Generator) -> Run:
-    """Keep only the samples that a logger of 10 Hz would keep."""
+    """Keep only the samples that a logger of 10 Hz would keep, and remove the truth."""
     every = max(1, round(file.rate_hz / 10.0))
     k = np.arange(every - 1, len(run.t_ns), every)
     sensors = {n: Channel(c.t_ns[k], c.arrival_ns[k], c.z[k]) for n, c in run.sensors.items()}
@@ -112,7 +112,7 @@ def ten_hertz(run: Run, file: VehicleFile, rng: np.random.Generator) -> Run:
 
 
 def kilohertz_with_repeats(run: Run, file: VehicleFile, rng: np.random.Generator) -> Run:
-    """Log the first 10 s at 1 kHz, with repeats of the latest command and reading."""
+    """Log the first 10 s at 1 kHz, with repeats of the latest command and reading; remove the truth."""
     times, first = max(1, round(1000.0 / file.rate_hz)), round(10.0 * file.rate_hz)
     row, late = np.repeat(np.arange(first), times), np.tile(np.arange(times), first)
     t_ns = run.t_ns[row] + late * (NANOSECONDS // 1000)

@@ -150,13 +150,13 @@ def cogging(subject: FaultSubject, u: np.ndarray, sound: Run, rng: np.random.Gen
 
 
 def one_sided(subject: FaultSubject, u: np.ndarray, sound: Run, rng: np.random.Generator) -> FaultPlan:
-    """Reduce the backward force to 50 to 80 % of the forward one."""
+    """Reduce the backward force to 50 to 80 % of the forward force."""
     part = rng.uniform(0.5, 0.8)
     return _throttle(subject, u, lambda w: np.where(w < 0.0, part * w, w))
 
 
 def slipping(subject: FaultSubject, u: np.ndarray, sound: Run, rng: np.random.Generator) -> FaultPlan:
-    """Reduce the force of one wheel of a robot, or of a car, to 30 % for 5 s. An odometer reads 1.5 times the speed."""
+    """Reduce the force of a robot's wheel, or of a car, to 30 % for 5 s. Then an odometer reads 1.5 times the speed."""
     w, k = _channels(subject, u), int(rng.integers(0, 2)) if isinstance(subject.vehicle, Robots) else 0
     start = int(rng.uniform(0.2, 0.6) * len(u))
     during = slice(start, start + round(SLIP_S * subject.file.rate_hz))

@@ -203,7 +203,7 @@ def identification(
     `advance` is called with the number of seeds that have just been done. Ctrl-C ends it with the finished results, if
     there is at least one seed. With a folder `keep`, outcomes are stored there and not computed again.
 
-    With more than one process, Python starts anew in each, as `multiprocessing` does: call this function from under
+    With more than one process, Python starts anew in each, as `multiprocessing` does: call this function only under
     `if __name__ == "__main__":`.
     """
     ends = range(first, first + seeds, BATCH)

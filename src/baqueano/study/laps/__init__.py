@@ -104,8 +104,8 @@ def drive_cases(
 
 
 def forecast(file: VehicleFile, fix: str, route: Route, count: int, backend: str) -> float:
-    """Return the probability to stay within WORST_M of the route. It is computed from the predicted corridor of the
-    first laps; 0 if the estimate is lost in them.
+    """Return the probability to stay within WORST_M of the route, from the predicted corridor of the first laps.
+    It is 0 if the filter loses the vehicle in these laps.
     """
     corridor = corridor_ahead(with_fix(file, fix, route), route, min(count, SETTLED), backend).corridor
     if np.isfinite(corridor.lost_s):

@@ -106,8 +106,8 @@ class _Driver:
 def follow(
     route: Route, laps: int, parts: Sequence[TeamWithFix], backend: str, log: bool = False
 ) -> list[Laps]:
-    """Return the drives of each part: a rest at the start of the route, then `laps` laps. `log`: also return
-    the runs."""
+    """Return the drives of each part: a rest at the start of the route, then `laps` laps, or until all robots
+    have stopped. If `log`, also return the runs."""
     drivers = _drivers(route, parts, backend)
     ends = np.cumsum([0, *(len(part.team.files) for part in parts)]).tolist()
     spans = [slice(a, b) for a, b in pairwise(ends)]

@@ -160,7 +160,7 @@ def case_study(
     seed: int = 0, seeds: int = 1, backend: str = "auto", advance: Callable[[int], None] | None = None
 ) -> CaseStudy:
     """Fit case study I at `seeds` seeds from `seed` on. `advance` receives the number of fits just finished.
-    Ctrl-C ends it with the finished fits, if there is at least one.
+    Ctrl-C ends the study with the finished fits. It raises KeyboardInterrupt before the first fit.
     """
     every = tuple(range(seed, seed + seeds))
     fits = spread_over(lambda s: fit_seed(s, backend), every, advance=advance)

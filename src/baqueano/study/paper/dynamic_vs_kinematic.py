@@ -34,7 +34,7 @@ velocity_matrix = [[0.1, 0.0, 0.0], [0.0, 0.0, 0.0], [0.0, 0.0, 0.05]]
 
 @dataclass(frozen=True)
 class JudgedModel:
-    """A model with its fit, R against the truth, and the errors of the EKF on a held-out run."""
+    """A model with its fit, the covariance R of its one-step errors, and the EKF's errors on a held-out run."""
 
     model: str
     fit: Fit

@@ -130,7 +130,7 @@ class _Near:
         self._shrinks = np.zeros_like(self._distance, dtype=bool)
 
     def passages(self, xy: np.ndarray) -> list[tuple[int, int]]:
-        """Return the pairs (vehicle, point) that are nearest at this call, at most one point for each vehicle."""
+        """Return the pairs (vehicle, point) nearest at this call, within the radius: at most one point per vehicle."""
         distance = self._to(xy)
         shrinks = distance < self._distance
         nearest = self._shrinks & ~shrinks & (self._distance <= self._radius_m)
@@ -151,8 +151,8 @@ class _Reports:
         self._late: list[tuple[float, np.ndarray]] = []
 
     def readings_at(self, t_s: float, passings: Iterable[tuple[int, Measure]]) -> np.ndarray:
-        """Return the reports (n, m) at `t_s`; NaN without a report. `passings` contain vehicles and their
-        measurements."""
+        """Return the reports (n, m) at `t_s`; NaN without a report. `passings` contains the index of each
+        passing vehicle, and the function that draws its report."""
         out = np.full(self._shape, np.nan)
         for i, measure in passings:
             draw = self._draw[i]

@@ -61,7 +61,7 @@ class TruthWorld:
         self._advance(before, self._apply_kick if len(self._rough) else None)
 
     def _advance(self, before_s: float, kick: Any) -> None:
-        """Integrate from `before_s` to now, in steps of 1 ms for the low-pass of an IMU."""
+        """Integrate from `before_s` to now, in steps of 1 ms if an IMU has a low-pass."""
         low_pass_s, end_s = self.physics.imu.low_pass_s, self.t_s
         if not np.any(low_pass_s > 0.0):
             span_s = before_s, end_s

@@ -117,7 +117,7 @@ def gradient(slopes: DerivativeProgram) -> str:
 
 
 def normal_equations(slopes: DerivativeProgram) -> str:
-    """Return the code of the normal equations for residuals r with Huber's ρ, with bend k = setting.
+    """Return the code of the normal equations for residuals r with Huber's ρ and the threshold k = setting.
 
     ρ = ½ r² for |r| <= k, else k |r| − ½ k²;  w = ρ′/r. The code fills first: Σ ρ; second (p,): Σ w r ∂r;
     third (p, p): Σ w ∂r ∂rᵀ; only its upper half is valid.

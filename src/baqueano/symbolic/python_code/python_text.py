@@ -94,7 +94,7 @@ def _moving(program: Program, roots: Sequence[Node]) -> set[Node]:
 
 
 def _truths(node: Node) -> int:
-    """Return how many arguments of a node, from the first on, are conditions."""
+    """Return the number of arguments of a node that are conditions; they are the first arguments."""
     return len(node.args) if node.op in _OF_TRUTHS else 1 if node.op == "where" else 0
 
 

@@ -67,7 +67,10 @@ def listed_kinds(room: str, file: "VehicleFile") -> list[str]:
 
 
 def own_kinds(room: str, file: "VehicleFile") -> list[str]:
-    """Return "file.py:Class" for each class in the user's folder that fits the room by its source text."""
+    """Return "file.py:Class" for each class in the user's folder that fits the room by its source text.
+
+    At most FILES files are read. Symbolic links and files over LARGEST bytes are ignored.
+    """
     kinds = []
     for path in sorted(Path(file.folder or ".").glob("*.py"))[:FILES]:
         if path.is_symlink() or path.stat().st_size > LARGEST:

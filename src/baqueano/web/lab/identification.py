@@ -106,8 +106,8 @@ class DriveIdentification:
     def rows(self, names: list[str], rows: list[list[float | None]]) -> None:
         """Add the ticks that follow the ticks added before.
 
-        Missing ticks are filled with the last command and without measurements. After a gap over LONGEST_GAP_S the
-        drive begins again.
+        A missing tick is filled with the last command and without measurements, an older tick is ignored. After a gap
+        over LONGEST_GAP_S the drive begins again.
         """
         x = np.array(rows, dtype=float).reshape(len(rows), len(names))
         at = {name: k for k, name in enumerate(names)}

@@ -1,8 +1,8 @@
 """Answer questions of browsers by lab workers: laps and cost landscapes of gains, blocks, comparisons.
 
-Only the newest question of each kind from a browser counts; an older question that still waits is answered `stale`.
-Laps have priority over longer jobs: a landscape is computed in parts, and descents, checks and comparisons have a
-separate worker.
+A lap or a landscape that is no longer the newest of its browser is answered `stale`; other questions are always
+answered. Laps have priority over longer jobs: a landscape is computed in parts, and descents, checks and comparisons
+have a separate worker.
 """
 
 import asyncio

@@ -38,7 +38,10 @@ class Shelf:
         ).hexdigest()
 
     def paths(self) -> dict[str, Path]:
-        """Return the paths of the existing runs by key, the newest first; symbolic links in the folder are ignored."""
+        """Return the paths of the existing runs by key: the extra runs, then those of the folder, newest first.
+
+        The folder counts with its NEWEST newest runs, without symbolic links and hidden files.
+        """
         candidates = [p for p in self.folder.glob("*.mcap") if p.is_file() and not p.is_symlink()]
         candidates = [p.resolve() for p in candidates if not p.name.startswith(".")]
         candidates.sort(key=lambda path: path.stat().st_mtime, reverse=True)

@@ -4,8 +4,8 @@
   model        the model does not fit any more, over 5 s (drive/health.py)
   supervisor   stops the vehicle
   gate         the weight of GATED innovations within WINDOW_S was below one half
-  nis          Σ yᵀS⁻¹y over WINDOW_S exceeds the value that k numbers reach by chance once in 10⁴ windows:
-               k (1 − 2/9k + Z √(2/9k))³ (Wilson and Hilferty), and RATIO times its previous value      (1)
+  nis          Σ yᵀS⁻¹y over WINDOW_S exceeds the value that k correct innovations exceed once in 10⁴ windows:
+               k (1 − 2/9k + Z √(2/9k))³ (Wilson and Hilferty), and RATIO times its mean before the fault (1)
 
 A notice belongs to the last fault that began, or to the fault of the sensor that the monitor names. After its end, a
 fault is watched for AFTER_S more.
@@ -118,7 +118,9 @@ class Ledger:
         self, t_ns: int, y: np.ndarray | None, S: np.ndarray | None, weight: np.ndarray | None,
         eta: np.ndarray, cov: np.ndarray, truth: np.ndarray | None,
     ) -> None:  # fmt: skip
-        """Record the estimate of a tick, and the true pose (3,) if it is known."""
+        """Update the consistency of the innovations and the bound of the position. Also update the error of the
+        position if the true pose (3,) is known.
+        """
         self.now_s = t_s = seconds(t_ns)
         self._square(t_s, y, S)
         if weight is not None and self.rows:
