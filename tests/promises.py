@@ -64,7 +64,7 @@ WORDS = {
     "ID-6": "a clipped sensor is left out where it is clipped",
     "ID-7": "a stuck sensor is left out for as long",
     "ID-8": "the delay of the commands is found from any start",
-    "ID-9": "lost frames that were logged as zero are left out",
+    "ID-9": "lost frames that were logged as zero are excluded",
     "ID-10": "half a second of data is refused",
     "ID-11": "starts wrong by a factor of five and in sign come right (100 is aimed at)",
     "ID-12": "a model that raises, is not finite or runs away is named and crashes no fit",

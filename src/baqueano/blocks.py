@@ -152,9 +152,8 @@ def permit_blocks(allow: bool = True) -> Iterator[None]:
 
 def resolve_named(room: str, kind: str, folder: Path | str | None = None) -> type:
     """Return the class of a `kind` that a vehicle file in `folder` names; if `folder` is None, a run names it.
-
-    FileError for code in another folder that the user neither named nor allowed. FileError always for a run with
-    a path outside the working directory.
+    FileError for code outside `folder` that the user neither named nor allowed. Code in the working
+    directory is allowed if `folder` is in it too. FileError always for a run with a path outside the working directory.
     """
     file = kind if kind.endswith(".py") else kind.rpartition(":")[0]
     path = _path_of(file, folder) if file.endswith(".py") else None
@@ -216,8 +215,7 @@ def room_of(kind: type) -> str:
 
 def check_room(room: str, block: object) -> None:
     """Raise UsageError if a class or block of the user does not fit `room`.
-
-    It does not fit without `init` or `step`, or if its `step` has the arguments of another room.
+    It does not fit without `init` or `step`, or if its `step` has the arguments of another room of the loop.
     """
     kind = block if isinstance(block, type) else type(block)
     if not all(callable(getattr(kind, verb, None)) for verb in ("init", "step")):

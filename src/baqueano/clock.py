@@ -12,9 +12,7 @@ from baqueano.signals import NANOSECONDS, Tick
 
 
 def simulated_ticks(rate_hz: float, duration_s: float | None = None) -> Iterator[int]:
-    """Yield the ends of the ticks [ns] up to `duration_s`, as fast as the machine runs; endless if `duration_s` is
-    None.
-    """
+    """Yield the ends of the ticks [ns] up to `duration_s`, as fast as the machine runs; without end if it is None."""
     k = 1
     while duration_s is None or k <= round(duration_s * rate_hz):
         yield round(k * NANOSECONDS / rate_hz)

@@ -219,7 +219,7 @@ def _figure(value: object) -> "str | float | Diagnostic | None":
 
 
 def nearest(name: str, allowed: Iterable[str], cutoff: float = 0.6) -> Diagnostic:
-    """Return a message with the known names and, if one of them is similar to `name`, a suggestion."""
+    """Return a message with the known names, at most LISTED, and, if one of them is similar to `name`, a suggestion."""
     import difflib
 
     names = list(allowed)

@@ -84,7 +84,7 @@ def run(
     on_event: Callable[[int, Diagnostic], None] = lambda t_ns, reason: None,
     eta: np.ndarray | None = None,
 ) -> Outcome:
-    """Run the clocked loop over a world. It always ends with a zero command.
+    """Run the clocked loop over a world. The last command is always zero.
 
     After a fault of a block or a stop by the supervisor the command stays zero; the reason names a faulty block. The
     loop still records for AFTER_STOP_S, then it ends. `eta` (3,) is the pose at the start.
@@ -132,8 +132,7 @@ def _records(
 def careful_step(
     blocks: Blocks, states: States, tick: Tick
 ) -> tuple[Blocks, States, Record, Diagnostic | None]:
-    """Return the blocks, the states and the record after `step`, and the reason why the motors are stopped; None if
-    they may run.
+    """Return the blocks, the states and the record after `step`, and the reason of a stop; None if the motors may run.
 
     After a fault, blocks with a zero command replace guide, controller and supervisor. The estimator is replaced only
     if it caused the fault.

@@ -172,7 +172,7 @@ class Estimate(NamedTuple):
     innovation_cov : ndarray (m, m), optional
         S = H Σ̄ Hᵀ + Q.
     weight : ndarray (m,), optional
-        Weight of each innovation: 1 is full weight, below ½ is refused, NaN is without a measurement.
+        Weight of each innovation: 1 is the full weight, below ½ the channel is refused; NaN without a measurement.
 
     Examples
     --------

@@ -160,7 +160,7 @@ class GuardedBlock:
             raise self._fault(error, StopReason.BLOCK_RAISED_IN_INIT) from error
 
     def step(self, state: Tree, *inputs: Tree) -> tuple[Tree, Tree]:
-        """Return the result of the block's step, checked."""
+        """Return the result of the block's step. Raise BlockFault if the step raises or violates the contract."""
         try:
             result = self.block.step(state, *inputs)
         except BlockFault:  # of a part, which is named

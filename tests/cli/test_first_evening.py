@@ -76,7 +76,7 @@ def test_a_new_project_drives_a_vehicle_that_differs_from_its_file(baqueano, tmp
     assert experiment(guess, u) == experiment(guess, u, truth=load("small"))
     assert experiment(guess, u) != experiment(guess, u, truth=guess)
     monkeypatch.chdir(tmp_path / "small")
-    assert "simulated: small (named in vehicle.toml" in baqueano("experiment", "--seconds", "1").err
+    assert "simulated vehicle: small (named in vehicle.toml" in baqueano("experiment", "--seconds", "1").err
 
 
 def test_a_missing_truth_file_is_named(baqueano, tmp_path, monkeypatch):
@@ -181,8 +181,8 @@ def test_simulate_uses_the_project_truth_or_the_model_on_request(baqueano, tmp_p
         for k, more in enumerate(((), ("--model",)))
     ]
     truth, model = (read_run(tmp_path / "mylab" / f"{k}.mcap") for k in range(2))
-    assert "simulated: small" in ends[0].err
-    assert "simulated: small" not in ends[1].err
+    assert "simulated vehicle: small" in ends[0].err
+    assert "simulated vehicle: small" not in ends[1].err
     assert abs(truth.truth.nu[-1, 0] - model.truth.nu[-1, 0]) > 1e-4
     assert (
         truth.vehicle_text

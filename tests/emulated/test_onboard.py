@@ -104,7 +104,7 @@ def test_an_imu_that_does_not_answer_at_start_is_detected_later(firmware, tmp_pa
         mission = pack(Mission("experiment", u=np.tile([0.0, 0.0, 0.3], (300, 1))), service.file)
         run = drive_whole(remote, mission, service.live, tmp_path / "here")
     printed = (tmp_path / "said.txt").read_text()
-    assert printed.count("no IMU: No IMU answers at 0x68") == 1
+    assert printed.count("the IMU is missing: No IMU answers at 0x68") == 1
     assert printed.count("the IMU answers now") == 1
     assert len(run.sensors["imu"].t_ns) > 20
 

@@ -224,7 +224,7 @@ def test_the_command_line_prints_rows_and_writes_the_chosen_model(in_a_folder, c
     reply = json.loads(capsys.readouterr().out)
     terms = {row["term"]: row for row in reply["rows"] if "term" in row}
     assert {name for name, row in terms.items() if row["verdict"] == "added"} == set(choice.selected_terms)
-    assert terms["quadratic drag"]["text"].startswith("quadratic drag left out")
+    assert terms["quadratic drag"]["verdict"] == "excluded"
     names = {row["name"] for row in reply["rows"] if "name" in row}
     assert "model.coulomb_m_s2" in names
     assert "model.quadratic_drag" not in names

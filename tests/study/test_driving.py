@@ -24,5 +24,5 @@ def test_a_lap_beyond_a_limit_is_reported_with_its_figure():
     assert study.verdict == "WARN"
     across, signs = study.reasons
     assert across.startswith("pose, eight at 0.2 m/s: across_m 19")
-    assert across.endswith("at most 6 mm expected")
+    assert across.endswith("at most 6 mm")
     assert signs == "pose, eight at 0.2 m/s: sign_changes 2, expected 0"

@@ -21,8 +21,9 @@ def source_text(kind: type) -> str:
 
 
 def _file_of(kind: type) -> str:
-    """Return the name under which Python stores the text. It is a method's file name, because a cell is not in
-    a file."""
+    """Return the file name under which Python stores the text of a class. This is the file name of a method, because a
+    notebook's cell is not in a file.
+    """
     methods = [method for method in vars(kind).values() if isinstance(method, FunctionType)]
     files = [method.__code__.co_filename for method in methods if method.__module__ == kind.__module__]
     try:

@@ -1,4 +1,4 @@
-"""Check one block: repeat calls with the same arguments, and compare the results.
+"""Check one block: repeat some of its calls with the same arguments, and compare the results.
 
 Pure: the arguments and the block itself do not change. Deterministic: two equal calls give the same numbers, bit for
 bit. Faults are stored as diagnostics, each once.

@@ -63,7 +63,7 @@ def _causes(message: Diagnostic) -> Iterator[Diagnostic]:
 
 
 def _put_right(cause: Diagnostic, args: list[str]) -> list[str] | None:
-    """Return the command with the mistyped word corrected; None if no known word is near it."""
+    """Return the command with the mistyped word corrected; None if no known word is similar to this word."""
     mistyped_word, near = str(cause.figures.get("found", "")), cause.figures.get("near")
     suggestion = near.figures.get("meant") if isinstance(near, Diagnostic) else None
     for k, arg in enumerate(args):

@@ -110,7 +110,7 @@ robot = click.option(
 
 
 def load_vehicle(name: str | None, settings: tuple[str, ...]) -> "VehicleFile":
-    """Return the vehicle file of the command line with its changes, and print the file and the changes in force."""
+    """Return the vehicle file `name`, or the default file, with its changes. Print a default name and the changes."""
     from baqueano.vehicle_file import load
 
     if name is None:

@@ -53,7 +53,7 @@ def plain_letters(*streams: TextIO) -> None:
 
 
 def print_message(message: Diagnostic | str) -> None:
-    """Print a line on stderr for the user who waits; it is not part of the result."""
+    """Print a line on stderr for the user who waits; the line is not part of the result."""
     _print(text(message), sys.stderr)
 
 

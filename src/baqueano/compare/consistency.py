@@ -156,7 +156,7 @@ def _chi2_of_one(probability: float) -> float:
 
 
 def _limits(freedom: float, false_alarm: float) -> tuple[float, float]:
-    """Return the interval that contains χ²_f / f with probability 1 − `false_alarm`."""
+    """Return the interval that contains χ²_f / f with probability 1 − `false_alarm`. UsageError without SciPy."""
     try:
         from scipy.stats import chi2
     except ImportError as error:

@@ -63,7 +63,9 @@ class Corridor(NamedTuple):
 
 
 def corridor(t_s: np.ndarray, eta: np.ndarray, cov: np.ndarray, lap_s: float = float("nan")) -> Corridor:
-    """Return the corridor of poses (N, 3) at times (N,); covariances (N, k, k) begin with the pose.  (1), (2)"""
+    """Return the corridor of poses (N, 3) at times (N,), until the vehicle is lost.  (1), (2)
+    The covariances (N, k, k) begin with the pose.
+    """
     sd = np.sqrt(np.maximum(cov[:, 2, 2], 0.0))
     is_lost = ~(sd <= LOST_RAD)  # NaN is lost too
     m = int(np.argmax(is_lost)) if is_lost.any() else len(t_s)
@@ -96,7 +98,7 @@ def corridor_row(corridor: Corridor | None) -> dict[str, float]:
 
 
 def _lap_s(run: Run) -> float:
-    """Return the time after which the reference returned to its first pose [s]; NaN if it never returned."""
+    """Return the time after which the reference first returned to its first pose [s]; NaN if it did not return."""
     ref = run.guide_reference
     if ref is None or len(ref.t_ns) < 2:
         return float("nan")

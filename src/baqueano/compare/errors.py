@@ -77,7 +77,9 @@ def relative(t_ns: np.ndarray, eta: np.ndarray, eta_true: np.ndarray, over_s: fl
 def cross_track(
     t_ns: np.ndarray, xy: np.ndarray, ref_ns: np.ndarray, ref_xy: np.ndarray, window_s: float = 2.0
 ) -> np.ndarray:
-    """Return the signed distance (N,) [m] of `xy` (N, 2) from the path `ref_xy` (K, 2), positive to the left.  (3)"""
+    """Return the signed distance (N,) [m] of `xy` (N, 2) from the path `ref_xy` (K, 2), positive to the left.  (3)
+    Raise UsageError for a path of fewer than two points.
+    """
     if len(ref_xy) < 2:
         raise UsageError(fault("compare.reference-short", points=len(ref_xy)))
     reach = max(1, round(window_s * NANOSECONDS / max(float(np.median(np.diff(ref_ns))), 1.0)))

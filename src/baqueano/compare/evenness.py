@@ -77,10 +77,9 @@ def about_mean(t_ns: np.ndarray, x: np.ndarray, over_s: float = OVER_S) -> np.nd
 
 
 def sign_changes(t_ns: np.ndarray, forward: np.ndarray) -> float:
-    """Return the sign changes per second of the forward command (N,).  (3)
-
-    A command within ± `DEAD_BAND` of the largest command of the drive counts as zero. So a pause or noise around 0 is
-    not a change. Forwards, 0, forwards is not a change, but forwards, 0, backwards is a change.
+    """Return the sign changes per second of the forward command (N,); NaN for fewer than two known commands.  (3)
+    A command of at most `DEAD_BAND` times the largest command of the drive counts as zero. So a pause or noise around 0
+    is not a change. Forwards, 0, forwards is not a change, but forwards, 0, backwards is a change.
     """
     finite = np.isfinite(forward)
     t_ns, forward = t_ns[finite], forward[finite]
@@ -92,8 +91,7 @@ def sign_changes(t_ns: np.ndarray, forward: np.ndarray) -> float:
 
 
 def at_limit(u: np.ndarray, limits: Limits) -> np.ndarray:
-    """Return (N,): 1.0 if the command u (N, n) reaches a limit, 0.0 if not, NaN if u is not known.  (4)
-
+    """Return 1.0 for each command of u (N, n) that reaches a limit, 0.0 for others, NaN for an unknown one: (N,).  (4)
     The two wheels are checked too, because a wheel may reach its limit while u_x and u_ψ are within their limits.
     """
     w = np.abs(mix(limits.mixing, u.T)).T
@@ -111,8 +109,7 @@ def share_at_limit(u: np.ndarray, limits: Limits | None) -> float:
 
 
 def limits_of(vehicle_text: str) -> Limits | None:
-    """Return the limits from the text of a vehicle file; None if the text does not contain them.
-
+    """Return the limits from the text of a vehicle file; None if the text does not contain limits.
     Only two tables are read and blocks are not built, so the comparison of a run does not execute code from its file.
     """
     try:

@@ -59,9 +59,7 @@ class FilterConsistency:
 
     @property
     def messages(self) -> tuple[Diagnostic, ...]:
-        """Return the verdict with its figure and the worst state, then its limits if any: too few samples,
-        autocorrelation.
-        """
+        """Return the verdict with its figure and worst state, then its limitations: few samples, autocorrelation."""
         verdict, name, band = self._decision()
         if band is None:
             return (note("consistency.not-reported"),)
@@ -107,7 +105,7 @@ class FilterConsistency:
         return bands | {f"nis[{k}]": band for k, band in enumerate(self.channels)}
 
     def _decision(self) -> tuple[str, str, Band | None]:
-        """Return the verdict, the name of the joint figure that decides it, and its band."""
+        """Return the verdict, the name of the joint figure that decides it, and its band; None if not reported."""
         truth = [(name, getattr(self, name)) for name in ("nees_pose", "nees_velocity")]
         bands = [(name, band) for name, band in truth if band.verdict != "not reported"]
         off = [*bands, ("nis", self.nis)]

@@ -137,7 +137,7 @@ def _sections(comparison: "Comparison") -> Iterator[tuple[str, Sequence[TableLin
 
 
 def _of_the_vehicle() -> Iterator[tuple[str, Sequence[TableLine]]]:
-    """Yield the sections on path, speed and command of the vehicle. A replay does not have them."""
+    """Yield the sections on path, speed and command of the vehicle. A replay does not have these sections."""
     for title, kind in (
         (_("true cross-track error of the vehicle"), "true"),
         (_("the same, as estimated"), "estimate"),

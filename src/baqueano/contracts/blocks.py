@@ -205,9 +205,7 @@ class World(Protocol):
         return []
 
     def new_channels(self) -> list[tuple[str, int, np.ndarray]]:
-        """Return name, time [ns] and value of quantities that no sensor of the vehicle measures, since the last
-        call.
-        """
+        """Return name, time [ns] and value of quantities without a `Sensor`, as a battery, since the last call."""
         return []
 
     def new_events(self) -> list[tuple[int, Diagnostic | str]]:

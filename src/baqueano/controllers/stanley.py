@@ -4,7 +4,7 @@
     v = v_f + k_x e_x,    ω = ω_f + |v_f| sin(δ) / l                                                      (1)
 
 v_f, ω_f: speed and yaw rate of the reference without jumps; e_x, e_y, e_χ: errors ahead, beside and of the course. y_f
-is the sideways error of an axle l ahead of the origin; − is for backward motion. It decreases with the rate k. The axle
+is the sideways error of an axle l ahead of the origin; − is for backward motion. y_f fades at the rate k. The axle
 is compared with the axle of the reference, so a bend does not cause an error. The vehicle does not need a real axle.
 The law does not correct at rest, nor in a turn on the spot.
 

@@ -47,7 +47,7 @@ class Guest:
 
     @property
     def coming(self) -> int:
-        """Return the number of bytes received of the line that is not yet complete."""
+        """Return the number of bytes of the last line, which is not complete yet."""
         return len(self._coming)
 
     @property

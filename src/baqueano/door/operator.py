@@ -51,7 +51,7 @@ class Operator:
             self._last_beat_ns = self._now_ns()
 
     def hold(self, guest: object, silence_s: float | None = None) -> None:
-        """Make `guest` the holder, who counts as disconnected after a silence of `silence_s`.
+        """Make `guest` the holder, who counts as disconnected after `silence_s` [s] of silence (None: SILENCE_S).
 
         Raise SafetyStop while another client is the holder.
         """
@@ -106,7 +106,7 @@ class Operator:
         name: str = "",
         silence_s: float | None = None,
     ) -> None:
-        """Make `guest` the holder, and queue its mission in JSON. Raise as `check_admission`.
+        """Make `guest` the holder, and queue its mission in JSON. Raise SafetyStop as `check_admission` does.
 
         The client recognises the messages about its mission by `name`. `attended` is True if the silence of the holder
         stops the mission; `silence_s` is as in `hold`.

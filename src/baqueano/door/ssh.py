@@ -73,7 +73,7 @@ def run(command: list[str], given: bytes = b"", answers: bool = True) -> tuple[b
 
 
 def answer(stream: IO[bytes]) -> bytes:
-    """Return all bytes of a stream. Raise RobotUnreachable if it has more than LONGEST bytes."""
+    """Return all bytes of a stream. Raise RobotUnreachable if the stream has more than LONGEST bytes."""
     output = bytearray()
     while data := os.read(stream.fileno(), 1 << 16):
         output += data

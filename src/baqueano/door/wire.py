@@ -19,7 +19,7 @@ FIELDS: dict[str, "JsonObject"] = {  # the required fields of a message; others 
 
 
 def encode(message: "JsonObject") -> bytes:
-    """Return a message as a line of JSON. NaN becomes null, because JSON does not have NaN."""
+    """Return a message as a line of JSON. A field that is NaN becomes null, because JSON does not have NaN."""
     plain = {k: None if isinstance(v, float) and v != v else v for k, v in message.items()}
     return json.dumps(plain, default=_data).encode() + b"\n"
 

@@ -46,7 +46,7 @@ class BudgetedBlock:
 
 
 def within(seconds: float, call: Callable[..., Value], *inputs: object) -> Value:
-    """Return the result of `call`. Raise TimeoutError, at the line that runs, if it takes longer than `seconds`.
+    """Return the result of `call`. Raise TimeoutError, at the line that runs, if the call takes longer than `seconds`.
 
     The time is not limited on a system without alarms, or outside the main thread.
     """

@@ -43,7 +43,7 @@ AFTER_S = 0.5  # time after a pulse in which its motion is measured
 
 
 class Pulse(NamedTuple):
-    """A pulse and the motion after it."""
+    """A pulse of the command, with the largest speed and the largest turn after it."""
 
     u: np.ndarray  # (n,)
     v: float  # the largest speed, signed [m/s]

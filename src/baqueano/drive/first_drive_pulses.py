@@ -77,7 +77,7 @@ class Careful:
         return state, u, over
 
     def _observe(self, state: Pulses, estimate: Estimate) -> Pulses:
-        """Return the state with the significance of the motion after the pulse, and `cut`, updated by an estimate."""
+        """Return the state with `significance` and `cut` updated by an estimate, from the first pulse on."""
         v, omega = abs(estimate.nu[0]), abs(estimate.nu[2])
         sd_v, sd_psi, sd_omega = np.sqrt(np.diagonal(estimate.cov)[[3, 2, 5]])
         turn = abs(estimate.eta[2] - state.start_pose[2])

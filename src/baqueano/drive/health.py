@@ -8,7 +8,7 @@ y are the innovations with their covariance S, m the number of values that arriv
 vehicle has NIS = 1. Above TOO_LARGE the innovations are √2 times as large as predicted: the vehicle no longer fits the
 identified model. It is worn, loaded, on another floor, or its IMU is loose. This is reported once a run; only the
 supervisor stops the motors. The monitor (monitor/) reports which channel of which sensor disagrees, and for how long.
-The report at the end states if the run left the envelope of the fit, and how often the estimator refused each channel.
+The report at the end states if the run left the envelope of the fit, and the number of refused readings per channel.
 """
 
 from collections import deque

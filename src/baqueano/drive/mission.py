@@ -191,7 +191,7 @@ def _finite(number: str) -> float:
 
 
 def _check(name: str, value: object) -> None:
-    """Raise ValueError if a field of a mission has the wrong type."""
+    """Raise ValueError if a field of a mission has the wrong type, or if the number of laps is out of range."""
     of_texts = isinstance(value, dict) and all(isinstance(text, str) for text in value.values())
     right = {
         "laps": isinstance(value, int) and not isinstance(value, bool) and 0 <= value <= MOST_LAPS,

@@ -23,7 +23,7 @@ PROGRESS_EVERY = 50  # ticks
 
 @dataclass
 class Recording:
-    """A recorder that writes all data of the loop to `sink`, and passes it to the observers."""
+    """A recorder that writes all data of the loop to `sink`, and passes the records and events to the observers."""
 
     sink: RunSink
     world: World
@@ -44,7 +44,7 @@ class Recording:
             self.sink.event(self.begun_ns, "warning" if grave else "info", "drive", message)
 
     def tick(self, record: Record) -> None:
-        """Write a record of the loop, and all data and events that belong to its tick."""
+        """Write a record of the loop, and all data and events that belong to the tick of this record."""
         sink, t_ns = self.sink, record.tick.t_ns
         sink.record(record._replace(states=None))
         for truth_ns, motion in self.world.new_truths():

@@ -141,7 +141,7 @@ class AugmentedEkf:
         return in_rows(self, belief, tick)
 
     def pause(self, belief: AugmentedBelief, tick: Tick) -> Sequence[Tick]:
-        """Return the rows without measurements that fill a pause before this tick.  pauses.py"""
+        """Return the rows without measurements that fill a pause before this tick: see pauses.py."""
         return rows_before(belief.t_ns, tick, self.rate_hz)
 
     def row(self, belief: AugmentedBelief, tick: Tick) -> tuple[AugmentedBelief, Estimate]:
@@ -192,7 +192,7 @@ class AugmentedEkf:
 
     @property
     def process_noise_cov(self) -> np.ndarray:
-        """Return R (6, 6) of (ν, ν̇) per tick: about the same disturbance, for a filter that only has white noise."""
+        """Return R (6, 6) of (ν, ν̇) per tick: about the same disturbance, for a filter with only white noise."""
         dt_s, d = 1.0 / self.rate_hz, self.disturbance_std[[0, 0, 1]]
         fading = 1.0 - np.exp(-2.0 * dt_s / self.disturbance_fade_s[[0, 0, 1]])
         return np.diag(np.concatenate([self.velocity_walk_std**2 * dt_s, np.maximum(d**2 * fading, 1e-9)]))

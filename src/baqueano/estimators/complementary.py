@@ -96,7 +96,7 @@ class Complementary:
         return in_rows(self, belief, tick)
 
     def pause(self, belief: ComplementaryBelief, tick: Tick) -> Sequence[Tick]:
-        """Return the rows without measurements that fill a pause before this tick.  pauses.py"""
+        """Return the rows without measurements that fill a pause before this tick: see pauses.py."""
         return rows_before(belief.t_ns, tick, self.rate_hz)
 
     def row(self, belief: ComplementaryBelief, tick: Tick) -> tuple[ComplementaryBelief, Estimate]:

@@ -65,8 +65,8 @@ def correct(
     """Return the change that the innovation y (m,) causes; the caller adds it to the mean.  (2)-(4)
 
     H (m, n) is ∂h/∂x̄. Q is the measurement noise: (m, m), or (m,) for independent channels; each variance is above 0.
-    `estimated` is E: (n,) for all channels, or (m, n) with a row for each channel; the default is ones. `weight(c, e,
-    s)` returns the weight w of channel c.
+    `estimated` is E: (n,) for all channels, or (m, n) with a row for each channel; the default is ones. The function
+    `weight(c, e, s)` returns the weight w of channel c.
     """
     y, H, q = independent(y, H, Q)
     E = None if estimated is None else np.broadcast_to(estimated, H.shape)

@@ -55,8 +55,7 @@ def silent_rows(since_ns: int, tick: Tick, rate_hz: float) -> list[Tick]:
 
 
 def limit_covariance(cov: np.ndarray) -> np.ndarray:
-    """Return a covariance (n, n) whose variances of x, y, ψ stay near FARTHEST.
-
+    """Return the covariance (n, n) with each deviation of x, y, ψ halved whose variance exceeds FARTHEST.
     Rounding of a larger variance would make the other entries inaccurate.
     """
     far = np.diag(cov)[:3] > FARTHEST
@@ -108,10 +107,9 @@ def row_of(since_ns: Value, tick: Tick, rate_hz: float) -> FilterRow:
 
 
 def effort_of(motors: Drivetrain, belief: Tree, row: FilterRow) -> tuple[DrivetrainState, Effort]:
-    """Return the state of the motors after a row, and the effort in it.
-
-    A vehicle that moves before its first tick already had a command, which is unknown. The command of the first tick
-    is used instead.
+    """Return the state of the motors after a row, and the effort during that row.
+    A vehicle that moves before its first tick already had a command, which is unknown. The command of the first tick is
+    used instead.
     """
     begins = (belief.t_ns < 0) & (np.sum(np.abs(belief.mean[3:6])) > 0.0)
     state = either(begins, lambda: motors.steady_state(row.u), lambda: belief.drivetrain)

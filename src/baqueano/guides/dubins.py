@@ -8,7 +8,7 @@
 
 The word LSL means left arc, straight, left arc. t and q are the angles of the arcs, p R is the length of the line, χ
 its heading. Source: Dubins, American Journal of Mathematics, 1957; Shkel and Lumelsky, Robotics and Autonomous Systems,
-2001. Departure: words of three arcs are excluded. They are shorter for some goals nearer than 4 R; LSL and RSR always
+2001. Departure: words of three arcs, which are shorter for some goals nearer than 4 R, are excluded. LSL and RSR always
 exist.
 """
 

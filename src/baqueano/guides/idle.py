@@ -18,7 +18,7 @@ class IdleState(NamedTuple):
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Idle:
-    """Guide without motion: the reference is the pose of the vehicle, at rest. It is done after `duration_s`.
+    """Guide without motion: the reference is the pose of the vehicle, at rest. The guide is done after `duration_s`.
 
     Parameters
     ----------

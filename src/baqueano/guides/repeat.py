@@ -109,9 +109,8 @@ class Repeat:
 
 def with_laps(guide: Guide, laps: int) -> Guide:
     """Return the guide with this number of laps, as a new object of the same class.
-
-    A guide without an attribute `laps` is returned unchanged. The fields of a dataclass are checked again. A plain
-    class must read self.laps in its step. Raise UsageError if `laps` cannot be set.
+    A guide without an attribute `laps`, or already with this number, is returned unchanged. The fields of a dataclass
+    are checked again. A plain class must read self.laps in its step. Raise UsageError if `laps` cannot be set.
     """
     before = optional.of(guide, "laps")
     if before is None or before == laps:

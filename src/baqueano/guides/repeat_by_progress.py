@@ -7,8 +7,8 @@
       = min(1 − (d + slack) / wait_m, fastest)                in front: faster                            (3)
     η_r = route(τ),   ν_r = max(τ̇, 0) ν(τ),   lap = ⌊τ / T⌋,   done when lap ≥ laps                       (4)
 
-τ: time of the teacher; s: distance along the route; T: its duration; η: pose; η_r, ν_r: reference. τ is continuous and
-(1) searches only near it, so the crossing of an eight is not a short cut. slack = slack_m + slack_s |v| allows for
+τ: time of the teacher; s: distance along the route; T: duration of a lap; η: pose; η_r, ν_r: reference. τ is continuous
+and (1) searches only near τ, so the crossing of an eight is not a short cut. slack = slack_m + slack_s |v| allows for
 delay and lag. If the vehicle is blocked, the reference stops wait_m + slack ahead of it. In (1) a radian of heading
 counts as HEADING_M. Source: the virtual target of Aicardi et al., IEEE Robotics and Automation Magazine, 1995.
 """

@@ -101,9 +101,7 @@ def move_route(route: Route, start: np.ndarray) -> Route:
 
 def closed_up(route: Route) -> Route:
     """Return the closed route whose end is equal to its start.
-
-    The driver returned to the mark, so the difference between the two poses is drift. It is distributed linearly over
-    time.
+    The driver returned to the mark, so the difference between the two poses is drift. It is removed linearly over time.
     """
     turns = 2.0 * np.pi * np.round((route.eta[-1, 2] - route.eta[0, 2]) / (2.0 * np.pi))
     gap = route.eta[-1] - route.eta[0] - np.array([0.0, 0.0, turns])

@@ -292,7 +292,9 @@ def _of_curvature(kappa: np.ndarray, length_m: float, speed_m_s: float) -> Route
 
 
 def shape(name: str, size_m: float, speed_m_s: float) -> Route:
-    """Return the route of a name in SHAPES; `size_m` is the radius of a circle or half the length of another shape."""
+    """Return the route of a name in SHAPES; `size_m` is the radius of a circle or half the length of another shape.
+    Raise Invalid for another name.
+    """
     match name:
         case "sinuous-circle":
             return sinuous_circle(size_m, 0.1 * size_m, 6, speed_m_s)

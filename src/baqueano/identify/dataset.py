@@ -219,7 +219,7 @@ def _channels(use: Sequence[str]) -> dict[str, list[int]]:
 
 
 def unused_sensors(runs: Sequence[Run], file: "VehicleFile") -> list[Diagnostic]:
-    """Return a note for each sensor of the runs that the vehicle file does not describe, with the table to add."""
+    """Return a note for each sensor of motion in the runs that the vehicle file lacks, with the table to add."""
     read: dict[str, Channel] = {}
     for run in runs:
         read |= {name: channel for name, channel in run.sensors.items() if len(channel.z)}

@@ -171,7 +171,10 @@ def gyro_leads(
     file: "VehicleFile", runs: Sequence[Run], use: Sequence[str] | None, free: Sequence[str] | None,
     options: FitOptions,
 ) -> bool:  # fmt: skip
-    """Return True if the gyro leads the fit. The option decides if it is set, else True for a car with only an IMU."""
+    """Return True if the gyro leads the fit. The option `gyro_leads` decides if it is set.
+
+    Else return True for a car with only an IMU, if all changed options are in GOES_WITH.
+    """
     if options.gyro_leads is not None:
         return options.gyro_leads
     return not _other_options(options) and imu_is_all(file, runs, use, free)

@@ -66,7 +66,7 @@ class Calibration(Result):
     all_told: str = N_("the truth determines everything")  # text without reasons against it
 
     def value(self, name: str) -> float:
-        """Return the number with this name. Raise KeyError if it is unknown."""
+        """Return the value of the calibrated number `name`. Raise KeyError for an unknown name."""
         return {entry.name: entry.value for entry in self.numbers}[name]
 
     @property

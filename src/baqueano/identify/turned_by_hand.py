@@ -1,7 +1,7 @@
 """Calibrate scale and bias of a gyro from whole turns by hand, between rests on a mark.
 
     G_k = Σ_{j<k} ∫ (z − b_j) dt = s θ_k,   θ_k = 2π N_k + a_k                                            (1)
-    b_j: the bias between rests j and j + 1, the mean of z in these two
+    b_j: the bias between rests j and j + 1, the mean of z in both rests
     cov G = s² σ_a² I + L diag(q) Lᵀ,   q_j = T_j² (var b_j + (b_{j+1} − b_j)²/12)                        (2)
 
 s and one constant are estimated by generalised least squares. a_k is the error of the hand on the mark. Its σ_a is
@@ -162,7 +162,7 @@ def _whole(
     name: str, rests: list[Rest], angle: np.ndarray, turns: float | None
 ) -> tuple[np.ndarray, list[int]]:
     """Return the whole turns N of the rests on the mark, from the first on, and the indices of these rests. Raise
-    UsageError if none exist, or if their number is ambiguous."""
+    UsageError without a whole turn, or if the number of turns is ambiguous."""
     whole, rests_used, off = [0.0], [0], fault("turns.not-turned", run=name)
     for k in range(1, len(rests)):
         turn_count = (angle[k] - angle[rests_used[-1]]) / TAU

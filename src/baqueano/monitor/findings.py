@@ -19,7 +19,7 @@ NOTHING, PROPORTIONAL = 0.15, 0.7
 
 @dataclass(frozen=True, slots=True)
 class Finding:
-    """A channel of a sensor that has disagreed with the model for at least EVENT_S.
+    """A channel of a sensor that has disagreed with the model for at least 0.5 s (EVENT_S in memory.py).
 
     Attributes
     ----------
@@ -62,7 +62,7 @@ class Finding:
 
     @property
     def diagnostic(self) -> Diagnostic:
-        """Return the finding as a message."""
+        """Return the finding as a message for the user."""
         off = note(f"sensor.off-{self.off}", fix="baqueano identify last" if self.off == MODEL else "")
         figures = {"reading": self.reading, "expected": self.expected, "ratio": self.ratio, "off": off}
         message = note(f"sensor.{self.looks}", subject=self.name, **figures)

@@ -79,7 +79,7 @@ class Watching:
     def update(self, tick: Tick, estimate: Estimate) -> list[Notice]:
         """Return a notice for each finding that begins, becomes degraded or ends at this tick.
 
-        If the monitor raises an error, it returns one notice with this error, and stops monitoring.
+        After an error of the monitor, return one notice with this error, and then none until `begin`.
         """
         if estimate.weight is not None:
             self._counts = True

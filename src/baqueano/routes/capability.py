@@ -41,7 +41,7 @@ class Capability:
         return np.where(np.isfinite(share), share, np.inf).reshape(rows.shape[:-1])
 
     def fastest_turn(self, v: np.ndarray) -> np.ndarray:
-        """Return the largest steady yaw rate (m,) [rad/s] of the vehicle at the speeds `v` (m,) [m/s]."""
+        """Return the largest steady yaw rate (m,) [rad/s], at most FASTEST_RAD_S, at the speeds `v` (m,) [m/s]."""
         return most(lambda r: self.share(v, r) <= 1.0, np.full(np.shape(v), FASTEST_RAD_S))
 
     def fastest_speed(self, kappa: np.ndarray, high: np.ndarray, share: float = 1.0) -> np.ndarray:
@@ -50,10 +50,8 @@ class Capability:
 
 
 def most(holds: Callable[[np.ndarray], np.ndarray], high: np.ndarray) -> np.ndarray:
-    """Return the largest x (m,) from 0 to `high` (m,) for which `holds(x)` is True, by bisection.
-
-    It is 0 if `holds` is False in the whole range.
-
+    """Return the largest x (m,) from 0 to `high` (m,) for which `holds(x)` is True, by bisection; 0 if it is never
+    True.
     `holds` must be True below a limit and False above it.
     """
     low, top = np.zeros_like(high, dtype=float), np.array(high, dtype=float)

@@ -36,7 +36,7 @@ BRIEF_S = 0.3  # the controller compensates a shorter lack of command
 
 
 class Walls(Protocol):
-    """Protocol of a room: the `free` distances from its middle, and the pose `start` in it."""
+    """Protocol of a room: the `free` distances from the middle of the room, and the pose `start` in the room."""
 
     @property
     def free(self) -> np.ndarray:

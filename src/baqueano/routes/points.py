@@ -76,8 +76,7 @@ def _round_corners(
     corners: np.ndarray, legs: np.ndarray, closed: bool, corner_m: float
 ) -> Iterator[np.ndarray]:
     """Yield the first point (1, 2), the parabola (41, 2) of each corner, and the last point (1, 2).
-
-    A closed line begins at the end of its last parabola, and does not have a last point.
+    A closed line begins at the end of its last parabola, and yields no separate last point.
     """
     t = np.linspace(0.0, 1.0, 41)[:, None]
     inner = range(1, len(corners) - (0 if closed else 1))

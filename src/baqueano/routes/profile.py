@@ -143,7 +143,9 @@ def _resample(path: RoutePath) -> RoutePath:
 def _rates(
     can: Capability, path: RoutePath, ahead: float, sign: float, v_most: np.ndarray, share: float
 ) -> np.ndarray:
-    """Return the largest |v̇| (m, SPEEDS) [m/s²] of the sign `sign`, at fractions of the speed v_most (m,).  (2)"""
+    """Return the largest |v̇| (m, SPEEDS) [m/s²] of the sign `sign`, at fractions of the speed v_most (m,).  (2)
+    The result is at most FASTEST_M_S2.
+    """
     v = v_most[:, None] * np.linspace(0.0, 1.0, SPEEDS)
     kappa, slope = ahead * path.kappa[:, None], ahead * np.gradient(path.kappa, path.s)[:, None]
 

@@ -96,7 +96,7 @@ def _spectrum(xy: np.ndarray, s: np.ndarray, closed: bool) -> Spectrum:
 
 
 def _cut(waves: Spectrum, tolerance_m: float, kind: str) -> float:
-    """Return ω_c [rad/m], the smallest cut within the tolerance."""
+    """Return ω_c [rad/m], the smallest cut within the tolerance, at least 2π/WAVE_M."""
     low, high = 2.0 * np.pi / WAVE_M, np.pi / GRID_M
     if _off(waves, low, kind) <= tolerance_m:
         return low

@@ -1,7 +1,7 @@
 """Manage the folder of runs: numbered files, newest last.
 
-`runs/0001-experiment.mcap`, `runs/0002-teach.mcap`, …: a number never occurs twice, even if two programs request a
-number at the same time.
+`runs/0001-experiment.mcap`, `runs/0002-teach.mcap`, …: each new run has the next number. `claim` reserves the number,
+also if two programs request a number at the same time.
 """
 
 import os
@@ -46,7 +46,7 @@ class ListedRun(NamedTuple):
 
 
 def new_path(folder: Path | str, label: str) -> Path:
-    """Return `folder/NNNN-label.mcap` with the next free number.
+    """Return `folder/NNNN-label.mcap` with the next free number, which is not reserved; `claim` reserves it.
     Create the folder if it does not exist; raise FileError if that fails.
     """
     folder = Path(folder)
@@ -122,7 +122,8 @@ def _standing(runs: list[Path]) -> list[Path]:
 
 def find_all(name: str, folder: Path | str = "runs") -> list[Path]:
     """Return the runs that a name selects: a run as in `find`, all runs in a folder, or all that match a pattern (*).
-    `3-28` selects numbers, and `3-28:2` every second number of them. A recovered run replaces its original.
+    `3-28` selects the runs with these numbers, `3-28:2` every second number. A recovered run replaces its original.
+    Raise FileError if the name selects no run.
     """
     path = Path(name)
     if path.is_dir() and not (path / "metadata.yaml").exists():

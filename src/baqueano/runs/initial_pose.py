@@ -6,7 +6,7 @@ is without velocities (a camera), the velocity is
     ν = J(ψ)ᵀ (η(t₀ + T) − η(t₀)) / T,   ψ in the middle                                                  (1)
     ν = 0  if  |ν_i(t₀)| < 0.1 max |ν_i| until t₀ + T  on every axis that moves                            (2)
 
-(2) treats a motion that begins with the first command as a start from rest. This matters, because an estimator assumes
+(2) treats a motion that begins with the first command as a start from rest. The reason is that an estimator assumes
 that the motors of a moving vehicle have had their command for a long time.
 """
 

@@ -38,9 +38,7 @@ def poses_at(t_ns: np.ndarray, of_ns: np.ndarray, eta: np.ndarray) -> np.ndarray
 
 
 def true_speed(t_ns: np.ndarray, truth: TruthLog) -> np.ndarray:
-    """Return ν_x (N,) [m/s] of the truth, computed from its positions if it is without velocities; NaN if it is not
-    known.
-    """
+    """Return ν_x (N,) [m/s] of the truth, from its positions if it lacks velocities; NaN if it is not known."""
     if np.isfinite(truth.nu[:, 0]).any():
         return at_times(t_ns, truth.t_ns, truth.nu)[:, 0]
     eta = truth.eta[keep := np.isfinite(truth.eta).all(axis=1)]

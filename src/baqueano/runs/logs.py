@@ -199,7 +199,7 @@ def channel_of(name: str, channel: Channel) -> Channel:
 
 
 def estimate_shapes(k: int, log: EstimateLog) -> list[tuple[int, ...] | None]:
-    """Return the shapes of the columns of the estimate, k rows long."""
+    """Return the shapes of the columns of the estimate, k rows long; None for a column that the log lacks."""
     m = None if log.innovation is None else np.shape(log.innovation)[1]
     silent = [None, None] if m is None else [(k, m), None if log.innovation_cov is None else (k, m, m)]
     return [(k, 3), (k, 3), (k, 6, 6), *silent]

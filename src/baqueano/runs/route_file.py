@@ -107,7 +107,7 @@ def read_route(path: Path | str) -> Route:
 
 
 def _by_way(table: LogTable, path: Path) -> Route:
-    """Return the route from poses by path length.  (1)"""
+    """Return the route from poses by path length. Raise FileError for fewer than two poses, or a wrong number.  (1)"""
     values = np.column_stack([table.numbers(column) for column in BY_WAY])
     wait_s = table.numbers(WAIT) if WAIT in table.columns else np.zeros(len(values))
     wrong = ~np.isfinite(np.column_stack([values, wait_s])).all(axis=1)

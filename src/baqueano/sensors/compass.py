@@ -4,7 +4,7 @@
 
 φ is the heading from magnetic north, ψ the heading of the vehicle in the map. χ is the angle of the magnetometer on the
 vehicle, plus the heading of the map's x. b is the field of the vehicle's own iron and currents along the axes of the
-magnetometer, in units of the earth's horizontal field. It turns with the vehicle; half a unit causes an error of 30°.
+magnetometer, in units of the earth's horizontal field. b turns with the vehicle; half a unit causes an error of 30°.
 
 Indoors the direction of the field changes by tens of degrees within a metre; at one place it is constant. Set the noise
 of an indoor compass accordingly.

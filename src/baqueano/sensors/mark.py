@@ -89,14 +89,13 @@ class Mark:
         return np.array([x * np.cos(self.heading_rad) + y * np.sin(self.heading_rad)])
 
     def init(self) -> MarkState:
-        """Return the state before the first tick; a vehicle that starts on the line does not cross it by leaving."""
+        """Return the state before the first tick; the departure of a vehicle from the line is not a crossing."""
         return MarkState(0.0)
 
     def step(
         self, state: MarkState, motion: Motion, dt_s: float, noise: np.ndarray
     ) -> tuple[MarkState, Slot]:
-        """Return the state, and the distance beyond the line if the body crossed it in this tick.
-
+        """Return the state, and the distance beyond the line if the body crossed it in this tick within `half_width_m`.
         `noise` (1,) is standard normal.
         """
         h = self.h(motion)

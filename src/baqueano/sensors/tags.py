@@ -100,7 +100,7 @@ class Tags:
         return self.points_m - is_nearest @ self.points_m / np.sum(is_nearest)
 
     def init(self) -> TagsState:
-        """Return the state before the first tick; a vehicle that starts on a tag does not read it by leaving."""
+        """Return the state before the first tick; a vehicle that starts on a tag does not read it when it departs."""
         return TagsState(np.zeros(2), 0.0)
 
     def step(

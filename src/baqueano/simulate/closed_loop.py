@@ -260,7 +260,7 @@ def references_of(system: System, times_ns: Sequence[int]) -> list[Reference]:
 
 
 def _stop_event(supervisor: Supervision, t_ns: int) -> tuple[Event, ...]:
-    """Return the event with the reason of the supervisor's stop, or () if it did not stop the vehicle."""
+    """Return the event with the reason why the supervisor stopped the vehicle, in a tuple; empty without a stop."""
     code = round(float(getattr(supervisor, "reason", 0.0)))
     if not 0 < code < len(REASONS):
         return ()

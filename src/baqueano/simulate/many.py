@@ -273,8 +273,7 @@ def draw_parameters(
     vehicle_file: "VehicleFile", system: System, vehicles: int | None, seed: int
 ) -> tuple[tuple[str, ...], np.ndarray, int]:
     """Return the paths, θ (L, p) drawn from the covariance of the fit, and the number of clipped vehicles.
-
-    Raise UsageError for a file without a covariance of the model.
+    Raise UsageError for a file without a covariance of the model, or for a number of vehicles below 1.
     """
     fit = vehicle_file.parameter_cov
     own = [] if fit is None else [k for k, name in enumerate(fit.names) if name.startswith("model.")]

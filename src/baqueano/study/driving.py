@@ -231,7 +231,7 @@ def driving(
     speeds: tuple[float, ...] = SPEEDS, controller: str | None = None, advance: Callable[[int], None] = lambda k: None,
 ) -> Driving:  # fmt: skip
     """Return the laps of robots `first` … `first + seeds − 1`. `advance` receives the number of robots just finished.
-    `controller` is a kind of the package or "file.py:Class": it replaces the file's controller, with default gains.
+    `controller` (a kind of the package or "file.py:Class") replaces the file's controller, with default gains.
     """
     compilable(controller=guess().controller(controller))  # refuses before the first drive
     jobs = [range(k, min(k + BATCH, first + seeds)) for k in range(first, first + seeds, BATCH)]

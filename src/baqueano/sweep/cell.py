@@ -65,7 +65,7 @@ class SweepJob(NamedTuple):
 
 
 def work(job: SweepJob) -> SweepDrive:
-    """Do the drive or replay of a job, and return its figures."""
+    """Do the drive or the replay of a job, and return its figures."""
     try:
         run = _replay(job) if job.run is not None else _drive(job)
     except SafetyStop as error:  # before its first tick

@@ -74,7 +74,7 @@ def figures_of(
 
 
 def _of_estimate(run: "Run", alignment: str, over_s: float) -> dict[str, tuple[np.ndarray, np.ndarray]]:
-    """Return figure → times and errors of the estimate against the truth."""
+    """Return figure → times and errors of the estimate against the truth; {} if one of them is not known."""
     est, truth = run.estimate, run.truth
     if est is None or truth is None or len(truth.t_ns) < 2:
         return {}
@@ -136,7 +136,9 @@ def _laps(run: "Run", t_ns: np.ndarray, across: np.ndarray, part: np.ndarray, la
 
 
 def _of_command(run: "Run", k: np.ndarray) -> dict[str, tuple[np.ndarray, np.ndarray]]:
-    """Return the effort and the roughness of the sent command, with their times.  (1), (2)"""
+    """Return the effort and the roughness of the sent command, with their times; {} without limits.  (1), (2)
+    If no sent command was logged, the applied command is used.
+    """
     limits = evenness.limits_of(run.vehicle_text)
     u = (run.applied if run.sent is None else run.sent)[k]
     if limits is None or u.shape[1] != len(limits.command):

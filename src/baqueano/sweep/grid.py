@@ -140,7 +140,9 @@ def _by_name(routes: Tree) -> dict[str, Route]:
 def _of_vehicles(
     files: list, rooms: dict[str, list], routes: dict[str, Route], seeds: list[int], settings: SweepSettings
 ) -> list[SweepJob]:
-    """Return the jobs, cell by cell. Each block is built once, so that a wrong block fails before the first drive."""
+    """Return the jobs, cell by cell. Each block is built once, so that a wrong block fails before the first drive.
+    Raise UsageError without a vehicle, route or seed, or for an object of another type.
+    """
     if not files or not routes or not seeds:
         raise UsageError(fault("sweep.nothing", vehicles=len(files), routes=len(routes), seeds=len(seeds)))
     if wrong := [file for file in files if not isinstance(file, VehicleFile)]:

@@ -77,7 +77,7 @@ def paired_difference(ours: Sequence[Pieces], theirs: Sequence[Pieces]) -> Paire
 
 
 def _blocks(a: Pieces, b: Pieces) -> np.ndarray:
-    """Return S, n, S̃, ñ (B, 4) of the blocks of a drive, of TIMES correlation times each."""
+    """Return S, n, S̃, ñ (B, 4) of the blocks of a drive, each about TIMES correlation times or longer."""
     rows = zip(a.squares, a.samples, b.squares, b.samples, strict=False)  # one of them may have been stopped
     pieces = np.array([row for row in rows if row[1] and row[3]])
     size = max(1, int(np.ceil(TIMES * max(a.correlation_s, b.correlation_s) / a.length_s)))

@@ -123,7 +123,7 @@ def _arrays(job: SweepJob) -> list[np.ndarray]:
 
 
 def _block_text(room: str, block: object, job: SweepJob) -> str:
-    """Return a block as text: its kind or parameters, with its source text if it is the user's."""
+    """Return a block as text: its kind or parameters, with its source text if it is the user's; "" for None."""
     if block is None:
         return ""
     if isinstance(block, str):

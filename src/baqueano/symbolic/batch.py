@@ -24,7 +24,9 @@ class Batch(NamedTuple):
 
     @classmethod
     def from_trees(cls, scan: "Scan", inputs: Tree, theta: np.ndarray, carry: Tree) -> "Batch":
-        """Return the batch of these trees; a leaf has a lane axis in front if it has one axis more than usual."""
+        """Return the batch of these trees; a leaf has a lane axis in front if it has one axis more than usual.
+        Raise Invalid if the leaves differ in their number of lanes or ticks.
+        """
         leaves_and_values = list(zip(leaves(scan.input_shape), values(scan.input_shape, inputs), strict=True))
         own = [np.ndim(value) == len(leaf.shape) + 2 for leaf, value in leaves_and_values]
         start = scan.example if carry is None else carry

@@ -142,7 +142,7 @@ _lock = Lock()
 def _compile_parts(
     f: Callable[..., Tree], shapes: list[Shape], examples: tuple[Tree, ...], backend: str
 ) -> _CompiledParts:
-    """Return the compiled parts from the cache, or make them; so a second drive with equal blocks starts at once."""
+    """Return the compiled parts from the cache, or make them. So a second drive with equal blocks starts at once."""
     key = _key(f, shapes, examples, backend)
     parts = _cache.get(key) or _make(f, shapes, examples, backend)
     if key is not None:

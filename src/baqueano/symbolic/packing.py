@@ -80,7 +80,7 @@ def caller(
 
 
 def state_of(shapes: Sequence[Shape], shape: Shape) -> Shape | None:
-    """Return the first output, if it has the shape of the first argument and only its numbers can change."""
+    """Return the first output, if it has the shape of the first argument and only its numbers can change; else None."""
     if not shapes or not isinstance(shape, Branch) or shape.kind is not tuple or not shape.children:
         return None
     first = shape.children[0]

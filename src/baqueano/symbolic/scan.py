@@ -127,7 +127,7 @@ class Scan(ABC):
 
     @property
     def unused_carry(self) -> tuple[str, ...]:
-        """Return the entries of the carry that no output depends on: derivatives, costs and fits omit them."""
+        """Return the entries of the carry that no output depends on, and that derivatives, costs and fits omit."""
         return ()
 
     @abstractmethod
@@ -199,7 +199,7 @@ class Scan(ABC):
 
 
 def count_ticks(shape: Shape, inputs: Tree) -> int:
-    """Return N, the length of the first leaf of `inputs`."""
+    """Return N, the length of the first leaf of `inputs`. Raise Invalid if this leaf does not have an axis of ticks."""
     for leaf, value in zip(leaves(shape), values(shape, inputs), strict=True):
         ticks = np.shape(value)
         if len(ticks) == 1 + len(leaf.shape):
@@ -362,7 +362,7 @@ class TracedScan(Scan):
         return flat_row(self.carry_shape, self.example if carry is None else carry)
 
     def _rows(self, inputs: Tree) -> np.ndarray:
-        """Return the inputs as rows (N, ·), only to be read: if they are one suitable array, it is not copied."""
+        """Return the inputs as rows (N, ·), only to be read: an input that is one suitable array is not copied."""
         shape = self.input_shape
         if isinstance(shape, Leaf) and type(inputs) is np.ndarray and inputs.dtype == float:
             fits = inputs.shape[1:] == shape.shape and inputs.ndim == 1 + len(shape.shape)

@@ -91,8 +91,9 @@ def loop_margins(
 
 
 def margins(loop: Linear) -> tuple[float, float, float, float]:
-    """Return the gain margins of L above 1 (∞ if none) and below 1 (0 if none), the phase margin [rad] and the delay
-    margin [s] (∞ if none).  (3)
+    """Return gain margins of L above 1 (∞ if none) and below 1 (0 if none), phase margin [rad], delay margin [s].
+
+    The delay margin is ∞ without a crossing.  (3)
     """
     omega = np.geomspace(LOWEST_RAD_S, np.pi / loop.dt_s, FREQUENCIES)
     L = loop.frequency_response(omega)

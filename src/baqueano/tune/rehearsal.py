@@ -87,7 +87,7 @@ class Leg(NamedTuple):
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Rehearsal:
-    """Routes, seeds and vehicles, and the cost of the drives over all of them."""
+    """Routes, seeds and vehicles, and the cost of the drives with all these routes, seeds and vehicles."""
 
     space: SearchSpace
     weights: Weights

@@ -150,13 +150,15 @@ def stretch(x: np.ndarray, low: np.ndarray, high: np.ndarray) -> np.ndarray:
 
 
 def at_limit(g: np.ndarray, low: np.ndarray, high: np.ndarray) -> np.ndarray:
-    """Return (p,): −1 for each gain of g (p,) at its lower bound, +1 at its upper bound, else 0."""
+    """Return −1 for each gain of g (p,) at its lower bound, +1 for each gain at its upper bound, else 0: (p,)."""
     x = place(np.clip(g, low, high), low, high)
     return np.where(x < NEAR_LIMIT, -1, np.where(x > 1.0 - NEAR_LIMIT, 1, 0))
 
 
 def halton(points: int, dimensions: int) -> np.ndarray:
-    """Return an array (points, dimensions) of evenly distributed points of the unit cube (Halton)."""
+    """Return an array (points, dimensions) of evenly distributed points of the unit cube (Halton).
+    Raise UsageError for more dimensions than there are PRIMES.
+    """
     if dimensions > len(PRIMES):
         raise UsageError(fault("tune.too-many", dimensions=dimensions, most=len(PRIMES)))
     out = np.zeros((points, dimensions))

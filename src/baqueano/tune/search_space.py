@@ -78,7 +78,7 @@ def file_values(block: Controller, names: Iterable[str], controller: OwnBlock | 
 
 
 def _kind(controller: OwnBlock) -> str:
-    """Return the short name of one of our controllers, or "file.py:Class"."""
+    """Return the short name of one of our controllers, or "file.py:Class". UsageError for a class without a file."""
     if isinstance(controller, str):
         return controller
     kind = controller if isinstance(controller, type) else type(controller)
@@ -95,7 +95,9 @@ def search_space(
     vehicle_file: "VehicleFile", gains: Sequence[str] | None = None,
     bounds: dict[str, tuple[float, float]] | None = None, controller: OwnBlock | None = None,
 ) -> SearchSpace:  # fmt: skip
-    """Return the gains, their bounds and values in the file; `controller` replaces the controller of the file."""
+    """Return the gains, their bounds and values in the file; `controller` replaces the controller of the file.
+    Raise UsageError for an unknown gain, wrong bounds, or a controller without gains or without a compiled step.
+    """
     bounds = bounds or {}
     block, complete = _block(vehicle_file, gains, controller)
     if optional.of(block, "as_written"):

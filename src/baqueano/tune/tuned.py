@@ -60,7 +60,7 @@ class FreshSeeds(NamedTuple):
 
 @dataclass(frozen=True, slots=True, eq=False, repr=False)
 class TuneResult(Result):
-    """Gains, their cost, and the descents that led to them.
+    """Gains, their cost, and the descents that found these gains.
 
     Attributes
     ----------

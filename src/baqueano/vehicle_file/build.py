@@ -153,7 +153,9 @@ def room(
     around: Surroundings,
     kind: str | type | None = None,
 ) -> BlockRoom | None:
-    """Return the content of a room's table; None after a problem. Keys that another `kind` lacks are omitted."""
+    """Return the content of a room's table; None after a problem. If `kind` replaces the kind of the table, keys that
+    the new kind lacks are omitted.
+    """
     path = (name,)
     own = table.get("kind", DEFAULT_KIND[name]) if isinstance(table, dict) else DEFAULT_KIND[name]
     sheet_table = {**table, "kind": kind} if kind else table

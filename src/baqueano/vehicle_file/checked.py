@@ -100,7 +100,9 @@ def _room_with(kind: str) -> str:
 
 
 def _build(room: str, block: OwnBlock, file: VehicleFile) -> object:
-    """Return the block, built with the values of the vehicle file; else a vehicle or sensor with its defaults."""
+    """Return the block, built with the values of the vehicle file; else a vehicle or sensor with its defaults.
+    Raise FileError if it cannot be built.
+    """
     if room == "guide":
         return file.guide(circle(1.0, 0.2), kind=block)
     if room in LOOP_ROOMS:

@@ -49,7 +49,7 @@ class Envelope(NamedTuple):
 
     @property
     def moved_commands(self) -> list[int]:
-        """Return the indices of the commands that were not 0 all the time."""
+        """Return the indices of the commands that were not always 0."""
         return [k for k in range(self.commands) if self.high[k] > self.low[k] or self.high[k] != 0.0]
 
     @property
@@ -60,7 +60,7 @@ class Envelope(NamedTuple):
         )
 
     def flags(self, run: Any) -> tuple[Diagnostic, ...]:
-        """Return a warning for each command and channel of a Run with more than SHOWN of its values outside."""
+        """Return a warning for each command and channel of a Run with more than the share SHOWN of values outside."""
         watch = Watch(self)
         watch.look(run.applied, {name: channel.z for name, channel in run.sensors.items()})
         return watch.flags(run.name)
@@ -77,7 +77,9 @@ class Watch:
         self._ticks: list[Any] = []
 
     def look(self, u: np.ndarray, sensors: Mapping[str, np.ndarray]) -> None:
-        """Count the values outside the envelope in commands (N, n) and measurements (M, m) of each sensor.  (1)"""
+        """Count the values outside the envelope in commands (N, n) and measurements (M, m) of each sensor.  (1)
+        Raise UsageError if n differs from the number of commands in the envelope.
+        """
         inside, n = self.envelope, self.envelope.commands
         if n and u.shape[1] != n:
             raise UsageError(fault("vehicle.commands-differ", "--vehicle FILE", found=u.shape[1], expected=n))

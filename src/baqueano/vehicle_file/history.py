@@ -8,7 +8,7 @@
 
     cov_ij = r_ij sd_i sd_j                                                                                       (1)
 
-A model counts as a guess if no fit measured one of its values: see `is_measured`.
+If no value of a model was measured by a fit that was not refused, the model counts as a guess.
 """
 
 from collections.abc import Iterator
@@ -67,7 +67,9 @@ class ParameterCov(NamedTuple):
 def read_history(
     sheet: Sheet, data: "JsonObject", folder: str | None = None
 ) -> tuple[dict[str, Provenance], ParameterCov | None]:
-    """Return the tables [provenance] and [parameter_cov], checked; `folder` is searched for a block of the user."""
+    """Return the tables [provenance] and [parameter_cov], checked; None instead of an absent covariance.
+    `folder` is searched for a block of the user.
+    """
     return _provenance(sheet, data, folder), _parameter_cov(sheet, data, folder)
 
 
@@ -147,7 +149,7 @@ def _parameter_cov(sheet: Sheet, data: "JsonObject", folder: str | None) -> Para
 
 
 def _covariance(sheet: Sheet, path: tuple[str, ...], table: "JsonObject", size: int) -> np.ndarray | None:
-    """Return cov (size, size) from sd and correlation.  (1)"""
+    """Return cov (size, size) from sd and correlation; None after a problem was noted in `sheet`.  (1)"""
     sd, correlation = number_array(table.get("sd", [])), _triangle(table.get("correlation", []), size)
     fits = sd is not None and sd.shape == (size,) and bool(np.all(np.isfinite(sd) & (sd >= 0.0)))
     if sd is None or correlation is None or not fits:
@@ -172,8 +174,8 @@ def _triangle(rows: object, size: int) -> np.ndarray | None:
 
 
 def changes(before: Any, after: Any) -> list["TableRow"]:
-    """Return a flat dict for each key that differs between two vehicle files: the history of wear.
-
+    """Return a flat dict for each key that differs between two vehicle files, without their provenance: the history of
+    wear.
     `sds` is the difference of the values in standard deviations of this difference; None if they are unknown.
     """
     old, new = _leaves(before.data), _leaves(after.data)

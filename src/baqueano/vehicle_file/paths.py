@@ -64,7 +64,7 @@ def is_table(data: "JsonObject", dotted: str, folder: Path | str | None = None) 
 
 
 def value_in_force(file: "VehicleFile", dotted: str) -> Any:
-    """Return the value of a key in force: the value, or default, in the block that was built."""
+    """Return the value, or default, of a key in the block that was built. UsageError for an unknown key."""
     path, entry = split(dotted)
     paths = known_paths(file.data, file.folder)
     if ".".join(path) not in paths:

@@ -172,7 +172,7 @@ def _notice_speed(sheet: Sheet, vehicle: "DynamicVehicle", channels: Channels) -
 
 
 def check_sensors(sheet: Sheet, sensors: "SensorBlocks", geometry: Geometry) -> None:
-    """Check that each sensor is on the vehicle: its lever arm is at most 1.5 times the distance to the edge."""
+    """Check that each sensor is on the vehicle: its lever arm is at most 1.5 times the known distance to the edge."""
     R = reach(geometry)
     for name, sensor in sensors._asdict().items():
         arm = getattr(sensor, "lever_arm_m", None)

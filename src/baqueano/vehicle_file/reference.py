@@ -169,7 +169,7 @@ def _range(key: Key) -> str:
 
 
 def _default(key: Key) -> str:
-    """Return the default of a key in the notation of the file."""
+    """Return the default of a key in the notation of the file; "" for None, "required" for a key without a default."""
     if key.default is NO_DEFAULT:
         return _("required")
     if key.default is None:

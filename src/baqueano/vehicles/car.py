@@ -7,9 +7,9 @@
     η̇ = J(ψ) ν                                                                                            (4)
     w = |u_t| / g + z min(|u_t| / 0.01, 1),   z the dead zone of its direction, g the gain of the channel (5)
 
-η, ν: pose and velocity of the body's origin, b ahead of the rear axle; v: speed, ν_ψ: yaw rate, u_t, u_s: effort of
-throttle and servo, δ: steering angle, L: wheelbase. d_m is the damping of a driven motor, w its duty. All terms are per
-kilogram, because the mass cannot be identified from commands and IMU (errata 9). Keep k_s · limit well below π/2.
+η, ν: pose and velocity of the body's origin, b ahead of the rear axle; v: speed, ν_ψ: yaw rate, λ: its lag, u_t, u_s:
+effort of throttle and servo, δ: steering angle, L: wheelbase, d_m: damping of a driven motor, w: its duty. Terms are
+per kilogram, because the mass cannot be identified from commands and IMU (errata 9). Keep k_s · limit well below π/2.
 Derivation: docs/derivations/vehicles.md.
 """
 

@@ -259,8 +259,7 @@ class Drivetrain:
         return self.unmix(np.sign(w) * duty / self._supply(share))
 
     def turn_first(self, u: np.ndarray) -> np.ndarray:
-        """Return the command (n,) with its speed reduced, at most to zero, so that no wheel reaches its limit. The turn
-        is not reduced.
+        """Return the command (n,) with its speed reduced so that no wheel reaches its limit; u_ψ is not reduced.
 
         A wheel at its limit would turn the vehicle off its path. Without a mix of wheels, return `u` unchanged.
         """

@@ -29,9 +29,9 @@ class Effort(NamedTuple):
     Attributes
     ----------
     start : ndarray (n,) [unit of u]
-        The line at the beginning of the tick.
+        Value of the line at the beginning of the tick.
     end : ndarray (n,) [unit of u]
-        The line at the end of the tick.
+        Value of the line at the end of the tick.
     last : ndarray (n,) [unit of u]
         The real effort at the end of the tick, which an accelerometer measures.
 

@@ -43,9 +43,8 @@ def rates(vehicle: DynamicVehicle, freedoms: tuple[int, ...] | None = None) -> n
 def slopes(
     vehicle: DynamicVehicle, fields: Collection[str], freedoms: tuple[int, ...] | None = None
 ) -> Iterator[tuple[str, np.ndarray]]:
-    """Yield (path with its entry, slope (3,)) of each parameter of the `fields`, "model.…", that damps a motion.
-
-    `freedoms` may give (1), which is computed by default.  (3)
+    """Yield (path with its entry, slope (3,)) of each parameter of the `fields`, "model.…", that damps a motion.  (3)
+    `freedoms` is the result of `coasting_axes`, if it is already known.
     """
     model, freedoms = {"model": vehicle}, coasting_axes(vehicle) if freedoms is None else freedoms
     for path, p in all_parameters(vehicle, "model") if is_dynamic(vehicle) else ():
@@ -88,7 +87,7 @@ def turns(vehicle: DynamicVehicle) -> bool:
 
 
 def _accelerations(vehicle: DynamicVehicle, command: int) -> np.ndarray:
-    """Return ν (3,) shortly after rest under one unit of one command; it is proportional to the acceleration."""
+    """Return ν (3,) shortly after rest under one unit of one command; this ν is proportional to the acceleration."""
     vehicle, u = ideal(vehicle), np.eye(vehicle.commands)[command]
     state, _ = vehicle.step(vehicle.init(), u, SOON_S, np.zeros(3))
     return vehicle.step(state, u, SOON_S, np.zeros(3))[0].nu

@@ -9,7 +9,7 @@ tick. Without a lag, the present effort would let ν jump at each command, which
 name "the kinematic model" and "the V matrix"; the paragraph is missing from their text (errata 7).
 
 The last term of (1) is not in the paper: wheels slip a little outward, in proportion to m ν_x ν_ψ, the force in a
-curve. k [s] is the mass divided by their lateral resistance. docs/benchmarks.md contains its value.
+curve. k [s] is the mass divided by the lateral resistance of the wheels. docs/benchmarks.md contains its value.
 """
 
 from dataclasses import dataclass, field

@@ -44,7 +44,7 @@ class Feed:
         return True
 
     def take(self, word: "JsonObject") -> bytes | None:
-        """Store these ticks, and return them as a binary frame, or None if they do not fit the columns."""
+        """Store the ticks of a message, and return a binary frame of them, or None if their columns do not match."""
         rows = word["x"]
         if not rows or not self.names or any(len(row) != len(self.names) for row in rows):
             return None

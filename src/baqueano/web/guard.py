@@ -77,7 +77,7 @@ class Guard:
         return not origins or (len(origins) == 1 and origins[0].lower() in self._origins)
 
     def role(self, address: str, token: str, from_page: bool) -> Role | None:
-        """Return the role of a visitor, None if it is refused.  (2), (3)
+        """Return the role of a visitor, None if the visitor is refused.  (2), (3)
 
         Without an Origin the role is at most VIEW. Tokens are valid for HOLDS_S after the start of the page.
         """

@@ -70,7 +70,7 @@ class Content(NamedTuple):
 async def read_head(reader: asyncio.StreamReader) -> bytes:
     """Return the bytes of a request head.
 
-    Raise RefusedRequest if it is too long, EOFError if the connection ends before its end.
+    Raise RefusedRequest if the head is too long, EOFError if the connection ends before the end of the head.
     """
     try:
         return await reader.readuntil(b"\r\n\r\n")

@@ -39,14 +39,14 @@ class Lease:
         return max(0.0, self._until_s - self._now()) if self.holder is not None else 0.0
 
     def take(self, visitor: object, name: str) -> None:
-        """Give the lease to `visitor`. Raise SafetyStop while another visitor holds it."""
+        """Give the lease to `visitor`. Raise SafetyStop while another visitor is the holder."""
         if self.holder is not None and self._holder is not visitor:
             raise SafetyStop(note("web.lease-taken", Severity.ERROR, name=self._name))
         self._holder, self._name = visitor, name
         self._n, self._until_s = 0, self._now() + HOLDS_S
 
     def give(self, visitor: object, to: object = None, name: str = "") -> None:
-        """Pass the lease to `to`, or end it if `to` is None. Raise SafetyStop if `visitor` does not hold it."""
+        """Pass the lease to `to`, or end it if `to` is None. Raise SafetyStop if `visitor` is not the holder."""
         self.check(visitor)
         self._holder = None
         if to is not None:

@@ -100,7 +100,10 @@ async def on_pipes(coming: BinaryIO, going: BinaryIO) -> Link:
 
 
 async def connect(host: str) -> Link:
-    """Return a link to the service at HOST. Raise RobotUnreachable if it cannot be reached."""
+    """Return a link to the service at HOST. If ssh fails later, the link ends.
+
+    Raise RobotUnreachable if the socket of the service cannot be opened, or if ssh is not installed.
+    """
     if host == "here" or ("/" in host and not host.startswith("-")):
         path = SOCKET if host == "here" else Path(host)
         try:

@@ -4,7 +4,7 @@
   x → c, |ẋ| ≤ slew,  d = sign(x) (dead zone + slope |x|)       after t_s: as the firmware follows commands (2)
   u_k = (U(t_k) − Σ_{j<k} u_j δ_j) / δ_k                                                                (3)
 
-d is the duty and U its integral, x the request that follows the command c, u_k the mean duty of tick k of length δ_k.
+d is the duty and U its integral; x is the request that follows the command c. u_k is the mean duty of tick k, δ_k long.
 Telemetry contains the mean over a time span that ended up to a period before the tick. If a fit used it as the mean of
 the tick, the motors would be 2 to 11 ms too quick, depending on the phase. (3) corrects an error of (2) (a
 kick, dither, a delayed frame) one tick later, so errors do not accumulate.

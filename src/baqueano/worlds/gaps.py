@@ -21,7 +21,9 @@ def period_ns(t_ns: np.ndarray) -> int:
 
 
 def fill_gaps(ticks: Iterable[Tick], period_ns: int) -> Iterator[Tick]:
-    """Yield the same ticks, with a silent tick every `period_ns` in the gaps."""
+    """Yield the same ticks, with a silent tick every `period_ns` in gaps that are longer than HOLE periods.
+    In a gap longer than LONGEST_NS, only the last LONGEST_NS before the next tick are filled.
+    """
     before: int | None = None
     for tick in ticks:
         if before is not None and 0 < HOLE * period_ns < tick.t_ns - before:

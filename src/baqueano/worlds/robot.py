@@ -205,7 +205,9 @@ class Robot(World):
         self._duties.record_command(now_ns, left, right)
 
     def trouble(self, t_ns: int) -> Diagnostic | None:
-        """Return the reason why the vehicle must stop, or None if the link works."""
+        """Return the reason why the vehicle must stop: the line is silent or noisy, or the firmware reports a stop.
+        Return None if the vehicle may drive.
+        """
         if self._last is None:
             return None if seconds(t_ns) < SILENT_S else stop(StopReason.UNO_UNHEARD)
         silent_s = seconds(t_ns, self._last.t_ns - self._start_ns)

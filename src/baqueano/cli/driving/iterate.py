@@ -27,7 +27,7 @@ from baqueano.messages import texts, verdict_line
 
 
 class Round(NamedTuple):
-    """A round with its fit."""
+    """A round: the path of its run, and the fit to all runs so far."""
 
     run: Path
     fit: "Fit"

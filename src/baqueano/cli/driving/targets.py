@@ -85,7 +85,7 @@ class There:
         )
 
     def back_in_the_middle(self) -> None:
-        """Wait until the user confirms that the vehicle is in the middle of the room."""
+        """Wait for the user to confirm that the vehicle is in the middle of the room. Raise click.Abort if not."""
         import click
 
         print_message(note("cli.put-back"))

@@ -272,7 +272,7 @@ def _fit_arguments(values: "JsonObject", backend: str) -> "JsonObject":
 def _with_tolerances(
     file: "VehicleFile", tolerances: tuple[str, ...], runs: "list[Run]", arguments: "JsonObject"
 ) -> Any:
-    """Return the file with the tolerances of its scales. Raise UsageError if the fit would ignore them."""
+    """Return the file with the tolerances of its scales. Raise UsageError if the fit would ignore these."""
     from baqueano.errors import UsageError
     from baqueano.identify.covariance.scale_uncertainty import with_tolerance
     from baqueano.identify.imu_only import imu_is_all
@@ -340,7 +340,7 @@ def _validation(fit: "Fit", validation_runs: "list[Run]") -> Any:
 
 
 def _with_noise(fit: "Fit", runs: "list[Run]", validation_runs: "list[Run]", backend: str) -> Any:
-    """Return Q and R; with held-out runs, R comes from the source that predicts them best."""
+    """Return Q and R. If the truth is known, held-out runs select R: from the truth, or from the innovations."""
     from baqueano.errors import UsageError
     from baqueano.identify.noise.covariances import measure_noise
     from baqueano.identify.noise.held_out import compare_noise

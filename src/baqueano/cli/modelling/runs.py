@@ -210,7 +210,7 @@ def _next(*runs: str, vehicle_options: list[str]) -> None:
 
 
 class Written(NamedTuple):
-    """An imported run with its path and the doubts about it."""
+    """An imported run, the path of its file, and the doubts about the import."""
 
     path: Path
     imported: "ImportedRun"

@@ -85,7 +85,7 @@ class DriveDoor:
     def wait_for_hand(self, is_running: Callable[[], bool]) -> None:
         """Wait until a person begins to drive by hand on the page.
 
-        Raise RobotUnreachable once `is_running` returns False.
+        Requests for other missions are refused. Raise RobotUnreachable once `is_running` returns False.
         """
         while is_running():
             request = self.operator.next()
@@ -143,7 +143,7 @@ class DriveDoor:
         return {"words": words}
 
     def publish(self, at_once: bool = False) -> None:
-        """Send the state to the page, at least TELL_S after the previous time, or `at_once`."""
+        """Send the state to the page, if `at_once` or if the last state was sent at least TELL_S ago."""
         now_s = time.monotonic()
         if not at_once and now_s - self._published_s < TELL_S:
             return

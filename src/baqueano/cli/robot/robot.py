@@ -134,7 +134,7 @@ class RobotStatus:
         self.verdict = str(reply.get("state"))
 
     def rows(self) -> list["TableRow"]:
-        """Return one row; it contains the reason of a stop as a sentence, as a code, and as figures."""
+        """Return one row, with the reason of a stop as a sentence, as a code, and as figures."""
         from baqueano.diagnostics import Diagnostic
         from baqueano.messages import text
 

@@ -94,7 +94,7 @@ class Mpc:
         return Plan(-1, *self._horizon.at_rest(), 0)
 
     def step(self, state: Plan, reference: Reference, estimate: Estimate) -> tuple[Plan, Command]:
-        """Return the new plan, and its first command (n,)."""
+        """Return the new plan, and its first command (n,). Invalid after more than FAILURES failures in a row."""
         dt_s = seconds(estimate.t_ns, state.t_ns) if state.t_ns >= 0 else 1.0 / self.rate_hz
         E, drivetrain, program = self._horizon.linear(state, dt_s, reference, estimate)
         solution = None if program is None else self._program.solve(program, E)

@@ -86,7 +86,7 @@ def columns_of(file: "VehicleFile") -> list[Column]:
 
 @dataclass
 class DriveRows:
-    """The rows of one drive."""
+    """The rows of one drive, made from its ticks for the clients that watch it."""
 
     file: "VehicleFile"
     estimator: "Estimator | None" = None  # the estimator that drives

@@ -201,7 +201,7 @@ class SimulatedService:
         self.broadcast({"is": "event", "level": level, "said": event})
 
     def publish(self, at_once: bool = False) -> None:
-        """Send the state to all clients, if `at_once` or if the last time was TELL_S ago."""
+        """Send the state to all clients, if `at_once` or if the last state was sent at least TELL_S ago."""
         now_s = time.monotonic()
         if not at_once and now_s - self._published_s < TELL_S:
             return

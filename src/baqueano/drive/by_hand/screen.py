@@ -113,7 +113,7 @@ class Screen:
         self._height = 0
 
     def frame(self, block: list[str], height: int = 24) -> bytes:
-        """Return the bytes that draw this block, or only its last lines if it is higher than the screen."""
+        """Return the bytes that draw this block, or only its last lines if the block is higher than the screen."""
         block = block[-max(1, height - 1) :]
         up = f"\r\x1b[{self._height}A" if self._height else "\r"
         rest = max(0, self._height - len(block))

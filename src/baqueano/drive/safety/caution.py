@@ -67,7 +67,7 @@ class Caution(Observer):
         return lines
 
     def _doubt_of(self, record: Record) -> tuple[Diagnostic | None, bool]:
-        """Return the doubt about the estimate, or None, and True if it is severe.  (1)"""
+        """Return the doubt about the estimate, or None, and True if the doubt is severe.  (1)"""
         if not self._watches:
             return None, False
         std_m = float(position_std(record.estimate.cov))

@@ -96,7 +96,7 @@ class Precautions:
         """Return the guide with a path to the start of the route (`lead_in`) and a path back to it (`way_back`).
 
         The path to the start is added only if the vehicle is not there. An estimator without a start pose begins at the
-        pose that its sensors measure; for it the path is always added.
+        pose that its sensors measure; with such an estimator the path is always added.
         """
         off = start[:3] - route.eta[0]
         away = np.hypot(off[0], off[1]) > NEAR_M or abs(wrap(off[2])) > NEAR_RAD

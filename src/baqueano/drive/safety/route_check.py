@@ -25,7 +25,7 @@ def warnings_of(
     anyway: bool = False,
     backend: str = "auto",
 ) -> tuple[Diagnostic, ...]:
-    """Return the warnings about a route that may be driven. Raise AnswerNo if it may not, with the first reason.
+    """Return the warnings about a route that may be driven. Raise AnswerNo, with the first reason, for another route.
 
     A model that was not `measured` cannot prove that a route is too fast: the finding is then only a warning. `anyway`
     allows a route that is too fast or has gaps. A jump, a wall, and a value that is not a number are always refused.

@@ -40,10 +40,10 @@ class Innovations(NamedTuple):
 
     gap: np.ndarray  # (m,) the last innovations, in order of use
     place_doubt: PlaceDoubt
-    refused: Value  # count of numbers that lost their weight
-    y: np.ndarray  # (m,) innovations; NaN for a number that did not arrive
+    refused: Value  # count of channels that lost their weight
+    y: np.ndarray  # (m,) innovations; NaN for a channel without a measurement
     S: np.ndarray  # (m, m)
-    weight: np.ndarray  # (m,) weights; NaN for a number that did not arrive
+    weight: np.ndarray  # (m,) weights; NaN for a channel without a measurement
 
 
 def correct_tick(
@@ -95,7 +95,7 @@ def correct_tick(
         return 1.0 / (1.0 + (np.maximum(least_error, np.abs(e) / ABSURD) / limit) ** 8)
 
     E = its.resting if at_rest else its.moving
-    # a number that did not arrive has weight 0, and its noise is independent of the others
+    # a channel without a measurement has weight 0, and its noise is independent of the others
     own = np.where(np.eye(len(y)) > 0.0, Q, Q * np.outer(has, has))
     update = correct(x.cov, y * has, H, own, E, lambda c, e, s: has[c] * weight(c, e, s))
     w = np.array([weight(c, update.e[c], update.s[c]) for c in range(len(y))])

@@ -4,16 +4,15 @@
 
 A filter in which every channel corrects every state relies on the couplings of its model. Then a gyro that disagrees
 with the model changes the speed, and an odometer changes the heading. On real cars these couplings had larger errors
-than the sensors, and the estimate was worse than the model. So a number corrects, by what it measures:
+than the sensors, and the estimate was worse than the model. So each channel corrects only, by the measured quantity:
 
     the pose                all states
     ν_x, not inertial       position, ν_x, ν_y, d_x; also the turning states if no channel measures only ν_ψ
     only ν_ψ (a gyro)       ψ, ν_y, ν_ψ, d_ψ; at rest also its bias
     other inertial channel  its bias at rest; if in `speed_from` its bias, position, ν_x, ν_y, d_x at any time (2)
 
-h determines what a channel measures (sensor_numbers.py). A channel whose bias walks is inertial. A model error looks
-like a bias: so biases outside `speed_from` are estimated only at rest. With a pose sensor, all channels correct all
-biases.
+h determines the measured quantity (sensor_numbers.py). A channel whose bias walks is inertial. A model error looks like
+a bias: so biases outside `speed_from` are estimated only at rest. With a pose sensor, all channels correct all biases.
 """
 
 from functools import lru_cache
@@ -50,7 +49,7 @@ class Layout(NamedTuple):
     moving: np.ndarray  # (m, n) E of kalman.py for each number, while the vehicle drives  (2)
     resting: np.ndarray  # (m, n) at rest
     patience: np.ndarray  # (m,) factor on the model's part of the gate of each number
-    slope: np.ndarray  # (m, 2) derivative of each number by speed and yaw rate; 0 if it may not correct them
+    slope: np.ndarray  # (m, 2) derivative of each channel by speed and yaw rate; 0 if it may not correct them
     places: tuple[tuple[int, ...], ...]  # the numbers of each sensor that measures the pose: place_gate.py
 
     @property

@@ -2,7 +2,7 @@
 
     d² = yᵀ S⁻¹ y,   w = 1/(1 + (d²/χ²)⁴)         y: all m channels of a sensor, χ²: their limit (gate.py)      (1)
     d²ᵢ = (y + Δᵢ)ᵀ S⁻¹ (y + Δᵢ),   p = 1/(1 + MISTAKEN e^(½ (d² − min d²ᵢ))),   w ← p w                       (2)
-    P ← D P D,   D = d/√m for η, κ and b; of ψ, κ and b at most up to their deviation at the start             (3)
+    P ← D P D,   D = d/√m for η, κ, β, b; ψ, κ, β, b grow at most to their deviation at the start              (3)
     (y − y₋)ᵀ (2 S)⁻¹ (y − y₋) ≤ χ²                                                                          (4)
 
 y is the innovation with covariance S, w the weight. Δᵢ is the vector from the tag that was read to tag i. p is the
@@ -32,10 +32,10 @@ TURN_STD = np.pi / np.sqrt(3.0)  # rad, of an unknown heading: uniform between �
 class PlaceNumbers(NamedTuple):
     """The channels of the pose sensors in a tick, compared with their prediction."""
 
-    y: np.ndarray  # (m,) innovations; 0 for a number that did not arrive
-    S: np.ndarray  # (m, m) their covariance; only the noise for a number that did not arrive
-    has: np.ndarray  # (m,) 1 for a number that arrived, else 0
-    ways: list[np.ndarray]  # of each number (k,): Δ of (2), zeros for the tag that the sensor reported
+    y: np.ndarray  # (m,) innovations; 0 for a channel without a measurement
+    S: np.ndarray  # (m, m) their covariance; only the noise for a channel without a measurement
+    has: np.ndarray  # (m,) 1 for a channel with a measurement, else 0
+    ways: list[np.ndarray]  # of each channel (k,): Δ of (2), zeros for the tag that the sensor reported
 
 
 class Past(NamedTuple):
@@ -123,8 +123,8 @@ def _nearest(S: np.ndarray, y: np.ndarray, ways: list[np.ndarray]) -> Value:
 def growth(grown: Value, sd: np.ndarray, most: np.ndarray, mask: np.ndarray) -> np.ndarray:
     """Return the diagonal D (n,) of (3): the factor of each standard deviation `sd` (n,).
 
-    The factor is `grown` if `mask` (n,) is 1, but at most so large that the deviation reaches `most` (n,). Else it is
-    1.
+    If `mask` (n,) is 1, the factor is `grown`, but limited so that it does not raise the deviation above `most` (n,).
+    Else the factor is 1.
     """
     room = np.maximum(most / np.maximum(sd, 1e-12), 1.0)
     return np.where(mask > 0.0, np.minimum(grown, room), 1.0)

@@ -117,7 +117,7 @@ def _of_one_block_only(
 ) -> bool:
     """Return True if a block has more than `most` of the information on a direction of the shared entries. `own`
     (k, k) is the covariance of the shared entries, `between` (q, k) the covariance of the entries of this run with
-    them."""
+    the shared entries."""
     more = between.T @ np.linalg.solve(remainder, A_b @ between)  # increase of `own` without the block
     room = most / (1.0 - most) * own - 0.5 * (more + more.transpose(0, 2, 1))
     try:
@@ -159,7 +159,7 @@ def no_smaller(
 
 
 def with_blocks(info: Information, identifiable: np.ndarray, cov: np.ndarray) -> Information:
-    """Return `info` with the errors of the `identifiable` entries raised to the errors in `cov` (k, k) if these are
+    """Return `info` with the error of each `identifiable` entry raised to its error in `cov` (k, k), if that is
     larger.  (3)"""
     at = np.ix_(identifiable, identifiable)
     A, meat = info.bread[at], info.meat.copy()

@@ -43,7 +43,8 @@ def of_tolerance(tolerance: float) -> float:
 
 def scales_of(file: "VehicleFile", imu: str, tolerance: Mapping[str, float] | None = None) -> np.ndarray:
     """Return the relative standard deviations (3,) of the scales of an IMU. They are computed from `tolerance`
-    {"accel", "gyro"}, else from the measurement in the file, else from a data sheet."""
+    {"accel", "gyro"}, else from the measurement in the file, else from a data sheet. Raise UsageError for an
+    unknown key, or a tolerance outside 0 to 1."""
     tolerances = dict(tolerance or {})
     if not set(tolerances) <= set(SHEET) or any(not 0.0 <= x < 1.0 for x in tolerances.values()):
         raise UsageError(fault("tolerance.keys", given=tolerances, keys=SHEET))

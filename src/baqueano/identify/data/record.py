@@ -170,8 +170,8 @@ def _measurements(
 
 
 def _early(run: Run, t_ns: np.ndarray, tick: np.ndarray, index: np.ndarray, rows: int) -> np.ndarray | None:
-    """Return the part (rows,) of the step by which each timestamp precedes the end of its tick, or None if it is
-    negligible."""
+    """Return the fraction (rows,) of the step by which each timestamp precedes the end of its tick. Return None if
+    all fractions are negligible."""
     if not len(tick):
         return None
     before = run.t_ns[np.maximum(tick, 1) - 1]

@@ -1,12 +1,12 @@
 """Build a library of short drives, each from rest to rest, as parts of an experiment.
 
-    piece = a few levels of each command, held a while;  the way back;  no command until it rests         (1)
+    piece = a few levels of each command, held a while;  the return;  no command until it rests           (1)
 
 The levels, their durations and their number are random (seeded): the search computes the exact information of each
 piece, so it needs variety only. Some levels are full, some are 0, the others random: small levels show dry friction and
-dead zones. The way back is one of four kinds. It may reverse all signs (a vehicle with two wheels returns on its arc).
+dead zones. The return is one of four kinds. It may reverse all signs (a vehicle with two wheels returns on its arc).
 It may reverse only the signs of the first channel (a car returns), or only the other signs. The fourth kind is without
-a way back. Circles stay in a room, and a signal that ends where it began needs no way back. Children of good pieces
+a return. Circles stay in a room, and a signal that ends where it began does not need a return. Children of good pieces
 differ from their parent in one or two things. The library does not depend on the vehicle, but channels with limit 0 are
 not used. As a piece begins and ends at rest, its information (information.py) does not depend on other pieces and adds
 up over a sequence. The paths of the possible vehicles (vehicle_cloud.py) are composed in the same way.
@@ -23,7 +23,7 @@ GENTLE = 1.0 / 3.0  # factor on the turning channels of a gentler piece
 
 
 class MotionPiece(NamedTuple):
-    """A piece of motion: its commands, and the kind of its way back."""
+    """A piece of motion: its commands, and the kind of its return to the start."""
 
     out: np.ndarray  # (T, n) relative to the limit, over the whole length of a piece without its coast
     back: int  # 0 all signs, 1 the first channel's, 2 the others', 3 none

@@ -41,7 +41,7 @@ class NextMotion(NamedTuple):
 
 
 def named_motions(limit: np.ndarray, rate_hz: float) -> list[NamedMotion]:
-    """Return motions within these limits. The first channel drives the vehicle ahead, the last one turns it."""
+    """Return motions within the limits. The first usable channel drives ahead, the last one turns; [] without any."""
     moving, ticks = np.flatnonzero(limit > 0.0), round(SECONDS * rate_hz)
     if not len(moving):
         return []
@@ -76,9 +76,11 @@ class MotionAdvisor:
     def next(
         self, F: np.ndarray, theta: np.ndarray, size: np.ndarray, wider: np.ndarray
     ) -> NextMotion | None:
-        """Return the motion that adds most to F (q, q) [SI units], or None without a motion. `size` (q,) contains
-        the sizes of the parameters. `wider` (p,) is the ratio of the errors of a fit to the errors that F
-        predicts.  (1)"""
+        """Return the motion after F (q, q) [SI units] that most reduces the error of one parameter.  (1)
+
+        Return None for a vehicle without motions. `size` (q,) contains the sizes of the parameters. `wider` (p,) is
+        the ratio of the errors of a fit to the errors that F predicts.
+        """
         if not self._motions:
             return None
         if not np.array_equal(theta, self._theta):

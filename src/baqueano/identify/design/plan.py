@@ -209,8 +209,10 @@ class PlanSearch:
         return u, eta
 
     def _coast_s(self, limit: np.ndarray) -> float:
-        """Return the time [s] in which the nominal vehicle covers COVERED of its rolling distance, after one second
-        at the limit of its first usable command."""
+        """Return the time [s] in which the nominal vehicle covers COVERED of its rolling distance.
+
+        It rolls after one second at the limit of its first usable command.
+        """
         second = round(self.cloud.rate_hz)
         u = np.zeros((3 * second, len(limit)))
         first = int(np.argmax(limit > 0.0))

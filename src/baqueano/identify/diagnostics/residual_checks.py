@@ -5,13 +5,12 @@
     z = (mean rank of |ḣ| among readings beyond 4 σ − ½) √(12 n)                                          (3)
 
 The tests are for the terms of unmodelled_terms.py, and for a change of each parameter between parts of the data. The
-parts are the first 1/4 to 3/4 of the time, each run, and kinds of motion, such as forward, left, fast, in turns or
-gaining speed. A result needs a p-value below 1/40,000, because there are some 250 tests (a low-pass of the IMU:
-1/300). Also, a parameter must move by over 2 of its errors and 2 %, or differ between parts by over 5 %.
-The shift, and half of the difference of parts, are added to the error bars. γ(1), the covariance of neighbouring
-residuals, is motion outside the model. If it is above 5 % of the predicted motion, or 0.5 % with (2) above 1.3,
-parameters are not accurate to 5 %. Outliers during fast changes of the prediction (3) mean that the model has a wrong
-delay or is too simple.
+parts are the first 1/4 to 3/4 of the time, each run, and kinds of motion, such as forward, left or fast. A result needs
+a p-value below 1/40,000, because there are some 250 tests (a low-pass of the IMU: 1/300). Also, a parameter must move
+by over 2 of its errors and 2 %, or differ between parts by over 5 %. The shift, and half of the difference of parts,
+are added to the error bars. γ(1), the covariance of neighbouring residuals, is motion outside the model. If it is above
+5 % of the predicted motion, or 0.5 % with (2) above 1.3, parameters are not accurate to 5 %. Outliers during fast
+changes of the prediction (3) mean that the model has a wrong delay or is too simple.
 """
 
 from collections.abc import Iterator, Sequence

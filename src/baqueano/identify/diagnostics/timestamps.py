@@ -133,7 +133,8 @@ def _shift(timestamps: np.ndarray, before: np.ndarray, after: np.ndarray) -> np.
 
 
 def _stamps(name: str, c: Channel) -> tuple[Channel, list[Diagnostic]]:
-    """Return the channel without samples whose stamp is not their time of measurement, and the findings."""
+    """Return the channel without samples whose stamp is far from its arrival or not after the previous stamps, and
+    the findings."""
     if len(c.t_ns) < FEW:
         return c, []
     late_s = (c.arrival_ns - c.t_ns) / NANOSECONDS
@@ -157,7 +158,8 @@ def _grave(loss: np.ndarray) -> Severity:
 
 
 def _segments(run: Run) -> tuple[list[Run], list[Diagnostic]]:
-    """Return the segments of the run between pauses, and a message if it was cut."""
+    """Return the segments of the run between pauses, and a message if it was cut. Segments below PIECE_S are dropped,
+    but the run stays whole, with an error, if none would remain."""
     steps_s = np.diff(run.t_ns) / NANOSECONDS
     pause = max(PAUSE_S, PAUSE_STEPS * float(np.median(steps_s)))
     cuts = np.flatnonzero(steps_s > pause)
@@ -174,7 +176,8 @@ def _segments(run: Run) -> tuple[list[Run], list[Diagnostic]]:
 
 
 def _segment(run: Run, a: int, b: int) -> Run:
-    """Return ticks a to b − 1 of the run, and the samples that were measured during them."""
+    """Return ticks a to b − 1 of the run, and the samples measured during them. If a > 0, the samples of the first
+    SETTLE_S are excluded."""
     low, high = int(run.t_ns[a]), int(run.t_ns[b - 1])
 
     begin_ns = low + round(SETTLE_S * NANOSECONDS) * (a > 0)

@@ -78,7 +78,7 @@ def driven_channels(model: Tree, u: np.ndarray) -> np.ndarray:
 
 
 def _since_turn(x: np.ndarray, t: np.ndarray) -> np.ndarray:
-    """Return sign x e^(−s/0.2 s) (N, c), with s the time since each column last changed its sign."""
+    """Return sign x e^(−s/0.2 s) (N, c), with s the time since the last change of sign; 0 before any."""
     out = np.zeros_like(x)
     for c, sign in enumerate(np.sign(x).T):
         moving = np.flatnonzero(sign != 0.0)

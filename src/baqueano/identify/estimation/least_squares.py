@@ -33,7 +33,7 @@ STEEP, NEAR = 1e-2, 1e-3  # standard deviations: least slope for test (5), and i
 
 
 class Solution(NamedTuple):
-    """End of a search."""
+    """Result of a search: θ and the evaluation at its end."""
 
     theta: np.ndarray  # (p,)
     evaluation: Evaluation

@@ -78,7 +78,7 @@ def _names(parameters: Sequence[Free]) -> str:
 
 
 def _motion_note(parameters: Sequence[Free]) -> Diagnostic | str:
-    """Return a note on the limited motion that does not separate these parameters, or ""."""
+    """Return a note on the limited motion that does not separate the `parameters`, or ""."""
     axes = {parameter.axis for parameter in parameters if parameter.axis is not None}
     if axes == {1}:
         return note("identifiability.hardly-sideways")
@@ -101,7 +101,7 @@ def _by_hand(parameter: Free) -> Diagnostic:
 
 
 def _separation(parameters: Sequence[Free]) -> Diagnostic | str:
-    """Return up to two motions that separate these parameters, or ""."""
+    """Return a note with one or two motions that separate the `parameters`, or ""."""
     motions = [*dict.fromkeys(parameter.shown_by for parameter in parameters if parameter.shown_by)][:2]
     if len(motions) == 2:
         return note("identifiability.apart-by-two", first=motions[0], second=motions[1])

@@ -62,7 +62,7 @@ def accelerometer_ahead(ekf: AugmentedEkf, inertial: set[str]) -> tuple[str, int
 
 
 def accelerometer_share(ekf: AugmentedEkf, fit: "Fit", inertial: set[str]) -> float:
-    """Return φ within [LEAST, 1] from all runs of the fit, or 1 with too few data.  (2)"""
+    """Return the upper end of the 95 % interval of φ over all runs, in [LEAST, 1]; 1 with too few data.  (2)"""
     sums = np.concatenate([np.zeros((0, 2)), *(sums_of(*each) for each in _series(ekf, fit, inertial))])
     if len(sums) < FEWEST or not np.sum(sums[:, 1]) > 0.0:
         return 1.0

@@ -84,7 +84,7 @@ def accept(
     backend: str = "auto",
 ) -> tuple[AugmentedEkf, Acceptance]:
     """Return the filter whose noise is written, and the verdict. The filter is `ekf` if the `validation_runs` agree
-    with it, else `refit()`, with the noise over all runs."""
+    with it or are too short for a test, else `refit()`, with the noise over all runs."""
     runs, kernel = ", ".join(run.name for run in validation_runs), _filter_scan(ekf, backend)
     decisive = [
         square
@@ -170,7 +170,7 @@ def _mean(name: str, square: np.ndarray, count: np.ndarray, close: float) -> Nor
 
 
 def _by_belief(off: Sequence[NormalisedSquare]) -> JsonObject:
-    """Return the names for which the filter is overconfident, and the names for which it is too cautious."""
+    """Return the channels or states for which the filter is overconfident, and those with a too cautious filter."""
     sure, careful = (
         [square.name for square in off if square.verdict == belief]
         for belief in (NoiseVerdict.TOO_SURE, NoiseVerdict.TOO_CAREFUL)

@@ -126,6 +126,9 @@ def _fit(parts: np.ndarray, variance: np.ndarray, nu: np.ndarray) -> tuple[np.nd
 
 
 def chi_square(nu: np.ndarray, normal: float) -> np.ndarray:
-    """Return the χ² of ν degrees of freedom with the probability of this normal deviate (Wilson and Hilferty 1931)."""
+    """Return the quantile of χ² with ν degrees of freedom (Wilson and Hilferty 1931).
+
+    Its probability is the probability of the standard normal quantile `normal`.
+    """
     part = 2.0 / (9.0 * nu)
     return nu * np.maximum(1.0 - part + normal * np.sqrt(part), 0.05) ** 3

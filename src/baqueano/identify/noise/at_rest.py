@@ -66,7 +66,7 @@ class AtRest:
 
     @property
     def verdict(self) -> Verdict:
-        """Return WARN if something is doubtful, else USABLE."""
+        """Return WARN if `doubts` contains a message, else USABLE."""
         return Verdict.WARN if self.doubts else Verdict.USABLE
 
     def rows(self) -> list["TableRow"]:

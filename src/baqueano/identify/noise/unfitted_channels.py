@@ -22,8 +22,8 @@ FEWEST = 30  # samples for a variance
 def not_fitted(
     name: str, block: Tree, took_part: np.ndarray, runs: Sequence[Run], notes: list[Diagnostic]
 ) -> np.ndarray | None:
-    """Return Q (m, m) of a sensor, or None if a run is without it. `took_part` (m,) are the variances of the
-    residuals of its channels, 0 for channels that were not fitted.  (1)"""
+    """Return Q (m, m) of a sensor, or None if Q is not in the file and a run lacks the sensor. `took_part` (m,) are the
+    variances of the residuals of its channels, 0 for channels that were not fitted.  (1)"""
     of_file = np.diagonal(block.cov)
     if np.all(of_file > 0.0):
         notes.append(note("noise.of-the-file", Severity.WARNING, subject=name))

@@ -57,22 +57,22 @@ class Free(NamedTuple):
 
     @property
     def axis(self) -> int | None:
-        """Return the axis along which the number acts: 0 forward, 1 sideways, 2 turning, or None if undefined."""
+        """Return the axis along which the parameter acts: 0 forward, 1 sideways, 2 turning, or None if undefined."""
         return self.entry[0] if self.entry and self.of.axes else None
 
     @property
     def column(self) -> int | None:
-        """Return the index of the command if the number is a gain, else None."""
+        """Return the index of the command if the parameter is a gain, else None."""
         return self.entry[-1] if self.entry and self.of.role == "gain" else None
 
     @property
     def shown_by(self) -> str:
-        """Return the motion that shows the number, or "" if it is not documented."""
+        """Return the motion that shows the parameter, or "" if it is not documented."""
         return words_of(self.of.shown_by, self.entry)
 
     @property
     def label(self) -> str:
-        """Return the short name of the number for people, or "" if it is undefined or off the diagonal of a matrix."""
+        """Return the parameter's short name for people, or "" if it is undefined or off the diagonal of a matrix."""
         diagonal = len(set(self.entry)) <= 1
         return words_of(self.of.label, self.entry) if diagonal else ""
 
@@ -173,7 +173,8 @@ def enable_parameters(
 
     A delay receives a buffer of past rows, and a lag of 0 starts at FIRST_LAG ticks. The limit of a motor stays
     below the largest command, else the data cannot determine it. A free effect of the battery uses the logged
-    voltage. Bounds on friction keep the motion integrable within a tick.
+    voltage. Bounds on friction keep the motion integrable within a tick. Raise UsageError for a free friction of the
+    wheels if the track is 0.
     """
     paths = [parameter.path for parameter in free]
     if any(path.startswith(OF_WHEELS) for path in paths) and blocks.model.friction.track_m == 0.0:
@@ -286,14 +287,14 @@ def _with_lower_bound(parameter: Free, low: float) -> Free:
 
 
 def substitute(blocks: FittedBlocks, paths: Iterable[str], numbers: Any) -> FittedBlocks:
-    """Return the blocks with other numbers at `paths`; they may be traced. No range is checked here."""
+    """Return the blocks with `numbers` at `paths`. The numbers may be traced; their range is not checked."""
     for k, path in enumerate(paths):
         blocks = put(blocks, path, numbers[k])
     return blocks
 
 
 def frozen_columns(free: list[Free], u: np.ndarray) -> list[int]:
-    """Return the indices of free entries that belong to a command which is 0 in all rows of u (N, n)."""
+    """Return the indices of free parameters that belong to a command which is 0 in all rows of u (N, n)."""
     is_unused = ~np.any(u != 0.0, axis=0)
     return [k for k, parameter in enumerate(free) if parameter.column in np.flatnonzero(is_unused)]
 

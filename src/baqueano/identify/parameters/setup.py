@@ -193,7 +193,7 @@ def _are_free(bounds: Mapping[str, tuple[float, float]], free: Sequence[str]) ->
 def shape_of(
     blocks: FittedBlocks, shared: Sequence[Free], records: Sequence[FitRecord], options: FitOptions
 ) -> Shape:
-    """Return the meaning of θ: the `shared` numbers, the numbers of each run, and the start of each segment."""
+    """Return the meaning of θ: the `shared` parameters, the parameters of each run, the start of each segment."""
     paths, names = tuple(parameter.path for parameter in shared), blocks.sensors._fields
     own = [p for path in options.per_run for p in entries(blocks, path)]
     for name, sensor in zip(names, blocks.sensors, strict=True):

@@ -317,7 +317,7 @@ def _notes(end: FinishedFit) -> tuple[Diagnostic, ...]:
 
 
 def _sums(end: FinishedFit) -> list[Diagnostic]:
-    """Return a note on each pair of parameters for which a run shows only the sum."""
+    """Return notes on sums whose two terms a run cannot separate: two delays, or a tilt and a bias."""
     shape, blocks = end.task.problem.shape, end.blocks.sensors._asdict().items()
     tilted_names = [
         name for name, block in blocks

@@ -114,7 +114,7 @@ class LeftOutBlocks(NamedTuple):
 
     @property
     def percent(self) -> float:
-        """Return the relative increase of the cost with the innovations' fit [%], negative if it is better."""
+        """Return the relative increase of the cost with the innovations' fit [%], negative for a decrease."""
         return 100.0 * float(self.more.sum()) / max(self.cost, 1e-300)
 
     @property

@@ -247,7 +247,7 @@ def _with_mask(record: FitRecord, mask: np.ndarray) -> FitRecord:
 
 
 def pieces_of(runs: Sequence[Run], command: int) -> float:
-    """Return the number of independent pieces of motion of one command over all runs, 0 if it does not move.  (4)"""
+    """Return the number of independent pieces of motion of a command over all runs; 0 if it is always 0.  (4)"""
     u = [run.applied[np.isfinite(run.applied[:, command]), command] for run in runs]
     every = np.concatenate([np.zeros(1), *u])
     swing = SWING * float(np.ptp(every))

@@ -198,7 +198,7 @@ def _of_fields(blocks: FittedBlocks, motions: Sequence[_TermMotion]) -> list[Ter
 def _sizes(
     blocks: FittedBlocks, path: str, neutral: float, motions: Sequence[_TermMotion]
 ) -> tuple[float, ...]:
-    """Return the starts of the search for a parameter, () if it has no effect.  (1)"""
+    """Return the starts of the search for a parameter; () for a parameter without effect.  (1)"""
     most = np.max([m.most for m in motions], axis=0, initial=1e-9)
     with_, without = (put(blocks, path, neutral + x).model for x in (UNIT, 0.0))
     slope = 0.0

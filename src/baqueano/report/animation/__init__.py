@@ -1,4 +1,4 @@
-"""Show a run as an animation: one SVG file without a script. It does not move for a reader who prefers no motion."""
+"""Show a run as an animation: one SVG file without a script. It stays still for a reader who prefers no motion."""
 
 from pathlib import Path
 

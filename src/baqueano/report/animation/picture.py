@@ -1,4 +1,4 @@
-"""Draw a scene and the stages of a fit as SVG, animated by CSS keyframes, so that it also moves in an <img>.
+"""Draw a scene and the stages of a fit as SVG, animated by CSS keyframes, so that the SVG also moves in an <img>.
 
 A reader who prefers no motion sees the last instant, which is the state of each element without its keyframes.
 """

@@ -9,8 +9,8 @@ ninth clock the host does not acknowledge, because SDA is released. That ends a 
 The kernel's driver of a Raspberry Pi (i2c-bcm2835) cannot do this. The command `pinctrl` of Raspberry Pi OS (package
 raspi-utils) can do it, and the group gpio may use this command. The lines are open drain: each is driven low or
 released, never driven high. (`pinctrl` makes a pin an output before it sets the level. The old level therefore stays
-for less than a microsecond.) Both pins return to I2C mode at every end, or at the next recovery. A recovery takes some
-tenths of a second, so it may run only at rest.
+for less than a microsecond.) A recovery puts both pins back into I2C mode; if that fails, the next
+recovery does. It needs some tenths of a second, so it may run only at rest.
 """
 
 import os
@@ -70,7 +70,7 @@ class Recovery:
         return self._thread is not None and self._thread.is_alive()
 
     def begin(self, now_ns: int) -> None:
-        """Begin a recovery, unless one runs or the last one began less than 5 s ago."""
+        """Begin a recovery, unless a recovery runs, or the last recovery began less than 5 s ago."""
         if not self.running and now_ns >= self._next_ns:
             self._next_ns = now_ns + AGAIN_NS
             self._thread = threading.Thread(target=self._work, name="bus recovery")

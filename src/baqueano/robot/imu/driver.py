@@ -75,7 +75,10 @@ def open(
 
 
 def of(hardware: "Hardware", notify: Callable[[str], object] | None, in_chip_axes: bool = False) -> Mpu6050:
-    """Return the running IMU of [robot]; `in_chip_axes` keeps the chip's axes, if the mounting is not yet known."""
+    """Return the running IMU, with the settings in [robot] of the vehicle file.
+
+    With `in_chip_axes` the samples stay in the chip's axes, as needed if the mounting is not yet known.
+    """
     settings = ImuSettings(
         filter=round(hardware.imu_filter), accel_range_g=round(hardware.imu_accel_range_g),
         gyro_range_dps=round(hardware.imu_gyro_range_dps),

@@ -57,13 +57,13 @@ class Device:
             self._bus = None
 
     def read(self, register: int, count: int) -> bytes:
-        """Return `count` bytes, read in one transfer from `register` and the following ones."""
+        """Return `count` bytes, read in one transfer from `register` and the following registers."""
         data = self._message.read(self.address, count)
         self._transfer(self._message.write(self.address, (register,)), data)
         return bytes(data)
 
     def write(self, register: int, *values: int) -> None:
-        """Write the bytes `values` into `register` and the following ones, in one transfer."""
+        """Write the bytes `values` into `register` and the following registers, in one transfer."""
         self._transfer(self._message.write(self.address, (register, *values)))
 
     def _transfer(self, *messages: object) -> None:
@@ -89,7 +89,7 @@ def is_stuck_low(error: OSError) -> bool:
 
 
 def _smbus2() -> tuple[Any, Any]:
-    """Return the message class and the bus class of smbus2. Raise UsageError if it is not installed."""
+    """Return the message class and the bus class of smbus2. Raise UsageError if smbus2 is not installed."""
     try:
         from smbus2 import SMBus, i2c_msg
     except ImportError:

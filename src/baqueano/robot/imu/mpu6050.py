@@ -244,13 +244,13 @@ class Mpu6050:
         return NOTHING
 
     def _registers(self) -> tuple[int, ...]:
-        """Return the expected contents of SMPLRT_DIV and of the registers after it."""
+        """Return the expected contents of SMPLRT_DIV and of the following registers."""
         s = self.settings
         own = (s.filter,) if self.chip.own_accel_filter else ()
         return (s.divider, s.filter, s.gyro_bits, s.accel_bits, *own)
 
     def _remembers(self, now: int) -> bool:
-        """Return True if the chip still has its settings; otherwise report the loss and restart it."""
+        """Return True if the chip still has its settings; otherwise report the loss and restart the chip."""
         expected = bytes(self._registers())
         registers = self.device.read(SMPLRT_DIV, len(expected))
         control, power = self.device.read(USER_CTRL, 2)

@@ -1,4 +1,4 @@
-"""Estimate when a chip took its samples, from readings of its sample count. It takes sample k at T(k) = a + P k.
+"""Estimate when a chip took its samples, from readings of its sample count. Sample k is taken at T(k) = a + P k.
 
     T(k) ≤ after        of a reading from `before` to `after` that found k as the newest    (1)
     T(k + 1) > before                                                                       (2)
@@ -63,7 +63,7 @@ class SampleClock:
         self.phase_error_ns = self.period_ns / 2.0
 
     def look(self, newest: int, before_ns: int, after_ns: int) -> None:
-        """Process a reading, made between the two times: sample `newest` was present, and the following one was not."""
+        """Process a reading, made between the two times: sample `newest` was present, and the next sample was not."""
         self._this = [newest, after_ns, newest, before_ns]
         if self._began < 0:
             self._began = self._bucket_ns = before_ns
@@ -108,7 +108,7 @@ class SampleClock:
         self._phase = min(max(self._phase, before - self.period_ns), float(after))
 
     def _bind(self, newest: int, before: int, after: int) -> None:
-        """Store each bound of this reading in the newest bucket if it is tighter than the stored bound."""
+        """Store each bound of this reading in the newest bucket if the bound is tighter than the stored one."""
         bounds, period = self._buckets[-1], self.period_ns
         if after - period * newest < bounds[1] - period * bounds[0]:
             bounds[0], bounds[1] = newest, after

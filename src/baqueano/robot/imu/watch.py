@@ -114,9 +114,9 @@ class ImuWatch:
         return True
 
     def _repeats(self, now_ns: int, row: Row) -> tuple[bool, bool]:
-        """Return (same, fault): `same` is True for a row that equals the last one or is all zero.
+        """Return (same, fault): `same` is True for a row that equals the last row or is all zero.
 
-        `fault` is True for the row with which this has lasted long enough to be a fault.
+        `fault` is True once: for the row with which so many such rows have arrived that the chip is faulty.
         """
         same = (row[:3] == self._last[:3] and row[4:] == self._last[4:]) or not (any(row[:3]) or any(row[4:]))
         self._last = row

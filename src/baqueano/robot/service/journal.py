@@ -51,9 +51,9 @@ class Journal:
             self.path.unlink(missing_ok=True)
 
     def unfinished_mission(self) -> Diagnostic | None:
-        """Return the mission during which the previous service ended; None if it ended without a mission.
+        """Return the mission that was driven when the previous service ended; None if no mission was driven.
 
-        Return None also if the computer was started again since then, as after a power cut.
+        Return None also for a damaged file, or if the computer was started again since then, as after a power cut.
         """
         try:
             first, _, trace = self.path.read_text(encoding="utf-8", errors="replace").partition("\n")

@@ -31,8 +31,8 @@ def serve(
     """Run the service for the vehicle of `file` at the socket `path`, with runs in `folder`, until SIGTERM.
 
     Raise RobotUnreachable if the Uno does not answer. If the IMU does not answer, the service runs all the same and
-    reports why the vehicle does not drive. It is READY as soon as the IMU answers. A vehicle whose file does not name
-    an IMU drives without one. `give_back` is called when the line of the Uno is open (serial_port.opened_early).
+    reports why the vehicle does not drive. Once the IMU answers, the vehicle is READY. A vehicle whose file does not
+    name an IMU drives without one. `give_back` is called when the line of the Uno is open (serial_port.opened_early).
     """
     systemd = Systemd()
     folder.mkdir(parents=True, exist_ok=True)

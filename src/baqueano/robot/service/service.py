@@ -145,7 +145,7 @@ class Service:
         return latch_gone
 
     def _give_back(self) -> None:
-        """Send the limits of this vehicle's file to the Uno if its limits differ, as after a mission or a reset."""
+        """Send the limits in the vehicle file to an Uno with other limits, as after a mission or a reset."""
         info = self.uno.info
         if info is not None and info.config != (own := config_of(self.hardware, info)):
             self.uno.send_config(own)

@@ -76,7 +76,7 @@ def boot_partition(folder: Path | None) -> Path:
 
 
 def public_key(path: Path | None) -> str:
-    """Return the text of the user's ssh key. Raise FileError if it does not exist or is not the public part."""
+    """Return the text of the user's ssh key. Raise FileError for no key, or for a file without a public key."""
     candidates = (
         [path] if path else [Path.home() / ".ssh" / f"id_{kind}.pub" for kind in ("ed25519", "ecdsa", "rsa")]
     )

@@ -178,7 +178,8 @@ def setup(
     """Send `folder` to HOST and run the steps there; their output appears in the terminal.
 
     A vehicle file `vehicle` replaces the file at HOST, but the calibrations of that file stay; `notify` receives the
-    changes. Without `vehicle`, the file at HOST stays. `dry` only plans the steps.
+    changes. Without `vehicle`, the file at HOST stays. `dry` only plans the steps. Raise RobotUnreachable if `folder`
+    cannot be sent.
     """
     (folder / BASE).unlink(missing_ok=True)
     if vehicle is not None:

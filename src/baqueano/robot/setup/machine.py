@@ -19,7 +19,7 @@ WORDS: dict[str, str] = {}  # English → the language of the laptop; filled by 
 
 
 class Step(NamedTuple):
-    """A change: `done` checks it, `do` makes it, `undo` restores the former state that `do` recorded."""
+    """A change: `done` tests if it is made, `do` makes it, `undo` restores the former state that `do` recorded."""
 
     name: str
     done: Callable[[], bool]
@@ -77,7 +77,7 @@ class Pi:
         )
 
     def groups(self, *names: str) -> dict[str, list[str]]:
-        """Return the members of each of these groups that exists on the machine."""
+        """Return the members of each group in `names`, without groups that do not exist on the machine."""
         fields = [line.split(":") for line in text_of(self.path_on_target("etc/group")).splitlines()]
         members = {f[0]: f[3].split(",") for f in fields if len(f) == 4}
         return {group: members[group] for group in names if group in members}
@@ -115,7 +115,7 @@ def write_atomically(path: Path, text: str) -> None:
 
 
 def command_output(*command: str) -> str:
-    """Return the output of a command. Raise SystemExit, with the command's message, if it fails."""
+    """Return the output of a command. Raise SystemExit, with the command's message, if the command fails."""
     process = subprocess.run(command, capture_output=True, encoding="utf-8", errors="replace")
     if process.returncode:
         output, line = (process.stderr or process.stdout).strip()[-2000:], " ".join(command)

@@ -195,7 +195,7 @@ def groups(pi: Pi) -> Step:
 def environment(pi: Pi) -> Step:
     """Return the step that makes the venv of the service from the wheels of the bundle, without internet.
 
-    It uses pip from the bundle, not the system's. The old venv stays until the new one is complete, and is restored if
+    The step uses pip from the bundle. The old venv stays until the new one is complete, and is restored if
     the installation fails.
     """
     wheels = [f"{path.name} {zlib.crc32(path.read_bytes()):08x}" for path in sorted(pi.bundle.glob("*.whl"))]

@@ -58,7 +58,7 @@ def packaged_firmware() -> Path:
 
 
 def program(path: Path) -> bytes:
-    """Return the bytes of an Intel hex file that begins at address 0. Raise FileError for any other file."""
+    """Return the program in an Intel hex file, from address 0 on. Raise FileError for a damaged or too large file."""
     memory = bytearray()
     try:
         lines = path.read_text(encoding="ascii").split()

@@ -171,7 +171,7 @@ class Way(NamedTuple):
 class Settings(NamedTuple):
     """The settings of one vehicle, stored in EEPROM. The Uno accepts them only while disarmed.
 
-    SETTINGS answers after they are stored. `battery_permille` is the battery voltage divided by the voltage at A0
+    The answer is a SETTINGS frame. `battery_permille` is the battery voltage divided by the voltage at A0
     (3000: a divider 20 kΩ / 10 kΩ). The order of `ways` is left forwards, left backwards, right forwards, right
     backwards. While the request is not zero, dither adds ± `dither_permille` to it, and the sign changes each
     `dither_ms`.

@@ -299,7 +299,7 @@ class Uno:
                 self._replies[type(frame)] = frame
 
     def _in_turn(self, received_frame: ReceivedFrame) -> bool:
-        """Return True if this frame is the newest so far, and count the frames lost before it. After a long silence
+        """Return True if this frame is the newest so far, and count the lost frames before. After a long silence
         the sequence is ambiguous, so the time of the telemetry decides."""
         ahead = (received_frame.seq - self._seq_received) & 0xFF
         if (
@@ -314,7 +314,7 @@ class Uno:
         return True
 
     def _newer(self, frame: Frame, by_us: int = 0) -> bool:
-        """Return True if this telemetry is more than `by_us` newer than the last one.
+        """Return True if this telemetry is more than `by_us` newer than the last telemetry.
 
         The first telemetry and an INFO are newer only if `by_us` is 0.
         """

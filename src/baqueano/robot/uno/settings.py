@@ -163,7 +163,7 @@ def _word(name: str, text: str, words: list[str]) -> str:
 
 
 def _number(name: str, text: str, size: str, layout: type, field: str, unit: int) -> int:
-    """Return a typed number in units of the wire. Raise UsageError if it is outside the range of the firmware."""
+    """Return a typed number in units of the wire. Raise UsageError outside the range of the firmware."""
     (least, most), *_rest = (f.within for f in FIELDS[layout] if f.path == field)
     try:
         value = float(size)

@@ -45,7 +45,7 @@ Notify = Callable[[str], object]
 
 @dataclass
 class ImuReader:
-    """The IMU in its chip's axes, whose rates are integrated, with a function to wait and a clock."""
+    """A reader of the IMU in the chip's axes, which integrates the rates; with a function to wait and a clock."""
 
     imu: Any
     wait: Callable[[float], object] = time.sleep

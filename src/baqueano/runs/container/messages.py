@@ -134,7 +134,7 @@ class MessageLayout:
         )
 
     def pack(self, t_ns: int, *values: float) -> bytes:
-        """Return a message with the timestamp `t_ns`; `values` contain the length before each sequence."""
+        """Return a message with the timestamp `t_ns` and the field `values`; a sequence follows its length."""
         return self._struct.pack(CDR, t_ns // NANOSECONDS, t_ns % NANOSECONDS, *self._head, *values)
 
     def unpack(self, data: bytearray, sizes: Sequence[int]) -> dict[str, np.ndarray]:
@@ -177,7 +177,7 @@ def imu_values(z: list[float]) -> tuple[float, ...]:
 
 
 def imu_z(fields: dict[str, np.ndarray]) -> np.ndarray:
-    """Return (N, 3): a_x, a_y, ω_z from the fields of IMU messages."""
+    """Return a_x, a_y, ω_z (N, 3) from the fields of IMU messages."""
     return np.column_stack([fields["accel"][:, 0], fields["accel"][:, 1], fields["omega"][:, 2]])
 
 
@@ -208,9 +208,7 @@ def motion_layout(frame: str = "map") -> MessageLayout:
 
 
 def pose_layout(frame: str = "map") -> MessageLayout:
-    """Return the layout of geometry_msgs/msg/PoseStamped, only for viewers; pack(t_ns, *pose_values(eta)) packs a
-    message.
-    """
+    """Return the layout of geometry_msgs/msg/PoseStamped, only for viewers; packed by pack(t_ns, *pose_values(eta))."""
     return MessageLayout(
         frame, (MessageField("position", "array", 3), MessageField("orientation", "array", 4))
     )

@@ -299,8 +299,8 @@ class _RunAssembly:
     def unpack(
         self, topic: str, layout: messages.MessageLayout, key: int
     ) -> tuple[np.ndarray, np.ndarray, dict[str, np.ndarray]]:
-        """Return times and arrival times (N,) [ns] of a channel's messages, and their fields. Removes the messages from
-        `contents`.
+        """Return times and arrival times (N,) [ns] of a channel's messages, and their fields.
+        Removes the messages from `contents`.
         """
         messages_of_key = self.contents.messages.pop(key, NOTHING)
         try:
@@ -313,7 +313,9 @@ class _RunAssembly:
         return t_ns.astype(np.int64), arrival_ns.astype(np.int64), fields
 
     def number(self, topic: str, text: str) -> int:
-        """Return the declared count of numbers in each message of a channel."""
+        """Return the count of numbers per message, which a channel declares as `text`.
+        Raise FileError if `text` is not a decimal number of at most 4 digits.
+        """
         if not text.isascii() or not text.isdecimal() or len(text) > 4:
             raise self.strange(topic, note("damage.channel-size"))
         return int(text)

@@ -95,7 +95,7 @@ class Cursor:
         self.data, self.at = memoryview(data), 0
 
     def take(self, size: int) -> memoryview:
-        """Return the next `size` bytes."""
+        """Return the next `size` bytes. Raise Damage if fewer are left."""
         if size > len(self.data) - self.at:
             raise Damage(fault("damage.field", size=size, left=len(self.data) - self.at))
         self.at += size

@@ -179,9 +179,7 @@ def _open(path: Path) -> Any:
 
 
 def _sync_folder(folder: Path) -> None:
-    """Write the folder to the disk, so that the name of a new file survives a power cut; do nothing on a system without
-    this.
-    """
+    """Write the folder to the disk, if the system can, so that the name of a new file survives a power cut."""
     try:
         handle = os.open(folder, os.O_RDONLY)
     except OSError:

@@ -2,7 +2,7 @@
 
 The loop packs its messages and puts them in a queue; a separate thread of the writer moves them to the file. Twice a
 second it closes a chunk and syncs it to the disk (fdatasync, else fsync). If the program is killed, or after a power
-cut, at most one second is lost. A slow disk never delays the motors. If the queue of a live run is full, the writer
+cut, at most one second is lost. A slow disk does not delay a live run. If the queue of a live run is full, the writer
 first drops messages that can be computed again (estimates, references). It counts and reports them.
 """
 
@@ -158,7 +158,7 @@ class RunWriter:
                 raise
 
     def _say(self, subject: str, pack: Callable[..., Any], *args: object) -> None:
-        """Pack a message. If it cannot be packed, report this once per subject in the run and continue."""
+        """Pack a message. If the packing fails, report the failure once per subject and run, and continue."""
         try:
             pack(*args)
         except (struct.error, ValueError, TypeError, AttributeError, OverflowError) as error:
@@ -249,8 +249,9 @@ def write_run(run: Run, path: Path | str) -> Path:
 
 
 def _messages(run: Run, file: RunFile) -> Iterator[Message]:
-    """Yield all messages of a run by arrival, each packed when it is needed.
-    Every topic is declared, even one without messages."""
+    """Yield all messages of a run by arrival, each packed when it is needed. Raise UsageError for times out of range.
+    Every topic is declared, even one without messages.
+    """
     messages_: list[Message] = []
 
     def collect(topic: int, arrival_ns: int, data: bytes, t_ns: int, spare: bool) -> None:

@@ -60,9 +60,7 @@ def by_motion(run: Run, m: "ColumnMap") -> list[Doubt]:
 
 
 def _doubt(hypothesis: Hypothesis, entry: "Entry", code: str, otherwise: Diagnostic) -> Doubt:
-    """Return an error that contradicts the map, with the corrected line for the map; `otherwise` if the correct unit is
-    unknown.
-    """
+    """Return an error that contradicts the map, with the map's corrected line; `otherwise` if its unit is unknown."""
     line = hypothesis.meaning or otherwise
     if hypothesis.code == "inverted":
         scale_note = note("recording.write-scale", scale=f"{-entry.scale:g}")
@@ -211,7 +209,7 @@ def _accelerometer(motion: LoggedMotion, imu: "Imu", speed: "Entry | None", oppo
 
 def _steering(motion: LoggedMotion) -> list[Doubt]:
     """Return a doubt if the command named steering does not turn the vehicle but the other command does.  (4)
-    Also return one if positive steering turns the vehicle to the right.
+    Also return a doubt if positive steering turns the vehicle to the right. Only a run with two commands is checked.
     """
     names, run, rate = motion.m.names, motion.run, motion.rate
     which = [i for i, name in enumerate(names) if "steer" in name.lower() or "servo" in name.lower()]

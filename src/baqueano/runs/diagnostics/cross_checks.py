@@ -1,8 +1,8 @@
 """Find errors that an imported recording may contain.
 
-It checks each signal by itself (physical_limits.py), the truth by itself (truth.py), then all against each other
-(by_motion.py). An error contradicts the map: the import stops and prints the correct line for the map. It continues if
-the map lists the error under `accept`.
+Each signal is checked by itself (physical_limits.py), the truth by itself (truth.py), then all against each other
+(by_motion.py). An error contradicts the map: the import stops and prints the correct line for the map. The import
+continues if the map lists the error under `accept`.
 """
 
 from collections.abc import Iterator
@@ -69,9 +69,7 @@ def look(run: Run, m: "ColumnMap") -> list[Doubt]:
 
 
 def _channel_doubts(key: str, t_ns: np.ndarray, z: np.ndarray, slow: bool = False) -> Iterator[Doubt]:
-    """Yield the doubts about one signal whose value never changes, or is repeated. A `slow` signal may repeat its
-    values.
-    """
+    """Yield the doubts about a signal whose value never changes, or repeats. A `slow` signal may repeat its values."""
     z = z[:, np.isfinite(z).any(axis=0)]
     if len(z) < 10 or not z.shape[1]:
         return

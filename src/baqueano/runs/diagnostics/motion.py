@@ -21,7 +21,7 @@ WINDOW_S, SAMPLES = 0.2, 4.0
 
 
 class LoggedMotion:
-    """Window means (W,) of a run: `imu` (W, 3), `wheels` (W, 2); `speed`, `rate` and `v_dot` by the best source."""
+    """Window means (W,) of a run: `imu` (W, 3), `wheels` (W, 2); `speed`, `rate`, `v_dot` from the best source."""
 
     def __init__(self, run: Run, m: "ColumnMap") -> None:
         self.run, self.m = run, m

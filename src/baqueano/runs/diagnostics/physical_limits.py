@@ -92,7 +92,7 @@ def _means(channel: Channel) -> np.ndarray:
 
 
 def _at_rest(run: Run, channel: Channel) -> np.ndarray:
-    """Return (M,) bool: True for the samples before the first command; all False if they are too few."""
+    """Return a mask (M,): True for the samples before the first command; all False if they are too few or too short."""
     in_motion = np.any(np.nan_to_num(run.applied) != 0.0, axis=1)
     first = run.t_ns[max(int(np.argmax(in_motion)) - 1, 0)] if in_motion.any() else run.t_ns[-1]
     at_rest = channel.t_ns < first

@@ -10,7 +10,7 @@ N windows contain as much information as n independent windows. Compared with a 
 
 a_e, a_h are the autocorrelations, one window apart, of the residual and of h. s is the sign of the slope, and r the
 ratio nearest to it. A relation counts if log L rises by MARGIN in total and by WORTH per window. Channels are swapped
-only if their own predictions do not explain them at all: a nearly right prediction may correlate less than a wrong one.
+only if no channel fits its own prediction at all: a nearly right prediction may correlate less than a wrong one.
 """
 
 from collections.abc import Mapping, Sequence
@@ -29,7 +29,7 @@ PERFECT = 1e-12  # part of the variance that rounding leaves
 
 
 class Relation(NamedTuple):
-    """The regression of a channel on a prediction, both minus their means; zeros if one of them is constant."""
+    """The regression of a channel on a prediction, both minus their means; zeros if one of the two is constant."""
 
     slope: float = 0.0
     correlation: float = 0.0
@@ -54,9 +54,7 @@ class MappedChannel(NamedTuple):
 
 
 class Hypothesis(NamedTuple):
-    """The prediction, the sign and the unit ratio that best explain one channel: a row of S = signed permutation ×
-    ratio.
-    """
+    """Prediction, sign and unit ratio that best explain one channel: a row of S = signed permutation × ratio."""
 
     code: str  # "": as the map reads it, "swapped", "inverted", "unit", "scale" (of no known unit)
     of: int  # index of the prediction that the channel shows

@@ -53,7 +53,7 @@ class ImportedRun(NamedTuple):
 
     @property
     def without_common_doubts(self) -> "ImportedRun":
-        """Return the import without the doubts that every import with such a map has."""
+        """Return the import without the doubts that each import with such a map causes."""
         return self._replace(doubts=tuple(d for d in self.doubts if not d.usual))
 
     def __repr__(self) -> str:
@@ -263,7 +263,7 @@ def _values(signal: ColumnSignal, source: Source) -> np.ndarray:
 
 
 def _within_a_turn(angle: np.ndarray) -> bool:
-    """Return True if an angle wraps after each turn; the angle of a wheel may count further."""
+    """Return True if an angle wraps after each turn; the angle of a wheel may continue beyond one turn."""
     finite = angle[np.isfinite(angle)]
     return len(finite) > 0 and float(np.ptp(np.quantile(finite, (0.01, 0.99)))) < 2.01 * np.pi
 
@@ -289,7 +289,8 @@ def _finite_rows(
     signal: ColumnSignal, source: Source, doubts: list[Doubt], t_ns: np.ndarray | None = None
 ) -> tuple[np.ndarray, np.ndarray]:
     """Return times and values of the rows with all numbers. `t_ns` (rows,) replaces the times of the source.
-    A doubt reports the missing numbers."""
+    A doubt reports the missing numbers. Raise FileError if no row is left.
+    """
     values = _values(signal, source)
     present = [k for k, entry in enumerate(signal.entries) if not entry.absent]
     whole = np.asarray(np.isfinite(values[:, present]).all(axis=1))
@@ -305,7 +306,7 @@ def _finite_rows(
 
 
 def _instants(signal: ColumnSignal, source: Source) -> np.ndarray:
-    """Return the times (rows,) [ns] of a signal. A rate by difference of two rows is in the middle between them."""
+    """Return the times (rows,) [ns] of a signal: for the difference of two rows, the middle of their times."""
     t_ns = source.t_ns + round(signal.mount.shift_s * NANOSECONDS)
     if all(entry.derivative or entry.absent for entry in signal.entries):
         return np.asarray(t_ns - np.diff(t_ns, prepend=t_ns[:1]) // 2)
@@ -315,8 +316,9 @@ def _instants(signal: ColumnSignal, source: Source) -> np.ndarray:
 def _applied_commands(
     m: ColumnMap, sources: dict[str, Source], ticks: np.ndarray, doubts: list[Doubt]
 ) -> tuple[int, np.ndarray, np.ndarray]:
-    """Return the number of ticks before the first command, the
-    ticks (N,) with a command, and the command (N, n) in force."""
+    """Return the number of ticks before the first command, the ticks (N,) with a command, and the command (N, n) in
+    force. Raise FileError if no tick has a command.
+    """
     t_ns, u = _finite_rows(m.command, sources[m.command.file], doubts)
     if m.wheels:
         u = np.array([unmix("two_wheels", w) for w in u])
@@ -347,7 +349,9 @@ def _span(t_ns: np.ndarray) -> str:
 def _sample(
     signal: ColumnSignal, sources: dict[str, Source], ticks: np.ndarray, doubts: list[Doubt]
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Return times and values of a signal, as measured or resampled at the ticks."""
+    """Return times and values of a signal, as measured or resampled at the ticks.
+    Raise FileError if all its times are before or after the ticks.
+    """
     source = sources[signal.file]
     t_ns, values = _finite_rows(signal, source, doubts, _instants(signal, source))
     if t_ns[-1] < ticks[0] or t_ns[0] > ticks[-1]:

@@ -175,9 +175,7 @@ def _plain(label: str) -> str:
 
 
 def _within(source: Source, t_ns: np.ndarray) -> Source:
-    """Return the rows of `source` between the first and the last tick of a part, `t_ns`, and the last row before
-    them.
-    """
+    """Return the rows of `source` from the first to the last tick of a part, `t_ns`, and the previous row."""
     if len(t_ns) < 2:
         return source
     step = int(np.median(np.diff(t_ns)))
@@ -195,7 +193,9 @@ def _name(m: ColumnMap, paths: dict[str, Path]) -> str:
 
 
 def _sets(m: ColumnMap, files: Any) -> list[dict[str, Path]]:
-    """Return the path of each [files.NAME], one dict per set of files."""
+    """Return the path of each [files.NAME], one dict per set of files.
+    Raise FileError if the given files do not match the files of the map.
+    """
     by_name: dict[str, Path] = {}
     pairs = [str(path).partition("=") for path in files]
     if not isinstance(files, dict) and files and all(name in m.files for name, *_ in pairs):  # NAME=PATH
@@ -231,7 +231,7 @@ def _sets(m: ColumnMap, files: Any) -> list[dict[str, Path]]:
 
 
 def _expand(path: Path) -> list[Path]:
-    """Return the files that match a path; it may contain *."""
+    """Return the files that match a path, which may contain *. Raise FileError if a pattern matches no file."""
     if not glob.has_magic(str(path)) or path.exists():
         return [path]
     matches = sorted(glob.glob(str(path)))
@@ -273,7 +273,9 @@ def is_there(path: Path) -> bool:
 
 
 def _matching(m: ColumnMap, spec: FileSpec) -> list[Path]:
-    """Return the files next to the map or in a data folder that match the path of `spec`; it may contain *."""
+    """Return the files next to the map or in a data folder that match the path of `spec`, which may contain *.
+    Raise FileError if none matches.
+    """
     path = spec.path or ""
     folders = [m.path.parent, *data_folders()]
     for folder in folders:
@@ -287,7 +289,7 @@ def _matching(m: ColumnMap, spec: FileSpec) -> list[Path]:
 
 
 def _table(m: ColumnMap, spec: FileSpec, path: Path, doubts: list[Doubt]) -> LogTable:
-    """Return the rows of a file that satisfy `where`, in the order of the file."""
+    """Return the rows of a file that satisfy `where`, in the file's order. Raise FileError if no row satisfies it."""
     label, column_names = path.name if spec.topic is None else f"{path.name} {spec.topic}", _columns(m, spec)
     if bag.is_bag(path):
         table = bag.read_topic(path, spec.topic, column_names, path.name)
@@ -312,7 +314,9 @@ def _table(m: ColumnMap, spec: FileSpec, path: Path, doubts: list[Doubt]) -> Log
 
 
 def _source(m: ColumnMap, spec: FileSpec, table: LogTable, doubts: list[Doubt]) -> Source:
-    """Return the rows with a known, increasing time; with `new_when`, only those of a new measurement."""
+    """Return the rows with a known, increasing time; with `new_when`, only the rows of a new measurement.
+    Raise FileError if no time is known.
+    """
     t_ns, valid = times(table, spec, m.start_ns, m.path.name)
     if not valid.any():
         raise FileError(fault("import.no-time", table=table.label, column=spec.time))
@@ -366,7 +370,7 @@ def _select(table: LogTable, spec: FileSpec) -> LogTable:
 
 
 def _mask(table: LogTable, spec: FileSpec, column: str, comparison: str, limit: Any) -> np.ndarray:
-    """Return (rows,) bool: True for the rows that satisfy one condition."""
+    """Return a mask (rows,): True for the rows that satisfy one condition. Raise FileError for an unknown condition."""
     if comparison in ("is", "not"):
         each = limit if isinstance(limit, list) else [limit]
         if all(isinstance(value, str | int | float) for value in each):

@@ -107,7 +107,9 @@ def _ns_of(date: str) -> int:
 def rows_in_order(
     table: LogTable, t_ns: np.ndarray, spec: "FileSpec", used: set[str], m: "ColumnMap", doubts: list[Doubt]
 ) -> np.ndarray:
-    """Return the mask (rows,) of the rows to keep, so that time increases."""
+    """Return the mask (rows,) of the rows to keep, so that time increases.
+    Raise FileError if time steps back, unless the map drops such rows, and if times are repeated or not plausible.
+    """
     latest = np.maximum.accumulate(t_ns)
     back = np.flatnonzero(np.diff(t_ns) < 0)
     if len(back):

@@ -53,7 +53,7 @@ def data_folders() -> list[Path]:
 
 
 def load_map(name_or_path: Path | str) -> ColumnMap:
-    """Return the map at a path, or the map of the package with this name."""
+    """Return the map at a path, or the map of the package with this name. FileError if it is absent or unreadable."""
     path, shipped_path = Path(name_or_path), maps_folder() / f"{name_or_path}.toml"
     if not path.is_file() and shipped_path.is_file():
         path = shipped_path
@@ -113,7 +113,7 @@ def _expectation(value: str, measures: str, derivative: bool) -> Diagnostic:
 
 
 class _Parser:
-    """A parser of one map, with a method for each kind of table. It raises FileError if a table is not valid."""
+    """A parser of one map, with a method for each kind of table. The methods raise FileError for a wrong table."""
 
     def __init__(self, path: Path, text: str, tree: dict[str, Any]) -> None:
         self.path, self.text, self.tree = path, text, tree

@@ -53,8 +53,8 @@ class Mount(NamedTuple):
 
 
 def mount_of(spec: "JsonObject", heading_is_known: bool = True) -> Mount:
-    """Return the mount of a table [truth]. Raise ValueError if its lever arm is not two finite numbers.
-    Also raise it if the mount needs a heading that is not known.
+    """Return the mount of a table [truth]. Raise ValueError if its lever arm is not two finite numbers, or if the mount
+    needs a heading that is not known.
     """
     lever = spec.get("lever_arm_m", [0.0, 0.0])
     numbers = all(isinstance(x, int | float) and not isinstance(x, bool) for x in lever)
@@ -69,9 +69,9 @@ def mount_of(spec: "JsonObject", heading_is_known: bool = True) -> Mount:
 
 def write_mount(path: Path | str, run: "Run", own_mount: dict[str, float], halves: dict[str, float]) -> Mount:
     """Write the calibration `own_mount` of the truth into the map at `path`, with which `run` was imported.
-
-    The names are KEYS, and lever_arm_m[0] and lever_arm_m[1] for the lever arm. `halves` are the half widths of the
-    95 % intervals. The rest of the file is unchanged. Raise UsageError if the run was imported with another map.
+    The names are KEYS, and lever_arm_m[0] and lever_arm_m[1] for the lever arm. `halves` are the half widths of the 95
+    % intervals. The rest of the file is unchanged. Raise UsageError if the run was imported with another map, if `path`
+    is not a file, or without tomlkit.
     """
     path = Path(path)
     if not path.is_file():

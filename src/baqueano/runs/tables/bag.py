@@ -31,7 +31,9 @@ def is_bag(path: Path) -> bool:
 
 
 def read_topic(path: Path, topic: str | None, columns: set[str], label: str) -> LogTable:
-    """Return the recorded messages of a topic. The columns `bag` and `header.stamp` are ns since 1970."""
+    """Return the recorded messages of a topic. The columns `bag` and `header.stamp` are ns since 1970.
+    Raise FileError if the bag or the topic cannot be read, UsageError if `rosbags` is not installed.
+    """
     try:
         from rosbags.highlevel import AnyReader, AnyReaderError
         from rosbags.serde import SerdeError
@@ -114,7 +116,7 @@ def _ros1_chunks(file: BinaryIO) -> Iterator[tuple[str, bytes]]:
 
 
 def _number(message: object, path: str, label: str, topic: str) -> int | float:
-    """Return the number in a field of a message; for header.stamp the ns since 1970."""
+    """Return the number in a field of a message; for header.stamp the ns since 1970. FileError for other content."""
     value = _field(message, path, label, topic)
     if path == "header.stamp":
         return value.sec * 1_000_000_000 + value.nanosec

@@ -87,7 +87,7 @@ class LogTable(NamedTuple):
         return values
 
     def _number(self, cell: str, column: str, row: int) -> float:
-        """Return the number in a cell. Raise FileError if the cell is not a number."""
+        """Return the number in a cell: NaN for one of MISSING, 1 for true, 0 for false. FileError for other text."""
         if _NUMBER.fullmatch(cell):
             return float(cell)
         word = cell.lower()
@@ -115,7 +115,7 @@ class LogTable(NamedTuple):
         return values
 
     def has(self, column: str, value: str | float) -> np.ndarray:
-        """Return (rows,) bool: True if the column has the value, which is a number or a string as it is written."""
+        """Return a mask (rows,): True if the cell in the column equals `value`: a number, or a string as written."""
         if isinstance(value, str):
             cells = self.text(column)
             return np.fromiter((cell == value for cell in cells), dtype=bool, count=len(cells))
@@ -148,7 +148,9 @@ class LogTable(NamedTuple):
 
 
 def read_table(path: Path, options: "JsonObject", label: str = "") -> LogTable:
-    """Read a CSV file. `options`: delimiter, decimal, encoding, header, comment of a [files.NAME] table."""
+    """Read a CSV file. `options`: delimiter, decimal, encoding, header, comment of a [files.NAME] table.
+    Raise FileError for a file without data, or if its separator, its decimal mark or its columns are not clear.
+    """
     label = label or str(path)
     lines = Lines(path, options.get("encoding"), label)
     with_data = _with_data(lines, options.get("comment", "#"))

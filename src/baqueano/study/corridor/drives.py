@@ -30,7 +30,7 @@ class CorridorDrive(NamedTuple):
 
 
 def batch(job: tuple[range, str]) -> tuple[list[CorridorDrive], list[int]]:
-    """Return the drives of these seeds, and the seeds whose fit was refused."""
+    """Return the drives of the seeds of `job`, and the seeds whose fit was refused."""
     seeds, backend = job
     robots = vehicles(seeds)
     files = identify_vehicles(robots, seeds, backend)

@@ -50,7 +50,7 @@ def car_numbers(cars: Cars) -> dict[str, np.ndarray]:
 
 
 def with_car_numbers(cars: Cars, values: Mapping[str, np.ndarray]) -> Cars:
-    """Return the cars with these values (n,) of some numbers of `car_numbers`, as its inverse."""
+    """Return the cars with the given `values` (n,) of some entries of `car_numbers`, as its inverse."""
     before = car_numbers(cars)
     car_changes: dict[str, np.ndarray] = {}
     imu_changes: dict[str, np.ndarray] = {}

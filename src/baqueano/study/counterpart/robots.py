@@ -57,7 +57,7 @@ def robot_values(robots: Robots) -> dict[str, np.ndarray]:
 
 
 def with_values(robots: Robots, values: Mapping[str, np.ndarray]) -> Robots:
-    """Return the robots with these true values (n,) of some parameters, as the inverse of `robot_values`."""
+    """Return the robots with the given true `values` (n,) of some parameters, as the inverse of `robot_values`."""
     new = robot_values(robots) | dict(values)
     robot_changes: dict[str, np.ndarray] = {}
     imu_changes: dict[str, np.ndarray] = {}

@@ -16,7 +16,7 @@ FEW = 3  # vehicles; NumPy takes as long for one as for fifty, and more of them 
 
 
 def world_of(vehicles: Robots | Cars, seeds: Sequence[int], step_s: float | None = None) -> TruthWorld:
-    """Return a world of these vehicles, at rest at the origin; the default `step_s` is short enough to be exact."""
+    """Return a world of the `vehicles`, at rest at the origin; the default `step_s` is short enough to be exact."""
     if step_s is None:
         step_s = ROBOT_STEP_S if isinstance(vehicles, Robots) else CAR_STEP_S
     fast = function if len(seeds) <= FEW and vehicles.transmission.is_ideal else _as_written

@@ -172,7 +172,7 @@ def each_vehicle(outcomes: Sequence[SimulatedOutcome]) -> list["TableRow"]:
 
 
 def sentence(outcomes: Sequence[SimulatedOutcome]) -> str:
-    """Return a sentence with the number of vehicles, refused fits and failures."""
+    """Return a sentence with the numbers of vehicles, refused fits and failures."""
     refusals = sum(j.fit == Verdict.REFUSED for outcome in outcomes for j in outcome.judged)
     failures = [outcome.failed for outcome in outcomes if outcome.failed]
     details = f": {'; '.join(failures[:2])}" if failures else ""

@@ -71,7 +71,7 @@ def missing(name: str) -> list[str]:
 
 
 def with_sensors(file: VehicleFile, names: tuple[str, ...]) -> VehicleFile:
-    """Return the file with only these sensors; its estimator uses all of them."""
+    """Return the file with only the sensors `names`; its estimator uses all of these sensors."""
     text = file.text
     for name in set(file.sensors._fields) - set(names):
         text = re.sub(rf"^\[sensors\.{name}\].*?(?=^\[|\Z)", "", text, flags=re.MULTILINE | re.DOTALL)

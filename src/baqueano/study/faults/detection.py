@@ -210,7 +210,7 @@ def _copy(run: Run) -> Run:
 
 
 def _other_start(file: "VehicleFile", rng: np.random.Generator) -> "VehicleFile":
-    """Return the file with friction or drag wrong by a factor of 1/2 to 2."""
+    """Return the file with its linear friction or drag multiplied by a random factor of 1/2 to 2."""
     if len(file.command.limit) == 3:
         linear = file.vehicle.friction.linear * 2.0 ** rng.uniform(-1.0, 1.0, 3)
         return file.with_values({"model.friction.linear": linear.tolist()})

@@ -28,7 +28,7 @@ def numbers(vehicles: Robots | Cars) -> dict[str, np.ndarray]:
 
 
 def substitute(vehicles: Robots | Cars, values: Mapping[str, np.ndarray]) -> Robots | Cars:
-    """Return the vehicles with these values (n,) of some of their `numbers`."""
+    """Return the vehicles with the given `values` (n,) of some of their `numbers`."""
     if isinstance(vehicles, Robots):
         return with_values(vehicles, values)
     return with_car_numbers(vehicles, values)

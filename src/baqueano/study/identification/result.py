@@ -200,8 +200,8 @@ def identification(
 ) -> Identification:  # fmt: skip
     """Fit vehicles `first` … `first + seeds − 1` of each case, with this number of `processes`.
 
-    `advance` is called with the number of seeds that have just been done. Ctrl-C ends it with the finished results, if
-    there is at least one seed. With a folder `keep`, outcomes are stored there and not computed again.
+    `advance` receives the number of seeds just finished. Ctrl-C ends the study with the finished results, and raises
+    KeyboardInterrupt before the first result. With a folder `keep`, outcomes are stored there and not computed again.
 
     With more than one process, Python starts anew in each, as `multiprocessing` does: call this function only under
     `if __name__ == "__main__":`.

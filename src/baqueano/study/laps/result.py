@@ -127,8 +127,8 @@ class LapStudy:
 
     @property
     def reasons(self) -> tuple[str, ...]:
-        """Return a sentence for each missed bound: all bounds with tags; walls, coverage and NEES with the
-        other fixes."""
+        """Return a sentence on refused fits, and one for each missed bound: all bounds with tags; walls, coverage
+        and NEES with the other fixes."""
         out = []
         if self.refused:
             out.append(

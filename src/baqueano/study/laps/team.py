@@ -38,7 +38,7 @@ TURN_U, MARK_RAD = 0.6, np.radians(2.0)  # command while it turns; std of the he
 
 
 class Teams(NamedTuple):
-    """Robots whose fits were not refused, after they were switched on anew."""
+    """Robots whose fits were not refused, after they were switched on again."""
 
     alone: Team  # with files from the experiment only
     learned: Team  # with files that also use laps over tags

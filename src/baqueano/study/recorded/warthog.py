@@ -81,7 +81,7 @@ def start(name: str) -> VehicleFile:
 
 
 def fit_windows(runs: list["Run"], name: str, backend: str = "auto") -> Fit:
-    """Return the fit of radii, effective track and slide to these windows."""
+    """Return the fit of radii, effective track and slide to the windows `runs`."""
     return identify(runs, start(name), FREE, use=("truth",), options=FitOptions(backend=backend))
 
 

@@ -19,17 +19,17 @@ class Group:
     """Arrays whose first axis is the vehicle, or groups of such arrays."""
 
     def with_parameters(self, **values: Any) -> Self:
-        """Return the vehicles with other parameters."""
+        """Return the vehicles with the given parameters replaced."""
         return replace(self, **values)
 
     def some(self, which: list[int]) -> Self:
-        """Return the vehicles with these indices; an index may be listed several times."""
+        """Return the vehicles with the indices `which`; an index may occur several times."""
         return replace(
             self, **{k: v.some(which) if isinstance(v, Group) else v[which] for k, v in self._all()}
         )
 
     def merge(self, others: "list[Self]") -> Self:
-        """Return these and the other vehicles as one group."""
+        """Return the vehicles of this group and of the `others` as one group."""
         arrays = {}
         for name, value in self._all():
             more = [getattr(group, name) for group in others]

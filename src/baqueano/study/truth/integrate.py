@@ -49,7 +49,7 @@ def integrate(
 
     `stepped` takes states, commands in effect (n, m) and lengths of the steps (n, 1) [s], and returns the next states.
     `kicked` takes the states at the end of a step and its lengths (n,) [s].
-    It returns them with the kicks of a rough floor.
+    It returns these states with the kicks of a rough floor.
     """
     at, end = np.full(len(x), span_s[0]), span_s[1]
     while np.any(at < end):

@@ -170,7 +170,7 @@ def where(condition: Value, a: Value, b: Value) -> Value:
     condition : bool or ndarray
         True for the entries of `a`.
     a, b : float or ndarray
-        Of shapes that broadcast ().
+        Values of shapes that broadcast.
 
     Returns
     -------

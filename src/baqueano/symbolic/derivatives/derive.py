@@ -1,7 +1,7 @@
 """Differentiate the operators by one rule each, for all arguments of `apply`: floats, nodes, dual numbers.
 
-If a derivative does not exist, a finite value replaces it. It is 0 for hypot and atan2 at the origin; min and max at a
-tie depend on the first argument. The derivative of sqrt at 0 is large, not infinite, so that 0 · derivative stays 0.
+If a derivative does not exist, a finite value replaces it: 0 for hypot and atan2 at the origin. At a tie, min and max
+count as their first argument. The derivative of sqrt at 0 is large, not infinite, so that 0 · derivative stays 0.
 """
 
 from collections.abc import Callable, Sequence

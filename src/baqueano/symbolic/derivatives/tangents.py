@@ -2,8 +2,8 @@
 
 For v = f(a, b, …) the row is ∂v = ∂f/∂a ∂a + ∂f/∂b ∂b + …. Each active value is either *kept*, as a separate row, or
 *eliminated*: its coefficients are multiplied, as scalars, into the coefficients of its users. To keep all values costs
-a vector operation for each edge of the graph, so it grows linearly. A value has s sources, n of them with a coefficient
-that is not 1, and u users, p of them more than a sum. With B blocks of parameters its elimination saves work if
+a vector operation for each edge of the graph: linear growth. A value has s sources, n of which have a coefficient
+that is not 1, and u users, p of which are not sums. With B blocks of parameters its elimination saves work if
 
     s u + n p / B <= s + u:                                                                               (1)
 

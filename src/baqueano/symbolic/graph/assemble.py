@@ -73,7 +73,7 @@ def assemble(trace: Trace, keep_all: bool, given_start: bool) -> Assembly:
 
 
 def lasting_zeros(graph: Graph, carry: Sequence[Node], after: Sequence[Node], zero: set[int]) -> set[int]:
-    """Return the places of `zero` that stay 0 by induction: from zeros in them the step returns zeros again."""
+    """Return the places of `zero` that stay 0 by induction: if they contain zeros, the step returns zeros there."""
     nothing = graph.const(0.0)
     while zero:
         order = sorted(zero)

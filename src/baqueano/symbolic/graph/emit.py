@@ -39,7 +39,7 @@ Statement: TypeAlias = Term | EmittedBranch
 
 
 class EmitPlan(NamedTuple):
-    """The statements before the loop over the ticks, and within it."""
+    """The statements before the loop over the ticks, and the statements inside the loop."""
 
     before: list[Statement]
     loop: list[Statement]
@@ -127,7 +127,7 @@ def cost(statements: Iterable[Statement]) -> float:
 
 
 def postorder(roots: Iterable[Term], is_given: Callable[[Term], bool]) -> list[Term]:
-    """Return all terms below the roots, arguments before users; given terms and all below them are excluded."""
+    """Return all terms below the roots, arguments before users; given terms and all terms below these are excluded."""
     visited_terms: set[Term] = set()
     order = []
     for root in roots:

@@ -85,7 +85,9 @@ def edit_text(
     parameter_cov: ParameterCov | None,
     envelope: "Envelope | None" = None,
 ) -> str:
-    """Return the text of `file` with other values, their provenance, and the covariance and envelope of a fit."""
+    """Return the text of `file` with other values, their provenance, and the covariance and envelope of a fit.
+    Raise UsageError for an unknown key, or without tomlkit.
+    """
     if not _has_tomlkit():
         raise UsageError(fault("vehicle.no-tomlkit", "pip install tomlkit"))
     origins = {key: p if isinstance(p, Provenance) else Provenance(**p) for key, p in provenance.items()}
@@ -99,8 +101,8 @@ def edit_text(
 
 def write_whole(file: VehicleFile, path: str | Path | None = None) -> Path:
     """Write the text to a new file, which then replaces the old file; return the path.
-
-    After an interruption the old file is unchanged.
+    After an interruption the old file is unchanged. Raise FileError if another program changed the old file or the disk
+    refuses, UsageError for a file of the garage without `path`.
     """
     target = Path(path).expanduser() if path is not None else file.path
     if target is None:
@@ -150,7 +152,7 @@ def _with(
     parameter_cov: ParameterCov | None = None,
     envelope: "Envelope | None" = None,
 ) -> str:
-    """Return the text with the new values: edited by tomlkit with its comments, else written again without them."""
+    """Return the text with the new values: edited by tomlkit with its comments, else written again without comments."""
     paths = known_paths(_with_kinds(file.data, values), file.folder)
     if keep_comments:
         import tomlkit
@@ -197,7 +199,7 @@ def _drop_unknown(document: Any, changed_paths: Iterable[tuple[str, ...]], paths
 def _with_entry(
     file: VehicleFile, path: tuple[str, ...], array_value: object, entry: tuple[int, ...], value: object
 ) -> np.ndarray:
-    """Return the whole array of a key with one entry replaced."""
+    """Return the whole array of a key with one entry replaced. UsageError if the array lacks this entry."""
     array = np.array(
         value_in_force(file, ".".join(path)) if array_value is None else array_value, dtype=float
     )

@@ -94,7 +94,7 @@ def _parts(dotted_key: str) -> tuple[str, ...]:
 
 
 def _refuse_long_keys(text: str, name: str) -> None:
-    """Raise FileError for a key with many parts: thousands of them take seconds to read."""
+    """Raise FileError for a key with many parts, because a key with thousands of parts takes seconds to read."""
     for number, line in enumerate(text.splitlines(), 1):
         runs = _DOTS.findall(line.split("#")[0]) if line.count(".") > 2 * DEEPEST else []
         if any(run.count(".") > 2 * DEEPEST for run in runs):

@@ -154,7 +154,7 @@ def _is_own(cls: type) -> bool:
 
 
 def _text(cls: type) -> "JsonObject":
-    """Return file name and source text of a class, and the line where the class begins."""
+    """Return file name, source text (cut to LONGEST_TEXT letters) and first line of a class."""
     from baqueano.block_checks.source_text import source_text
 
     text = source_text(cls)

@@ -1,7 +1,7 @@
 """Identify the parameters of a vehicle during a drive, in a lab worker, from the rows that the page receives.
 
 The information of each window is exact (identify/design/live.py). A complete fit over all rows runs in a thread, first
-after FIRST_S of driving, then each second. The fits use at most the share SHARE of the time. The expected errors follow
+after FIRST_S of driving, then each second or less often: it uses at most SHARE of the time. The expected errors follow
 from the information: at the values of the vehicle file before the first fit, at the fitted values afterwards. The fit
 determines the values, their standard errors and the verdict.
 """
@@ -266,7 +266,7 @@ class DriveIdentification:
         }  # fmt: skip
 
     def _fit_words(self, drive_fit: FitOfDrive) -> "JsonObject":
-        """Return a fit as data for JSON: values, their relative standard errors, and the verdict."""
+        """Return a fit as data for JSON: values, relative standard errors up to 10 (None: unknown), and verdict."""
         fit, value, sd = drive_fit.fit, [], []
         for path in self._informant.of.names:
             k = fit.names.index(path) if path in fit.names else None

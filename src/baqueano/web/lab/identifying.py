@@ -74,7 +74,7 @@ class Identifying:
         self._last_s = rows[-1][self._at[0]] or 0.0
 
     def look(self, visitor: Visitor, on: bool) -> None:
-        """Begin to send the identification to this browser, or end this if `on` is False."""
+        """Begin to send the identification to this browser, or stop sending it if `on` is False."""
         if not on:
             self._looking.discard(visitor)
             return

@@ -38,7 +38,7 @@ class Shelf:
         ).hexdigest()
 
     def paths(self) -> dict[str, Path]:
-        """Return the paths of the existing runs by key: the extra runs, then those of the folder, newest first.
+        """Return the paths of the existing runs by key: the extra runs, then the runs of the folder, newest first.
 
         The folder counts with its NEWEST newest runs, without symbolic links and hidden files.
         """

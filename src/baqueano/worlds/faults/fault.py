@@ -62,7 +62,7 @@ class Fault:
     size : float [unit of the channel]
         Size of a drift or of spikes.
     part : float [1]
-        Part of samples, of force, of voltage or of frames.
+        Share of the samples, the force, the voltage or the frames.
     frame : str
         Frame of a push: "body" or "map".
 
