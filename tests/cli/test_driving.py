@@ -183,7 +183,7 @@ def test_rt12_a_closed_terminal_stops_the_vehicle_and_the_run_is_complete(termin
 
 def test_single_keys_drive_at_a_terminal_that_never_answers(terminal, tmp_path):
     screen = terminal(*DRIVE, there=False, gone_s=START_S)
-    screen.until(rb"does not confirm that it is alive")
+    screen.until(rb"does not confirm that it is active")
     for _ in range(20):  # a key counts for 0.75 s; a busy machine may show nothing
         screen.type(b"w")
         if screen.shows(rb"u_x +\S+ \+0\.15", 2.0):

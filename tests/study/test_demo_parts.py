@@ -53,7 +53,7 @@ def test_each_row_contains_the_normalised_error_of_an_estimate():
     names = ("model.friction.linear[0]", "model.friction.linear[1]", "model.friction.linear[2]")
     rows = demo_of(names, [3.4, np.nan, 1.0], [0.1, 1.0, 0.001]).rows()
     assert rows[0]["z"] == pytest.approx(1.0)
-    assert [row["verdict"] for row in rows] == ["ok", "not identifiable", "off"]
+    assert [row["verdict"] for row in rows] == ["ok", "not identifiable", "inconsistent"]
     assert [row["truth"] for row in rows] == pytest.approx([3.3, 40.0, 0.0115])
 
 
