@@ -11,7 +11,7 @@ def test_a_fault_given_on_the_command_line_is_logged_and_detected(baqueano):
             "--shake", "2 s: push 0.3 N s left", "--shake", "3 s: sag 84 %")  # fmt: skip
     done = baqueano(*line)
     assert done.code == 0
-    assert "NIS noticed it" in done.err
+    assert "NIS detected it" in done.err
     run = read_run("run.mcap")
     faults = faults_in((e.t_ns, e.source, e.diagnostic) for e in run.events)
     assert [(fault.kind, fault.at_s) for fault in faults] == [("push", 2.0), ("sag", 3.0)]

@@ -88,7 +88,7 @@ def test_a_block_shows_its_source_and_can_be_checked_and_replaced(tab, live):
         tab.wait(f"document.querySelector('.content').textContent.includes({line_shown!r})")
     tab.wait("document.querySelector('.content').scrollTop > 500")
     tab.js("document.querySelector('.side footer .action').click()")
-    tab.wait("document.querySelector('.side footer .good')?.textContent.includes('promises')")
+    tab.wait("document.querySelector('.side footer .good')?.textContent.includes('checks')")
     tab.js(
         "(() => { const one = document.querySelector('.other select'); one.value = 'ekf';"
         "one.dispatchEvent(new Event('change')); })()"
