@@ -84,9 +84,7 @@ def autocorrelated_note(i: int, **words: str):
 
 def test_the_same_note_of_several_channels_is_printed_once():
     first = "any.autocorrelated (percent = 2.5)"
-    assert group_sentences([autocorrelated_note(i) for i in range(3)]) == [
-        f"{first} (so also imu[1], imu[2])"
-    ]
+    assert group_sentences([autocorrelated_note(i) for i in range(3)]) == [f"{first} (also imu[1], imu[2])"]
     assert group_sentences([autocorrelated_note(0), autocorrelated_note(0)]) == [f"{first} (2 times)"]
     assert group_sentences([autocorrelated_note(0, of_run="a"), autocorrelated_note(0, of_run="b")]) == [
         f"a: {first} (2 times)"
