@@ -128,9 +128,7 @@ def test_su2_a_wheel_with_a_wrong_hash_is_not_installed(programs, pi, wheels, ca
     wheel.write_bytes(whole + b"\0")  # this is still a wheel
     with refused("setup.not-finished", RobotUnreachable):
         setup("r1", wheels, PI, root=str(pi))
-    assert (
-        "hash" in (errors := capfd.readouterr().err).lower()
-    ) or "differs from the lock file" in errors
+    assert ("hash" in (errors := capfd.readouterr().err).lower()) or "differs from the lock file" in errors
     assert subprocess.run([pi / "opt/baqueano/bin/baqueano"], capture_output=True).stdout == b"here I am\n"
     assert [path.name for path in (pi / "opt").iterdir()] == ["baqueano"]
     wheel.write_bytes(whole)
