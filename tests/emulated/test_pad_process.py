@@ -108,7 +108,7 @@ def test_a_pad_drives_marks_and_stops_the_vehicle_when_it_is_unplugged(drive, tm
     machine.order("plug", 3, "pad")
     machine.order("change", 3, AHEAD, PRESS)
     screen = begin(machine, "again.mcap")
-    screen.until(rb"(?s)(?:let go of its stick.*?){6}")  # without the wait, the second press would drive
+    screen.until(rb"(?s)(?:release its stick.*?){6}")  # without the wait, the second press would drive
     assert b"pad drives" not in screen.output
     machine.order("change", 3, MIDDLE, RELEASE)
     screen.until(rb"hold a front button to drive")
