@@ -85,7 +85,7 @@ def test_the_buttons_for_pause_continue_mark_and_end_work(driver, live):
     until(lambda: live.words("mark"))
     driver.js(f"{button.format('P')}.click()")
     until(lambda: live.words("pause"))
-    driver.wait(f"{button.format('P')}.textContent.startsWith('Go on')")
+    driver.wait(f"{button.format('P')}.textContent.startsWith('Continue')")
     driver.press("p", "KeyP", "p")  # its key has the same effect
     until(lambda: live.words("go") == [{"is": "go"}])
     driver.wait(f"{button.format('P')}.textContent.startsWith('Pause')")

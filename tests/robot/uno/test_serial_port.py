@@ -76,7 +76,7 @@ def test_rt10_a_disconnected_line_is_opened_again(ends, monkeypatch):
             with contextlib.suppress(OSError):
                 port.read()
 
-        def reopened(self):
+        def on_reopen(self):
             port_open.set()
 
     listener = threading.Thread(target=listen, args=(port, Link(), done))
