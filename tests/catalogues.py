@@ -21,8 +21,8 @@ from babel.messages.pofile import read_po, write_po
 
 from baqueano.cli import VERBS, baqueano, command_of
 from baqueano.identify.parameters.free import AXES, ORDINALS
-from baqueano.language import CATALOGUES, DOMAIN, LANGUAGES
 from baqueano.messages import templates
+from baqueano.messages.language import CATALOGUES, DOMAIN, LANGUAGES
 
 SOURCE = CATALOGUES.parent
 OF_CLICK = {"_": None, "ngettext": (1, 2)}

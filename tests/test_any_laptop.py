@@ -16,7 +16,7 @@ from pathlib import Path
 
 import pytest
 
-from baqueano.printable import baqueano_command
+from baqueano.messages.printable import baqueano_command
 
 ROOT = Path(__file__).parents[1]
 
@@ -178,7 +178,7 @@ def test_errors_have_one_paragraph_without_posix_modules(laptop):
     ],
 )
 def test_advised_command_lines_are_quoted_for_powershell(monkeypatch, word, typed_there):
-    monkeypatch.setattr("baqueano.printable.os.name", "nt")
+    monkeypatch.setattr("baqueano.messages.printable.os.name", "nt")
     assert baqueano_command("report", word) == f"baqueano report {typed_there}"
 
 

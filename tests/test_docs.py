@@ -9,7 +9,7 @@ import pytest
 
 import baqueano as bq
 from baqueano.cli import VERBS, baqueano, command_of
-from baqueano.language import within
+from baqueano.messages.language import within
 from baqueano.vehicle_file.reference import reference_table
 
 ROOT = Path(__file__).parents[1]

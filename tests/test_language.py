@@ -6,10 +6,9 @@ import sys
 
 import pytest
 
-from baqueano import language
 from baqueano.diagnostics import Diagnostic, fault
-from baqueano.language import LANGUAGES, current, number, translate
-from baqueano.messages import text
+from baqueano.messages import language, text
+from baqueano.messages.language import LANGUAGES, current, number, translate
 from tests.catalogues import compiled, differs, faults, places, read_catalogue
 
 OTHERS = [language for language in LANGUAGES if language != "en"]

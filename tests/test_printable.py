@@ -6,7 +6,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from baqueano.drive.by_hand import screen
-from baqueano.printable import in_lines, one_line, printable, words
+from baqueano.messages.printable import in_lines, one_line, printable, words
 
 DANGEROUS = "\x1b\x07\r\b\x7f\x9b\x85\u200e\u202e\u2066\u2028\u2029\ufeff\ud800\x00"
 

@@ -20,7 +20,7 @@ from baqueano.contracts.blocks import Block
 from baqueano.contracts.values import Tree, Value
 from baqueano.diagnostics import Diagnostic, StopReason, stop
 from baqueano.errors import error_text, from_outside
-from baqueano.language import translate as _
+from baqueano.messages.language import translate as _
 from baqueano.parameter import INF, document, parameter
 from baqueano.signals import Command, Estimate, Reference, Tick, seconds
 from baqueano.vehicles.bounds import check_bounds

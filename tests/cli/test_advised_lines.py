@@ -13,7 +13,7 @@ import baqueano as package
 from baqueano.cli import VERBS, command_of
 from baqueano.diagnostics import nearest
 from baqueano.messages import templates, text
-from baqueano.printable import baqueano_command
+from baqueano.messages.printable import baqueano_command
 
 SOURCE = Path(package.__file__).parent
 WORD = r"\{[^}]*\}|[A-Z][A-Z_]*(?:\.[a-z]+)?|--[a-z-]+"  # a command line within a sentence

@@ -10,10 +10,9 @@ from pathlib import Path
 import click
 import pytest
 
-from baqueano import language
 from baqueano.cli import VERBS as ALL
 from baqueano.cli import baqueano, command_of, in_language, main
-from baqueano.messages import in_english
+from baqueano.messages import in_english, language
 from baqueano.runs import read_run
 
 ENGLISH = (

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from baqueano.drive.by_hand.screen import Screen, Status, lines
-from baqueano.language import within
+from baqueano.messages.language import within
 
 
 def terminal_screen(frames, rows=24):

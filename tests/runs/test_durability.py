@@ -17,7 +17,7 @@ import pytest
 from mcap.writer import CompressionType, Writer
 
 from baqueano.errors import FileError
-from baqueano.printable import baqueano_command
+from baqueano.messages.printable import baqueano_command
 from baqueano.runs import RunWriter, read_run, recover, write_run
 from baqueano.runs.container import records as mcap_records
 from baqueano.runs.container import writer

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from baqueano.errors import FileError, UsageError
-from baqueano.language import within
+from baqueano.messages.language import within
 from baqueano.signals import Command
 from baqueano.vehicle_file import changes, load, override, parse
 from baqueano.vehicle_file.reference import reference_table, rows

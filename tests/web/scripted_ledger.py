@@ -5,8 +5,8 @@ The package judges the faults that a browser requests, and refuses unknown fault
 
 from typing import Any
 
-from baqueano.language import within
 from baqueano.messages import text
+from baqueano.messages.language import within
 from baqueano.worlds.faults.fault import Fault
 
 

@@ -8,9 +8,10 @@ from copy import copy
 
 import click
 
-from baqueano import __version__, language
-from baqueano.language import mark as N_
-from baqueano.language import translate as _
+from baqueano import __version__
+from baqueano.messages import language
+from baqueano.messages.language import mark as N_
+from baqueano.messages.language import translate as _
 
 VERBS = {
     "demo": "Run the whole loop on the simulated small vehicle: identify, tune, teach, repeat, report.",

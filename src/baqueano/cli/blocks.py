@@ -8,8 +8,8 @@ import click
 from baqueano.cli import Verbs, options
 from baqueano.cli.terminal import answer, print_message
 from baqueano.diagnostics import Diagnostic, Verdict, fault, note
-from baqueano.language import mark as N_
-from baqueano.language import translate as _
+from baqueano.messages.language import mark as N_
+from baqueano.messages.language import translate as _
 
 if TYPE_CHECKING:
     from baqueano.contracts.values import TableRow

@@ -13,7 +13,7 @@ from baqueano.cli.next_line import next_line
 from baqueano.diagnostics import Diagnostic, fault
 from baqueano.errors import INTERRUPTED, BaqueanoError, cause_of, error_text, from_outside, in_users_file
 from baqueano.messages import text
-from baqueano.printable import baqueano_command
+from baqueano.messages.printable import baqueano_command
 
 NO, USAGE, BAD_FILE = 1, 2, 3
 

@@ -4,7 +4,7 @@ import click
 
 from baqueano.cli.terminal import print_message, print_result
 from baqueano.diagnostics import note
-from baqueano.printable import baqueano_command, shell_command
+from baqueano.messages.printable import baqueano_command, shell_command
 
 
 @click.command(help="Make the project folder NAME: vehicle file, blocks of your own, and a notebook.")

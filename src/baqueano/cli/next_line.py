@@ -12,7 +12,7 @@ from collections.abc import Iterator
 from pathlib import Path
 
 from baqueano.diagnostics import Diagnostic, fault
-from baqueano.printable import baqueano_command
+from baqueano.messages.printable import baqueano_command
 
 USAGE, BAD_FILE = 2, 3
 GROUPS = (["runs"], ["study"], ["blocks"], ["robot"])

@@ -10,8 +10,8 @@ import click
 from baqueano.cli import BACKENDS, numbers
 from baqueano.cli.terminal import print_message
 from baqueano.diagnostics import fault, note
-from baqueano.language import translate as _
-from baqueano.printable import baqueano_command
+from baqueano.messages.language import translate as _
+from baqueano.messages.printable import baqueano_command
 
 if TYPE_CHECKING:
     from baqueano.compare import Comparison

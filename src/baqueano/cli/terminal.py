@@ -20,7 +20,7 @@ import click
 
 from baqueano.diagnostics import Diagnostic, note
 from baqueano.messages import row_of, text
-from baqueano.printable import one_line, printable
+from baqueano.messages.printable import one_line, printable
 
 if TYPE_CHECKING:
     from baqueano.contracts.values import JsonObject, TableRow

@@ -22,8 +22,8 @@ from baqueano.compare.table import WIDTH, table
 from baqueano.contracts.result import Result, shorten
 from baqueano.diagnostics import Diagnostic, Severity, Verdict, fault, note
 from baqueano.errors import UsageError, cause_of
-from baqueano.language import number
 from baqueano.messages import text, verdict_line
+from baqueano.messages.language import number
 from baqueano.monitor import Refusals, refusals_of
 from baqueano.runs.interpolated import at_times, poses_at
 

@@ -14,8 +14,8 @@ from baqueano.compare.corridor import Corridor, corridor_of
 from baqueano.contracts.result import Result
 from baqueano.diagnostics import fault
 from baqueano.errors import AnswerNo
-from baqueano.language import mark as N_
-from baqueano.language import translate as _
+from baqueano.messages.language import mark as N_
+from baqueano.messages.language import translate as _
 from baqueano.simulate import simulate_loop
 
 if TYPE_CHECKING:

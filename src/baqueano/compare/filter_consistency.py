@@ -16,8 +16,8 @@ from baqueano.compare import consistency
 from baqueano.compare.consistency import FALSE_ALARM, NOT_REPORTED, Band
 from baqueano.diagnostics import Diagnostic, note
 from baqueano.geometry import wrap
-from baqueano.language import mark as N_
 from baqueano.messages import text
+from baqueano.messages.language import mark as N_
 from baqueano.runs.interpolated import at_times, poses_at
 
 if TYPE_CHECKING:

@@ -10,9 +10,9 @@ from typing import TYPE_CHECKING, Any, Protocol
 
 from baqueano.diagnostics import fault, note
 from baqueano.errors import UsageError
-from baqueano.language import mark as N_
 from baqueano.messages import text
-from baqueano.printable import in_lines
+from baqueano.messages.language import mark as N_
+from baqueano.messages.printable import in_lines
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

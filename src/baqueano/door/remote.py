@@ -28,7 +28,7 @@ from baqueano.door.states import DoorState
 from baqueano.door.wire import decode, encode
 from baqueano.errors import AnswerNo, FileError, RobotUnreachable, SafetyStop, UsageError, of_code
 from baqueano.messages import text
-from baqueano.printable import baqueano_command, printable
+from baqueano.messages.printable import baqueano_command, printable
 from baqueano.runs import Run, read_run
 from baqueano.runs.appearing import appearing
 from baqueano.runs.folder import is_name

@@ -22,7 +22,7 @@ from contextlib import contextmanager, suppress
 from types import FrameType
 
 from baqueano.door.ssh import answer, print_streams
-from baqueano.language import translate as _
+from baqueano.messages.language import translate as _
 
 BEAT_S = 0.5
 SILENCE_S = 2.0  # Wi-Fi is sometimes interrupted for half a second

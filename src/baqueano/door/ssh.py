@@ -15,7 +15,7 @@ from typing import IO, TextIO
 
 from baqueano.diagnostics import fault
 from baqueano.errors import RobotUnreachable, UsageError
-from baqueano.printable import one_line, printable
+from baqueano.messages.printable import one_line, printable
 
 LONGEST = 16 << 20  # most bytes of an answer
 LAST_S = 1.0  # time to show the last output of a program that has ended

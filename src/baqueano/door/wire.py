@@ -4,7 +4,7 @@ import json
 from typing import TYPE_CHECKING, Any
 
 from baqueano.diagnostics import Diagnostic
-from baqueano.printable import words
+from baqueano.messages.printable import words
 
 if TYPE_CHECKING:
     from baqueano.contracts.values import JsonObject

@@ -15,7 +15,7 @@ from typing import Any, ClassVar, TypeVar
 
 from baqueano.contracts.values import Tree
 from baqueano.errors import FromOutside
-from baqueano.language import translate as _
+from baqueano.messages.language import translate as _
 
 BUDGET_S = 0.1  # ten ticks: a third of the firmware's dead-man time
 AGAIN_S = 0.02  # between further alarms, for a block that swallows the first alarm

@@ -23,7 +23,7 @@ from baqueano.contracts.values import TableRow, Tree, Value
 from baqueano.diagnostics import fault
 from baqueano.drive.session import marks_of
 from baqueano.errors import AnswerNo
-from baqueano.language import translate as _
+from baqueano.messages.language import translate as _
 from baqueano.runs import Channel, Run
 from baqueano.signals import Motion, seconds
 from baqueano.vehicle_file.file import VehicleFile

@@ -28,10 +28,10 @@ from baqueano.drive.session import drive
 from baqueano.errors import AnswerNo, UsageError
 from baqueano.estimators import Inertial
 from baqueano.guides import CarefulGuide
-from baqueano.language import mark as N_
-from baqueano.language import translate as _
 from baqueano.loop import Blocks
 from baqueano.messages import texts
+from baqueano.messages.language import mark as N_
+from baqueano.messages.language import translate as _
 from baqueano.parameter import all_parameters
 from baqueano.runs import Run
 from baqueano.signals import seconds

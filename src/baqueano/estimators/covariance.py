@@ -14,7 +14,7 @@ import numpy as np
 from baqueano.contracts.values import Value
 from baqueano.diagnostics import fault
 from baqueano.errors import Invalid
-from baqueano.language import translate as _
+from baqueano.messages.language import translate as _
 
 ROUNDING = 1e-14  # of a variance
 

@@ -25,9 +25,9 @@ from baqueano.guides.shapes import sinuous_circle
 from baqueano.identify.data.record import FittedBlocks, record_of
 from baqueano.identify.parameters.free import substitute, value
 from baqueano.identify.result.fit_result import Fit
-from baqueano.language import number
-from baqueano.language import translate as _
 from baqueano.messages import text, texts, with_full_stop
+from baqueano.messages.language import number
+from baqueano.messages.language import translate as _
 from baqueano.runs.run import Run
 from baqueano.signals import NANOSECONDS, seconds, sensor_slots
 from baqueano.simulate.closed_loop import close_loop, closed_loop, start_of, ticks_of

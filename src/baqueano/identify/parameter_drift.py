@@ -29,10 +29,10 @@ from baqueano.identify.fit import identify
 from baqueano.identify.options import FitOptions
 from baqueano.identify.parameters.free import substitute
 from baqueano.identify.result.verdict import short
-from baqueano.language import number
-from baqueano.language import translate as _
 from baqueano.messages import text
-from baqueano.printable import baqueano_command
+from baqueano.messages.language import number
+from baqueano.messages.language import translate as _
+from baqueano.messages.printable import baqueano_command
 from baqueano.runs.run import Run
 
 if TYPE_CHECKING:

@@ -22,10 +22,10 @@ from baqueano.diagnostics import Diagnostic, Severity, Verdict, fault, note
 from baqueano.errors import UsageError
 from baqueano.identify.covariance.clusters import batch_covariance, regress
 from baqueano.identify.covariance.quantiles import students
-from baqueano.language import mark as N_
-from baqueano.language import number
-from baqueano.language import translate as _
 from baqueano.messages import verdict_line
+from baqueano.messages.language import mark as N_
+from baqueano.messages.language import number
+from baqueano.messages.language import translate as _
 from baqueano.parameter import parameters
 from baqueano.signals import seconds
 from baqueano.symbolic import get

@@ -25,9 +25,9 @@ from baqueano.identify.covariance.quantiles import QUANTILE_95, students
 from baqueano.identify.data.hand_measurements import ANGLE_STD_RAD
 from baqueano.identify.data.record import range_of
 from baqueano.identify.sensor_calibration import GAP_S, CalibratedNumber, Calibration, TruthSignal, channel_of
-from baqueano.language import mark as N_
-from baqueano.language import translate as _
-from baqueano.printable import baqueano_command
+from baqueano.messages.language import mark as N_
+from baqueano.messages.language import translate as _
+from baqueano.messages.printable import baqueano_command
 from baqueano.runs.run import Run
 
 if TYPE_CHECKING:

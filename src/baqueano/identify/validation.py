@@ -36,9 +36,9 @@ from baqueano.identify.result.fit_result import ChannelFit, Fit, is_requested
 from baqueano.identify.result.ratios import percent, times
 from baqueano.identify.selection.held_out import BLOCK_S, SHORT_S, pieces_of
 from baqueano.identify.selection.held_out import LEAST as ENOUGH_PIECES
-from baqueano.language import number, shown_unit
-from baqueano.language import translate as _
 from baqueano.messages import text, verdict_line
+from baqueano.messages.language import number, shown_unit
+from baqueano.messages.language import translate as _
 from baqueano.runs.run import Run
 from baqueano.sensors.sampling import measures_pose
 from baqueano.vehicle_file.units import channel_unit

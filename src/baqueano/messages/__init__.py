@@ -13,8 +13,8 @@ from functools import cache
 from importlib import import_module
 from typing import Any
 
-from baqueano import language
 from baqueano.diagnostics import Diagnostic, Verdict
+from baqueano.messages import language
 
 ROOMS = (
     "cli", "fit", "fit_errors", "front", "live", "names", "noise", "page", "vehicle_file", "blocks.block_checks",

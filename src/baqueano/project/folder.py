@@ -9,9 +9,9 @@ import numpy as np
 
 from baqueano.diagnostics import fault
 from baqueano.errors import UsageError
-from baqueano.language import translate as _
+from baqueano.messages.language import translate as _
+from baqueano.messages.printable import baqueano_command
 from baqueano.parameter import all_parameters
-from baqueano.printable import baqueano_command
 from baqueano.project.notebook import notebook
 from baqueano.vehicle_file import VehicleFile, load, parse
 from baqueano.vehicle_file.garage import names

@@ -17,9 +17,9 @@ from baqueano.identify.parameter_drift import ParameterHistory
 from baqueano.identify.result.fit_result import verdict_lines
 from baqueano.identify.sensor_calibration import Calibration
 from baqueano.identify.validation import Validation
-from baqueano.language import shown_unit
-from baqueano.language import translate as _
 from baqueano.messages import text, texts
+from baqueano.messages.language import shown_unit
+from baqueano.messages.language import translate as _
 from baqueano.report.fit_report import row_of
 from baqueano.report.page import TONES, cell
 from baqueano.runs import Run

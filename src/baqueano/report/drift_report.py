@@ -5,10 +5,10 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from baqueano.identify.covariance.quantiles import QUANTILE_95
-from baqueano.language import number, shown_unit
-from baqueano.language import translate as _
 from baqueano.messages import text
-from baqueano.printable import baqueano_command
+from baqueano.messages.language import number, shown_unit
+from baqueano.messages.language import translate as _
+from baqueano.messages.printable import baqueano_command
 from baqueano.report.lab import panels, with_style
 from baqueano.report.page import Headline, Page, Section, Table, draw
 

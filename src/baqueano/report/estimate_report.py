@@ -8,7 +8,7 @@ from baqueano.compare.divergence import until_diverged
 from baqueano.compare.errors import align_trajectory
 from baqueano.compare.filter_consistency import FilterConsistency
 from baqueano.geometry import map_from_body, wrap
-from baqueano.language import translate as _
+from baqueano.messages.language import translate as _
 from baqueano.report import figures
 from baqueano.report.page import Drawing, Section, Table, draw
 from baqueano.runs import Run

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from baqueano.language import translate as _
+from baqueano.messages.language import translate as _
 from baqueano.report.lab import panel, panels, with_style
 
 if TYPE_CHECKING:

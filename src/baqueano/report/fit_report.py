@@ -9,11 +9,11 @@ from baqueano.diagnostics import Verdict, by_weight, fault
 from baqueano.errors import UsageError
 from baqueano.identify.result.fit_result import Fit, marks, round_to_error
 from baqueano.identify.result.ratios import percent
-from baqueano.language import mark as N_
-from baqueano.language import number, shown_unit
-from baqueano.language import translate as _
 from baqueano.messages import texts, with_full_stop
-from baqueano.printable import baqueano_command
+from baqueano.messages.language import mark as N_
+from baqueano.messages.language import number, shown_unit
+from baqueano.messages.language import translate as _
+from baqueano.messages.printable import baqueano_command
 from baqueano.report import figures
 from baqueano.report.of_run import page_of_run
 from baqueano.report.page import Drawing, Headline, Page, Section, Table, draw

@@ -11,8 +11,8 @@ import numpy as np
 
 from baqueano.diagnostics import fault
 from baqueano.errors import UsageError
-from baqueano.language import current
-from baqueano.language import mark as N_
+from baqueano.messages.language import current
+from baqueano.messages.language import mark as N_
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

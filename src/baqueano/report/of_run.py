@@ -8,10 +8,10 @@ import numpy as np
 from baqueano.compare import compare, evenness
 from baqueano.compare.divergence import until_diverged
 from baqueano.diagnostics import Verdict
-from baqueano.language import number
-from baqueano.language import translate as _
+from baqueano.messages.language import number
+from baqueano.messages.language import translate as _
+from baqueano.messages.printable import baqueano_command
 from baqueano.monitor import REFUSED, Refusals
-from baqueano.printable import baqueano_command
 from baqueano.report import figures
 from baqueano.report.estimate_report import (
     beside_each_other,

@@ -12,8 +12,8 @@ from typing import TYPE_CHECKING
 
 from baqueano.diagnostics import Verdict, fault, nearest
 from baqueano.errors import UsageError
-from baqueano.language import current, number
-from baqueano.language import translate as _
+from baqueano.messages.language import current, number
+from baqueano.messages.language import translate as _
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure

@@ -18,8 +18,8 @@ from baqueano.identify import Fit, Forecast
 from baqueano.identify.parameter_drift import ParameterHistory
 from baqueano.identify.sensor_calibration import Calibration
 from baqueano.identify.validation import Validation
-from baqueano.language import number
-from baqueano.language import translate as _
+from baqueano.messages.language import number
+from baqueano.messages.language import translate as _
 from baqueano.report import figures
 from baqueano.report.drift_report import curves, with_curves
 from baqueano.report.figures import MEASURED, MODEL, REFERENCE, TRUTH

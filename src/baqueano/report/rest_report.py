@@ -4,10 +4,10 @@ from typing import Any
 
 import numpy as np
 
-from baqueano.language import number
-from baqueano.language import translate as _
 from baqueano.messages import texts
-from baqueano.printable import baqueano_command
+from baqueano.messages.language import number
+from baqueano.messages.language import translate as _
+from baqueano.messages.printable import baqueano_command
 from baqueano.report.lab import panel, with_style
 from baqueano.report.page import Headline, Page, Section, Table, draw
 

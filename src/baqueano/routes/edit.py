@@ -10,7 +10,7 @@ from baqueano.diagnostics import fault
 from baqueano.errors import UsageError
 from baqueano.geometry import wrap
 from baqueano.guides.route import Route, from_start, move_route
-from baqueano.printable import baqueano_command
+from baqueano.messages.printable import baqueano_command
 from baqueano.routes.path import CLOSE_M, CLOSE_RAD, NAME, way
 
 

@@ -17,10 +17,10 @@ import numpy as np
 from baqueano.contracts.result import Result
 from baqueano.diagnostics import Diagnostic, Severity, Verdict, fault, note
 from baqueano.guides.route import Route, from_start, move_route
-from baqueano.language import number
-from baqueano.language import translate as _
 from baqueano.messages import verdict_line
-from baqueano.printable import baqueano_command, in_lines
+from baqueano.messages.language import number
+from baqueano.messages.language import translate as _
+from baqueano.messages.printable import baqueano_command, in_lines
 from baqueano.routes.capability import FASTEST_M_S, Capability
 from baqueano.routes.gaps import unknown_places
 from baqueano.routes.path import NAME, way

@@ -13,7 +13,7 @@ import numpy as np
 
 from baqueano.diagnostics import Diagnostic, fault
 from baqueano.guides.route import Route
-from baqueano.printable import baqueano_command
+from baqueano.messages.printable import baqueano_command
 from baqueano.routes.path import NAME, STEP_M
 
 JUMP_M = 0.1  # allowed distance between two poses, in addition to the distance by the speed

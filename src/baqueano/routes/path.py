@@ -13,7 +13,7 @@ import numpy as np
 from baqueano.diagnostics import fault
 from baqueano.errors import UsageError
 from baqueano.guides.route import Route
-from baqueano.printable import baqueano_command
+from baqueano.messages.printable import baqueano_command
 
 NAME = "NAME"  # placeholder for the name of a route in a command line
 STEP_M = 1e-3  # a shorter step is a stop

@@ -16,7 +16,7 @@ import numpy as np
 from baqueano.diagnostics import fault
 from baqueano.errors import UsageError
 from baqueano.guides.route import Route
-from baqueano.printable import baqueano_command
+from baqueano.messages.printable import baqueano_command
 from baqueano.routes.capability import FASTEST_M_S, FASTEST_M_S2, Capability, most
 from baqueano.routes.path import GRID_M, NAME, RoutePath, direction, path_of, route_along
 

@@ -14,10 +14,10 @@ from typing import TYPE_CHECKING, NamedTuple, TypeGuard
 
 from baqueano.diagnostics import fault
 from baqueano.errors import BaqueanoError, FileError
-from baqueano.language import number
-from baqueano.language import translate as _
 from baqueano.messages import text
-from baqueano.printable import baqueano_command, in_lines
+from baqueano.messages.language import number
+from baqueano.messages.language import translate as _
+from baqueano.messages.printable import baqueano_command, in_lines
 from baqueano.runs.container.reader import read_run
 
 if TYPE_CHECKING:

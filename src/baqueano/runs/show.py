@@ -8,11 +8,11 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from baqueano.language import mark as N_
-from baqueano.language import number
-from baqueano.language import translate as _
 from baqueano.messages import texts
-from baqueano.printable import in_lines
+from baqueano.messages.language import mark as N_
+from baqueano.messages.language import number
+from baqueano.messages.language import translate as _
+from baqueano.messages.printable import in_lines
 from baqueano.signals import NANOSECONDS
 
 if TYPE_CHECKING:

@@ -22,7 +22,7 @@ from baqueano.estimators import KnownState
 from baqueano.guides.repeat import with_laps
 from baqueano.guides.route import Route
 from baqueano.messages import in_english
-from baqueano.printable import baqueano_command
+from baqueano.messages.printable import baqueano_command
 from baqueano.runs.run import EstimateLog, Event, ReferenceLog, Run, TruthLog
 from baqueano.sensors.truth import truth_sensor
 from baqueano.signals import NANOSECONDS, Estimate, Reference, seconds

@@ -18,9 +18,9 @@ from baqueano.contracts.result import Result
 from baqueano.contracts.values import TableRow, Tree
 from baqueano.diagnostics import Diagnostic, Severity, Verdict, fault, note
 from baqueano.errors import UsageError
-from baqueano.language import number
-from baqueano.language import translate as _
 from baqueano.messages import verdict_line
+from baqueano.messages.language import number
+from baqueano.messages.language import translate as _
 from baqueano.parameter import parameters
 from baqueano.signals import seconds
 from baqueano.simulate.open_loop import command_signal, times

@@ -23,9 +23,9 @@ from baqueano.drive import replay, stop_of
 from baqueano.identify import Fit, FitOptions, identify
 from baqueano.identify.data.record import FitRecord, record_of
 from baqueano.identify.noise.covariances import Noise, measure_noise
-from baqueano.language import mark as N_
-from baqueano.language import number, shown_unit
-from baqueano.language import translate as _
+from baqueano.messages.language import mark as N_
+from baqueano.messages.language import number, shown_unit
+from baqueano.messages.language import translate as _
 from baqueano.runs.importing import import_run
 from baqueano.study.recordings import MAPS, check_present
 from baqueano.symbolic import scan

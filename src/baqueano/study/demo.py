@@ -19,10 +19,10 @@ from baqueano.errors import AnswerNo
 from baqueano.guides.shapes import sinuous_circle
 from baqueano.identify import Fit, FitOptions, excitation, identify
 from baqueano.identify.noise.covariances import Noise, measure_noise
-from baqueano.language import mark as N_
-from baqueano.language import number
-from baqueano.language import translate as _
 from baqueano.messages import verdict_line
+from baqueano.messages.language import mark as N_
+from baqueano.messages.language import number
+from baqueano.messages.language import translate as _
 from baqueano.report import Headline, Page, Section, Table
 from baqueano.report.animation.bars import bars
 from baqueano.report.animation.picture import animation

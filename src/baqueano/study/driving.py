@@ -30,9 +30,9 @@ from baqueano.guides import Idle
 from baqueano.guides.repeat import Repeat
 from baqueano.guides.shapes import eight, rectangle, sinuous_circle
 from baqueano.identify import excitation, identify
-from baqueano.language import mark as N_
-from baqueano.language import number
-from baqueano.language import translate as _
+from baqueano.messages.language import mark as N_
+from baqueano.messages.language import number
+from baqueano.messages.language import translate as _
 from baqueano.runs import Run
 from baqueano.runs.run import Channel
 from baqueano.sensors.truth import truth_sensor

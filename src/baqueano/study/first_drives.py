@@ -18,9 +18,9 @@ from baqueano.contracts.blocks import World
 from baqueano.diagnostics import Verdict
 from baqueano.drive import first_drive
 from baqueano.identify.design.room import room_of
-from baqueano.language import mark as N_
-from baqueano.language import number
-from baqueano.language import translate as _
+from baqueano.messages.language import mark as N_
+from baqueano.messages.language import number
+from baqueano.messages.language import translate as _
 from baqueano.signals import Command, Motion, Tick
 from baqueano.study.counterpart import LoopWorld, robot_values
 from baqueano.study.truth import Robots, draw_robots

@@ -25,9 +25,9 @@ from baqueano.diagnostics import Verdict
 from baqueano.identify import Fit, FitOptions, identify
 from baqueano.identify.covariance.quantiles import QUANTILE_95
 from baqueano.identify.imu_only import fit_imu_only
-from baqueano.language import mark as N_
-from baqueano.language import number
-from baqueano.language import translate as _
+from baqueano.messages.language import mark as N_
+from baqueano.messages.language import number
+from baqueano.messages.language import translate as _
 from baqueano.runs.importing import import_run
 from baqueano.study.cross_validation_cpm import predict_run
 from baqueano.study.recorded.bars import row

@@ -13,8 +13,8 @@ from typing import TYPE_CHECKING
 
 from baqueano.diagnostics import Verdict, fault
 from baqueano.errors import FileError
-from baqueano.language import number
-from baqueano.language import translate as _
+from baqueano.messages.language import number
+from baqueano.messages.language import translate as _
 from baqueano.runs.maps.column_map import data_folders, load_map
 
 if TYPE_CHECKING:

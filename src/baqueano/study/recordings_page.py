@@ -1,8 +1,8 @@
 """Write the page about the recordings: results of each fit, models on held-out runs, and paths."""
 
-from baqueano.language import mark as N_
-from baqueano.language import number
-from baqueano.language import translate as _
+from baqueano.messages.language import mark as N_
+from baqueano.messages.language import number
+from baqueano.messages.language import translate as _
 from baqueano.report import figures
 from baqueano.report.estimate_report import errors, paths
 from baqueano.report.page import Headline, Page, Section, Table, draw

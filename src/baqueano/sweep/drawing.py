@@ -7,9 +7,9 @@ import numpy as np
 
 from baqueano.contracts.result import Result
 from baqueano.diagnostics import note
-from baqueano.language import number
-from baqueano.language import translate as _
 from baqueano.messages import text
+from baqueano.messages.language import number
+from baqueano.messages.language import translate as _
 from baqueano.report.card import Card, card_of
 from baqueano.report.figures import MEASURED, MODEL, REFERENCE
 from baqueano.report.lab import panel, with_style

@@ -14,7 +14,7 @@ import numpy as np
 
 from baqueano.compare import errors, evenness
 from baqueano.compare.filter_consistency import filter_consistency
-from baqueano.language import mark as N_
+from baqueano.messages.language import mark as N_
 from baqueano.runs.interpolated import at_times, poses_at
 from baqueano.signals import seconds
 from baqueano.sweep.pieces import Pieces, pieces_of

@@ -8,9 +8,9 @@ import numpy as np
 
 from baqueano.contracts.result import Result, shorten
 from baqueano.diagnostics import Diagnostic, Severity, Verdict, note
-from baqueano.language import number
-from baqueano.language import translate as _
 from baqueano.messages import text, verdict_line
+from baqueano.messages.language import number
+from baqueano.messages.language import translate as _
 from baqueano.sweep.figures import SINGLE, SUMMED
 from baqueano.sweep.paired import UNKNOWN, PairedDifference, paired_difference
 from baqueano.sweep.pieces import Pieces

@@ -24,7 +24,7 @@ from baqueano.diagnostics import fault
 from baqueano.errors import UsageError
 from baqueano.geometry import compose
 from baqueano.guides.route import Route
-from baqueano.language import mark as N_
+from baqueano.messages.language import mark as N_
 from baqueano.parameter import parameters
 from baqueano.simulate.closed_loop import close_loop, closed_loop, references_of, start_of, ticks_of
 from baqueano.simulate.many import draw_parameters

@@ -9,9 +9,9 @@ import numpy as np
 from baqueano.contracts.blocks import Controller, OwnBlock
 from baqueano.contracts.result import Result
 from baqueano.diagnostics import Diagnostic, Severity, Verdict, note
-from baqueano.language import number, shown_unit
-from baqueano.language import translate as _
 from baqueano.messages import verdict_line
+from baqueano.messages.language import number, shown_unit
+from baqueano.messages.language import translate as _
 from baqueano.tune.cost import Weights
 from baqueano.tune.margins import LoopMargins, loop_margins
 from baqueano.tune.rehearsal import TunedDrive

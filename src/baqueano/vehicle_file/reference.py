@@ -11,9 +11,9 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from baqueano.blocks import ROOMS, resolve
-from baqueano.language import N_, shown_unit
-from baqueano.language import translate as _
 from baqueano.messages import text
+from baqueano.messages.language import N_, shown_unit
+from baqueano.messages.language import translate as _
 from baqueano.parameter import INF
 from baqueano.vehicle_file.build import ROUTE
 from baqueano.vehicle_file.head import Channels, Geometry, Hardware, Simulation, Top

@@ -10,7 +10,7 @@ from collections.abc import Collection, Iterator
 import numpy as np
 
 from baqueano.contracts.optional import is_dynamic
-from baqueano.language import mark as N_
+from baqueano.messages.language import mark as N_
 from baqueano.parameter import all_parameters
 from baqueano.symbolic import get, put
 from baqueano.vehicles.drivetrain import Drivetrain

@@ -21,7 +21,7 @@ from typing import TYPE_CHECKING
 
 from baqueano.diagnostics import fault
 from baqueano.errors import UsageError
-from baqueano.printable import one_line
+from baqueano.messages.printable import one_line
 
 if TYPE_CHECKING:
     from baqueano.contracts.values import JsonObject

@@ -15,9 +15,9 @@ from uuid import uuid4
 from baqueano.diagnostics import Diagnostic, Severity, StopReason, fault, note, stop
 from baqueano.door import VERSION
 from baqueano.errors import BaqueanoError, SafetyStop, UsageError
-from baqueano.language import within
 from baqueano.messages import text
-from baqueano.printable import baqueano_command, one_line
+from baqueano.messages.language import within
+from baqueano.messages.printable import baqueano_command, one_line
 from baqueano.web.feed import Feed, group_of
 from baqueano.web.foxglove.bridge import Foxglove
 from baqueano.web.guard import LONGEST, Role, finite, mission_of

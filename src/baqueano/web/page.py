@@ -10,9 +10,9 @@ from typing import TYPE_CHECKING, Protocol
 
 from baqueano.diagnostics import Diagnostic, Severity, fault, note
 from baqueano.errors import BaqueanoError, UsageError
-from baqueano.language import LANGUAGES, within
 from baqueano.messages import text
-from baqueano.printable import one_line
+from baqueano.messages.language import LANGUAGES, within
+from baqueano.messages.printable import one_line
 from baqueano.web import PROTOCOL
 from baqueano.web.guard import Guard
 from baqueano.web.lab.handle import Lab

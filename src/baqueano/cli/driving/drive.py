@@ -19,7 +19,7 @@ from baqueano.cli.driving.manual_drive import (
 from baqueano.cli.page import live
 from baqueano.cli.terminal import answer, print_message
 from baqueano.diagnostics import Verdict, note
-from baqueano.language import translate as _
+from baqueano.messages.language import translate as _
 
 if TYPE_CHECKING:
     from baqueano.contracts.values import TableRow

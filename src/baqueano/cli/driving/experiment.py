@@ -14,7 +14,7 @@ from baqueano.cli.page import live
 from baqueano.cli.terminal import answer, busy, print_message, time_progress
 from baqueano.diagnostics import Verdict, fault, nearest, note
 from baqueano.messages import texts
-from baqueano.printable import baqueano_command
+from baqueano.messages.printable import baqueano_command
 
 if TYPE_CHECKING:
     from baqueano.runs.run import Run

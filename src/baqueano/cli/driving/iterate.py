@@ -14,8 +14,8 @@ import numpy as np
 from baqueano.cli import options
 from baqueano.cli.terminal import busy, print_message, time_progress
 from baqueano.diagnostics import Verdict, fault, note
-from baqueano.language import number
-from baqueano.language import translate as _
+from baqueano.messages.language import number
+from baqueano.messages.language import translate as _
 
 if TYPE_CHECKING:
     from baqueano.cli.driving.targets import Place

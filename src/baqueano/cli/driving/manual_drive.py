@@ -15,7 +15,7 @@ from baqueano.cli import options
 from baqueano.cli.driving.targets import IN_HERE, open_target
 from baqueano.cli.terminal import print_message
 from baqueano.diagnostics import Diagnostic, fault, note
-from baqueano.printable import baqueano_command
+from baqueano.messages.printable import baqueano_command
 
 if TYPE_CHECKING:
     from baqueano.contracts.values import JsonObject

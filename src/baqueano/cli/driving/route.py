@@ -13,7 +13,7 @@ from baqueano.cli.driving.teach import SHAPES, shape_or_route
 from baqueano.cli.terminal import answer, print_message
 from baqueano.diagnostics import Diagnostic, Severity, fault, note
 from baqueano.errors import AnswerNo, UsageError
-from baqueano.printable import baqueano_command
+from baqueano.messages.printable import baqueano_command
 
 if TYPE_CHECKING:
     from baqueano.contracts.values import JsonObject

@@ -21,8 +21,8 @@ from baqueano.cli.page import live
 from baqueano.cli.terminal import answer, print_message, time_progress
 from baqueano.diagnostics import Verdict, fault, nearest, note
 from baqueano.errors import AnswerNo, UsageError
-from baqueano.language import translate as _
-from baqueano.printable import baqueano_command
+from baqueano.messages.language import translate as _
+from baqueano.messages.printable import baqueano_command
 
 if TYPE_CHECKING:
     from baqueano.contracts.values import TableRow

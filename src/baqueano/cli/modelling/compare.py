@@ -5,7 +5,7 @@ import click
 from baqueano.cli import numbers, options
 from baqueano.cli.terminal import answer, print_message
 from baqueano.diagnostics import note
-from baqueano.printable import baqueano_command
+from baqueano.messages.printable import baqueano_command
 
 
 @click.command(help="Show errors and consistency of one or more RUNS: by number, name, path, or 'last'.")

@@ -165,7 +165,7 @@ def command(
         print_result(result_part.table())
     _save_table(fit, file, table, f"{file.name}, from {', '.join(fit.runs)}")
     if page is not None:
-        from baqueano.printable import baqueano_command
+        from baqueano.messages.printable import baqueano_command
         from baqueano.report.fit_report import page_of_fit
 
         with busy(note("cli.drawing")):

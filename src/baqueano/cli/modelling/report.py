@@ -7,7 +7,7 @@ import click
 from baqueano.cli import options
 from baqueano.cli.terminal import busy, print_result
 from baqueano.diagnostics import fault, note
-from baqueano.printable import baqueano_command
+from baqueano.messages.printable import baqueano_command
 
 
 @click.command(help="Write one self-contained HTML page about RUN.")

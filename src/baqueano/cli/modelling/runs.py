@@ -9,8 +9,8 @@ from baqueano.cli import Verbs, numbers, options
 from baqueano.cli.blocks import RowsResult
 from baqueano.cli.terminal import answer, busy, print_message, print_result, steps
 from baqueano.diagnostics import fault, note
-from baqueano.language import translate as _
-from baqueano.printable import baqueano_command
+from baqueano.messages.language import translate as _
+from baqueano.messages.printable import baqueano_command
 
 if TYPE_CHECKING:
     from baqueano.contracts.values import TableRow

@@ -9,7 +9,7 @@ import click
 from baqueano.cli import Verbs, numbers, options
 from baqueano.cli.terminal import answer, busy, print_message, print_result, progress, steps
 from baqueano.diagnostics import Verdict, fault, nearest, note
-from baqueano.printable import baqueano_command
+from baqueano.messages.printable import baqueano_command
 
 
 @click.group(cls=Verbs, help="Reproduce the paper's case studies; test with recordings.")

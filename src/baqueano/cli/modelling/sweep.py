@@ -9,7 +9,7 @@ import click
 from baqueano.cli import numbers, options
 from baqueano.cli.terminal import answer, busy, print_message, progress
 from baqueano.diagnostics import fault, note
-from baqueano.printable import baqueano_command
+from baqueano.messages.printable import baqueano_command
 
 keep = click.option(
     "--keep",

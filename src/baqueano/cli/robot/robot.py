@@ -11,7 +11,7 @@ from baqueano.cli.robot import settings, setup, workshop
 from baqueano.cli.terminal import print_result
 from baqueano.diagnostics import fault
 from baqueano.door import SOCKET
-from baqueano.language import number
+from baqueano.messages.language import number
 
 if TYPE_CHECKING:
     from baqueano.contracts.values import JsonObject, TableRow
@@ -102,7 +102,7 @@ def runs(host: str, fetch: bool, folder: str) -> None:
     from os.path import lexists
 
     from baqueano.errors import FileError
-    from baqueano.printable import one_line
+    from baqueano.messages.printable import one_line
     from baqueano.runs.folder import is_name
 
     with _connection(host) as remote:
@@ -145,7 +145,7 @@ class RobotStatus:
 
     def table(self) -> str:
         """Return a line for each known figure."""
-        from baqueano.printable import in_lines
+        from baqueano.messages.printable import in_lines
 
         (row,) = self.rows()
         wide = max(len(name) for name in self.reply)

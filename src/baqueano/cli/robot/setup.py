@@ -7,8 +7,8 @@ import click
 from baqueano.cli import options
 from baqueano.cli.terminal import print_message, print_result
 from baqueano.diagnostics import fault, note
-from baqueano.language import translate as _
-from baqueano.printable import baqueano_command
+from baqueano.messages.language import translate as _
+from baqueano.messages.printable import baqueano_command
 
 host = click.argument("host")
 

@@ -32,10 +32,10 @@ from baqueano.drive.by_hand.terminal_heartbeat import START_S, Heartbeat
 from baqueano.drive.by_hand.tty import TerminalLine, terminal
 from baqueano.drive.health import degraded_note
 from baqueano.drive.observers import Observer
-from baqueano.language import mark as N_
-from baqueano.language import translate as _
 from baqueano.loop import Record
 from baqueano.messages import text
+from baqueano.messages.language import mark as N_
+from baqueano.messages.language import translate as _
 from baqueano.vehicles.drivetrain import Drivetrain
 
 ASK_KITTY = b"\x1b[?u"

@@ -18,8 +18,8 @@ from pathlib import Path
 from baqueano.diagnostics import Diagnostic, fault, note
 from baqueano.drive.by_hand.evdev import ABS, DROPPED, KEY, REPORT, SYN, Axis, InputDevice, InputEvent, X, Y
 from baqueano.errors import UsageError
-from baqueano.language import translate as _
 from baqueano.messages import text
+from baqueano.messages.language import translate as _
 
 FOLDER = Path("/dev/input")
 # The codes of a game pad (BTN_SOUTH …), and of a pad with numbered buttons (BTN_TRIGGER …)

@@ -12,10 +12,10 @@ from math import degrees, isfinite, nan
 
 import numpy as np
 
-from baqueano.language import mark as N_
-from baqueano.language import number
-from baqueano.language import translate as _
-from baqueano.printable import one_line
+from baqueano.messages.language import mark as N_
+from baqueano.messages.language import number
+from baqueano.messages.language import translate as _
+from baqueano.messages.printable import one_line
 
 _ACCENTS = str.maketrans("áéíóúüñÁÉÍÓÚÑ", "aeiouunAEIOUN", "¿¡")  # of Spanish
 BAR = 20  # letters for a duty of 1

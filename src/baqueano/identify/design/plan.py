@@ -26,8 +26,8 @@ from baqueano.identify.design.motion_library import MotionPiece, PieceShape, chi
 from baqueano.identify.design.room import COAST_S, SAMPLE_S, VEHICLES, Room, contain, first_allowed
 from baqueano.identify.design.vehicle_cloud import Cloud, VehicleDistribution, possible_vehicles
 from baqueano.identify.parallel import parallel_map
-from baqueano.language import number
-from baqueano.language import translate as _
+from baqueano.messages.language import number
+from baqueano.messages.language import translate as _
 from baqueano.vehicles import VehicleState
 from baqueano.worlds.noise import stream
 

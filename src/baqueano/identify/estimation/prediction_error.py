@@ -32,7 +32,7 @@ from baqueano.identify.parallel import gram, parallel_map
 from baqueano.identify.residuals.block_arrow import Evaluation, add, dense, diagonal_matrix, places_of
 from baqueano.identify.residuals.innovations import axes_of, filter_kernel
 from baqueano.identify.residuals.simulation import Residuals, cached_kernel
-from baqueano.language import translate as _
+from baqueano.messages.language import translate as _
 
 # K of (1): 97.5 % efficient on normal noise; an outlier of 20 σ keeps a two-thousandth of its weight
 FAR = 3.0

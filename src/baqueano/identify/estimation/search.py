@@ -17,7 +17,7 @@ from baqueano.identify.covariance.information import WHITE_LIMIT, autocorrelatio
 from baqueano.identify.estimation.least_squares import MOST, Minimiser, Solution, minimise
 from baqueano.identify.residuals.noise_level import informative_rows, spread
 from baqueano.identify.residuals.simulation import Residuals
-from baqueano.language import translate as _
+from baqueano.messages.language import translate as _
 
 ROUNDS = 15  # of σ
 SETTLED = 5e-3  # relative change of σ below which it is final

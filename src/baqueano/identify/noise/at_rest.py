@@ -19,9 +19,9 @@ from baqueano.diagnostics import Diagnostic, Severity, Verdict, fault, note
 from baqueano.errors import UsageError
 from baqueano.identify.data.rest import REST_S
 from baqueano.identify.noise.allan import Allan, Coefficients, allan, coefficients
-from baqueano.language import number
-from baqueano.language import translate as _
 from baqueano.messages import texts
+from baqueano.messages.language import number
+from baqueano.messages.language import translate as _
 from baqueano.runs.run import Channel, Run
 from baqueano.signals import seconds
 

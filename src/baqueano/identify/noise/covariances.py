@@ -34,9 +34,9 @@ from baqueano.identify.noise.most_likely import FLOOR, most_likely, process_erro
 from baqueano.identify.noise.speed_channels import SpeedChannels, speed_channels
 from baqueano.identify.noise.unfitted_channels import not_fitted
 from baqueano.identify.result.fit_result import Fit
-from baqueano.language import number, shown_unit
-from baqueano.language import translate as _
 from baqueano.messages import texts
+from baqueano.messages.language import number, shown_unit
+from baqueano.messages.language import translate as _
 from baqueano.parameter import parameters
 from baqueano.runs.run import Run
 from baqueano.signals import NANOSECONDS

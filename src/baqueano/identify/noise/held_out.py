@@ -21,8 +21,8 @@ from baqueano.errors import UsageError
 from baqueano.estimators import Ekf
 from baqueano.identify.covariance.quantiles import QUANTILE_95
 from baqueano.identify.noise.most_likely import FAR, example_of, filter_of, log_det_and_square, ticks_of
-from baqueano.language import number
-from baqueano.language import translate as _
+from baqueano.messages.language import number
+from baqueano.messages.language import translate as _
 from baqueano.runs.run import Run
 from baqueano.signals import Tick
 from baqueano.symbolic import put, scan

@@ -33,7 +33,7 @@ from baqueano.identify.parameters.free import (
     substitute,
     value,
 )
-from baqueano.printable import baqueano_command
+from baqueano.messages.printable import baqueano_command
 from baqueano.runs.run import Run
 from baqueano.sensors.sampling import Signal, measures_pose, steady_signal, step_signal
 from baqueano.signals import ByName, Motion

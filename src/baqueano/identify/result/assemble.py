@@ -22,7 +22,7 @@ from baqueano.identify.residuals.simulation import Residuals
 from baqueano.identify.result.fit_result import ChannelFit, Fit
 from baqueano.identify.result.to_vehicle_file import envelope_of, kept_priors
 from baqueano.identify.result.verdict import Evidence, remarks, verdict_of
-from baqueano.language import translate as _
+from baqueano.messages.language import translate as _
 
 if TYPE_CHECKING:
     pass

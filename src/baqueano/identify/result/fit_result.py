@@ -13,10 +13,10 @@ from baqueano.identify.covariance.quantiles import QUANTILE_95
 from baqueano.identify.parameters.free import entries, free_parameter
 from baqueano.identify.result.ratios import percent
 from baqueano.identify.result.verdict import short
-from baqueano.language import mark as N_
-from baqueano.language import number, shown_unit
-from baqueano.language import translate as _
 from baqueano.messages import group_sentences, text
+from baqueano.messages.language import mark as N_
+from baqueano.messages.language import number, shown_unit
+from baqueano.messages.language import translate as _
 from baqueano.vehicle_file.units import channel_unit
 
 if TYPE_CHECKING:

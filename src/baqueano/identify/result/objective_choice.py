@@ -37,7 +37,7 @@ from baqueano.identify.estimation.prediction_error import (
 from baqueano.identify.parallel import gram
 from baqueano.identify.residuals.simulation import HUBER, Residuals
 from baqueano.identify.result.verdict import ABOVE_NOISE
-from baqueano.language import number
+from baqueano.messages.language import number
 
 RARE = 1e-3  # probability below which process noise is significant
 UNITS = ("m/s", "m/s", "rad/s")

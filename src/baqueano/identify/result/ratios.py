@@ -2,8 +2,8 @@
 
 import numpy as np
 
-from baqueano.language import number
-from baqueano.language import translate as _
+from baqueano.messages.language import number
+from baqueano.messages.language import translate as _
 
 
 def percent(part: float, digits: int = 1) -> str:

@@ -9,10 +9,10 @@ from baqueano.diagnostics import Diagnostic, note
 from baqueano.identify.data.record import FittedBlocks
 from baqueano.identify.result.fit_result import Fit
 from baqueano.identify.selection.terms import Term
-from baqueano.language import mark as N_
-from baqueano.language import number
-from baqueano.language import translate as _
 from baqueano.messages import text
+from baqueano.messages.language import mark as N_
+from baqueano.messages.language import number
+from baqueano.messages.language import translate as _
 
 if TYPE_CHECKING:
     from baqueano.contracts.values import JsonObject, TableRow

@@ -59,8 +59,8 @@ from baqueano.identify.selection.terms import (
     with_terms,
     without_terms,
 )
-from baqueano.language import translate as _
 from baqueano.messages import text
+from baqueano.messages.language import translate as _
 from baqueano.runs.run import Run
 from baqueano.sensors.sampling import measures_pose
 

@@ -1,6 +1,6 @@
 """Words that are keys in the code and are shown in tables and figures: verdicts, levels, kinds of runs, columns."""
 
-from baqueano.language import mark as N_
+from baqueano.messages.language import mark as N_
 
 VERDICTS = (
     N_("USABLE"), N_("WARN"), N_("REFUSED"), N_("CANNOT TELL"), N_("STOPPED"), N_("DONE"), N_("CONSISTENT"),

@@ -9,8 +9,8 @@ from itertools import pairwise
 
 import numpy as np
 
-from baqueano.language import number
-from baqueano.language import translate as _
+from baqueano.messages.language import number
+from baqueano.messages.language import translate as _
 from baqueano.report.animation.bars import Stage
 from baqueano.report.animation.scene import Scene
 

@@ -8,7 +8,7 @@ import numpy as np
 from baqueano.compare.corridor import corridor_of
 from baqueano.diagnostics import fault
 from baqueano.errors import AnswerNo
-from baqueano.printable import baqueano_command
+from baqueano.messages.printable import baqueano_command
 from baqueano.runs import Run
 from baqueano.runs.interpolated import poses_at
 from baqueano.signals import NANOSECONDS, seconds

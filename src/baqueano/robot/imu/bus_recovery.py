@@ -23,8 +23,8 @@ from typing import NamedTuple
 
 from baqueano.diagnostics import Diagnostic, Severity, fault, note
 from baqueano.errors import RobotUnreachable
-from baqueano.language import translate as _
 from baqueano.messages import text
+from baqueano.messages.language import translate as _
 
 BUS = "i2c-1"  # on the pins 3 and 5 of every Raspberry Pi
 SDA, SCL, BOTH = "2", "3", "2,3"  # GPIO

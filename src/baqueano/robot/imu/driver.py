@@ -20,8 +20,8 @@ import numpy as np
 
 from baqueano.diagnostics import fault
 from baqueano.errors import RobotUnreachable
-from baqueano.language import number
-from baqueano.language import translate as _
+from baqueano.messages.language import number
+from baqueano.messages.language import translate as _
 from baqueano.robot.imu.mpu6050 import Mpu6050, chip_at, find
 from baqueano.robot.imu.settings import SECOND, ImuSettings, OpenedImu
 from baqueano.signals import STANDARD_GRAVITY

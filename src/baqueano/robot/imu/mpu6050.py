@@ -22,7 +22,7 @@ import numpy as np
 
 from baqueano.diagnostics import Diagnostic, Severity, fault, note
 from baqueano.errors import BaqueanoError, RobotUnreachable
-from baqueano.language import mark as N_
+from baqueano.messages.language import mark as N_
 from baqueano.robot.imu.bus_recovery import Recovery, RecoveryOutcome, recover
 from baqueano.robot.imu.chips import Chip, accel_scale, chip_of, gyro_scale
 from baqueano.robot.imu.i2c import Device, is_stuck_low

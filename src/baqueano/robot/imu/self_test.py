@@ -21,9 +21,9 @@ import numpy as np
 
 from baqueano.diagnostics import fault
 from baqueano.errors import AnswerNo
-from baqueano.language import mark as N_
-from baqueano.language import number
-from baqueano.language import translate as _
+from baqueano.messages.language import mark as N_
+from baqueano.messages.language import number
+from baqueano.messages.language import translate as _
 from baqueano.robot.imu.chips import GYRO_LSB_PER_DPS
 from baqueano.robot.imu.mpu6050 import SMPLRT_DIV, Mpu6050
 

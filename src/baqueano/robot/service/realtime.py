@@ -13,7 +13,7 @@ import socket
 from contextlib import suppress
 from typing import Any
 
-from baqueano.language import translate as _
+from baqueano.messages.language import translate as _
 
 PRIORITY = 40  # below the kernel's own threads at 50
 MCL_CURRENT, MCL_FUTURE, MCL_ONFAULT = 1, 2, 4

@@ -24,7 +24,7 @@ from typing import NamedTuple
 
 from baqueano.diagnostics import fault
 from baqueano.errors import FileError, UsageError
-from baqueano.language import translate as _
+from baqueano.messages.language import translate as _
 
 STARTER = (
     "systemd.run=/boot/firmware/firstrun.sh",

@@ -13,7 +13,7 @@ import numpy as np
 from baqueano.diagnostics import fault
 from baqueano.door.ssh import run, ssh
 from baqueano.errors import FileError, RobotUnreachable, UsageError
-from baqueano.language import translate as _
+from baqueano.messages.language import translate as _
 from baqueano.robot import VEHICLE
 from baqueano.vehicle_file.history import NOT_VALUES
 from baqueano.vehicle_file.paths import exists

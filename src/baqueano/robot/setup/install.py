@@ -24,7 +24,7 @@ import baqueano
 from baqueano.diagnostics import fault
 from baqueano.door.ssh import run, ssh
 from baqueano.errors import FileError, RobotUnreachable, UsageError
-from baqueano.language import translate as _
+from baqueano.messages.language import translate as _
 from baqueano.robot.setup.deployed_vehicle_file import renew_file
 from baqueano.vehicle_file.file import VehicleFile
 

@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, NamedTuple
 
 from baqueano.diagnostics import fault
 from baqueano.errors import FileError, RobotUnreachable, UsageError
-from baqueano.language import translate as _
+from baqueano.messages.language import translate as _
 from baqueano.robot.uno.frames import PROTOCOL
 from baqueano.robot.uno.serial_port import find_port, open_uno
 

@@ -16,8 +16,8 @@ from typing import TYPE_CHECKING
 
 from baqueano.diagnostics import fault
 from baqueano.errors import AnswerNo, UsageError
-from baqueano.language import number
-from baqueano.language import translate as _
+from baqueano.messages.language import number
+from baqueano.messages.language import translate as _
 from baqueano.robot.uno.frames import FIELDS, Driver, Encoders, Settings, Way, Wiring
 
 if TYPE_CHECKING:

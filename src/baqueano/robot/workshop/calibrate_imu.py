@@ -22,8 +22,8 @@ import numpy as np
 
 from baqueano.diagnostics import fault
 from baqueano.errors import AnswerNo
-from baqueano.language import mark as N_
-from baqueano.language import translate as _
+from baqueano.messages.language import mark as N_
+from baqueano.messages.language import translate as _
 from baqueano.robot.workshop.floor_tests import STILL_M_S2, STILL_RAD_S
 from baqueano.signals import STANDARD_GRAVITY, Motion
 

@@ -24,9 +24,9 @@ from baqueano.controllers.hand import Hand
 from baqueano.controllers.heading_hold import OF_SPEED, HeadingHold, place_poles
 from baqueano.diagnostics import fault
 from baqueano.errors import AnswerNo, RobotUnreachable
-from baqueano.language import mark as N_
-from baqueano.language import number
-from baqueano.language import translate as _
+from baqueano.messages.language import mark as N_
+from baqueano.messages.language import number
+from baqueano.messages.language import translate as _
 from baqueano.robot.uno import settings as uno_settings
 from baqueano.robot.uno.frames import Settings, Way, Wiring
 from baqueano.signals import NANOSECONDS, Estimate, Reference, seconds

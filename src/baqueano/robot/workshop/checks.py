@@ -9,8 +9,8 @@ unknown   cannot be checked on this machine; the figure states why
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, NamedTuple
 
-from baqueano.language import translate as _
-from baqueano.printable import in_lines
+from baqueano.messages.language import translate as _
+from baqueano.messages.printable import in_lines
 
 if TYPE_CHECKING:
     from baqueano.contracts.values import TableRow

@@ -13,9 +13,9 @@ from baqueano.door.remote_session import answer_of, interrupt_on_hangup
 from baqueano.door.ssh import ssh
 from baqueano.door.states import DoorState
 from baqueano.errors import INTERRUPTED, AnswerNo, RobotUnreachable, UsageError, of_code
-from baqueano.language import VARIABLE, current
-from baqueano.language import translate as _
-from baqueano.printable import baqueano_command, words
+from baqueano.messages.language import VARIABLE, current
+from baqueano.messages.language import translate as _
+from baqueano.messages.printable import baqueano_command, words
 from baqueano.robot import SERVICE
 from baqueano.robot.uno.serial_port import open_uno
 from baqueano.robot.workshop.floor_tests import FloorTests

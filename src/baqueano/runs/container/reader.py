@@ -14,7 +14,7 @@ import numpy as np
 
 from baqueano.diagnostics import Diagnostic, Severity, fault, note
 from baqueano.errors import FileError, Invalid, cause_of
-from baqueano.printable import baqueano_command
+from baqueano.messages.printable import baqueano_command
 from baqueano.runs.container import memory_limit, messages
 from baqueano.runs.container.records import MAGIC, Contents, McapChannel, McapMessages, TooLarge, scan
 from baqueano.runs.container.run_file import METADATA, VEHICLE_FILE, unseal

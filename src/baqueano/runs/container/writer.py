@@ -23,7 +23,7 @@ import numpy as np
 from baqueano.diagnostics import Diagnostic, fault, note
 from baqueano.errors import FileError, Invalid, UsageError
 from baqueano.messages import in_english
-from baqueano.printable import baqueano_command
+from baqueano.messages.printable import baqueano_command
 from baqueano.runs.container.messages import LAST_NS
 from baqueano.runs.container.packing import Packing
 from baqueano.runs.container.run_file import RunFile

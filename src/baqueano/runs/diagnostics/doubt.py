@@ -3,8 +3,8 @@
 from typing import NamedTuple
 
 from baqueano.diagnostics import Diagnostic, Severity, note
-from baqueano.language import mark as N_
 from baqueano.messages import text
+from baqueano.messages.language import mark as N_
 
 KINDS = (  # codes as words; `accept` in a map takes them in English
     N_("constant"), N_(

@@ -17,7 +17,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from baqueano.diagnostics import Diagnostic, note
-from baqueano.language import mark as N_
+from baqueano.messages.language import mark as N_
 from baqueano.runs.diagnostics.doubt import Doubt
 from baqueano.runs.diagnostics.signal_map import relation
 from baqueano.runs.maps.columns import KINDS

@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 
 from baqueano.errors import FileError
-from baqueano.language import translate as _
+from baqueano.messages.language import translate as _
 from baqueano.runs.maps.units import unit
 from baqueano.runs.tables.table import LogTable, read_table
 

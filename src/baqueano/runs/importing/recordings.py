@@ -16,9 +16,9 @@ from baqueano.contracts.result import Result, shorten
 from baqueano.diagnostics import fault, note
 from baqueano.errors import FileError
 from baqueano.geometry import wrap
-from baqueano.language import translate as _
 from baqueano.messages import in_english
-from baqueano.printable import baqueano_command
+from baqueano.messages.language import translate as _
+from baqueano.messages.printable import baqueano_command
 from baqueano.runs.container.writer import versions
 from baqueano.runs.diagnostics import cross_checks
 from baqueano.runs.diagnostics.doubt import Doubt

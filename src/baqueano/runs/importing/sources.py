@@ -17,7 +17,7 @@ import numpy as np
 
 from baqueano.diagnostics import fault, note
 from baqueano.errors import FileError
-from baqueano.printable import baqueano_command
+from baqueano.messages.printable import baqueano_command
 from baqueano.runs.diagnostics.doubt import Doubt
 from baqueano.runs.importing.timing import rows_in_order, times
 from baqueano.runs.maps.column_map import data_folders

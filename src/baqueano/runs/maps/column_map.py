@@ -22,7 +22,7 @@ from typing import Any
 
 from baqueano.diagnostics import Diagnostic, fault, nearest, note
 from baqueano.errors import FileError, cause_of
-from baqueano.printable import baqueano_command
+from baqueano.messages.printable import baqueano_command
 from baqueano.runs.maps.columns import KINDS, ColumnMap, ColumnSignal, Entry, FileSpec
 from baqueano.runs.maps.mount import KEYS, mount_of
 from baqueano.runs.maps.units import canonical, near_units, unit, units_of

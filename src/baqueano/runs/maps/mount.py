@@ -17,7 +17,7 @@ import numpy as np
 from baqueano.diagnostics import fault
 from baqueano.errors import FileError, Invalid, UsageError
 from baqueano.geometry import map_from_body, wrap
-from baqueano.printable import baqueano_command
+from baqueano.messages.printable import baqueano_command
 
 if TYPE_CHECKING:
     from baqueano.contracts.values import JsonObject

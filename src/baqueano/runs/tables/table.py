@@ -16,7 +16,7 @@ import numpy as np
 
 from baqueano.diagnostics import Diagnostic, fault
 from baqueano.errors import FileError
-from baqueano.language import translate as _
+from baqueano.messages.language import translate as _
 from baqueano.runs.tables.cells import Cells, pack
 from baqueano.runs.tables.lines import CELL, Lines
 

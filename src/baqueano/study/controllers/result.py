@@ -7,10 +7,10 @@ import numpy as np
 from baqueano.contracts.result import Result
 from baqueano.contracts.values import TableRow
 from baqueano.diagnostics import Diagnostic, Severity, Verdict, note
-from baqueano.language import mark as N_
-from baqueano.language import number
-from baqueano.language import translate as _
 from baqueano.messages import verdict_line
+from baqueano.messages.language import mark as N_
+from baqueano.messages.language import number
+from baqueano.messages.language import translate as _
 from baqueano.study.controllers.drives import Contestant
 from baqueano.sweep.result import SweepResult
 

@@ -8,7 +8,7 @@ The module vehicles.py lists their differences from the files.
 from collections.abc import Callable
 from dataclasses import replace
 
-from baqueano.language import translate as _
+from baqueano.messages.language import translate as _
 from baqueano.study.corridor.drives import CorridorDrive, batch
 from baqueano.study.corridor.recorded import ends_of_recordings
 from baqueano.study.corridor.result import AT_S, Corridors, Instant, gather

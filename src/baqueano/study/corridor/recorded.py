@@ -18,7 +18,7 @@ from baqueano.diagnostics import Verdict
 from baqueano.geometry import wrap
 from baqueano.identify.noise.most_likely import example_of, ticks_of
 from baqueano.identify.sensor_calibration import calibrate
-from baqueano.language import translate as _
+from baqueano.messages.language import translate as _
 from baqueano.runs.initial_pose import initial_pose
 from baqueano.runs.interpolated import poses_at
 from baqueano.study.corridor.result import Instant

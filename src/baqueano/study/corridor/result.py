@@ -16,8 +16,8 @@ import numpy as np
 
 from baqueano.compare.corridor import CHI_SQUARE_95, LOST_RAD, QUANTILE_95
 from baqueano.diagnostics import Verdict
-from baqueano.language import number
-from baqueano.language import translate as _
+from baqueano.messages.language import number
+from baqueano.messages.language import translate as _
 
 if TYPE_CHECKING:
     from baqueano.contracts.values import JsonObject, TableRow

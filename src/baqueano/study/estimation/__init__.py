@@ -2,7 +2,7 @@
 
 from collections.abc import Callable, Sequence
 
-from baqueano.language import translate as _
+from baqueano.messages.language import translate as _
 from baqueano.study.estimation import simulated as independent
 from baqueano.study.estimation.judging import evaluate
 from baqueano.study.estimation.result import EstimationStudy

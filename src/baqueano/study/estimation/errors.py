@@ -15,7 +15,7 @@ import numpy as np
 
 from baqueano.compare.errors import absolute, align_trajectory
 from baqueano.identify.noise.speed_channels import ratio_of_blocks
-from baqueano.language import mark as N_
+from baqueano.messages.language import mark as N_
 from baqueano.runs.interpolated import poses_at, true_speed
 from baqueano.runs.run import TruthLog
 from baqueano.signals import seconds

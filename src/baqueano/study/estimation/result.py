@@ -14,9 +14,9 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from baqueano.diagnostics import Verdict
-from baqueano.language import mark as N_
-from baqueano.language import number
-from baqueano.language import translate as _
+from baqueano.messages.language import mark as N_
+from baqueano.messages.language import number
+from baqueano.messages.language import translate as _
 from baqueano.study.estimation.errors import QUANTITIES, SPEED, merge
 from baqueano.study.estimation.subjects import BOTH
 

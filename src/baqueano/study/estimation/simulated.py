@@ -19,8 +19,8 @@ import numpy as np
 
 from baqueano.diagnostics import Verdict
 from baqueano.errors import BaqueanoError
-from baqueano.language import mark as N_
-from baqueano.language import translate as _
+from baqueano.messages.language import mark as N_
+from baqueano.messages.language import translate as _
 from baqueano.simulate.open_loop import times
 from baqueano.study.counterpart import drive_group, run_of_vehicle
 from baqueano.study.estimation.errors import QUANTITIES

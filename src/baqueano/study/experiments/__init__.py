@@ -16,7 +16,7 @@ from functools import partial
 from typing import Any
 
 from baqueano.identify.design.room import room_of
-from baqueano.language import translate as _
+from baqueano.messages.language import translate as _
 from baqueano.study.experiments.drives import outcome, plans, vehicles_around
 from baqueano.study.experiments.result import Experiments, SignalErrors, merge, rows_of
 from baqueano.sweep.workers import spread_over

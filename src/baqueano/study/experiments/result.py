@@ -8,8 +8,8 @@ import numpy as np
 if TYPE_CHECKING:
     from baqueano.contracts.values import TableRow
 from baqueano.diagnostics import Verdict
-from baqueano.language import number
-from baqueano.language import translate as _
+from baqueano.messages.language import number
+from baqueano.messages.language import translate as _
 
 DESIGNED, BASELINE = "designed", "random_steps"
 RATIO = 1.5

@@ -9,7 +9,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from baqueano.language import mark as N_
+from baqueano.messages.language import mark as N_
 from baqueano.runs.run import Channel, Run
 from baqueano.signals import NANOSECONDS, STANDARD_GRAVITY
 from baqueano.vehicle_file import VehicleFile

@@ -23,9 +23,9 @@ from baqueano.diagnostics import Verdict
 from baqueano.errors import BaqueanoError
 from baqueano.identify import FitOptions, identify
 from baqueano.identify.result.fit_result import Fit
-from baqueano.language import mark as N_
-from baqueano.language import number
-from baqueano.language import translate as _
+from baqueano.messages.language import mark as N_
+from baqueano.messages.language import number
+from baqueano.messages.language import translate as _
 from baqueano.runs.run import Channel, Run
 from baqueano.study.faults.damage import DAMAGES, outliers
 from baqueano.study.faults.logging import LOGGING

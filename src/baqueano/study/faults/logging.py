@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from baqueano.language import mark as N_
+from baqueano.messages.language import mark as N_
 from baqueano.runs.run import Channel, Run
 from baqueano.signals import NANOSECONDS
 from baqueano.vehicle_file import VehicleFile

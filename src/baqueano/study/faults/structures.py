@@ -10,7 +10,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from baqueano.language import mark as N_
+from baqueano.messages.language import mark as N_
 from baqueano.runs.run import Run
 from baqueano.study.faults.subject import FaultSubject
 from baqueano.study.truth import Cars, Robots

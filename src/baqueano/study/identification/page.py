@@ -5,10 +5,10 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from baqueano.diagnostics import Verdict
-from baqueano.language import mark as N_
-from baqueano.language import number
-from baqueano.language import translate as _
-from baqueano.printable import baqueano_command
+from baqueano.messages.language import mark as N_
+from baqueano.messages.language import number
+from baqueano.messages.language import translate as _
+from baqueano.messages.printable import baqueano_command
 from baqueano.report import Drawing, Headline, Page, Section, Table, draw
 from baqueano.report.figures import MEASURED, MODEL, REFERENCE, TRUTH
 from baqueano.report.lab import panel, with_style

@@ -19,8 +19,8 @@ import numpy as np
 
 from baqueano.diagnostics import Verdict
 from baqueano.identify.covariance.quantiles import QUANTILE_95
-from baqueano.language import number
-from baqueano.language import translate as _
+from baqueano.messages.language import number
+from baqueano.messages.language import translate as _
 from baqueano.study.identification.trials import CASES, SECONDS, TrialJob, TrialOutcome, work
 from baqueano.study.wrong import wrong
 from baqueano.sweep.workers import spread_over

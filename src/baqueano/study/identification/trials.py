@@ -19,7 +19,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from baqueano.identify import Fit, FitOptions, excitation, identify
-from baqueano.language import mark as N_
+from baqueano.messages.language import mark as N_
 from baqueano.runs.run import Run
 from baqueano.simulate.open_loop import times
 from baqueano.study.counterpart import (

@@ -16,7 +16,7 @@ import numpy as np
 from baqueano.compare.corridor import QUANTILE_95
 from baqueano.compare.corridor_ahead import corridor_ahead
 from baqueano.guides.route import Route
-from baqueano.language import mark as N_
+from baqueano.messages.language import mark as N_
 from baqueano.study.driving import SHAPES
 from baqueano.study.laps.drives import EVERY, RATE_HZ, Team, TeamWithFix, follow
 from baqueano.study.laps.fixes import FIXES, with_fix

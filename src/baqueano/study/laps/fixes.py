@@ -17,7 +17,7 @@ from typing import NamedTuple
 import numpy as np
 
 from baqueano.guides.route import Route
-from baqueano.language import mark as N_
+from baqueano.messages.language import mark as N_
 from baqueano.study.truth import Floor, FloorLines, Gate, PassingFaults, Reader
 from baqueano.vehicle_file import VehicleFile, parse
 

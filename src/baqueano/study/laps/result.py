@@ -15,8 +15,8 @@ import numpy as np
 
 from baqueano.compare.corridor import LOST_RAD
 from baqueano.diagnostics import Verdict
-from baqueano.language import number
-from baqueano.language import translate as _
+from baqueano.messages.language import number
+from baqueano.messages.language import translate as _
 
 if TYPE_CHECKING:
     from baqueano.contracts.values import TableRow

@@ -17,7 +17,7 @@ from baqueano.drive.recording import MARK_SOURCE
 from baqueano.errors import AnswerNo
 from baqueano.identify import FitOptions, identify
 from baqueano.identify.noise.covariances import measure_noise
-from baqueano.language import mark as N_
+from baqueano.messages.language import mark as N_
 from baqueano.runs import Run
 from baqueano.runs.logs import Event
 from baqueano.runs.run import Channel

@@ -12,9 +12,9 @@ import numpy as np
 
 from baqueano.diagnostics import Verdict
 from baqueano.identify import Fit, FitOptions, excitation, identify
-from baqueano.language import number
-from baqueano.language import translate as _
 from baqueano.messages import texts
+from baqueano.messages.language import number
+from baqueano.messages.language import translate as _
 from baqueano.runs import Run
 from baqueano.simulate import simulate
 from baqueano.sweep.workers import spread_over

@@ -15,9 +15,9 @@ from baqueano.compare.errors import rms
 from baqueano.drive import replay
 from baqueano.identify import Fit, FitOptions, identify
 from baqueano.identify.noise.covariances import measure_noise
-from baqueano.language import mark as N_
-from baqueano.language import number
-from baqueano.language import translate as _
+from baqueano.messages.language import mark as N_
+from baqueano.messages.language import number
+from baqueano.messages.language import translate as _
 from baqueano.runs.interpolated import at_times
 from baqueano.vehicle_file import VehicleFile, parse
 

@@ -17,9 +17,9 @@ from baqueano.identify.selection.choice import Choice, Decision
 from baqueano.identify.selection.selection import choose
 from baqueano.identify.sensor_calibration import Calibration, calibrate
 from baqueano.identify.validation import validate
-from baqueano.language import number
-from baqueano.language import translate as _
 from baqueano.messages import text
+from baqueano.messages.language import number
+from baqueano.messages.language import translate as _
 from baqueano.runs import Run
 from baqueano.runs.importing import import_run
 from baqueano.runs.maps.column_map import load_map

@@ -14,8 +14,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from baqueano.identify import Fit, FitOptions, identify
-from baqueano.language import number
-from baqueano.language import translate as _
+from baqueano.messages.language import number
+from baqueano.messages.language import translate as _
 from baqueano.runs import Run
 from baqueano.runs.importing import import_run
 from baqueano.runs.maps.column_map import data_folders

@@ -12,9 +12,9 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from baqueano.identify.noise.at_rest import at_rest
-from baqueano.language import mark as N_
-from baqueano.language import number
-from baqueano.language import translate as _
+from baqueano.messages.language import mark as N_
+from baqueano.messages.language import number
+from baqueano.messages.language import translate as _
 from baqueano.runs.importing import import_run
 from baqueano.runs.maps.column_map import data_folders, load_map
 from baqueano.signals import STANDARD_GRAVITY

@@ -14,7 +14,7 @@ import numpy as np
 
 from baqueano.geometry import wrap
 from baqueano.identify import Fit, FitOptions, identify
-from baqueano.language import translate as _
+from baqueano.messages.language import translate as _
 from baqueano.runs import Run
 from baqueano.runs.importing import import_runs
 from baqueano.runs.maps.column_map import data_folders

@@ -20,7 +20,7 @@ from typing import TYPE_CHECKING, NamedTuple
 from baqueano.contracts.values import Value
 from baqueano.diagnostics import note
 from baqueano.messages import text
-from baqueano.printable import one_line
+from baqueano.messages.printable import one_line
 from baqueano.web.visitor import Visitor, binary_frame, encode_json
 
 if TYPE_CHECKING:

@@ -20,8 +20,8 @@ from typing import TYPE_CHECKING
 from baqueano.contracts.values import Value
 from baqueano.diagnostics import Diagnostic
 from baqueano.errors import BaqueanoError
-from baqueano.language import translate, within
 from baqueano.messages import text
+from baqueano.messages.language import translate, within
 from baqueano.web.lab.handle import Lab
 from baqueano.web.visitor import Visitor
 

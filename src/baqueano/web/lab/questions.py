@@ -13,9 +13,9 @@ from typing import TYPE_CHECKING
 
 from baqueano.diagnostics import Diagnostic, fault, note
 from baqueano.errors import BaqueanoError, UsageError
-from baqueano.language import within
 from baqueano.messages import text
-from baqueano.printable import one_line
+from baqueano.messages.language import within
+from baqueano.messages.printable import one_line
 from baqueano.web.lab.handle import Lab
 from baqueano.web.lab.shelf import Shelf
 from baqueano.web.visitor import Visitor

@@ -145,8 +145,8 @@ def _compare(word: "JsonObject") -> tuple["JsonObject", bytes]:
     """Return the comparison of these runs, with sentences in the requested language."""
     from baqueano.compare import compare
     from baqueano.compare.table import sections_of
-    from baqueano.language import within
     from baqueano.messages import text
+    from baqueano.messages.language import within
     from baqueano.runs import read_run
 
     comparison = compare([read_run(Path(path)) for path in word["paths"]])

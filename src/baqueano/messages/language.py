@@ -16,7 +16,7 @@ from typing import TypeVar, cast
 LANGUAGES = {"en": "English", "es": "español"}
 VARIABLE = "BAQUEANO_LANG"
 DOMAIN = "baqueano"
-CATALOGUES = Path(__file__).with_name("locale")
+CATALOGUES = Path(__file__).parents[1] / "locale"
 Shown = TypeVar("Shown")
 _COMMA = str.maketrans({".": ",", ",": " "})
 _language = ""
