@@ -186,7 +186,7 @@ def test_fi6_an_invalid_line_is_answered_without_disconnecting(door, person, lin
 def test_a_new_guest_receives_the_last_state_at_once(door, people):
     door.broadcast({"is": "state", "state": "READY"})
     door.broadcast({"is": "state", "state": "MISSION"})
-    door.broadcast({"is": "event", "text": "nothing more is told while a mission is prepared"})
+    door.broadcast({"is": "event", "text": "nothing more is sent while a mission is prepared"})
     assert people().receive() == {"is": "state", "state": "MISSION", "door": VERSION}
 
 

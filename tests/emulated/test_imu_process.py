@@ -29,14 +29,14 @@ def print_event(**what):
 
 device = imu.open(1, notify=None)
 print_event(event="open", chip=device.identity.chip)
-samples, told = [], 0
+samples, printed = [], 0
 while not select.select([sys.stdin], [], [], 0.01)[0]:
     samples += device.read()
     for event in device.events():
         print_event(event=event.message.code, text=event.text)
-    if len(samples) >= told + 100:
-        told = len(samples)
-        print_event(event="samples", count=told)
+    if len(samples) >= printed + 100:
+        printed = len(samples)
+        print_event(event="samples", count=printed)
 device.close()
 print_event(event="end", t=[s.t_ns for s in samples], accel=[list(s.accel) for s in samples], rate=device.rate_hz,
      rate_error=device.clock.rate_error_hz, restarts=device.counts.restarts)

@@ -19,7 +19,7 @@ from baqueano.vehicle_file import load
 
 REST_S, BROKEN_S, END_S, STILL_S = WINDOW_S + 1.0, (8.0, 11.0), 16.0, 2.0
 TOLD_S = 0.5
-SMALL = load("small").with_values(  # the model equals the vehicle, and the floor has no noise
+SMALL = load("small").with_values(  # the model equals the vehicle, and the floor is without noise
     {"estimator.velocity_walk_std": [0.005, 0.002, 0.005], "estimator.disturbance_std": [0.02, 0.05]}
 )
 t_s = 0.01 * np.arange(round(100 * END_S))

@@ -67,9 +67,9 @@ def test_timestamps_in_bursts_are_reported(resting_run):
     t = t + np.arange(len(t)) % 10 * 1_000_000
     rest = at_rest(replace(resting_run, sensors={"imu": Channel(t, np.maximum.accumulate(t), imu.z)}))
     assert rest.verdict == "WARN"
-    assert rest.doubts[0].code == "at-rest.bursts"
-    assert rest.doubts[0].figures["median_ms"] == pytest.approx(1.0)
-    assert rest.doubts[0].figures["mean_ms"] == pytest.approx(10.0, rel=0.01)
+    assert rest.findings[0].code == "at-rest.bursts"
+    assert rest.findings[0].figures["median_ms"] == pytest.approx(1.0)
+    assert rest.findings[0].figures["mean_ms"] == pytest.approx(10.0, rel=0.01)
 
 
 def test_repeated_samples_touches_and_dead_channels_are_reported(resting_run):
@@ -78,8 +78,8 @@ def test_repeated_samples_touches_and_dead_channels_are_reported(resting_run):
     z[1::2] = z[:-1:2]
     z[5000:5100, 0] += 30.0
     z[:, 1] = 0.0
-    doubts = at_rest(replace(resting_run, sensors={"imu": Channel(imu.t_ns, imu.arrival_ns, z)})).doubts
-    figures_by_code = {(doubt.code, doubt.subject): doubt.figures for doubt in doubts}
+    findings = at_rest(replace(resting_run, sensors={"imu": Channel(imu.t_ns, imu.arrival_ns, z)})).findings
+    figures_by_code = {(finding.code, finding.subject): finding.figures for finding in findings}
     assert figures_by_code["at-rest.repeats", "imu"]["percent"] == pytest.approx(50.0, abs=0.5)
     assert figures_by_code["at-rest.touched", "imu[0]"]["percent"] == pytest.approx(0.8, abs=0.05)
     assert figures_by_code["at-rest.dead", "imu[1]"] == {"value": 0.0}

@@ -47,16 +47,16 @@ def test_runs_inside_the_dead_zone_are_named_but_the_fit_is_usable():
     assert np.mean([c.explained for c in runs]) < -1.0
     e = evidence(runs)
     assert verdict_of(e)[0] == "USABLE"
-    (doubt,) = [reason for reason in remarks(e) if reason.code == "runs.hardly-moved"]
-    assert doubt.figures == {"count": 2, "of": 28, "runs": "step 26, step 27"}
+    (message,) = [reason for reason in remarks(e) if reason.code == "runs.hardly-moved"]
+    assert message.figures == {"count": 2, "of": 28, "runs": "step 26, step 27"}
 
 
 def test_a_moving_run_that_contradicts_the_model_gives_a_warning():
     e = evidence([step(k, 0.5, 0.5) for k in range(6)] + [step(6, 0.5, -0.5)])
     verdict, reasons = verdict_of(e)
     assert verdict == "WARN"
-    (doubt,) = [reason for reason in reasons if reason.code == "runs.unlike-others"]
-    assert doubt.figures == {"count": 1, "of": 7, "runs": "step 6"}
+    (message,) = [reason for reason in reasons if reason.code == "runs.unlike-others"]
+    assert message.figures == {"count": 1, "of": 7, "runs": "step 6"}
 
 
 def test_a_channel_that_contradicts_the_model_in_most_runs_is_refused():

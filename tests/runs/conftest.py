@@ -169,4 +169,4 @@ class Lab:
         return error_info.value.diagnostic
 
     def codes(self, **format):
-        return [d.code for d in self.run(**format).doubts]
+        return [d.code for d in self.run(**format).findings]

@@ -11,8 +11,8 @@ from tests.codes import includes, refused
 
 
 def test_a_clean_recording_gives_no_warning(lab):
-    run, doubts = lab.run()
-    assert [d.code for d in doubts] == ["no command yet"]
+    run, findings = lab.run()
+    assert [d.code for d in findings] == ["no command yet"]
     assert len(run.t_ns) == 1499
     assert run.t_ns[0] == 1_020_000_000
     assert run.applied[0].tolist() == [float(format(lab.board[c][0], ".9g")) for c in ("throttle", "steer")]
@@ -50,9 +50,9 @@ def test_units_scales_offsets_and_switches_are_applied_at_import(lab):
     )
     lab.edit('"ay", unit = "m/s^2"', '"ay", unit = "mg", scale = -1, offset = 0.5')
     lab.edit('"throttle", unit = "1"', '"throttle", unit = "1", times = "safe"')
-    run, doubts = lab.run()
+    run, findings = lab.run()
     fresh = lab.fresh().run().run
-    assert [d.code for d in doubts] == ["no command yet"]
+    assert [d.code for d in findings] == ["no command yet"]
     expected = fresh.sensors["imu"].z + np.array([0.0, 0.5, 0.0])
     assert run.sensors["imu"].z == pytest.approx(expected, abs=1e-6)
     assert run.sensors["odometer"].z == pytest.approx(fresh.sensors["odometer"].z, abs=1e-7)
@@ -67,8 +67,8 @@ def test_only_selected_rows_are_read_and_repeated_rows_are_removed(lab):
     lab.board = {name: np.concatenate([column, column]) for name, column in board.items()}
     lab.board["id"] = np.repeat([3.0, 4.0], 3000)
     lab.edit('path = "board.csv"', 'path = "board.csv"\nwhere = { id = 3 }\nnew_when = "count"')
-    run, doubts = lab.run()
-    assert [d.code for d in doubts] == ["no command yet"]
+    run, findings = lab.run()
+    assert [d.code for d in findings] == ["no command yet"]
     assert len(run.sensors["imu"].t_ns) == 1500
 
 

@@ -201,8 +201,8 @@ def test_an_incomplete_last_line_is_ignored_and_reported(lab):
     lab.save()
     path = lab.folder / "board.csv"
     path.write_text(path.read_text(encoding="utf-8") + "30.0,3,0.1", encoding="utf-8")
-    run, doubts = import_run(lab.folder / "lab.toml")
-    assert includes(doubts[0].reason, "recording.cut-line", table="board.csv", line=1502)
+    run, findings = import_run(lab.folder / "lab.toml")
+    assert includes(findings[0].reason, "recording.cut-line", table="board.csv", line=1502)
     assert len(run.sensors["imu"].t_ns) == 1500
 
 

@@ -119,14 +119,14 @@ def test_a_missing_first_command_is_reported_in_full_for_one_run_only(desk):
     by_map = desk.map(SPLIT, ('in_force = "until"', 'in_force = "from"'))
     imports = tuple(import_runs(by_map, [late]))
     assert [
-        [(d.code, d.usual) for d in imported_run.doubts if d.level == "info"] for imported_run in imports
+        [(d.code, d.usual) for d in imported_run.findings if d.level == "info"] for imported_run in imports
     ] == [
         [("no command yet", False)],
         [("no command yet", True)],
     ]
     assert "in 1 of 2 runs; the first: 2 ticks before the first command" in ImportedRuns(imports).table()
     assert "no command yet" not in ImportedRuns(imports[1:]).table()
-    assert "no command yet" not in imports[1].without_common_doubts.table()
+    assert "no command yet" not in imports[1].without_common_findings.table()
 
 
 def test_several_runs_in_one_file_are_distinguished_from_delayed_rows(desk):
@@ -138,7 +138,7 @@ def test_several_runs_in_one_file_are_distinguished_from_delayed_rows(desk):
     with refused("import.steps-back", FileError, count=1, lost=1):
         import_runs(desk.map(), [late])
     (single,) = import_runs(desk.map(('time_unit = "s"', 'time_unit = "s"\nbackwards = "drop"')), [late])
-    assert includes(single.doubts[0].reason, "recording.steps-back", table="late.csv", count=1, lost=1)
+    assert includes(single.findings[0].reason, "recording.steps-back", table="late.csv", count=1, lost=1)
 
 
 def test_parts_that_are_too_short_are_excluded_and_reported(desk):
@@ -146,7 +146,7 @@ def test_parts_that_are_too_short_are_excluded_and_reported(desk):
     path.write_text(path.read_text() + "3,0.0,0,0,0,0,0\n", encoding="utf-8")
     imports = import_runs(desk.map(SPLIT), [path])
     assert len(imports) == 2
-    assert [(d.reason.code, d.reason.figures) for d in imports[0].doubts if d.code == "short"] == [
+    assert [(d.reason.code, d.reason.figures) for d in imports[0].findings if d.code == "short"] == [
         ("recording.short-parts", {"count": 1, "least": 3, "names": "log-003"})
     ]
     assert "in 1 of 2 runs" in ImportedRuns(tuple(imports)).table()
@@ -203,13 +203,13 @@ def test_a_split_value_absent_from_one_file_is_excluded_and_reported(desk):
     odo = desk.file("odo.csv", ["parking", "tuesday", "monday", "home"])
     first, second = import_runs(desk.map(SPLIT, *TWO), {"log": log, "odo": odo})
     lost = {"map": "many.toml", "values": "trial = parking, home"}
-    assert [d.reason.figures for d in first.doubts if d.reason.code == "recording.not-in-all"] == [
+    assert [d.reason.figures for d in first.findings if d.reason.code == "recording.not-in-all"] == [
         lost | {"file": "odo", "lacking": "log"}
     ]
-    assert "not in all files" not in [d.code for d in second.doubts]
+    assert "not in all files" not in [d.code for d in second.findings]
     imports = import_runs(desk.map(SPLIT, *TWO), {"log": odo, "odo": log})
     assert list(speeds(imports)) == ["odo-tuesday", "odo-monday"]
-    reason = imports[0].doubts[0].reason
+    reason = imports[0].findings[0].reason
     assert (reason.code, reason.figures) == ("recording.not-in-all", lost | {"file": "log", "lacking": "odo"})
 
 
@@ -272,7 +272,7 @@ def test_an_unmeasured_channel_is_nan_without_a_warning(desk):
     z = imported_run.run.sensors["imu"].z
     assert np.isnan(z[:, :2]).all()
     assert np.isfinite(z[:, 2]).all()
-    assert "missing" not in [d.code for d in imported_run.doubts]
+    assert "missing" not in [d.code for d in imported_run.findings]
 
 
 def test_a_file_without_times_uses_a_fixed_rate(desk):

@@ -22,15 +22,15 @@ recordings = pytest.mark.skipif(DATA is None, reason="recordings cpm_mucar, dart
     [("a", 3991, 3795, 10, 1557747108.5), ("b", 3035, 2380, 11, 1557750112.3)],
 )
 def test_the_cpm_runs_are_imported_with_commands_sensors_and_camera(run, rows, new, gaps, start):
-    imported_run, doubts = import_run(f"cpm_run_{run}")
+    imported_run, findings = import_run(f"cpm_run_{run}")
     assert len(imported_run.t_ns) == rows - 1
     assert imported_run.t_ns[0] == round((start + 0.04) * NANOSECONDS)
     assert imported_run.sensors["odometer"].z.shape == (rows, 1)
     assert imported_run.sensors["imu"].z.shape == (new, 3)  # the other rows repeat the previous measurement
     assert np.abs(imported_run.applied).max() <= 1.0
-    assert [d.level for d in doubts if d.level == "error"] == []
-    assert sum(d.code == "gap" for d in doubts) == gaps
-    reasons = [d.reason for d in doubts if d.code == "scale"]
+    assert [d.level for d in findings if d.level == "error"] == []
+    assert sum(d.code == "gap" for d in findings) == gaps
+    reasons = [d.reason for d in findings if d.code == "scale"]
     scale = next(reason for reason in reasons if reason.figures["key"] == "sensors.imu.z[2]")
     assert scale.code == "recording.against-truth"
     assert scale.figures["slope"] == pytest.approx(1.03, abs=0.005)  # truth = 0.966 gyro, says the recording
@@ -62,11 +62,11 @@ def test_gyro_and_corrected_camera_clock_agree_within_10_ms():
 
 @recordings
 def test_the_older_cpm_recording_is_imported_from_two_files():
-    run, doubts = import_run("cpm_pwm2018")
+    run, findings = import_run("cpm_pwm2018")
     assert run.t_ns[0] == 1_539_614_089_026_923_703
     assert run.applied.min(axis=0).tolist() == [-0.514831543, -0.9999389648]
     assert run.truth is None
-    assert {d.code for d in doubts} == {"gap"}
+    assert {d.code for d in findings} == {"gap"}
 
 
 @recordings

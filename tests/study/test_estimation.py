@@ -66,7 +66,7 @@ def test_the_open_loop_prediction_equals_a_simulation_without_noise():
     run = simulate(quiet, u)
     start = np.concatenate([run.truth.eta[0], run.truth.nu[0]])
     nu = open_loop(quiet, run, start)
-    after = run.t_s > 3.0  # the start has no more effect
+    after = run.t_s > 3.0  # later than the effect of the start
     assert np.max(np.abs(nu - run.truth.nu)[after]) < 0.02
 
 

@@ -103,7 +103,7 @@ def test_a_stronger_signal_is_more_informative_and_long_driving_leaves_the_room(
 
 
 def test_a_car_on_tyres_that_slide_stays_in_its_room():
-    """Its planner has no tyre model. With curves of up to 12 m/s² the car was 37 cm inside the wall."""
+    """Its planner does not model tyres. With curves of up to 12 m/s² the car was 37 cm inside the wall."""
     file = load("car")
     vehicles, room = vehicles_around(file, 2, 1), room_of(file, "4x4")
     requested = excitation("prbs", file.command.limit, 12.0, file.rate_hz, 1, rest_s=1.0)

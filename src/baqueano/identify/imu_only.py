@@ -129,7 +129,7 @@ def _settle(task: Task) -> tuple[Task, Search]:
 
 
 def _follow_gyro(task: Task, end: Search) -> Search:
-    """Repeat the search, led by the yaw rate from gyro and model, until it settles: at most FOLLOWED times."""
+    """Repeat the search, aided by the yaw rate from gyro and model, until it settles: at most FOLLOWED times."""
     problem, count = end.problem, end.evaluations
     assert isinstance(problem, GyroAidedResiduals)
     for _ in range(FOLLOWED):

@@ -4,7 +4,7 @@ The second search starts from the result of the simulation, which has already fo
 noise of the sensors. Parameters that were fixed stay fixed. Channels and verdict still come from a simulation, with the
 new numbers: a prediction over one step does not support a model. For a fit by simulation error the second search is a
 test. The errors of its parameters already contain the autocorrelation of the residuals (covariance/). Autocorrelation
-and size are doubts, because a model that lacks an effect causes them too. They are dropped if process noise explains
+and size are findings, because a model that lacks an effect causes them too. They are dropped if process noise explains
 them (result/objective_choice.py).
 """
 
@@ -45,7 +45,7 @@ class PredictionErrorFit(NamedTuple):
 
 
 def fit_by_simulation(first: FinishedFit) -> Fit:
-    """Return the Fit by the first cost. If autocorrelation and size of the residuals are the only doubts, the
+    """Return the Fit by the first cost. If autocorrelation and size of the residuals are the only findings, the
     second cost tests if process noise explains them. The test needs a dynamic model without free clocks."""
     basis, model = verdict_basis(first), first.blocks.model
     moves = (
@@ -133,11 +133,11 @@ def search_prediction_error(first: FinishedFit) -> PredictionErrorFit:
     )
     std = np.zeros(3)
     std[list(prediction.axes)] = np.sqrt(likely.noise.floor)
-    blocks, doubts = put(first.blocks, FLOOR, std), first.doubts
+    blocks, findings = put(first.blocks, FLOOR, std), first.findings
     if choice.contradicted:
-        doubts = (*doubts, replace(choice.reason, severity=Severity.WARNING))
+        findings = (*findings, replace(choice.reason, severity=Severity.WARNING))
     second = first._replace(
-        blocks=blocks, search=search, info=info, floor=choice.explains, filtered=True, doubts=doubts
+        blocks=blocks, search=search, info=info, floor=choice.explains, filtered=True, findings=findings
     )
     return PredictionErrorFit(second, likely, choice, prediction.axes, with_noise)
 

@@ -190,7 +190,7 @@ def _of_import(result: ImportedRun) -> Card:
         run.title,
         result.verdict,
         run.rows,
-        [doubt.advice for doubt in result.without_common_doubts.doubts][:SENTENCES],
+        [finding.advice for finding in result.without_common_findings.findings][:SENTENCES],
     )
 
 

@@ -17,7 +17,7 @@ COLOURS = ("#3b6fb6", "#238b45", "#c2410c", "#7c3aed", "#a16207", "#0e7490")
 def page_of_rest(rest: Any) -> Page:
     """Return the page of `at_rest`."""
     sensors = list(dict.fromkeys(c.sensor for c in rest.channels))
-    sections = [Section(_("Figures"), "\n".join(texts(rest.doubts)), [Table(rest.rows())])]
+    sections = [Section(_("Figures"), "\n".join(texts(rest.findings)), [Table(rest.rows())])]
     for sensor in sensors:
         channels = [c for c in rest.channels if c.sensor == sensor]
         caption = _(

@@ -63,7 +63,7 @@ def test_su2_setup_installs_a_working_program_and_remove_restores_everything(
         f"gpasswd -d ana {group}" for group in ("dialout", "gpio", "input", "baqueano")
     ]
     assert calls.rindex("gpasswd") < calls.rindex("userdel baqueano")
-    assert f"chown -R ana: {pi}/var/lib/baqueano" in calls  # otherwise runs have no owner
+    assert f"chown -R ana: {pi}/var/lib/baqueano" in calls  # otherwise runs would not belong to a user
     assert (pi / "var/lib/baqueano/vehicle.toml").exists()
     remove("r1", PI, root=str(pi))
     assert "baqueano is not installed here" in capfd.readouterr().out

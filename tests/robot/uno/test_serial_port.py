@@ -35,7 +35,7 @@ def ends():
      (errno.ENOENT, "uno.port-not-opened")],
 )  # fmt: skip
 def test_the_message_about_an_unopened_line_depends_on_the_error_number(number, code):
-    assert serial_port._refusal("/dev/ttyUSB0", OSError(number, "in whatever language")).code == code
+    assert serial_port._refusal("/dev/ttyUSB0", OSError(number, "in the language of the system")).code == code
 
 
 def test_bytes_pass_in_both_directions_and_reading_does_not_block(ends):

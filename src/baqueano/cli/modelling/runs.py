@@ -210,7 +210,7 @@ def _next(*runs: str, vehicle_options: list[str]) -> None:
 
 
 class Written(NamedTuple):
-    """An imported run, the path of its file, and the doubts about the import."""
+    """An imported run, the path of its file, and the findings about the import."""
 
     path: Path
     imported: "ImportedRun"
@@ -221,18 +221,18 @@ class Written(NamedTuple):
         return self.imported.verdict
 
     def rows(self) -> list["TableRow"]:
-        """Return the content of the run, then the doubts, each with the run's path."""
-        first = {"level": "run", "doubt": "", "t_s": None, "text": self._holds()}
+        """Return the content of the run, then the findings, each with the run's path."""
+        first = {"level": "run", "finding": "", "t_s": None, "text": self._holds()}
         return [{"run": str(self.path)} | row for row in [first, *self.imported.rows()]]
 
     def table(self) -> str:
-        """Return content and doubts as a text table."""
+        """Return content and findings as a text table."""
         return "\n".join(
             filter(
                 None,
                 (
                     _("run: {path}, {holds}", path=self.path, holds=self._holds()),
-                    self.imported.without_common_doubts.table(),
+                    self.imported.without_common_findings.table(),
                 ),
             )
         )

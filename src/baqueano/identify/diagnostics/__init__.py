@@ -78,7 +78,7 @@ def diagnose(
 
     messages, before = (
         channel_map.check_channels(problem, theta) if np.isfinite(theta).all() else [],
-        list(end.doubts),
+        list(end.findings),
     )
     if not {message.code for message in before} & {"gyro.unit", "gyro.too-fast", "command.unit", "time.unit"}:
         errors, is_cleared = physical_units.against_model(end)

@@ -203,7 +203,7 @@ class FinishedFit(NamedTuple):
     identifiability: Identifiability
     info: Information
     note: Diagnostic | None = None  # on changes before the search
-    doubts: tuple[Diagnostic, ...] = ()  # about the data
+    findings: tuple[Diagnostic, ...] = ()  # about the data
     score_test: bool = True  # True to test for effects that the model lacks
     floor: bool = False  # True if process noise explains the residuals of the simulation
     filtered: bool = False  # True if θ comes from the innovations

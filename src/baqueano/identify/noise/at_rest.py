@@ -62,12 +62,12 @@ class AtRest:
     run: str
     duration_s: float
     channels: tuple[ChannelAtRest, ...]
-    doubts: tuple[Diagnostic, ...]
+    findings: tuple[Diagnostic, ...]
 
     @property
     def verdict(self) -> Verdict:
-        """Return WARN if `doubts` contains a message, else USABLE."""
-        return Verdict.WARN if self.doubts else Verdict.USABLE
+        """Return WARN if `findings` contains a message, else USABLE."""
+        return Verdict.WARN if self.findings else Verdict.USABLE
 
     def rows(self) -> list["TableRow"]:
         """Return one flat row per channel, in SI units."""
@@ -112,7 +112,7 @@ class AtRest:
                 + f"{number(c.mean):>12.5g} {number(c.mean_sd):>9.1g} {number(c.sd):>10.3g} {parts} {warm:>20}"
             )
         lines.append(_("white: per √Hz; walk: per s √s; SI; '-': not visible in a run of this length"))
-        return "\n".join([*lines, *(f"- {doubt}" for doubt in texts(self.doubts)), _(self.verdict)])
+        return "\n".join([*lines, *(f"- {finding}" for finding in texts(self.findings)), _(self.verdict)])
 
     def updated_file(self, file: "VehicleFile") -> "VehicleFile":
         """Return the file with noise, bias and walk of its IMUs as measured at rest. Raise UsageError if no IMU of
@@ -144,7 +144,7 @@ def at_rest(run: "Run", from_s: float = 0.0, to_s: float = float("inf")) -> AtRe
     bias 0.0150 ± 0.0002 rad/s, noise 0.0042 rad/s
     """
     first_ns, last_ns = _standing(run.cut(from_s, to_s))
-    doubts: list[Diagnostic] = []
+    findings: list[Diagnostic] = []
     warmth = run.sensors.get(TEMPERATURE)
     out = []
     for name, channel in run.sensors.items():
@@ -153,17 +153,17 @@ def at_rest(run: "Run", from_s: float = 0.0, to_s: float = float("inf")) -> AtRe
             continue
         t_ns, z = channel.t_ns[inside], channel.z[inside]
         rate = (len(t_ns) - 1) / float(seconds(t_ns[-1], t_ns[0]))
-        doubts += _doubts(name, t_ns, z, rate)
+        findings += _findings(name, t_ns, z, rate)
         for entry in range(z.shape[1]):
             if np.ptp(z[:, entry]) > 0.0:
                 out.append(_rest_channel(name, entry, t_ns, z[:, entry], rate, warmth))
             else:
-                doubts.append(
+                findings.append(
                     note("at-rest.dead", Severity.WARNING, subject=f"{name}[{entry}]", value=z[0, entry])
                 )
     if not out:
         raise UsageError(fault("at-rest.few-samples", run=run.name, least=FEWEST))
-    return AtRest(run.name, float(seconds(last_ns, first_ns)), tuple(out), tuple(doubts))
+    return AtRest(run.name, float(seconds(last_ns, first_ns)), tuple(out), tuple(findings))
 
 
 def _standing(run: "Run") -> tuple[int, int]:
@@ -214,7 +214,7 @@ def _over_temperature(
     return slope, float(np.sqrt(residuals @ residuals / (BLOCKS - 2) / (away @ away)))
 
 
-def _doubts(name: str, t_ns: np.ndarray, z: np.ndarray, rate: float) -> list[Diagnostic]:
+def _findings(name: str, t_ns: np.ndarray, z: np.ndarray, rate: float) -> list[Diagnostic]:
     out = []
     steps = np.diff(t_ns) * 1e-9
     if np.mean(steps <= 0.0) > 0.0 or np.median(steps) < BURST / rate or np.std(steps) > BURST / rate:

@@ -45,14 +45,14 @@ def verdict_basis(end: FinishedFit) -> VerdictBasis:
     cov = _covariance(end)
     sd = np.sqrt(np.diagonal(cov))
     unobservable_terms, never = _unobservable(end)
-    doubts, off = _doubts(end, sd)
-    evidence = _evidence(end, doubts, unobservable_terms)
+    findings, off = _findings(end, sd)
+    evidence = _evidence(end, findings, unobservable_terms)
     far = _in_order(end, _held_back(end, sd), 0.0) > HELD_BACK
     return VerdictBasis(cov, off, evidence, np.where(far, evidence.bound, 0), never)
 
 
 def only_autocorrelated(basis: VerdictBasis) -> bool:
-    """Return True if autocorrelation and size of the residuals are the only doubts about a fit."""
+    """Return True if autocorrelation and size of the residuals are the only findings about a fit."""
     with_prior = basis.evidence._replace(bound=basis.held_back)
     return (
         verdict_of(with_prior)[0] == Verdict.WARN
@@ -109,14 +109,14 @@ def fit_of(end: FinishedFit, basis: VerdictBasis | None = None) -> Fit:
     return replace(fit, notes=(*fit.notes, *(prior.message for prior in kept_priors(fit))))
 
 
-def _doubts(end: FinishedFit, sd: np.ndarray) -> tuple[tuple[Diagnostic, ...], Mapping[str, float]]:
+def _findings(end: FinishedFit, sd: np.ndarray) -> tuple[tuple[Diagnostic, ...], Mapping[str, float]]:
     """Return all diagnostics of the fit, and the errors of parameters that they cause, by path."""
     if (
         not end.score_test
         or end.search.stopped
         or _is_interrupted(end, _("testing for effects that the model lacks"))
     ):
-        return end.doubts, {}
+        return end.findings, {}
     messages, off = diagnose(end, sd, sigma_of_file(end.blocks))
     return tuple(messages), off
 
@@ -136,7 +136,7 @@ def _held_back(end: FinishedFit, sd: np.ndarray) -> np.ndarray:
 
 
 def _evidence(
-    end: FinishedFit, doubts: tuple[Diagnostic, ...], unobservable_terms: tuple[Diagnostic, ...]
+    end: FinishedFit, findings: tuple[Diagnostic, ...], unobservable_terms: tuple[Diagnostic, ...]
 ) -> Evidence:
     """Return the evidence for the verdict."""
     solution, s = end.search.solution, len(end.task.problem.shape.shared)
@@ -152,7 +152,7 @@ def _evidence(
         solution.converged,
         end.info.autocorrelation,
         None if end.task.fixed_sigma is not None else sigma_of_file(end.blocks),
-        doubts,
+        findings,
         _weakly(end),
         _moving(end),
         one_mean(end.task.problem),

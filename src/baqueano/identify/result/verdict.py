@@ -65,7 +65,7 @@ class Evidence(NamedTuple):
 
 def verdict_of(e: Evidence) -> tuple[Verdict, tuple[Diagnostic, ...]]:
     """Return the verdict and its reasons."""
-    reasons = _refusals(e) or _doubts(e) or [note("fit.converged")]
+    reasons = _refusals(e) or _warnings(e) or [note("fit.converged")]
     return Verdict.of(reasons), tuple(reasons)
 
 
@@ -130,7 +130,7 @@ def _identifiability(e: Evidence) -> list[Diagnostic]:
     return []
 
 
-def _doubts(e: Evidence) -> list[Diagnostic]:
+def _warnings(e: Evidence) -> list[Diagnostic]:
     out = _of(e, WARNING)
     out += [_at_bound(e, int(k), "held", WARNING) for k in np.flatnonzero(e.bound)]
     if e.weak.any():

@@ -6,5 +6,5 @@ motion, by_motion   the motion by each source, and sensors and commands compared
 truth               course and heading of the truth
 cross_checks        all checks, and the consequence for the import
 repeated_readings   readings that repeat the previous one
-doubt               one finding
+finding               one finding
 """

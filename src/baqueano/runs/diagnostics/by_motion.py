@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from baqueano.diagnostics import Diagnostic, note
-from baqueano.runs.diagnostics.doubt import Doubt
+from baqueano.runs.diagnostics.finding import ImportFinding
 from baqueano.runs.diagnostics.motion import LoggedMotion
 from baqueano.runs.diagnostics.signal_map import (
     FEW,
@@ -42,24 +42,24 @@ SCALE, ACCEL_SCALE = 1.25, 2.5  # either way
 TRACK_M = (0.03, 5.0)  # of the vehicles that baqueano is for; a skidding vehicle appears twice as wide
 
 
-def by_motion(run: Run, m: "ColumnMap") -> list[Doubt]:
-    """Return the doubts about sensors and commands that contradict each other."""
-    motion, doubts = LoggedMotion(run, m), []
+def by_motion(run: Run, m: "ColumnMap") -> list[ImportFinding]:
+    """Return the findings about sensors and commands that contradict each other."""
+    motion, findings = LoggedMotion(run, m), []
     if len(motion.rate) < FEW:
         return []
     entries = {name: signal.entries for name, signal in m.sensors.items()}
     imu = entries[motion.imu_name] if motion.imu_name else ()
     if motion.wheels_name:
-        doubts += _wheels(motion, imu)
-    opposed = run.truth is None and any(d.code == "inverted" for d in doubts)
+        findings += _wheels(motion, imu)
+    opposed = run.truth is None and any(d.code == "inverted" for d in findings)
     speed = entries[motion.speed_name][0] if motion.speed_name else None
-    doubts += _by_truth(motion, imu[2], motion.imu[:, 2], motion.true_rate, "angular rate") if imu else []
-    doubts += _by_truth(motion, speed, motion.speed, motion.true_speed, "speed") if speed else []
-    doubts += _accelerometer(motion, imu, speed, opposed) if imu else []
-    return doubts + _steering(motion)
+    findings += _by_truth(motion, imu[2], motion.imu[:, 2], motion.true_rate, "angular rate") if imu else []
+    findings += _by_truth(motion, speed, motion.speed, motion.true_speed, "speed") if speed else []
+    findings += _accelerometer(motion, imu, speed, opposed) if imu else []
+    return findings + _steering(motion)
 
 
-def _doubt(hypothesis: Hypothesis, entry: "Entry", code: str, otherwise: Diagnostic) -> Doubt:
+def _finding(hypothesis: Hypothesis, entry: "Entry", code: str, otherwise: Diagnostic) -> ImportFinding:
     """Return an error that contradicts the map, with the map's corrected line; `otherwise` if its unit is unknown."""
     line = hypothesis.meaning or otherwise
     if hypothesis.code == "inverted":
@@ -69,7 +69,7 @@ def _doubt(hypothesis: Hypothesis, entry: "Entry", code: str, otherwise: Diagnos
             if hypothesis.meaning
             else scale_note
         )
-    return Doubt(hypothesis.code, "error", None, _reason(hypothesis, entry, code), line)
+    return ImportFinding(hypothesis.code, "error", None, _reason(hypothesis, entry, code), line)
 
 
 def _reason(hypothesis: Hypothesis, entry: "Entry", code: str) -> Diagnostic:
@@ -89,33 +89,34 @@ def _lines(measures: str, entry: "Entry", *only: str) -> dict[float, Diagnostic]
 
 def _by_truth(
     motion: LoggedMotion, entry: "Entry", z: np.ndarray, true_of: Truth, measures: str
-) -> list[Doubt]:
-    """Return the doubts about a sensor compared with the truth of the same quantity: clock, sign, unit, scale.  (1)"""
+) -> list[ImportFinding]:
+    """Return the findings about a sensor compared with the truth of the same quantity: clock, sign, unit,
+    scale.  (1)"""
     if not np.std(true_of(0.0)) > MOVED or not np.isfinite(z).all():
         return []
-    true, doubts = _late(motion, entry, z, true_of)
+    true, findings = _late(motion, entry, z, true_of)
     units = _lines(measures, entry)
     twice = {1.0 / r: note("recording.twice", unit_read=entry.unit, ratio=r) for r in units if r > 1.0}
     (hypothesis,) = signal_map(z[:, None], true[:, None], [MappedChannel(1.0 / SCALE, SCALE, twice | units)])
     r, reason = hypothesis.relation, _reason(hypothesis, entry, "recording.against-truth")
     if hypothesis.code:
-        doubts.append(
-            _doubt(hypothesis, entry, "recording.against-truth", note("recording.check-unit-and-scale"))
+        findings.append(
+            _finding(hypothesis, entry, "recording.against-truth", note("recording.check-unit-and-scale"))
         )
     elif hypothesis.is_clear:
-        doubts += [Doubt("scale", "info", None, reason)] if abs(r.slope - 1.0) > 0.02 else []
+        findings += [ImportFinding("scale", "info", None, reason)] if abs(r.slope - 1.0) > 0.02 else []
     elif np.all(z >= 0.0) and relation(z, np.abs(true)).is_clear():
-        doubts.append(Doubt("no sign", "info", None, note("recording.no-sign", key=entry.key)))
+        findings.append(ImportFinding("no sign", "info", None, note("recording.no-sign", key=entry.key)))
     elif abs(r.correlation) < NO_RELATION:
-        doubts.append(Doubt("unrelated", "warning", None, reason))
-    return doubts
+        findings.append(ImportFinding("unrelated", "warning", None, reason))
+    return findings
 
 
 def _late(
     motion: LoggedMotion, entry: "Entry", z: np.ndarray, true_of: Truth
-) -> tuple[np.ndarray, list[Doubt]]:
+) -> tuple[np.ndarray, list[ImportFinding]]:
     """Return the truth (W,), shifted in time to agree best with the sensor, because a clock offset makes the estimated
-    slope too small. Also return a doubt if the shift is at least APART_S and halves the variance of the residual.
+    slope too small. Also return a finding if the shift is at least APART_S and halves the variance of the residual.
     """
     lags = np.linspace(-CLOCK_S, CLOCK_S, 51)
     relations = [relation(z, true_of(float(lag))) for lag in lags]
@@ -132,11 +133,11 @@ def _late(
     )
     reason = note(code, key=entry.key, by_ms=1e3 * abs(late_s), now=r[now], then=r[k])
     line = note("recording.write-shift", shift_s=f"{spec.shift_s + late_s:.3g}", file=spec.name)
-    return true, [Doubt("clock", "info", None, reason, line)]
+    return true, [ImportFinding("clock", "info", None, reason, line)]
 
 
-def _wheels(motion: LoggedMotion, imu: "Imu") -> list[Doubt]:
-    """Return the doubts about left and right wheel compared with the truth, or else with the gyro.  (2)"""
+def _wheels(motion: LoggedMotion, imu: "Imu") -> list[ImportFinding]:
+    """Return the findings about left and right wheel compared with the truth, or else with the gyro.  (2)"""
     difference, rate = motion.wheels[:, 1] - motion.wheels[:, 0], motion.rate
     if not np.std(rate) > TURNED_RAD_S or not np.isfinite(difference).all():
         return []
@@ -151,32 +152,35 @@ def _wheels(motion: LoggedMotion, imu: "Imu") -> list[Doubt]:
         return [_opposition(motion, note("recording.turns-against", **of), wheels, imu)]
     if hypothesis.code:
         line = note("recording.check-track", wheels=wheels, by=of["by"])
-        return [Doubt("track", "error", None, note("recording.track", **of, apart_m=r.slope), line)]
+        return [ImportFinding("track", "error", None, note("recording.track", **of, apart_m=r.slope), line)]
     if abs(r.correlation) < NO_RELATION and np.std(difference) > 0.0:
-        return [Doubt("unrelated", "warning", None, note("recording.turns-otherwise", **of))]
+        return [ImportFinding("unrelated", "warning", None, note("recording.turns-otherwise", **of))]
     return []
 
 
-def _opposition(motion: LoggedMotion, reason: Diagnostic, wheels: str, imu: "Imu") -> Doubt:
+def _opposition(motion: LoggedMotion, reason: Diagnostic, wheels: str, imu: "Imu") -> ImportFinding:
     """Return an error about the gyro if the sideways acceleration contradicts the gyro, else about gyro or wheels.
     With a truth the error is about the wheels.
     """
     if motion.run.truth is not None:
-        return Doubt("inverted", "error", None, reason, note("recording.swap-wheels", wheels=wheels))
+        return ImportFinding("inverted", "error", None, reason, note("recording.swap-wheels", wheels=wheels))
     of: JsonObject = {"wheels": wheels, "gyro": imu[2].key, "scale": f"{-imu[2].scale:g}"}
     sideways = relation(motion.imu[:, 1], motion.wheels.mean(axis=1) * motion.imu[:, 2])
     if sideways.is_clear() and sideways.slope < 0.0:
         both = note("recording.and-sideways", cause=reason, key=imu[1].key, correlation=sideways.correlation)
-        return Doubt("inverted", "error", None, both, note("recording.write-gyro", **of))
+        return ImportFinding("inverted", "error", None, both, note("recording.write-gyro", **of))
     line = note("recording.swap-or-gyro", **of)
     if sideways.is_clear():
         line = note("recording.swap-or-upside-down", **of, key=imu[1].key, also=f"{-imu[1].scale:g}")
-    return Doubt("inverted", "error", None, reason, line)
+    return ImportFinding("inverted", "error", None, reason, line)
 
 
-def _accelerometer(motion: LoggedMotion, imu: "Imu", speed: "Entry | None", opposed: bool) -> list[Doubt]:
-    """Return the doubts if a_x and a_y are swapped, inverted, or in another unit. If gyro and wheels are `opposed`, a_y
-    is not checked here, because another doubt reports it.  (3)
+def _accelerometer(
+    motion: LoggedMotion, imu: "Imu", speed: "Entry | None", opposed: bool
+) -> list[ImportFinding]:
+    """Return the findings if a_x and a_y are swapped, inverted, or in another unit. If gyro and wheels are
+    `opposed`, a_y
+    is not checked here, because another finding reports it.  (3)
     """
     a, predicted, (x, y, gyro) = motion.imu[:, :2], motion.speed * motion.rate, imu
     if not max(np.std(predicted), np.std(a[:, 1])) > MOVED_M_S2 or not np.isfinite(a).all():
@@ -196,20 +200,20 @@ def _accelerometer(motion: LoggedMotion, imu: "Imu", speed: "Entry | None", oppo
     if along.code == "swapped":
         first, second = along.relation.correlation, across.relation.correlation
         reason = note("recording.axes-swapped", x=x.key, y=y.key, first=first, second=second)
-        return [Doubt("swapped", "error", None, reason, note("recording.swap-axes"))]
+        return [ImportFinding("swapped", "error", None, reason, note("recording.swap-axes"))]
     source = f"[sensors.{motion.speed_name}]" if motion.speed_name else "[truth]"
     check = note("recording.check-with-speed", source=source)
     candidates = [(along, x)] if opposed else [(across, y), (along, x)]
     return [
-        _doubt(hypothesis, entry, "recording.against-motion", check)
+        _finding(hypothesis, entry, "recording.against-motion", check)
         for hypothesis, entry in candidates
         if hypothesis.code
     ]
 
 
-def _steering(motion: LoggedMotion) -> list[Doubt]:
-    """Return a doubt if the command named steering does not turn the vehicle but the other command does.  (4)
-    Also return a doubt if positive steering turns the vehicle to the right. Only a run with two commands is checked.
+def _steering(motion: LoggedMotion) -> list[ImportFinding]:
+    """Return a finding if the command named steering does not turn the vehicle but the other command does.  (4)
+    Also return a finding if positive steering turns the vehicle to the right. Only a run with two commands is checked.
     """
     names, run, rate = motion.m.names, motion.run, motion.rate
     which = [i for i, name in enumerate(names) if "steer" in name.lower() or "servo" in name.lower()]
@@ -224,7 +228,7 @@ def _steering(motion: LoggedMotion) -> list[Doubt]:
     of: JsonObject = {"steering": steering, "correlation": hypothesis.relation.correlation}
     if hypothesis.code == "swapped":
         reason = note("recording.other-steers", **of, other=other_name)
-        return [Doubt("swapped", "error", None, reason, note("recording.swap-commands"))]
+        return [ImportFinding("swapped", "error", None, reason, note("recording.swap-commands"))]
     if hypothesis.code == "inverted":
-        return [Doubt("sign", "info", None, note("recording.turns-right", **of))]
+        return [ImportFinding("sign", "info", None, note("recording.turns-right", **of))]
     return []

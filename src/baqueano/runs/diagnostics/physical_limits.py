@@ -8,7 +8,7 @@
     turning        the speed v of a curve, by a_y = v ω, beyond 20 m/s                                        (4)
     commands       a full command is 1; full scales of 255, 1000, … and servo pulses of 1000 to 2000 µs are known
 
-(1) below 4 g, (2), (3), (4) and a rate of more than two turns a second give doubts that do not stop an import.
+(1) below 4 g, (2), (3), (4) and a rate of more than two turns a second give findings that do not stop an import.
 """
 
 from collections.abc import Iterator
@@ -18,7 +18,7 @@ import numpy as np
 
 from baqueano.diagnostics import Diagnostic, note
 from baqueano.messages.language import mark as N_
-from baqueano.runs.diagnostics.doubt import Doubt
+from baqueano.runs.diagnostics.finding import ImportFinding
 from baqueano.runs.diagnostics.signal_map import relation
 from baqueano.runs.maps.columns import KINDS
 from baqueano.runs.maps.units import unit
@@ -48,8 +48,8 @@ OVER = 1.2  # times a full command: rounding and trims stay below it
 TINY = 0.03  # a command too small to move a motor
 
 
-def plausible(signal: "ColumnSignal", channel: Channel, run: Run) -> Iterator[Doubt]:
-    """Yield the doubts about the unit of a sensor, from this sensor only."""
+def plausible(signal: "ColumnSignal", channel: Channel, run: Run) -> Iterator[ImportFinding]:
+    """Yield the findings about the unit of a sensor, from this sensor only."""
     most = np.quantile(np.abs(channel.z), 0.99, axis=0)
     beyond, kind = False, signal.kind or ""
     for value, measures, entry in zip(most, KINDS.get(kind, ()), signal.entries, strict=False):
@@ -59,15 +59,15 @@ def plausible(signal: "ColumnSignal", channel: Channel, run: Run) -> Iterator[Do
             reason = note(
                 "recording.too-much", key=entry.key, unit_read=entry.unit, value=value, shown=limit_text
             )
-            yield Doubt("unit", "error", None, reason, note("recording.perhaps", line=guess))
+            yield ImportFinding("unit", "error", None, reason, note("recording.perhaps", line=guess))
     if signal.kind == "imu" and not beyond:
         yield from _tyres(signal, channel)
         yield from _gyro(signal, channel, run)
         yield from _curve(signal, channel)
 
 
-def _tyres(signal: "ColumnSignal", channel: Channel) -> Iterator[Doubt]:
-    """Yield a doubt about the unit if an acceleration exceeds the grip of tyres.  (1)"""
+def _tyres(signal: "ColumnSignal", channel: Channel) -> Iterator[ImportFinding]:
+    """Yield a finding about the unit if an acceleration exceeds the grip of tyres.  (1)"""
     for a, entry in zip(_means(channel).T[:2], signal.entries, strict=False):
         if not len(a) or not np.isfinite(a).all():
             continue
@@ -80,7 +80,7 @@ def _tyres(signal: "ColumnSignal", channel: Channel) -> Iterator[Doubt]:
             smaller = note("recording.perhaps", line='unit = "m/s^2"')
             if entry.unit == "m/s^2":
                 smaller = note("recording.perhaps-smaller")
-            yield Doubt("unit", level, None, reason, smaller)
+            yield ImportFinding("unit", level, None, reason, smaller)
 
 
 def _means(channel: Channel) -> np.ndarray:
@@ -100,8 +100,8 @@ def _at_rest(run: Run, channel: Channel) -> np.ndarray:
     return at_rest if long and np.count_nonzero(at_rest) > 5 else np.zeros(len(at_rest), dtype=bool)
 
 
-def _gyro(signal: "ColumnSignal", channel: Channel, run: Run) -> Iterator[Doubt]:
-    """Yield the doubts about the gyro (its rate, and (2) at rest), and about a quiet accelerometer (3)."""
+def _gyro(signal: "ColumnSignal", channel: Channel, run: Run) -> Iterator[ImportFinding]:
+    """Yield the findings about the gyro (its rate, and (2) at rest), and about a quiet accelerometer (3)."""
     entry, rate, at_rest = signal.entries[2], channel.z[:, 2], _at_rest(run, channel)
     cure = (
         note("recording.if-in", in_unit="deg/s") if entry.unit != "deg/s" else note("recording.check-scale")
@@ -111,17 +111,19 @@ def _gyro(signal: "ColumnSignal", channel: Channel, run: Run) -> Iterator[Doubt]
     off, sd = (abs(float(np.median(rest))), _spread(rest)) if len(rest) > 5 else (0.0, 0.0)
     of: JsonObject = {"key": entry.key, "unit_read": entry.unit}
     if off > BIAS_RAD_S or sd > TREMBLE_RAD_S:
-        yield Doubt(
+        yield ImportFinding(
             "gyro at rest", "warning", None, note("recording.gyro-at-rest", **of, off=off, sd=sd), cure
         )
     elif most > TURNS_RAD_S:
         reason = note("recording.fast-turns", **of, most=most, turns=most / (2.0 * np.pi))
-        yield Doubt("fast turns", "warning", None, reason, cure)
+        yield ImportFinding("fast turns", "warning", None, reason, cure)
     for entry, a in zip(signal.entries[:2], channel.z[at_rest, :2].T, strict=True):
         most = float(np.quantile(np.abs(channel.z[:, int(entry.key[-2])]), 0.99))
         if len(a) and np.isfinite(a).all() and 0.0 < _spread(a) < TREMBLE_M_S2 and most < TYRES_M_S2 / 10.0:
             reason = note("recording.quiet", key=entry.key, unit_read=entry.unit, sd=_spread(a), most=most)
-            yield Doubt("quiet accelerometer", "info", None, reason, note("recording.if-in", in_unit="g"))
+            yield ImportFinding(
+                "quiet accelerometer", "info", None, reason, note("recording.if-in", in_unit="g")
+            )
 
 
 def _spread(x: np.ndarray) -> float:
@@ -129,8 +131,8 @@ def _spread(x: np.ndarray) -> float:
     return 1.4826 * float(np.median(np.abs(x - np.median(x))))
 
 
-def _curve(signal: "ColumnSignal", channel: Channel) -> Iterator[Doubt]:
-    """Yield a doubt if a_y and ω_z imply a curve at an impossible speed.  (4)"""
+def _curve(signal: "ColumnSignal", channel: Channel) -> Iterator[ImportFinding]:
+    """Yield a finding if a_y and ω_z imply a curve at an impossible speed.  (4)"""
     curve = relation(*_means(channel).T[1:])
     if curve.is_clear() and (v := abs(curve.slope)) > CURVE_M_S:
         first, last = signal.entries[1], signal.entries[2]
@@ -138,11 +140,11 @@ def _curve(signal: "ColumnSignal", channel: Channel) -> Iterator[Doubt]:
         cure = note("recording.check-both-units")
         if last.unit == "deg/s":
             cure = note("recording.perhaps-gyro", line='unit = "rad/s"')
-        yield Doubt("curve", "warning", None, reason, cure)
+        yield ImportFinding("curve", "warning", None, reason, cure)
 
 
-def commands(run: Run, m: "ColumnMap") -> Iterator[Doubt]:
-    """Yield the doubts about the unit of the commands."""
+def commands(run: Run, m: "ColumnMap") -> Iterator[ImportFinding]:
+    """Yield the findings about the unit of the commands."""
     wheels = run.applied[:, [0, 0]] + run.applied[:, [-1, -1]] * [-1.0, 1.0]
     columns, names = (wheels, ("left", "right")) if m.wheels else (run.applied, m.names)
     entries = m.command.entries
@@ -152,7 +154,7 @@ def commands(run: Run, m: "ColumnMap") -> Iterator[Doubt]:
     )
     for name, u, entry in zip(names, columns.T, entries, strict=True):
         if np.ptp(u) == 0.0 and entry.constant is None:
-            yield Doubt(
+            yield ImportFinding(
                 "constant", "warning", None, note("recording.constant-command", name=name, value=u[0])
             )
         most, unit_of_entry, cure = _largest([u]), unit(entry.unit), None
@@ -166,7 +168,7 @@ def commands(run: Run, m: "ColumnMap") -> Iterator[Doubt]:
             reason = note(
                 "recording.command-range", key=entry.key, name=name, most=most, unit_read=entry.unit
             )
-            yield Doubt("command range", "error", int(run.t_ns[np.argmax(np.abs(u))]), reason, cure)
+            yield ImportFinding("command range", "error", int(run.t_ns[np.argmax(np.abs(u))]), reason, cure)
 
 
 def _of_parts(u: np.ndarray, percents: list[np.ndarray]) -> Diagnostic | None:

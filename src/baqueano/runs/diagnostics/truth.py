@@ -11,7 +11,7 @@ import numpy as np
 
 from baqueano.diagnostics import note
 from baqueano.geometry import wrap
-from baqueano.runs.diagnostics.doubt import Doubt
+from baqueano.runs.diagnostics.finding import ImportFinding
 from baqueano.runs.diagnostics.physical_limits import ENOUGH, FASTEST_M_S, FASTEST_RAD_S
 from baqueano.runs.run import TruthLog
 from baqueano.signals import NANOSECONDS
@@ -19,22 +19,22 @@ from baqueano.signals import NANOSECONDS
 CLEAR, STEP_M, OFFSET_RAD = 0.7, 0.05, 0.35
 
 
-def course_and_heading(truth: TruthLog) -> Iterator[Doubt]:
-    """Yield the doubts about units, axes and heading of a truth."""
+def course_and_heading(truth: TruthLog) -> Iterator[ImportFinding]:
+    """Yield the findings about units, axes and heading of a truth."""
     dt, d = np.diff(truth.t_ns) / NANOSECONDS, np.diff(truth.eta, axis=0)
     speed, rate = (np.quantile(x / dt, 0.9) for x in (np.hypot(d[:, 0], d[:, 1]), np.abs(wrap(d[:, 2]))))
     if speed > FASTEST_M_S:
         reason = note("recording.truth-fast", speed_m_s=speed)
-        yield Doubt("unit", "error", None, reason, note("recording.perhaps", line='unit = "mm"'))
+        yield ImportFinding("unit", "error", None, reason, note("recording.perhaps", line='unit = "mm"'))
     elif rate > FASTEST_RAD_S:
         reason = note("recording.truth-turns", rate_rad_s=rate)
-        yield Doubt("unit", "error", None, reason, note("recording.perhaps", line='unit = "deg"'))
+        yield ImportFinding("unit", "error", None, reason, note("recording.perhaps", line='unit = "deg"'))
     else:
         yield from _agreement(truth.eta)
 
 
-def _agreement(eta: np.ndarray) -> Iterator[Doubt]:
-    """Yield a doubt if the axes are mirrored or the heading has an offset.  (1)"""
+def _agreement(eta: np.ndarray) -> Iterator[ImportFinding]:
+    """Yield a finding if the axes are mirrored or the heading has an offset.  (1)"""
     way = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(eta[:, :2], axis=0).T))])
     steps = np.floor(way / STEP_M)
     far = np.flatnonzero(np.diff(steps, prepend=-1.0) > 0.0)  # one pose in every STEP_M
@@ -47,8 +47,8 @@ def _agreement(eta: np.ndarray) -> Iterator[Doubt]:
     off = 0.5 * float(np.angle(same))
     if abs(mirror) > CLEAR and abs(same) < 0.5:
         reason = note("recording.mirrored", same=abs(same), mirrored=abs(mirror))
-        yield Doubt("mirrored", "error", None, reason, note("recording.write-mirrored"))
+        yield ImportFinding("mirrored", "error", None, reason, note("recording.write-mirrored"))
     elif abs(same) > CLEAR and abs(off) > OFFSET_RAD:
         reason = note("recording.beside", off_deg=np.degrees(off), back_deg=np.degrees(off) + 180.0)
         line = note("recording.write-offset", off=f"{off:.3f}", back=f"{wrap(off + np.pi):.3f}")
-        yield Doubt("heading offset", "error", None, reason, line)
+        yield ImportFinding("heading offset", "error", None, reason, line)

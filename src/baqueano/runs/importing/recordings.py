@@ -21,7 +21,7 @@ from baqueano.messages.language import translate as _
 from baqueano.messages.printable import baqueano_command
 from baqueano.runs.container.writer import versions
 from baqueano.runs.diagnostics import cross_checks
-from baqueano.runs.diagnostics.doubt import Doubt
+from baqueano.runs.diagnostics.finding import ImportFinding
 from baqueano.runs.importing.sources import LEAST, Part, Source, parts, quaternion_of
 from baqueano.runs.maps.column_map import load_map
 from baqueano.runs.maps.columns import KINDS, ColumnMap, ColumnSignal, Entry
@@ -33,14 +33,14 @@ from baqueano.vehicles.drivetrain import unmix
 if TYPE_CHECKING:
     from baqueano.contracts.values import TableRow
 
-ALIKE = 3  # lines of a kind of doubt
+ALIKE = 3  # lines of a kind of finding
 
 
 class ImportedRun(NamedTuple):
-    """An imported run and the doubts that arose during its import."""
+    """An imported run and the findings that arose during its import."""
 
     run: Run
-    doubts: tuple[Doubt, ...]
+    findings: tuple[ImportFinding, ...]
 
     _repr_html_ = Result._repr_html_
     plot = Result.plot
@@ -48,36 +48,37 @@ class ImportedRun(NamedTuple):
 
     @property
     def verdict(self) -> str:
-        """Return WARN if a doubt is a warning, as for excluded or doubtful data, else USABLE."""
-        return "WARN" if any(d.level == "warning" for d in self.doubts) else "USABLE"
+        """Return WARN if a finding is a warning, as for excluded or doubtful data, else USABLE."""
+        return "WARN" if any(d.level == "warning" for d in self.findings) else "USABLE"
 
     @property
-    def without_common_doubts(self) -> "ImportedRun":
-        """Return the import without the doubts that each import with such a map causes."""
-        return self._replace(doubts=tuple(d for d in self.doubts if not d.usual))
+    def without_common_findings(self) -> "ImportedRun":
+        """Return the import without the findings that each import with such a map causes."""
+        return self._replace(findings=tuple(d for d in self.findings if not d.usual))
 
     def __repr__(self) -> str:
-        doubts = self.without_common_doubts.table().splitlines()
-        return shorten([self.run.table().partition("\n")[0]], doubts, [self.verdict])
+        findings = self.without_common_findings.table().splitlines()
+        return shorten([self.run.table().partition("\n")[0]], findings, [self.verdict])
 
     def rows(self) -> list["TableRow"]:
-        """Return the doubts as flat dicts."""
+        """Return the findings as flat dicts."""
         start = int(self.run.t_ns[0])
         return [
             {
                 "level": d.level,
-                "doubt": d.code,
+                "finding": d.code,
                 "t_s": None if d.t_ns is None else (d.t_ns - start) * 1e-9,
                 "text": d.advice,
             }
-            for d in self.doubts
+            for d in self.findings
         ]
 
     def table(self) -> str:
-        """Return one line per doubt. Of a kind with more than ALIKE doubts, return only the first and their count."""
-        many = Counter((d.level, d.code) for d in self.doubts)
+        """Return one line per finding. Of a kind with more than ALIKE findings, return only the first and
+        their count."""
+        many = Counter((d.level, d.code) for d in self.findings)
         lines: dict[object, str] = {}
-        for k, d in enumerate(self.doubts):
+        for k, d in enumerate(self.findings):
             n = many[d.level, d.code]
             tail = f" ({_('and {more} more such', more=n - 1)})" if n > ALIKE else ""
             line = f"{_(d.level):8} {_(d.code):20} {d.advice}{tail}"
@@ -86,7 +87,7 @@ class ImportedRun(NamedTuple):
 
 
 class ImportedRuns(NamedTuple):
-    """Several imported runs, each with the doubts of its import."""
+    """Several imported runs, each with the findings of its import."""
 
     each: tuple[ImportedRun, ...]
 
@@ -96,15 +97,15 @@ class ImportedRuns(NamedTuple):
         return "WARN" if any(run.verdict == "WARN" for run in self.each) else "USABLE"
 
     def rows(self) -> list["TableRow"]:
-        """Return the doubts about all runs as flat dicts."""
+        """Return the findings about all runs as flat dicts."""
         return [{"run": run.run.name} | row for run in self.each for row in run.rows()]
 
     def table(self) -> str:
-        """Return a line per kind of doubt: the number of runs with it, and the sentence of the first one."""
-        first: dict[tuple[str, str], Doubt] = {}
+        """Return a line per kind of finding: the number of runs with it, and the sentence of the first one."""
+        first: dict[tuple[str, str], ImportFinding] = {}
         counts: dict[tuple[str, str], int] = {}
         for run in self.each:
-            for d in {d.code: d for d in reversed(run.without_common_doubts.doubts)}.values():
+            for d in {d.code: d for d in reversed(run.without_common_findings.findings)}.values():
                 first.setdefault((d.level, d.code), d)
                 counts[d.level, d.code] = counts.get((d.level, d.code), 0) + 1
         lines = [
@@ -139,7 +140,7 @@ def import_run(
     Returns
     -------
     ImportedRun
-        The run and the doubts about it, which the run also contains as events.
+        The run and the findings about it, which the run also contains as events.
 
     Raises
     ------
@@ -172,7 +173,7 @@ def import_runs(
     vehicle_text: str = "",
 ) -> list[ImportedRun]:
     """Return all runs of the files of a map, in order: one per file, or one per part of a split file.
-    Parts with fewer ticks than a run needs are skipped, and a doubt of the first run reports them. Raise FileError as
+    Parts with fewer ticks than a run needs are skipped, and a finding of the first run reports them. Raise FileError as
     `import_run` does, and if all parts are too short."""
     m = column_map if isinstance(column_map, ColumnMap) else load_map(column_map)
     runs, short, source = [], [], None
@@ -195,16 +196,16 @@ def import_runs(
     if short:
         reason = note("recording.short-parts", count=len(short), least=LEAST, names=short[:5])
         first = runs[0]
-        runs[0] = first._replace(doubts=(*first.doubts, Doubt("short", "warning", None, reason)))
+        runs[0] = first._replace(findings=(*first.findings, ImportFinding("short", "warning", None, reason)))
     return runs
 
 
 def _import_part(m: ColumnMap, part: Part, vehicle_text: str) -> ImportedRun:
-    """Return the run of one part, with its doubts."""
-    sources, doubts = part.sources, list(part.doubts)
-    first, t_ns, applied = _applied_commands(m, sources, sources[m.ticks].t_ns, doubts)
-    sensors = {name: _channel(signal, sources, t_ns, doubts) for name, signal in m.sensors.items()}
-    truth = None if m.truth is None else _truth(m.truth, sources, t_ns, doubts)
+    """Return the run of one part, with its findings."""
+    sources, findings = part.sources, list(part.findings)
+    first, t_ns, applied = _applied_commands(m, sources, sources[m.ticks].t_ns, findings)
+    sensors = {name: _channel(signal, sources, t_ns, findings) for name, signal in m.sensors.items()}
+    truth = None if m.truth is None else _truth(m.truth, sources, t_ns, findings)
     metadata = versions() | {
         "kind": "import",
         "map": m.name,
@@ -218,12 +219,14 @@ def _import_part(m: ColumnMap, part: Part, vehicle_text: str) -> ImportedRun:
     )  # fmt: skip
     if first:
         usual, reason = first == 1 and m.in_force == "from", note("recording.no-command-yet", count=first)
-        doubts.append(Doubt("no command yet", "info", int(t_ns[0]), reason, usual=usual))
+        findings.append(ImportFinding("no command yet", "info", int(t_ns[0]), reason, usual=usual))
     if all(entry.constant == 0.0 for entry in m.command.entries):
-        doubts.append(Doubt("no command", "info", int(t_ns[0]), note("recording.no-command"), usual=True))
-    doubts += cross_checks.look(run, m)
-    doubts = list(dict.fromkeys(doubts))  # two parts of one file have the same gaps
-    result = cross_checks.accept_errors(doubts, m)
+        findings.append(
+            ImportFinding("no command", "info", int(t_ns[0]), note("recording.no-command"), usual=True)
+        )
+    findings += cross_checks.look(run, m)
+    findings = list(dict.fromkeys(findings))  # two parts of one file have the same gaps
+    result = cross_checks.accept_errors(findings, m)
     events = tuple(
         Event(d.t_ns or int(t_ns[0]), d.level, "import", in_english(d.diagnostic), d.diagnostic)
         for d in result
@@ -286,10 +289,10 @@ def _check_header(entry: Entry) -> None:
 
 
 def _finite_rows(
-    signal: ColumnSignal, source: Source, doubts: list[Doubt], t_ns: np.ndarray | None = None
+    signal: ColumnSignal, source: Source, findings: list[ImportFinding], t_ns: np.ndarray | None = None
 ) -> tuple[np.ndarray, np.ndarray]:
     """Return times and values of the rows with all numbers. `t_ns` (rows,) replaces the times of the source.
-    A doubt reports the missing numbers. Raise FileError if no row is left.
+    A finding reports the missing numbers. Raise FileError if no row is left.
     """
     values = _values(signal, source)
     present = [k for k, entry in enumerate(signal.entries) if not entry.absent]
@@ -299,7 +302,7 @@ def _finite_rows(
     if lost_rows:
         first_ns = int(source.t_ns[first:][~whole[first:]][0])
         reason = note("recording.missing", key=signal.key, lost=lost_rows, rows=len(whole))
-        doubts.append(Doubt("missing", "warning", first_ns, reason))
+        findings.append(ImportFinding("missing", "warning", first_ns, reason))
     if not whole.any():
         raise FileError(fault("import.no-row", key=signal.key, table=source.table.label))
     return (source.t_ns if t_ns is None else t_ns)[whole], values[whole]
@@ -314,12 +317,12 @@ def _instants(signal: ColumnSignal, source: Source) -> np.ndarray:
 
 
 def _applied_commands(
-    m: ColumnMap, sources: dict[str, Source], ticks: np.ndarray, doubts: list[Doubt]
+    m: ColumnMap, sources: dict[str, Source], ticks: np.ndarray, findings: list[ImportFinding]
 ) -> tuple[int, np.ndarray, np.ndarray]:
     """Return the number of ticks before the first command, the ticks (N,) with a command, and the command (N, n) in
     force. Raise FileError if no tick has a command.
     """
-    t_ns, u = _finite_rows(m.command, sources[m.command.file], doubts)
+    t_ns, u = _finite_rows(m.command, sources[m.command.file], findings)
     if m.wheels:
         u = np.array([unmix("two_wheels", w) for w in u])
     if m.in_force == "from":
@@ -347,13 +350,13 @@ def _span(t_ns: np.ndarray) -> str:
 
 
 def _sample(
-    signal: ColumnSignal, sources: dict[str, Source], ticks: np.ndarray, doubts: list[Doubt]
+    signal: ColumnSignal, sources: dict[str, Source], ticks: np.ndarray, findings: list[ImportFinding]
 ) -> tuple[np.ndarray, np.ndarray]:
     """Return times and values of a signal, as measured or resampled at the ticks.
     Raise FileError if all its times are before or after the ticks.
     """
     source = sources[signal.file]
-    t_ns, values = _finite_rows(signal, source, doubts, _instants(signal, source))
+    t_ns, values = _finite_rows(signal, source, findings, _instants(signal, source))
     if t_ns[-1] < ticks[0] or t_ns[0] > ticks[-1]:
         raise FileError(
             fault(
@@ -377,9 +380,9 @@ def _sample(
 
 
 def _channel(
-    signal: ColumnSignal, sources: dict[str, Source], ticks: np.ndarray, doubts: list[Doubt]
+    signal: ColumnSignal, sources: dict[str, Source], ticks: np.ndarray, findings: list[ImportFinding]
 ) -> Channel:
-    t_ns, z = _sample(signal, sources, ticks, doubts)
+    t_ns, z = _sample(signal, sources, ticks, findings)
     angles = [measures == "angle" for measures in KINDS.get(signal.kind or "", ())]
     if any(angles):
         z = np.where(angles, wrap(z), z)
@@ -387,9 +390,9 @@ def _channel(
 
 
 def _truth(
-    signal: ColumnSignal, sources: dict[str, Source], ticks: np.ndarray, doubts: list[Doubt]
+    signal: ColumnSignal, sources: dict[str, Source], ticks: np.ndarray, findings: list[ImportFinding]
 ) -> TruthLog:
-    t_ns, values = _sample(signal, sources, ticks, doubts)
+    t_ns, values = _sample(signal, sources, ticks, findings)
     no_rates = np.full((len(t_ns), 3), np.nan)
     eta = np.column_stack([values[:, :2], wrap(values[:, 2])])
     return TruthLog(

@@ -18,7 +18,7 @@ import numpy as np
 from baqueano.diagnostics import fault, note
 from baqueano.errors import FileError
 from baqueano.messages.printable import baqueano_command
-from baqueano.runs.diagnostics.doubt import Doubt
+from baqueano.runs.diagnostics.finding import ImportFinding
 from baqueano.runs.importing.timing import rows_in_order, times
 from baqueano.runs.maps.column_map import data_folders
 from baqueano.runs.maps.columns import ColumnMap, Entry, FileSpec
@@ -42,7 +42,7 @@ class Part(NamedTuple):
     name: str
     sources: dict[str, Source]
     files: tuple[str, ...]  # their names
-    doubts: tuple[Doubt, ...]
+    findings: tuple[ImportFinding, ...]
 
 
 class SourcePiece(NamedTuple):
@@ -56,29 +56,33 @@ class SourcePiece(NamedTuple):
 def parts(m: ColumnMap, files: object) -> Iterator[Part]:
     """Yield the parts of each set of files: the given files, or the files that the map finds."""
     for paths in _sets(m, files):
-        doubts: list[Doubt] = []
-        tables = {name: _table(m, spec, paths[name], doubts) for name, spec in m.files.items()}
+        findings: list[ImportFinding] = []
+        tables = {name: _table(m, spec, paths[name], findings) for name, spec in m.files.items()}
         names = tuple(sorted({path.name for path in paths.values()}))
-        yield from _parts(m, _name(m, paths), names, tables, doubts)
+        yield from _parts(m, _name(m, paths), names, tables, findings)
 
 
 def _parts(
-    m: ColumnMap, name: str, files: tuple[str, ...], tables: dict[str, LogTable], doubts: list[Doubt]
+    m: ColumnMap,
+    name: str,
+    files: tuple[str, ...],
+    tables: dict[str, LogTable],
+    findings: list[ImportFinding],
 ) -> Iterator[Part]:
     pieces = {file: _pieces(m, spec, tables[file]) for file, spec in m.files.items() if _is_split(spec)}
     if not pieces:
-        sources = {file: _source(m, m.files[file], table, doubts) for file, table in tables.items()}
-        yield Part(name, sources, files, tuple(doubts))
+        sources = {file: _source(m, m.files[file], table, findings) for file, table in tables.items()}
+        yield Part(name, sources, files, tuple(findings))
         return
     if m.ticks not in pieces:
         raise FileError(
             fault("import.split-not-ticks", map=m.path.name, file=next(iter(pieces)), ticks=m.ticks)
         )
-    own_doubts: list[Doubt] = list(doubts)
-    matches = _match(m, pieces, own_doubts)
-    whole = {f: _source(m, m.files[f], t, own_doubts) for f, t in tables.items() if f not in pieces}
+    own_findings: list[ImportFinding] = list(findings)
+    matches = _match(m, pieces, own_findings)
+    whole = {f: _source(m, m.files[f], t, own_findings) for f, t in tables.items() if f not in pieces}
     for k, (label, by_file) in enumerate(matches):
-        own: list[Doubt] = list(own_doubts) if k == 0 else []
+        own: list[ImportFinding] = list(own_findings) if k == 0 else []
         sources_of_part = {f: _source(m, m.files[f], table, own) for f, table in by_file.items()}
         t_ns = sources_of_part[m.ticks].t_ns
         within = {f: _within(source, t_ns) for f, source in whole.items()}
@@ -112,7 +116,7 @@ def _pieces(m: ColumnMap, spec: FileSpec, table: LogTable) -> list[SourcePiece]:
 
 
 def _match(
-    m: ColumnMap, pieces: dict[str, list[SourcePiece]], doubts: list[Doubt]
+    m: ColumnMap, pieces: dict[str, list[SourcePiece]], findings: list[ImportFinding]
 ) -> list[tuple[str, dict[str, LogTable]]]:
     """Return the label of each part and its rows in each file, in the order of the ticks' file. Raise FileError if the
     files do not share a value, or if their numbers of parts differ.
@@ -127,7 +131,7 @@ def _match(
     if not common:
         text = "; ".join(f"[files.{file}] {_values_of(m, file, of)}" for file, of in by_file.items())
         raise FileError(fault("import.split-no-value", map=m.path.name, found=text))
-    doubts += _missing_values(m, by_file)
+    findings += _missing_values(m, by_file)
     labelled_parts = []
     for value in common:
         of_value = {file: of[value] for file, of in by_file.items()}
@@ -148,8 +152,10 @@ def _match(
     return labelled_parts
 
 
-def _missing_values(m: ColumnMap, by_file: dict[str, dict[str, list[SourcePiece]]]) -> Iterator[Doubt]:
-    """Yield a doubt for each file without values that another file has; the parts of these values are skipped."""
+def _missing_values(
+    m: ColumnMap, by_file: dict[str, dict[str, list[SourcePiece]]]
+) -> Iterator[ImportFinding]:
+    """Yield a finding for each file without values that another file has; the parts of these values are skipped."""
     for lacking, of in by_file.items():
         for file, file_values in by_file.items():
             unmatched_values = [value for value in file_values if value not in of]
@@ -158,7 +164,7 @@ def _missing_values(m: ColumnMap, by_file: dict[str, dict[str, list[SourcePiece]
                 reason = note(
                     "recording.not-in-all", map=m.path.name, values=values, file=file, lacking=lacking
                 )
-                yield Doubt("not in all files", "warning", None, reason)
+                yield ImportFinding("not in all files", "warning", None, reason)
 
 
 def _values_of(m: ColumnMap, file: str, values: Iterable[str]) -> str:
@@ -288,7 +294,7 @@ def _matching(m: ColumnMap, spec: FileSpec) -> list[Path]:
     )
 
 
-def _table(m: ColumnMap, spec: FileSpec, path: Path, doubts: list[Doubt]) -> LogTable:
+def _table(m: ColumnMap, spec: FileSpec, path: Path, findings: list[ImportFinding]) -> LogTable:
     """Return the rows of a file that satisfy `where`, in the file's order. Raise FileError if no row satisfies it."""
     label, column_names = path.name if spec.topic is None else f"{path.name} {spec.topic}", _columns(m, spec)
     if bag.is_bag(path):
@@ -299,8 +305,8 @@ def _table(m: ColumnMap, spec: FileSpec, path: Path, doubts: list[Doubt]) -> Log
                 fault("import.no-bag", path=path.name, map=m.path.name, file=spec.name, topic=spec.topic)
             )
         table = read_table(path, spec.options, label)
-    doubts += [
-        Doubt("cut line", "warning", None, note("recording.cut-line", table=label, line=line))
+    findings += [
+        ImportFinding("cut line", "warning", None, note("recording.cut-line", table=label, line=line))
         for line in table.cut
     ]
     for column in sorted(column_names):
@@ -313,7 +319,7 @@ def _table(m: ColumnMap, spec: FileSpec, path: Path, doubts: list[Doubt]) -> Log
     return selection._replace(columns={name: selection.columns[name] for name in column_names})
 
 
-def _source(m: ColumnMap, spec: FileSpec, table: LogTable, doubts: list[Doubt]) -> Source:
+def _source(m: ColumnMap, spec: FileSpec, table: LogTable, findings: list[ImportFinding]) -> Source:
     """Return the rows with a known, increasing time; with `new_when`, only the rows of a new measurement.
     Raise FileError if no time is known.
     """
@@ -322,9 +328,9 @@ def _source(m: ColumnMap, spec: FileSpec, table: LogTable, doubts: list[Doubt]) 
         raise FileError(fault("import.no-time", table=table.label, column=spec.time))
     if not valid.all():
         reason = note("recording.no-time", table=table.label, count=np.count_nonzero(~valid))
-        doubts.append(Doubt("no time", "warning", None, reason))
+        findings.append(ImportFinding("no time", "warning", None, reason))
         table, t_ns = table.only(valid), t_ns[valid]
-    keep = rows_in_order(table, t_ns, spec, _columns(m, spec), m, doubts)
+    keep = rows_in_order(table, t_ns, spec, _columns(m, spec), m, findings)
     table, t_ns = table.only(keep), t_ns[keep]
     if spec.new_when is not None:
         new = np.diff(table.numbers(spec.new_when), prepend=np.nan) != 0

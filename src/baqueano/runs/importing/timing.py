@@ -11,7 +11,7 @@ import numpy as np
 
 from baqueano.diagnostics import fault, note
 from baqueano.errors import FileError
-from baqueano.runs.diagnostics.doubt import Doubt
+from baqueano.runs.diagnostics.finding import ImportFinding
 from baqueano.runs.maps.units import unit
 from baqueano.runs.tables.table import LogTable
 from baqueano.signals import NANOSECONDS
@@ -105,7 +105,12 @@ def _ns_of(date: str) -> int:
 
 
 def rows_in_order(
-    table: LogTable, t_ns: np.ndarray, spec: "FileSpec", used: set[str], m: "ColumnMap", doubts: list[Doubt]
+    table: LogTable,
+    t_ns: np.ndarray,
+    spec: "FileSpec",
+    used: set[str],
+    m: "ColumnMap",
+    findings: list[ImportFinding],
 ) -> np.ndarray:
     """Return the mask (rows,) of the rows to keep, so that time increases.
     Raise FileError if time steps back, unless the map drops such rows, and if times are repeated or not plausible.
@@ -122,13 +127,15 @@ def rows_in_order(
         if spec.backwards != "drop":
             code = "import.steps-back-often" if lost_rows > MANY * len(t_ns) else "import.steps-back"
             raise FileError(fault(code, **of, file=spec.name, map=m.path.name))
-        doubts.append(Doubt("time steps back", "warning", int(t_ns[i]), note("recording.steps-back", **of)))
+        findings.append(
+            ImportFinding("time steps back", "warning", int(t_ns[i]), note("recording.steps-back", **of))
+        )
     keep = t_ns >= latest
     keep[1:] &= (t_ns[1:] > latest[:-1]) | (t_ns[1:] == t_ns[:-1])
-    keep = _without_repeats(table, t_ns, keep, spec, used, m, doubts)
+    keep = _without_repeats(table, t_ns, keep, spec, used, m, findings)
     step_s = np.diff(t_ns[keep]) / NANOSECONDS
     if len(step_s):
-        _check_steps(table.only(keep), t_ns[keep], step_s, spec, m, doubts)
+        _check_steps(table.only(keep), t_ns[keep], step_s, spec, m, findings)
     return keep
 
 
@@ -139,7 +146,7 @@ def _without_repeats(
     spec: "FileSpec",
     column_names: set[str],
     m: "ColumnMap",
-    doubts: list[Doubt],
+    findings: list[ImportFinding],
 ) -> np.ndarray:
     at = np.flatnonzero(keep)
     same = np.flatnonzero(np.diff(t_ns[at]) == 0)
@@ -165,7 +172,7 @@ def _without_repeats(
                 map=m.path.name,
             )
         )
-    doubts.append(Doubt("repeats", "warning", int(t_ns[first[0]]), reason))
+    findings.append(ImportFinding("repeats", "warning", int(t_ns[first[0]]), reason))
     keep = keep.copy()
     keep[first if spec.repeats == "last" else second] = False
     return keep
@@ -177,7 +184,7 @@ def _check_steps(
     step_s: np.ndarray,
     spec: "FileSpec",
     m: "ColumnMap",
-    doubts: list[Doubt],
+    findings: list[ImportFinding],
 ) -> None:
     usual = float(np.median(step_s))
     if not SHORTEST_S <= usual <= LONGEST_S:
@@ -196,27 +203,29 @@ def _check_steps(
             )
         )
     if spec.name == m.ticks and not FAST_S <= usual <= SLOW_S:
-        doubts.append(_rate_of_ticks(table, usual, spec))
+        findings.append(_rate_of_ticks(table, usual, spec))
     gaps = np.flatnonzero(step_s > GAP * usual)
     for i in gaps[:20]:
         jump = step_s[i] > JUMP_S
         reason = note("recording.gap", table=table.label, gap_s=step_s[i], line=table.lines[i], usual_s=usual)
-        doubts.append(
-            Doubt("time jump" if jump else "gap", "error" if jump else "warning", int(t_ns[i]), reason)
+        findings.append(
+            ImportFinding(
+                "time jump" if jump else "gap", "error" if jump else "warning", int(t_ns[i]), reason
+            )
         )
     if len(gaps) > 20:
         reason = note("recording.more-gaps", table=table.label, more=len(gaps) - 20)
-        doubts.append(Doubt("gap", "warning", int(t_ns[gaps[20]]), reason))
+        findings.append(ImportFinding("gap", "warning", int(t_ns[gaps[20]]), reason))
 
 
-def _rate_of_ticks(table: LogTable, usual: float, spec: "FileSpec") -> Doubt:
-    """Return the doubt about an unusual tick rate: an error if the ticks are too fast, a warning if they are slow."""
+def _rate_of_ticks(table: LogTable, usual: float, spec: "FileSpec") -> ImportFinding:
+    """Return the finding about an unusual tick rate: an error if the ticks are too fast, a warning if they are slow."""
     reason = note(
         "recording.tick-lasts", table=table.label, unit_read=spec.time_unit, tick_s=usual, rate_hz=1.0 / usual
     )
     fits = _units_that_fit(usual, len(table.lines), spec)
     line = note("recording.write-time-unit", in_unit=fits[0], file=spec.name) if fits else None
-    return Doubt("time unit", "error" if usual < FAST_S else "warning", None, reason, line)
+    return ImportFinding("time unit", "error" if usual < FAST_S else "warning", None, reason, line)
 
 
 def _units_that_fit(usual: float, rows: int, spec: "FileSpec") -> list[str]:

@@ -97,7 +97,7 @@ class ColumnMap(NamedTuple):
     path: Path
     text: str
     start_ns: int  # added to all times
-    accept: frozenset[str]  # doubts that the author of the map has checked
+    accept: frozenset[str]  # findings that the author of the map has checked
     files: dict[str, FileSpec]
     ticks: str
     names: tuple[str, ...]

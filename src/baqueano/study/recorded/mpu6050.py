@@ -55,7 +55,7 @@ def rows(progress: Callable[[str], None] = lambda text: None, backend: str = "au
         assert c.allan_1s is not None
         name = _("gyro {axis}, Allan deviation at 1 s [°/s]", axis=AXES[c.entry])
         out.append(_row(name, c.allan_1s / SI["gyro"], ALLAN_1S[c.entry], NEAR))
-    is_reported = any(doubt.code == "at-rest.bursts" for doubt in statistics.doubts)
+    is_reported = any(finding.code == "at-rest.bursts" for finding in statistics.findings)
     return [*out, row(MAP, _("burst stamps are reported"), is_reported, _("yes"), is_reported)]
 
 

@@ -3,7 +3,7 @@
 import { follow } from "./canvas.js";
 import { t } from "./strings.js";
 
-/** Make an element: `el("button.primary.play", { onclick: f }, "text", child)`; null is no child. */
+/** Make an element: `el("button.primary.play", { onclick: f }, "text", child)`; null adds nothing. */
 export function el(what, ...rest) {
   const [tag, ...classes] = what.split("."), made = document.createElement(tag);
   made.classList.add(...classes);

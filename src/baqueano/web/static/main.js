@@ -68,7 +68,7 @@ const on = {
     page.state = word;
     tell("buttons");
     follow(word.scene);
-    told();
+    announce();
   },
   ledger({ rows }) { page.ledger = rows; tell("ledger", rows); },
   route(word) { page.route = word.x?.length ? word : null; },
@@ -98,7 +98,7 @@ const on = {
     Object.assign(page, stream === 1 ? { opened: opened(came), ghost: null } : { ghost: opened(came) });
     tell("opened");
     if (page.recorded) put(ui, { vehicle: page.opened.about.vehicle.name });
-    told();
+    announce();
   },
 };
 
@@ -156,15 +156,15 @@ function open(key, chosen = true) {
   }
   page.hand.still();
   page.screen.shown?.();
-  told();
+  announce();
 }
 
-function told() {
+function announce() {
   const { state, hello, opened, recorded, screen } = page;
   if (!page.link.up) return;
   show(ui.clear, state.state === "STOPPED" && !recorded && page.drives);
   ui.clear.disabled = !page.hand.mine;
-  if (screen?.told) sentence("info", ...screen.told);
+  if (screen?.summary) sentence("info", ...screen.summary);
   else if (opened && (recorded || screen instanceof Replay)) sentence("info", opened.label, opened.about.sentence);
   else if (recorded) sentence("info", t(hello.open ? "replay.loading" : "replay.none"), "");
   else sentence(state.severity, state.title, [state.sentence, ...state.odd].join(" "));

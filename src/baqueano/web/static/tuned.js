@@ -15,7 +15,7 @@ export class Tuned {
     write(this.was, was);
     write(this.is, is);
     this.body.append(...gains.map((one) => row([`${one.name} `, el("small", one.unit)], [three(one.before), three(one.value)], 1)));
-    this.told = [t("tuned.title"), t("tuned.text", { n: history.length, before: was, after: is })];
+    this.summary = [t("tuned.title"), t("tuned.text", { n: history.length, before: was, after: is })];
   }
 
   draw(now_ms) {

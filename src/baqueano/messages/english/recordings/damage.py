@@ -59,7 +59,7 @@ TEMPLATES: dict[str, str] = {
     "replay.without-sensor": "the run does not contain sensor {sensor}, so the replay does not have its data",
     "run.time-range": "{time_ns} ns is not a time between 1970 and 2038",
     "import.does-not-fit": (
-        "{map} does not agree with its recording: {doubts}. If the map is right, write at its "
+        "{map} does not agree with its recording: {findings}. If the map is right, write at its "
         "top: accept = [{accept}]"
     ),
     "expect.format": "format = 1",

@@ -69,7 +69,7 @@ def findings(tmp_path, *args: Any, **options: Any) -> Diagnostic:
     """Return the findings of an import of this recording as one diagnostic, or its refusal."""
     import_message(tmp_path, *args, **options)
     try:
-        return merge(doubt.diagnostic for doubt in import_run(tmp_path / "map.toml").doubts)
+        return merge(finding.diagnostic for finding in import_run(tmp_path / "map.toml").findings)
     except FileError as error:
         return error.diagnostic
 

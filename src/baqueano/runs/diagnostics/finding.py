@@ -17,7 +17,7 @@ KINDS = (  # codes as words; `accept` in a map takes them in English
 )  # fmt: skip
 
 
-class Doubt(NamedTuple):
+class ImportFinding(NamedTuple):
     """A finding about a recording; its sentences are stored as data, and translated when they are read."""
 
     code: str  # the name for `accept` in the map

@@ -113,18 +113,18 @@ def test_an_accepted_contradiction_is_imported_with_a_warning(lab):
     lab.map = 'accept = ["inverted"]\n' + lab.map
     assert includes(reason, "recording.against-truth", key=IMU[2], slope=pytest.approx(-1.0, rel=0.01))
     assert lab.run().verdict == "WARN"
-    (doubt,) = (d for d in lab.run().doubts if d.code == "inverted")
-    assert doubt.level == "warning"
-    assert doubt.reason.code == "recording.accepted"
-    assert doubt.reason.figures["cause"].code == "recording.against-truth"
+    (finding,) = (d for d in lab.run().findings if d.code == "inverted")
+    assert finding.level == "warning"
+    assert finding.reason.code == "recording.accepted"
+    assert finding.reason.figures["cause"].code == "recording.against-truth"
 
 
 def test_rows_with_decreasing_time_are_refused_or_removed(lab):
     for column in lab.board.values():
         column[600:] = column[580:-20].copy()
     lab.refused("import.steps-back", back_s=pytest.approx(0.38), line=602, count=1, lost=19, file="board")
-    run, doubts = lab.edit('path = "board.csv"', 'path = "board.csv"\nbackwards = "drop"').run()
-    assert doubts[0].code == "time steps back"
+    run, findings = lab.edit('path = "board.csv"', 'path = "board.csv"\nbackwards = "drop"').run()
+    assert findings[0].code == "time steps back"
     assert len(run.sensors["imu"].t_ns) == 1480
     assert (np.diff(run.t_ns) > 0).all()
 
@@ -132,8 +132,8 @@ def test_rows_with_decreasing_time_are_refused_or_removed(lab):
 def test_identical_repeated_rows_are_removed_and_contradicting_repeats_are_refused(lab):
     for name, column in lab.board.items():
         lab.board[name] = np.repeat(column, np.where(np.arange(1500) % 500 == 7, 2, 1))
-    run, doubts = lab.run()
-    assert (doubts[0].reason.code, doubts[0].reason.figures) == (
+    run, findings = lab.run()
+    assert (findings[0].reason.code, findings[0].reason.figures) == (
         "recording.repeats",
         {"table": "board.csv", "count": 3, "line": 10},
     )
@@ -152,8 +152,8 @@ def test_gaps_are_reported_with_their_line_and_duration(lab):
     keep = np.ones(1500, dtype=bool)
     keep[100:105] = keep[700] = False
     lab.board = {name: column[keep] for name, column in lab.board.items()}
-    run, doubts = lab.run()
-    gaps = [d.reason.figures for d in doubts if d.reason.code == "recording.gap"]
+    run, findings = lab.run()
+    gaps = [d.reason.figures for d in findings if d.reason.code == "recording.gap"]
     usual = {"table": "board.csv", "usual_s": pytest.approx(0.02)}
     assert gaps == [
         usual | {"gap_s": pytest.approx(0.12), "line": 101},
@@ -168,7 +168,7 @@ def test_gaps_are_reported_with_their_line_and_duration(lab):
 def test_many_gaps_are_counted(lab):
     keep = np.arange(1500) % 20 != 3
     lab.board = {name: column[keep] for name, column in lab.board.items()}
-    gaps = [d.reason for d in lab.run().doubts if d.code == "gap"]
+    gaps = [d.reason for d in lab.run().findings if d.code == "gap"]
     assert len(gaps) == 21
     assert (gaps[-1].code, gaps[-1].figures) == ("recording.more-gaps", {"table": "board.csv", "more": 55})
 
@@ -216,8 +216,8 @@ def test_id4_missing_numbers_are_excluded_and_reported(lab):
     lab.board["ax"][10:13] = np.nan
     lab.camera["yaw"] = [f"{x:.6f}" for x in lab.camera["yaw"]]
     lab.camera["yaw"][5] = ""
-    run, doubts = lab.run()
-    assert [d.reason.figures for d in doubts if d.reason.code == "recording.missing"] == [
+    run, findings = lab.run()
+    assert [d.reason.figures for d in findings if d.reason.code == "recording.missing"] == [
         {"key": "sensors.imu", "lost": 3, "rows": 1500},
         {"key": "truth", "lost": 1, "rows": 1500},
     ]
@@ -229,21 +229,21 @@ def test_id4_missing_numbers_are_excluded_and_reported(lab):
 
 def test_rows_without_a_time_are_removed_and_reported(lab):
     lab.board["t"][4:6] = np.nan
-    reasons = [d.reason for d in lab.run().doubts]
+    reasons = [d.reason for d in lab.run().findings]
     assert ("recording.no-time", 2) in [(reason.code, reason.figures.get("count")) for reason in reasons]
 
 
 def test_repeated_samples_are_reported(lab):
     for name in ("ax", "ay", "wz"):
         lab.board[name] = np.repeat(lab.board[name][::5], 5)
-    (doubt,) = (d for d in lab.run().doubts if d.code == "repeated samples")
-    figures = doubt.reason.figures
-    assert (doubt.reason.code, round(figures["share"], 2), round(figures["every"], 1)) == (
+    (finding,) = (d for d in lab.run().findings if d.code == "repeated samples")
+    figures = finding.reason.figures
+    assert (finding.reason.code, round(figures["share"], 2), round(figures["every"], 1)) == (
         "recording.held",
         0.8,
         5.0,
     )
-    assert doubt.line.code == "recording.write-new-when"
+    assert finding.line.code == "recording.write-new-when"
 
 
 def test_a_stationary_vehicle_is_not_reported_as_repeated_samples(lab):
@@ -264,7 +264,7 @@ def test_a_slowly_changing_battery_is_not_reported_as_repeated_samples(lab):
 def test_constant_columns_are_reported(lab):
     lab.board["ax"][:] = 0.0
     lab.board["throttle"][:] = 0.25
-    reasons = [d.reason for d in lab.run().doubts if d.code == "constant"]
+    reasons = [d.reason for d in lab.run().findings if d.code == "constant"]
     assert [(reason.code, reason.figures) for reason in reasons] == [
         ("recording.constant", {"key": "sensors.imu", "number": 0, "value": 0.0, "rows": 1500}),
         ("recording.constant-command", {"name": "throttle", "value": 0.25}),
@@ -286,10 +286,10 @@ def test_a_gyro_scale_error_is_reported_despite_a_camera_clock_offset(lab):
     """A clock offset of 0.15 s changed the estimated scale by the factor 0.98."""
     lab.board["wz"] = 1.034 * lab.board["wz"]
     lab.camera["t"] = lab.camera["t"] - 0.152
-    doubts = lab.run().doubts
-    (scale,) = (d.reason for d in doubts if d.code == "scale")
+    findings = lab.run().findings
+    (scale,) = (d.reason for d in findings if d.code == "scale")
     assert includes(scale, "recording.against-truth", key=IMU[2], slope=pytest.approx(1.034, rel=0.01))
-    (clock,) = (d for d in doubts if d.code == "clock" and d.reason.figures["key"] == IMU[2])
+    (clock,) = (d for d in findings if d.code == "clock" and d.reason.figures["key"] == IMU[2])
     assert clock.level == "info"
     assert (clock.line.code, clock.line.figures["file"]) == ("recording.write-shift", "camera")
     shift_s = float(clock.line.figures["shift_s"])
@@ -298,7 +298,7 @@ def test_a_gyro_scale_error_is_reported_despite_a_camera_clock_offset(lab):
 
 def test_positive_steering_that_turns_right_is_reported(lab):
     lab.board["steer"] = -lab.board["steer"]
-    assert "recording.turns-right" in {d.reason.code for d in lab.run().doubts}
+    assert "recording.turns-right" in {d.reason.code for d in lab.run().findings}
 
 
 def test_a_sensor_uncorrelated_with_the_truth_is_reported(lab):
@@ -329,7 +329,7 @@ def test_import_warnings_are_available_as_a_table_and_as_rows(lab):
     assert imported_log.verdict == "USABLE"
     assert imported_log.table().startswith("info     no command yet")
     assert imported_log.rows()[0] == {
-        "level": "info", "doubt": "no command yet", "t_s": 0.0,
+        "level": "info", "finding": "no command yet", "t_s": 0.0,
         "text": "1 ticks before the first command were excluded",
     }  # fmt: skip
 
@@ -396,5 +396,5 @@ def test_wheels_uncorrelated_with_the_gyro_are_reported(lab):
     by_wheels(lab)
     noise = np.random.default_rng(2).normal(size=1500)
     lab.board["r"] = lab.board["l"] + noise
-    (doubt,) = (d for d in lab.run().doubts if d.code == "unrelated")
-    assert includes(doubt.reason, "recording.turns-otherwise", wheels="[sensors.wheels]", by=IMU[2])
+    (finding,) = (d for d in lab.run().findings if d.code == "unrelated")
+    assert includes(finding.reason, "recording.turns-otherwise", wheels="[sensors.wheels]", by=IMU[2])
