@@ -350,7 +350,7 @@ class ScriptedServer:
                 "blocks": BLOCKS,
                 "route": route(),
                 "events": events,
-                "sentence": f"{about['name']}: 41.6 s, {len(events)} events.",
+                "sentence": f"The recording (repeat) lasts 41.6 s and has {len(events)} events.",
             }
             guest.send(json.dumps(head | {"done": False}))
             for first in (0, 4096):

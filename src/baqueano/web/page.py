@@ -261,7 +261,7 @@ class BrowserPage:
         """Return the description of a run for a browser, in the language of the visitor."""
         whole = {name: about[name] for name in ("vehicle", "blocks", "route", "rows", "seconds")}
         with within(visitor.language):
-            figures = {name: about[name] for name in ("name", "kind", "seconds")}
+            figures = {name: about[name] for name in ("kind", "seconds")}
             sentence = text(note("web.recorded", events=len(about["events"]), **figures))
         brief = {name: about[name] for name in ("name", "kind", "seconds")}
         return whole | {
