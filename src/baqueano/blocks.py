@@ -10,6 +10,7 @@ block.
 import importlib
 import importlib.util
 import inspect
+import os
 import sys
 import tomllib
 from collections.abc import Iterator
@@ -68,7 +69,7 @@ ROOMS: dict[str, dict[str, str]] = {
 LOOP = ("estimator", "guide", "controller", "supervisor")  # the rooms of a drive
 OWN_FILE = "vehicle.toml"  # of the project in the working directory
 _trusted_files: set[Path] = set()  # files of blocks that the user named or allowed in this process
-_allowing = [False]  # True if the user allows code that files of other people name
+ALLOW = "BAQUEANO_ALLOW_BLOCKS"  # set to 1 if the user allows code that files of other people name
 _modules: dict[tuple[str, str], ModuleType] = {}  # a user's file as it was when it was read
 
 
@@ -141,13 +142,20 @@ def resolve(room: str, kind: str, folder: Path | str | None = None) -> type:
 
 @contextmanager
 def permit_blocks(allow: bool = True) -> Iterator[None]:
-    """Permit, within the context, blocks that vehicle files and runs of other people name, if `allow` is true."""
-    before = _allowing[0]
-    _allowing[0] = before or allow
+    """Permit, within the context, blocks that vehicle files and runs of other people name, if `allow` is true.
+
+    Processes that are started within the context permit them too: the workers of a page and its simulated vehicle.
+    """
+    earlier = os.environ.get(ALLOW)
+    if allow:
+        os.environ[ALLOW] = "1"
     try:
         yield
     finally:
-        _allowing[0] = before
+        if allow and earlier is None:
+            del os.environ[ALLOW]
+        elif allow:
+            os.environ[ALLOW] = str(earlier)
 
 
 def resolve_named(room: str, kind: str, folder: Path | str | None = None) -> type:
@@ -173,7 +181,7 @@ def resolve_named(room: str, kind: str, folder: Path | str | None = None) -> typ
             home.is_relative_to(working_folder) and path.is_relative_to(working_folder)
         )
         code = "block.elsewhere"
-    if not (own or path in _trusted_files or _allowing[0]):
+    if not (own or path in _trusted_files or os.environ.get(ALLOW) == "1"):
         raise FileError(fault(code, kind=kind, path=path))
     return resolve(room, kind, folder)
 

@@ -1,5 +1,8 @@
 """Code that a vehicle file or a run of another user names is executed only with the permission of the user."""
 
+import os
+import subprocess
+import sys
 from pathlib import Path
 
 import numpy as np
@@ -102,6 +105,21 @@ def test_a_block_outside_the_folder_needs_permission(tmp_path, mark, monkeypatch
     assert not mark.exists(), "no line of the file was executed"
     load(file, allow_blocks=True).controller()
     assert mark.exists()
+
+
+def test_permission_holds_for_started_processes_while_it_lasts(tmp_path, mark):
+    """As for the workers of a page and its simulated vehicle."""
+    outside_file = text_at(tmp_path / "elsewhere" / "theirs.py", mark)
+    file = vehicle_at(tmp_path / "lab" / "vehicle.toml", f"{outside_file}:Mine")
+    load_there = f"from baqueano.vehicle_file import load; load({str(file)!r}).controller()"
+    for allow in (False, True, False):
+        mark.unlink(missing_ok=True)
+        with blocks.permit_blocks(allow):
+            done = subprocess.run(
+                [sys.executable, "-c", load_there], cwd=file.parent, capture_output=True, check=False
+            )
+        assert (done.returncode == 0, mark.exists()) == (allow, allow), done.stderr
+    assert blocks.ALLOW not in os.environ
 
 
 def test_a_forbidden_block_file_is_not_executed_to_list_its_classes(tmp_path, mark, monkeypatch):
