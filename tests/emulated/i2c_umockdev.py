@@ -4,6 +4,7 @@ Runs in the Python of the system, which has the bindings (python3-gi), so it doe
 root of the test bed as one line of JSON. Then it executes lines of its input, each a JSON list of a verb and arguments:
 
     ["brown_out"]  ["freeze", true]  ["saturate", 5]  ["fail", errno, times]  ["hold", true]  ["quit"]
+    ["feel", [force, 3], [rate, 3]]
     ["reg", number]  ["timeout"]  ["taken"]     asked; the answer is a line of JSON
 
 A client sees the device when it is started with UMOCKDEV_DIR=<root> and LD_PRELOAD=libumockdev-preload.so.0.

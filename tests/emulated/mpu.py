@@ -155,6 +155,10 @@ class MpuEmulator:
         """Set a channel constant at `raw`: 0 to 2 are the accelerometer, 3 to 5 the gyro."""
         self.saturated[channel] = raw
 
+    def feel(self, force: list[float], rate: list[float]) -> None:
+        """Feel this specific force (3,) [m/s²] and rate (3,) [rad/s] from now on."""
+        self.motion = lambda t_ns: (force, rate)
+
     @property
     def temperature_c(self) -> float:
         """Return the temperature: the chip warms by 6 °C above the air within 40 s."""

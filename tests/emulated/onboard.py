@@ -13,6 +13,7 @@ from pathlib import Path
 from typing import Any
 
 from baqueano import vehicle_file
+from tests.emulated.body import Body, RealTimeBody
 from tests.emulated.realtime import OnPty, on_pty
 from tests.emulated.rig import Built
 from tests.emulated.test_imu_process import Machine
@@ -33,6 +34,7 @@ class Running:
             messages,
         )
         self.start_s = self.cpu_s = 0.0  # until READY=1
+        self.body: Body | None = None
 
     def memory_mb(self) -> dict[str, float]:
         """Return VmRSS, VmHWM and VmLck of its status and Pss of its maps [MB of 10⁶ bytes]."""
@@ -77,20 +79,27 @@ def running(
     environment: dict[str, str] | None = None,
     imu: bool = True,
     unheard: int = 0,
+    body: bool = False,
 ) -> Iterator[Running]:
     """The service after READY=1; its output goes to the file said.txt of `folder`. The IMU does not answer the first
-    `unheard` transfers."""
+    `unheard` transfers. With `body` the motors move a body whose motion the IMU measures; else it stays at rest."""
     machine = Machine() if imu else None
     try:
         if machine is not None and unheard:
             machine.order("fail", errno.EREMOTEIO, unheard)
         with on_pty(build) as live:
             file = vehicle_of(live.path, folder)
+            moved = RealTimeBody(file, live, machine) if body else None
             devices = (
                 {} if machine is None else {k: machine.environment[k] for k in ("UMOCKDEV_DIR", "LD_PRELOAD")}
             )
-            with _spawned(python, file, folder, live, {**devices, **(environment or {})}) as service:
-                yield service
+            try:
+                with _spawned(python, file, folder, live, {**devices, **(environment or {})}) as service:
+                    service.body = moved.body if moved else None
+                    yield service
+            finally:
+                if moved:
+                    moved.close()
     finally:
         if machine is not None:
             machine.close()

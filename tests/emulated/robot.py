@@ -3,9 +3,6 @@
 In each millisecond the Uno runs, its motor pins drive the motors of the body, the body moves, and the IMU chip measures
 this. The link and the driver of the IMU are those of the vehicle; only the serial line and the bus are emulated. The
 clock of the computer has no effect, so two runs are equal bit by bit.
-
-The chip vibrates by VIBRATION times the noise of the IMU in the vehicle file, white at 1 kHz. Behind the chip filter
-of 44 Hz (noise bandwidth 69 Hz of 500) this is the noise of the file. At rest only the noise of the chip remains.
 """
 
 import tempfile
@@ -19,21 +16,15 @@ from baqueano.robot.imu import driver as imu_driver
 from baqueano.robot.imu.settings import ImuSettings
 from baqueano.robot.service.configuration import body_of
 from baqueano.robot.uno.link import Uno
-from baqueano.sensors.imu import STANDARD_GRAVITY
 from baqueano.signals import Motion
-from baqueano.symbolic import function
-from baqueano.vehicle_file import override
-from baqueano.vehicles.drivetrain import unmix
 from baqueano.worlds import Robot
-from baqueano.worlds.noise import stream
+from tests.emulated.body import Body
 from tests.emulated.i2c_ioctl import connect
 from tests.emulated.mpu import EmulatedBus, MpuEmulator
 from tests.emulated.rig import Built
 from tests.emulated.uno import EmulatedUno
 
 MS = 1_000_000
-VIBRATION = (500.0 / 69.0) ** 0.5
-STILL_M_S, STILL_RAD_S = 0.002, 0.01
 
 
 class Patches:
@@ -54,19 +45,8 @@ class EmulatedRobot:
         self._true_s_per_ns = 1e-9 / (1.0 + 1e-6 * host_ppm)
         self.board = EmulatedUno(build, battery_v=truth.vehicle.drivetrain.battery_v, **uno)
         self.now_ns = MS * round(1e3 * self.board.t_s + 1)
-        quick = override(truth, ("rate_hz=1000",))
-        self.uno = Uno(self, self._time)
-        vehicle, self._imu = quick.vehicle, quick.sensors.imu
-        self.state = self._rest = vehicle.init()
-        self.motion = Motion(self.state.eta, self.state.nu, self.state.nu_dot, vehicle.gravity(0.0))
+        self.uno, self.body = Uno(self, self._time), Body(truth, seed)
         self._truths: list[tuple[int, Motion]] = []
-        self._noise, self._shake = stream(seed, "process"), stream(seed, "vibration")
-
-        def step(state: Any, duties: np.ndarray, noise: np.ndarray) -> Any:
-            state, motion = vehicle.step(state, unmix("two_wheels", duties), 1e-3, noise)
-            return state, motion, quick.sensors.imu.h(motion)
-
-        self._step = function(step, self.state, np.zeros(2), np.zeros(3))
         options = {"now_ns": self._time, "start_ns": self.now_ns, "seed": seed + 1} | (chip or {})
         self.chip = MpuEmulator(self._specific_force, **options)
         self.bus = EmulatedBus({0x68: self.chip}, lambda ns: None)
@@ -74,7 +54,6 @@ class EmulatedRobot:
         path = str(Path(self._folder.name) / "i2c-1")
         Path(path).touch()
         connect(patches or Patches(), {path: self.bus})
-        self._force = ((0.0, 0.0, STANDARD_GRAVITY), (0.0, 0.0, 0.0))
         settings = ImuSettings(accel_range_g=4)
         self.imu = imu_driver.open(path, settings=settings, notify=None, now_ns=self._time, sleep=self.wait)
 
@@ -85,7 +64,12 @@ class EmulatedRobot:
 
     def put_back(self) -> None:
         """Put the body at rest at the origin."""
-        self.state = self._rest
+        self.body.put_back()
+
+    @property
+    def motion(self) -> Motion:
+        """Return the true motion of the body at present."""
+        return self.body.motion
 
     # the wire
 
@@ -106,9 +90,7 @@ class EmulatedRobot:
         while self.now_ns < t_ns:
             self.now_ns += MS
             self.board.run_until(self.now_ns * self._true_s_per_ns)
-            duties = self._at_wheels()
-            self.state, self.motion, z = self._step(self.state, duties, self._noise.standard_normal(3))
-            self._force = self._shaken(z)
+            self.body.step(self._at_wheels())
             self.chip.run_until(self.now_ns)
             self.uno.pump()  # as the listening thread does
 
@@ -129,18 +111,7 @@ class EmulatedRobot:
         return self.now_ns
 
     def _specific_force(self, t_ns: int) -> Any:
-        return self._force
-
-    def _shaken(self, z: np.ndarray) -> Any:
-        """Return specific force and rate of the chip: the noise-free measurement of the IMU in the file, and
-        vibration."""
-        x, y, w = z.tolist()
-        nu = self.motion.nu
-        if abs(nu[0]) > STILL_M_S or abs(nu[2]) > STILL_RAD_S:
-            shake = self._shake.standard_normal(3) * VIBRATION
-            x, y = x + self._imu.accel_noise_std[0] * shake[0], y + self._imu.accel_noise_std[1] * shake[1]
-            w = w + self._imu.gyro_noise_std * shake[2]
-        return (x, y, STANDARD_GRAVITY), (0.0, 0.0, w)
+        return self.body.force
 
 
 class EmulatedWorld(Robot):

@@ -76,14 +76,16 @@ class Machine:
             [SYSTEM_PYTHON, str(SERVER), json.dumps(chip)], stdin=-1, stdout=-1, text=True
         )
         self._clients: list[Client] = []
+        self._lock = threading.Lock()  # an order and its answer
         root = json.loads(self._server.stdout.readline())["root"]
         self.environment = {**os.environ, "UMOCKDEV_DIR": root, "LD_PRELOAD": "libumockdev-preload.so.0"}
 
     def order(self, *words):
         """Change the state of the chip or the bus and return its answer."""
-        self._server.stdin.write(json.dumps(words) + "\n")
-        self._server.stdin.flush()
-        return json.loads(self._server.stdout.readline())
+        with self._lock:
+            self._server.stdin.write(json.dumps(words) + "\n")
+            self._server.stdin.flush()
+            return json.loads(self._server.stdout.readline())
 
     def run(self, *command: str) -> subprocess.CompletedProcess[str]:
         """Run a program on this machine to its end."""
