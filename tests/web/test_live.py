@@ -10,7 +10,6 @@ import pytest
 from baqueano.diagnostics import Severity, StopReason, note, stop
 from baqueano.web.feed import HEAD, KEPT_S, Feed
 from baqueano.web.guard import Role
-from baqueano.web.lab.handle import Lab
 from tests.web.fake_vehicle import COLUMNS, VEHICLE, live_page, until
 from tests.web.page_client import WAIT_S, browser, run_page
 
@@ -352,27 +351,35 @@ def test_a_robot_receives_complete_missions_packed_by_the_page(tmp_path):
     from baqueano.drive.mission import Mission
     from baqueano.guides.shapes import sinuous_circle
     from baqueano.runs.route_file import write_route
-    from baqueano.web.run import _presume
+    from baqueano.web.lab.local_files import LocalFiles
 
     write_route(sinuous_circle(0.6, 0.08, 5, 0.2), tmp_path / "oval.csv")
 
     async def job():
         page = live_page(tmp_path)
         async with page as (server, link, live):
-            lab = Lab()
-            await _presume(live, lab, "small", tmp_path)
+            files = LocalFiles("robot", "small", tmp_path, tmp_path / "runs")
+            live.presume(files, await files.describe())
             async with browser(server) as ana:
                 assert ana.hello["routes"] == ["oval"]
-                for kind, more in (("repeat", {"route": "oval", "laps": 2}), ("drive", {})):
+                for kind, more in (
+                    ("repeat", {"route": "oval", "laps": 2}),
+                    ("drive", {}),
+                    ("teach", {"name": "ring"}),
+                ):
                     await drive_page(ana, link, kind, **more)
                     mission = Mission.of_json(link.requests("mission")[-1]["mission"])
                     assert (mission.kind, mission.laps) == (kind, more.get("laps", 1))
                     assert 'name = "small"' in mission.vehicle
-                for kind, more in (("repeat", {"route": "../oval"}), ("teach", {})):
+                for kind, more in (
+                    ("repeat", {"route": "../oval"}),
+                    ("teach", {}),
+                    ("teach", {"name": "../x"}),
+                ):
                     await ana.send("take")
                     await ana.send("mission", kind=kind, **more)
                     assert (await ana.next("no"))["to"] == "mission"
-            await lab.close()
+            await files.close()
 
     run_page(job)
 

@@ -29,6 +29,7 @@ from baqueano.worlds import ReplayedWorld
 ROUTE_RATE_HZ = 20.0  # a taught route keeps this many poses a second
 STILL_M_S, STILL_RAD_S = 0.01, 0.05  # slower motion at both ends of a drive counts as waiting
 CLOSE_M, CLOSE_RAD = 0.3, 0.6  # a drive that ends this near its start is closed
+MIN_LOOP_M = 1.2  # a shorter drive that ends near its start has hardly left it
 
 
 def experiment(
@@ -365,10 +366,11 @@ def commands_of(script: Sequence[tuple[float, Sequence[float]]], n: int, rate_hz
     return np.concatenate(rows)
 
 
-def route_of(run: Run, closed: bool = False) -> Route:
+def route_of(run: Run, closed: bool | None = False) -> Route:
     """Return the estimated path of a run at ROUTE_RATE_HZ, without the rest at both ends.
 
-    Raise AnswerNo for a run without estimates or motion, or if `closed` is True and the ends are too far apart.
+    If `closed` is None, the route is closed if the drive returned to its start. Raise AnswerNo for a run without
+    estimates or motion, or if `closed` is True and the ends are too far apart.
     """
     log = run.estimate
     if log is None or len(log.t_ns) < 2:
@@ -383,12 +385,12 @@ def route_of(run: Run, closed: bool = False) -> Route:
     eta = log.eta[first : last + 1][keep].copy()
     eta[:, 2] = np.unwrap(eta[:, 2])
     route = Route(t_s[keep], eta, log.nu[first : last + 1][keep], False)
-    return _close(route, run.name) if closed else route
-
-
-def _close(route: Route, name: str) -> Route:
     gap_m, gap_rad = end_gap(route)
-    if gap_m > CLOSE_M or gap_rad > CLOSE_RAD:
+    returned = gap_m <= CLOSE_M and gap_rad <= CLOSE_RAD
+    if closed and not returned:
         gap, close = {"gap_m": gap_m, "gap_deg": np.degrees(gap_rad)}, np.degrees(CLOSE_RAD)
-        raise AnswerNo(fault("route.open", name=name, **gap, close_m=CLOSE_M, close_deg=close))
-    return run_through(closed_up(route))
+        raise AnswerNo(fault("route.open", name=run.name, **gap, close_m=CLOSE_M, close_deg=close))
+    length_m = float(np.sum(np.hypot(*np.diff(eta[:, :2], axis=0).T)))
+    if closed is None:
+        closed = returned and length_m > MIN_LOOP_M
+    return run_through(closed_up(route)) if closed else route

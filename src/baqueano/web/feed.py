@@ -116,6 +116,14 @@ class Feed:
         self._rows, self._last = 0, ()
 
 
+def field_rows(names: list[object], units: list[object], commands: list[str]) -> "list[JsonObject]":
+    """Return name, unit and group of each column; `commands` are the names of the commands."""
+    return [
+        {"name": str(name), "unit": "" if unit == "1" else str(unit), "group": group_of(str(name), commands)}
+        for name, unit in zip(names, units, strict=False)
+    ]
+
+
 def group_of(name: str, commands: list[str]) -> str:
     """Return the group of a column: the name of a sensor or command, or the first part of the column's name."""
     first, _, rest = name.partition(".")

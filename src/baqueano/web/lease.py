@@ -9,10 +9,16 @@ or a hidden page loses the lease.
 """
 
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from typing import TYPE_CHECKING
 
 from baqueano.diagnostics import Severity, note
 from baqueano.errors import SafetyStop
+from baqueano.web.guard import Role
+from baqueano.web.visitor import Visitor
+
+if TYPE_CHECKING:
+    from baqueano.contracts.values import JsonObject
 
 HOLDS_S = 0.3
 
@@ -76,3 +82,15 @@ class Lease:
             return False
         self._holder = None
         return True
+
+
+def lease_messages(lease: Lease, visitors: list[Visitor]) -> "Iterator[tuple[Visitor, JsonObject]]":
+    """Yield for each visitor the message about the lease; for the holder it names those who could drive instead."""
+    holder = lease.holder
+    for visitor in visitors:
+        others = [other.name for other in visitors if other.role == Role.DRIVE and other is not visitor]
+        yield visitor, {
+            "is": "lease", "who": getattr(holder, "name", None), "until_ms": round(1e3 * lease.left_s),
+            "you": visitor is holder, "watching": len(visitors) - (holder is not None),
+            "others": others if visitor is holder else [],
+        }  # fmt: skip

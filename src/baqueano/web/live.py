@@ -7,7 +7,7 @@ import asyncio
 import math
 import secrets
 from collections import deque
-from collections.abc import AsyncIterator, Awaitable, Callable, Iterable
+from collections.abc import AsyncIterator, Callable, Iterable
 from contextlib import suppress
 from typing import TYPE_CHECKING
 from uuid import uuid4
@@ -17,12 +17,13 @@ from baqueano.door import VERSION
 from baqueano.errors import BaqueanoError, SafetyStop, UsageError
 from baqueano.messages import text
 from baqueano.messages.language import within
-from baqueano.messages.printable import baqueano_command, one_line
-from baqueano.web.feed import Feed, group_of
+from baqueano.messages.printable import one_line
+from baqueano.web.feed import Feed, field_rows
 from baqueano.web.foxglove.bridge import Foxglove
 from baqueano.web.guard import LONGEST, Role, finite, mission_of
 from baqueano.web.lab.identifying import Identifying
-from baqueano.web.lease import Lease
+from baqueano.web.lab.local_files import LocalFiles
+from baqueano.web.lease import Lease, lease_messages
 from baqueano.web.sentence import ledger_rows, state_message
 from baqueano.web.service import DoorLink
 from baqueano.web.visitor import Visitor, binary_frame
@@ -48,7 +49,7 @@ class Live:
         self.robot = secrets.token_hex(4)  # id that the messages of the driver must contain
         self.described = asyncio.Event()  # vehicle and columns have arrived
         self.on_done: Callable[[], None] = lambda: None
-        self.pack: Callable[[str, JsonObject], Awaitable[str]] | None = None  # a robot's mission as JSON
+        self._local: LocalFiles | None = None  # of a robot
         self.say_hello: Callable[[Visitor], None] = lambda visitor: None
         self._state: JsonObject = {"is": "state", "state": "DISARMED"}
         self._vehicle: JsonObject = {}
@@ -68,13 +69,15 @@ class Live:
         return {"vehicle": self._vehicle, "blocks": blocks, "fields": self._fields, "route": self._route}
 
     def begin(self) -> None:
-        """Request frames and routes from the service."""
+        """Request frames from the service, and the routes if they are not on this computer."""
         self._link.send("watch", hz=HZ)
-        self._link.send("routes")
+        if self._local is None:
+            self._link.send("routes")
 
-    def presume(self, vehicle: "JsonObject", routes: "list[JsonObject]") -> None:
-        """Store the known description of a robot, which is used until the robot sends its description."""
-        self._vehicle, self._routes = self._vehicle or vehicle, self._routes or routes
+    def presume(self, files: LocalFiles, about: "JsonObject") -> None:
+        """Use the local files of a robot, and their description `about` until the robot sends its own."""
+        self._local = files
+        self._vehicle, self._routes = self._vehicle or about["vehicle"], about["routes"]
 
     async def run(self) -> None:
         """Process the messages of the service until it ends, then report the end to every browser."""
@@ -114,8 +117,8 @@ class Live:
         if word.get("robot", self.robot) != self.robot and word["is"] != "stop":
             raise UsageError(fault("web.other-robot"))
         word = {name: value for name, value in word.items() if name != "robot"}
-        if word["is"] == "mission" and self.pack is not None:
-            return await self._whole_mission(visitor, word)
+        if word["is"] == "mission" and self._local is not None:
+            return await self._whole_mission(visitor, word, self._local)
         do = {
             "stop": self._stop, "beat": self._beat, "take": self._take, "give": self._give,
             "mission": self._mission, "pause": self._pass_on, "go": self._pass_on, "mark": self._pass_on,
@@ -164,10 +167,9 @@ class Live:
         """Pass the lease to a visitor with this name and the role DRIVE, or end it if no name is given."""
         to = None
         if word.get("to"):
-            guests = [g for g in self._visitors() if g.name == word["to"] and g.role == Role.DRIVE]
-            if not guests:
+            drivers = [guest for guest in self._all() if guest.role == Role.DRIVE]
+            if (to := next((guest for guest in drivers if guest.name == word["to"]), None)) is None:
                 raise UsageError(fault("web.no-such-visitor", name=one_line(str(word["to"]))[:LONGEST]))
-            to = guests[0]
         self.lease.give(visitor, to, getattr(to, "name", ""))
         self._say_lease()
 
@@ -175,19 +177,18 @@ class Live:
         kind, order = self._check_order(visitor, word)
         self._ask(visitor, kind=kind, **order)
 
-    async def _whole_mission(self, visitor: Visitor, word: "JsonObject") -> None:
+    async def _whole_mission(self, visitor: Visitor, word: "JsonObject", files: LocalFiles) -> None:
         """Pack a mission on this computer and send it to a robot, which cannot read local files."""
         kind, order = self._check_order(visitor, word)
-        assert self.pack is not None
-        if kind == "teach":
-            raise UsageError(fault("web.teach-there", baqueano_command("teach", "NAME", "--robot", "HOST")))
-        mission = await self.pack(kind, order)
+        mission = await files.pack(kind, order)
         self.lease.check(visitor)
-        self._ask(visitor, mission=mission)
+        files.expect(self._ask(visitor, mission=mission), kind, order)
 
-    def _ask(self, visitor: Visitor, **fields: object) -> None:
-        self._last_sender = visitor
-        self._link.send("mission", id=uuid4().hex, attended=True, by="page", door=VERSION, **fields)
+    def _ask(self, visitor: Visitor, **fields: object) -> str:
+        """Send a mission to the service, and return its id."""
+        self._last_sender, number = visitor, uuid4().hex
+        self._link.send("mission", id=number, attended=True, by="page", door=VERSION, **fields)
+        return number
 
     def _check_order(self, visitor: Visitor, word: "JsonObject") -> "tuple[str, JsonObject]":
         """Return the kind and the options of a mission. Raise SafetyStop if the visitor is not the holder."""
@@ -300,11 +301,7 @@ class Live:
         self._events.clear()
         if columns_changed:
             commands = [str(command["name"]) for command in self._vehicle.get("command", [])]
-            pairs = zip(names, units, strict=False)
-            self._fields = [
-                {"name": str(n), "unit": "" if u == "1" else str(u), "group": group_of(str(n), commands)}
-                for n, u in pairs
-            ]
+            self._fields = field_rows(names, units, commands)
             for visitor in self._all():
                 self.say_hello(visitor)
         self.described.set()
@@ -328,13 +325,23 @@ class Live:
             visitor.send({"is": "ledger", "rows": ledger_rows(self._ledger)})
 
     def _on_done(self, word: "JsonObject") -> None:
-        """Report the end of a mission and its reason, and request the routes again."""
+        """Report the end of a mission and its reason, and request the routes again, or the run of a robot."""
         if word["why"] is not None:
             self._on_event({"said": word["why"]})
-        with suppress(BaqueanoError):
-            self._link.send("routes")
+        if self._local is None:
+            with suppress(BaqueanoError):
+                self._link.send("routes")
+        else:
+            self._local.fetch(word, self._on_fetched)
         self._changed = True
         self.on_done()
+
+    def _on_fetched(self, message: Diagnostic, routes: "list[JsonObject] | None") -> None:
+        """Report that the run of a robot was copied to this computer, or why not."""
+        self._on_event({"said": message})
+        if routes is not None:
+            self._on_routes({"routes": routes})
+            self.on_done()
 
     def _on_over(self, word: "JsonObject") -> None:
         """Report to all browsers that the last drive has ended, and set `over`."""
@@ -362,8 +369,7 @@ class Live:
             await asyncio.sleep(STATE_S / 2)
             if self._last_lease != (self.lease.holder, len(self._all())):
                 self._say_lease()
-            is_driving = self._state["state"] in ("MISSION", "MANUAL")
-            if self._changed or is_driving:
+            if self._changed or self._state["state"] in ("MISSION", "MANUAL"):
                 self._changed = False
                 self._say_state()
                 await asyncio.sleep(STATE_S / 2)
@@ -385,13 +391,9 @@ class Live:
         return state_message(self._state, self.feed, self._route, odd[-3:])
 
     def _say_lease(self) -> None:
-        holder, visitors = self.lease.holder, self._all()
-        self._last_lease = holder, len(visitors)
-        for visitor in visitors:
-            visitor.send({
-                "is": "lease", "who": getattr(holder, "name", None), "until_ms": round(1e3 * self.lease.left_s),
-                "you": visitor is holder, "watching": len(visitors) - (holder is not None),
-            })  # fmt: skip
+        self._last_lease = self.lease.holder, len(self._all())
+        for visitor, message in lease_messages(self.lease, self._all()):
+            visitor.send(message)
 
     def _say_event(self, visitor: Visitor, t_s: float, message: Diagnostic) -> None:
         with within(visitor.language):

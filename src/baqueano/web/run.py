@@ -13,6 +13,7 @@ from baqueano.diagnostics import Diagnostic, fault, note
 from baqueano.errors import RobotUnreachable
 from baqueano.web.guard import HOLDS_S, Role, url_host
 from baqueano.web.lab.handle import Lab
+from baqueano.web.lab.local_files import LocalFiles
 from baqueano.web.lab.shelf import Shelf
 from baqueano.web.live import Live
 from baqueano.web.page import BrowserPage
@@ -72,17 +73,16 @@ async def show_vehicle(
     start: Callable[[], Awaitable[DoorLink]],
     options: PageOptions,
     notify: Callable[[Diagnostic | str], object],
-    robot: "tuple[str, Path] | None" = None,
+    robot: LocalFiles | None = None,
     lasting: bool = True,
     meet: Callable[[Callable[[], int]], object] = lambda viewers: None,
     vehicle: str = "",
 ) -> None:
     """Serve a vehicle until a signal ends the process, or the service of the vehicle ends.
 
-    `robot` contains the local vehicle file and the folder of routes of a real robot. `vehicle` is the file whose
-    parameters are identified. `meet` receives a function that returns the number of connected browsers. Raise
-    RobotUnreachable if the service ends before it describes the vehicle. If `lasting` is True, raise it also for a
-    later end of the service.
+    `robot` contains the local files of a real robot. `vehicle` is the file whose parameters are identified. `meet`
+    receives a function that returns the number of connected browsers. Raise RobotUnreachable if the service ends before
+    it describes the vehicle. If `lasting` is True, raise it also for a later end of the service.
     """
     lab, shelf = Lab(), Shelf(options.folder)
     link = await start()
@@ -93,9 +93,9 @@ async def show_vehicle(
     live.on_done = lambda: page.list_to(server.visitors)
     server = _server(page, shelf, options)
     server.foxglove = live.foxglove
-    live.identifying.vehicle = robot[0] if robot is not None else vehicle
+    live.identifying.vehicle = robot.vehicle if robot is not None else vehicle
     if robot is not None:
-        await _presume(live, lab, *robot)
+        live.presume(robot, await robot.describe())
     meet(lambda: len(server.visitors))
     live.begin()
     hearing = asyncio.create_task(live.run())
@@ -120,6 +120,8 @@ async def show_vehicle(
         for task in (hearing, description, over, *([ending] if ending else [])):
             task.cancel()
         await live.identifying.close()
+        if robot is not None:
+            await robot.close()
         await page.close()
         await shelf.close()
         await lab.close()
@@ -133,18 +135,6 @@ def source_of(vehicle: str, routes: Path) -> "JsonObject | None":
     if not vehicle:
         return None
     return {"path" if vehicle.endswith(".mcap") else "vehicle": vehicle, "routes": str(routes)}
-
-
-async def _presume(live: Live, lab: Lab, vehicle: str, routes: Path) -> None:
-    """Describe a robot by its local vehicle file, and let its missions be packed on this computer."""
-
-    async def pack(kind: str, order: "JsonObject") -> str:
-        reply, _ = await lab.request("mission", vehicle=vehicle, routes=str(routes), kind=kind, said=order)
-        return reply["mission"]
-
-    about, _ = await lab.request("vehicle", vehicle=vehicle, routes=str(routes))
-    live.presume(about["vehicle"], about["routes"])
-    live.pack = pack
 
 
 def _server(page: BrowserPage, shelf: Shelf, options: PageOptions) -> Server:

@@ -38,6 +38,7 @@ def command(
     if run is not None and several:
         raise UsageError(fault("web.one-of", several=["RUN", *several]))
     serving = page_options.serve_options(folder, port, share, address, browser)
+    from baqueano.web.lab.local_files import LocalFiles
     from baqueano.web.run import show_runs, show_vehicle
     from baqueano.web.service import connect, start_simulated
 
@@ -45,9 +46,8 @@ def command(
     if run is not None:
         page_options.run(show_runs((run,), serving, print_message))
     elif robot is not None and robot != "simulated":
-        page_options.run(
-            show_vehicle(partial(connect, robot), serving, print_message, (vehicle_name, options.ROUTES))
-        )
+        local_files = LocalFiles(robot, vehicle_name, options.ROUTES, Path(folder))
+        page_options.run(show_vehicle(partial(connect, robot), serving, print_message, local_files))
     else:
         more = ("--pace", str(pace), "--seed", str(seed or 0), "--routes", str(options.ROUTES))
         start = partial(start_simulated, vehicle_name, Path(folder), *more)

@@ -14,8 +14,6 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-import numpy as np
-
 from baqueano.contracts.values import JsonObject
 from baqueano.diagnostics import Diagnostic, Severity, StopReason, note, stop
 from baqueano.door.adjusting import Adjusting
@@ -29,9 +27,8 @@ from baqueano.door.simulated.shaking import FaultWords
 from baqueano.door.states import DoorState, Machine
 from baqueano.drive.mission import perform
 from baqueano.drive.observers import LastLine, Observer
-from baqueano.drive.verbs import CLOSE_M, CLOSE_RAD, route_of
+from baqueano.drive.verbs import route_of
 from baqueano.errors import BaqueanoError, FileError, SafetyStop
-from baqueano.guides.route import end_gap
 from baqueano.loop import Blocks, Record
 from baqueano.messages import templates
 from baqueano.runs import read_run
@@ -44,7 +41,6 @@ if TYPE_CHECKING:
 
 Word = Callable[[object, JsonObject], JsonObject | None]
 IDLE_S, TELL_S = 0.02, 0.2
-LOOP = 4.0  # a lesson at least this many times CLOSE_M long, which returned to its start, is closed
 
 
 @dataclass
@@ -185,13 +181,7 @@ class SimulatedService:
     def _stored_lesson(self, plan: MissionPlan, path: Path) -> JsonObject:
         """Store the route of a lesson; return {route}, its name, or {why, code} if it could not be stored."""
         try:
-            run = read_run(path)
-            route, closed = route_of(run), plan.closed
-            if closed is None:
-                gap_m, gap_rad = end_gap(route)
-                length_m = float(np.sum(np.hypot(*np.diff(route.eta[:, :2], axis=0).T)))
-                closed = gap_m <= CLOSE_M and gap_rad <= CLOSE_RAD and length_m > LOOP * CLOSE_M
-            write_route(route_of(run, True) if closed else route, self.routes.path(plan.keep))
+            write_route(route_of(read_run(path), plan.closed), self.routes.path(plan.keep))
         except BaqueanoError as error:
             return {"why": error.diagnostic, "code": error.exit_code}
         return {"route": plan.keep}

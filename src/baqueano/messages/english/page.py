@@ -34,7 +34,8 @@ TEMPLATES: dict[str, str] = {
     "web.playback": (
         "These drives are over and are only shown. For a vehicle that accepts missions, type: baqueano serve"
     ),
-    "web.teach-there": "A real vehicle is taught from the terminal, which keeps its route. Type: {fix}",
+    "web.taught": "The taught route is stored as {route}",
+    "web.fetched": "The run is stored as {run}",
     "web.no-such-mission": 'A mission of kind "{kind}" is unknown. Expected one of {known}.',
     "web.service-gone": "The connection to the vehicle's service has ended. Start the page again.",
     "web.title-teach": "TEACHING",

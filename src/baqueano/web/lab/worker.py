@@ -1,6 +1,7 @@
 """Run a lab worker: read requests on stdin, and write answers to stdout, one at a time, until stdin ends.
 
-to the worker      {"do": "find" | "open" | "frame" | "runs" | "report" | "vehicle" | "mission" | "compare" | …, …}
+to the worker      {"do": "find" | "open" | "frame" | "runs" | "report" | "compare" | …, …}
+                   {"do": "vehicle" | "mission" | "fetch", …}                       local_files.py
                    {"do": "tune" | "lap" | "costs" | "downhill" | "write", …}       tuning.py
                    {"do": "block" | "check", …}                                     described_blocks.py
 from the worker    a line {…, "bytes": n} followed by n bytes; {"no": diagnostic, "code": n, …}
@@ -21,6 +22,7 @@ from baqueano.web.lab.drives import Drives
 
 if TYPE_CHECKING:
     from baqueano.contracts.values import JsonObject
+    from baqueano.door.simulated.missions import StoredRoutes
     from baqueano.runs import Run
     from baqueano.web.lab.recorded import PackedRun
     from baqueano.web.lab.tuning import TuningBench
@@ -43,7 +45,8 @@ class Worker:
         """Return the answer to a request, and the bytes that follow it."""
         words: dict[str, Callable[[JsonObject], tuple[JsonObject, bytes]]] = {
             "find": self._find, "open": self._begin, "frame": self._frame, "runs": self._runs, "report": self._report,
-            "vehicle": _vehicle, "mission": _mission, "compare": _compare, "block": _block, "check": _block,
+            "vehicle": _vehicle, "mission": _mission, "fetch": _fetch, "compare": _compare, "block": _block,
+            "check": _block,
             **dict.fromkeys(("tune", "lap", "costs", "downhill", "write"), self._tune),
             "identify": self._drives.answer, "identify run": self._drives.answer_run,
         }  # fmt: skip
@@ -163,24 +166,27 @@ def _vehicle(word: "JsonObject") -> tuple["JsonObject", bytes]:
     from baqueano.door.frames.descriptions import vehicle_words
     from baqueano.vehicle_file import load
 
-    routes = [{"name": path.stem} for path in sorted(Path(word["routes"]).glob("*.csv"))]
-    return {"vehicle": vehicle_words(load(word["vehicle"]), "real"), "routes": routes}, b""
+    return {"vehicle": vehicle_words(load(word["vehicle"]), "real"), "routes": _routes(word).rows()}, b""
+
+
+def _routes(word: "JsonObject") -> "StoredRoutes":
+    from baqueano.door.simulated.missions import StoredRoutes
+
+    return StoredRoutes(Path(word["routes"]))
 
 
 def _mission(word: "JsonObject") -> tuple["JsonObject", bytes]:
     """Return a whole mission in JSON, with the texts of the vehicle file and of the blocks that it names."""
     from baqueano.drive.mission import Mission, pack
     from baqueano.identify.design.signals import excitation
-    from baqueano.runs.route_file import read_route
     from baqueano.vehicle_file import load
 
-    file, order, kind = load(word["vehicle"]), word["said"], word["kind"]
+    file, order, kind = load(word["vehicle"]), word["order"], word["kind"]
     route = u = None
+    if kind == "teach":
+        _routes(word).path(order.get("name", ""))  # an invalid name is refused before the vehicle moves
     if kind == "repeat":
-        files = {path.stem: path for path in Path(word["routes"]).glob("*.csv")}
-        if order.get("route") not in files:
-            raise FileError(fault("door.no-route", found=repr(order.get("route")), known=sorted(files)))
-        route = read_route(files[order["route"]])
+        route = _routes(word).read(order.get("route", ""))
     if kind == "experiment":
         signal, long_s = (
             str(order.get("signal", "random_steps")),
@@ -190,6 +196,26 @@ def _mission(word: "JsonObject") -> tuple["JsonObject", bytes]:
     blocks = order.get("blocks", {}) if kind == "repeat" else {}
     mission = Mission(kind, u=u, route=route, laps=max(0, round(order.get("laps", 1))), blocks=blocks)
     return {"mission": pack(mission, file).json()}, b""
+
+
+def _fetch(word: "JsonObject") -> tuple["JsonObject", bytes]:
+    """Copy a run of a robot into the folder of runs, and store the route of a lesson; return all routes."""
+    from baqueano.door.remote import connect
+    from baqueano.drive.verbs import route_of
+    from baqueano.runs import read_run
+    from baqueano.runs.folder import claim, release
+    from baqueano.runs.route_file import write_route
+
+    path = claim(word["folder"], word["kind"])
+    try:
+        with connect(word["host"]) as robot:
+            robot.fetch(word["run"], path)
+    finally:
+        release(path)
+    routes = _routes(word)
+    if word["route"]:
+        write_route(route_of(read_run(path), closed=None), routes.path(word["route"]))
+    return {"routes": routes.rows(), "run": path.stem}, b""
 
 
 def _version(path: Path) -> tuple[str, int]:

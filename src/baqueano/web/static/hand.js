@@ -25,12 +25,12 @@ export class Hand {
     addEventListener("gamepaddisconnected", () => { if (this.fromPad) this.letGo(); });
   }
 
-  /** Stand still at once, and give the vehicle away. */
-  letGo() {
+  /** Stand still at once, and give the vehicle away, or to another visitor. */
+  letGo(to) {
     this.still();
     if (!this.mine) return;
     this.beat(performance.now(), true);
-    this.page.send({ is: "give" });
+    this.page.send({ is: "give", to });
   }
 
   still() {

@@ -2,7 +2,7 @@
 
 import { readColours } from "./canvas.js";
 import { Blocks } from "./blocks.js";
-import { alone, el, press, put, show, texts } from "./dom.js";
+import { alone, el, fill, press, put, show, texts } from "./dom.js";
 import { Drive } from "./drive.js";
 import { Faults } from "./faults.js";
 import { Hand } from "./hand.js";
@@ -175,7 +175,7 @@ function sentence(severity, title, text) {
   ui.sentence.dataset.severity = severity;
 }
 
-function lease({ who, you = false, watching = 0 } = {}) {
+function lease({ who, you = false, watching = 0, others = [] } = {}) {
   const { recorded } = page;
   put(ui, {
     driver: recorded ? t("driver.recorded") : you ? t("driver.you") : who ? t("driver.other", { who }) : t("driver.nobody"),
@@ -184,6 +184,8 @@ function lease({ who, you = false, watching = 0 } = {}) {
   });
   ui.driver.classList.toggle("you", you);
   ui.lease.ariaPressed = you;
+  show(ui.give, others.length);
+  fill(ui.give, [["", t("lease.to")], ...others], "", (to) => page.hand.letGo(to));
   ui.clear.disabled = !you;
 }
 

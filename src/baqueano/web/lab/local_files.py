@@ -1,0 +1,82 @@
+"""The files of a robot on this computer: its vehicle file, the folder of routes, and the folder of its runs.
+
+A robot cannot read them, so each mission is sent whole. Its run is copied here when the mission ends, and the route of
+a lesson is made from it. A lab worker reads and writes the files.
+"""
+
+import asyncio
+from collections.abc import Callable
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from baqueano.diagnostics import Diagnostic, StopReason, note
+from baqueano.errors import BaqueanoError
+from baqueano.web.lab.handle import Lab
+
+if TYPE_CHECKING:
+    from baqueano.contracts.values import JsonObject
+
+
+class LocalFiles:
+    """The files of the robot at `host`, an address for ssh or the socket of its service.
+
+    `vehicle` is the path or the name of its vehicle file.
+    """
+
+    def __init__(self, host: str, vehicle: str, routes: Path, runs: Path) -> None:
+        self.host, self.vehicle, self.routes, self.runs = host, vehicle, routes, runs
+        self._lab = Lab()
+        self._requested: dict[
+            str, tuple[str, str]
+        ] = {}  # id of a mission → its kind, and the route of a lesson
+        self._fetching: set[asyncio.Task[None]] = set()
+
+    async def describe(self) -> "JsonObject":
+        """Return {vehicle, routes}: the description of the vehicle in its file, and a row for each stored route."""
+        reply, _ = await self._lab.request("vehicle", vehicle=self.vehicle, routes=str(self.routes))
+        return reply
+
+    async def pack(self, kind: str, order: "JsonObject") -> str:
+        """Return a mission as JSON. Raise FileError for an unknown route, or an invalid name of a new route."""
+        files = {"vehicle": self.vehicle, "routes": str(self.routes)}
+        reply, _ = await self._lab.request("mission", kind=kind, order=order, **files)
+        return reply["mission"]
+
+    def expect(self, number: str, kind: str, order: "JsonObject") -> None:
+        """Expect the run of the mission with the id `number`, which was sent to the robot."""
+        self._requested[number] = kind, str(order.get("name", "")) if kind == "teach" else ""
+
+    def fetch(
+        self, done: "JsonObject", report: "Callable[[Diagnostic, list[JsonObject] | None], None]"
+    ) -> None:
+        """Copy the run of an expected mission after its message "done", and store the route of a lesson.
+
+        `report` receives a message, and a row for each stored route; None instead if the copy failed.
+        """
+        kind, route = self._requested.pop(str(done.get("id")), ("", ""))
+        if kind and done.get("run"):
+            reason = done["why"]
+            regular_end = not done.get("code") and (reason is None or reason.code == StopReason.INTERRUPTED)
+            task = asyncio.create_task(self._fetch(done["run"], kind, route if regular_end else "", report))
+            self._fetching.add(task)
+            task.add_done_callback(self._fetching.discard)
+
+    async def _fetch(
+        self, run: str, kind: str, route: str, report: "Callable[[Diagnostic, list[JsonObject] | None], None]"
+    ) -> None:
+        folders = {"folder": str(self.runs), "routes": str(self.routes)}
+        try:
+            reply, _ = await self._lab.request(
+                "fetch", host=self.host, run=run, kind=kind, route=route, **folders
+            )
+        except BaqueanoError as error:
+            report(error.diagnostic, None)
+            return
+        message = note("web.taught", route=route) if route else note("web.fetched", run=reply["run"])
+        report(message, reply["routes"])
+
+    async def close(self) -> None:
+        """End the worker."""
+        for task in self._fetching:
+            task.cancel()
+        await self._lab.close()
