@@ -42,7 +42,7 @@ def test_tune_reports_the_same_cost_in_python_and_on_the_command_line(baqueano):
 
 
 def test_measuring_advice_for_a_new_vehicle_ends_with_its_first_fit(baqueano, tmp_path, monkeypatch):
-    advice = "Measure it first: baqueano experiment, then baqueano identify last --update"
+    advice = "First identify the model: baqueano experiment, then baqueano identify last --update"
     assert "guesses" in baqueano("new", "mylab").err
     monkeypatch.chdir(tmp_path / "mylab")
     assert load("vehicle.toml").provenance["model"] == ("a guess", None, None, "GUESS")

@@ -172,7 +172,7 @@ def test_driving_by_keys_without_a_terminal_is_refused(project):
         cwd=project, stdin=subprocess.DEVNULL, capture_output=True, text=True,
     )  # fmt: skip
     assert done.returncode == 2
-    assert "driving by keys needs a terminal" in done.stderr
+    assert "driving with the keys needs a terminal" in done.stderr
 
 
 def test_ctrl_c_ends_work_at_once_or_at_its_next_progress_report():

@@ -59,7 +59,7 @@ def test_a_tolerance_of_a_parameter_that_is_not_a_scale_is_refused(tolerance, co
         ),
         (
             "--use odometer --tolerance sensors.imu.gyro_scale=0.01",
-            "is for a car that is fitted by its IMU alone. Remove it",
+            "is for a car that is fitted only with its IMU. Remove the option",
         ),
     ],
 )

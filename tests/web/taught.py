@@ -48,7 +48,7 @@ def fit_taught(language: str, live: bool) -> dict[str, Any]:
         "why": None,
     }  # fmt: skip
     rate = [round(60 * math.exp(-j / 14) + 3 * (1 + math.sin(0.3 * j)), 2) for j in range(130)]
-    motion = ("drive straight in short pulses, ahead and then back, 4 s",
+    motion = ("drive straight in short pulses, forward and then backward, 4 s",
               "maneje derecho a impulsos, hacia adelante y después hacia atrás, 4 s")  # fmt: skip
     word = {
         "of": "live", "t": 26.0, "start": 0.0 if not live else 34.0, "dt": 0.2, "rate": rate, "bits": 117.3, "now": now,

@@ -163,7 +163,7 @@ def test_close_puts_the_chip_to_sleep(bench):
         ({"mode": "dmp"}, "mode = 'dmp': expected one of fifo, burst"),
         ({"axes": ("x", "y", "-z")}, "the axes are right-handed"),
         ({"axes": ("x", "x", "z")}, "Each letter appears once"),
-        ({"axes": ("x", "y")}, "ahead, left and up"),
+        ({"axes": ("x", "y")}, "forward, left and up"),
     ],
 )
 def test_settings_that_no_chip_supports_are_refused(wrong, message):

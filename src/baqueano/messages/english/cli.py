@@ -6,7 +6,8 @@ TEMPLATES: dict[str, str] = {
     "cli.usage": "{words}. All options: {fix}",
     "cli.interrupted": "stopped from the keyboard.",
     "cli.memory": (
-        "There is not enough memory for this ({error}). Use a smaller number, in several runs of the command."
+        "There is not enough memory for this ({error}). Use a smaller number, and run the command "
+        "several times."
     ),
     "cli.not-compiled": "{error}. Or use Python instead: {fix}",
     "cli.output": "the output",
@@ -91,22 +92,23 @@ TEMPLATES: dict[str, str] = {
     "cli.update-without-rounds": "--update needs --rounds: without a fit there is nothing to write. Type: {fix}",
     "cli.round-refused": "the fit of round {round} is refused: {reasons}. The run is {path}.",
     "cli.emulated-by-hand": (
-        "The emulated vehicle does not run in real time, so it cannot be driven by hand. Type: {fix}"
+        "The emulated vehicle does not run in real time, so it cannot be driven manually. Type: {fix}"
     ),
     "cli.hand-options": (
-        "--pad and --no-hold are only for a person who drives by hand, but here {driver} drives. Type: {fix}"
+        "--pad and --no-hold are only for a manual drive, but here the driver is {driver}. Type: {fix}"
     ),
     "cli.fit-interrupted": "stopped from the keyboard: the table shows the fit at that moment; nothing was changed.",
     "cli.options-conflict": (
-        "--over-time fits each run by itself, so it cannot be combined with {other}. Remove one of the two."
+        "--over-time fits each run by itself, so it cannot be combined with {other}. Remove one of the "
+        "two options."
     ),
     "cli.tolerance-unused": (
-        "--tolerance {given} is for a car that is fitted by its IMU alone. Remove it, or use the IMU "
-        "alone. Type: {fix}"
+        "--tolerance {given} is for a car that is fitted only with its IMU. Remove the option, or use "
+        "only the IMU. Type: {fix}"
     ),
     "cli.tolerance-beside": (
-        "--tolerance {given} cannot be combined with {other}: it is for a car that is fitted by its IMU "
-        "alone. Remove one of them. Type: {fix}"
+        "--tolerance {given} cannot be combined with {other}: it is for a car that is fitted only with "
+        "its IMU. Remove one of the two options. Type: {fix}"
     ),
     "cli.choose-conflict": (
         "--choose cannot be combined with {others}. First choose the terms; then fit them with "
@@ -122,7 +124,7 @@ TEMPLATES: dict[str, str] = {
     "cli.several-runs": "-o {out}: this command writes several runs. Give a folder for them. Type: {fix}",
     "cli.study-interrupted": "stopped from the keyboard: the table covers {done} of {asked:,}.",
     "cli.recordings-interrupted": (
-        "stopped from the keyboard: the table shows the recordings judged so far; no report was written."
+        "stopped from the keyboard: the table shows the recordings evaluated so far; no report was written."
     ),
     "cli.folder-not-empty": "{folder} exists and is not empty. Choose another name: {fix}",
     "cli.file-exists": "{out} exists already, and a run does not replace a file. Type: {fix}",
@@ -133,7 +135,7 @@ TEMPLATES: dict[str, str] = {
     ),
     "cli.own-block": "--{room} {kind}: {cause}. To see all blocks: {fix}",
     "cli.drive-interrupted": "stopped from the keyboard. The run is complete: {path}, {duration_s:.1f} s.",
-    "cli.one-radio": "--wifi and --own-network: a Pi has one radio. Choose one of them.",
+    "cli.one-radio": "--wifi and --own-network: a Pi has one radio. Choose one of the two options.",
     "cli.hex-from-afar": (
         "--hex names a file of this computer, but {host} uses the firmware of its own package. Remove "
         "--hex or {host}."
@@ -153,7 +155,7 @@ TEMPLATES: dict[str, str] = {
     "cli.clocked": "{label} {t_s:.0f} s, Ctrl-C ends it",
     "cli.ending": "ending with the results so far; Ctrl-C again to quit without them",
     "cli.estimator-place": (
-        "estimator for {vehicle} ({sensors}): {usual} with use = [{use}]: it corrects the pose by {place}"
+        "estimator for {vehicle} ({sensors}): {usual} with use = [{use}]: it corrects the pose with {place}"
     ),
     "cli.estimator-speed": (
         "estimator for {vehicle} ({sensors}): dead_reckoning until the vehicle is identified, then {usual} with "
@@ -188,16 +190,20 @@ TEMPLATES: dict[str, str] = {
     "cli.round": "round {number}",
     "cli.game-pad": "game pad: {name}",
     "cli.terminal-of-another": (
-        "{another} answers in place of your terminal, even after you close it. Therefore each key press "
-        "counts for a short time only."
+        "{another} answers in place of your terminal, even after you close it. Therefore the command of "
+        "each key lasts only a short time."
     ),
     "cli.stop-latched": "The stop is latched. Look at the vehicle, then type: {fix}",
     "cli.report": "report: {page}",
     "cli.repeat": "repeat",
     "cli.vehicle-of-run": "vehicle: the file stored in the run (--vehicle names another)",
     "cli.replay": "replay",
-    "cli.middle-again": "the vehicle begins in the middle of the room again, heading along its width",
-    "cli.put-back": "Put the vehicle back into the middle of the room, heading along its width.",
+    "cli.middle-again": (
+        "the vehicle begins again in the middle of the room, with its heading along the width of the room"
+    ),
+    "cli.put-back": (
+        "Put the vehicle back in the middle of the room, with its heading along the width of the room."
+    ),
     "cli.taught": "next: {repeat}. Before that, {tune} finds gains for this path",
     "cli.route-replaced": "{path} existed and was replaced by the new route",
     "cli.teach": "teach",
@@ -213,13 +219,13 @@ TEMPLATES: dict[str, str] = {
     "cli.drafted": "{path} contains a draft of the map. Replace each ? by a unit, then type: {fix}",
     "cli.next-fit": "next: {fix}   (baqueano new NAME creates a vehicle file to begin with)",
     "cli.mount-written": "the result was written into {path}; next: {fix}, which uses it",
-    "cli.averaging": "averaging over all averaging times",
+    "cli.averaging": "computing the Allan deviation for all averaging times",
     "cli.comparing": "comparing with the camera",
     "cli.simulating": "simulating {seconds:g} s",
     "cli.simulating-many": "simulating {vehicles} vehicles",
     "cli.two-models": "comparing the kinematic model with the dynamic one",
     "cli.study-identification": "simulating and fitting 60 s with each of {seeds:,} seeds",
-    "cli.study-faults": "fitting {count:,} sound and damaged runs",
+    "cli.study-faults": "fitting {count:,} runs with and without faults",
     "cli.study-driving": "identifying and driving {seeds} robots; each takes about 15 s of processor time",
     "cli.study-controllers": "tuning the controllers, then identifying and driving {seeds} robots",
     "cli.study-laps": (
@@ -233,12 +239,12 @@ TEMPLATES: dict[str, str] = {
     "cli.page-waits": 'take control on the page and press "By hand"; Ctrl-C ends it',
     "cli.page-over": "This drive is over. Its run is in the folder {folder}",
     "cli.page-gone": "The page process has ended.",
-    "cli.page-by-hand": 'This page belongs to a drive by hand. Press "By hand" there.',
+    "cli.page-by-hand": 'This page belongs to a manual drive. Press "By hand" on it.',
     "cli.page-set": (
         "Gains of a robot are set on the page of `baqueano serve --robot HOST`, not on the page of another "
         "command."
     ),
-    "cli.page-time": "A real vehicle runs in real time: it cannot be paused, slowed down or sped up.",
+    "cli.page-time": "A real vehicle runs in real time: its time cannot be paused, slowed down or sped up.",
     "cli.page-replayed": "the page shows both runs until its last tab is closed; Ctrl-C ends it",
     "cli.motion": "the page shows the other drives; Ctrl-C ends it",
     "cli.demo": (
@@ -248,14 +254,16 @@ TEMPLATES: dict[str, str] = {
     ),
     "cli.width-unused": "--width {width} is the width of figures: give a folder for them. Type: {fix}",
     "cli.next-new": "next: {cd}\nthen: {fix}",
-    "cli.guesses": "the numbers of its model are guesses, until a fit has measured them on your vehicle",
+    "cli.guesses": (
+        "the values of its model are guesses, until a fit to runs of your vehicle has estimated them"
+    ),
     "cli.simulated-truth": (
         "simulated vehicle: {truth} (named in {vehicle} under [simulation]); the fit has to find its "
         "parameters"
     ),
     "cli.measure-first": (
-        "{vehicle}: its model is a guess, so the vehicle will not drive at the requested speed. Measure it "
-        "first: {experiment}, then {identify}"
+        "{vehicle}: its model is a guess, so the vehicle will not drive at the requested speed. First "
+        "identify the model: {experiment}, then {identify}"
     ),
     "cli.written": "written into {path}",
     "cli.set": "  set on the command line: {setting}",
@@ -268,7 +276,8 @@ TEMPLATES: dict[str, str] = {
         "--own-network"
     ),
     "cli.no-vehicle-file": (
-        "This folder does not contain vehicle.toml. A file on the robot stays as it is (--vehicle names another)"
+        "This folder does not contain vehicle.toml. If the robot has such a file, it stays as it is "
+        "(--vehicle names another)"
     ),
     "cli.is-a-vehicle": (
         "{host} is now set up as a vehicle. Restart it once, so that I2C works: ssh {host} sudo reboot. "

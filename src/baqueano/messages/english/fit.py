@@ -42,30 +42,31 @@ TEMPLATES: dict[str, str] = {
     "fit.duty-step": (
         "the run shows that duties come in steps of 1/{steps}: duty_step was added to [model.drivetrain]"
     ),
-    "fit.envelope": "fitted to {ranges}; outside, it is a guess",
-    "bound.low-held": "{subject} is at its low bound, {bound:.4g}",
-    "bound.high-held": "{subject} is at its high bound, {bound:.4g}",
+    "fit.envelope": "fitted to {ranges}; outside this range, the model is not verified",
+    "bound.low-held": "{subject} is at its lower bound, {bound:.4g}",
+    "bound.high-held": "{subject} is at its upper bound, {bound:.4g}",
     "bound.low-by-chance": (
-        "{subject} is at its low bound, {bound:.4g}. The unconstrained estimate is less than 3 standard errors below "
-        "it, so noise can explain this"
+        "{subject} is at its lower bound, {bound:.4g}. The unconstrained estimate is less than 3 "
+        "standard errors below it, so noise can explain this"
     ),
     "bound.high-by-chance": (
-        "{subject} is at its high bound, {bound:.4g}. The unconstrained estimate is less than 3 standard errors above "
-        "it, so noise can explain this"
+        "{subject} is at its upper bound, {bound:.4g}. The unconstrained estimate is less than 3 "
+        "standard errors above it, so noise can explain this"
     ),
     "runs.hardly-moved": (
-        "{count} of {of} runs have a larger error of {subject} than their own variation ({runs}). They "
-        "move less than the error of the model in the other runs, and have little weight"
+        "in {count} of {of} runs ({runs}) the error of {subject} is larger than its variation. This "
+        "variation is smaller than the error of the model in the other runs, so these runs have little "
+        "weight"
     ),
     "runs.unlike-others": (
-        "{count} of {of} runs have a larger error of {subject} than their own variation "
-        "({runs}). Was it the same vehicle, floor and battery? Fit these runs separately"
+        "in {count} of {of} runs ({runs}) the error of {subject} is larger than its variation. Were the "
+        "vehicle, the floor and the battery the same? Fit these runs separately"
     ),
     "identifiability.weakly": "{subject} is poorly identified{why}. {needs}",
-    "identifiability.weakly-beside": "{subject} and {others} are hardly separable{why}. {needs}",
+    "identifiability.weakly-beside": "{subject} and {others} cannot be separated reliably{why}. {needs}",
     "identifiability.not": f"the data do not determine {{subject}}{{why}}; {HELD}. {{needs}}",
     "identifiability.not-beside": (
-        "{subject} and {others} are hardly separable{why}; {subject} is fixed at {at:.4g}. {needs}"
+        "{subject} and {others} cannot be separated reliably{why}; {subject} is fixed at {at:.4g}. {needs}"
     ),
     "identifiability.scale": (
         f"{{subject}} cannot be identified better than ± 3 %, as in a data sheet; {HELD}. {{needs}}"
@@ -76,9 +77,9 @@ TEMPLATES: dict[str, str] = {
     ),
     "identifiability.by-hand": "Measure it with {by:word}",
     "identifiability.fix-one": "Fix one of them at a value from another source",
-    "identifiability.apart": ", or separate them by {motion:word}",
-    "identifiability.apart-by-two": ", or separate them by {first:word} and by {second:word}",
-    "identifiability.hardly-sideways": ": the vehicle hardly moved sideways",
+    "identifiability.apart": ", or separate them with {motion:word}",
+    "identifiability.apart-by-two": ", or separate them with {first:word} and with {second:word}",
+    "identifiability.hardly-sideways": ": the vehicle moved too little sideways",
     "identifiability.few-speeds": ": the vehicle drove at too few different speeds",
     "identifiability.few-turn-rates": ": the vehicle turned at too few different rates",
     "identifiability.needs": "This needs {motion:word}",
@@ -111,7 +112,8 @@ TEMPLATES: dict[str, str] = {
     ),
     "bias.file-knows-better": (
         "{subject}: the error from the runs, ± {sd:.2g}{unit}, is larger than the error in the file, ± "
-        "{std:.2g}. The file keeps its {value:.4g}. To measure it, let the vehicle rest for 3 s"
+        "{std:.2g}. The file keeps its value {value:.4g}. To measure the bias, leave the vehicle at "
+        "rest for 3 s"
     ),
     "delay.sum": (
         "a run identifies only the sum of the delay of the motors and that of {subject}, drivetrain.delay_s. If the "
@@ -142,9 +144,9 @@ TEMPLATES: dict[str, str] = {
     ),
     "cost.neither": (
         "neither fit is reliable: the model is incomplete. If you must choose, use the simulation-error "
-        "fit. The two fits differ by {apart:.1f} standard errors ({subject}), and {open_loop}. The model's "
-        "defect looks like a disturbance of {floor} in 1 s (likelihood ratio {ratio:.1f}, probability by "
-        "chance {chance})"
+        "fit. The two fits differ by {apart:.1f} standard errors ({subject}), and {open_loop}. The "
+        "error of the model looks like a disturbance of {floor} in 1 s (likelihood ratio {ratio:.1f}, "
+        "probability by chance {chance})"
     ),
     "cost.innovations": (
         "use the innovations. The floor disturbs the vehicle by {floor} in 1 s (likelihood ratio "
@@ -179,17 +181,18 @@ TEMPLATES: dict[str, str] = {
     "validation.from-velocity": "from a fitted velocity",
     "validation.some-from-velocity": "from a fitted velocity in {count} of {of} runs",
     "validation.still": (
-        "{subject} does not move in the held-out runs. Hold out {needed_s:.0f} s or more in which it rises "
-        "and falls"
+        "{subject} does not vary in the held-out runs. Hold out {needed_s:.0f} s or more in which it "
+        "rises and falls"
     ),
     "validation.too-few": (
-        "{subject} has {pieces:.2g} independent segments of motion in the held-out runs. With fewer than "
-        "{least}, a wrong model may pass by chance. Hold out {needed_s:.0f} s or more in which it rises "
-        "and falls"
+        "{subject} has {pieces:.2g} independent segments of motion in the held-out runs. With fewer "
+        "than {least}, a wrong model can pass by chance. Hold out {needed_s:.0f} s or more in which it "
+        "rises and falls"
     ),
     "validation.worse-than-mean": (
-        "in {run} the model explains {explained:.4g} % of {subject}, less than its mean value. The error "
-        "is {error:.3g}{unit}. Check signs, units and mounting, or include runs with this motion in the fit"
+        "in {run} the model explains {explained:.4g} % of {subject}: a constant equal to its mean would "
+        "predict it better. The error is {error:.3g}{unit}. Check signs, units and mounting, or include "
+        "runs with this motion in the fit"
     ),
     "validation.off": (
         "in {run} the error of {subject} is {error:.3g}{unit}, {times:.1f} times the noise. The "

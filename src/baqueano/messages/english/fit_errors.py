@@ -15,7 +15,7 @@ TEMPLATES: dict[str, str] = {
         "describe it in the file under [sensors.imu]."
     ),
     "allan.averages": (
-        "With {samples} samples, an average may contain 1 to {most} of them: {found} is out of range."
+        "With {samples} samples, an average can contain 1 to {most} of them: {found} is out of range."
     ),
     "allan.numbers": (
         "an Allan deviation needs a list of at least {least} finite numbers; this list has {found}."
@@ -50,7 +50,7 @@ TEMPLATES: dict[str, str] = {
         "A choice of terms does not accept {options}. Choose first, then fit the chosen terms with these options."
     ),
     "choose.pose": (
-        "Terms are chosen by speeds and accelerations: remove the pose of the camera from {arg[use]}."
+        "Terms are chosen with speeds and accelerations: remove the pose of the camera from {arg[use]}."
     ),
     "choose.short": (
         "The validation runs last {total_s:.1f} s together: expected at least {needed_s:.0f} s. Drive "
@@ -61,8 +61,8 @@ TEMPLATES: dict[str, str] = {
         "sensor of the vehicle file, or the truth: {arg[use]}."
     ),
     "cost.free-clock": (
-        "The clock of {clocks} is free, but a filter cannot use future rows. Estimate the clock first, and "
-        "calibrate the run with it. Type: {fix}"
+        "The clock offset of {clocks} is a free parameter, but a filter cannot use future rows. First "
+        "estimate the offset, and calibrate the run with it. Type: {fix}"
     ),
     "cost.no-velocity": (
         "{kind} does not have a velocity state that a floor could disturb, so simulation error and prediction error "
@@ -81,7 +81,7 @@ TEMPLATES: dict[str, str] = {
     ),
     "forecast.ran-away": "the fitted model diverges in open loop, so a drive cannot be predicted.",
     "forecast.refused": (
-        "the fit is refused, so a drive cannot be predicted. Correct the causes that its reasons name."
+        "the fit is refused, so a drive cannot be predicted. First correct the causes of the refusal."
     ),
     "imu-only.no-dynamics": (
         "{vehicle} is a {kind}: its velocity is its command, so a gyro cannot improve it. Use identify."
@@ -138,7 +138,7 @@ TEMPLATES: dict[str, str] = {
         "hand between rests on a mark, the run gives the scale of its gyro. Type: {fix}"
     ),
     "runs.few-ticks": "{run} has {ticks} ticks: expected at least 2 to fit a model to.",
-    "runs.fitted-to": "{run} was used in the fit, so it cannot test it. Give another run: {fix}",
+    "runs.fitted-to": "{run} was used in the fit, so it cannot test the fit. Give another run: {fix}",
     "runs.no-command": "{run} does not contain a command: a fit needs the command at the motors.",
     "runs.no-sensor": (
         "{run} does not have sensor {sensor}: it has {known}. Name those that all runs have with {arg[use]}."
@@ -154,7 +154,7 @@ TEMPLATES: dict[str, str] = {
     ),
     "segment.length": "{arg[segment_s]} = {length_s:g}: expected the length of a segment, above 0 s.",
     "sigma.negative": "sigma = [{found}]: expected standard deviations greater than 0.",
-    "sigma.size": "sigma: expected {size} numbers for {sensor}, the standard deviation of its noise.",
+    "sigma.size": "sigma: expected {size} values for {sensor}, the standard deviations of its noise.",
     "signal.all-rest": (
         "rest_s = {rest_s:g} before and after leaves {moving_s:g} of {duration_s:g} s for the motion: "
         "expected more than 0."
@@ -173,7 +173,7 @@ TEMPLATES: dict[str, str] = {
     "signal.no-tick": (
         "duration_s = {duration_s:g}, rate_hz = {rate_hz:g}: expected at least one tick, duration_s · rate_hz ≥ 1."
     ),
-    "signal.shape": "the signal has shape ({rows}): expected (N, {commands}), one row a tick.",
+    "signal.shape": "the signal has shape ({rows}): expected (N, {commands}), one row per tick.",
     "signal.short": "{what} = {span_s:g}: expected at least one tick, {least_s:g} s.",
     "signal.unknown": 'Signal "{found}" is unknown. {near}. Designed needs a vehicle file and a room.',
     "start.not-free": (
@@ -225,25 +225,26 @@ TEMPLATES: dict[str, str] = {
         "Remove truth from {arg[use]}."
     ),
     "truth.short-overlap": (
-        "{run}: truth and sensors overlap for {overlap_s:.1f} s: expected at least {needed_s:.0f} s, "
-        "{windows} times the window."
+        "{run}: the truth and the sensors overlap for {overlap_s:.1f} s: expected at least "
+        "{needed_s:.0f} s, {windows} times the window."
     ),
     "truth.silent": (
-        "{run}: truth or sensor has so many gaps that only {windows} windows of {window_s:g} s "
+        "{run}: the truth or the sensor has so many gaps that only {windows} windows of {window_s:g} s "
         "are complete. Expected some in each of {batches} parts of the run."
     ),
     "turns.ambiguous": (
-        "Between its rests at {from_s:.0f} s and {to_s:.0f} s of {run} the gyro turned {turns:.2f} times. Its scale "
-        "may hide one turn more or less: give the number of whole turns. Type: {fix}"
+        "Between the rests of {run} at {from_s:.0f} s and {to_s:.0f} s the gyro measured {turns:.2f} "
+        "turns. The error of its scale can hide one turn more or less: give the number of whole turns. "
+        "Type: {fix}"
     ),
     "turns.end-of-range": (
-        "the gyro of {run} is at the end of its range, {limit_rad_s:.3g} rad/s, at {at_s:.1f} s. Turn the "
-        "vehicle more slowly."
+        "the gyro of {run} is at full scale, {limit_rad_s:.3g} rad/s, at {at_s:.1f} s. Turn the vehicle "
+        "more slowly."
     ),
     "turns.few-rests": (f"{{run}} contains {{rests}} rests of {{rest_s:g}} s or more: expected two. {ASK}"),
     "turns.not-turned": (f"In {{run}} the vehicle was not turned between its rests. {ASK}"),
     "turns.not-whole": (
-        "between its rests at {from_s:.0f} s and {to_s:.0f} s of {run} the gyro turned {turns:.2f} times; expected "
+        "between the rests of {run} at {from_s:.0f} s and {to_s:.0f} s the gyro measured {turns:.2f} turns; expected "
         "{expected:g}. "
         f"{ASK}"
     ),
@@ -262,7 +263,9 @@ TEMPLATES: dict[str, str] = {
         "The gyro of {run} is silent for {gap_s:.2g} s at {at_s:.1f} s, so the turn in that time is "
         "unknown. Repeat the turns, or cut that part off. Type: {fix}"
     ),
-    "validation.refused-fit": "The fit is refused, so it cannot be judged: correct that first.",
+    "validation.refused-fit": (
+        "The fit is refused, so it cannot be tested: first correct the causes of the refusal."
+    ),
     "use.no-channel": '{arg[use]} = "{sensor}[{entry}]": its channels are 0 to {last}.',
     "use.nothing-common": (
         "the runs contain {read}, and the vehicle file {known}: expected at least one in common."

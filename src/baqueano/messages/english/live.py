@@ -3,8 +3,8 @@
 TEMPLATES: dict[str, str] = {
     "known.label": "{meaning:word}{entry}",
     "known.needs": "missing: {motion:word}",
-    "motion.straight-steady": "drive straight ahead at {percent:.0f} % and return, {t_s:g} s",
-    "motion.straight-steps": "drive straight in short pulses, ahead and then back, {t_s:g} s",
+    "motion.straight-steady": "drive straight forward at {percent:.0f} % and return, {t_s:g} s",
+    "motion.straight-steps": "drive straight in short pulses, forward and then backward, {t_s:g} s",
     "motion.straight-ramp": (
         "drive straight, raising the command slowly to its maximum, and return the same way, {t_s:g} s"
     ),

@@ -22,15 +22,15 @@ TEMPLATES: dict[str, str] = {
     "choose.refused": "{subject} was refused: {why}",
     "choose.left-out-for": "{subject} was excluded: {why}",
     "choose.dropped": (
-        "{subject} was removed again: together with the other terms it lowers the error by only "
-        "{percent:.1f} ± {percent_sd:.1f} %, {errors:.1f} standard errors"
+        "{subject} was added, and then removed: together with the other terms it lowers the error by "
+        "only {percent:.1f} ± {percent_sd:.1f} %, {errors:.1f} standard errors"
     ),
     "choose.left-out": (
         "{subject} was excluded: the held-out error decreases by {percent:.1f} ± {percent_sd:.1f} %, "
         "{errors:.1f} standard errors ({needed:.1f} needed)"
     ),
     "term.best-without": "the best fit is the model without it",
-    "term.brings-little": "it lowers the cost by {percent:.2f} % only",
+    "term.brings-little": "it lowers the cost by only {percent:.2f} %",
     "term.same-as-others": "not identifiable: the other parameters of the model have the same effect",
     "term.not-identifiable": (
         "not identifiable here, {value:.3g} ± {sd:.2g}; the held-out error decreases by {percent:.1f} ± "
@@ -59,13 +59,13 @@ TEMPLATES: dict[str, str] = {
         "Q of {subject} is the noise at rest, σ = {sigma:.3g}: the sensor was not part of the fit"
     ),
     "speed.by-the-file": f"speed: corrected by {{channels}}, as in the file. {HELD_OUT}",
-    "speed.by-the-model": f"speed: obtained from the model alone. {HELD_OUT}",
+    "speed.by-the-model": f"speed: obtained only from the model. {HELD_OUT}",
     "speed.too-short": (
         "speed: {runs} is too short to test the accelerometers ({pieces} of {least} segments of "
         "{block_s:g} s). The speed is obtained from the model."
     ),
     "speed.corrected": f"speed: corrected by {{channels}}; {RATIO}",
-    "speed.left": f"speed: obtained from the model alone. With {{channels}}, the best choice, {RATIO}",
+    "speed.left": f"speed: obtained only from the model. With {{channels}}, the best choice, {RATIO}",
     "at-rest.bursts": (
         "{subject}: the timestamps come in bursts (step: median {median_ms:.3g} ms, mean {mean_ms:.4g} ms, "
         "longest {longest_ms:.3g} ms), so they are times of arrival. The samples were spaced evenly, at "
@@ -85,7 +85,7 @@ TEMPLATES: dict[str, str] = {
     "calibration.clock-at-end": "the clock offset {offset_s:.2f} s is at the end of the searched range",
     "over-time.step": f"{{subject}} changed between {{first}} and {{second}}: {MOVED}",
     "over-time.drift": f"{{subject}} changed slowly from {{first}} to {{second}}: {MOVED}",
-    "over-time.refused": "the fit of {subject} is refused, so it does not count",
+    "over-time.refused": "the fit of {subject} is refused, so it is excluded",
     "forecast.off": (
         "After {duration_s:.0f} s of open loop, {drive} ({way_m:.2g} m), the errors of the fit "
         "cause errors of {position} and {heading_deg}° (rms)."
@@ -99,7 +99,7 @@ TEMPLATES: dict[str, str] = {
     "forecast.lap": "one lap",
     "forecast.lap-of": "one lap of {name}",
     "forecast.lap-of-circle": "one lap of a sinuous circle",
-    "forecast.unseen-exact": "Parameters that are not identifiable count as exact here.",
+    "forecast.unseen-exact": "Parameters that are not identifiable are treated as exact here.",
     "forecast.more-errors": "Floor, battery and start position add more errors.",
     "forecast.no-controller": f"{LAP}, because the recommended controller cannot drive this vehicle: {{error}}",
     "forecast.strays": f"{LAP}: the model leaves the route by {{far}} (rms). The route is too fast or too tight.",

@@ -144,7 +144,9 @@ TEMPLATES: dict[str, str] = {
     "vehicle.centre-of-mass": (
         "{place} = {found:g} m is outside the platform, which ends at {radius_m:g} m. {in_unit}."
     ),
-    "vehicle.two-shapes": "{place} and length_m, width_m: a platform is round or rectangular. Keep one.",
+    "vehicle.two-shapes": (
+        "{place} and length_m, width_m: a platform is round or rectangular. Keep one of the two shapes."
+    ),
     "vehicle.track": (
         "{place} = {found:g} m: this is wider than the platform, which measures {across_m:g} m across. "
         "{in_unit}."
@@ -182,14 +184,14 @@ TEMPLATES: dict[str, str] = {
         "it in percent?"
     ),
     "vehicle.too-stiff": (
-        "{place} = {found}: it stops the vehicle within {stops_ms:.3g} ms, but a tick at {rate_hz:g} Hz "
-        "lasts {tick_ms:.3g} ms. A motion that decays more than {most:g} times faster than a tick cannot "
-        "be integrated. Increase one of {keys}. Or is it in another unit?"
+        "{place} = {found}: this value stops the vehicle within {stops_ms:.3g} ms, but a tick at "
+        "{rate_hz:g} Hz lasts {tick_ms:.3g} ms. A motion that decays more than {most:g} times faster "
+        "than a tick cannot be integrated. Increase one of {keys}. Or is the value in another unit?"
     ),
     "vehicle.entry-too-stiff": (
         "{place} = {found}: entry {entry} stops the vehicle within {stops_ms:.3g} ms, but a tick at "
-        "{rate_hz:g} Hz lasts {tick_ms:.3g} ms. A motion that decays more than {most:g} times faster than "
-        "a tick cannot be integrated. Increase one of {keys}. Or is it in another unit?"
+        "{rate_hz:g} Hz lasts {tick_ms:.3g} ms. A motion that decays more than {most:g} times faster "
+        "than a tick cannot be integrated. Increase one of {keys}. Or is the value in another unit?"
     ),
     "vehicle.too-fast": (
         "{place}: the largest command would produce more than {most:g} {in_unit}. Are the gains and the "

@@ -36,8 +36,8 @@ TEMPLATES: dict[str, str] = {
         "x[…] = …"
     ),
     "check.two-answers": (
-        "{place}: {subject} is not deterministic ({when}): its output may depend only on its "
-        "arguments and the block's parameters."
+        "{place}: {subject} is not deterministic ({when}): its output must depend only on its arguments "
+        "and the block's parameters."
     ),
     "check.changes-itself": "{place}: {subject} changes the block itself ({when}). Keep memory in the state.",
     "check.returns": "{place}: {subject} returns {found}: expected {expected}.",
@@ -52,7 +52,8 @@ TEMPLATES: dict[str, str] = {
     "check.not-finite": "{place}: {subject} gives {what} = {found} ({when}): expected finite numbers.",
     "check.stamp": "{place}: {subject} stamps its output with {found} instead of {of}.t_ns = {t_ns} ({when}).",
     "check.not-wrapped": (
-        "{place}: {subject} gives {what} = {psi_rad:.4g} rad ({when}): expected it wrapped to [-π, π], geometry.wrap."
+        "{place}: {subject} gives {what} = {psi_rad:.4g} rad ({when}): expected an angle in [-π, π]: "
+        "use geometry.wrap."
     ),
     "check.not-symmetric": "{place}: {subject} gives a {what} that is not symmetric ({when}).",
     "check.eigenvalue": (
@@ -99,7 +100,7 @@ TEMPLATES: dict[str, str] = {
     "check.slow": "{place}: {subject} works, but it cannot be compiled, so simulations with it are slow: {cause}",
     "check.not-compiled": "{place}: {subject} works, but cannot be compiled: {error}",
     "check.compiled-otherwise": (
-        "{place}: {subject} gives other numbers when it is compiled. It may depend only on its "
+        "{place}: {subject} gives other values when it is compiled. It must depend only on its "
         "arguments and fields."
     ),
     "outside.imports": "{place} imports {name}: {instead}.",

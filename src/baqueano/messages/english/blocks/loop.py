@@ -22,19 +22,19 @@ TEMPLATES: dict[str, str] = {
     S.RECORDED: "{words}",
     S.STUCK: "the vehicle has not moved for {waited_s:.0f} s, and its reference is {away_m:.2f} m away",
     S.ROOM: (
-        "the vehicle may leave the room. The wall in direction {axis} is {wall_m:.2f} m from its body. Its position is "
+        "the vehicle might leave the room. The wall in direction {axis} is {wall_m:.2f} m from its body. Its position is "
         "uncertain by {region_m:.2f} m (95 %), and it needs {stop_m:.2f} m to stop"
     ),
     S.ESTIMATE_DOUBTFUL: "the estimate is not reliable, so the vehicle slowed down and stopped. {cause}",
     "caution.slow": "the vehicle slows down. {cause}",
-    "caution.over": "the vehicle continues at its normal pace; this has ended: {cause}",
+    "caution.over": "the vehicle continues at its normal speed, because this has ended: {cause}",
     "caution.uncertain": (
         "the standard deviation of the position is {std_m:.2f} m; at {most_m:.2f} m the supervisor stops "
         "the vehicle"
     ),
     "drive.on-mark": "on the mark",
     "drive.disk-full": (
-        "the disk is full, so the rest of this run is not stored ({error}); the drive goes on"
+        "the disk is full, so the rest of this run is not stored ({error}); the drive continues"
     ),
     "drive.not-compiled": "{room} {block} runs without compilation: {error}",
     "drive.not-watched": "the monitor cannot check the sensors: {error}",

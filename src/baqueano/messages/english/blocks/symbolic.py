@@ -8,12 +8,16 @@ TEMPLATES: dict[str, str] = {
         "operators, np.where and sums"
     ),
     "trace.where-arms": "{place}\n    np.where needs three arguments: np.where(condition, a, b)",
-    "trace.interp-period": "{place}\n    np.interp with a period: bring x into one period first, x % period",
-    "trace.interp-points": "{place}\n    np.interp in {points} points known only at run time: at most 100",
+    "trace.interp-period": (
+        "{place}\n    np.interp does not accept a period here: first bring x into one period, x % period"
+    ),
+    "trace.interp-points": (
+        "{place}\n    np.interp has {points} points that are known only at run time: expected at most 100"
+    ),
     "trace.product-shapes": "{place}\n    shapes {left} and {right} do not fit in a product",
-    "trace.solve-shapes": "{place}\n    np.linalg.solve with shapes {left} and {right}",
+    "trace.solve-shapes": "{place}\n    np.linalg.solve does not accept the shapes {left} and {right}",
     "trace.norm": "{place}\n    np.linalg.norm supports only the Euclidean norm here",
-    "trace.singular": "{place}\n    a singular matrix: column {column} lacks a pivot",
+    "trace.singular": "{place}\n    this is a singular matrix: column {column} does not have a pivot",
     "trace.decides": (
         "{place}\n"
         "    `if`, `and`, `or`, `not`, `while`, min(), max() and a < x < b need a value that is known only "
@@ -39,8 +43,8 @@ TEMPLATES: dict[str, str] = {
     "engine.arguments": "{found} arguments, expected {expected}: {names}",
     "engine.not-compiled": "nothing is compiled yet",
     "trace.another-trace": (
-        "{place}\n    this value belongs to another trace: the function stored it in a cache, a "
-        "global or a field. A step may depend on its arguments only"
+        "{place}\n    this value belongs to another trace: the function stored it in a cache, a global "
+        "or a field. A step must depend only on its arguments"
     ),
     "trace.pair": "{function} must return (carry, output); it returned {kind}",
     "trace.value": "{whose} returned {found} for {path}, expected shape {shape}",

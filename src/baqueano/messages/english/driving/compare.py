@@ -40,7 +40,7 @@ TEMPLATES: dict[str, str] = {
     "consistency.too-sure": f"The {CONSISTENCY}",
     "consistency.too-cautious": f"The {CONSISTENCY}",
     "consistency.worst": "; the worst state is {state:word}, {nees:.2f}",
-    "consistency.unknown": "{of:word} cannot be judged with this run",
+    "consistency.unknown": "{of:word} cannot be evaluated with this run",
     "consistency.correlated": (
         "The innovations are correlated ({correlation:.2f} at lag 1): the model or the noise is incomplete"
     ),

@@ -1,9 +1,9 @@
 """English sentences of drives by hand, by path and by mission, and of the results of marks and first drives."""
 
 TEMPLATES: dict[str, str] = {
-    "pad.not-linux": "--pad: game pads are read from Linux's /dev/input. Here, drive by keys.",
+    "pad.not-linux": "--pad: game pads are read from Linux's /dev/input. Here, drive with the keys.",
     "pad.several": "--pad: there are {count} game pads: {several}. Name one: --pad {first}",
-    "pad.may-not-read": "--pad {path}: this user may not read it. Type: {fix}",
+    "pad.may-not-read": "--pad {path}: this user is not allowed to read it. Type: {fix}",
     "pad.not-evdev": (
         "--pad {path} is not a device of evdev ({error}): expected one such as "
         "/dev/input/event5. Without a path, --pad searches for the pad."
@@ -12,13 +12,13 @@ TEMPLATES: dict[str, str] = {
         "this terminal cannot read single keys: give the drive as a list of commands."
     ),
     "keys.no-terminal": (
-        "driving by keys needs a terminal; here the input is a file or a pipe. Over ssh, type: ssh -t"
+        "driving with the keys needs a terminal; here the input is a file or a pipe. Over ssh, type: ssh -t"
     ),
     "marks.too-few": "{name} has {marks} marks: at rest on the mark, press m before and after a lap.",
     "marks.no-gyro": "{name} does not have a gyro, so its marks cannot calibrate one.",
     "marks.no-turn": (
-        "{name}: the turns between the marks cancel, as in an eight, so they do not determine a scale. "
-        "Drive a circle or a rectangle, in one direction."
+        "{name}: the turns between the marks cancel, as in a figure of eight, so they do not determine "
+        "a scale. Drive a circle or a rectangle, in one direction."
     ),
     "marks.no-whole-turn": (
         "{subject}: between two marks the gyro measured {turned_deg:.0f}°. Expected a whole number of "
@@ -92,15 +92,16 @@ TEMPLATES: dict[str, str] = {
     "pad.no-stick": "no stick",
     "pad.no-front-buttons": "no front buttons",
     "pad.none": (
-        "--pad: no game pad is plugged in: {folder}/event* does not exist. Plug one in, or drive by keys."
+        "--pad: no game pad is plugged in: {folder}/event* does not exist. Plug one in, or drive with "
+        "the keys."
     ),
     "pad.not-among": (
         "--pad: no game pad is plugged in; of {folder}/event*, {looked} were checked. Plug one "
         "in, or drive with the keys."
     ),
     "pad.closed": (
-        "--pad: no game pad is plugged in. Of {folder}/event*, {looked} were checked, and this "
-        "user may not read {closed}. If one of these is the pad, type: {fix}"
+        "--pad: no game pad is plugged in. Of {folder}/event*, {looked} were checked, and this user is "
+        "not allowed to read {closed}. If one of these is the pad, type: {fix}"
     ),
     "wiring.turns-wrong-left": "the left wheel turns the vehicle in the wrong direction: check its wires",
     "wiring.turns-wrong-right": "the right wheel turns the vehicle in the wrong direction: check its wires",

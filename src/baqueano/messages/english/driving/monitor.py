@@ -2,7 +2,7 @@
 
 TEMPLATES: dict[str, str] = {
     "sensor.no-number": "{subject} does not give a finite number. {off}.",
-    "sensor.at-its-end": "{subject} is at the end of its range, {reading:.3g}. {off}.",
+    "sensor.at-its-end": "{subject} is at full scale, {reading:.3g}. {off}.",
     "sensor.frozen": "{subject} is stuck at {reading:.3g}; expected {expected:.3g}. {off}.",
     "sensor.zero": "{subject} reads 0; expected {expected:.3g}. {off}.",
     "sensor.slips": (
@@ -12,13 +12,13 @@ TEMPLATES: dict[str, str] = {
     "sensor.away": "{subject} reads {reading:.3g}; expected {expected:.3g}. {off}.",
     "sensor.off-sensor": "The error is in the sensor, not in the model",
     "sensor.off-model": "The error is in the model, not in the sensor. Type: {fix}",
-    "sensor.off-unknown": "The error may be in the sensor or in the model: a third source is missing",
+    "sensor.off-unknown": "The error can be in the sensor or in the model: a third source is missing",
     "sensor.degraded": "DEGRADED: {cause}.",
     "sensor.agrees-again": "{subject} agrees again, after {lasted_s:.1f} s",
     "monitor.raised": "the sensors are no longer monitored: the monitor raised {error}",
     "model.fits-no-longer": (
-        "for {window_s:.0f} s the errors of the model were {times:.1f} times as large as "
-        "predicted: it no longer describes this vehicle or this floor. Type: {fix}"
+        "for {window_s:.0f} s the errors of the model were {times:.1f} times as large as predicted: the "
+        "model no longer describes this vehicle or this floor. Type: {fix}"
     ),
     "estimator.refused": "{each}",
     "envelope.this-run": "the run",

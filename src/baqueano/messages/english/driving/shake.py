@@ -34,17 +34,17 @@ TEMPLATES: dict[str, str] = {
     "shake.too-many": "A drive has at most {most} faults. Begin another drive.",
     "shake.no-number": "Fault number {found} does not exist: this drive had {most} so far.",
     "shake.of-another-world": (
-        "Faults happen in a simulation only, but this drive has its own world, {world}. Remove `world` or "
-        "`shake`."
+        "Faults occur only in a simulation, but this drive has its own world, {world}. Remove `world` "
+        "or `shake`."
     ),
-    "shake.robot": "Faults happen in a simulation only. Remove --shake, or --robot {host}.",
+    "shake.robot": "Faults occur only in a simulation. Remove --shake, or --robot {host}.",
     "shake.no-drive": (
         "The vehicle is not driving now. Start a mission first, or give the mission its faults with shake."
     ),
     "shake.no-mission": "No mission was driven yet, so none can be repeated.",
     "shake.by-hand": (
-        "A drive by hand cannot be repeated without a fault, because a person never drives twice "
-        "alike. Repeat a route, or drive an experiment."
+        "A manual drive cannot be repeated without a fault, because a person never drives twice in the "
+        "same way. Repeat a route, or drive an experiment."
     ),
     "ledger.who-monitor": "monitor",
     "ledger.who-model": "model check",
@@ -54,7 +54,7 @@ TEMPLATES: dict[str, str] = {
     "ledger.fault": "{at_s:.1f} s: {what}",
     "ledger.noticed": "    {who} detected it after {after_s:.2f} s: {said}",
     "ledger.by-nobody": "    it was not detected {said}",
-    "ledger.gate": "refused {refused} innovations within {within_s:g} s",
+    "ledger.gate": "rejected {refused} innovations within {within_s:g} s",
     "ledger.nis": "{nis:.2f} over {window_s:g} s, by chance at most {most:.2f}",
     "ledger.nobody": "for {after_s:.1f} s: NIS at most {nis:.2f}. {why}.",
     "ledger.nobody-and-off": "for {after_s:.1f} s: NIS at most {nis:.2f}. {off}. {why}.",

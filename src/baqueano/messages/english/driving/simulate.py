@@ -13,12 +13,12 @@ TEMPLATES: dict[str, str] = {
         "The number of vehicles is 0: give vary = {{path: values}} with a row per vehicle, or vehicles."
     ),
     "simulate.no-covariance": (
-        "{name}: no parameter has a covariance yet, so vehicles cannot be drawn. Fit it: baqueano identify "
-        "RUNS --update, or state what varies: vary = {{path: values}}."
+        "{name}: no parameter has a covariance yet, so vehicles cannot be drawn. Fit the model: "
+        "baqueano identify RUNS --update, or state what varies: vary = {{path: values}}."
     ),
     "simulate.vehicles": "vehicles = {vehicles}: expected 1 or more.",
     "simulate.signal-shape": (
-        "the command signal has shape {found}: expected (N, {commands}), one row a tick with {names}."
+        "the command signal has shape {found}: expected (N, {commands}), one row per tick with {names}."
     ),
     "simulate.not-finite": "{name} = {value} at tick {tick}: expected a finite number.",
     "simulate.beyond-limit": (

@@ -9,7 +9,9 @@ TEMPLATES: dict[str, str] = {
         "{subject} is the best with a known pose: its error is {ratio:.2f} of the error of {reference}, at "
         "most {high:.2f}. Expected a third or less."
     ),
-    "study.no-interval": "{robots} robots are too few for an interval, so no controller is judged. Give more --seeds.",
+    "study.no-interval": (
+        "{robots} robots are too few for an interval, so no controller is evaluated. Give more --seeds."
+    ),
     "study.gain-at-bound": "{subject}: the search ended at a bound of {gains}",
     "study.stopped": "{subject}: {stopped} drives were stopped",
     "study.fits-refused": "the fits of these robots were refused: {robots}",

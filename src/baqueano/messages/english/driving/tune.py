@@ -2,13 +2,13 @@
 
 TEMPLATES: dict[str, str] = {
     "tune.uncontrolled": (
-        "with the best gains the vehicle is {distance_m:.3g} m rms from its route, hardly less than "
+        "with the best gains the vehicle is {distance_m:.3g} m rms from its route, almost as far as "
         "without control. Is the route too fast for the vehicle? Or is its speed below the dead zone of "
         "the motors?"
     ),
     "tune.at-lower-limit": "{subject} is at its lower limit, {limit:.3g}{unit}",
     "tune.at-upper-limit": "{subject} is at its upper limit, {limit:.3g}{unit}",
-    "tune.one-start": "only 1 of {starts} starts reached this cost: there may be a better one",
+    "tune.one-start": "only 1 of {starts} start points reached this cost: a better solution might exist",
     "tune.saturated": (
         "the command is at its limit {percent:.0f} % of the time. Drive slower, or raise the weight of "
         "changes of the command (jerk_m2, --jerk)"
@@ -17,7 +17,7 @@ TEMPLATES: dict[str, str] = {
         "with these gains a small error grows on a straight drive at {speed_m_s:.2g} m/s: tune over a longer route, "
         "or narrow the bounds"
     ),
-    "simulate.lost": "{lost} of {vehicles} vehicles diverged and are not counted",
+    "simulate.lost": "{lost} of {vehicles} vehicles diverged and were excluded",
     "simulate.clipped": "in {clipped} of {vehicles} draws a parameter was moved to its bound",
     "compare.inconsistent": "{subject}: {how:word}",
     "tune.aside": "aside_m = {aside_m:g}: expected a finite distance [m], 0 for a start on the route.",
@@ -49,7 +49,7 @@ TEMPLATES: dict[str, str] = {
     ),
     "tune.too-many": "{dimensions} gains at once: expected at most {most}. Name fewer, and fix the rest.",
     "lab.scipy-for-tuning": "scipy is not installed, and tuning needs it. Type: {fix}",
-    "compare.diverged": "The estimate diverged at {t_s:.1f} s. Its figures cover only the time before that.",
+    "compare.diverged": "The estimate diverged at {t_s:.1f} s. Its results cover only the time before that.",
     "compare.no-covariance": (
         "The covariance is not positive definite at {ticks} of {of} ticks, first at {from_s:.2f} s, so a "
         "probability cannot be computed."

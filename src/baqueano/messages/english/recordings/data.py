@@ -14,26 +14,28 @@ TEMPLATES: dict[str, str] = {
         "{subject}: {lost} samples ({percent:.1f} %) are exactly 0 and were excluded. Were frames lost?"
     ),
     "data.repeats": (
-        "{subject}: {lost} samples ({percent:.1f} %) repeat the previous one (at most {longest} in a row) "
-        "and were excluded. The sensor repeats its last value: log new samples only"
+        "{subject}: {lost} samples ({percent:.1f} %) repeat the previous one (at most {longest} in a "
+        "row) and were excluded. The sensor repeats its last value: log only new samples"
     ),
     "data.clipped": (
-        "{subject}: {lost} samples ({percent:.1f} %) near the end of the range, {ends}, were excluded; "
-        "{at_end} are at the limit. Choose a larger range, or drive more gently"
+        "{subject}: {lost} samples ({percent:.1f} %) near full scale, {ends}, were excluded; {at_end} "
+        "are at full scale. Choose a larger range, or drive more gently"
     ),
-    "data.gaps": "the model alone bridged {gaps} gaps in time, the longest of {longest_s:.3g} s",
+    "data.gaps": (
+        "the model bridged {gaps} gaps in time without measurements; the longest lasts {longest_s:.3g} s"
+    ),
     "data.command-unknown": "the command of {ticks} ticks is missing: the previous command was used",
-    "data.end-of-range": "{subject}: {lost} entries at the end of the range were excluded",
+    "data.end-of-range": "{subject}: {lost} entries at full scale were excluded",
     "time.unit": (
         "the usual step is {step_s:.3g} s, but the vehicle file uses {rate_hz:g} Hz, {expected_s:.3g} s: "
         "{guess}?"
     ),
     "time.milliseconds-as-seconds": "were milliseconds read as seconds",
     "time.seconds-as-milliseconds": "were seconds read as milliseconds",
-    "time.which-unit": "which unit has the time",
+    "time.which-unit": "in which unit is the time",
     "time.bursts": (
         "the timestamps of {subject} come in bursts. They were spaced evenly, with shifts of up to {moved_ms:.0f} ms, "
-        f"so the data may be late or early by that time. {CURE}"
+        f"so the data can be late or early by that time. {CURE}"
     ),
     "time.stamps-far": (
         "{subject}: the timestamps of {lost} samples differ by more than {late_s:g} s from their arrival, "
@@ -60,14 +62,14 @@ TEMPLATES: dict[str, str] = {
     ),
     "gyro.unit": (
         "{subject} is {times:.3g} times the yaw rate that {by}, and 1 rad/s is 57.3 deg/s. It is in "
-        '{given} and was read as {read}. Write in the map, for its third number: unit = "{given}"'
+        '{given} and was read as {read}. Write in the map, for the third entry of z: unit = "{given}"'
     ),
     "gyro.as-wheels": "{subject} measures",
     "gyro.as-curve": "follows from {subject} at the speed of {speed}",
     "gyro.as-commands": "the commands produce according to the vehicle file",
     "gyro.or-accelerometer": (
         "{gyro}. Or {subject} is {times:.3g} times the value that speed and yaw rate imply. Check its "
-        "unit, and if it points to the left"
+        "unit, and whether its axis points to the left"
     ),
     "accelerometer.unit": "{subject} reaches {most_m_s2:.0f} m/s². Are these counts of an A/D converter?",
     "gravity.at-rest": (
@@ -120,8 +122,8 @@ TEMPLATES: dict[str, str] = {
         "of a sensor swapped?"
     ),
     "file.lever-arm": (
-        "the command {subject} turns the vehicle, and seems to push {axis} as well. The cause may be a wrong position "
-        "of the IMU in the file, or a centre of mass. Type: {fix}"
+        "the command {subject} turns the vehicle, and seems to push {axis} as well. The cause can be a "
+        "wrong position of the IMU in the file, or an offset of the centre of mass. Type: {fix}"
     ),
     "axis.forward": "forward",
     "axis.sideways": "sideways",
@@ -133,15 +135,15 @@ TEMPLATES: dict[str, str] = {
     "guess.milli": " (perhaps thousandths of the unit)",
     "residual.missing": (
         "the residuals look like {what} ({term}, {z:.0f} standard errors), which biases {subject} by "
-        "{errors:.0f} standard errors. Add it to the model, or make a drive without this effect"
+        "{errors:.0f} standard errors. Add this effect to the model, or make a drive without it"
     ),
     "residual.missing-free": (
-        "the residuals look like {what} ({term}, {z:.0f} standard errors), which biases {subject} by {errors:.0f} "
-        "standard errors. Add it to the model. Type: {fix}"
+        "the residuals look like {what} ({term}, {z:.0f} standard errors), which biases {subject} by "
+        "{errors:.0f} standard errors. Add this effect to the model. Type: {fix}"
     ),
     "residual.parts-differ": (
-        "{subject} differs by {off:+.3g} {part}, compared with {over_all:.3g} overall ({z:.0f} "
-        "standard errors). Was it the same vehicle, floor and battery? Fit the parts separately"
+        "{subject} differs by {off:+.3g} {part}, compared with {over_all:.3g} overall ({z:.0f} standard "
+        "errors). Were the vehicle, the floor and the battery the same? Fit the parts separately"
     ),
     "part.first": "in the first {percent:.0f} % of the time",
     "part.run": "in run {number}",
@@ -156,8 +158,9 @@ TEMPLATES: dict[str, str] = {
         "model explains there, and {times:.1f} times its noise. The model is incomplete"
     ),
     "residual.late": (
-        "{readings} readings of {subject} are beyond {beyond:g} standard deviations when it changes fast "
-        "({z:.0f} standard errors). There is a delay, or the model is too simple for fast changes"
+        "{readings} readings of {subject} are beyond {beyond:g} standard deviations when the signal "
+        "changes fast ({z:.0f} standard errors). There is a delay, or the model is too simple for fast "
+        "changes"
     ),
     "residual.lacking": (
         "the residuals of {subject} are autocorrelated and large: the model is incomplete there"

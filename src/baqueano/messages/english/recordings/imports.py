@@ -72,7 +72,9 @@ TEMPLATES = {
         "{key} with unit = \"{unit_read}\" is {off:.2g} ± {sd:.2g} rad/s before the first command; "
         "small gyros have less noise"
     ),
-    "recording.fast-turns": '{key} with unit = "{unit_read}" reaches {most:.3g} rad/s, {turns:.1f} turns a second',
+    "recording.fast-turns": (
+        '{key} with unit = "{unit_read}" reaches {most:.3g} rad/s, {turns:.1f} turns per second'
+    ),
     "recording.quiet": (
         "{key} with unit = \"{unit_read}\" varies by {sd:.1g} m/s² at rest and reaches {most:.2g}: "
         "few accelerometers have so little noise"
@@ -90,12 +92,12 @@ TEMPLATES = {
     ),
     "recording.no-sign": "{key} is never negative: the sensor does not measure the direction",
     "recording.clock-later": (
-        "[truth] agrees best with {key} if shifted {by_ms:.0f} ms later (correlation {now:.3f} now, "
-        "{then:.3f} then)"
+        "[truth] agrees best with {key} if it is shifted {by_ms:.0f} ms later (correlation {now:.3f} "
+        "now, {then:.3f} then)"
     ),
     "recording.clock-earlier": (
-        "[truth] agrees best with {key} if shifted {by_ms:.0f} ms earlier (correlation {now:.3f} now, "
-        "{then:.3f} then)"
+        "[truth] agrees best with {key} if it is shifted {by_ms:.0f} ms earlier (correlation {now:.3f} "
+        "now, {then:.3f} then)"
     ),
     "recording.turns-against": (
         "{wheels} and {by} give yaw rates of opposite sign (correlation {correlation:.2f})"
@@ -124,13 +126,13 @@ TEMPLATES = {
     "recording.gap": "{table}: {gap_s:.3f} s without a row after line {line} (usual step {usual_s:.3f} s)",
     "recording.more-gaps": "{table}: and {more} more gaps",
     "recording.tick-lasts": (
-        '{table}: with time_unit = "{unit_read}" a tick lasts {tick_s:.3g} s, {rate_hz:.3g} a second'
+        '{table}: with time_unit = "{unit_read}" a tick lasts {tick_s:.3g} s, {rate_hz:.3g} per second'
     ),
     "recording.short-parts": "{count} parts with fewer than {least} ticks were excluded: {names}",
     "recording.no-command-yet": "{count} ticks before the first command were excluded",
-    "recording.no-command": "no command: the vehicle is at rest",
+    "recording.no-command": "no command: the vehicle is assumed to be at rest",
     "recording.missing": "[{key}]: {lost} of {rows} rows lack a number (NaN, empty) and were excluded",
     "recording.no-time": "{table}: {count} rows without a time were excluded",
-    "recording.cut-line": "{table}: line {line} is cut and was excluded",
+    "recording.cut-line": "{table}: line {line} is incomplete and was excluded",
     "recording.not-in-all": "{map}: {values} of [files.{file}] is not in [files.{lacking}] and was excluded",
 }  # fmt: skip

@@ -32,8 +32,8 @@ TEMPLATES: dict[str, str] = {
         "complete. Free some space, then type: {fix}"
     ),
     "runs.times": (
-        "run {run}: {t_ns} ns is not between 1970 and 2038. Times of a run count from 1970 or from its own start; "
-        "shift them."
+        "run {run}: {t_ns} ns is not between 1970 and 2038. The times of a run begin at 1970 or at its "
+        "own start; shift them."
     ),
     "runs.not-written": "{path}: the run could not be written ({error}).",
     "runs.decimal": 'decimal = {found!r}: write decimal "." or ","',
@@ -174,7 +174,7 @@ TEMPLATES: dict[str, str] = {
         "kind, without separators of thousands."
     ),
     "table.comma": (
-        "{file}: {found!r} may be {without} or {with_point}. If this is a decimal comma, write in its "
+        "{file}: {found!r} can mean {without} or {with_point}. If this is a decimal comma, write in its "
         '[files.…] table: decimal = ","'
     ),
     "table.column-twice": "{file} has several columns named {column!r}; give each of them a different name.",
@@ -219,8 +219,8 @@ TEMPLATES: dict[str, str] = {
         'write there: backwards = "drop"'
     ),
     "import.repeats": (
-        "{table}: {count} rows repeat the time of the row before, at line {line} with other values. Write in "
-        '[files.{file}] of {map} which row counts: repeats = "first" or repeats = "last"'
+        "{table}: {count} rows repeat the time of the row before, at line {line} with other values. "
+        'Write in [files.{file}] of {map} which row to keep: repeats = "first" or repeats = "last"'
     ),
     "import.time-unit": 'time_unit = "{in_unit}"',
     "import.time": "the right time and time_unit",
@@ -247,11 +247,11 @@ TEMPLATES: dict[str, str] = {
     "bag.values": "there are {count} values",
     "bag.no-field": "{file} {topic}: field {field!r} does not exist: at {at!r} {has}.",
     "table.too-large": (
-        "{file} has {size} and needs {taken} of memory up to line {line}; at most {most} may be used. If "
-        "you trust it, decompress it first: {fix}"
+        "{file} has {size} and needs {taken} of memory up to line {line}; at most {most} are allowed. "
+        "If you trust it, decompress it first: {fix}"
     ),
     "table.too-long": (
-        "{file} has {size} and needs {taken} of memory up to line {line}; at most {most} may be used. "
+        "{file} has {size} and needs {taken} of memory up to line {line}; at most {most} are allowed. "
         "Split it into parts first."
     ),
     "table.no-column": (

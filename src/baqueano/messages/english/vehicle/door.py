@@ -13,8 +13,8 @@ TEMPLATES: dict[str, str] = {
     "door.mission": "This vehicle is on a mission. You can stop it: {fix}",
     "door.somebody": "Another person drives this vehicle now. You can stop it: {fix}",
     "door.somebody-waits": (
-        "The program of another person reserves this vehicle between two drives. The vehicle is at rest, "
-        "but that program may drive it at any moment. Wait until the program has ended."
+        "The program of another person reserves this vehicle between two drives. The vehicle is at "
+        "rest, but that program can drive it at any moment. Wait until the program has ended."
     ),
     "door.not-understood": "The vehicle could not read this request ({error})",
     "door.version": (

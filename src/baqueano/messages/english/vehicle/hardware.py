@@ -22,8 +22,8 @@ TEMPLATES: dict[str, str] = {
     ),
     "bus.not-this": "{path} is not /dev/{bus}, so its pins are unknown.",
     "bus.other-pins": (
-        "GPIO 2 is {sda} and GPIO 3 {scl}, expected {expected}. On this board these pins do not belong to "
-        "i2c-bcm2835, so they were not changed."
+        "GPIO 2 is {sda} and GPIO 3 is {scl}; expected: {expected}. On this board these pins do not "
+        "belong to i2c-bcm2835, so they were not changed."
     ),
     "imu.chip": "IMU: {chip} (WHO_AM_I {who_am_i})",
     "imu.too-few-samples": (
@@ -39,7 +39,7 @@ TEMPLATES: dict[str, str] = {
         "/boot/firmware/config.txt, and restart it."
     ),
     "imu.bus-not-allowed": (
-        "This user may not open {path}. Type: sudo usermod -aG i2c $USER, and log in again."
+        "This user is not allowed to open {path}. Type: sudo usermod -aG i2c $USER, and log in again."
     ),
     "imu.no-smbus": (
         "I2C needs Linux and smbus2, but one of them is missing here. On the robot type: pip install "
@@ -61,8 +61,9 @@ TEMPLATES: dict[str, str] = {
         "less than {limit:g}. Put it down with the motors off, and repeat."
     ),
     "imu.axes": (
-        "IMU axes = {axes}: expected the chip's axes that point ahead, left and up. Each letter appears "
-        'once, and the axes are right-handed: ("x", "y", "z"), or ("x", "-y", "-z") for a chip upside down.'
+        "IMU axes = {axes}: expected the chip's axes that point forward, left and up. Each letter "
+        'appears once, and the axes are right-handed: ("x", "y", "z"), or ("x", "-y", "-z") for a chip '
+        "upside down."
     ),
     "imu.setting": "IMU {name} = {value}: expected one of {words}.",
     "service.no-run-there": "a run cannot be written into {folder}: {error}. Type: {fix}",
@@ -134,9 +135,12 @@ TEMPLATES: dict[str, str] = {
     "flash.not-hex": "{path} cannot be read as an Intel hex file: {error}.",
     "flash.size": "{path} contains {bytes} bytes: expected 1 to {most_bytes}, the limit of an Uno.",
     "uno.port-not-allowed": (
-        "{user} may not open {path}: it belongs to the group dialout. Type: {fix}, and log in again"
+        "{user} is not allowed to open {path}: this port belongs to the group dialout. Type: {fix}, and "
+        "log in again"
     ),
-    "uno.port-in-use": "{path} is in use by another program: only one may drive. Type: {fix}",
+    "uno.port-in-use": (
+        "{path} is in use by another program: only one program can drive the vehicle. Type: {fix}"
+    ),
     "uno.port-not-opened": "{path} cannot be opened: {error}. Is the cable plugged in? Type: {fix}",
     "ssh.no-baqueano": "baqueano is not installed on {host}. Type: {fix}",
     "ssh.not-reached": "{host} cannot be reached by ssh. To see why: {fix}",
@@ -192,9 +196,10 @@ TEMPLATES: dict[str, str] = {
         "from the vertical. Mount it flat or on edge, and type the same line again."
     ),
     "calibrate.lifted-over-corner": (
-        "The vehicle was lifted over a corner. Gravity changed by {first_m_s2:.1f} m/s² along one axis of "
-        "the chip and by {second_m_s2:.1f} along another. Expected a ratio below {clear:.2f}. Lift the "
-        "front straight up. A chip at 45° does not have an axis that points ahead: turn it on the vehicle."
+        "The vehicle was lifted over a corner. Gravity changed by {first_m_s2:.1f} m/s² along one axis "
+        "of the chip and by {second_m_s2:.1f} along another. Expected a ratio below {clear:.2f}. Lift "
+        "the front straight up. A chip at 45° does not have an axis that points forward: turn it on the "
+        "vehicle."
     ),
     "calibrate.motor-does-not-turn": (
         "motor {side:word}, {direction:word}: the vehicle did not turn even at full duty. Is the battery "
@@ -214,18 +219,18 @@ TEMPLATES: dict[str, str] = {
         "% at most. Charge the battery, or check what brakes the wheel."
     ),
     "hardware.service-has-it": (
-        "the service uses the hardware, and this user may not stop the service ({error}). Type: {fix}"
+        "the service uses the hardware, and this user is not allowed to stop it ({error}). Type: {fix}"
     ),
     "hardware.drives": (
-        "the vehicle is driving ({state}), and this command must use the hardware alone. Wait until the "
-        "drive is over, or end it: baqueano robot stop"
+        "the vehicle is driving ({state}), and this command needs exclusive use of the hardware. Wait "
+        "until the drive is over, or end it: baqueano robot stop"
     ),
     "floor.not-still": (
         "the vehicle is not at rest, although its motors are off: the gyro varies by {scatter_deg_s:.1f} "
         "°/s. Put it on a level floor and do not touch it."
     ),
     "floor.gravity": (
-        "the IMU measures ({x:.1f}, {y:.1f}, {z:.1f}) m/s² ahead, left and up; expected (0, 0, 9.8). The "
-        "vehicle lies on its side, or [robot] imu_axes is wrong. Type: {fix}"
+        "the IMU measures ({x:.1f}, {y:.1f}, {z:.1f}) m/s² forward, left and up; expected (0, 0, 9.8). "
+        "The vehicle lies on its side, or [robot] imu_axes is wrong. Type: {fix}"
     ),
 }

@@ -53,7 +53,7 @@ TEMPLATES: dict[str, str] = {
     S.MISSION_UNFINISHED: f"{MISSION} {ENDED}",
     S.MISSION_UNFINISHED_AT: f"{MISSION} It was at {{file}} line {{line}}. {ENDED}",
     S.NOT_CHECKED: "the hardware has not been checked yet",
-    S.CHECKED_AGAIN: "it was stopped, and is being checked again",
+    S.CHECKED_AGAIN: "the vehicle was stopped, and is being checked again",
     "error.BaqueanoError": "{words}",
     "error.AnswerNo": "{words}",
     "error.UsageError": "{words}",
@@ -73,7 +73,7 @@ TEMPLATES: dict[str, str] = {
     "imu.back": "The IMU is back after {silent_s:.2f} s.",
     "imu.data-missing": "No data from the IMU for {silent_s:g} s{because}.",
     "imu.frozen": "The IMU repeated the same data {times} times.",
-    "imu.saturated": "The IMU's {axis:word} (the chip's axis) is at the end of its range, {range}.",
+    "imu.saturated": "The IMU's {axis:word} (the chip's axis) is at full scale, {range}.",
     "imu.overflow": "The FIFO was {how:word} with {count} bytes, and was emptied.",
     "imu.started": "The IMU runs again.",
     "imu.restart": "The IMU is restarted.",
@@ -132,7 +132,7 @@ TEMPLATES: dict[str, str] = {
         "{ignored} ignored; its receiver lost {overrun} bytes"
     ),
     "drive.imu": (
-        "the IMU gave {samples} samples, {saturated} of them at the end of its range; {withheld} more only "
+        "the IMU gave {samples} samples, {saturated} of them at full scale; {withheld} more only "
         "repeated the previous one and were excluded. {retries} transfers were repeated, {failures} "
         "failed, the FIFO was emptied {overflows} times, and the IMU restarted {restarts} times"
     ),
