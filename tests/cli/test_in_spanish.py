@@ -189,7 +189,7 @@ def test_the_names_of_values_are_spanish(capsys):
     finally:
         language.choose("")
     assert "-o, --out ARCHIVO" in help_text
-    assert "ORDEN [ARGUMENTOS]..." in help_text
+    assert "COMANDO [ARGUMENTOS]..." in help_text
     assert not re.findall(r"\b(TEXT|INTEGER RANGE|PATH|RUTA|COMMAND|OPTIONS)\b", help_text)
 
 

@@ -192,7 +192,7 @@ def test_a_page_shows_identification_while_answering_other_requests(tmp_path, dr
             async with browser(server, "es") as visitor, browser(server) as second:
                 await visitor.send("identify", on=True)
                 first = await visitor.next("identify")
-                assert first["parameters"][0]["label"] == "fricción al avanzar"
+                assert first["parameters"][0]["label"] == "resistencia al avanzar"
                 answer = await visitor.next("identify", where=lambda word: word["fit"] is not None)
                 assert answer["t"] == 10.0
                 assert answer["fit"]["verdict"]
