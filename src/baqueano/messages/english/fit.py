@@ -21,9 +21,9 @@ TEMPLATES: dict[str, str] = {
         "and units of commands and sensors agree with the file?"
     ),
     "fit.far-channel": (
-        "the error of {subject} is {times:.3g} times its own variation: the model does not "
-        "predict it at all. Are its unit, scale and sign right? Or fit without it: name the "
-        "others with {fix}"
+        "the error of {subject} is {times:.3g} times its own variation: the model does not predict it "
+        "at all. Are its unit, scale and sign right? Or fit without this channel: name the other "
+        "channels with {fix}"
     ),
     "fit.nothing-seen": (
         "the data determine none of the {asked} parameters. Do axes, signs and units agree with the file?"
@@ -195,8 +195,8 @@ TEMPLATES: dict[str, str] = {
         "runs with this motion in the fit"
     ),
     "validation.off": (
-        "in {run} the error of {subject} is {error:.3g}{unit}, {times:.1f} times the noise. The "
-        "model explains {explained:.4g} % of it, and {of_own:.4g} % in the runs of the fit"
+        "in {run} the error of {subject} is {error:.3g}{unit}, {times:.1f} times the noise. The model "
+        "explains {explained:.4g} % of this channel, and {of_own:.4g} % in the runs of the fit"
     ),
     "validation.off-perhaps": (
         "{off}. The runs are too short, or sampled too rarely, to exclude chance: hold out more data"

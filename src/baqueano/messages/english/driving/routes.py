@@ -21,7 +21,9 @@ TEMPLATES: dict[str, str] = {
     "route.speed": "speed {found:g} m/s: expected a positive number.",
     "route.limit": "{name} = {found:g}: expected a positive number; a fraction is at most 1.",
     "route.points": "points have the shape {found}: expected at least two rows of x and y in metres, (m, 2).",
-    "route.point-not-finite": "point {number} is not a number. Give x and y in metres, or remove the point.",
+    "route.point-not-finite": (
+        "point {number} contains a value that is not a number. Give x and y in metres, or remove the point."
+    ),
     "route.points-same": (
         "points {first} and {second} are {distance_m:.4f} m apart: expected at least a millimetre. Remove "
         "one of them."

@@ -2,7 +2,7 @@
 
 TEMPLATES: dict[str, str] = {
     "damage.message-bytes": "messages of {bytes} bytes were expected",
-    "damage.message-numbers": "{count} numbers were expected in '{field}'",
+    "damage.message-numbers": "{count} values were expected in '{field}'",
     "damage.text-beyond": "a text that is longer than its message",
     "damage.log-message": "a message that is not a log message ({error})",
     "damage.times": "times that do not fit into 64 bits",
@@ -39,7 +39,9 @@ TEMPLATES: dict[str, str] = {
     "damage.at": "bytes {first} to {last}: {cause}",
     "run.and": "{first}; {then}",
     "run.repeated-ticks": "{count} repeated ticks were excluded",
-    "run.other-size": "{topic} has {found} numbers, /command/applied {expected}: it was excluded",
+    "run.other-size": (
+        "{topic} has {found} values, but /command/applied has {expected}: the topic was excluded"
+    ),
     "run.unread-events": "events that could not be read: {count} ({cause})",
     "run.vehicle-file-lost": "the vehicle file of the run is lost",
     "run.metadata-lost": "the metadata (seed, versions) are lost: their checksum is wrong",

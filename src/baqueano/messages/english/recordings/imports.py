@@ -47,7 +47,7 @@ TEMPLATES = {
     "recording.swap-axes": "swap the columns of a_x and a_y",
     "recording.swap-commands": "swap the columns of [command] u",
     "recording.check-track": "check the scale of both: counts_per_turn, radius_m, unit of {wheels}, unit of {by}",
-    "recording.constant": "[{key}] number {number}: {value:g} in all {rows} rows; is it connected?",
+    "recording.constant": "[{key}] entry {number}: {value:g} in all {rows} rows; is it connected?",
     "recording.constant-command": "command {name} is {value:g} all the time",
     "recording.held": (
         "[{key}]: {share:.0%} of the rows repeat the previous row: a new value arrives about every "

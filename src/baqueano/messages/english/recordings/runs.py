@@ -69,8 +69,9 @@ TEMPLATES: dict[str, str] = {
         "BAQUEANO_DATA to their folder"
     ),
     "import.where": (
-        "[files.{file}] where {column}: expected a value, min, max or not. Write where = {{ {column} = 3 }}, or {{ "
-        '{column} = {{ min = 0.1, not = ["a", 7] }} }}: min and max are numbers, the others one or a list'
+        "[files.{file}] where {column}: expected a value, min, max or not. Write where = {{ {column} = "
+        '3 }}, or {{ {column} = {{ min = 0.1, not = ["a", 7] }} }}: min and max are numbers; the others '
+        "are one value or a list"
     ),
     "import.split-not-ticks": (
         "{map} splits [files.{file}] but not the file of its ticks. Write in [files.{ticks}] split = the column that "

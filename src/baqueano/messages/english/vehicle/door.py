@@ -47,7 +47,7 @@ TEMPLATES: dict[str, str] = {
         "{path}: this system does not support file sockets. Name the vehicle by its host name."
     ),
     "remote.stop-not-heard": (
-        "{host} did not confirm the stop. Type it again, or use the switch of the vehicle."
+        "{host} did not confirm the stop. Type the command again, or use the switch of the vehicle."
     ),
     "remote.stop-not-seen": (
         "{host} confirmed the stop, but did not reach the state STOPPED within {within_s:g} s: "

@@ -169,7 +169,7 @@ TEMPLATES: dict[str, str] = {
         'there are {count} serial lines: {lines}. Name one in the vehicle file: [robot] port = "{first}"'
     ),
     "settings.way": (
-        "--{option} {found}: expected a wheel and direction with its number, such as left-forwards=0.9; "
+        "--{option} {found}: expected a wheel and direction with a number, such as left-forwards=0.9; "
         "wheels and directions are {known} and all."
     ),
     "settings.word": "--{option} {found}: expected one of {known}.",
