@@ -112,8 +112,8 @@ def test_the_watch_option_reports_a_turned_wheel_and_a_passed_mark(verb, live):
         (("--kick-ms", ""), "--kick-ms : expected a number from 0 to 100."),
         (("--slope", "all=nan"), "--slope all=nan: expected a number from 0.1 to 3."),
         (("--dead-zone", "left-forwards=11"), "--dead-zone left-forwards=11: expected a number from 0 to 0.7."),
-        (("--dead-zone", "0.1"), "--dead-zone 0.1: expected a wheel and direction with its number, such as left-forw"),
-        (("--kick", "left=0.1"), "--kick left=0.1: expected a wheel and direction with its number"),
+        (("--dead-zone", "0.1"), "--dead-zone 0.1: expected a wheel and direction with a number, such as left-forw"),
+        (("--kick", "left=0.1"), "--kick left=0.1: expected a wheel and direction with a number"),
     ],
 )  # fmt: skip
 def test_an_invalid_setting_is_refused_before_the_line_opens(verb, live, words, message):
