@@ -175,7 +175,9 @@ def test_a_driving_service_is_not_stopped_for_settings(verb, tmp_path, monkeypat
         assert "systemctl stop baqueano.service" in calls.read_text()
     else:
         assert code == 1
-        assert f"the vehicle is driving ({state}), and this command needs exclusive use of the hardware." in err
+        assert (
+            f"the vehicle is driving ({state}), and this command needs exclusive use of the hardware." in err
+        )
         assert "stop" not in calls.read_text()
 
 
