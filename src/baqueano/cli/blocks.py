@@ -32,26 +32,28 @@ def command() -> None: ...
 def ls(vehicle: str | None, settings: tuple[str, ...], as_json: bool) -> None:
     from baqueano.blocks import ROOMS, kinds
 
-    file = options.load_vehicle(vehicle, settings)
+    vehicle_file = options.load_vehicle(vehicle, settings)
     answer(RowsResult([{"room": room, "kind": kind} for room in ROOMS for kind in kinds(room)]), as_json)
-    print_message(which_estimator(file))
+    print_message(which_estimator(vehicle_file))
 
 
-def which_estimator(file: "VehicleFile") -> Diagnostic:
+def which_estimator(vehicle_file: "VehicleFile") -> Diagnostic:
     """Return a message with the recommended estimator for the sensors of a vehicle."""
     from baqueano.estimators.readings.velocity_readings import pose_sensors, readings_of
     from baqueano.vehicle_file.build import DEFAULT_KIND
 
-    names, place = file.sensors._fields, pose_sensors(file.sensors)
+    names, place = vehicle_file.sensors._fields, pose_sensors(vehicle_file.sensors)
     if place:
         fits = "place"
-    elif any(not reading.is_gyro for reading in readings_of(file.sensors)):
+    elif any(not reading.is_gyro for reading in readings_of(vehicle_file.sensors)):
         fits = "speed"
     else:
         fits = "gyro" if names else "nothing"
     use = ", ".join(f'"{name}"' for name in names)
     usual = DEFAULT_KIND["estimator"]
-    return note(f"cli.estimator-{fits}", vehicle=file.name, sensors=names, usual=usual, use=use, place=place)
+    return note(
+        f"cli.estimator-{fits}", vehicle=vehicle_file.name, sensors=names, usual=usual, use=use, place=place
+    )
 
 
 @command.command(

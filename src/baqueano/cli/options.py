@@ -116,44 +116,48 @@ def load_vehicle(name: str | None, settings: tuple[str, ...]) -> "VehicleFile":
     if name is None:
         name = str(OWN_FILE) if OWN_FILE.exists() else "small"
         print_message(note("cli.vehicle" if OWN_FILE.exists() else "cli.vehicle-of-garage", name=name))
-    file = load(name)
+    vehicle_file = load(name)
     for setting in settings:
         print_message(note("cli.set", setting=setting))
     if not settings:
-        return file
+        return vehicle_file
     from baqueano.vehicle_file import override
 
-    return override(file, settings)
+    return override(vehicle_file, settings)
 
 
-def is_measured(file: "VehicleFile", robot: str) -> bool:
+def is_measured(vehicle_file: "VehicleFile", robot: str) -> bool:
     """Return True if the model was fitted, or is a garage vehicle in its own simulation."""
-    return not file.is_guess or (file.path is None and robot in ("simulated", "emulated"))
+    return not vehicle_file.is_guess or (vehicle_file.path is None and robot in ("simulated", "emulated"))
 
 
-def advise_to_measure(file: "VehicleFile", robot: str = "simulated") -> None:
+def advise_to_measure(vehicle_file: "VehicleFile", robot: str = "simulated") -> None:
     """Print the commands to type first if the model was not measured.
 
     In a simulation a garage vehicle is its own truth, so it does not need this advice.
     """
-    if is_measured(file, robot):
+    if is_measured(vehicle_file, robot):
         return
-    vehicle_options, robot_options = naming(file), [] if robot == "simulated" else ["--robot", robot]
+    vehicle_options, robot_options = naming(vehicle_file), [] if robot == "simulated" else ["--robot", robot]
     print_message(
         note(
             "cli.measure-first",
-            vehicle=file.label,
+            vehicle=vehicle_file.label,
             experiment=baqueano_command("experiment", *vehicle_options, *robot_options),
             identify=baqueano_command("identify", "last", *vehicle_options, "--update"),
         )
     )
 
 
-def naming(file: "VehicleFile", folder: str = "runs") -> list[str]:
+def naming(vehicle_file: "VehicleFile", folder: str = "runs") -> list[str]:
     """Return the options with which the next command uses the same vehicle and the same folder of runs."""
-    name = file.layers[0].removeprefix("garage: ")
-    if file.path is not None:
-        name = str(file.path.relative_to(here) if file.path.is_relative_to(here := Path.cwd()) else file.path)
+    name = vehicle_file.layers[0].removeprefix("garage: ")
+    if vehicle_file.path is not None:
+        name = str(
+            vehicle_file.path.relative_to(here)
+            if vehicle_file.path.is_relative_to(here := Path.cwd())
+            else vehicle_file.path
+        )
     vehicle = [] if name == (str(OWN_FILE) if OWN_FILE.exists() else "small") else ["--vehicle", name]
     return vehicle + _runs_in(folder)
 
@@ -242,17 +246,23 @@ def route_path(name: str) -> Path:
     return Path(name) if Path(name).suffix else ROUTES / f"{name}.csv"
 
 
-def own_block(file: "VehicleFile | None", room: str, kind: str | None) -> str | None:
+def own_block(vehicle_file: "VehicleFile | None", room: str, kind: str | None) -> str | None:
     """Return `kind` of --estimator, --guide or --controller if it can be loaded. Raise FileError if it cannot.
 
-    `file` is None without a vehicle file.
+    `vehicle_file` is None without a vehicle file.
     """
     from baqueano.blocks import resolve
     from baqueano.errors import FileError
 
     if kind is not None:
         try:
-            resolve(room, kind, file.path.parent if file is not None and file.path is not None else None)
+            resolve(
+                room,
+                kind,
+                vehicle_file.path.parent
+                if vehicle_file is not None and vehicle_file.path is not None
+                else None,
+            )
         except FileError as error:
             raise FileError(
                 fault(

@@ -89,8 +89,8 @@ class Closure(Result):
         return "\n".join(lines)
 
 
-def closure(run: Run, file: VehicleFile, length_m: float | None = None) -> Closure:
-    """Return the scales from the marks of `run`, for the vehicle of `file`.
+def closure(run: Run, vehicle_file: VehicleFile, length_m: float | None = None) -> Closure:
+    """Return the scales from the marks of `run`, for the vehicle of `vehicle_file`.
 
     The scales of speed sensors need `length_m`, the length of the path between the first and the last mark. Raise
     AnswerNo if a mark, the IMU or a rest is missing, or if the turns between the marks are not whole or cancel.
@@ -98,10 +98,10 @@ def closure(run: Run, file: VehicleFile, length_m: float | None = None) -> Closu
     marks = marks_of(run)
     if len(marks) < 2:
         raise AnswerNo(fault("marks.too-few", name=run.name, marks=len(marks)))
-    name = next((n for n, s in file.sensors._asdict().items() if has_field(s, "gyro_scale")), None)
+    name = next((n for n, s in vehicle_file.sensors._asdict().items() if has_field(s, "gyro_scale")), None)
     if name is None or name not in run.sensors:
         raise AnswerNo(fault("marks.no-gyro", name=run.name))
-    sensor, channel = getattr(file.sensors, name), run.sensors[name]
+    sensor, channel = getattr(vehicle_file.sensors, name), run.sensors[name]
     bias, bias_sd = _at_rest(run, channel)
     cosine = _gain(sensor) / sensor.gyro_scale
     raw = [_integral(channel, -1, bias, a, b) / cosine for a, b in pairwise(marks)]
@@ -114,9 +114,9 @@ def closure(run: Run, file: VehicleFile, length_m: float | None = None) -> Closu
     )  # (2)
     path = f"sensors.{name}.gyro_scale"
     values: dict[str, object] = {path: _round(scale), f"{path}_std": float(f"{sd / scale:.2g}")}
-    distances = _distances(run, file, marks[0], marks[-1]) if length_m else {}
+    distances = _distances(run, vehicle_file, marks[0], marks[-1]) if length_m else {}
     for wheels, metres in distances.items():
-        path, before = _speed_scale(wheels, getattr(file.sensors, wheels))
+        path, before = _speed_scale(wheels, getattr(vehicle_file.sensors, wheels))
         after = np.asarray(before) * metres / (length_m or metres)  # (4)
         values[path] = _round(float(after)) if after.ndim == 0 else [_round(x) for x in after.tolist()]
     turn_rad = sum(raw) / sensor.gyro_scale
@@ -181,10 +181,10 @@ def _speed_scale(name: str, sensor: Sensor) -> tuple[str, Value]:
     return f"sensors.{name}.{field}", getattr(sensor, field)
 
 
-def _distances(run: Run, file: VehicleFile, from_ns: int, to_ns: int) -> dict[str, float]:
+def _distances(run: Run, vehicle_file: VehicleFile, from_ns: int, to_ns: int) -> dict[str, float]:
     """Return the distance [m] between two times [ns] by each speed sensor, with its scale in the vehicle file."""
     distances = {}
-    for name, sensor in file.sensors._asdict().items():
+    for name, sensor in vehicle_file.sensors._asdict().items():
         if name in run.sensors and (has_field(sensor, "radius_scale") or has_field(sensor, "scale")):
             scales = np.atleast_1d(_speed_scale(name, sensor)[1])
             each = [_integral(run.sensors[name], k, 0.0, from_ns, to_ns) / s for k, s in enumerate(scales)]

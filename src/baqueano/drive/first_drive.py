@@ -36,7 +36,7 @@ from baqueano.parameter import all_parameters
 from baqueano.runs import Run
 from baqueano.signals import seconds
 from baqueano.vehicle_file.file import VehicleFile
-from baqueano.vehicles.freedoms import steers
+from baqueano.vehicles.freedoms import is_steered
 
 SURE = 3.0  # standard deviations by which the sum of a wheel's speeds must exceed 0
 AFTER_S = 0.5  # time after a pulse in which its motion is measured
@@ -180,7 +180,7 @@ def directions(vehicle_file: VehicleFile) -> np.ndarray:
     limit = np.asarray(vehicle_file.command.limit, dtype=float)
     if not np.all(np.isfinite(limit)) or not np.any(limit > 0.0):
         raise UsageError(fault("first-drive.limit", vehicle=vehicle_file.name, limit=str(limit.tolist())))
-    if steers(vehicle_file.vehicle):
+    if is_steered(vehicle_file.vehicle):
         servo = 0.5 * limit[1]
         some = [[limit[0], s] for s in (0.0, servo, -servo)]
         return np.array([[sign * t, s] for t, s in some for sign in (1.0, -1.0)])
@@ -278,11 +278,17 @@ def rough(first: FirstDrive, vehicle_file: VehicleFile) -> VehicleFile:
     return file.with_values(changes) if changes else file
 
 
-def _gains(run: Run, pulses: tuple[Pulse, ...], file: VehicleFile) -> tuple[tuple[float, float], float]:
+def _gains(
+    run: Run, pulses: tuple[Pulse, ...], vehicle_file: VehicleFile
+) -> tuple[tuple[float, float], float]:
     """Return the gains (1), and the sum of the relative squared residuals of v and Δψ over all pulses."""
     from baqueano.simulate import simulate  # only a laptop needs it: a robot only drives
 
-    model = simulate(file, np.clip(run.applied, -file.command.limit, file.command.limit), noise=False)
+    model = simulate(
+        vehicle_file,
+        np.clip(run.applied, -vehicle_file.command.limit, vehicle_file.command.limit),
+        noise=False,
+    )
     truth = model.truth
     assert truth is not None
     on = np.any(run.applied != 0.0, axis=1).astype(int)

@@ -76,10 +76,11 @@ class Rounds:
 
 
 def in_rounds(
-    file: "VehicleFile", place: "Place", runs: "list[Run]", rounds: int, signal: Callable[[Any, int], np.ndarray],
+    vehicle_file: "VehicleFile", place: "Place", runs: "list[Run]", rounds: int, signal: Callable[[Any, int],
+    np.ndarray],
     seed: int, backend: str, path_of: Callable[[str], Path],
 ) -> Rounds:  # fmt: skip
-    """Drive `rounds` times with `signal(file, seed)`. After each drive fit all `runs` so far. Return the rounds.
+    """Drive `rounds` times with `signal(vehicle_file, seed)`. After each drive fit all `runs` so far. Return the rounds.
 
     Raise AnswerNo if a fit is refused.
     """
@@ -89,21 +90,21 @@ def in_rounds(
 
     results: list[Round] = []
     for k in range(rounds):
-        u = signal(file, seed + k)
+        u = signal(vehicle_file, seed + k)
         path = path_of(f"{k + 1}")
         if k:
             place.back_in_the_middle()
-        with time_progress(note("cli.round", number=k + 1), len(u) / file.rate_hz) as progress:
-            run = place.drive(Mission("experiment", u=u), file, path, progress, seed=seed + k)
+        with time_progress(note("cli.round", number=k + 1), len(u) / vehicle_file.rate_hz) as progress:
+            run = place.drive(Mission("experiment", u=u), vehicle_file, path, progress, seed=seed + k)
         print_message(note("cli.run", path=path))
         options.raise_stop(run, path)
         runs.append(run)
         with busy(note("cli.fitting", runs=len(runs))):
-            fit = identify(runs, file, options=FitOptions(backend=backend))
+            fit = identify(runs, vehicle_file, options=FitOptions(backend=backend))
         reasons = "; ".join(texts(fit.reasons))
         print_message(note("cli.round-fitted", round=k + 1, verdict=fit.verdict, reasons=reasons))
         if fit.verdict == Verdict.REFUSED:
             raise AnswerNo(fault("cli.round-refused", round=k + 1, reasons=reasons, path=path))
-        file = fit.vehicle_file
+        vehicle_file = fit.vehicle_file
         results.append(Round(path, fit))
     return Rounds(tuple(results))

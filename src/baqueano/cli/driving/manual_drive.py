@@ -37,7 +37,7 @@ hold_option = click.option(
 
 
 def by_hand(
-    verb: str, file: "VehicleFile", robot: str, seed: int, backend: str, path: Path, pad: str | None = None,
+    verb: str, vehicle_file: "VehicleFile", robot: str, seed: int, backend: str, path: Path, pad: str | None = None,
     hold: bool = True, **how: Any,
 ) -> "Run":  # fmt: skip
     """Return the run of a drive by hand in real time, which ends with q.
@@ -64,21 +64,24 @@ def by_hand(
     if multiplexer:
         print_message(note("cli.terminal-of-another", another=multiplexer))
     with ExitStack() as open_things:
-        place: Any = open_things.enter_context(open_target(robot, file, seed, backend))
+        place: Any = open_things.enter_context(open_target(robot, vehicle_file, seed, backend))
         cockpit = Cockpit(
-            file.command.limit, name=robot, names=tuple(file.command.names), trusted=not multiplexer,
-            hold=hold and gains_of(file) is not None, drivetrain=getattr(file.vehicle, "drivetrain", None),
+            vehicle_file.command.limit, name=robot, names=tuple(vehicle_file.command.names), trusted=not multiplexer,
+            hold=hold and gains_of(vehicle_file) is not None, drivetrain=getattr(vehicle_file.vehicle, "drivetrain",
+            None),
             pad=device, **how,
         )  # fmt: skip
         hand = open_things.enter_context(cockpit)
         open_things.enter_context(ended_by_signals(hand.stop))
-        arguments = simulation(file, robot, seed, backend, hand) if kind == "simulated" else {}
+        arguments = simulation(vehicle_file, robot, seed, backend, hand) if kind == "simulated" else {}
         arguments |= (
             {"words": hand.words, "on_state": hand.show, "on_event": hand.show_message}
             if kind != "simulated"
             else {}
         )
-        run = place.drive(Mission(verb, hold=hold), file, path, lambda seconds: None, hand=hand, **arguments)
+        run = place.drive(
+            Mission(verb, hold=hold), vehicle_file, path, lambda seconds: None, hand=hand, **arguments
+        )
     return read_run(path) if kind == "simulated" else run  # a live drive holds no run of its own
 
 
@@ -86,16 +89,16 @@ def by_page(folder: str, pace: float) -> Callable[..., "Run"]:
     """Return a function like `by_hand`, which drives by hand from the page instead of this terminal."""
 
     def drive(
-        verb: str, file: "VehicleFile", robot: str, seed: int, backend: str, path: Path, hold: bool = True
+        verb: str, vehicle_file: "VehicleFile", robot: str, seed: int, backend: str, path: Path, hold: bool = True
     ) -> "Run":  # fmt: skip
         from baqueano.cli.page.live import live_page
         from baqueano.drive.mission import Mission
         from baqueano.runs import read_run
 
-        kind, commands = robot.partition(":")[0], len(file.command.names)
+        kind, commands = robot.partition(":")[0], len(vehicle_file.command.names)
         with (
-            live_page(True, robot, file, folder, pace, by_hand=True) as page,
-            open_target(robot, file, seed, backend, page=page) as place,
+            live_page(True, robot, vehicle_file, folder, pace, by_hand=True) as page,
+            open_target(robot, vehicle_file, seed, backend, page=page) as place,
         ):
             assert page is not None
             with ended_by_signals(page.door.operator.stop):
@@ -103,22 +106,24 @@ def by_page(folder: str, pace: float) -> Callable[..., "Run"]:
                 arguments = {"live": True} if kind in IN_HERE else {}
                 hand = partial(page.door.hand, commands)
                 mission = Mission(verb, hold=hold)
-                run = place.drive(mission, file, path, lambda seconds: None, hand=hand, **arguments)
+                run = place.drive(mission, vehicle_file, path, lambda seconds: None, hand=hand, **arguments)
         return read_run(path) if kind in IN_HERE else run  # a live drive holds no run of its own
 
     return drive
 
 
-def simulation(file: "VehicleFile", robot: str, seed: int, backend: str, hand: "Cockpit") -> "JsonObject":
+def simulation(
+    vehicle_file: "VehicleFile", robot: str, seed: int, backend: str, hand: "Cockpit"
+) -> "JsonObject":
     """Return the options of a simulated drive in real time."""
     from baqueano.clock import wall
     from baqueano.worlds import SimulatedWorld
 
-    truth = options.load_truth(robot, file)
+    truth = options.load_truth(robot, vehicle_file)
     world = SimulatedWorld(truth.vehicle, truth.sensors, truth.rate_hz, seed, backend=backend)
     hand.status.state = "simulated"
     return {
-        "world": world, "ticking": from_zero(wall(file.rate_hz)), "live": True,
+        "world": world, "ticking": from_zero(wall(vehicle_file.rate_hz)), "live": True,
         "observers": (hand,),
     }  # fmt: skip
 
@@ -167,7 +172,7 @@ def end_by_hand(run: "Run", path: Path, robot: str) -> None:
 
 
 def scales_from_marks(
-    run: "Run", file: "VehicleFile", length_m: float | None
+    run: "Run", vehicle_file: "VehicleFile", length_m: float | None
 ) -> tuple[Diagnostic | str, dict[str, object]]:
     """Return the scales of the sensors that the marks of a run determine, as text and as values of the vehicle file.
 
@@ -180,7 +185,7 @@ def scales_from_marks(
     if len(marks_of(run)) < 2:
         return note("cli.marks-too-few"), {}
     try:
-        result = closure(run, file, length_m)
+        result = closure(run, vehicle_file, length_m)
     except AnswerNo as error:
         return note("cli.marks", cause=error.diagnostic), {}
     return result.table(), result.values

@@ -89,32 +89,32 @@ def command(
     from baqueano.drive.mission import Mission
     from baqueano.drive.safety.precautions import Precautions
 
-    file = options.load_vehicle(vehicle, settings)
-    options.advise_to_measure(file, robot)
+    vehicle_file = options.load_vehicle(vehicle, settings)
+    options.advise_to_measure(vehicle_file, robot)
     taught_route = options.find_route(route)
     if faster:
-        taught_route = as_fast_as_it_can(taught_route, route, file, backend)
-    walled_room = walls(file, room, start)
-    drivable(taught_route, route, file, walled_room, robot, anyway, backend)
+        taught_route = as_fast_as_it_can(taught_route, route, vehicle_file, backend)
+    walled_room = walls(vehicle_file, room, start)
+    drivable(taught_route, route, vehicle_file, walled_room, robot, anyway, backend)
     care = Precautions(True, anyway, walled_room, lead_in, way_back, caution, patience_s)
     own = {"estimator": estimator, "controller": controller, "guide": guide}
-    own = {room: options.own_block(file, room, kind) for room, kind in own.items()}
+    own = {room: options.own_block(vehicle_file, room, kind) for room, kind in own.items()}
     mission = Mission(
         "repeat", route=taught_route, laps=laps, blocks={room: k for room, k in own.items() if k is not None},
         start=standing(taught_route, stand), precautions=care.to_json(),
     )  # fmt: skip
     with (
-        live.live_page(shown, robot, file, folder, pace) as watching,
-        open_target(robot, file, seed, backend, page=watching, shake=shake) as place,
+        live.live_page(shown, robot, vehicle_file, folder, pace) as watching,
+        open_target(robot, vehicle_file, seed, backend, page=watching, shake=shake) as place,
     ):
         path = options.run_path(out, folder, "repeat")
         with time_progress(note("cli.repeat"), laps * float(taught_route.t_s[-1])) as progress:
-            run = place.drive(mission, file, path, progress)
+            run = place.drive(mission, vehicle_file, path, progress)
     print_message(note("cli.run", path=path))
-    say_ledger(run, file, shake)
+    say_ledger(run, vehicle_file, shake)
     comparison = compare(run)
     answer(comparison, as_json, laps=comparison.laps())
-    options.advise_to_fit(comparison, [run], options.naming(file, folder), folder)
+    options.advise_to_fit(comparison, [run], options.naming(vehicle_file, folder), folder)
     if page is not None:
         from baqueano.report.of_run import page_of_run
 

@@ -51,18 +51,18 @@ def command(
     vehicle_options = options.naming_own(folder)
     if vehicle is None and recorded_run.vehicle_text:
         print_message(note("cli.vehicle-of-run"))
-        file = vehicle_of(recorded_run)
-        file = override(file, settings) if settings else file
+        vehicle_file = vehicle_of(recorded_run)
+        vehicle_file = override(vehicle_file, settings) if settings else vehicle_file
     else:
-        file = options.load_vehicle(vehicle, settings)
-        vehicle_options = options.naming(file, folder)
+        vehicle_file = options.load_vehicle(vehicle, settings)
+        vehicle_options = options.naming(vehicle_file, folder)
     by = recorded_run.metadata.get("backend", "auto") if backend == "auto" else backend
-    own = file.estimator(options.own_block(file, "estimator", estimator))
+    own = vehicle_file.estimator(options.own_block(vehicle_file, "estimator", estimator))
     path = options.run_path(out, folder, f"replay-{recorded_run.name}")
     with time_progress(note("cli.replay"), recorded_run.duration_s) as progress:
         replayed = replay(
             recorded_run,
-            file,
+            vehicle_file,
             estimator=own,
             path=None if smooth else path,
             observers=(Progress(progress),),
@@ -70,7 +70,7 @@ def command(
         )
     if smooth:
         replayed = replace(
-            smooth_run(replayed, file, own, initial_pose(recorded_run), backend), name=path.stem
+            smooth_run(replayed, vehicle_file, own, initial_pose(recorded_run), backend), name=path.stem
         )
         write_run(replayed, path)
     print_message(note("cli.run", path=path))

@@ -75,8 +75,10 @@ def check(
 ) -> None:  # fmt: skip
     from baqueano.routes import examine
 
-    file = options.load_vehicle(vehicle, settings)
-    report = examine(options.find_route(route), file, walls(file, room, start), backend=backend)
+    vehicle_file = options.load_vehicle(vehicle, settings)
+    report = examine(
+        options.find_route(route), vehicle_file, walls(vehicle_file, room, start), backend=backend
+    )
     report = replace(report, findings=tuple(with_route_name(finding, route) for finding in report.findings))
     answer(report, as_json)
     for finding in report.findings:
@@ -247,32 +249,32 @@ def faster(
 
     if speed_m_s is not None:
         return apply_edit(route, "speed", name, as_json, lambda original: at_speed(original, speed_m_s))
-    file = options.load_vehicle(vehicle, settings)
+    vehicle_file = options.load_vehicle(vehicle, settings)
     limits: JsonObject = {"share": share, "sideways_m_s2": sideways_m_s2, "backend": backend}
-    apply_edit(route, "fast", name, as_json, lambda original: fastest(original, file, **limits))
+    apply_edit(route, "fast", name, as_json, lambda original: fastest(original, vehicle_file, **limits))
 
 
 def drivable(
-    route: "Route", name: str, file: "VehicleFile", room: "Room | None", robot: str, anyway: bool, backend: str,
+    route: "Route", name: str, vehicle_file: "VehicleFile", room: "Room | None", robot: str, anyway: bool, backend: str,
 ) -> None:  # fmt: skip
     """Print the warnings about a route. Raise AnswerNo with the route's name if it may not be driven."""
     from baqueano.drive.safety.route_check import warnings_of
 
-    conditions = {"measured": options.is_measured(file, robot), "anyway": anyway, "backend": backend}
+    conditions = {"measured": options.is_measured(vehicle_file, robot), "anyway": anyway, "backend": backend}
     try:
-        warnings = warnings_of(route, file, room, **conditions)
+        warnings = warnings_of(route, vehicle_file, room, **conditions)
     except AnswerNo as error:
         raise AnswerNo(with_route_name(error.diagnostic, name)) from error
     for warning in warnings:
         print_message(note("cli.warning", cause=with_route_name(warning, name)))
 
 
-def as_fast_as_it_can(route: "Route", name: str, file: "VehicleFile", backend: str) -> "Route":
+def as_fast_as_it_can(route: "Route", name: str, vehicle_file: "VehicleFile", backend: str) -> "Route":
     """Return the route at the highest speeds that the identified vehicle can drive."""
     from baqueano.routes import fastest
 
     try:
-        return fastest(route, file, backend=backend)
+        return fastest(route, vehicle_file, backend=backend)
     except UsageError as error:
         raise UsageError(with_route_name(error.diagnostic, name)) from error
 
@@ -342,7 +344,7 @@ def store_route(route: "Route", name: str, as_json: bool) -> None:
     )
 
 
-def walls(file: "VehicleFile", room: str | None, start: str | None) -> "Room | None":
+def walls(vehicle_file: "VehicleFile", room: str | None, start: str | None) -> "Room | None":
     """Return the room of `--room` and `--start`; None without `--room`. Raise UsageError for an invalid room."""
     if room is None:
         if start is not None:
@@ -353,7 +355,7 @@ def walls(file: "VehicleFile", room: str | None, start: str | None) -> "Room | N
     from baqueano.identify.design.room import room_of
 
     x, y, degrees = pose_of(start or "0,0,0", "cli.start-unreadable")
-    return room_of(file, room, start=(x, y, float(np.radians(degrees))))
+    return room_of(vehicle_file, room, start=(x, y, float(np.radians(degrees))))
 
 
 def points_of(path: Path, speed_m_s: float, closed: bool | None) -> "Route":

@@ -26,10 +26,10 @@ class Place(Protocol):
     """A target that drives missions, as `open_target` yields it."""
 
     def drive(
-        self, mission: "Mission", file: "VehicleFile", path: Path, progress: Callable[[float], None],
+        self, mission: "Mission", vehicle_file: "VehicleFile", path: Path, progress: Callable[[float], None],
         hand: Callable[[], Any] | None = None, **options: Any,
     ) -> "Run":  # fmt: skip
-        """Drive a mission with the vehicle of `file`, store its run at `path`, and return it."""
+        """Drive a mission with the vehicle of `vehicle_file`, store its run at `path`, and return it."""
         ...
 
     def back_in_the_middle(self) -> None:
@@ -44,7 +44,7 @@ class Here:
         self._options, self._page = options, page
 
     def drive(
-        self, mission: "Mission", file: "VehicleFile", path: Path, progress: Callable[[float], None],
+        self, mission: "Mission", vehicle_file: "VehicleFile", path: Path, progress: Callable[[float], None],
         hand: Callable[[], Any] | None = None, **options: Any,
     ) -> "Run":  # fmt: skip
         """Drive a mission in this process, store its run at `path`, and return it."""
@@ -54,8 +54,8 @@ class Here:
         arguments = self._options() | options
         arguments["observers"] = (Progress(progress), *arguments.get("observers", ()))
         if self._page is not None:
-            arguments = self._page.door.local_options(mission, file, arguments)
-        return perform(mission, file, hand, path=path, **arguments)
+            arguments = self._page.door.local_options(mission, vehicle_file, arguments)
+        return perform(mission, vehicle_file, hand, path=path, **arguments)
 
     def back_in_the_middle(self) -> None:
         """Print that the vehicle is in the middle again, because each simulated drive begins there."""
@@ -69,7 +69,7 @@ class There:
         self._remote, self._attended, self._page = remote, attended, page
 
     def drive(
-        self, mission: "Mission", file: "VehicleFile", path: Path, progress: Callable[[float], None],
+        self, mission: "Mission", vehicle_file: "VehicleFile", path: Path, progress: Callable[[float], None],
         hand: Callable[[], Any] | None = None, **options: Any,
     ) -> "Run":  # fmt: skip
         """Drive a mission with the remote vehicle, store its run at `path`, and return it."""
@@ -81,7 +81,12 @@ class There:
         if self._page is not None:
             callbacks |= self._page.door.remote_options(self._remote)
         return self._remote.perform(
-            pack(mission, file), path, attended=self._attended, hand=hand, progress=progress, **callbacks
+            pack(mission, vehicle_file),
+            path,
+            attended=self._attended,
+            hand=hand,
+            progress=progress,
+            **callbacks,
         )
 
     def back_in_the_middle(self) -> None:
@@ -94,7 +99,7 @@ class There:
 
 @contextmanager
 def open_target(
-    robot: str, file: "VehicleFile", seed: int, backend: str, attended: bool = True,
+    robot: str, vehicle_file: "VehicleFile", seed: int, backend: str, attended: bool = True,
     page: "LivePage | None" = None, shake: tuple[str, ...] = (),
 ) -> Iterator[Place]:  # fmt: skip
     """Yield the target that --robot names, with the faults `shake` of a simulation.
@@ -107,16 +112,18 @@ def open_target(
     near = nearest(kind, IN_HERE, LIKE)
     if not {"@", "."} & set(robot) and near.figures.get("meant", kind) != kind:
         raise UsageError(fault("cli.robot-mistyped", found=kind, near=near))
-    if kind in IN_HERE and ":" not in robot and file.simulation.truth is not None:
-        print_message(note("cli.simulated-truth", vehicle=file.label, truth=file.simulation.truth))
+    if kind in IN_HERE and ":" not in robot and vehicle_file.simulation.truth is not None:
+        print_message(
+            note("cli.simulated-truth", vehicle=vehicle_file.label, truth=vehicle_file.simulation.truth)
+        )
     if kind == "simulated":
-        arguments = {"truth": load_truth(robot, file), "seed": seed, "backend": backend}
+        arguments = {"truth": load_truth(robot, vehicle_file), "seed": seed, "backend": backend}
         arguments |= {"shake": shake} if shake else {}
         yield Here(lambda: arguments, page)
     elif kind == "emulated":
         from baqueano.robot.emulated import emulate_vehicle
 
-        with emulate_vehicle(file, load_truth(robot, file), seed) as options:
+        with emulate_vehicle(vehicle_file, load_truth(robot, vehicle_file), seed) as options:
             yield Here(lambda: options() | {"seed": seed, "backend": backend}, page)
     else:
         from baqueano.door.remote import connect
@@ -125,13 +132,13 @@ def open_target(
             yield There(remote, attended, page)
 
 
-def say_ledger(run: "Run", file: "VehicleFile", shake: tuple[str, ...]) -> None:
+def say_ledger(run: "Run", vehicle_file: "VehicleFile", shake: tuple[str, ...]) -> None:
     """Print for each fault the checks that noticed it, and the times. If no check noticed it, print the reason."""
     if not shake:
         return
     from baqueano.worlds import ledger_of
 
-    ledger = ledger_of(run, file)
+    ledger = ledger_of(run, vehicle_file)
     for row in ledger.rows:
         print_message(note("ledger.fault", at_s=row.fault.at_s, what=row.message))
         for notice in row.noticed:

@@ -82,21 +82,23 @@ def command(
 
     if driver != "keys" and (pad is not None or not hold):
         raise UsageError(fault("cli.hand-options", "--driver keys", driver=driver))
-    file = options.load_vehicle(vehicle, settings)
-    options.advise_to_measure(file, robot)
+    vehicle_file = options.load_vehicle(vehicle, settings)
+    options.advise_to_measure(vehicle_file, robot)
     if driver == "keys":
         path = options.run_path(out, folder, "teach")
         drive = by_page(folder, pace) if shown else partial(by_hand, pad=pad)
-        run, closed = drive("teach", file, robot, seed, backend, path, hold=hold), False
+        run, closed = drive("teach", vehicle_file, robot, seed, backend, path, hold=hold), False
     else:
         target = shape_or_route(driver, speed_m_s, size_m)
         with (
-            live.live_page(shown, robot, file, folder, pace) as page,
-            open_target(robot, file, seed, backend, page=page) as place,
+            live.live_page(shown, robot, vehicle_file, folder, pace) as page,
+            open_target(robot, vehicle_file, seed, backend, page=page) as place,
         ):
             path = options.run_path(out, folder, "teach")
             with time_progress(note("cli.teach"), float(target.t_s[-1])) as progress:
-                run = place.drive(Mission("teach", route=target), file, path, progress, eta=target.eta[0])
+                run = place.drive(
+                    Mission("teach", route=target), vehicle_file, path, progress, eta=target.eta[0]
+                )
         closed = target.closed
     print_message(note("cli.run", path=path))
     end_by_hand(run, path, robot) if driver == "keys" else options.raise_stop(run, path)
@@ -105,15 +107,17 @@ def command(
     except AnswerNo as error:
         if driver not in SHAPES:
             raise
-        slower = baqueano_command("teach", route, "--driver", driver, "--speed", "0.2", *options.naming(file))
+        slower = baqueano_command(
+            "teach", route, "--driver", driver, "--speed", "0.2", *options.naming(vehicle_file)
+        )
         reason = fault("cli.not-followed", slower, shape=driver, speed_m_s=speed_m_s, cause=error.diagnostic)
         raise AnswerNo(reason) from None
     if options.route_path(route).exists():
         print_message(note("cli.route-replaced", path=options.route_path(route)))
     answer(LessonResult(taught_route, write_route(taught_route, options.route_path(route)), path), as_json)
     if driver == "keys":
-        print_message(scales_from_marks(run, file, None)[0])
-    vehicle_options = options.naming(file)
+        print_message(scales_from_marks(run, vehicle_file, None)[0])
+    vehicle_options = options.naming(vehicle_file)
     tune = baqueano_command("tune", "--route", route, *vehicle_options, "--update")
     print_message(note("cli.taught", repeat=baqueano_command("repeat", route, *vehicle_options), tune=tune))
 

@@ -24,11 +24,11 @@ def command(
 ) -> None:  # fmt: skip
     from baqueano.compare.corridor_ahead import corridor_ahead
 
-    file = options.load_vehicle(vehicle, settings)
-    options.advise_to_measure(file)
+    vehicle_file = options.load_vehicle(vehicle, settings)
+    options.advise_to_measure(vehicle_file)
     taught_route = options.find_route(route)
     with busy(note("cli.driving-ahead", laps=laps)):
-        ahead = corridor_ahead(file, taught_route, laps, backend)
+        ahead = corridor_ahead(vehicle_file, taught_route, laps, backend)
     answer(ahead, as_json)
     if page is not None:
         from baqueano.report.of_run import page_of_run

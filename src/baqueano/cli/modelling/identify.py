@@ -128,22 +128,22 @@ def command(
     lap = _lap(how["route"])
     fit_runs, validation_runs = (options.find_runs(names, folder) for names in (runs, held_out))
     settings_of_fit: JsonObject = _fit_arguments(how, backend)
-    file = _with_tolerances(
+    vehicle_file = _with_tolerances(
         options.load_vehicle(vehicle, settings), how["tolerance"], fit_runs, settings_of_fit
     )
     if not settings_of_fit["use"]:
-        for message in unused_sensors(fit_runs, file):
+        for message in unused_sensors(fit_runs, vehicle_file):
             print_message(message)
     if parameter_history:
-        return _over_time(fit_runs, file, settings_of_fit, table, page, update, as_json)
+        return _over_time(fit_runs, vehicle_file, settings_of_fit, table, page, update, as_json)
     span = sum(r.duration_s for r in fit_runs)
     with steps() as begin:
         say = begin(note("cli.fitting-span", runs=len(fit_runs), span_s=span))
         say.text = text(note("cli.translating"))
         result: Any = (
-            _selection(fit_runs, file, settings_of_fit, validation_runs, begin)
+            _selection(fit_runs, vehicle_file, settings_of_fit, validation_runs, begin)
             if choose
-            else identify(fit_runs, file, progress=say, **settings_of_fit)
+            else identify(fit_runs, vehicle_file, progress=say, **settings_of_fit)
         )
     fit = result.fit if choose else result
     validation = _validation(fit, validation_runs) if fit.verdict != Verdict.REFUSED else None
@@ -151,7 +151,7 @@ def command(
         from baqueano.identify.cost_advice import by_other_cost, with_cost_advice
 
         with busy(note("cli.judging", runs=len(validation_runs))):
-            refit = by_other_cost(fit_runs, file, **settings_of_fit)
+            refit = by_other_cost(fit_runs, vehicle_file, **settings_of_fit)
             fit = result = with_cost_advice(fit, validation_runs, validation, refit)
     ahead = _forecast(fit, fit_runs, lap, how["route"])
     if as_json or page is None:
@@ -163,7 +163,7 @@ def command(
         print_result(result.table(reported=True))
     for result_part in filter(None, (validation, ahead) if not as_json else ()):
         print_result(result_part.table())
-    _save_table(fit, file, table, f"{file.name}, from {', '.join(fit.runs)}")
+    _save_table(fit, vehicle_file, table, f"{vehicle_file.name}, from {', '.join(fit.runs)}")
     if page is not None:
         from baqueano.messages.printable import baqueano_command
         from baqueano.report.fit_report import page_of_fit
@@ -270,7 +270,7 @@ def _fit_arguments(values: "JsonObject", backend: str) -> "JsonObject":
 
 
 def _with_tolerances(
-    file: "VehicleFile", tolerances: tuple[str, ...], runs: "list[Run]", arguments: "JsonObject"
+    vehicle_file: "VehicleFile", tolerances: tuple[str, ...], runs: "list[Run]", arguments: "JsonObject"
 ) -> Any:
     """Return the file with the tolerances of its scales. Raise UsageError if the fit would ignore these."""
     from baqueano.errors import UsageError
@@ -278,9 +278,9 @@ def _with_tolerances(
     from baqueano.identify.imu_only import imu_is_all
 
     if not tolerances:
-        return file
+        return vehicle_file
     conflicts = _plain_options(arguments)
-    if conflicts or not imu_is_all(file, runs, arguments["use"], arguments["free"]):
+    if conflicts or not imu_is_all(vehicle_file, runs, arguments["use"], arguments["free"]):
         code = "cli.tolerance-beside" if conflicts else "cli.tolerance-unused"
         raise UsageError(fault(code, "--use imu", given=tolerances[0], other=conflicts[:1]))
     parts = {}
@@ -292,12 +292,12 @@ def _with_tolerances(
             raise UsageError(
                 fault("cli.tolerance", "--tolerance sensors.imu.gyro_scale=0.01", found=tolerance)
             ) from error
-    return with_tolerance(file, parts)
+    return with_tolerance(vehicle_file, parts)
 
 
 def _selection(
     runs: "list[Run]",
-    file: "VehicleFile",
+    vehicle_file: "VehicleFile",
     arguments: "JsonObject",
     validation_runs: "list[Run]",
     notify: Callable[[str], object],
@@ -309,9 +309,9 @@ def _selection(
 
     if more := _plain_options(arguments):
         raise UsageError(fault("cli.choose-conflict", "--choose --update", others=more))
-    if imu_is_all(file, runs, arguments["use"], arguments["free"]):
+    if imu_is_all(vehicle_file, runs, arguments["use"], arguments["free"]):
         raise UsageError(fault("cli.choose-without-encoders", "--free +KEY"))
-    return choose(runs, file, progress=notify, held_out=validation_runs, **arguments)
+    return choose(runs, vehicle_file, progress=notify, held_out=validation_runs, **arguments)
 
 
 def _plain_options(arguments: "JsonObject") -> list[str]:
@@ -363,15 +363,15 @@ def _with_noise(fit: "Fit", runs: "list[Run]", validation_runs: "list[Run]", bac
 
 
 def _over_time(
-    runs: "list[Run]", file: "VehicleFile", arguments: "JsonObject", table: Path | None, page: Path | None,
+    runs: "list[Run]", vehicle_file: "VehicleFile", arguments: "JsonObject", table: Path | None, page: Path | None,
     update: bool, as_json: bool,
 ) -> None:  # fmt: skip
     from baqueano.identify.parameter_drift import parameter_history
 
     with steps() as begin:
-        drift = parameter_history(runs, file, progress=begin, **arguments)
+        drift = parameter_history(runs, vehicle_file, progress=begin, **arguments)
     answer(drift, as_json)
-    _save_table(drift, file, table, f"{file.name} over {len(runs)} runs")
+    _save_table(drift, vehicle_file, table, f"{vehicle_file.name} over {len(runs)} runs")
     if page is not None:
         from baqueano.report.drift_report import page_of_drift
 
@@ -379,12 +379,12 @@ def _over_time(
     options.save_update(drift.vehicle_file, update)
 
 
-def _save_table(result: Any, file: "VehicleFile", table: Path | None, caption: str) -> None:
+def _save_table(result: Any, vehicle_file: "VehicleFile", table: Path | None, caption: str) -> None:
     if table is not None:
         from baqueano.identify.data.record import FittedBlocks
         from baqueano.report.tables import save_table
 
-        blocks = FittedBlocks(file.vehicle, file.sensors)
+        blocks = FittedBlocks(vehicle_file.vehicle, vehicle_file.sensors)
         print_message(note("cli.table", path=save_table(result.rows(), table, caption, blocks)))
 
 

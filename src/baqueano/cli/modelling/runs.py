@@ -287,20 +287,20 @@ def calibrate(
     from baqueano.identify.sensor_calibration import calibrate
     from baqueano.identify.turned_by_hand import by_hand, turned_by_hand
 
-    file, recorded_run = options.load_vehicle(vehicle, settings), options.find_runs((run,), folder)[0]
+    vehicle_file, recorded_run = options.load_vehicle(vehicle, settings), options.find_runs((run,), folder)[0]
     if turns is not None or turned_by_hand(recorded_run):
-        calibration = by_hand(recorded_run, file, turns)
+        calibration = by_hand(recorded_run, vehicle_file, turns)
     else:
         with busy(note("cli.comparing")):
-            calibration = calibrate(recorded_run, file)
+            calibration = calibrate(recorded_run, vehicle_file)
     answer(calibration, as_json)
     if map_ is not None:
         from baqueano.runs.maps.mount import write_mount
 
-        write_mount(map_, recorded_run, *calibration.mount(file))
+        write_mount(map_, recorded_run, *calibration.mount(vehicle_file))
         fix = baqueano_command("runs", "import", str(map_), "RECORDING")
         print_message(note("cli.mount-written", fix=fix, path=map_))
-    options.save_update(calibration.updated_file(file), update)
+    options.save_update(calibration.updated_file(vehicle_file), update)
 
 
 @command.command("export", help="Write RUN as CSV (one table) or TUM (a trajectory for evo and others).")

@@ -95,11 +95,11 @@ def command(
     )
     if runs:
         over = options.find_runs(runs, folder)
-        file = options.load_vehicle(vehicle, settings) if vehicle or settings else None
+        vehicle_file = options.load_vehicle(vehicle, settings) if vehicle or settings else None
         named_routes = {name: shape_or_route(name, speed_m_s, size_m) for name in routes}
-        start, drives = partial(start, over, vehicle=file, routes=named_routes), len(over)
+        start, drives = partial(start, over, vehicle=vehicle_file, routes=named_routes), len(over)
     else:
-        file = options.load_vehicle(vehicle, settings)
+        vehicle_file = options.load_vehicle(vehicle, settings)
         named_routes = {
             name: shape_or_route(name, speed_m_s, size_m) for name in routes or ("sinuous-circle",)
         }
@@ -109,10 +109,10 @@ def command(
             "laps": laps,
             "start": (0.0, aside_m, 0.0),
         }
-        start, drives = partial(start, file, **arguments), len(named_routes) * seeds
+        start, drives = partial(start, vehicle_file, **arguments), len(named_routes) * seeds
     for room, kinds in (("estimator", estimators), ("controller", controllers), ("guide", guides)):
         for kind in kinds:
-            options.own_block(file, room, kind)
+            options.own_block(vehicle_file, room, kind)
     count = drives * max(len(estimators), 1) * max(len(controllers), 1) * max(len(guides), 1)
     with progress(note("cli.sweep", drives=count), count) as advance:
         result = start(advance=advance)

@@ -102,13 +102,13 @@ def command(
     from baqueano.cli.driving.teach import SHAPES, shape_or_route
     from baqueano.tune import tune
 
-    file = options.load_vehicle(vehicle, settings)
-    options.advise_to_measure(file)
-    controller = options.own_block(file, "controller", controller)
+    vehicle_file = options.load_vehicle(vehicle, settings)
+    options.advise_to_measure(vehicle_file)
+    controller = options.own_block(vehicle_file, "controller", controller)
     paths = [shape_or_route(route, speed_m_s, size_m) for route in routes]
     with busy(note("cli.tuning")):
         result = tune(
-            file,
+            vehicle_file,
             paths,
             controller=controller,
             radian_m=radian_m,

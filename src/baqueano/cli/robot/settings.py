@@ -69,8 +69,8 @@ def settings(
     changes = option_values(given)
     uno_settings.apply_changes(Settings(), changes)  # a wrong one is reported before anything is opened
     if host == "here":
-        file = options.load_vehicle(vehicle, settings)
-        with service_off(print_message), open_uno(file.robot.port) as uno:
+        vehicle_file = options.load_vehicle(vehicle, settings)
+        with service_off(print_message), open_uno(vehicle_file.robot.port) as uno:
             stored_settings = uno_settings.store(
                 uno, lambda before: uno_settings.apply_changes(Settings() if defaults else before, changes)
             )

@@ -80,15 +80,15 @@ def setup(host: str, vehicle: str | None, settings: tuple[str, ...], dry: bool, 
     from baqueano.robot.setup.install import setup as install
     from baqueano.symbolic.c_code.compile import user_cache
 
-    file = options.load_vehicle(vehicle, settings)
+    vehicle_file = options.load_vehicle(vehicle, settings)
     machine = machine_at(host)
     python = f"{machine.python[0]}.{machine.python[1]}"
     folder = bundle(folder or user_cache() / "robot" / f"{python}-{machine.kind}", machine, print_message)
-    (folder / "vehicle.toml").write_text(file.text, encoding="utf-8")
+    (folder / "vehicle.toml").write_text(vehicle_file.text, encoding="utf-8")
     own = vehicle is not None or options.OWN_FILE.exists()
     if not own:
         print_message(note("cli.no-vehicle-file"))
-    install(host, folder, machine, vehicle=file if own else None, notify=print_result, dry=dry)
+    install(host, folder, machine, vehicle=vehicle_file if own else None, notify=print_result, dry=dry)
     if not dry:
         print_result(note("cli.is-a-vehicle", fix=baqueano_command("robot", "doctor", host), host=host))
 

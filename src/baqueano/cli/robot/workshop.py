@@ -29,9 +29,9 @@ def doctor(
     from baqueano.robot.workshop.exclusive_hardware import rows_from_host, service_off
 
     if host == "here":
-        file = options.load_vehicle(vehicle, settings)
+        vehicle_file = options.load_vehicle(vehicle, settings)
         with service_off(print_message):
-            report = examine(file.robot, Path("/"), Path(folder), jitter_s, print_message)
+            report = examine(vehicle_file.robot, Path("/"), Path(folder), jitter_s, print_message)
     else:
         more = [f"--jitter={jitter_s:g}"] if jitter_s else []
         rows = rows_from_host(host, "robot", "doctor", "--vehicle", VEHICLE, "--runs", f"{HOME}/runs", *more)
@@ -61,9 +61,9 @@ def flash(
     from baqueano.robot.workshop.exclusive_hardware import rows_from_host, service_off
 
     if host == "here":
-        file = options.load_vehicle(vehicle, settings)
+        vehicle_file = options.load_vehicle(vehicle, settings)
         with service_off(print_message):
-            result = write(file.robot.port, hex_file, print_message)
+            result = write(vehicle_file.robot.port, hex_file, print_message)
     elif hex_file is not None:
         raise UsageError(fault("cli.hex-from-afar", host=host))
     else:
@@ -94,9 +94,9 @@ def imu(host: str, vehicle: str | None, settings: tuple[str, ...], update: bool,
     from baqueano.robot.workshop.calibrate_imu import calibrate as find
     from baqueano.robot.workshop.exclusive_hardware import open_hardware, rows_from_host
 
-    file = options.load_vehicle(vehicle, settings)
+    vehicle_file = options.load_vehicle(vehicle, settings)
     if host == "here":
-        with open_hardware(file.robot, print_message, in_chip_axes=True, motors=False) as floor:
+        with open_hardware(vehicle_file.robot, print_message, in_chip_axes=True, motors=False) as floor:
             mounted_imu = find(ImuReader(floor.imu), print_message)
     else:  # its service uses its own vehicle file, so that file is written there
         more = ["--update"] if update else []
@@ -104,8 +104,10 @@ def imu(host: str, vehicle: str | None, settings: tuple[str, ...], update: bool,
             rows_from_host(host, "robot", "calibrate", "imu", "--vehicle", VEHICLE, *more)[0]
         )
     answer(mounted_imu, as_json)
-    values = mounted_imu.values(file)
-    options.save_update(file.with_values(values, {key: {"run": "calibrate imu"} for key in values}), update)
+    values = mounted_imu.values(vehicle_file)
+    options.save_update(
+        vehicle_file.with_values(values, {key: {"run": "calibrate imu"} for key in values}), update
+    )
 
 
 @calibrate.command(
@@ -126,9 +128,9 @@ def motors(host: str, vehicle: str | None, settings: tuple[str, ...], as_json: b
 
     motors: Any
     if host == "here":
-        file = options.load_vehicle(vehicle, settings)
-        with open_hardware(file.robot, print_message) as floor:
-            floor.uno.configure(config_of(file.robot, floor.uno.info))
+        vehicle_file = options.load_vehicle(vehicle, settings)
+        with open_hardware(vehicle_file.robot, print_message) as floor:
+            floor.uno.configure(config_of(vehicle_file.robot, floor.uno.info))
             motors = find(floor, print_message)
     else:
         motors = Motors.of(rows_from_host(host, "robot", "calibrate", "motors", "--vehicle", VEHICLE))

@@ -22,7 +22,7 @@ ROOMS = ("estimator", "guide", "controller")
 
 
 def vehicle_words(
-    file: "VehicleFile", world: str, seed: int | None = None, blocks: dict[str, str] | None = None
+    vehicle_file: "VehicleFile", world: str, seed: int | None = None, blocks: dict[str, str] | None = None
 ) -> JsonObject:
     """Return the description of a vehicle that a page needs before the first frame.
 
@@ -30,14 +30,16 @@ def vehicle_words(
     """
     block_kinds = blocks or {}
     kinds = {
-        room: resolve(room, block_kinds[room], file.folder) if room in block_kinds else file.kind(room)
+        room: resolve(room, block_kinds[room], vehicle_file.folder)
+        if room in block_kinds
+        else vehicle_file.kind(room)
         for room in ROOMS
     }
-    command, shape = file.command, file.geometry
+    command, shape = vehicle_file.command, vehicle_file.geometry
     round_m = None if shape.radius_m is None else 2.0 * shape.radius_m
     names, limits = command.names, command.limit.tolist()
     return {
-        "name": file.name, "world": world, "rate_hz": file.rate_hz, "seed": seed,
+        "name": vehicle_file.name, "world": world, "rate_hz": vehicle_file.rate_hz, "seed": seed,
         "footprint": {
             "kind": "car" if round_m is None else "round",
             "length_m": round_m or shape.length_m, "width_m": round_m or shape.width_m,
@@ -46,22 +48,22 @@ def vehicle_words(
             {"name": n, "low": -high, "high": high, "unit": command.unit}
             for n, high in zip(names, limits, strict=True)
         ],
-        "blocks": {"model": type(file.vehicle).__name__} | {room: k.__name__ for room, k in kinds.items()},
+        "blocks": {"model": type(vehicle_file.vehicle).__name__} | {room: k.__name__ for room, k in kinds.items()},
         "sensors": [
             {
-                "name": name, "kind": str(file.data.get("sensors", {}).get(name, {}).get("kind", name)),
+                "name": name, "kind": str(vehicle_file.data.get("sensors", {}).get(name, {}).get("kind", name)),
                 "channels": int(sensor.size), "rate_hz": float(sensor.rate_hz),
             }
-            for name, sensor in file.sensors._asdict().items()
+            for name, sensor in vehicle_file.sensors._asdict().items()
         ],
-        "gains": gains_of(file, block_kinds.get("controller")),
+        "gains": gains_of(vehicle_file, block_kinds.get("controller")),
     }  # fmt: skip
 
 
-def gains_of(file: "VehicleFile", kind: str | None = None) -> dict[str, float]:
+def gains_of(vehicle_file: "VehicleFile", kind: str | None = None) -> dict[str, float]:
     """Return the scalar gains of the controller by their path, as "controller.k_x"; {} if the file lacks gains."""
     try:
-        controller = file.controller(kind)
+        controller = vehicle_file.controller(kind)
     except BaqueanoError:
         return {}
     values = {name: np.asarray(getattr(controller, name)) for name in numbers_in(controller)}

@@ -70,16 +70,24 @@ class RecordedTick(NamedTuple):
     late_ms: float
 
 
-def columns_of(file: "VehicleFile") -> list[Column]:
+def columns_of(vehicle_file: "VehicleFile") -> list[Column]:
     """Return the columns of the rows of this vehicle, in order."""
     columns = [Column("t", "s", "time")]
     columns += [Column(name, unit, KIND_OF[name.partition(".")[0]]) for name, unit in ESTIMATE]
     for name, kind in (("u", "command"), ("asked", "asked")):
-        columns += [Column(f"{name}.{k}", file.command.unit, kind) for k in range(len(file.command.names))]
-    channels = [(name, k) for name in file.sensors._fields for k in range(getattr(file.sensors, name).size)]
+        columns += [
+            Column(f"{name}.{k}", vehicle_file.command.unit, kind)
+            for k in range(len(vehicle_file.command.names))
+        ]
+    channels = [
+        (name, k)
+        for name in vehicle_file.sensors._fields
+        for k in range(getattr(vehicle_file.sensors, name).size)
+    ]
     for name, kind in (("z", "measurement"), ("model", "model"), ("innov", "innovation"), ("S", "deviation")):
         columns += [
-            Column(f"{name}.{sensor}[{k}]", channel_unit(file, sensor, k), kind) for sensor, k in channels
+            Column(f"{name}.{sensor}[{k}]", channel_unit(vehicle_file, sensor, k), kind)
+            for sensor, k in channels
         ]
     return [*columns, *(Column(*column) for column in REST)]
 
@@ -88,7 +96,7 @@ def columns_of(file: "VehicleFile") -> list[Column]:
 class DriveRows:
     """The rows of one drive, made from its ticks for the clients that watch it."""
 
-    file: "VehicleFile"
+    vehicle_file: "VehicleFile"
     estimator: "Estimator | None" = None  # the estimator that drives
     route: "Route | None" = None
     ticks: deque[RecordedTick] = field(default_factory=lambda: deque(maxlen=RING))  # not yet made into rows
@@ -96,10 +104,10 @@ class DriveRows:
 
     def __post_init__(self) -> None:
         self.number = next(DRIVES)
-        self.columns = columns_of(self.file)
+        self.columns = columns_of(self.vehicle_file)
         self.rows: deque[tuple[int, list[str]]] = deque(maxlen=RING)  # t_ns, the numbers as text
         self.row_count = 0  # rows since the begin of the drive, including rows that were skipped
-        sensors = self.file.sensors
+        sensors = self.vehicle_file.sensors
         self._sizes = [getattr(sensors, name).size for name in sensors._fields]
         self._along = None if self.route is None else AlongRoute(self.route)
         self._at: tuple[int, ...] | None = ()  # channel of each innovation; () before the first tick
@@ -162,7 +170,7 @@ class DriveRows:
         if y is None or S is None:
             return innovation, deviation, NAN
         if self._at == () and self.estimator is not None:
-            self._at = innovations_of(self.estimator, self.file.sensors, len(y))
+            self._at = innovations_of(self.estimator, self.vehicle_file.sensors, len(y))
         values, spread = y.tolist(), np.sqrt(np.maximum(np.diagonal(S), 0.0)).tolist()
         for k, c in enumerate(self._at or ()):
             innovation[c], deviation[c] = values[k], spread[k]
@@ -187,18 +195,18 @@ class Frames:
         self._words: list[JsonObject] = []
 
     def begin(
-        self, file: "VehicleFile", world: str, seed: int | None = None, estimator: "Estimator | None" = None,
+        self, vehicle_file: "VehicleFile", world: str, seed: int | None = None, estimator: "Estimator | None" = None,
         mission: "Mission | None" = None, name: str = "",
     ) -> None:  # fmt: skip
         """Begin a drive, or announce the vehicle before its first drive; `name` is the name of the route."""
         route, laps = (None, 1) if mission is None else (mission.route, mission.laps)
-        drive = DriveRows(file, estimator, route)
+        drive = DriveRows(vehicle_file, estimator, route)
         fields: JsonObject = {
             "is": "fields", "names": [c.name for c in drive.columns], "units": [c.unit for c in drive.columns],
-            "kinds": [c.kind for c in drive.columns], "step_ns": round(NANOSECONDS / file.rate_hz),
+            "kinds": [c.kind for c in drive.columns], "step_ns": round(NANOSECONDS / vehicle_file.rate_hz),
         }  # fmt: skip
         blocks = {} if mission is None else mission.blocks
-        vehicle = {"is": "vehicle", **vehicle_words(file, world, seed, blocks)}
+        vehicle = {"is": "vehicle", **vehicle_words(vehicle_file, world, seed, blocks)}
         words = [vehicle, fields, route_words(route, name, laps)]
         with self._lock:
             self._drive, self._words = drive, words

@@ -47,7 +47,7 @@ class MissionPlan:
     """A mission, its vehicle file, and the options of its simulation and its result."""
 
     mission: Mission
-    file: "VehicleFile"
+    vehicle_file: "VehicleFile"
     name: str = ""  # name of its route
     keep: str = ""  # the name under which a lesson's route is stored
     closed: bool | None = None  # True for a closed route; None: closed if the drive returned to its start
@@ -65,7 +65,7 @@ class MissionPlan:
 
 @contextmanager
 def mission_plan(
-    mission_json: str, file: "VehicleFile", routes: "StoredRoutes", seed: int
+    mission_json: str, vehicle_file: "VehicleFile", routes: "StoredRoutes", seed: int
 ) -> Iterator[MissionPlan]:
     """Yield the plan of a mission in JSON, which is a whole mission or a request by name.
 
@@ -83,23 +83,27 @@ def mission_plan(
         raise UsageError(fault("shake.too-many", most=MOST_FAULTS))
     faults = tuple(Fault.of_words(words) for words in shake)
     if not whole:
-        yield replace(_plan_by_name(kind, request, file, routes, seed), shake=faults, hurry_s=hurry_s)
+        yield replace(_plan_by_name(kind, request, vehicle_file, routes, seed), shake=faults, hurry_s=hurry_s)
         return
     extra_keys = ("seed", "shake", "hurry_s")
     mission = Mission.of_json(json.dumps({k: v for k, v in request.items() if k not in extra_keys}))
     with TemporaryDirectory(prefix="baqueano-") as folder:
-        file = unpack(mission, Path(folder))
-        yield MissionPlan(mission, file, seed=seed, shake=faults, hurry_s=hurry_s)
+        vehicle_file = unpack(mission, Path(folder))
+        yield MissionPlan(mission, vehicle_file, seed=seed, shake=faults, hurry_s=hurry_s)
 
 
-def reload(file: "VehicleFile") -> "VehicleFile":
+def reload(vehicle_file: "VehicleFile") -> "VehicleFile":
     """Return the vehicle file, read again if it has changed on the disk, as after gains were written.
 
     Raise FileError if it is broken.
     """
-    if file.path is None or file.on_disk is None or read_text(file.path) == file.on_disk:
-        return file
-    return load(file.path)
+    if (
+        vehicle_file.path is None
+        or vehicle_file.on_disk is None
+        or read_text(vehicle_file.path) == vehicle_file.on_disk
+    ):
+        return vehicle_file
+    return load(vehicle_file.path)
 
 
 class StoredRoutes:
@@ -141,7 +145,7 @@ class StoredRoutes:
 
 
 def _plan_by_name(
-    kind: str, request: JsonObject, file: "VehicleFile", routes: StoredRoutes, seed: int
+    kind: str, request: JsonObject, vehicle_file: "VehicleFile", routes: StoredRoutes, seed: int
 ) -> MissionPlan:
     match kind:
         case "teach":
@@ -151,7 +155,7 @@ def _plan_by_name(
                 closed = request.get("closed")
                 return MissionPlan(
                     Mission("teach"),
-                    file,
+                    vehicle_file,
                     keep=keep,
                     closed=None if closed is None else bool(closed),
                     seed=seed,
@@ -159,20 +163,22 @@ def _plan_by_name(
             route = shape(
                 str(shape_name), _number(request, "size_m", SIZE_M), _number(request, "speed_m_s", SPEED_M_S)
             )
-            return MissionPlan(Mission("teach", route=route), file, keep, keep, bool(route.closed), seed)
+            return MissionPlan(
+                Mission("teach", route=route), vehicle_file, keep, keep, bool(route.closed), seed
+            )
         case "repeat":
             name = str(request.get("route", ""))
             laps = max(0, round(_number(request, "laps", 1)))
             mission = Mission("repeat", route=routes.read(name), laps=laps, blocks=_blocks(request))
-            return MissionPlan(mission, file, name, seed=seed)
+            return MissionPlan(mission, vehicle_file, name, seed=seed)
         case "experiment":
             from baqueano.identify.design.signals import excitation
 
             length_s = min(_number(request, "seconds", SECONDS), MOST_SECONDS)
             signal = str(request.get("signal", "random_steps")).replace("-", "_")
-            u = excitation(signal, file.command.limit, length_s, file.rate_hz, seed)
-            return MissionPlan(Mission("experiment", u=u), file, seed=seed)
-    return MissionPlan(Mission(kind), file, seed=seed)
+            u = excitation(signal, vehicle_file.command.limit, length_s, vehicle_file.rate_hz, seed)
+            return MissionPlan(Mission("experiment", u=u), vehicle_file, seed=seed)
+    return MissionPlan(Mission(kind), vehicle_file, seed=seed)
 
 
 def _blocks(request: JsonObject) -> dict[str, str]:

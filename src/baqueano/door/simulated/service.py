@@ -49,10 +49,10 @@ LOOP = 4.0  # a lesson at least this many times CLOSE_M long, which returned to 
 
 @dataclass
 class SimulatedService:
-    """The service of the vehicle `file`, whose body is simulated by `truth`. `broadcast` sends a message to
+    """The service of the vehicle `vehicle_file`, whose body is simulated by `truth`. `broadcast` sends a message to
     all clients."""
 
-    file: "VehicleFile"
+    vehicle_file: "VehicleFile"
     truth: "VehicleFile"
     folder: Path  # folder of the runs
     routes: StoredRoutes
@@ -88,7 +88,7 @@ class SimulatedService:
 
     def run(self) -> None:
         """Run until `done` is set."""
-        self.frames.begin(self.file, "simulated", self.seed)
+        self.frames.begin(self.vehicle_file, "simulated", self.seed)
         while not self.done.is_set():
             self.idle()
             waiting = self.operator.next()
@@ -123,8 +123,8 @@ class SimulatedService:
 
     def _drive_mission(self, mission_json: str, attended: bool, outcome: JsonObject) -> None:
         """Drive a mission until it ends or is stopped, and write the result into `outcome`."""
-        self.file = reload(self.file)
-        with mission_plan(mission_json, self.file, self.routes, self.seed + self._drives - 1) as plan:
+        self.vehicle_file = reload(self.vehicle_file)
+        with mission_plan(mission_json, self.vehicle_file, self.routes, self.seed + self._drives - 1) as plan:
             path = claim(self.folder, plan.mission.kind)
             try:
                 by_hand = plan.mission.kind in ("drive", "teach") and plan.mission.route is None
@@ -161,7 +161,7 @@ class SimulatedService:
         )
         try:
             perform(
-                plan.mission, plan.file, hand=lambda: self.operator.command(world.commands), world=world,
+                plan.mission, plan.vehicle_file, hand=lambda: self.operator.command(world.commands), world=world,
                 live=True, path=path, ticking=self._ticks(plan, attended), observers=observers, eta=start,
                 seed=seed, backend=self.backend,
             )  # fmt: skip
@@ -176,7 +176,7 @@ class SimulatedService:
             self.publish()
             return self.operator.done or self.operator.stop_reason(attended) is not None
 
-        for t_ns in self.pace.ticks(plan.file.rate_hz, is_interrupted, plan.hurry_s):
+        for t_ns in self.pace.ticks(plan.vehicle_file.rate_hz, is_interrupted, plan.hurry_s):
             if self.operator.done:
                 raise KeyboardInterrupt
             yield t_ns
@@ -207,7 +207,7 @@ class SimulatedService:
             return
         self._published_s, plan, record = now_s, self._plan, self._record
         mission = None if plan is None else plan.mission
-        rate_hz = self.file.rate_hz if plan is None else plan.file.rate_hz
+        rate_hz = self.vehicle_file.rate_hz if plan is None else plan.vehicle_file.rate_hz
         self.broadcast(
             {
                 "is": "state", "state": str(self.machine.state), "why": self.machine.reason, "run": self._run,
@@ -245,7 +245,7 @@ class _DriveObserver(Observer):
 
     def begin(self, blocks: Blocks) -> Blocks:
         plan, frames = self._plan, self._service.frames
-        frames.begin(plan.file, "simulated", plan.seed, blocks.estimator, plan.mission, plan.name)
+        frames.begin(plan.vehicle_file, "simulated", plan.seed, blocks.estimator, plan.mission, plan.name)
         return blocks
 
     def stop_reason(self, t_ns: int) -> Diagnostic | None:

@@ -104,7 +104,7 @@ class _LedgerKeeper(Observer):
     """Observer that keeps the ledger of a drive, and sends it when it changes."""
 
     def __init__(self, faults: FaultWords, plan: "MissionPlan", world: "ShakenWorld") -> None:
-        self._faults, self._file, self._world = faults, plan.file, world
+        self._faults, self._file, self._world = faults, plan.vehicle_file, world
         self._ledger: Ledger | None = None
         self._published_s, self._changed = 0.0, True
 

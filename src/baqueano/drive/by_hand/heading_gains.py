@@ -16,8 +16,8 @@ from baqueano.contracts.blocks import Controller
 from baqueano.controllers.heading_hold import OF_SPEED, Gains, Gyro, HeadingHold, place_poles
 from baqueano.estimators.readings.gate import gate
 from baqueano.vehicle_file.file import VehicleFile
-from baqueano.vehicles.effort import steady
-from baqueano.vehicles.freedoms import steers, turns
+from baqueano.vehicles.effort import constant_effort
+from baqueano.vehicles.freedoms import is_steered, turns
 from baqueano.vehicles.state import DynamicVehicle
 
 LINK_S = 0.02  # delay of the gyro's filter, of the estimate, and of the wire in both directions
@@ -69,7 +69,7 @@ def gains_of(vehicle_file: VehicleFile) -> Gains | None:
     drivetrain = vehicle.drivetrain
     late_s = drivetrain.lag_s + drivetrain.delay_s + 1.5 / vehicle_file.rate_hz + LINK_S
     gains = place_poles(DOUBT * k if vehicle_file.is_guess else k, tau_s, late_s)
-    return gains._replace(speed_m_s=speed if steers(vehicle) else 0.0)
+    return gains._replace(speed_m_s=speed if is_steered(vehicle) else 0.0)
 
 
 def _limit(vehicle_file: VehicleFile) -> np.ndarray:
@@ -92,7 +92,7 @@ def _answer(
     v = float(state.nu[0])
 
     def after(r: float, u: np.ndarray) -> float:
-        effort = steady(drivetrain.unmix(drivetrain.static(drivetrain.mix(u))))
+        effort = constant_effort(drivetrain.unmix(drivetrain.static(drivetrain.mix(u))))
         return float(vehicle.advance(np.zeros(3), np.array([v, 0.0, r]), effort, dt_s)[1][2])
 
     a = (after(STEP_RAD_S, u) - after(-STEP_RAD_S, u)) / (2.0 * STEP_RAD_S)

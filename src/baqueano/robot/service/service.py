@@ -235,20 +235,21 @@ class Service:
         If the disk is full, the missing rest of the run is reported, and the drive continues.
         """
         with tempfile.TemporaryDirectory(prefix="baqueano-") as folder:
-            file = within(PREPARE_S, unpack, mission, Path(folder))
+            vehicle_file = within(PREPARE_S, unpack, mission, Path(folder))
             self.patience(PREPARING_S)
-            body = body_of(file, self.uno, self.sleep)
-            world, late = Robot(file.sensors, self.uno, self.imu, body, self.now_ns), Lateness()
-            self._mission, self._rate_hz = mission, file.rate_hz
+            body = body_of(vehicle_file, self.uno, self.sleep)
+            world, late = Robot(vehicle_file.sensors, self.uno, self.imu, body, self.now_ns), Lateness()
+            self._mission, self._rate_hz = mission, vehicle_file.rate_hz
             self._record, self._bus, _ = None, None, self.operator.marks()  # those of before this drive
-            self.health.limits = file.robot
+            self.health.limits = vehicle_file.robot
             world.notes = () if self.imu is None else self.imu.notes
-            self._counts_before, watching = None, _ServiceObserver(self, world, late, attended, mission, file)
+            watching = _ServiceObserver(self, world, late, attended, mission, vehicle_file)
+            self._counts_before = None
             observers = (watching, Adjusting(self.operator, self.broadcast, mission.blocks))
             try:
                 perform(
-                    mission, file, hand=lambda: self.operator.command(3), world=world, live=True, path=path,
-                    ticking=self._ticks(world, file.rate_hz, late), observers=observers,
+                    mission, vehicle_file, hand=lambda: self.operator.command(3), world=world, live=True, path=path,
+                    ticking=self._ticks(world, vehicle_file.rate_hz, late), observers=observers,
                 )  # fmt: skip
             except FileError as error:
                 if not watching.over:  # the drive has not begun
@@ -355,10 +356,10 @@ class _ServiceObserver(Observer):
         late: Lateness,
         attended: bool,
         mission: Mission,
-        file: VehicleFile,
+        vehicle_file: VehicleFile,
     ) -> None:
         self._service, self._world, self._late, self._attended = service, world, late, attended
-        self._mission, self._file = mission, file
+        self._mission, self._file = mission, vehicle_file
         self._before = replace(service.uno.statistics)
         self.over = False
         self.stopped: Diagnostic | None = None

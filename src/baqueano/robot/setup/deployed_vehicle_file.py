@@ -35,26 +35,28 @@ class RenewedFile(NamedTuple):
     lines: list[str]  # the changes, key by key
 
 
-def renew_file(host: str, file: "VehicleFile", root: str = "/") -> RenewedFile:
-    """Return the new file for HOST, made from the laptop's `file` and the calibration at HOST.
+def renew_file(host: str, vehicle_file: "VehicleFile", root: str = "/") -> RenewedFile:
+    """Return the new file for HOST, made from the laptop's `vehicle_file` and the calibration at HOST.
 
     Raise RobotUnreachable if the robot's present file cannot be read. Raise UsageError if that file contains a
-    calibration of a key that `file` lacks.
+    calibration of a key that `vehicle_file` lacks.
     """
     path = f"{root.rstrip('/')}{VEHICLE}"
     content, code = run(ssh(host, f"test ! -e {path} || cat {path}"))
     if code:
         raise RobotUnreachable(fault("setup.file-not-read", f"ssh {host}", host=host, path=path))
     if not content:
-        return RenewedFile(file.text, b"", [])
+        return RenewedFile(vehicle_file.text, b"", [])
     try:
         robot_data = parse_toml(content.decode("utf-8"), f"{host}:{path}")
     except (ValueError, FileError) as error:  # neither TOML nor UTF-8, or nested too deeply
         line = _("the vehicle file there is not valid TOML ({error}): your file replaces it", error=error)
-        return RenewedFile(file.text, content, [line])
-    file, calibration_lines = _with_calibration(host, file, robot_data)
+        return RenewedFile(vehicle_file.text, content, [line])
+    vehicle_file, calibration_lines = _with_calibration(host, vehicle_file, robot_data)
     return RenewedFile(
-        file.text, content, [*differences(robot_data, parse_toml(file.text, file.label)), *calibration_lines]
+        vehicle_file.text,
+        content,
+        [*differences(robot_data, parse_toml(vehicle_file.text, vehicle_file.label)), *calibration_lines],
     )
 
 
@@ -70,7 +72,7 @@ def differences(before: "JsonObject", after: "JsonObject") -> list[str]:
 
 
 def _with_calibration(
-    host: str, file: "VehicleFile", robot_data: "JsonObject"
+    host: str, vehicle_file: "VehicleFile", robot_data: "JsonObject"
 ) -> tuple["VehicleFile", list[str]]:
     provenance, leaves = robot_data.get("provenance", {}), _leaves(robot_data)
     values: JsonObject = {}
@@ -79,7 +81,7 @@ def _with_calibration(
     for key, origin in provenance.items():
         if not isinstance(origin, dict) or origin.get("run") != CALIBRATION or key not in leaves:
             continue
-        if not exists(file.data, key, file.folder):
+        if not exists(vehicle_file.data, key, vehicle_file.folder):
             raise UsageError(
                 fault(
                     "setup.no-place-for-calibration",
@@ -89,7 +91,7 @@ def _with_calibration(
                     path=VEHICLE,
                 )
             )
-        file_value, own = file.value(key), file.provenance.get(key)
+        file_value, own = vehicle_file.value(key), vehicle_file.provenance.get(key)
         if np.array_equal(np.asarray(file_value), np.asarray(leaves[key])):
             origins |= {} if own is not None else {key: origin}
             continue
@@ -120,7 +122,7 @@ def _with_calibration(
                 file=VEHICLE,
             )
         )
-    return file.with_values(values, origins) if origins else file, lines
+    return vehicle_file.with_values(values, origins) if origins else vehicle_file, lines
 
 
 def _in(leaves: "JsonObject", key: str) -> str:

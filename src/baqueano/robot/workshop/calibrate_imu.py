@@ -151,11 +151,11 @@ class MountedImu:
             turn_rad=np.degrees(self.turn_rad),
         )
 
-    def values(self, file: "VehicleFile") -> "JsonObject":
+    def values(self, vehicle_file: "VehicleFile") -> "JsonObject":
         """Return the changes of a vehicle file: the axes, and biases that fit the means with its tilt and scales."""
         values: JsonObject = {"robot.imu_axes": list(self.axes)}
-        if "imu" in file.sensors._fields:
-            imu = file.sensors.imu
+        if "imu" in vehicle_file.sensors._fields:
+            imu = vehicle_file.sensors.imu
             zero = np.zeros(3)
             expected = np.asarray(imu.h(Motion(zero, zero, zero, zero)), dtype=float)
             values["sensors.imu.accel_bias"] = np.round(imu.accel_bias + self.accel - expected[:2], 5)

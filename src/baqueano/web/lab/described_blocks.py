@@ -32,47 +32,50 @@ CALLS, ROUNDS = 50, 5  # calls in a round, and rounds, to time a step
 MOST_NUMBERS = 9  # most numbers of an array that are shown
 
 
-def block_description(word: "JsonObject", file: "VehicleFile") -> "JsonObject":
+def block_description(word: "JsonObject", vehicle_file: "VehicleFile") -> "JsonObject":
     """Return all that the page shows about the block of a room, or about a block of another `kind` in its place.
 
     Raise UsageError if the kind is not in the list of the room.
     """
     room, kind = word["room"], word["kind"]
-    of_file = _kind_in_file(room, file)
-    alternatives = listed_kinds(room, file) if room in SWAPPED else []
+    of_file = _kind_in_file(room, vehicle_file)
+    alternatives = listed_kinds(room, vehicle_file) if room in SWAPPED else []
     if kind and kind not in alternatives and kind != of_file:
         raise UsageError(fault("web.no-kind", room=room, found=repr(kind), known=alternatives))
-    block = block_of(room, kind or of_file, file)
+    block = block_of(room, kind or of_file, vehicle_file)
     cls = type(block)
     return {
         "room": room, "kind": kind or of_file, "of_file": of_file, "kinds": alternatives, "name": cls.__name__,
         "ours": _is_own(cls), "parameters": _parameters(room, block), **_text(cls),
-        "step_us": step_us(room, kind or of_file, file) if room in LOOP else None, "tick_us": 1e6 / file.rate_hz,
+        "step_us": step_us(room, kind or of_file, vehicle_file) if room in LOOP else None,
+        "tick_us": 1e6 / vehicle_file.rate_hz,
     }  # fmt: skip
 
 
-def check_block(word: "JsonObject", file: "VehicleFile") -> "JsonObject":
+def check_block(word: "JsonObject", vehicle_file: "VehicleFile") -> "JsonObject":
     """Return the findings of `blocks check` about the block of a room, or of another `kind`."""
     from baqueano.vehicle_file.checked import check
 
-    block_description(word | {"kind": word["kind"]}, file)  # refuses a kind that is not in the list
+    block_description(word | {"kind": word["kind"]}, vehicle_file)  # refuses a kind that is not in the list
     room = word["room"]
-    report = check(block_of(room, word["kind"] or _kind_in_file(room, file), file), file, room)
+    report = check(
+        block_of(room, word["kind"] or _kind_in_file(room, vehicle_file), vehicle_file), vehicle_file, room
+    )
     return {"findings": [finding.to_json() for finding in report.findings]}
 
 
-def listed_kinds(room: str, file: "VehicleFile") -> list[str]:
+def listed_kinds(room: str, vehicle_file: "VehicleFile") -> list[str]:
     """Return the kinds that fit a room: the built-in kinds and the classes of the user's folder."""
-    return [*kinds(room), *own_kinds(room, file)]
+    return [*kinds(room), *own_kinds(room, vehicle_file)]
 
 
-def own_kinds(room: str, file: "VehicleFile") -> list[str]:
+def own_kinds(room: str, vehicle_file: "VehicleFile") -> list[str]:
     """Return "file.py:Class" for each class in the user's folder that fits the room by its source text.
 
     At most FILES files are read. Symbolic links and files over LARGEST bytes are ignored.
     """
     kinds = []
-    for path in sorted(Path(file.folder or ".").glob("*.py"))[:FILES]:
+    for path in sorted(Path(vehicle_file.folder or ".").glob("*.py"))[:FILES]:
         if path.is_symlink() or path.stat().st_size > LARGEST:
             continue
         try:
@@ -96,27 +99,31 @@ def _room(cls: ast.ClassDef) -> str:
     return next((room for name, room in room_of_base.items() if name in bases), "")
 
 
-def block_of(room: str, kind: str, file: "VehicleFile") -> Tree:
+def block_of(room: str, kind: str, vehicle_file: "VehicleFile") -> Tree:
     """Return the block of this kind for a room, built with the values of the vehicle file."""
     from baqueano.guides.shapes import circle
 
     if room == "vehicle":
-        return file.vehicle
+        return vehicle_file.vehicle
     if room == "sensors":
-        return next(iter(file.sensors), None)
-    resolve(room, kind, file.folder)
-    own_kind = None if kind == _kind_in_file(room, file) else kind
-    return file.guide(circle(1.0, 0.25), own_kind) if room == "guide" else getattr(file, room)(own_kind)
+        return next(iter(vehicle_file.sensors), None)
+    resolve(room, kind, vehicle_file.folder)
+    own_kind = None if kind == _kind_in_file(room, vehicle_file) else kind
+    return (
+        vehicle_file.guide(circle(1.0, 0.25), own_kind)
+        if room == "guide"
+        else getattr(vehicle_file, room)(own_kind)
+    )
 
 
-def _kind_in_file(room: str, file: "VehicleFile") -> str:
+def _kind_in_file(room: str, vehicle_file: "VehicleFile") -> str:
     from baqueano.vehicle_file.build import DEFAULT_KIND
 
-    table = file.data.get({"vehicle": "model"}.get(room, room), {})
+    table = vehicle_file.data.get({"vehicle": "model"}.get(room, room), {})
     return str(table.get("kind", DEFAULT_KIND.get(room, "")) if isinstance(table, dict) else "")
 
 
-def step_us(room: str, kind: str, file: "VehicleFile") -> float | None:
+def step_us(room: str, kind: str, vehicle_file: "VehicleFile") -> float | None:
     """Return the time [µs] of one step of this block, compiled as in a drive and measured on this machine.
 
     Return None if a block of the loop raises an error.
@@ -125,8 +132,11 @@ def step_us(room: str, kind: str, file: "VehicleFile") -> float | None:
     from baqueano.drive.session import compile_blocks, example_tick
     from baqueano.loop import Blocks
 
-    own = {part: block_of(part, kind if part == room else _kind_in_file(part, file), file) for part in LOOP}
-    tick = example_tick(file)
+    own = {
+        part: block_of(part, kind if part == room else _kind_in_file(part, vehicle_file), vehicle_file)
+        for part in LOOP
+    }
+    tick = example_tick(vehicle_file)
     quick, _ = compile_blocks(Blocks(**own), tick, "auto")
     states = loop.init(quick)
     try:

@@ -52,16 +52,18 @@ class FitOfDrive(NamedTuple):
 class DriveIdentification:
     """The identification of one drive of a vehicle at a time. The same thread must call `rows` and `state`."""
 
-    def __init__(self, file: "VehicleFile", backend: str = "auto") -> None:
-        self.file = file
-        self._informant = Informant(file, backend)
+    def __init__(self, vehicle_file: "VehicleFile", backend: str = "auto") -> None:
+        self.vehicle_file = vehicle_file
+        self._informant = Informant(vehicle_file, backend)
         self._live = RecursiveInformation(self._informant)
         self._advisor = MotionAdvisor(
-            self._informant, np.asarray(file.command.limit, dtype=float), file.rate_hz
+            self._informant, np.asarray(vehicle_file.command.limit, dtype=float), vehicle_file.rate_hz
         )
-        blocks = FittedBlocks(file.vehicle, file.sensors)
+        blocks = FittedBlocks(vehicle_file.vehicle, vehicle_file.sensors)
         self._free = [free_parameter(blocks, path, {}) for path in self._informant.of.names]
-        self._sizes = {name: int(getattr(file.sensors, name).size) for name in file.sensors._fields}
+        self._sizes = {
+            name: int(getattr(vehicle_file.sensors, name).size) for name in vehicle_file.sensors._fields
+        }
         self.compiled = self._informant.kernel.backend == "c"
         self._thread = ThreadPoolExecutor(1)
         self.restart()
@@ -78,7 +80,7 @@ class DriveIdentification:
         self._begin()
 
     def _begin(self) -> None:
-        n, m = len(self.file.command.names), sum(self._sizes.values())
+        n, m = len(self.vehicle_file.command.names), sum(self._sizes.values())
         self._ticks = np.zeros(0, dtype=np.int64)
         self._u, self._z = np.zeros((0, n)), np.zeros((0, m))
         self._information = self._live.begin(self._theta)
@@ -95,7 +97,7 @@ class DriveIdentification:
     @property
     def seconds(self) -> float:
         """Return the duration [s] of the drive so far."""
-        return len(self._ticks) / self.file.rate_hz
+        return len(self._ticks) / self.vehicle_file.rate_hz
 
     @property
     def busy(self) -> bool:
@@ -112,7 +114,7 @@ class DriveIdentification:
         x = np.array(rows, dtype=float).reshape(len(rows), len(names))
         at = {name: k for k, name in enumerate(names)}
         n, nothing = self._u.shape[1], np.full(len(x), np.nan)
-        ticks = np.rint(x[:, at["t"]] * self.file.rate_hz).astype(np.int64)
+        ticks = np.rint(x[:, at["t"]] * self.vehicle_file.rate_hz).astype(np.int64)
         u = np.column_stack([x[:, at[f"u.{k}"]] for k in range(n)])
         channels = [f"z.{name}[{k}]" for name, size in self._sizes.items() for k in range(size)]
         z = np.column_stack([x[:, at[channel]] if channel in at else nothing for channel in channels])
@@ -122,7 +124,7 @@ class DriveIdentification:
         ticks, u, z = ticks[fresh], u[fresh], z[fresh]
         if not len(ticks):
             return
-        if np.max(np.diff(ticks, prepend=last)) > LONGEST_GAP_S * self.file.rate_hz:
+        if np.max(np.diff(ticks, prepend=last)) > LONGEST_GAP_S * self.vehicle_file.rate_hz:
             self._begin()
             last = ticks[0] - 1
         whole = np.arange(last + 1, ticks[-1] + 1)
@@ -166,14 +168,14 @@ class DriveIdentification:
 
     def run(self) -> Run:
         """Return the rows added so far as a run."""
-        t_ns = (self._ticks * round(NANOSECONDS / self.file.rate_hz)).astype(np.int64)
+        t_ns = (self._ticks * round(NANOSECONDS / self.vehicle_file.rate_hz)).astype(np.int64)
         sensors, at = {}, 0
         for name, size in self._sizes.items():
             z, at = self._z[:, at : at + size], at + size
             has = np.isfinite(z).all(axis=1)
             if has.any():
                 sensors[name] = Channel(t_ns[has], t_ns[has], z[has])
-        return Run("live", None, t_ns, self._u, sensors=sensors, vehicle_text=self.file.text)
+        return Run("live", None, t_ns, self._u, sensors=sensors, vehicle_text=self.vehicle_file.text)
 
     def close(self) -> None:
         """End the thread and cancel the fits that have not begun."""
@@ -181,16 +183,16 @@ class DriveIdentification:
 
     @property
     def _window_s(self) -> float:
-        return WINDOW / self.file.rate_hz
+        return WINDOW / self.vehicle_file.rate_hz
 
     def _fit(self, run: Run) -> FitOfDrive | Diagnostic:
         """Return a fit of a run, or the diagnostic of its failure."""
         began_s = time.monotonic()
         try:
-            fit = identify(run, self.file)
+            fit = identify(run, self.vehicle_file)
         except BaqueanoError as error:
             return error.diagnostic
-        return FitOfDrive(fit, len(run.t_ns) / self.file.rate_hz, time.monotonic() - began_s)
+        return FitOfDrive(fit, len(run.t_ns) / self.vehicle_file.rate_hz, time.monotonic() - began_s)
 
     def _take_fit(self) -> None:
         """Use a fit that has finished for the expected errors, and plan the time of the next fit."""
@@ -254,7 +256,7 @@ class DriveIdentification:
 
     @property
     def _start_s(self) -> float:
-        return float(self._ticks[0]) / self.file.rate_hz if len(self._ticks) else 0.0
+        return float(self._ticks[0]) / self.vehicle_file.rate_hz if len(self._ticks) else 0.0
 
     def _parameter(self, free: Free, sd: float, value: float | None) -> "JsonObject":
         missing = free.shown_by and (sd > UNSEEN or (self._last_fit is not None and value is None))

@@ -117,22 +117,26 @@ class TuningBench:
         from baqueano.diagnostics import Verdict
         from baqueano.vehicle_file.history import Provenance
 
-        file, _, laps = self._laps(word)
-        if file.path is None:
-            raise UsageError(fault("web.tune-garage", "baqueano new NAME", vehicle=file.name))
+        vehicle_file, _, laps = self._laps(word)
+        if vehicle_file.path is None:
+            raise UsageError(fault("web.tune-garage", "baqueano new NAME", vehicle=vehicle_file.name))
         block = laps.space.with_gains(_values(word["gains"], laps))
         values = file_values(block, laps.space.names, word.get("kind") or None)
         origin = Provenance(run="tune, page", verdict=Verdict.USABLE)
-        file.with_values(values, dict.fromkeys(values, origin)).save()
+        vehicle_file.with_values(values, dict.fromkeys(values, origin)).save()
         self._laps_cache.clear()
-        return {"file": file.path.name}
+        return {"file": vehicle_file.path.name}
 
     def _laps(self, word: "JsonObject") -> "tuple[VehicleFile, Route, SimulatedLaps]":
         key = (_stamp(word), word.get("route", ""), word.get("kind") or "")
         if key not in self._laps_cache:
-            file = file_of(word)
+            vehicle_file = file_of(word)
             route = _route(word)
-            self._laps_cache[key] = file, route, simulated_laps(file, route, word.get("kind") or None)
+            self._laps_cache[key] = (
+                vehicle_file,
+                route,
+                simulated_laps(vehicle_file, route, word.get("kind") or None),
+            )
             while len(self._laps_cache) > KEPT:
                 self._laps_cache.popitem(last=False)
         self._laps_cache.move_to_end(key)

@@ -126,11 +126,11 @@ def _refilter(run: "Run", estimator: str) -> "Run":
     from baqueano.drive.verbs import vehicle_of
     from baqueano.web.lab.described_blocks import listed_kinds
 
-    file = vehicle_of(run)
-    kinds = listed_kinds("estimator", file)
+    vehicle_file = vehicle_of(run)
+    kinds = listed_kinds("estimator", vehicle_file)
     if estimator not in kinds:
         raise UsageError(fault("web.no-kind", room="estimator", found=repr(estimator), known=kinds))
-    replayed = replay(run, file, estimator=estimator, backend="auto")
+    replayed = replay(run, vehicle_file, estimator=estimator, backend="auto")
     return replace(replayed, name=estimator, metadata=run.metadata | replayed.metadata | {"kind": "replay"})
 
 
@@ -174,7 +174,7 @@ def _mission(word: "JsonObject") -> tuple["JsonObject", bytes]:
     from baqueano.runs.route_file import read_route
     from baqueano.vehicle_file import load
 
-    file, order, kind = load(word["vehicle"]), word["said"], word["kind"]
+    vehicle_file, order, kind = load(word["vehicle"]), word["said"], word["kind"]
     route = u = None
     if kind == "repeat":
         files = {path.stem: path for path in Path(word["routes"]).glob("*.csv")}
@@ -186,10 +186,10 @@ def _mission(word: "JsonObject") -> tuple["JsonObject", bytes]:
             str(order.get("signal", "random_steps")),
             min(float(order.get("seconds", 60.0)), LONGEST_S),
         )
-        u = excitation(signal, file.command.limit, long_s, file.rate_hz, 0)
+        u = excitation(signal, vehicle_file.command.limit, long_s, vehicle_file.rate_hz, 0)
     blocks = order.get("blocks", {}) if kind == "repeat" else {}
     mission = Mission(kind, u=u, route=route, laps=max(0, round(order.get("laps", 1))), blocks=blocks)
-    return {"mission": pack(mission, file).json()}, b""
+    return {"mission": pack(mission, vehicle_file).json()}, b""
 
 
 def _version(path: Path) -> tuple[str, int]:
