@@ -22,7 +22,7 @@ def quick(monkeypatch):
 @pytest.fixture
 def one_noise(monkeypatch):
     """Use error bars that assume the same noise along the whole run."""
-    monkeypatch.setattr(summary, "no_smaller", lambda problem, cov, pieces, k, by_segment: cov)
+    monkeypatch.setattr(summary, "with_larger_errors", lambda problem, cov, pieces, k, by_segment: cov)
 
 
 def test_the_last_round_is_written_and_starts_the_next_fit(baqueano, quick, one_noise, tmp_path):

@@ -232,7 +232,7 @@ def test_driving_the_emulated_vehicle_by_keys_is_refused(baqueano):
 
 def test_the_scale_from_marks_is_reported_and_written_to_the_file(baqueano, monkeypatch):
     run = drive_of_turns(vehicle_file.load("small"), [4.0 * np.pi])
-    monkeypatch.setattr("baqueano.cli.driving.drive.by_hand", lambda *args, **options: run)
+    monkeypatch.setattr("baqueano.cli.driving.drive.drive_by_hand", lambda *args, **options: run)
     end = baqueano("drive", "--vehicle", "small", "--json")
     assert "type: --set sensors.imu.gyro_scale=0.9" in end.err
     (row,) = end.reply["rows"]
@@ -246,7 +246,7 @@ def test_the_scale_from_marks_is_reported_and_written_to_the_file(baqueano, monk
 def test_a_drive_without_marks_explains_the_purpose_of_marks(baqueano, monkeypatch):
     run = drive_of_turns(vehicle_file.load("small"), [4.0 * np.pi])
     monkeypatch.setattr(
-        "baqueano.cli.driving.drive.by_hand", lambda *args, **options: replace(run, events=run.events[-1:])
+        "baqueano.cli.driving.drive.drive_by_hand", lambda *args, **options: replace(run, events=run.events[-1:])
     )
     assert "press m on the mark" in baqueano("drive", "--vehicle", "small").err
 

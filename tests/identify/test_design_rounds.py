@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 from scipy.stats import binom
 
-from baqueano.cli.driving.iterate import in_rounds
-from baqueano.cli.driving.targets import Here
+from baqueano.cli.driving.iterate import drive_in_rounds
+from baqueano.cli.driving.targets import LocalTarget
 from baqueano.drive import first_drive, rough
 from baqueano.errors import UsageError
 from baqueano.identify import FitOptions, identify
@@ -37,8 +37,8 @@ def rounds_of_design(small, truth, tmp_path_factory):
         file = identify([first.run], rough(first, small)).vehicle_file
         runs = [first.run]
         design = lambda now, seed: design_plan(now, room_of(now, size), 10.0, seed=seed).u  # noqa: E731
-        place = Here(lambda: {"truth": truth})
-        rounds = in_rounds(file, place, runs, 2, design, 0, "auto", lambda label: folder / f"{label}.mcap")
+        place = LocalTarget(lambda: {"truth": truth})
+        rounds = drive_in_rounds(file, place, runs, 2, design, 0, "auto", lambda label: folder / f"{label}.mcap")
     return rounds, runs, room_of(small, size)
 
 
@@ -46,7 +46,7 @@ def test_error_bars_shrink_from_round_to_round(rounds_of_design, small, truth):
     """These error bars assume the same noise along the run: the design reduces them."""
     _, runs, _ = rounds_of_design
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(summary, "no_smaller", lambda problem, cov, pieces, k, by_segment: cov)
+        patch.setattr(summary, "with_larger_errors", lambda problem, cov, pieces, k, by_segment: cov)
         fits = [identify(runs[:k], small, options=FitOptions(diagnose=False)) for k in (2, 3)]
     for name in SURE:
         first, second = (fit.sd[fit.names.index(name)] / fit.value(name) for fit in fits)
@@ -56,7 +56,7 @@ def test_error_bars_shrink_from_round_to_round(rounds_of_design, small, truth):
 def test_reported_error_bars_are_smaller_after_the_last_round(rounds_of_design):
     """The mean of the important parameters is compared. A single error bar may grow if parts of a run disagree."""
     first, *_, last = rounds_of_design[0].rounds
-    ratios = [last.relative_sd(name) / first.relative_sd(name) for name in SURE]
+    ratios = [last.relative_std(name) / first.relative_std(name) for name in SURE]
     assert 0.0 < np.exp(np.mean(np.log(ratios))) < 0.95
 
 

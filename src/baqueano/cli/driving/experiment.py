@@ -8,10 +8,10 @@ import click
 import numpy as np
 
 from baqueano.cli import numbers, options
-from baqueano.cli.driving.iterate import in_rounds
-from baqueano.cli.driving.targets import Place, open_target, say_ledger
+from baqueano.cli.driving.iterate import drive_in_rounds
+from baqueano.cli.driving.targets import Target, open_target, print_ledger
 from baqueano.cli.page import live
-from baqueano.cli.terminal import answer, busy, print_message, time_progress
+from baqueano.cli.terminal import answer, print_message, show_activity, time_progress
 from baqueano.diagnostics import Verdict, fault, nearest, note
 from baqueano.messages import texts
 from baqueano.messages.printable import baqueano_command
@@ -86,32 +86,32 @@ def command(
 
     with (
         live.live_page(shown, robot, vehicle_file, folder, pace) as page,
-        open_target(robot, vehicle_file, seed, backend, page=page, shake=shake) as place,
+        open_target(robot, vehicle_file, seed, backend, page=page, shake=shake) as target,
     ):
         runs: list[Run] = []
         if signal == "designed" and not trust_file and vehicle_file.is_guess:
-            vehicle_file, first = after_first_drive(vehicle_file, place, backend, path_of)
-            runs.append(first)
-            place.back_in_the_middle()
+            vehicle_file, first_result = make_first_drive(vehicle_file, target, backend, path_of)
+            runs.append(first_result)
+            target.back_in_the_middle()
         if rounds is not None:
             make_signal = lambda now, draw: signal_of(now, kind, room, seconds, draw, backend)  # noqa: E731
-            result = in_rounds(vehicle_file, place, runs, rounds, make_signal, seed, backend, path_of)
+            result = drive_in_rounds(vehicle_file, target, runs, rounds, make_signal, seed, backend, path_of)
             answer(result, as_json)
             options.save_update(result.rounds[-1].fit.vehicle_file, update)
         else:
             u = signal_of(vehicle_file, kind, room, seconds, seed, backend)
-            run_experiment(vehicle_file, place, u, path_of(""), as_json, shake)
+            run_experiment(vehicle_file, target, u, path_of(""), as_json, shake)
     print_message(
         note(
             "cli.next-identify",
-            fix=baqueano_command("identify", *run_names, *options.naming(vehicle_file, folder)),
+            fix=baqueano_command("identify", *run_names, *options.naming_options(vehicle_file, folder)),
         )
     )
 
 
 def run_experiment(
     vehicle_file: "VehicleFile",
-    place: Place,
+    target: Target,
     u: np.ndarray,
     path: Path,
     as_json: bool,
@@ -122,9 +122,9 @@ def run_experiment(
     from baqueano.runs.show import show
 
     with time_progress(note("cli.experiment"), len(u) / vehicle_file.rate_hz) as progress:
-        run = place.drive(Mission("experiment", u=u), vehicle_file, path, progress)
+        run = target.drive(Mission("experiment", u=u), vehicle_file, path, progress)
     print_message(note("cli.run", path=path))
-    say_ledger(run, vehicle_file, shake)
+    print_ledger(run, vehicle_file, shake)
     answer(show(run), as_json)
     options.raise_stop(run, path)
 
@@ -158,7 +158,7 @@ def signal_of(
 
     if kind == "designed":
         room = room_of(vehicle_file, size or "2x2")
-        with busy(note("cli.designing")) as say:
+        with show_activity(note("cli.designing")) as say:
             plan = design_plan(vehicle_file, room, seconds, seed=seed, backend=backend, progress=say)
         print_message(plan.table())
         return plan.u
@@ -166,7 +166,7 @@ def signal_of(
     if size is None:
         return u
     room = room_of(vehicle_file, size)
-    with busy(note("cli.keeping-in-room", size=size)):
+    with show_activity(note("cli.keeping-in-room", size=size)):
         containment = contain(u, vehicle_file, room, seed=seed, backend=backend)
     print_message(
         note(
@@ -179,8 +179,8 @@ def signal_of(
     return containment.u
 
 
-def after_first_drive(
-    vehicle_file: "VehicleFile", place: Place, backend: str, path_of: Callable[[str], Path]
+def make_first_drive(
+    vehicle_file: "VehicleFile", target: Target, backend: str, path_of: Callable[[str], Path]
 ) -> tuple[Any, Any]:
     """Return the file fitted to a careful first drive, and the run of that drive.
 
@@ -194,14 +194,14 @@ def after_first_drive(
     path = path_of("first-drive")
     print_message(note("cli.first-drive", name=vehicle_file.name))
     with time_progress(note("cli.driving-first"), 0.0) as progress:
-        first = estimate_first_drive(
-            place.drive(Mission("first drive"), vehicle_file, path, progress), vehicle_file
+        first_result = estimate_first_drive(
+            target.drive(Mission("first drive"), vehicle_file, path, progress), vehicle_file
         )
     print_message(note("cli.run", path=path))
-    print_message(first.table())
-    options.raise_stop(first.run, path)
-    start = rough(first, vehicle_file)
-    with busy(note("cli.fitting-first")):
-        fit = identify([first.run], start, options=FitOptions(backend=backend))
+    print_message(first_result.table())
+    options.raise_stop(first_result.run, path)
+    rough_file = rough(first_result, vehicle_file)
+    with show_activity(note("cli.fitting-first")):
+        fit = identify([first_result.run], rough_file, options=FitOptions(backend=backend))
     print_message(note("cli.fitted", verdict=fit.verdict, reasons="; ".join(texts(fit.reasons))))
-    return (start if fit.verdict == Verdict.REFUSED else fit.vehicle_file), first.run
+    return (rough_file if fit.verdict == Verdict.REFUSED else fit.vehicle_file), first_result.run

@@ -18,11 +18,11 @@ if TYPE_CHECKING:
     from baqueano.runs.run import Run
     from baqueano.vehicle_file.file import VehicleFile
 
-IN_HERE = ("simulated", "emulated")
-LIKE = 0.85  # share of letters that a mistyped target has in common with the right name
+LOCAL_TARGETS = ("simulated", "emulated")
+MIN_SIMILARITY = 0.85  # share of letters that a mistyped target has in common with the right name
 
 
-class Place(Protocol):
+class Target(Protocol):
     """A target that drives missions, as `open_target` yields it."""
 
     def drive(
@@ -37,7 +37,7 @@ class Place(Protocol):
         ...
 
 
-class Here:
+class LocalTarget:
     """A target in this process; `options` returns the options of `session.drive` for its world."""
 
     def __init__(self, options: Callable[[], "JsonObject"], page: "LivePage | None" = None) -> None:
@@ -62,7 +62,7 @@ class Here:
         print_message(note("cli.middle-again"))
 
 
-class There:
+class RemoteTarget:
     """A vehicle that is reached by ssh. Its start pose is the origin of its map."""
 
     def __init__(self, remote: "Remote", attended: bool, page: "LivePage | None" = None) -> None:
@@ -101,7 +101,7 @@ class There:
 def open_target(
     robot: str, vehicle_file: "VehicleFile", seed: int, backend: str, attended: bool = True,
     page: "LivePage | None" = None, shake: tuple[str, ...] = (),
-) -> Iterator[Place]:  # fmt: skip
+) -> Iterator[Target]:  # fmt: skip
     """Yield the target that --robot names, with the faults `shake` of a simulation.
 
     The name is "simulated" or "emulated", optionally with ":FILE" for the body of another vehicle, or a host.
@@ -109,30 +109,30 @@ def open_target(
     kind = robot.partition(":")[0]
     if shake and kind != "simulated":
         raise UsageError(fault("shake.robot", host=robot))
-    near = nearest(kind, IN_HERE, LIKE)
-    if not {"@", "."} & set(robot) and near.figures.get("meant", kind) != kind:
-        raise UsageError(fault("cli.robot-mistyped", found=kind, near=near))
-    if kind in IN_HERE and ":" not in robot and vehicle_file.simulation.truth is not None:
+    suggestion = nearest(kind, LOCAL_TARGETS, MIN_SIMILARITY)
+    if not {"@", "."} & set(robot) and suggestion.figures.get("meant", kind) != kind:
+        raise UsageError(fault("cli.robot-mistyped", found=kind, near=suggestion))
+    if kind in LOCAL_TARGETS and ":" not in robot and vehicle_file.simulation.truth is not None:
         print_message(
             note("cli.simulated-truth", vehicle=vehicle_file.label, truth=vehicle_file.simulation.truth)
         )
     if kind == "simulated":
         arguments = {"truth": load_truth(robot, vehicle_file), "seed": seed, "backend": backend}
         arguments |= {"shake": shake} if shake else {}
-        yield Here(lambda: arguments, page)
+        yield LocalTarget(lambda: arguments, page)
     elif kind == "emulated":
         from baqueano.robot.emulated import emulate_vehicle
 
         with emulate_vehicle(vehicle_file, load_truth(robot, vehicle_file), seed) as options:
-            yield Here(lambda: options() | {"seed": seed, "backend": backend}, page)
+            yield LocalTarget(lambda: options() | {"seed": seed, "backend": backend}, page)
     else:
         from baqueano.door.remote import connect
 
         with connect(robot) as remote:
-            yield There(remote, attended, page)
+            yield RemoteTarget(remote, attended, page)
 
 
-def say_ledger(run: "Run", vehicle_file: "VehicleFile", shake: tuple[str, ...]) -> None:
+def print_ledger(run: "Run", vehicle_file: "VehicleFile", shake: tuple[str, ...]) -> None:
     """Print for each fault the checks that noticed it, and the times. If no check noticed it, print the reason."""
     if not shake:
         return
@@ -150,5 +150,5 @@ def say_ledger(run: "Run", vehicle_file: "VehicleFile", shake: tuple[str, ...]) 
                     said=notice.message,
                 )
             )
-        if (nobody := ledger.nobody(row)) is not None:
+        if (nobody := ledger.unnoticed_diagnostic(row)) is not None:
             print_message(note("ledger.by-nobody", said=nobody))

@@ -27,7 +27,7 @@ COMES_S = 5.0  # a browser, if a tab was opened
 ENDS_S = 3.0  # the page, once its drives are over
 
 shown = click.option("--page", "shown", is_flag=True, help="Show both runs in a browser, side by side.")
-page = options.together(
+page = options.combine_options(
     click.option("--page", "shown", is_flag=True, help="Show the drive in a browser while it happens."),
     click.option(
         "--pace", type=click.FloatRange(0.05, 50.0), default=1.0, show_default=True,

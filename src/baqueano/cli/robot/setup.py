@@ -85,10 +85,12 @@ def setup(host: str, vehicle: str | None, settings: tuple[str, ...], dry: bool, 
     python = f"{machine.python[0]}.{machine.python[1]}"
     folder = bundle(folder or user_cache() / "robot" / f"{python}-{machine.kind}", machine, print_message)
     (folder / "vehicle.toml").write_text(vehicle_file.text, encoding="utf-8")
-    own = vehicle is not None or options.OWN_FILE.exists()
-    if not own:
+    has_own_file = vehicle is not None or options.OWN_FILE.exists()
+    if not has_own_file:
         print_message(note("cli.no-vehicle-file"))
-    install(host, folder, machine, vehicle=vehicle_file if own else None, notify=print_result, dry=dry)
+    install(
+        host, folder, machine, vehicle=vehicle_file if has_own_file else None, notify=print_result, dry=dry
+    )
     if not dry:
         print_result(note("cli.is-a-vehicle", fix=baqueano_command("robot", "doctor", host), host=host))
 

@@ -33,8 +33,10 @@ def doctor(
         with service_off(print_message):
             report = examine(vehicle_file.robot, Path("/"), Path(folder), jitter_s, print_message)
     else:
-        more = [f"--jitter={jitter_s:g}"] if jitter_s else []
-        rows = rows_from_host(host, "robot", "doctor", "--vehicle", VEHICLE, "--runs", f"{HOME}/runs", *more)
+        jitter_option = [f"--jitter={jitter_s:g}"] if jitter_s else []
+        rows = rows_from_host(
+            host, "robot", "doctor", "--vehicle", VEHICLE, "--runs", f"{HOME}/runs", *jitter_option
+        )
         report = Report([Check(**row) for row in rows])
     answer(report, as_json)
     if report.verdict == "bad":
@@ -96,12 +98,12 @@ def imu(host: str, vehicle: str | None, settings: tuple[str, ...], update: bool,
 
     vehicle_file = options.load_vehicle(vehicle, settings)
     if host == "here":
-        with open_hardware(vehicle_file.robot, print_message, in_chip_axes=True, motors=False) as floor:
-            mounted_imu = find(ImuReader(floor.imu), print_message)
+        with open_hardware(vehicle_file.robot, print_message, in_chip_axes=True, motors=False) as floor_tests:
+            mounted_imu = find(ImuReader(floor_tests.imu), print_message)
     else:  # its service uses its own vehicle file, so that file is written there
-        more = ["--update"] if update else []
+        update_option = ["--update"] if update else []
         mounted_imu = MountedImu.of(
-            rows_from_host(host, "robot", "calibrate", "imu", "--vehicle", VEHICLE, *more)[0]
+            rows_from_host(host, "robot", "calibrate", "imu", "--vehicle", VEHICLE, *update_option)[0]
         )
     answer(mounted_imu, as_json)
     values = mounted_imu.values(vehicle_file)
@@ -129,9 +131,9 @@ def motors(host: str, vehicle: str | None, settings: tuple[str, ...], as_json: b
     motors: Any
     if host == "here":
         vehicle_file = options.load_vehicle(vehicle, settings)
-        with open_hardware(vehicle_file.robot, print_message) as floor:
-            floor.uno.configure(config_of(vehicle_file.robot, floor.uno.info))
-            motors = find(floor, print_message)
+        with open_hardware(vehicle_file.robot, print_message) as floor_tests:
+            floor_tests.uno.configure(config_of(vehicle_file.robot, floor_tests.uno.info))
+            motors = find(floor_tests, print_message)
     else:
         motors = Motors.of(rows_from_host(host, "robot", "calibrate", "motors", "--vehicle", VEHICLE))
     answer(motors, as_json)
