@@ -320,7 +320,7 @@ SIMULATED = {
     "paper",
 }  # the demo, and the simulation that the paper describes
 HARMLESS = {
-    "times",
+    "tick_times",
     "KnownState",
     "truth_sensor",
     "initial_pose",
@@ -328,7 +328,7 @@ HARMLESS = {
     "replay",
     "stop_of",
     "first_drive",
-    "compilable",
+    "check_compilable",
     "repeat",
     "closure",
     "MARK_SOURCE",

@@ -15,7 +15,7 @@ import pytest
 
 from baqueano import vehicle_file
 from baqueano.diagnostics import StopReason
-from baqueano.drive.by_hand.terminal_heartbeat import GONE_S, START_S
+from baqueano.drive.by_hand.terminal_heartbeat import MAX_SILENCE_S, START_S
 from baqueano.drive.session import marks_of, stop_of
 from baqueano.runs import read_run
 from tests.drive.test_closure import drive_of_turns
@@ -155,7 +155,7 @@ def test_a_set_point_below_the_dead_zone_is_reported_on_screen(terminal):
 
 @pytest.mark.parametrize("latched", [False, True])
 def test_a_terminal_that_stops_answering_stops_the_vehicle(terminal, tmp_path, latched):
-    screen = terminal(*DRIVE, *(["--latched"] if latched else []), kitty=not latched, gone_s=GONE_S)
+    screen = terminal(*DRIVE, *(["--latched"] if latched else []), kitty=not latched, gone_s=MAX_SILENCE_S)
     screen.until(rb"terminal \d+ ms")
     screen.type(b"w" if latched else W_DOWN)
     screen.until(rb"(?s)(?:u_x +\S+ \+0\.(?:05|50) .*?){12}")

@@ -8,7 +8,7 @@ import pytest
 from baqueano import vehicle_file
 from baqueano.controllers.heading_hold import AUTHORITY, SLOWER, Gyro, HeadingHold, place_poles
 from baqueano.drive import replay
-from baqueano.drive.by_hand.heading_gains import LINK_S, gains_of, holding
+from baqueano.drive.by_hand.heading_gains import LINK_DELAY_S, gains_of, with_heading_hold
 from baqueano.drive.mission import Mission, perform
 from baqueano.drive.verbs import lesson
 from baqueano.signals import Command, Estimate, Reference
@@ -81,7 +81,7 @@ def test_controller_gains_follow_from_the_yaw_gain_and_time_of_the_model():
         "model.drivetrain.gain": [0.9, 0.9],
     }  # fmt: skip
     file = as_fitted(small.with_values(values))
-    late_s = 0.06 + 0.01 + 0.015 + LINK_S
+    late_s = 0.06 + 0.01 + 0.015 + LINK_DELAY_S
     np.testing.assert_allclose(
         gains_of(file)[:4], place_poles(0.9 * 0.203 / 0.0115, 0.001494 / 0.0115, late_s)[:4], rtol=0.05
     )
@@ -92,7 +92,7 @@ def test_the_yaw_gain_of_a_car_depends_on_its_speed():
     file = as_fitted(vehicle_file.load("car"), "model.steering_gain")
     gains, car = gains_of(file), file.vehicle
     k = gains.speed_m_s * car.steering_gain / car.wheelbase_m
-    late_s = car.drivetrain.lag_s + car.drivetrain.delay_s + 1.5 / file.rate_hz + LINK_S
+    late_s = car.drivetrain.lag_s + car.drivetrain.delay_s + 1.5 / file.rate_hz + LINK_DELAY_S
     np.testing.assert_allclose(gains[:4], place_poles(k, car.yaw_lag_s, late_s)[:4], rtol=0.05)
 
 
@@ -100,9 +100,9 @@ def test_the_yaw_gain_of_a_car_depends_on_its_speed():
 def test_heading_control_is_inactive_without_turning_or_gyro(name):
     small, hand = vehicle_file.load("small"), Says()
     if name == "no turn":
-        assert holding(hand, override(small, ("command.limit=[1.0,0.0,0.0]",))) is hand
+        assert with_heading_hold(hand, override(small, ("command.limit=[1.0,0.0,0.0]",))) is hand
     else:
-        assert holding(hand, replace(small, sensors=type("Sensors", (), {"_fields": ()})())) is hand
+        assert with_heading_hold(hand, replace(small, sensors=type("Sensors", (), {"_fields": ()})())) is hand
 
 
 VEHICLES = {

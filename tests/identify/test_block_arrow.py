@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 
 from baqueano.identify import FitOptions, identify
 from baqueano.identify.covariance.information import Information, covariance_of
-from baqueano.identify.data.segments import ThetaLayout, without_starts
+from baqueano.identify.data.segments import ThetaLayout, eliminate_starts
 from baqueano.identify.estimation.least_squares import RIDGE, _bounded_step, _step, minimise
 from baqueano.identify.residuals import simulation as simulated
 from baqueano.identify.residuals.block_arrow import (
@@ -103,7 +103,7 @@ def test_unobservable_initial_states_do_not_change_the_minimum():
     assert arrow.converged
     assert dense.converged
     np.testing.assert_allclose(arrow.theta, dense.theta, atol=1e-8)
-    assert np.all(arrow.theta[layout.starts :].reshape(-1, 5)[:, -1] == 1.0)
+    assert np.all(arrow.theta[layout.first_start :].reshape(-1, 5)[:, -1] == 1.0)
 
 
 def test_few_segments_are_solved_with_the_whole_matrix():
@@ -115,10 +115,10 @@ def test_few_segments_are_solved_with_the_whole_matrix():
 def test_errors_of_shared_parameters_equal_the_inverse_of_the_whole_matrix():
     _, whole, _ = equations(4, ONE_RUN)
     layout = ThetaLayout(4, 3, 6, ONE_RUN)
-    A, B = without_starts(whole, 2.0 * whole, layout)
-    few, channels, starts = 10_000, np.zeros((1, 1)), np.arange(layout.starts)
+    A, B = eliminate_starts(whole, 2.0 * whole, layout)
+    few, channels, starts = 10_000, np.zeros((1, 1)), np.arange(layout.first_start)
     small = covariance_of(Information(A, B, channels, False, np.zeros(1), few), starts)
-    large = 2.0 * np.linalg.inv(whole)[: layout.starts, : layout.starts] * few / (few - layout.starts)
+    large = 2.0 * np.linalg.inv(whole)[: layout.first_start, : layout.first_start] * few / (few - layout.first_start)
     root = np.sqrt(np.diagonal(large))
     np.testing.assert_allclose(small / np.outer(root, root), large / np.outer(root, root), atol=1e-9)
 

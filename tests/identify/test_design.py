@@ -7,9 +7,9 @@ from baqueano.errors import AnswerNo, UsageError
 from baqueano.identify import excitation
 from baqueano.identify.design import plan as planning
 from baqueano.identify.design.information import Informant, mean_error
-from baqueano.identify.design.motion_library import GENTLE, MotionPiece, PieceShape, gentler, in_map
+from baqueano.identify.design.motion_library import GENTLE_FACTOR, MotionPiece, PieceShape, gentler_piece, in_map
 from baqueano.identify.design.plan import design_plan
-from baqueano.identify.design.room import SIDEWAYS_M_S2, Room, alternatives, body_radius, contain, room_of
+from baqueano.identify.design.room import MAX_SIDEWAYS_M_S2, Room, alternatives, body_radius, contain, room_of
 from baqueano.identify.design.vehicle_cloud import Cloud, possible_vehicles
 from baqueano.vehicle_file import load
 from baqueano.vehicle_file.history import ParameterCov
@@ -29,7 +29,7 @@ def test_a_designed_experiment_is_more_informative_than_other_signals_in_its_roo
     for kind, options in (("random_steps", {}), ("multisine", {"low_hz": 0.2}), ("prbs", {}), ("ramps", {})):
         requested = excitation(kind, small.command.limit, SECONDS, small.rate_hz, 3, **options)
         u = contain(requested, small, room, cloud=cloud).u
-        assert plan.mean_error < mean_error(informant.relative_sd(informant.information(u))), kind
+        assert plan.mean_error < mean_error(informant.relative_std(informant.information(u))), kind
 
 
 def test_a_designed_experiment_respects_limits_room_and_duration(small, plan):
@@ -56,7 +56,7 @@ def test_the_same_seed_gives_the_same_plan(small, monkeypatch):
 
 
 def test_a_stopped_search_returns_its_best_plan_so_far(small, monkeypatch):
-    monkeypatch.setattr(planning, "FIRST", 40)
+    monkeypatch.setattr(planning, "FIRST_PIECES", 40)
     texts = []
     plan = design_plan(small, room_of(small, "2x2"), 5.0, progress=lambda text: texts.append(text) or True)
     assert len(texts) == 1
@@ -120,7 +120,7 @@ def test_the_information_matrix_equals_finite_differences(small):
 def test_more_data_never_reduce_the_information(small):
     informant = Informant(small)
     u = excitation("random_steps", small.command.limit, 10.0, small.rate_hz, 0)
-    short, long = (informant.relative_sd(informant.information(x)) for x in (u[:500], u))
+    short, long = (informant.relative_std(informant.information(x)) for x in (u[:500], u))
     assert np.all(long <= short * (1.0 + 1e-9))
     assert np.all(short <= 1.0)
 
@@ -196,7 +196,7 @@ def test_a_curve_beyond_tyre_grip_is_too_fast(speed_m_s, slides):
     room = room_of(load("car"), "4x4")
     way = speed_m_s * np.arange(100) / 50.0
     eta = np.stack([np.sin(way), 1.0 - np.cos(way), way], axis=1)
-    assert room.sideways_m_s2 == SIDEWAYS_M_S2
+    assert room.sideways_m_s2 == MAX_SIDEWAYS_M_S2
     assert bool(room.slow(eta[None], 50.0)) == (not slides)
     assert bool(Room(4.0, 4.0).slow(eta[None], 50.0))
 
@@ -204,9 +204,9 @@ def test_a_curve_beyond_tyre_grip_is_too_fast(speed_m_s, slides):
 def test_a_gentler_segment_has_smaller_turns_at_the_same_speed():
     shape = PieceShape(20, 4, np.array([1.0, 0.0, 0.5]))
     piece = MotionPiece(np.tile([1.0, 0.0, -0.6], (16, 1)), 0)
-    np.testing.assert_allclose(gentler(piece, shape).out, np.tile([1.0, 0.0, -0.6 * GENTLE], (16, 1)))
+    np.testing.assert_allclose(gentler_piece(piece, shape).out, np.tile([1.0, 0.0, -0.6 * GENTLE_FACTOR], (16, 1)))
     plain_shape = PieceShape(20, 4, np.array([1.0]))
-    np.testing.assert_allclose(gentler(MotionPiece(np.ones((16, 1)), 0), plain_shape).out, GENTLE)
+    np.testing.assert_allclose(gentler_piece(MotionPiece(np.ones((16, 1)), 0), plain_shape).out, GENTLE_FACTOR)
 
 
 def test_a_start_inside_a_wall_is_refused():

@@ -6,7 +6,7 @@ from scipy.stats import binom
 
 from baqueano.cli.driving.iterate import drive_in_rounds
 from baqueano.cli.driving.targets import LocalTarget
-from baqueano.drive import first_drive, rough
+from baqueano.drive import first_drive, with_rough_gains
 from baqueano.errors import UsageError
 from baqueano.identify import FitOptions, identify
 from baqueano.identify.design import plan as planning
@@ -34,7 +34,7 @@ def rounds_of_design(small, truth, tmp_path_factory):
         for name, number in (("FIRST", 60), ("ROUNDS", 2), ("EACH", 20), ("FINAL", 40)):
             patch.setattr(planning, name, number)
         first = first_drive(small, truth=truth, seed=0)
-        file = identify([first.run], rough(first, small)).vehicle_file
+        file = identify([first.run], with_rough_gains(first, small)).vehicle_file
         runs = [first.run]
         design = lambda now, seed: design_plan(now, room_of(now, size), 10.0, seed=seed).u  # noqa: E731
         place = LocalTarget(lambda: {"truth": truth})
@@ -70,7 +70,7 @@ def test_id14_error_bars_of_each_round_cover_the_true_parameters(rounds_of_desig
         assert np.mean(inside[finite]) > 0.75
         assert np.sum(~inside[finite]) <= binom.isf(0.005, np.sum(finite), 0.05)
         for name in SURE:
-            assert 0.0 < design_round.relative_sd(name) < 0.1, name
+            assert 0.0 < design_round.relative_std(name) < 0.1, name
 
 
 def test_the_last_round_identifies_the_driven_vehicle(rounds_of_design, truth):

@@ -9,7 +9,7 @@ from baqueano.identify import excitation, identify
 from baqueano.identify.data.record import FittedBlocks
 from baqueano.identify.diagnostics import gain_changes
 from baqueano.simulate import simulate
-from baqueano.simulate.open_loop import times
+from baqueano.simulate.open_loop import tick_times
 from baqueano.study import counterpart
 from baqueano.study.identification.trials import as_sent, guess, robot
 
@@ -76,7 +76,7 @@ def test_an_imu_3_cm_off_centre_is_not_reported_as_swapped():
     q = robot(seed)
     file = guess(q)
     u = as_sent(excitation("random_steps", file.command.limit, 15.0, file.rate_hz, seed, rest_s=2.0))
-    motion = counterpart.drive_group(q, u[:, None], [seed], times(len(u), file.rate_hz))
+    motion = counterpart.drive_group(q, u[:, None], [seed], tick_times(len(u), file.rate_hz))
     run = counterpart.run_of_vehicle(motion, 0, u, file, "off centre", seed)
     fit = identify(run, file, ["+model.centre_of_mass_x_m", "+model.drivetrain.delay_s"])
     assert fit.verdict == "WARN"

@@ -8,8 +8,8 @@ import pytest
 from baqueano.errors import UsageError
 from baqueano.identify import FitOptions, identify
 from baqueano.identify.covariance.information import Information
-from baqueano.identify.covariance.jackknife import with_blocks
-from baqueano.identify.covariance.scale_uncertainty import of_tolerance, scales_of, zero_of
+from baqueano.identify.covariance.jackknife import with_jackknife
+from baqueano.identify.covariance.scale_uncertainty import std_of_tolerance, scale_stds, zero_std
 from baqueano.identify.imu_only import fit_imu_only, imu_is_all
 from baqueano.identify.residuals.gyro_aided import GyroAidedResiduals, slow_part
 from baqueano.identify.residuals.noise_level import profile_of_slow
@@ -67,7 +67,7 @@ def test_an_unmeasured_scale_widens_the_errors_by_its_effect(fitted):
     exact = fit_imu_only(run, file, LONGITUDINAL + YAW, tolerance=EXACT)
     wide = fit_imu_only(run, file, LONGITUDINAL + YAW, tolerance={"gyro": 0.1, "accel": 0.0})
     np.testing.assert_allclose(exact.estimate, fit.estimate, rtol=1e-6)
-    part = np.sqrt(np.maximum(wide.sd**2 - exact.sd**2, 0.0)) / of_tolerance(0.1)
+    part = np.sqrt(np.maximum(wide.sd**2 - exact.sd**2, 0.0)) / std_of_tolerance(0.1)
     changes_by_scale = []
     for factor in (1.02, 0.98):
         scale = file.sensors.imu.gyro_scale * factor
@@ -83,13 +83,13 @@ def test_a_measured_scale_has_priority_over_a_data_sheet():
     from baqueano.vehicle_file import Provenance
 
     file = load("car")
-    np.testing.assert_allclose(scales_of(file, "imu"), np.array([0.02, 0.02, 0.03]) / np.sqrt(3.0))
+    np.testing.assert_allclose(scale_stds(file, "imu"), np.array([0.02, 0.02, 0.03]) / np.sqrt(3.0))
     path = "sensors.imu.gyro_scale"
     measured_file = file.with_values({path: 1.035}, {path: Provenance("two turns", None, 0.005, "USABLE")})
-    assert scales_of(measured_file, "imu")[2] == pytest.approx(0.005 / 1.035)
-    assert scales_of(measured_file, "imu", {"gyro": 0.02})[2] == pytest.approx(0.02 / np.sqrt(3.0))
+    assert scale_stds(measured_file, "imu")[2] == pytest.approx(0.005 / 1.035)
+    assert scale_stds(measured_file, "imu", {"gyro": 0.02})[2] == pytest.approx(0.02 / np.sqrt(3.0))
     with pytest.raises(UsageError, check=of_code("tolerance.keys", keys="accel, gyro")):
-        scales_of(file, "imu", {"compass": 0.1})
+        scale_stds(file, "imu", {"compass": 0.1})
 
 
 def test_an_uncertain_gyro_bias_widens_the_errors_by_its_effect(fitted):
@@ -101,7 +101,7 @@ def test_an_uncertain_gyro_bias_widens_the_errors_by_its_effect(fitted):
     narrow, higher, lower = (
         fit_imu_only(
             run,
-            file.with_values({path: x}, {path: origin._replace(sd=0.0)}),
+            file.with_values({path: x}, {path: origin._replace(std=0.0)}),
             LONGITUDINAL + YAW,
             tolerance=EXACT,
         )
@@ -121,9 +121,9 @@ def test_the_error_of_the_gyro_bias_equals_its_measurement_error():
     from baqueano.vehicle_file import Provenance
 
     file, path = load("car"), "sensors.imu.gyro_bias"
-    assert zero_of(file, "imu") == pytest.approx(np.radians(20.0) / np.sqrt(3.0))  # the value of a data sheet
+    assert zero_std(file, "imu") == pytest.approx(np.radians(20.0) / np.sqrt(3.0))  # the value of a data sheet
     measured_file = file.with_values({path: 0.002}, {path: Provenance("rest", None, 0.001, "USABLE")})
-    assert zero_of(measured_file, "imu") == pytest.approx(0.001)
+    assert zero_std(measured_file, "imu") == pytest.approx(0.001)
 
 
 def test_a_fit_started_at_its_estimate_returns_the_same_estimate():
@@ -253,14 +253,14 @@ def test_block_errors_replace_the_errors_only_if_larger_and_are_reported():
     kept_indices = np.array([0, 2, 3])
     at = np.ix_(kept_indices, kept_indices)
     inverse = np.linalg.inv(A[at])
-    np.testing.assert_allclose(with_blocks(info, kept_indices, inverse).meat, A, rtol=1e-10)
+    np.testing.assert_allclose(with_jackknife(info, kept_indices, inverse).meat, A, rtol=1e-10)
     np.testing.assert_allclose(
-        with_blocks(info, kept_indices, 3.0 * inverse).meat[at], 3.0 * A[at], rtol=1e-10
+        with_jackknife(info, kept_indices, 3.0 * inverse).meat[at], 3.0 * A[at], rtol=1e-10
     )
-    np.testing.assert_allclose(with_blocks(info, kept_indices, 0.1 * inverse).meat[at], A[at], rtol=1e-10)
+    np.testing.assert_allclose(with_jackknife(info, kept_indices, 0.1 * inverse).meat[at], A[at], rtol=1e-10)
     autocorrelated_info = info._replace(meat=2.0 * A)
     np.testing.assert_allclose(
-        with_blocks(autocorrelated_info, kept_indices, inverse).meat[at], 2.0 * A[at], rtol=1e-10
+        with_jackknife(autocorrelated_info, kept_indices, inverse).meat[at], 2.0 * A[at], rtol=1e-10
     )
 
 

@@ -8,7 +8,7 @@ import pytest
 from baqueano.identify import excitation, identify, measure_noise
 from baqueano.identify.noise import filter_noise
 from baqueano.identify.noise.most_likely import valley
-from baqueano.simulate.open_loop import times
+from baqueano.simulate.open_loop import tick_times
 from baqueano.study.counterpart import drive_group, robot_file, run_of_vehicle
 from baqueano.study.counterpart.cars import ODOMETER_M_S
 from baqueano.study.estimation.simulated import ODOMETER
@@ -32,7 +32,7 @@ def measured(request):
         {"estimator.use": ["imu", "odometer"], "model.process_noise_std": [0.0, 0.0, 0.0]}
     )
     u = as_sent(excitation("random_steps", file.command.limit, SECONDS, file.rate_hz, seed, rest_s=0.0))
-    motion = drive_group(q, u[:, None], [seed], times(len(u), file.rate_hz))
+    motion = drive_group(q, u[:, None], [seed], tick_times(len(u), file.rate_hz))
     run = replace(run_of_vehicle(motion, 0, u, file, "floor", seed), truth=None)
     return q, file, measure_noise(identify(run, file, ["model.friction.linear"]), run)
 

@@ -7,7 +7,7 @@ import pytest
 
 from baqueano.errors import UsageError
 from baqueano.identify import FitOptions, identify, random_steps
-from baqueano.identify.covariance.quantiles import students
+from baqueano.identify.covariance.quantiles import student_quantile
 from baqueano.identify.validation import Figure, Validation, _against, _ChannelError, validate
 from baqueano.runs.run import Channel, Run
 from baqueano.simulate import simulate
@@ -87,8 +87,8 @@ def test_a_fitted_run_cannot_validate_the_fit(fit, small):
 
 def test_students_quantile_equals_the_tables_for_few_degrees_of_freedom():
     for freedom, quantile in ((1, 63.657), (2, 9.925), (3, 5.841), (4, 4.604), (7, 3.499), (30, 2.750)):
-        assert students(0.995, freedom) == pytest.approx(quantile, rel=3e-3)
-        assert students(0.005, freedom) == pytest.approx(-quantile, rel=3e-3)
+        assert student_quantile(0.995, freedom) == pytest.approx(quantile, rel=3e-3)
+        assert student_quantile(0.005, freedom) == pytest.approx(-quantile, rel=3e-3)
 
 
 def alarms_of(blocks, own, noise=None):

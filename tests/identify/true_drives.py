@@ -13,7 +13,7 @@ import numpy as np
 from baqueano.identify import excitation, random_steps
 from baqueano.identify.result.fit_result import Fit
 from baqueano.runs.run import Run
-from baqueano.simulate.open_loop import times
+from baqueano.simulate.open_loop import tick_times
 from baqueano.study.counterpart import (
     car_file,
     car_values,
@@ -61,7 +61,7 @@ def group_runs(
     step_s: float = ROBOT_STEP_S,
 ) -> list[Run]:
     """Return a run of each vehicle; the vehicles are simulated as one group."""
-    group, t_ns = vehicles[0].merge(list(vehicles[1:])), times(len(us[0]), file.rate_hz)
+    group, t_ns = vehicles[0].merge(list(vehicles[1:])), tick_times(len(us[0]), file.rate_hz)
     motion = drive_group(group, np.stack(us, axis=1), seeds, t_ns, step_s)
     return [
         run_of_vehicle(motion, k, u, file, f"run {seed}", seed)
