@@ -165,9 +165,9 @@ class ProgressLine:
     def __call__(self, message: Diagnostic | str) -> bool:
         if not self.stopped:
             self.text = text(message)
-        from baqueano.drive.interrupt import ours
+        from baqueano.drive.interrupt import is_default_handler
 
-        if self._previous_handler is None and ours():
+        if self._previous_handler is None and is_default_handler():
             self._previous_handler = signal.signal(signal.SIGINT, self._stop)
         return self.stopped
 

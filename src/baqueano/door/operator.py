@@ -178,7 +178,7 @@ class Operator:
         """Return the gains set since the last call, as (path, value)."""
         return [self._changes.popleft() for _ in range(len(self._changes))]
 
-    def marks(self) -> int:
+    def pop_mark_count(self) -> int:
         """Return the number of marks by the holder since the last call."""
         marks, self._marks = self._marks, 0
         return marks

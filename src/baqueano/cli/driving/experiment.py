@@ -187,7 +187,7 @@ def make_first_drive(
     If the fit is refused, the file has only rough gains. Raise AnswerNo if the vehicle is wired wrongly or does not
     move, and the error of a stopped drive.
     """
-    from baqueano.drive import estimate_first_drive, rough
+    from baqueano.drive import estimate_first_drive, with_rough_gains
     from baqueano.drive.mission import Mission
     from baqueano.identify import FitOptions, identify
 
@@ -200,7 +200,7 @@ def make_first_drive(
     print_message(note("cli.run", path=path))
     print_message(first_result.table())
     options.raise_stop(first_result.run, path)
-    rough_file = rough(first_result, vehicle_file)
+    rough_file = with_rough_gains(first_result, vehicle_file)
     with show_activity(note("cli.fitting-first")):
         fit = identify([first_result.run], rough_file, options=FitOptions(backend=backend))
     print_message(note("cli.fitted", verdict=fit.verdict, reasons="; ".join(texts(fit.reasons))))

@@ -48,7 +48,7 @@ def drive_by_hand(
     """
     from baqueano.drive.by_hand.cockpit import Cockpit
     from baqueano.drive.by_hand.heading_gains import gains_of
-    from baqueano.drive.by_hand.pad import find
+    from baqueano.drive.by_hand.pad import find_pad
     from baqueano.drive.by_hand.tty import answered_by_another, over_ssh
     from baqueano.drive.mission import Mission
     from baqueano.errors import UsageError
@@ -57,7 +57,7 @@ def drive_by_hand(
     kind = robot.partition(":")[0]
     if kind == "emulated":
         raise UsageError(fault("cli.emulated-by-hand", "--robot simulated"))
-    device = None if pad is None else find(Path(pad) if pad != ANY_PAD else None)
+    device = None if pad is None else find_pad(Path(pad) if pad != ANY_PAD else None)
     if device is not None:
         print_message(note("cli.game-pad", name=device.name))
     multiplexer = answered_by_another() if over_ssh(os.environ) else ""
@@ -77,7 +77,7 @@ def drive_by_hand(
             simulation_options(vehicle_file, robot, seed, backend, hand) if kind == "simulated" else {}
         )
         arguments |= (
-            {"words": hand.words, "on_state": hand.show, "on_event": hand.show_message}
+            {"words": hand.pop_messages, "on_state": hand.show, "on_event": hand.show_message}
             if kind != "simulated"
             else {}
         )

@@ -211,7 +211,7 @@ class Frames:
         with self._lock:
             self._drive, self._words = drive, words
 
-    def look(
+    def on_record(
         self, record: "Record", truth: Motion | None = None, battery_v: float = NAN, late_ms: float = NAN
     ) -> None:
         """Store a tick without waiting."""

@@ -31,7 +31,7 @@ from baqueano.runs.route_file import read_route
 from baqueano.vehicle_file import load
 from baqueano.vehicle_file.text.toml_text import read_text
 from baqueano.worlds.faults.fault import Fault
-from baqueano.worlds.shaken import MOST_FAULTS
+from baqueano.worlds.shaken import MAX_FAULTS
 
 if TYPE_CHECKING:
     from baqueano.guides.route import Route
@@ -79,8 +79,8 @@ def mission_plan(
         shake, hurry_s = request.pop("shake", []), _number(request, "hurry_s", 0.0)
     except (ValueError, TypeError, KeyError, RecursionError) as error:
         raise UsageError(fault("mission.damaged", kind=type(error).__name__, error=error)) from error
-    if not isinstance(shake, list) or len(shake) > MOST_FAULTS:
-        raise UsageError(fault("shake.too-many", most=MOST_FAULTS))
+    if not isinstance(shake, list) or len(shake) > MAX_FAULTS:
+        raise UsageError(fault("shake.too-many", most=MAX_FAULTS))
     faults = tuple(Fault.of_words(words) for words in shake)
     if not whole:
         yield replace(_plan_by_name(kind, request, vehicle_file, routes, seed), shake=faults, hurry_s=hurry_s)

@@ -152,7 +152,7 @@ class SimulatedService:
         world = ShakenWorld(
             truth.vehicle, truth.sensors, truth.rate_hz, seed, start, self.backend, plan.shake
         )
-        self.operator.marks()  # drop marks from before this drive
+        self.operator.pop_mark_count()  # drop marks from before this drive
         watching = _DriveObserver(self, plan, world, attended)
         observers = (
             watching,
@@ -251,12 +251,12 @@ class _DriveObserver(Observer):
     def stop_reason(self, t_ns: int) -> Diagnostic | None:
         return self._service.operator.stop_reason(self._attended)
 
-    def marks(self) -> int:
-        return self._service.operator.marks()
+    def pop_mark_count(self) -> int:
+        return self._service.operator.pop_mark_count()
 
-    def look(self, record: Record) -> None:
+    def on_record(self, record: Record) -> None:
         self._service._record = record
-        self._service.frames.look(record, self._world.truth, late_ms=self._service.pace.late_ms)
+        self._service.frames.on_record(record, self._world.truth, late_ms=self._service.pace.late_ms)
 
     def on_disk_full(self, reason: Diagnostic) -> None:
         self._service.event("error", reason)

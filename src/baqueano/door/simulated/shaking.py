@@ -57,7 +57,7 @@ class FaultWords:
         if (world := self._world) is None:
             raise UsageError(fault("shake.no-drive"))
         if "over" in request:
-            world.over(int(request["over"]))
+            world.end_fault(int(request["over"]))
         else:
             world.shake({name: value for name, value in request.items() if name not in ("do", "is", "at_s")})
 
@@ -117,12 +117,12 @@ class _LedgerKeeper(Observer):
             self._ledger.on_event(t_ns, source, event)
             self._changed = self._changed or bool(self._ledger.rows)
 
-    def look(self, record: "Record") -> None:
+    def on_record(self, record: "Record") -> None:
         ledger, estimate = self._ledger, record.estimate
         if ledger is None:
             return
         before = sum(len(row.noticed) for row in ledger.rows)
-        ledger.look(
+        ledger.record_tick(
             record.tick.t_ns, estimate.innovation, estimate.innovation_cov, estimate.weight, estimate.eta,
             estimate.cov, self._world.truth.eta,
         )  # fmt: skip
@@ -148,5 +148,6 @@ def _row(ledger: Ledger, row: LedgerRow) -> JsonObject:
             {"who": note(f"ledger.who-{notice.witness}"), "after_s": notice.after_s, "said": notice.message}
             for notice in row.noticed
         ],
-        "silent": [note(f"ledger.who-{source}") for source in row.silent()], "nobody": ledger.nobody(row),
+        "silent": [note(f"ledger.who-{source}") for source in row.silent_witnesses()],
+        "nobody": ledger.unnoticed_diagnostic(row),
     }  # fmt: skip

@@ -108,7 +108,7 @@ class Service:
     def idle(self) -> None:
         """Check hardware, health and requests once while no mission is driven, and update the state."""
         self._find_imu()
-        for message in self._world.look(self.now_ns()):
+        for message in self._world.poll(self.now_ns()):
             self._event("warning", message)
         self._free_bus()
         self._give_back()
@@ -240,7 +240,7 @@ class Service:
             body = body_of(vehicle_file, self.uno, self.sleep)
             world, late = Robot(vehicle_file.sensors, self.uno, self.imu, body, self.now_ns), Lateness()
             self._mission, self._rate_hz = mission, vehicle_file.rate_hz
-            self._record, self._bus, _ = None, None, self.operator.marks()  # those of before this drive
+            self._record, self._bus, _ = None, None, self.operator.pop_mark_count()  # of before this drive
             self.health.limits = vehicle_file.robot
             world.notes = () if self.imu is None else self.imu.notes
             watching = _ServiceObserver(self, world, late, attended, mission, vehicle_file)
@@ -374,13 +374,13 @@ class _ServiceObserver(Observer):
         reason = s.uno.stood_still() or world.trouble(t_ns) or s.health.during(world)
         return reason or s.operator.stop_reason(self._attended)
 
-    def marks(self) -> int:
-        return self._service.operator.marks()
+    def pop_mark_count(self) -> int:
+        return self._service.operator.pop_mark_count()
 
-    def look(self, record: Record) -> None:
+    def on_record(self, record: Record) -> None:
         s = self._service
         s._record = record
-        s.frames.look(record, battery_v=self._world.battery_v, late_ms=self._late.now_ms)
+        s.frames.on_record(record, battery_v=self._world.battery_v, late_ms=self._late.now_ms)
 
     def on_disk_full(self, reason: Diagnostic) -> None:
         self._service._event("error", reason)

@@ -22,7 +22,7 @@ from baqueano.loop import Record
 from baqueano.runs import Run
 from baqueano.runs.run import Channel
 from baqueano.signals import NANOSECONDS, Command, Estimate, Reference, Slot, Tick
-from baqueano.simulate.open_loop import times
+from baqueano.simulate.open_loop import tick_times
 from baqueano.study.driving import Loop
 from baqueano.study.laps.fixes import FIXES, with_fix
 from baqueano.study.truth import PassingFaults, Reader, Robots, TruthWorld
@@ -63,10 +63,10 @@ class Laps(NamedTuple):
     runs: tuple[Run, ...]  # the logs, if they were requested
 
 
-def room_around(route: Route, file: VehicleFile) -> Room:
-    """Return the room around a route, for the body of the vehicle in `file`."""
+def room_around(route: Route, vehicle_file: VehicleFile) -> Room:
+    """Return the room around a route, for the body of the vehicle in `vehicle_file`."""
     low, high = np.min(route.eta[:, :2], axis=0), np.max(route.eta[:, :2], axis=0)
-    radius_m = body_radius(file)
+    radius_m = body_radius(vehicle_file)
     width_m, height_m = (high - low + 2.0 * (FREE_M + radius_m)).tolist()
     x, y = (route.eta[0, :2] - 0.5 * (low + high)).tolist()
     return Room(width_m, height_m, radius_m, (x, y, float(route.eta[0, 2])))
@@ -99,7 +99,7 @@ class _Driver:
     def look(self, estimate: Estimate, reference: Reference) -> None:
         """Stop the robot if it may touch a wall."""
         zero, tick = Command(0, np.zeros(3)), Tick(0, np.zeros(3), self._loop.slots(*self._silence))
-        self._watch.look(Record(tick, zero, zero, estimate, reference))
+        self._watch.on_record(Record(tick, zero, zero, estimate, reference))
         self.is_stopped = self.is_stopped or self._watch.stop_reason(0) is not None
 
 
@@ -117,7 +117,7 @@ def follow(
     progress, reference = guide.init(), Reference(0, route.eta[0], np.zeros(3), 0.0)
     u, estimates = np.zeros((len(drivers), 3)), [_at(0)] * len(drivers)
     samples, rows = [], []
-    t_ns = times(round((REST_S + laps * route.t_s[-1]) * RATE_HZ), RATE_HZ)
+    t_ns = tick_times(round((REST_S + laps * route.t_s[-1]) * RATE_HZ), RATE_HZ)
     for k, t in enumerate(t_ns.tolist()):
         z, rests = world.tick(u, 1.0 / RATE_HZ), t <= REST_S * NANOSECONDS
         eta = world.truth.eta
@@ -152,10 +152,14 @@ def _drivers(route: Route, parts: Sequence[TeamWithFix], backend: str) -> list[_
     """Return a driver for each robot; robots with the same file and fix share the compiled blocks."""
     loops: dict[tuple[int, str], Loop] = {}
     for part in parts:
-        for file in part.team.files:
-            if (key := (id(file), part.fix)) not in loops:
-                loops[key] = Loop(with_fix(file, part.fix, route), False, backend)
-    return [_Driver(loops[id(file), part.fix], part.fix, route) for part in parts for file in part.team.files]
+        for vehicle_file in part.team.files:
+            if (key := (id(vehicle_file), part.fix)) not in loops:
+                loops[key] = Loop(with_fix(vehicle_file, part.fix, route), False, backend)
+    return [
+        _Driver(loops[id(vehicle_file), part.fix], part.fix, route)
+        for part in parts
+        for vehicle_file in part.team.files
+    ]
 
 
 def _truth(route: Route, parts: Sequence[TeamWithFix], backend: str) -> tuple[TruthWorld, list[Reader]]:
@@ -200,7 +204,7 @@ def _runs(part: TeamWithFix, t_ns: np.ndarray, rows: list[Tree], first: int) -> 
     """Return the logs of a part; its first robot has the index `first` in `rows`."""
     metadata, out = {"kind": "repeat", "rate_hz": f"{RATE_HZ:g}"}, []
     sizes = FIXES[part.fix].sizes
-    for i, (file, seed) in enumerate(zip(part.team.files, part.team.seeds, strict=True), first):
+    for i, (vehicle_file, seed) in enumerate(zip(part.team.files, part.team.seeds, strict=True), first):
         u, imu, marks = (np.array([row[column][i] for row in rows]) for column in range(3))
         sensors, at, ticks = {}, 0, t_ns[: len(rows)]
         sensors["imu"] = Channel(ticks, ticks, imu)
@@ -209,6 +213,14 @@ def _runs(part: TeamWithFix, t_ns: np.ndarray, rows: list[Tree], first: int) -> 
             has = ~np.isnan(z[:, 0])
             sensors[name] = Channel(ticks[has], ticks[has], z[has])
         out.append(
-            Run(f"laps {seed}", None, ticks, u, sensors=sensors, vehicle_text=file.text, metadata=metadata)
+            Run(
+                f"laps {seed}",
+                None,
+                ticks,
+                u,
+                sensors=sensors,
+                vehicle_text=vehicle_file.text,
+                metadata=metadata,
+            )
         )
     return tuple(out)
