@@ -20,7 +20,7 @@ import numpy as np
 from baqueano.diagnostics import fault, note
 from baqueano.errors import UsageError
 from baqueano.identify import imu_only
-from baqueano.identify.covariance.scale_uncertainty import covariance_by_zeros
+from baqueano.identify.covariance.scale_uncertainty import covariance_of_zeros
 from baqueano.identify.data.record import first_rows
 from baqueano.identify.dataset import Dataset, dataset, parameters_of
 from baqueano.identify.estimation.delay import PATH, best_search_of_all, bounds_of, duty_step
@@ -215,12 +215,12 @@ def conclude(
     whole = task._replace(low=parameters.low, high=parameters.high, problem=result.problem)
     result = bounds_of(whole, result)
     end = FinishedFit(
-        data.file, parameters.blocks, whole, list(parameters.requested), list(parameters.frozen), result,
+        data.vehicle_file, parameters.blocks, whole, list(parameters.requested), list(parameters.frozen), result,
         identifiability, info, data.note, data.findings, options.diagnose,
     )  # fmt: skip
-    if options.biases and has_offset(data.file.vehicle):
-        by_zero = covariance_by_zeros(
-            result.problem, result.solution.theta, identifiability.mask, info.bread, data.file
+    if options.biases and has_offset(data.vehicle_file.vehicle):
+        by_zero = covariance_of_zeros(
+            result.problem, result.solution.theta, identifiability.mask, info.bread, data.vehicle_file
         )
         end = end._replace(systematic=by_zero)
     return fit_by_innovations(end) if options.cost == "innovations" else fit_by_simulation(end)

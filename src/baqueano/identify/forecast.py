@@ -31,7 +31,7 @@ from baqueano.messages.language import translate as _
 from baqueano.runs.run import Run
 from baqueano.signals import NANOSECONDS, seconds, sensor_slots
 from baqueano.simulate.closed_loop import close_loop, closed_loop, start_of, ticks_of
-from baqueano.simulate.open_loop import times
+from baqueano.simulate.open_loop import tick_times
 from baqueano.simulate.system import Input, begin
 from baqueano.symbolic import scan
 from baqueano.symbolic.scan import Scan
@@ -251,15 +251,17 @@ def _lap(
     fit: Fit, paths: tuple[str, ...], theta: np.ndarray, route: "Route"
 ) -> tuple[tuple[np.ndarray, np.ndarray] | None, Diagnostic | str]:
     """Return steps (N,) and commands (N, n) of a lap that the model drives, or None and the reason."""
-    file = fit.vehicle_file
+    vehicle_file = fit.vehicle_file
     of_controller = (f"controller.vehicle.{path.removeprefix('model.')}" for path in paths)
     try:
-        system = close_loop(file, route, perfect=True, controller=file.controller("pd_feedforward"))
+        system = close_loop(
+            vehicle_file, route, perfect=True, controller=vehicle_file.controller("pd_feedforward")
+        )
         kernel = closed_loop(
-            system, file.rate_hz, noise=False, backend=fit.backend, output=_command_and_pose,
+            system, vehicle_file.rate_hz, noise=False, backend=fit.backend, output=_command_and_pose,
             paths=(*paths, *of_controller),
         )  # fmt: skip
-        t_ns = times(ticks_of(system, file.rate_hz), file.rate_hz)
+        t_ns = tick_times(ticks_of(system, vehicle_file.rate_hz), vehicle_file.rate_hz)
         start = begin(system, start_of(system))
     except (BaqueanoError, ValueError, AttributeError, TypeError) as error:  # a custom vehicle
         return None, note("forecast.no-controller", error=str(error))

@@ -24,8 +24,8 @@ from baqueano.contracts.optional import has_field
 from baqueano.diagnostics import fault, note
 from baqueano.errors import UsageError
 from baqueano.identify.covariance.information import Information, information
-from baqueano.identify.covariance.jackknife import jackknife, with_blocks
-from baqueano.identify.covariance.scale_uncertainty import scales_of, with_systematic, zero_of
+from baqueano.identify.covariance.jackknife import jackknife, with_jackknife
+from baqueano.identify.covariance.scale_uncertainty import scale_stds, with_systematic_errors, zero_std
 from baqueano.identify.data.record import FittedBlocks
 from baqueano.identify.dataset import dataset
 from baqueano.identify.estimation.delay import best_search_of_all, bounds_of
@@ -81,14 +81,16 @@ def fit_imu_only(
     if names := _other_options(options):
         raise UsageError(fault("imu-only.others", others=names))
     imu = _imu(vehicle_file, use)
-    scales = scales_of(vehicle_file, imu, tolerance or {})
+    scales = scale_stds(vehicle_file, imu, tolerance or {})
     data = dataset([runs] if isinstance(runs, Run) else runs, vehicle_file, (imu,), options)
     if not can_be_gyro_aided(data.blocks):
-        kind = type(data.file.vehicle).__name__
-        raise UsageError(fault("imu-only.no-dynamics", vehicle=data.file.name, kind=kind))
-    zero = zero_of(data.file, imu) if has_offset(data.file.vehicle) else 0.0
+        kind = type(data.vehicle_file.vehicle).__name__
+        raise UsageError(fault("imu-only.no-dynamics", vehicle=data.vehicle_file.name, kind=kind))
+    zero = zero_std(data.vehicle_file, imu) if has_offset(data.vehicle_file.vehicle) else 0.0
     requested = _requested_parameters(data.blocks, free, options, imu)
-    parameters = unknowns(data.blocks, requested, data.runs, data.channels, data.file.rate_hz, options)
+    parameters = unknowns(
+        data.blocks, requested, data.runs, data.channels, data.vehicle_file.rate_hz, options
+    )
     blocks = parameters.blocks
     problem = GyroAidedResiduals(blocks, parameters.shape, parameters.records, options.backend)
     floor = smallest_spread(blocks.sensors, problem.z, problem.has)
@@ -101,7 +103,7 @@ def fit_imu_only(
     residuals = result.problem.misfits(result.solution.theta)
     result = result._replace(sigma=spread(residuals, result.problem.has, floor))
     end = FinishedFit(
-        data.file, blocks, task._replace(problem=result.problem), list(parameters.requested), list(parameters.frozen),
+        data.vehicle_file, blocks, task._replace(problem=result.problem), list(parameters.requested), list(parameters.frozen),
         result, identifiability, info, data.note, data.findings,
     )  # fmt: skip
     errors = fit_of(
@@ -163,12 +165,12 @@ def _with_all_errors(
     )
     assert isinstance(problem, GyroAidedResiduals)
     cov = jackknife(problem, theta, identifiable, info.bread)
-    info = info if cov is None else with_blocks(info, identifiable, cov)
-    return with_systematic(info, lambda *columns: problem.slope(theta, *columns), *unknown_columns)
+    info = info if cov is None else with_jackknife(info, identifiable, cov)
+    return with_systematic_errors(info, lambda *columns: problem.slope(theta, *columns), *unknown_columns)
 
 
 def gyro_leads(
-    file: "VehicleFile", runs: Sequence[Run], use: Sequence[str] | None, free: Sequence[str] | None,
+    vehicle_file: "VehicleFile", runs: Sequence[Run], use: Sequence[str] | None, free: Sequence[str] | None,
     options: FitOptions,
 ) -> bool:  # fmt: skip
     """Return True if the gyro leads the fit. The option `gyro_leads` decides if it is set.
@@ -177,7 +179,7 @@ def gyro_leads(
     """
     if options.gyro_leads is not None:
         return options.gyro_leads
-    return not _other_options(options) and imu_is_all(file, runs, use, free)
+    return not _other_options(options) and imu_is_all(vehicle_file, runs, use, free)
 
 
 def _other_options(options: FitOptions) -> list[str]:
@@ -186,32 +188,34 @@ def _other_options(options: FitOptions) -> list[str]:
 
 
 def imu_is_all(
-    file: "VehicleFile", runs: Sequence[Run], use: Sequence[str] | None, free: Sequence[str] | None
+    vehicle_file: "VehicleFile", runs: Sequence[Run], use: Sequence[str] | None, free: Sequence[str] | None
 ) -> bool:
     """Return True for a car with an IMU as its only sensor, and no requested parameter of a sensor."""
-    sensors = file.sensors._asdict()
+    sensors = vehicle_file.sensors._asdict()
     names = (
         [name for name in sensors if all(name in run.sensors for run in runs)] if use is None else list(use)
     )
     one_imu = len(names) == 1 and has_field(sensors.get(names[0]), "gyro_scale")
     return (
         one_imu
-        and has_offset(file.vehicle)
+        and has_offset(vehicle_file.vehicle)
         and not any(p.lstrip("+").startswith("sensors.") for p in free or ())
     )
 
 
-def _imu(file: "VehicleFile", use: Sequence[str] | None) -> str:
+def _imu(vehicle_file: "VehicleFile", use: Sequence[str] | None) -> str:
     """Return the name of the IMU. Raise UsageError if `use` names another sensor, or if the IMU is ambiguous or
     missing."""
-    names = [name for name, sensor in file.sensors._asdict().items() if has_field(sensor, "gyro_scale")]
+    names = [
+        name for name, sensor in vehicle_file.sensors._asdict().items() if has_field(sensor, "gyro_scale")
+    ]
     if use is None and len(names) == 1:
         return names[0]
     if use is not None and len(use) == 1 and use[0] in names:
         return use[0]
     if use is not None:
-        raise UsageError(fault("imu-only.not-an-imu", vehicle=file.name, known=names, use=list(use)))
-    raise UsageError(fault("imu-only.which-imu", vehicle=file.name, known=names))
+        raise UsageError(fault("imu-only.not-an-imu", vehicle=vehicle_file.name, known=names, use=list(use)))
+    raise UsageError(fault("imu-only.which-imu", vehicle=vehicle_file.name, known=names))
 
 
 def _requested_parameters(

@@ -17,7 +17,7 @@ import numpy as np
 from baqueano.contracts.optional import has_field, is_dynamic
 from baqueano.diagnostics import Diagnostic, Severity, note
 from baqueano.identify.covariance.information import Information, covariance_of
-from baqueano.identify.data.segments import without
+from baqueano.identify.data.segments import eliminate
 from baqueano.identify.estimation.least_squares import Solution
 from baqueano.identify.estimation.prediction_error import MaximumLikelihood, Prediction, most_likely
 from baqueano.identify.identifiability.identifiable import FinishedFit
@@ -171,12 +171,12 @@ def _of_parameters(likely: MaximumLikelihood, first: FinishedFit) -> tuple[Infor
     n, noise = len(info.bread) - layout.size, layout.size + np.arange(len(info.bread) - layout.size)
     order = np.r_[np.arange(count), noise, np.arange(count, layout.size)]
     A, B = info.bread[np.ix_(order, order)], info.meat[np.ix_(order, order)]
-    starts = [layout.of_starts(k) for k in range(len(layout.runs))] if count < layout.size else []
-    A, B = without(A, B, count + n, [slice(at.start + n, at.stop + n) for at in starts])
+    starts = [layout.start_slice(k) for k in range(len(layout.runs))] if count < layout.size else []
+    A, B = eliminate(A, B, count + n, [slice(at.start + n, at.stop + n) for at in starts])
     both = info._replace(bread=A, meat=B)
     free = np.r_[np.arange(count), count + np.flatnonzero(_free(likely))]
-    A, B = without(A[np.ix_(free, free)], B[np.ix_(free, free)], count, [slice(count, len(free))])
-    return both, info._replace(bread=A, meat=B, channels=info.channels[:, :count])
+    A, B = eliminate(A[np.ix_(free, free)], B[np.ix_(free, free)], count, [slice(count, len(free))])
+    return both, info._replace(bread=A, meat=B, information_by_channel=info.information_by_channel[:, :count])
 
 
 def _times(first: FinishedFit, likely: MaximumLikelihood) -> np.ndarray:

@@ -21,7 +21,7 @@ from baqueano.contracts.result import Result
 from baqueano.diagnostics import Diagnostic, Severity, Verdict, fault, note
 from baqueano.errors import UsageError
 from baqueano.identify.covariance.clusters import batch_covariance, regress
-from baqueano.identify.covariance.quantiles import students
+from baqueano.identify.covariance.quantiles import student_quantile
 from baqueano.messages import verdict_line
 from baqueano.messages.language import mark as N_
 from baqueano.messages.language import number
@@ -108,10 +108,10 @@ class Calibration(Result):
             lines.append(f"{entry.name:{wide}}  {values}  {entry.unit}  {entry.words}")
         return "\n".join([*lines, verdict_line(self.verdict, self.reasons, _(self.all_told))])
 
-    def mount(self, file: "VehicleFile") -> tuple[dict[str, float], dict[str, float]]:
+    def mount(self, vehicle_file: "VehicleFile") -> tuple[dict[str, float], dict[str, float]]:
         """Return position, angle and clock offset of the mark, and the half widths of their 95 % intervals. The keys
         are the keys of a map (runs/maps/mount.py). Raise UsageError if the run shows none of them."""
-        origin = getattr(file.vehicle, "rear_axle_m", 0.0)  # of a car, ahead of the axle without slip
+        origin = getattr(vehicle_file.vehicle, "rear_axle_m", 0.0)  # of a car, ahead of the axle without slip
         names = {"clock.truth": "shift_s", "mark.x_m": "lever_arm_m[0]", "mark.y_m": "lever_arm_m[1]",
                  "mark.heading_rad": "heading_rad"}  # fmt: skip
         usable = [entry for entry in self.numbers if entry.name in names and np.isfinite(entry.half)]
@@ -120,7 +120,7 @@ class Calibration(Result):
         values = {names[entry.name]: entry.value - origin * (entry.name == "mark.x_m") for entry in usable}
         return values, {names[entry.name]: entry.half for entry in usable}
 
-    def updated_file(self, file: "VehicleFile") -> "VehicleFile":
+    def updated_file(self, vehicle_file: "VehicleFile") -> "VehicleFile":
         """Return the file with the scales of the sensors and their errors, the bias of the gyro, and their origin."""
         from baqueano.vehicle_file import Provenance
         from baqueano.vehicle_file.file import today
@@ -129,15 +129,15 @@ class Calibration(Result):
         values = {entry.name: entry.value for entry in own_numbers}
         origins = {entry.name: Provenance(self.run, today(), entry.sd, self.verdict) for entry in own_numbers}
         for entry in own_numbers:
-            if (path := scale_std_path(file, entry.name)) is not None:
+            if (path := scale_std_path(vehicle_file, entry.name)) is not None:
                 values[path] = entry.sd / entry.value
-        return file.with_values(values, origins)
+        return vehicle_file.with_values(values, origins)
 
 
-def scale_std_path(file: "VehicleFile", path: str) -> str | None:
+def scale_std_path(vehicle_file: "VehicleFile", path: str) -> str | None:
     """Return the key of a scale's standard deviation ("sensors.imu.gyro_scale_std"), or None without one."""
     owner, _, field = path.rpartition(".")
-    field_of_block = dict(parameters(get(file, owner)))[field]
+    field_of_block = dict(parameters(get(vehicle_file, owner)))[field]
     return f"{owner}.{field_of_block.std}" if field_of_block.std and not field_of_block.walk else None
 
 
@@ -187,16 +187,16 @@ class WindowRegression(NamedTuple):
     freedom: int
 
 
-def calibrate(run: "Run", file: "VehicleFile") -> Calibration:
+def calibrate(run: "Run", vehicle_file: "VehicleFile") -> Calibration:
     """Return scale and bias of the gyro, scale of the odometer, position of the mark, and clock offset of the truth.
 
-    `file` names the sensors. Raise UsageError if the run is too short, lacks a pose of a truth, or lacks both
+    `vehicle_file` names the sensors. Raise UsageError if the run is too short, lacks a pose of a truth, or lacks both
     sensors.
     """
-    gyro = channel_of(run, file, "gyro_scale", -1)
-    odometer = channel_of(run, file, "scale", 0)
+    gyro = channel_of(run, vehicle_file, "gyro_scale", -1)
+    odometer = channel_of(run, vehicle_file, "scale", 0)
     if gyro is None and odometer is None:
-        raise UsageError(fault("truth.no-sensor", "--vehicle FILE", run=run.name, vehicle=file.name))
+        raise UsageError(fault("truth.no-sensor", "--vehicle FILE", run=run.name, vehicle=vehicle_file.name))
     frames = _frames(run)
     numbers, residuals, offset = [], {}, None
     if gyro is not None:
@@ -204,21 +204,23 @@ def calibrate(run: "Run", file: "VehicleFile") -> Calibration:
         windows = _windows(run, frames, signal)
         answer = _best(lambda o: _turn_equations(windows, signal, o), windows)
         offset = answer.offset_s
-        numbers += _clock(answer) + _gyro(answer, name, file)
+        numbers += _clock(answer) + _gyro(answer, name, vehicle_file)
         residuals["heading_rad"] = answer.rms
     if odometer is not None:
         name, signal = odometer
         windows = _windows(run, frames, signal)
         answer = _best(lambda o: _motion_equations(windows, signal, o), windows, offset)
-        numbers += (_clock(answer) if offset is None else []) + _odometer(answer, name, file)
+        numbers += (_clock(answer) if offset is None else []) + _odometer(answer, name, vehicle_file)
         residuals["way_m"] = answer.rms
     return Calibration(run.name, tuple(numbers), residuals)
 
 
-def channel_of(run: "Run", file: "VehicleFile", field: str, entry: int) -> tuple[str, TruthSignal] | None:
+def channel_of(
+    run: "Run", vehicle_file: "VehicleFile", field: str, entry: int
+) -> tuple[str, TruthSignal] | None:
     """Return the first sensor of the run whose block has `field`, and its channel `entry`, or None. Samples of an
     IMU that repeat the previous sample in all entries are excluded: a driver repeats them, not the chip."""
-    for name, block in file.sensors._asdict().items():
+    for name, block in vehicle_file.sensors._asdict().items():
         channel = run.sensors.get(name)
         if not has_field(block, field) or channel is None or np.isfinite(channel.z[:, entry]).sum() < 10:
             continue
@@ -361,7 +363,9 @@ def _number(
     steps = 1e-6 * np.eye(len(x)) * np.maximum(np.abs(x), 1e-3)
     slope = np.array([(of(x + h) - of(x - h)) / (2.0 * h.sum()) for h in steps])[: len(answer.cov)]
     sd = float(np.sqrt(slope @ answer.cov @ slope)) if np.isfinite(answer.cov).all() else np.inf
-    return CalibratedNumber(name, float(of(x)), sd, students(0.975, answer.freedom) * sd, unit, was, words)
+    return CalibratedNumber(
+        name, float(of(x)), sd, student_quantile(0.975, answer.freedom) * sd, unit, was, words
+    )
 
 
 def _clock(answer: WindowRegression) -> list[CalibratedNumber]:
@@ -369,8 +373,8 @@ def _clock(answer: WindowRegression) -> list[CalibratedNumber]:
     return [_number(answer, "clock.truth", lambda x: x[-1], "s", None, words)]
 
 
-def _gyro(answer: WindowRegression, name: str, file: "VehicleFile") -> list[CalibratedNumber]:
-    block, path = getattr(file.sensors, name), f"sensors.{name}.gyro"
+def _gyro(answer: WindowRegression, name: str, vehicle_file: "VehicleFile") -> list[CalibratedNumber]:
+    block, path = getattr(vehicle_file.sensors, name), f"sensors.{name}.gyro"
     words = _("the truth turns {ratio:.4f} times as much as the gyro", ratio=float(answer.x[0]))
     return [
         _number(answer, f"{path}_scale", lambda x: 1.0 / x[0], "1", float(block.gyro_scale), words),
@@ -378,10 +382,10 @@ def _gyro(answer: WindowRegression, name: str, file: "VehicleFile") -> list[Cali
     ]
 
 
-def _odometer(answer: WindowRegression, name: str, file: "VehicleFile") -> list[CalibratedNumber]:
+def _odometer(answer: WindowRegression, name: str, vehicle_file: "VehicleFile") -> list[CalibratedNumber]:
     """Return the odometer's scale, and the mark's position and heading in body axes, with x along the rolling
     direction."""
-    scale, path = float(getattr(file.sensors, name).scale), f"sensors.{name}.scale"
+    scale, path = float(getattr(vehicle_file.sensors, name).scale), f"sensors.{name}.scale"
     words = _("the truth moves {ratio:.4f} × the odometer", ratio=float(np.hypot(*answer.x[:2])))
 
     def rotate(x: np.ndarray, lx: float, ly: float) -> float:

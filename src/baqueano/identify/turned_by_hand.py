@@ -21,7 +21,7 @@ from baqueano.contracts.values import JsonObject
 from baqueano.diagnostics import fault
 from baqueano.errors import UsageError
 from baqueano.geometry import TAU
-from baqueano.identify.covariance.quantiles import QUANTILE_95, students
+from baqueano.identify.covariance.quantiles import QUANTILE_95, student_quantile
 from baqueano.identify.data.hand_measurements import ANGLE_STD_RAD
 from baqueano.identify.data.record import range_of
 from baqueano.identify.sensor_calibration import GAP_S, CalibratedNumber, Calibration, TruthSignal, channel_of
@@ -54,17 +54,17 @@ class Rest(NamedTuple):
         return 0.5 * (self.begin_s + self.end_s)
 
 
-def by_hand(run: Run, file: "VehicleFile", turns: float | None = None) -> Calibration:
+def by_hand(run: Run, vehicle_file: "VehicleFile", turns: float | None = None) -> Calibration:
     """Calibrate the gyro of `run`, in which the vehicle was turned by hand between rests on a mark.
 
     `turns` is the number of whole turns between two rests, in either direction; None: the nearest whole number.
     Raise UsageError if the run lacks a gyro, two rests or whole turns, or if the gyro has a gap or was saturated.
     """
-    channel = channel_of(run, file, "gyro_scale", -1)
+    channel = channel_of(run, vehicle_file, "gyro_scale", -1)
     if channel is None:
-        raise UsageError(fault("turns.no-gyro", "--vehicle FILE", run=run.name, vehicle=file.name))
+        raise UsageError(fault("turns.no-gyro", "--vehicle FILE", run=run.name, vehicle=vehicle_file.name))
     name, gyro = channel
-    block = getattr(file.sensors, name)
+    block = getattr(vehicle_file.sensors, name)
     rests = _rests(gyro)
     if len(rests) < 2:
         raise UsageError(fault("turns.few-rests", run=run.name, rests=len(rests), rest_s=REST_S))
@@ -72,7 +72,7 @@ def by_hand(run: Run, file: "VehicleFile", turns: float | None = None) -> Calibr
     angle, variance = _angles(gyro, rests)
     whole, rests_used = _whole(run.name, rests, angle / float(block.gyro_scale), turns)
     scale, sd, freedom = _regression(angle[rests_used], whole, _covariance(rests_used, variance))
-    half = sd * (QUANTILE_95 if freedom is None else students(0.975, freedom))
+    half = sd * (QUANTILE_95 if freedom is None else student_quantile(0.975, freedom))
     sentence = _(
         "{turns:g} turns by hand, between {rests} rests on a mark",
         turns=float(np.abs(np.diff(whole)).sum()),

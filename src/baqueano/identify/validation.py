@@ -25,8 +25,8 @@ from baqueano.contracts.result import Result
 from baqueano.contracts.values import JsonObject, TableRow
 from baqueano.diagnostics import Diagnostic, Severity, Verdict, fault, note
 from baqueano.errors import UsageError
-from baqueano.identify.covariance.quantiles import students
-from baqueano.identify.data.added_channels import MOUNT
+from baqueano.identify.covariance.quantiles import student_quantile
+from baqueano.identify.data.added_channels import MOUNT_PREFIX
 from baqueano.identify.data.hand_measurements import KINDS
 from baqueano.identify.data.rest import begins_at_rest
 from baqueano.identify.fit import identify
@@ -136,20 +136,22 @@ def validate(fit: Fit, runs: Run | Sequence[Run]) -> Validation:
     sigma = {name: noise for name, noise in fit.sigma.items() if any(u.split("[")[0] == name for u in use)}
     own = [name for name in fit.own_names if is_requested(name)]
     clocks = [name.removeprefix("clock.") for name in own if name.startswith("clock.")]
-    per_run = [name for name in (*own, *fit.names) if name in own or name.startswith(MOUNT)]
+    per_run = [name for name in (*own, *fit.names) if name in own or name.startswith(MOUNT_PREFIX)]
     per_run = [name for name in per_run if not name.startswith("clock.")]
     options = FitOptions(per_run=per_run, clocks=clocks, sigma=sigma, diagnose=False, backend=fit.backend)
     channels: list[ChannelFit] = []
-    file, rest = fit.vehicle_file, [begins_at_rest(run, fit.blocks.sensors) for run in runs]
+    vehicle_file, rest = fit.vehicle_file, [begins_at_rest(run, fit.blocks.sensors) for run in runs]
     for run, run_at_rest in zip(runs, rest, strict=True):
-        channels += identify(run, file, (), use=use, options=replace(options, at_rest=run_at_rest)).channels
+        channels += identify(
+            run, vehicle_file, (), use=use, options=replace(options, at_rest=run_at_rest)
+        ).channels
     figures, messages = [], _too_few(fit, runs)
     for c in channels:
         if np.isfinite(c.measured - c.predicted).any() and np.isfinite(c.explained):
             own = [
                 channel for channel in fit.channels if (channel.sensor, channel.entry) == (c.sensor, c.entry)
             ]
-            figure, of_channel = _figure(c, own, channel_unit(file, c.sensor, c.entry))
+            figure, of_channel = _figure(c, own, channel_unit(vehicle_file, c.sensor, c.entry))
             figures.append(figure)
             messages += of_channel
     outside = tuple(flag for run in runs for flag in fit.envelope.flags(run))
@@ -220,7 +222,7 @@ def _worse_than_none(figure: Figure, c: ChannelFit, noise2: float) -> Diagnostic
     blocks = max(1.0, float(np.ptp(c.t_s[finite])) / SHORT_S)
     total = float(np.var(c.measured[finite]))
     excess = -figure.explained * total
-    chance = students(1.0 - 0.5 * CHANCE, np.inf) ** 2 * min(noise2, total) / blocks
+    chance = student_quantile(1.0 - 0.5 * CHANCE, np.inf) ** 2 * min(noise2, total) / blocks
     if not excess > chance:
         return None
     return _about("validation.worse-than-mean", Severity.ERROR, figure, explained=100 * figure.explained)
@@ -243,13 +245,13 @@ def _against(figure: Figure, errors: _ChannelError, own: np.ndarray) -> list[Dia
         return [_about("validation.off-perhaps", Severity.WARNING, figure, off=worse)]
     if errors.square > WORSE * noise2:
         s = np.sqrt((len(errors.g) * np.var(errors.g) + len(own) * np.var(own)) / freedom)
-        chance = students(1.0 - alpha, freedom) * s * np.sqrt(1.0 / len(errors.g) + 1.0 / len(own))
+        chance = student_quantile(1.0 - alpha, freedom) * s * np.sqrt(1.0 / len(errors.g) + 1.0 / len(own))
         if errors.g.mean() - own.mean() > chance:
             return [worse]
     if len(errors.g) < 2 or len(own) < 2:
         return []
     k = int(np.argmax(errors.g))
-    chance = students(1.0 - alpha / len(errors.g), len(own) - 1) * np.std(own, ddof=1)
+    chance = student_quantile(1.0 - alpha / len(errors.g), len(own) - 1) * np.std(own, ddof=1)
     chance *= np.sqrt(1.0 + 1.0 / len(own))
     if errors.g[k] > max(own.mean() + chance, own.max(), np.log(WORSE * noise2)):
         here_off, begin_s = float(np.exp(0.5 * errors.g[k])), float(errors.t_s[k])

@@ -264,19 +264,23 @@ def fit_to(run: "Run", backend: str = "auto") -> RunFit:
     return RunFit(fit, noise, noise.updated_file(fit.vehicle_file, run.name))
 
 
-def judge(file: VehicleFile, fitted_on: str, run: "Run", judged_on: str, backend: str = "auto") -> Judgement:
+def judge(
+    vehicle_file: VehicleFile, fitted_on: str, run: "Run", judged_on: str, backend: str = "auto"
+) -> Judgement:
     """Evaluate a vehicle file on a run: its model from the commands, its filter from the camera's first pose."""
-    replay_run = replay(run, file, backend=backend)
+    replay_run = replay(run, vehicle_file, backend=backend)
     figures = compare(replay_run, names=[judged_on]).rows()[0]
     assert run.truth is not None
     driven_m = float(np.nansum(np.hypot(*np.diff(run.truth.eta[:, :2], axis=0).T)))
-    return Judgement(fitted_on, judged_on, predict_run(file, run, backend), replay_run, figures, driven_m)
+    return Judgement(
+        fitted_on, judged_on, predict_run(vehicle_file, run, backend), replay_run, figures, driven_m
+    )
 
 
-def predict_run(file: VehicleFile, run: "Run", backend: str = "auto") -> RunPrediction:
-    """Predict speed and yaw rate by the model of `file` under the commands of `run`, from the first measured
+def predict_run(vehicle_file: VehicleFile, run: "Run", backend: str = "auto") -> RunPrediction:
+    """Predict speed and yaw rate by the model of `vehicle_file` under the commands of `run`, from the first measured
     velocity."""
-    odometer, imu, vehicle = file.sensors.odometer, file.sensors.imu, file.vehicle
+    odometer, imu, vehicle = vehicle_file.sensors.odometer, vehicle_file.sensors.imu, vehicle_file.vehicle
     record = record_of(run, {"odometer": odometer, "imu": imu})
     v = _first(record, "odometer", 0) / odometer.scale
     r = (_first(record, "imu", 2) - imu.gyro_bias) / imu.gyro_scale

@@ -220,38 +220,46 @@ def demo(
     `show_gains` the tuned gains. Raise AnswerNo if the fit is refused."""
     folder.mkdir(parents=True, exist_ok=True)
     small = load("small")
-    truth, file = small.with_values({"sensors.imu.gyro_scale": SCALE}), small.with_values(GUESS)
+    truth, vehicle_file = small.with_values({"sensors.imu.gyro_scale": SCALE}), small.with_values(GUESS)
     options = {"truth": truth, "backend": backend}
 
     progress(_("1/6 experiment  60 s of random steps"))
-    u = excitation("random_steps", file.command.limit, 60.0, file.rate_hz, seed, rest_s=2.0)
+    u = excitation("random_steps", vehicle_file.command.limit, 60.0, vehicle_file.rate_hz, seed, rest_s=2.0)
     # one run with this model does not repay compiling C
     once = "python" if resolve_backend(backend) == "c" else backend
-    run = experiment(file, u, seed=seed, path=folder / EXPERIMENT, truth=truth, backend=once)
+    run = experiment(vehicle_file, u, seed=seed, path=folder / EXPERIMENT, truth=truth, backend=once)
     show(folder / EXPERIMENT)
     progress(_("2/6 identify    the model from commands and IMU"))
-    fit = identify(run, file, options=FitOptions(backend=backend))
+    fit = identify(run, vehicle_file, options=FitOptions(backend=backend))
     if fit.verdict == Verdict.REFUSED:
         raise AnswerNo(fault("demo.refused", cause=merge(fit.reasons)))
-    file = fit.vehicle_file
+    vehicle_file = fit.vehicle_file
     progress(_("3/6 noise       covariances of sensors and model"))
     noise = measure_noise(fit, run, backend=backend)
-    file = noise.updated_file(file, run.name)
+    vehicle_file = noise.updated_file(vehicle_file, run.name)
     progress(_("4/6 tune        gains on the identified model"))
     shape = sinuous_circle(0.6, 0.08, 5, 0.2)
     quick = resolve_backend(backend) == "c"  # without a compiler an evaluation takes fifty times as long
     less = {} if quick else {"starts": 1, "polish": False, "duration_s": 10.0}
-    tune_result = tune(file, shape, backend=backend, **less)
+    tune_result = tune(vehicle_file, shape, backend=backend, **less)
     show_gains(tune_result)
-    file = tune_result.updated_file()
-    file.save(folder / "vehicle.toml")
+    vehicle_file = tune_result.updated_file()
+    vehicle_file.save(folder / "vehicle.toml")
     progress(_("5/6 teach       a sinuous circle"))
     lesson = teach(
-        file, shape, closed=True, eta=shape.eta[0], seed=seed + 1, path=folder / "2-teach.mcap", **options
+        vehicle_file,
+        shape,
+        closed=True,
+        eta=shape.eta[0],
+        seed=seed + 1,
+        path=folder / "2-teach.mcap",
+        **options,
     )
     show(folder / "2-teach.mcap")
     write_route(lesson.route, folder / "route.csv")
     progress(_("6/6 repeat      {laps} laps", laps=LAPS))
-    repeat_run = repeat(file, lesson.route, LAPS, seed=seed + 2, path=folder / "3-repeat.mcap", **options)
+    repeat_run = repeat(
+        vehicle_file, lesson.route, LAPS, seed=seed + 2, path=folder / "3-repeat.mcap", **options
+    )
     show(folder / "3-repeat.mcap")
     return Demo(truth, fit, noise, tune_result, repeat_run, compare(repeat_run), folder)

@@ -37,8 +37,8 @@ from baqueano.runs import Run
 from baqueano.runs.run import Channel
 from baqueano.sensors.truth import truth_sensor
 from baqueano.signals import Estimate, Reference, Slot, Tick, sensor_slots
-from baqueano.simulate.closed_loop import compilable
-from baqueano.simulate.open_loop import times
+from baqueano.simulate.closed_loop import check_compilable
+from baqueano.simulate.open_loop import tick_times
 from baqueano.study.demo import GUESS
 from baqueano.study.truth import Robots, TruthWorld, draw_robots
 from baqueano.sweep.workers import spread_over
@@ -233,7 +233,7 @@ def driving(
     """Return the laps of robots `first` … `first + seeds − 1`. `advance` receives the number of robots just finished.
     `controller` (a kind of the package or "file.py:Class") replaces the file's controller, with default gains.
     """
-    compilable(controller=guess().controller(controller))  # refuses before the first drive
+    check_compilable(controller=guess().controller(controller))  # refuses before the first drive
     jobs = [range(k, min(k + BATCH, first + seeds)) for k in range(first, first + seeds, BATCH)]
     work = partial(batch, backend=backend, cases=cases, speeds=speeds, controller=controller)
     parts = spread_over(work, jobs, processes, lambda batches: advance(batches * BATCH))
@@ -257,7 +257,7 @@ def batch(
     robots, names = robots.some(usable), [seeds[k] for k in usable]
     drives: list[EvenDrive] = []
     loops = {
-        perfect: [Loop(file, perfect, backend, controller) for file in files]
+        perfect: [Loop(vehicle_file, perfect, backend, controller) for vehicle_file in files]
         for perfect in {CASES[c].perfect for c in cases}
     }
     for case in cases:
@@ -278,11 +278,13 @@ def guess() -> VehicleFile:
 
 def experiments(robots: Robots, seeds: range) -> list[Run]:
     """Return a run of random steps for each robot, with the same steps for all."""
-    file = guess()
-    u = excitation("random_steps", file.command.limit, EXPERIMENT_S, file.rate_hz, 0, rest_s=2.0)
-    t_ns, world = times(len(u), file.rate_hz), TruthWorld(robots, seeds, fast=function)
-    z = np.stack([world.tick(np.tile(row, (len(seeds), 1)), 1.0 / file.rate_hz) for row in u], axis=1)
-    metadata = {"kind": "experiment", "rate_hz": f"{file.rate_hz:g}"}
+    vehicle_file = guess()
+    u = excitation(
+        "random_steps", vehicle_file.command.limit, EXPERIMENT_S, vehicle_file.rate_hz, 0, rest_s=2.0
+    )
+    t_ns, world = tick_times(len(u), vehicle_file.rate_hz), TruthWorld(robots, seeds, fast=function)
+    z = np.stack([world.tick(np.tile(row, (len(seeds), 1)), 1.0 / vehicle_file.rate_hz) for row in u], axis=1)
+    metadata = {"kind": "experiment", "rate_hz": f"{vehicle_file.rate_hz:g}"}
     return [
         Run(
             f"robot {seed}",
@@ -290,7 +292,7 @@ def experiments(robots: Robots, seeds: range) -> list[Run]:
             t_ns,
             u,
             sensors={"imu": Channel(t_ns, t_ns, x)},
-            vehicle_text=file.text,
+            vehicle_text=vehicle_file.text,
             metadata=metadata,
         )
         for seed, x in zip(seeds, z, strict=True)
@@ -300,13 +302,15 @@ def experiments(robots: Robots, seeds: range) -> list[Run]:
 class Loop:
     """Estimator, controller and supervisor of a file as one compiled step with the reference as input."""
 
-    def __init__(self, file: VehicleFile, perfect: bool, backend: str, controller: str | None = None) -> None:
-        self.file, self.perfect = file, perfect
-        estimator = KnownState() if perfect else file.estimator()
+    def __init__(
+        self, vehicle_file: VehicleFile, perfect: bool, backend: str, controller: str | None = None
+    ) -> None:
+        self.file, self.perfect = vehicle_file, perfect
+        estimator = KnownState() if perfect else vehicle_file.estimator()
         self.blocks = loop.Blocks(
-            estimator, Idle(float("inf")), file.controller(controller), file.supervisor()
+            estimator, Idle(float("inf")), vehicle_file.controller(controller), vehicle_file.supervisor()
         )
-        sensors = truth_sensor() if perfect else file.sensors
+        sensors = truth_sensor() if perfect else vehicle_file.sensors
         self.slots = sensor_slots(tuple(sensors._fields))
         tick = Tick(1, np.zeros(3), self.slots(*(Slot(1.0, np.zeros(s.size)) for s in sensors)))
         reference = Reference(1, np.zeros(3), np.zeros(3), 0.0)
@@ -327,7 +331,7 @@ def follow(loops: list[Loop], robots: Robots, route: "Route", seeds: list[int]) 
     """Return the figures of one lap of each robot along a route, from rest at its start."""
     rate_hz, n = loops[0].file.rate_hz, len(loops)
     guide = Repeat.along(route)
-    t_ns = times(int(route.t_s[-1] * rate_hz), rate_hz)
+    t_ns = tick_times(int(route.t_s[-1] * rate_hz), rate_hz)
     state, references = guide.init(), []
     for t in t_ns:
         state, reference = guide.step(state, _at_rest(int(t)))

@@ -163,11 +163,11 @@ def _row(wiring: str, figures: list[FirstDriveFigures]) -> Row:
 
 def drive_one(seed: int, backend: str = "auto") -> FirstDriveFigures:
     """Simulate the first drive of the unknown vehicle of that seed, and return its figures."""
-    file, wiring = load("small"), WIRINGS[seed % len(WIRINGS)]
+    vehicle_file, wiring = load("small"), WIRINGS[seed % len(WIRINGS)]
     robot = unknown(seed)
-    world = MiswiredLink(LoopWorld(robot, seed, file.rate_hz), wiring)
-    drive = first_drive(file, world=world, seed=seed, backend=backend)
-    truth, room = drive.run.truth, room_of(file, ROOM)
+    world = MiswiredLink(LoopWorld(robot, seed, vehicle_file.rate_hz), wiring)
+    drive = first_drive(vehicle_file, world=world, seed=seed, backend=backend)
+    truth, room = drive.run.truth, room_of(vehicle_file, ROOM)
     assert truth is not None
     margin = float(np.min(room.free - np.abs(truth.eta[:, :2])))
     expected = {
@@ -179,7 +179,7 @@ def drive_one(seed: int, backend: str = "auto") -> FirstDriveFigures:
     is_named = [message.code for message in drive.wiring] == expected
     off = float("nan")
     if wiring == "well":
-        ratio = np.array([drive.gain_along, drive.gain_about]) / gains(robot, file)
+        ratio = np.array([drive.gain_along, drive.gain_about]) / gains(robot, vehicle_file)
         off = float(np.max(np.maximum(ratio, 1.0 / np.maximum(ratio, 1e-9))))
     return FirstDriveFigures(
         wiring, margin, is_named, off, float(drive.run.t_ns[-1] - drive.run.t_ns[0]) * 1e-9
@@ -198,9 +198,9 @@ def unknown(seed: int) -> Robots:
     )  # fmt: skip
 
 
-def gains(robot: Robots, file: VehicleFile) -> np.ndarray:
+def gains(robot: Robots, vehicle_file: VehicleFile) -> np.ndarray:
     """Return the robot's gains (2,), acceleration per command along x and about z, divided by the file's gains."""
-    true, body = robot_values(robot), file.vehicle
+    true, body = robot_values(robot), vehicle_file.vehicle
     size = {0: (robot.mass_kg, body.mass_kg), 2: (robot.inertia_kg_m2, body.inertia_kg_m2)}
     return np.array([
         float(true[f"model.actuator_matrix[{i},{i}]"][0] / own[0]) / (body.actuator_matrix[i, i] / nominal)

@@ -101,10 +101,10 @@ def rows(progress: Callable[[str], object] = lambda text: None, backend: str = "
             progress(
                 _("run {name}, gyro {gyro}: fitting the IMU, odometer hidden", name=name, gyro=_(gyro.name))
             )
-            file = car.with_values({"sensors.imu.gyro_scale": gyro.scale})
+            vehicle_file = car.with_values({"sensors.imu.gyro_scale": gyro.scale})
             fit = fit_imu_only(
                 runs[name],
-                file,
+                vehicle_file,
                 FREE,
                 tolerance={"gyro": gyro.tolerance},
                 options=FitOptions(backend=backend),
@@ -112,7 +112,7 @@ def rows(progress: Callable[[str], object] = lambda text: None, backend: str = "
             out += held_out(
                 fit, reference[name], runs[test_name], f"cpm {name} → {test_name}, {_(gyro.name)}", backend
             )
-            estimate, truth = drive_of(fit, file), drive_of(reference[name], car)
+            estimate, truth = drive_of(fit, vehicle_file), drive_of(reference[name], car)
             fits.append(fit)
             both = np.hypot(estimate.sd, truth.sd)
             inside.append(np.abs(estimate.value - truth.value) <= QUANTILE_95 * both)
@@ -140,11 +140,11 @@ def held_out(fit: Fit, reference: Fit, run: "Run", label: str, backend: str) -> 
     ]
 
 
-def drive_of(fit: Fit, file: VehicleFile) -> FittedDrive:
+def drive_of(fit: Fit, vehicle_file: VehicleFile) -> FittedDrive:
     """Return gain, frictions and the steady speed on a straight path, with their standard errors."""
     at = [fit.names.index(name) for name in DRIVE]
     gain, viscous, dry = (fit.value(name) for name in DRIVE[:3])
-    effort = AT - float(file.vehicle.drivetrain.dead_zone_forward[0])
+    effort = AT - float(vehicle_file.vehicle.drivetrain.dead_zone_forward[0])
     speed = (gain * effort - dry) / viscous
     slope = np.array([effort, -speed, -1.0, 0.0]) / viscous
     cov = np.nan_to_num(fit.cov[np.ix_(at, at)])

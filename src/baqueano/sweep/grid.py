@@ -127,7 +127,7 @@ def _checked_settings(settings: dict) -> SweepSettings:
         raise UsageError(fault("compare.alignment", found=conditions.alignment, known=ALIGNMENTS))
     if not (conditions.laps >= 1 and conditions.over_s > 0.0):
         raise UsageError(fault("sweep.numbers", laps=conditions.laps, over_s=conditions.over_s))
-    return conditions._replace(start=tuple(float(x) for x in conditions.start))
+    return conditions._replace(start_axes=tuple(float(x) for x in conditions.start))
 
 
 def _by_name(routes: Tree) -> dict[str, Route]:
@@ -145,21 +145,21 @@ def _of_vehicles(
     """
     if not files or not routes or not seeds:
         raise UsageError(fault("sweep.nothing", vehicles=len(files), routes=len(routes), seeds=len(seeds)))
-    if wrong := [file for file in files if not isinstance(file, VehicleFile)]:
+    if wrong := [vehicle_file for vehicle_file in files if not isinstance(vehicle_file, VehicleFile)]:
         raise UsageError(fault("sweep.mixed", found=type(wrong[0]).__name__))
     if wrong := [route for route in routes.values() if not isinstance(route, Route)]:
         raise UsageError(fault("sweep.route", found=type(wrong[0]).__name__))
-    jobs, names = [], _labels([file.label for file in files])
+    jobs, names = [], _labels([vehicle_file.label for vehicle_file in files])
     for cell, blocks in _cells(rooms, files[0]):
-        for name, file in zip(names, files, strict=True):
-            file.estimator(blocks.estimator)
-            file.controller(blocks.controller)
+        for name, vehicle_file in zip(names, files, strict=True):
+            vehicle_file.estimator(blocks.estimator)
+            vehicle_file.controller(blocks.controller)
             for route_name, route in routes.items():
-                file.guide(route, blocks.guide)
+                vehicle_file.guide(route, blocks.guide)
                 for seed in seeds:
                     parts = [name if len(files) > 1 else "", route_name, f"seed {seed}"]
                     drive = ", ".join(part for part in parts if part)
-                    jobs.append(SweepJob(cell, drive, _text_of(file), blocks, settings, route, seed))
+                    jobs.append(SweepJob(cell, drive, _text_of(vehicle_file), blocks, settings, route, seed))
     return jobs
 
 
@@ -183,17 +183,17 @@ def _of_runs(
     files = [vehicle or vehicle_of(run) for run in runs]
     names, jobs = _labels([run.name for run in runs]), []
     for cell, blocks in _cells(rooms, files[0]):
-        for name, run, file in zip(names, runs, files, strict=True):
-            file.estimator(blocks.estimator)
-            jobs.append(SweepJob(cell, name, _text_of(file), blocks, settings, run=run))
+        for name, run, vehicle_file in zip(names, runs, files, strict=True):
+            vehicle_file.estimator(blocks.estimator)
+            jobs.append(SweepJob(cell, name, _text_of(vehicle_file), blocks, settings, run=run))
     return jobs
 
 
-def _cells(rooms: dict[str, list], file: VehicleFile) -> list[tuple[SweepCell, SweepBlocks]]:
+def _cells(rooms: dict[str, list], vehicle_file: VehicleFile) -> list[tuple[SweepCell, SweepBlocks]]:
     """Return every combination of blocks, each with a label from the names of the blocks that vary."""
     choices = {}
     for room in LOOP:
-        own = str(file.data.get(room, {}).get("kind", DEFAULT_KIND[room]))
+        own = str(vehicle_file.data.get(room, {}).get("kind", DEFAULT_KIND[room]))
         options = rooms[room] or [None]
         choices[room] = list(
             zip(_labels([own if block is None else _name(block) for block in options]), options, strict=True)
@@ -234,5 +234,5 @@ def _labels(names: list[str]) -> list[str]:
     return out
 
 
-def _text_of(file: VehicleFile) -> FileText:
-    return FileText(file.text, file.label, file.path, file.on_disk)
+def _text_of(vehicle_file: VehicleFile) -> FileText:
+    return FileText(vehicle_file.text, vehicle_file.label, vehicle_file.path, vehicle_file.on_disk)

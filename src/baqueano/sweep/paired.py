@@ -15,7 +15,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from baqueano.identify.covariance.quantiles import students
+from baqueano.identify.covariance.quantiles import student_quantile
 from baqueano.sweep.pieces import Pieces
 
 FEWEST = 5  # blocks, for an interval
@@ -71,7 +71,7 @@ def paired_difference(ours: Sequence[Pieces], theirs: Sequence[Pieces]) -> Paire
     if freedom < FEWEST - 1 or not (of_drives or min(map(len, both)) > 1):
         return PairedDifference(float(np.exp(theta)), NAN, NAN, blocks, of_drives)
     variance = np.var(logs, ddof=1) / n if of_drives else sum(map(_jackknife, both)) / n**2
-    half = students(0.975, freedom) * np.sqrt(variance)
+    half = student_quantile(0.975, freedom) * np.sqrt(variance)
     low, ratio, high = (float(np.exp(x)) for x in (theta - half, theta, theta + half))
     return PairedDifference(ratio, low, high, blocks, of_drives)
 

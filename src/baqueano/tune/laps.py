@@ -15,7 +15,7 @@ from baqueano.contracts.values import Tree
 from baqueano.geometry import compose
 from baqueano.guides.route import Route
 from baqueano.simulate.closed_loop import close_loop, closed_loop, start_of, ticks_of
-from baqueano.simulate.open_loop import times
+from baqueano.simulate.open_loop import tick_times
 from baqueano.simulate.system import Input, SystemState, begin
 from baqueano.symbolic import Scan
 from baqueano.tune.cost import Weights, jerk, path_cost, tick_errors
@@ -141,4 +141,6 @@ def simulated_laps(
     kernel = closed_loop(system, rate, noise=False, backend=backend, output=output, paths=paths)
     start = begin(system, compose(start_of(system), np.array([-ASIDE_M, ASIDE_M, 0.0])))
     whole = ticks == lasting
-    return SimulatedLaps(space, weights, ticks / rate, whole, Input(times(ticks, rate), None), start, kernel)
+    return SimulatedLaps(
+        space, weights, ticks / rate, whole, Input(tick_times(ticks, rate), None), start, kernel
+    )

@@ -22,7 +22,7 @@ from baqueano.guides.repeat import Repeat
 from baqueano.guides.route import Route
 from baqueano.sensors.truth import truth_sensor
 from baqueano.signals import NANOSECONDS
-from baqueano.simulate.open_loop import times
+from baqueano.simulate.open_loop import tick_times
 from baqueano.simulate.system import Input, System, SystemState, advance, begin
 from baqueano.symbolic import jacobian
 from baqueano.symbolic.graph.tree import build, leaves, shape_of, values
@@ -142,7 +142,7 @@ def linearise(vehicle_file: "VehicleFile", controller: Controller, speed_m_s: fl
     flat = _Numbers(state)
     along = flat.of(begin(system, np.array([1.0, 0.0, 0.0]))) - flat.of(state)
     state = state._replace(world=state.world._replace(vehicle=_moving(state.world.vehicle, speed_m_s)))
-    state, _ = _drive_system(system, state, times(round(SETTLE_S * rate_hz), rate_hz))
+    state, _ = _drive_system(system, state, tick_times(round(SETTLE_S * rate_hz), rate_hz))
 
     def tick_at(state: SystemState, t_ns: int) -> Callable[[Tree], Tree]:
         flat = _Numbers(state)
@@ -151,7 +151,7 @@ def linearise(vehicle_file: "VehicleFile", controller: Controller, speed_m_s: fl
     tick = tick_at(state, round((SETTLE_S * rate_hz + 1) * NANOSECONDS / rate_hz))
     x, J, steady = _steady(tick, flat.of(state), speed_m_s * dt_s * along)
     if not steady:  # for example, the controller does not correct the error beside the path
-        t_ns = times(round(LONGER_S * rate_hz) + 1, rate_hz)
+        t_ns = tick_times(round(LONGER_S * rate_hz) + 1, rate_hz)
         state, commands = _drive_system(system, state, t_ns[round(SETTLE_S * rate_hz) : -1])
         J = np.asarray(jacobian(tick_at(state, int(t_ns[-1])))(flat.of(state)), dtype=float)
         steady = bool(np.max(np.ptp(commands[-round(CALM_S * rate_hz) :], axis=0)) < CALM)

@@ -28,8 +28,8 @@ from baqueano.messages.language import mark as N_
 from baqueano.parameter import parameters
 from baqueano.simulate.closed_loop import close_loop, closed_loop, references_of, start_of, ticks_of
 from baqueano.simulate.many import draw_parameters
-from baqueano.simulate.open_loop import draw, times
-from baqueano.simulate.system import Input, System, SystemState, begin, flat
+from baqueano.simulate.open_loop import draw, tick_times
+from baqueano.simulate.system import Input, System, SystemState, begin, parameter_vector
 from baqueano.symbolic import Scan, put
 from baqueano.tune.cost import Weights, tick_cost, tick_errors
 from baqueano.tune.search_space import SearchSpace, search_space
@@ -74,13 +74,13 @@ class Leg(NamedTuple):
     @property
     def speed_m_s(self) -> float:
         """Return the median speed [m/s] of the route's reference."""
-        at = times(self.ticks, self.rate_hz)[:: 1 + self.ticks // SAMPLES]
+        at = tick_times(self.ticks, self.rate_hz)[:: 1 + self.ticks // SAMPLES]
         velocities = [reference.nu for reference in references_of(self.system, at.tolist())]
         return float(np.median([np.hypot(nu[0], nu[1]) for nu in velocities]))
 
     def with_seeds(self, seeds: Sequence[int | None]) -> "Leg":
         """Return the same leg with the noise of these seeds; the seed None means a drive without noise."""
-        t_ns, sensors = times(self.ticks, self.rate_hz), self.system.sensors
+        t_ns, sensors = tick_times(self.ticks, self.rate_hz), self.system.sensors
         noise = [None if seed is None else draw(sensors, seed, self.ticks) for seed in seeds]
         return self._replace(inputs=tuple(Input(t_ns, x) for x in noise))
 
@@ -143,7 +143,7 @@ class Rehearsal:
     def begun_with(self, gains: np.ndarray) -> "Rehearsal":
         """Return the same drives; each starts with the initial state of a controller with these gains."""
         block = self.space.with_gains(gains)
-        legs = tuple(leg._replace(start=_at_start(leg.start, block)) for leg in self.legs)
+        legs = tuple(leg._replace(start_axes=_at_start(leg.start, block)) for leg in self.legs)
         return replace(self, legs=legs)
 
     def initial_memory_depends_on(self, gains: np.ndarray) -> bool:
@@ -287,7 +287,7 @@ def drawn_vehicles(
 ) -> tuple[tuple[str, ...], np.ndarray]:
     """Return paths and values (1 + count, q) of the parameters of the vehicles; the first is the file's vehicle."""
     paths, theta, _ = draw_parameters(vehicle_file, system, count, seed)
-    own = flat(system, paths)
+    own = parameter_vector(system, paths)
     delay = getattr(getattr(system.model, "drivetrain", None), "delay_s", None)
     if delay is not None and DELAY not in paths:
         late = delay + stream(seed, "delay").uniform(-DELAY_S, DELAY_S, count)

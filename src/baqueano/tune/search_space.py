@@ -85,10 +85,10 @@ def _kind(controller: OwnBlock) -> str:
     names = [name for name in kinds("controller") if resolve("controller", name) is kind]
     if names:
         return names[0]
-    file = getattr(sys.modules.get(kind.__module__), "__file__", None)
-    if file is None:
+    path = getattr(sys.modules.get(kind.__module__), "__file__", None)
+    if path is None:
         raise UsageError(fault("tune.of-a-cell", controller=kind.__name__))
-    return f"{file}:{kind.__qualname__}"
+    return f"{path}:{kind.__qualname__}"
 
 
 def search_space(

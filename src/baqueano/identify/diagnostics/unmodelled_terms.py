@@ -21,7 +21,7 @@ import numpy as np
 from baqueano.contracts.optional import has_field
 from baqueano.contracts.values import Tree
 from baqueano.diagnostics import Diagnostic, note
-from baqueano.identify.data.added_channels import VOLTAGE, at_voltage
+from baqueano.identify.data.added_channels import VOLTAGE_KEY, at_voltage
 from baqueano.identify.data.record import FitRecord, FittedBlocks
 from baqueano.identify.diagnostics.unmodelled_forces import (
     COMMANDED,
@@ -169,7 +169,7 @@ def _words(force: Force) -> LabelledTerm:
 
 def _rows(record: FitRecord, *more: np.ndarray) -> np.ndarray:
     """Return rows (N, q): dt, u, the columns `more`, and the battery voltage if it is recorded."""
-    volts = [record.sensors[VOLTAGE].z] if VOLTAGE in record.sensors else []
+    volts = [record.sensors[VOLTAGE_KEY].z] if VOLTAGE_KEY in record.sensors else []
     return np.concatenate([record.dt_s[:, None], record.u, *more, *volts], axis=1)
 
 

@@ -8,7 +8,7 @@ from collections.abc import Sequence
 
 from baqueano.diagnostics import Diagnostic, Severity, note
 from baqueano.identify.parameters.free import Free
-from baqueano.vehicles.freedoms import AXES
+from baqueano.vehicles.freedoms import AXIS_NAMES
 
 MOST = 4  # names in one message
 WARNING = Severity.WARNING
@@ -112,6 +112,6 @@ def _needs(parameter: Free) -> Diagnostic:
     if parameter.shown_by:
         return note("identifiability.needs", motion=parameter.shown_by)
     if parameter.of.role == "gain" and parameter.of.shape == (3, 3):
-        row, column = (AXES[i] for i in parameter.entry)
+        row, column = (AXIS_NAMES[i] for i in parameter.entry)
         return note("identifiability.needs-command", command=column, motion=row)
     return note("identifiability.needs-run")

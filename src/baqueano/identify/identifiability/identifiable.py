@@ -21,7 +21,7 @@ import numpy as np
 from baqueano.diagnostics import Diagnostic
 from baqueano.identify.covariance.information import Information, covariance_of, information
 from baqueano.identify.data.record import FittedBlocks
-from baqueano.identify.data.segments import without_starts
+from baqueano.identify.data.segments import eliminate_starts
 from baqueano.identify.estimation.search import Search, Task, search
 from baqueano.identify.parallel import parallel_map
 from baqueano.identify.parameters.free import DELAY, Free
@@ -65,7 +65,7 @@ def identifiability_of(
     """
     by_hand = [k < len(shared) and shared[k].of.measured_by != "" for k in range(len(theta))]
     identifiable, collinear, near = ~fixed & (np.diagonal(info.bread) > 0.0), {}, {}
-    signal = _signal_scale(info.channels, energy)
+    signal = _signal_scale(info.information_by_channel, energy)
     while identifiable.any():
         direction = _unseen_direction(info.bread, identifiable)
         if direction is None:
@@ -137,16 +137,20 @@ def fix_unidentifiable(
     identifiability, and the information. `free` are the first entries of θ."""
     problem = end.problem
     whole = len(problem.layout.runs) == max(problem.layout.runs) + 1
-    count = problem.size if whole else problem.layout.starts  # starts of segments are of no interest
+    count = problem.size if whole else problem.layout.first_start  # starts of segments are of no interest
     is_fixed, ties = np.zeros(count, bool), {}
     while True:
         problem, theta = end.problem, end.solution.theta
         info = information(problem, theta)
         if not whole:
-            A, B = without_starts(info.bread, info.meat, problem.layout)
-            info = info._replace(bread=A, meat=B, channels=info.channels[:, :count])
+            A, B = eliminate_starts(info.bread, info.meat, problem.layout)
+            info = info._replace(
+                bread=A, meat=B, information_by_channel=info.information_by_channel[:, :count]
+            )
         if task.prior_sigma is not None:  # a hand measurement is without a signal to compare with
-            info = info._replace(channels=info.channels * (task.prior_sigma == 0.0)[:, None])
+            info = info._replace(
+                information_by_channel=info.information_by_channel * (task.prior_sigma == 0.0)[:, None]
+            )
         span = (task.high - task.low)[:count]
         span[[k for k, parameter in enumerate(free) if parameter.path == DELAY]] = np.inf
         identifiability = identifiability_of(

@@ -20,7 +20,7 @@ import numpy as np
 
 from baqueano.estimators.augmented.state import layout
 from baqueano.estimators.augmented_ekf import AugmentedEkf
-from baqueano.estimators.readings.sensor_numbers import slopes
+from baqueano.estimators.readings.sensor_numbers import measurement_jacobian
 from baqueano.estimators.readings.velocity_readings import readings_of
 from baqueano.identify.residuals.noise_level import MAD
 
@@ -55,7 +55,7 @@ def accelerometer_ahead(ekf: AugmentedEkf, inertial: set[str]) -> tuple[str, int
     readings = [
         (name, i, float(slope[AHEAD_DOT]))
         for name in sorted(inertial)
-        for i, slope in enumerate(slopes(getattr(ekf.sensors, name)))
+        for i, slope in enumerate(measurement_jacobian(getattr(ekf.sensors, name)))
     ]
     best = max(readings, key=lambda reading: abs(reading[2]), default=None)
     return best if best and best[2] != 0.0 else None
@@ -99,7 +99,7 @@ def _series(ekf: AugmentedEkf, fit: "Fit", inertial: set[str]) -> Iterator[tuple
     rate."""
     ahead, readings = accelerometer_ahead(ekf, inertial), readings_of(ekf.sensors, layout(ekf).names)
     wheels = next(
-        (reading for reading in readings if AHEAD in reading.of and reading.name not in inertial), None
+        (reading for reading in readings if AHEAD in reading.entries and reading.name not in inertial), None
     )
     gyro = next((reading for reading in readings if reading.is_gyro), None)
     if ahead is None or wheels is None or gyro is None:

@@ -132,7 +132,7 @@ def nis_of(ekf: AugmentedEkf, runs: Sequence[Run], kernel: Scan) -> list[Normali
         counts.append(np.stack([np.bincount(block, column) for column in came.T], axis=1))
     return [
         _mean(names[k], np.concatenate(squares)[:, k], np.concatenate(counts)[:, k], CLOSE)
-        for k in np.flatnonzero(np.any(its.moving > 0.0, axis=1))
+        for k in np.flatnonzero(np.any(its.moving_mask > 0.0, axis=1))
     ]
 
 

@@ -114,20 +114,20 @@ class AtRest:
         lines.append(_("white: per √Hz; walk: per s √s; SI; '-': not visible in a run of this length"))
         return "\n".join([*lines, *(f"- {finding}" for finding in texts(self.findings)), _(self.verdict)])
 
-    def updated_file(self, file: "VehicleFile") -> "VehicleFile":
+    def updated_file(self, vehicle_file: "VehicleFile") -> "VehicleFile":
         """Return the file with noise, bias and walk of its IMUs as measured at rest. Raise UsageError if no IMU of
         the file was measured."""
         from baqueano.vehicle_file import Provenance
         from baqueano.vehicle_file.file import today
 
         values: JsonObject = {}
-        for name, block in file.sensors._asdict().items():
+        for name, block in vehicle_file.sensors._asdict().items():
             own = {c.entry: c for c in self.channels if c.sensor == name}
             if has_field(block, "gyro_noise_std") and set(own) == {0, 1, 2}:
                 values |= _of_imu(f"sensors.{name}", own)
         if not values:
-            raise UsageError(fault("at-rest.no-imu", run=self.run, vehicle=file.name))
-        return file.with_values(
+            raise UsageError(fault("at-rest.no-imu", run=self.run, vehicle=vehicle_file.name))
+        return vehicle_file.with_values(
             values, dict.fromkeys(values, Provenance(self.run, today(), None, self.verdict))
         )
 

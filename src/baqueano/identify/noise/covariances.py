@@ -27,7 +27,7 @@ from baqueano.estimators import AugmentedEkf
 from baqueano.estimators.augmented.state import layout
 from baqueano.identify.covariance.information import WHITE_LIMIT
 from baqueano.identify.data.hand_measurements import KINDS
-from baqueano.identify.data.rest import standing
+from baqueano.identify.data.rest import is_at_rest
 from baqueano.identify.noise.acceptance import Acceptance, accept
 from baqueano.identify.noise.filter_noise import FIELDS, filter_noise
 from baqueano.identify.noise.most_likely import FLOOR, most_likely, process_errors
@@ -145,7 +145,7 @@ class Noise(Result):
         lines += texts(message.message for message in (self.speed, self.accepted) if message)
         return "\n".join([*lines, *(f"- {message}" for message in texts(self.notes))])
 
-    def updated_file(self, file: "VehicleFile", run: str = "") -> "VehicleFile":
+    def updated_file(self, vehicle_file: "VehicleFile", run: str = "") -> "VehicleFile":
         """Return the file with Q of each sensor (in motion) and R of the estimator."""
         from baqueano.vehicle_file import Provenance
         from baqueano.vehicle_file.file import today
@@ -153,7 +153,7 @@ class Noise(Result):
         values: JsonObject = {
             f"sensors.{name}.measurement_noise_cov": q.tolist()
             for name, q in self.in_motion.items()
-            if name in file.sensors._fields
+            if name in vehicle_file.sensors._fields
         }
         if len(self.process):
             values["estimator.process_noise_cov"] = self.process.tolist()
@@ -161,7 +161,7 @@ class Noise(Result):
         if self.speed and self.speed.decided:
             values["estimator.speed_from"] = list(self.speed.names)
         origin = Provenance(run, today(), None, self.verdict)
-        return file.with_values(values, dict.fromkeys(values, origin))
+        return vehicle_file.with_values(values, dict.fromkeys(values, origin))
 
 
 def measure_noise(
@@ -336,7 +336,7 @@ def _white(r: np.ndarray, rows: np.ndarray, drifting: bool) -> np.ndarray:
 
 def _standing(run: Run, t_s: np.ndarray, h: np.ndarray, sigma: np.ndarray) -> np.ndarray:
     """Return a mask (N,) of the rows without a command for REST_S in which the model is at rest."""
-    candidate = standing(run, run.t_ns[0] + np.rint(t_s * NANOSECONDS).astype(np.int64))
+    candidate = is_at_rest(run, run.t_ns[0] + np.rint(t_s * NANOSECONDS).astype(np.int64))
     if not candidate.any():
         return candidate
     middle = np.median(h[candidate], axis=0)

@@ -21,7 +21,7 @@ import numpy as np
 
 from baqueano.contracts.optional import is_dynamic
 from baqueano.contracts.values import Tree
-from baqueano.estimators.augmented.state import FORWARD, TURNING, Layout, layout
+from baqueano.estimators.augmented.state import FORWARD_STATES, TURNING_STATES, Layout, layout
 from baqueano.estimators.augmented_ekf import AugmentedEkf
 from baqueano.identify.noise.accelerometer_misfit import accelerometer_ahead, accelerometer_share
 from baqueano.identify.noise.most_likely import TICKS, example_of, log_det_and_square, ticks_of, valley
@@ -106,7 +106,7 @@ def filter_noise(
     for value, parameter in zip(x, free, strict=True):
         ekf = put(ekf, parameter.path, float(np.exp(parameter.power * value)))
     if is_dynamic(ekf.vehicle):
-        speed_is_measured = np.any(its.moving[:, FORWARD[0]])
+        speed_is_measured = np.any(its.moving_mask[:, FORWARD_STATES[0]])
         ekf = (_with_measured_misfit if speed_is_measured else _with_unmeasured_misfit)(ekf, fit, inertial)
     return replace(ekf, course_std=float(np.hypot(TOE_RAD, _crab_rad(fit))))
 
@@ -163,7 +163,7 @@ def _corrects(layout: Layout, name: str) -> list[int]:
     """Return the entries of a sensor that correct the motion while the vehicle drives."""
     return [
         i
-        for (name_i, i), E in zip(_numbers(layout), layout.moving, strict=True)
+        for (name_i, i), E in zip(_numbers(layout), layout.moving_mask, strict=True)
         if name_i == name and np.any(E > 0.0)
     ]
 
@@ -179,8 +179,8 @@ def _free(
     its = layout(ekf)
     of = np.array([readings[name] for name, _ in _numbers(its)])
     out = []
-    for entries, paths in ((FORWARD[:1], OF_FORWARD), (TURNING[2:3], OF_TURNING)):
-        most = np.max(of * np.any(its.moving[:, list(entries)] > 0.0, axis=1), initial=0)
+    for entries, paths in ((FORWARD_STATES[:1], OF_FORWARD), (TURNING_STATES[2:3], OF_TURNING)):
+        most = np.max(of * np.any(its.moving_mask[:, list(entries)] > 0.0, axis=1), initial=0)
         out += [
             FreeNoise(*path, 1.0) for path in (paths if most >= FEWEST else paths[:1] if most >= SOME else ())
         ]
@@ -223,7 +223,7 @@ def _numbers(layout: Layout) -> list[tuple[str, int]]:
 def _likelihood(ekf: AugmentedEkf, free: Sequence[FreeNoise]) -> Callable[..., Tree]:
     """Return the step of a scan with the logarithms of the free noise as parameters. Its output is the term of J
     from the channels that correct the motion.  (1)"""
-    corrects = np.any(layout(ekf).moving > 0.0, axis=1)
+    corrects = np.any(layout(ekf).moving_mask > 0.0, axis=1)
 
     def step(x: np.ndarray, belief: Tree, tick: Tick) -> tuple[Tree, Tree]:
         trial = ekf

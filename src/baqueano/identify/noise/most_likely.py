@@ -23,7 +23,7 @@ from baqueano.contracts import optional
 from baqueano.contracts.optional import is_dynamic
 from baqueano.contracts.values import Tree, Value
 from baqueano.estimators import Ekf
-from baqueano.estimators.pauses import split
+from baqueano.estimators.pauses import rows_of_ticks
 from baqueano.runs.run import Run, age_s
 from baqueano.signals import Slot, Tick, seconds, sensor_slots
 from baqueano.symbolic import put, scan
@@ -159,7 +159,7 @@ def ticks_of(run: Run, ekf: Tree, most: int) -> Any:
     u = np.where(np.isfinite(run.applied[:most]), run.applied[:most], 0.0)
     rows: Any = {name: Slot(*slot) for name, slot in slots.items()}
     columns: Tree = (t_ns, u, sensor_slots(tuple(rows))(**rows))
-    return split(Tick(*columns), ekf.rate_hz)[0]
+    return rows_of_ticks(Tick(*columns), ekf.rate_hz)[0]
 
 
 def _size(fit: "Fit", run: Run) -> np.ndarray:

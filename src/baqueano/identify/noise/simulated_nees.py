@@ -15,9 +15,9 @@ import numpy as np
 from baqueano.contracts.optional import is_dynamic
 from baqueano.contracts.values import Tree, Value
 from baqueano.estimators.augmented.motion import disturbance_acceleration, velocity_error
-from baqueano.estimators.augmented.state import BEND, BIASES, SCALES, layout, start_std
+from baqueano.estimators.augmented.state import BEND_INDEX, BIAS_INDEX, SCALE_INDEX, layout, start_std
 from baqueano.estimators.augmented_ekf import AugmentedEkf
-from baqueano.estimators.readings.sensor_numbers import slips
+from baqueano.estimators.readings.sensor_numbers import slip_statistics
 from baqueano.geometry import map_from_body, wrap
 from baqueano.runs.run import Run
 from baqueano.signals import NANOSECONDS, Motion, Slot, Tick, sensor_slots
@@ -91,7 +91,7 @@ def simulated_errors(ekf: AugmentedEkf, run: Run, filtered: Scan) -> tuple[np.nd
 
 def _start(ekf: AugmentedEkf, x: np.ndarray) -> SimulatedState:
     """Return the state of a vehicle that begins with x (n,)."""
-    x[BEND] = 0.0
+    x[BEND_INDEX] = 0.0
     motion = Motion(x[:3], x[3:6], np.zeros(3), np.zeros(2))
     return SimulatedState(
         x, 0.0, motion, ekf.vehicle.drivetrain.init(), tuple(sensor.init() for sensor in ekf.sensors)
@@ -110,16 +110,18 @@ def _tick(
         motions.append(_motion(ekf, x, eta, nu, _line(effort, (k + 1) / PARTS)))
     now = _motion(ekf, x, eta, nu, effort.last)
     keep = np.exp(-dt_s / ekf.disturbance_fade_s)
-    d = keep * x[6:SCALES] + ekf.disturbance_std * np.sqrt(1.0 - keep**2) * draws.d
-    walks = [bias_number.of(ekf.sensors, bias_number.walk) * np.sqrt(dt_s) for bias_number in its.biases]
-    bias = x[BIASES:] + np.array(walks) * draws.bias if walks else x[BIASES:]
-    variance, fade_s, _ = slips(ekf.sensors, dict(zip(its.names, its.entries, strict=True)))
+    d = keep * x[6:SCALE_INDEX] + ekf.disturbance_std * np.sqrt(1.0 - keep**2) * draws.d
+    walks = [
+        bias_number.value_at(ekf.sensors, bias_number.walk) * np.sqrt(dt_s) for bias_number in its.biases
+    ]
+    bias = x[BIAS_INDEX:] + np.array(walks) * draws.bias if walks else x[BIAS_INDEX:]
+    variance, fade_s, _ = slip_statistics(ekf.sensors, dict(zip(its.names, its.entries, strict=True)))
     lasts = np.exp(-dt_s / fade_s)
     slip = lasts * state.slip + np.sqrt(variance * (1.0 - lasts**2)) * draws.slip
-    after = np.concatenate([eta, nu, d, x[SCALES:BIASES], bias])
+    after = np.concatenate([eta, nu, d, x[SCALE_INDEX:BIAS_INDEX], bias])
     truth = now._replace(tick=(state.motion, motions[PARTS // 2 - 1], motions[-1]))
     sensors, slots = _read_sensors(ekf, state, bias, slip, truth, draws, dt_s)
-    state_read = np.concatenate([eta, nu + velocity_error(x[SCALES:BIASES], nu)])
+    state_read = np.concatenate([eta, nu + velocity_error(x[SCALE_INDEX:BIAS_INDEX], nu)])
     return SimulatedState(after, slip, now, drivetrain, sensors), (state_read, slots)
 
 
@@ -132,9 +134,9 @@ def _part(
     begin, end = _line(effort, k / PARTS), _line(effort, (k + 1) / PARTS)
     before = nu + kick * walk[0]
     _, nu, _ = ekf.vehicle.advance(eta, before, Effort(begin, end, end), h)
-    nu = nu + h * disturbance_acceleration(ekf.vehicle, x[6:SCALES])
+    nu = nu + h * disturbance_acceleration(ekf.vehicle, x[6:SCALE_INDEX])
     along = 0.5 * h * (before + nu)
-    along = along + velocity_error(x[SCALES:BIASES], along)
+    along = along + velocity_error(x[SCALE_INDEX:BIAS_INDEX], along)
     place = eta[:2] + (map_from_body(eta[2] + 0.5 * along[2]) @ along)[:2]
     return np.array([place[0], place[1], wrap(eta[2] + along[2])]), nu + kick * walk[1]
 
@@ -144,7 +146,7 @@ def _line(effort: Effort, part: float) -> np.ndarray:
 
 
 def _motion(ekf: AugmentedEkf, x: np.ndarray, eta: np.ndarray, nu: np.ndarray, effort: np.ndarray) -> Motion:
-    nu_dot = ekf.vehicle.nu_dot(nu, effort, eta[2]) + disturbance_acceleration(ekf.vehicle, x[6:SCALES])
+    nu_dot = ekf.vehicle.nu_dot(nu, effort, eta[2]) + disturbance_acceleration(ekf.vehicle, x[6:SCALE_INDEX])
     return Motion(eta, nu, nu_dot, ekf.vehicle.gravity(eta[2]))
 
 

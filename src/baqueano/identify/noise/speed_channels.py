@@ -18,7 +18,7 @@ import numpy as np
 
 from baqueano.contracts.values import Tree
 from baqueano.diagnostics import Diagnostic, note
-from baqueano.estimators.augmented.state import SCALES, layout
+from baqueano.estimators.augmented.state import SCALE_INDEX, layout
 from baqueano.estimators.augmented_ekf import AugmentedEkf
 from baqueano.estimators.readings.velocity_readings import readings_of
 from baqueano.identify.noise.most_likely import example_of, ticks_of
@@ -94,8 +94,8 @@ def _undecided_numbers(ekf: AugmentedEkf) -> Iterator[str]:
     its = layout(ekf)
     bias_sensors = {bias.sensor for bias in its.biases}
     numbers = [(name, i) for name, rows in zip(its.names, its.entries, strict=True) for i in rows]
-    for (name, i), E in zip(numbers, its.moving, strict=True):
-        if name in bias_sensors and not np.any(E[:SCALES]):
+    for (name, i), E in zip(numbers, its.moving_mask, strict=True):
+        if name in bias_sensors and not np.any(E[:SCALE_INDEX]):
             yield f"{name}[{i}]"
 
 
@@ -105,7 +105,7 @@ def _reference_speed(run: Run, ekf: AugmentedEkf) -> tuple[np.ndarray | None, st
         return speed, "the truth"
     names_used = set(layout(ekf).names)
     for name in getattr(ekf.sensors, "_fields", ()):
-        readings = [reading for reading in readings_of(ekf.sensors, (name,)) if AHEAD in reading.of]
+        readings = [reading for reading in readings_of(ekf.sensors, (name,)) if AHEAD in reading.entries]
         channel = run.sensors.get(name)
         if name in names_used or channel is None or not readings or len(channel.t_ns) < 2:
             continue

@@ -13,7 +13,7 @@ import numpy as np
 
 from baqueano.contracts.values import Tree
 from baqueano.diagnostics import Diagnostic, Severity, note
-from baqueano.identify.data.rest import standing
+from baqueano.identify.data.rest import is_at_rest
 from baqueano.runs.run import Run
 
 FEWEST = 30  # samples for a variance
@@ -45,7 +45,7 @@ def _candidates(name: str, i: int, runs: Sequence[Run]) -> Iterator[float]:
     for run in runs:
         channel = run.sensors[name]
         z, finite = channel.z[:, i], np.isfinite(channel.z[:, i])
-        at_rest = z[finite & standing(run, channel.t_ns)]
+        at_rest = z[finite & is_at_rest(run, channel.t_ns)]
         rest.append(at_rest - at_rest.mean() if len(at_rest) else at_rest)
         steps.append(np.diff(z[finite]))
     for x, part in ((np.concatenate(rest), 1.0), (np.concatenate(steps), 0.5)):

@@ -23,7 +23,7 @@ from baqueano.errors import UsageError
 from baqueano.identify.data.record import FittedBlocks
 from baqueano.parameter import Parameter, Words, all_parameters, parameters
 from baqueano.symbolic import get, put
-from baqueano.vehicles.freedoms import AXES, coasting_axes, rates, slopes
+from baqueano.vehicles.freedoms import AXIS_NAMES, coasting_axes, rates, damping_derivatives
 
 FREED = ("fitted", "gain", "offset")  # roles of fields that are free by default
 FLOOR = "model.process_noise_std"  # process noise of ν by the floor
@@ -84,7 +84,7 @@ def words_of(words: Words, entry: tuple[int, ...]) -> str:
     first = entry[0]
     text = words if isinstance(words, str) else words[min(first, len(words) - 1)]
     nth = ORDINALS[first] if first < len(ORDINALS) else f"{first + 1}th"
-    return text.replace("{nth}", nth).replace("{axis}", AXES[min(first, 2)])
+    return text.replace("{nth}", nth).replace("{axis}", AXIS_NAMES[min(first, 2)])
 
 
 def default_free(blocks: FittedBlocks) -> list[str]:
@@ -214,7 +214,11 @@ def _integrable(blocks: FittedBlocks, paths: list[str], rate_hz: float) -> dict[
     requested_paths = {
         k for k, p in all_parameters(blocks.model, "model") if k in requested_paths and p.role != "known"
     }
-    free = {path: slope for path, slope in slopes(blocks.model, requested_paths, kept_model) if path in paths}
+    free = {
+        path: slope
+        for path, slope in damping_derivatives(blocks.model, requested_paths, kept_model)
+        if path in paths
+    }
     for i in range(3):
         paths_of_axis = [path for path, slope in free.items() if slope[i] > 0.0]
         for path in paths_of_axis:

@@ -10,17 +10,17 @@ from baqueano.contracts.optional import has_field
 from baqueano.contracts.values import Tree, Value
 from baqueano.diagnostics import fault
 from baqueano.errors import UsageError
-from baqueano.identify.data.added_channels import VOLTAGE, with_voltage
+from baqueano.identify.data.added_channels import VOLTAGE_KEY, with_voltage
 from baqueano.identify.data.record import (
-    CLOCK_S,
+    MAX_CLOCK_OFFSET_S,
     FitRecord,
     FittedBlocks,
     Measurements,
-    past_of,
+    past_rows_of,
     record_of,
-    slots_for,
+    offset_rows,
 )
-from baqueano.identify.data.segments import ThetaLayout, cut
+from baqueano.identify.data.segments import ThetaLayout, split_record
 from baqueano.identify.options import FitOptions
 from baqueano.identify.parallel import parallel_map
 from baqueano.identify.parameters.free import (
@@ -35,7 +35,7 @@ from baqueano.identify.parameters.free import (
 )
 from baqueano.messages.printable import baqueano_command
 from baqueano.runs.run import Run
-from baqueano.sensors.sampling import Signal, measures_pose, steady_signal, step_signal
+from baqueano.sensors.sampling import Signal, measures_pose, constant_signal, step_signal
 from baqueano.signals import ByName, Motion
 from baqueano.vehicles.freedoms import coasting_axes
 
@@ -115,7 +115,7 @@ def unknowns(
     frozen_numbers = frozen_columns(list(requested), u)
     if (requested and len(frozen_numbers) == len(requested)) or not np.any(u):
         raise UsageError(fault("runs.all-still", baqueano_command("runs", "calibrate", runs[0].name)))
-    blocks, requested = enable_parameters(blocks, list(requested), rate_hz, u, past_of(runs))
+    blocks, requested = enable_parameters(blocks, list(requested), rate_hz, u, past_rows_of(runs))
     records = with_voltage(records_of(runs, blocks, channels, options), runs, blocks)
     free = [parameter for k, parameter in enumerate(requested) if k not in frozen_numbers]
     shape = shape_of(blocks, free, records, options)
@@ -158,10 +158,10 @@ def records_of(
         drivetrain = getattr(blocks.model, "drivetrain", None)
         late_s = float(np.median(whole.dt_s)) * getattr(drivetrain, "delay_slots", 0)
         settled_s = SETTLED_LAGS * getattr(drivetrain, "lag_s", 0.0)
-        lead_s = max(late_s, settled_s, 2.0 * CLOCK_S if options.clocks else 0.0)
+        lead_s = max(late_s, settled_s, 2.0 * MAX_CLOCK_OFFSET_S if options.clocks else 0.0)
         if not options.at_rest:
             whole = _after_the_past(whole, float(getattr(drivetrain, "delay_s", 0.0)))
-        out += [whole] if options.segment_s is None else cut(whole, options.segment_s, lead_s)
+        out += [whole] if options.segment_s is None else split_record(whole, options.segment_s, lead_s)
     return out
 
 
@@ -208,8 +208,8 @@ def shape_of(
     sample_fraction = tuple(
         any(r.sensors[name].sample_fraction is not None for r in records) for name in names
     )
-    slots = max(slots_for(record.dt_s) for record in records) if options.clocks else 0
-    volts = any(VOLTAGE in record.sensors for record in records)
+    slots = max(offset_rows(record.dt_s) for record in records) if options.clocks else 0
+    volts = any(VOLTAGE_KEY in record.sensors for record in records)
     return Shape(paths, tuple(own), start, sample_fraction, tuple(options.clocks), slots, volts)
 
 
@@ -239,7 +239,7 @@ def first_theta(
             parameter.high,
         )
     for run in range(max(layout.runs) + 1):
-        for k, path in enumerate(shape.by_run, layout.shared + run * layout.by_run):
+        for k, path in enumerate(shape.by_run, layout.shared_count + run * layout.run_entry_count):
             if path in shape.per_run:
                 parameter = free_parameter(blocks, path, options.bounds)
                 theta[k], low[k], high[k] = (
@@ -248,10 +248,10 @@ def first_theta(
                     parameter.high,
                 )
             else:
-                low[k], high[k] = -CLOCK_S, CLOCK_S
+                low[k], high[k] = -MAX_CLOCK_OFFSET_S, MAX_CLOCK_OFFSET_S
     for k, record in enumerate(records):
         pose = _first_pose(record, blocks)
-        theta[layout.of_starts(k)] = [pose[i - 3] if i >= 3 else 0.0 for i in shape.start]
+        theta[layout.start_slice(k)] = [pose[i - 3] if i >= 3 else 0.0 for i in shape.start]
     return np.clip(theta, low, high), low, high
 
 
@@ -315,7 +315,7 @@ def initial_state(
     def start(theta: np.ndarray) -> tuple[Any, tuple[Signal, ...]]:
         blocks_at, vehicle = substitute(blocks, paths, theta), vehicle_at(theta)
         motion = Motion(vehicle.eta, vehicle.nu, vehicle.nu_dot, blocks_at.model.gravity(vehicle.eta[2]))
-        return vehicle, tuple(steady_signal(sensor, sensor.h(motion)) for sensor in blocks_at.sensors)
+        return vehicle, tuple(constant_signal(sensor, sensor.h(motion)) for sensor in blocks_at.sensors)
 
     return start
 

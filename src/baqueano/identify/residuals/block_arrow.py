@@ -35,10 +35,10 @@ class Places:
 
 def places_of(layout: ThetaLayout, more: int = 0) -> Places | None:
     """Return the parts of θ, and of `more` shared entries after it, or None if few entries belong to segments."""
-    count, o, q = len(layout.runs), layout.by_run, layout.by_segment
-    own = layout.starts + np.arange(count * q).reshape(count, q)
+    count, o, q = len(layout.runs), layout.run_entry_count, layout.start_size
+    own = layout.first_start + np.arange(count * q).reshape(count, q)
     if layout.runs == tuple(range(count)):  # runs of one segment: entries of the run belong to it
-        own = np.hstack([layout.shared + np.arange(count * o).reshape(count, o), own])
+        own = np.hstack([layout.shared_count + np.arange(count * o).reshape(count, o), own])
     if count < 2 or own.size < ENOUGH:
         return None
     is_own = np.zeros(layout.size + more, bool)

@@ -31,7 +31,7 @@ from baqueano.signals import ByName, Motion
 from baqueano.symbolic import jacobian, put, scan
 from baqueano.symbolic.scan import Scan
 from baqueano.vehicles import Effort, VehicleState
-from baqueano.vehicles.delay import SHORTEST_TICK_S
+from baqueano.vehicles.delay import MIN_TICK_S
 from baqueano.vehicles.state import end_of_tick
 
 GATE = 4.0  # G of (3): the gate of the other filters, made smooth
@@ -178,7 +178,7 @@ def _gain_after_low_pass(sensor: Tree, dt_s: Value) -> Any:
     tau_s = low_pass_s(sensor)
     if isinstance(tau_s, float) and tau_s == 0.0:
         return 1.0
-    ratio = tau_s / np.maximum(dt_s, SHORTEST_TICK_S)
+    ratio = tau_s / np.maximum(dt_s, MIN_TICK_S)
     return 1.0 - ratio * (1.0 - np.exp(-1.0 / ratio))
 
 

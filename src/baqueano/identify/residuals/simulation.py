@@ -20,7 +20,7 @@ from typing import Any, NamedTuple, Self, TypeVar
 import numpy as np
 
 from baqueano.contracts.values import Tree
-from baqueano.identify.data.added_channels import VOLTAGE, at_voltage
+from baqueano.identify.data.added_channels import VOLTAGE_KEY, at_voltage
 from baqueano.identify.data.record import FitRecord, FittedBlocks
 from baqueano.identify.data.segments import ThetaLayout
 from baqueano.identify.parallel import parallel_map
@@ -201,7 +201,7 @@ class Residuals:
         weight = np.array([START_STD[i] ** -2 if i < len(START_STD) else 0.0 for i in self.shape.start])
         for k, has in enumerate(self._has):
             if cut or not has[:1].any():
-                prior[self.layout.of_starts(k)] = weight
+                prior[self.layout.start_slice(k)] = weight
         return prior
 
     def _each(self, work: Callable[..., Any], *more: Sequence[Any]) -> list[Any]:
@@ -299,7 +299,7 @@ def _rows(record: FitRecord, names: Sequence[str], shape: Shape) -> np.ndarray:
                 np.zeros((len(record.dt_s), 1)) if s.sample_fraction is None else s.sample_fraction[:, None]
             )
     if shape.volts:
-        columns.append(record.sensors[VOLTAGE].z)
+        columns.append(record.sensors[VOLTAGE_KEY].z)
     return np.ascontiguousarray(np.concatenate(columns, axis=1))
 
 

@@ -9,8 +9,8 @@ import numpy as np
 from baqueano.contracts.optional import has_field
 from baqueano.diagnostics import Diagnostic, Verdict, note
 from baqueano.identify.covariance.information import WHITE_LIMIT, covariance_of, inverse
-from baqueano.identify.covariance.jackknife import jackknife, no_smaller
-from baqueano.identify.data.added_channels import MOUNT, TRUTH
+from baqueano.identify.covariance.jackknife import jackknife, with_larger_errors
+from baqueano.identify.data.added_channels import MOUNT_PREFIX, TRUTH
 from baqueano.identify.data.record import FittedBlocks
 from baqueano.identify.diagnostics import diagnose, inflate_covariance
 from baqueano.identify.identifiability.advice import missing_command, unobservable, weakly
@@ -124,7 +124,7 @@ def _findings(end: FinishedFit, sd: np.ndarray) -> tuple[tuple[Diagnostic, ...],
 def _held_back(end: FinishedFit, sd: np.ndarray) -> np.ndarray:
     """Return the distance (s,), in standard errors, by which each shared entry of θ would move without its bounds.
     It is inf without a requested test or after a stop, and 0 if the search did not converge."""
-    s, solution = end.task.problem.layout.shared, end.search.solution
+    s, solution = end.task.problem.layout.shared_count, end.search.solution
     if not end.score_test or end.search.stopped:
         return np.full(s, np.inf)
     identifiable, out = np.flatnonzero(end.identifiability.mask), np.zeros(s)
@@ -172,12 +172,12 @@ def _covariance(end: FinishedFit) -> np.ndarray:
         cov = covariance_of(end.info, identifiable)
         if not end.filtered:  # the innovations of a filter are white
             problem, theta = end.task.problem, end.search.solution.theta
-            k = int(np.sum(identifiable < problem.layout.shared))
+            k = int(np.sum(identifiable < problem.layout.shared_count))
             for by_segment in (False, True):
                 blocks = jackknife(
                     problem, theta, identifiable, end.info.bread, alike=True, by_segment=by_segment
                 )
-                cov = no_smaller(problem, cov, blocks, k, by_segment)
+                cov = with_larger_errors(problem, cov, blocks, k, by_segment)
         full[np.ix_(identifiable, identifiable)] = (
             cov if end.systematic is None else cov + end.systematic[np.ix_(identifiable, identifiable)]
         )
@@ -190,13 +190,13 @@ def _own(
     """Return names (q,), values and standard errors (runs, q) of the entries that each run has separately. The
     starts are included if runs are whole."""
     layout, shape = problem.layout, problem.shape
-    runs, s = max(layout.runs) + 1, layout.shared
-    by_run = theta[s : layout.starts].reshape(runs, -1)
-    by_run_sd = sd[s : layout.starts].reshape(runs, -1)
+    runs, s = max(layout.runs) + 1, layout.shared_count
+    by_run = theta[s : layout.first_start].reshape(runs, -1)
+    by_run_sd = sd[s : layout.first_start].reshape(runs, -1)
     if len(layout.runs) > runs:
         return shape.by_run, by_run, by_run_sd
     names = (*shape.by_run, *(f"start.{STARTS[i]}" for i in shape.start))
-    starts, starts_sd = (x[layout.starts :].reshape(runs, -1) for x in (theta, sd))
+    starts, starts_sd = (x[layout.first_start :].reshape(runs, -1) for x in (theta, sd))
     return names, np.hstack([by_run, starts]), np.hstack([by_run_sd, starts_sd])
 
 
@@ -354,7 +354,9 @@ def _horizon(problem: Residuals, theta: np.ndarray) -> list[Diagnostic]:
 def _mount(problem: Residuals, theta: np.ndarray) -> list[Diagnostic]:
     """Return a note on a fitted position of the mark, which belongs to the map and not to the vehicle file."""
     own = zip(problem.shape.shared, theta, strict=False)
-    values = ", ".join(f"{path.removeprefix(MOUNT)} = {x:.4g}" for path, x in own if path.startswith(MOUNT))
+    values = ", ".join(
+        f"{path.removeprefix(MOUNT_PREFIX)} = {x:.4g}" for path, x in own if path.startswith(MOUNT_PREFIX)
+    )
     return [note("truth.mount", subject=TRUTH, keys=values)] if values else []
 
 
@@ -376,5 +378,5 @@ def _blocks_of_fit(end: FinishedFit) -> FittedBlocks:
     """Return the blocks with the estimates; biases are the mean over the runs."""
     problem, theta = end.task.problem, end.search.solution.theta
     shape, layout, s = problem.shape, problem.layout, len(problem.shape.shared)
-    own = theta[s : layout.starts].reshape(max(layout.runs) + 1, -1).mean(axis=0)[: len(shape.per_run)]
+    own = theta[s : layout.first_start].reshape(max(layout.runs) + 1, -1).mean(axis=0)[: len(shape.per_run)]
     return substitute(end.blocks, (*shape.shared, *shape.per_run), [float(x) for x in (*theta[:s], *own)])

@@ -23,9 +23,15 @@ import numpy as np
 
 from baqueano.contracts.values import JsonObject
 from baqueano.diagnostics import Diagnostic, note
-from baqueano.identify.covariance.jackknife import FEWEST, LEAST, block_of, edges_of, slopes_of
-from baqueano.identify.covariance.quantiles import students
-from baqueano.identify.data.segments import slopes_without_start
+from baqueano.identify.covariance.jackknife import (
+    MIN_BLOCKS,
+    MIN_REMAINDER,
+    block_duration_s,
+    edges_of,
+    segment_derivatives,
+)
+from baqueano.identify.covariance.quantiles import student_quantile
+from baqueano.identify.data.segments import derivatives_without_start
 from baqueano.identify.estimation.prediction_error import (
     BETA,
     MaximumLikelihood,
@@ -125,12 +131,12 @@ class LeftOutBlocks(NamedTuple):
     @property
     def worse(self) -> bool:
         """Return True if the innovations' fit has a significantly larger error on the held-out blocks."""
-        return self.z > students(1.0 - WORSE, len(self.more) - 1)
+        return self.z > student_quantile(1.0 - WORSE, len(self.more) - 1)
 
     @property
     def limit(self) -> float:
         """Return the critical value of (3) above which the two fits differ significantly (Bonferroni)."""
-        return students(1.0 - 0.5 * TWO / max(1, len(self.names)), len(self.more) - 1)
+        return student_quantile(1.0 - 0.5 * TWO / max(1, len(self.names)), len(self.more) - 1)
 
     @property
     def furthest(self) -> tuple[float, str]:
@@ -164,7 +170,7 @@ def leave_one_out(
     `theta` (p,) and `free` of `x`."""
     simulation = list(_of_simulation(problem, theta))
     innovation = list(_of_innovations(problem, prediction, x))
-    if len(simulation) < FEWEST:
+    if len(simulation) < MIN_BLOCKS:
         return None
     without = _without(simulation, identifiable), _without(innovation, free)
     cost = [_cost(block, change) for block, change in zip(simulation, without[0], strict=True)]
@@ -180,8 +186,8 @@ def leave_one_out(
 
 
 def _of_simulation(problem: Residuals, theta: np.ndarray) -> Iterator[_ObjectiveBlock]:
-    block_s = block_of(problem)
-    for (r, d, at), record in zip(slopes_of(problem, theta), problem.records, strict=True):
+    block_s = block_duration_s(problem)
+    for (r, d, at), record in zip(segment_derivatives(problem, theta), problem.records, strict=True):
         for a, b in pairwise(edges_of(record, block_s, len(r))):
             e, slopes = r[a:b].ravel(), d[a:b].reshape(-1, d.shape[2])
             inside = slopes[np.abs(e) < HUBER]
@@ -190,9 +196,9 @@ def _of_simulation(problem: Residuals, theta: np.ndarray) -> Iterator[_Objective
 
 
 def _of_innovations(problem: Residuals, prediction: Prediction, x: np.ndarray) -> Iterator[_ObjectiveBlock]:
-    block_s, p = block_of(problem), problem.size
+    block_s, p = block_duration_s(problem), problem.size
     segments = zip(
-        slopes_of(problem, x[:p]), prediction.slopes(x), problem.records, strict=True
+        segment_derivatives(problem, x[:p]), prediction.slopes(x), problem.records, strict=True
     )  # fmt: skip
     for (r, d, of), slopes, record in segments:
         slopes = _without_start(slopes, problem) if d.shape[2] < np.sum(slopes.places < p) else slopes
@@ -208,12 +214,12 @@ def _of_innovations(problem: Residuals, prediction: Prediction, x: np.ndarray) -
 
 def _without_start(slopes: Slopes, problem: Residuals) -> Slopes:
     """Return the derivatives of a segment with its start eliminated."""
-    start = (slopes.places >= problem.layout.starts) & (slopes.places < problem.size)
+    start = (slopes.places >= problem.layout.first_start) & (slopes.places < problem.size)
     w = np.maximum(slope(slopes.e), 0.0)
     return slopes._replace(
-        e_slopes=slopes_without_start(slopes.e_slopes, w, start),
+        e_slopes=derivatives_without_start(slopes.e_slopes, w, start),
         s_slopes=slopes.s_slopes[..., ~start],
-        places=slopes.places[~start],
+        place_count=slopes.places[~start],
     )
 
 
@@ -231,7 +237,7 @@ def _without(blocks: Sequence[_ObjectiveBlock], identifiable: np.ndarray) -> np.
         g[k, at], A[k][np.ix_(at, at)] = block.g[inside], block.A[np.ix_(inside, inside)]
     root = np.sqrt(np.maximum(np.diagonal(A.sum(axis=0)), 1e-300))
     g, A = g / root, A / np.outer(root, root)
-    rest, out = A.sum(axis=0) + LEAST * np.eye(len(root)) - A, np.zeros((len(blocks), len(place)))
+    rest, out = A.sum(axis=0) + MIN_REMAINDER * np.eye(len(root)) - A, np.zeros((len(blocks), len(place)))
     out[:, identifiable] = np.linalg.solve(rest, g[:, :, None])[:, :, 0] / root
     return out
 

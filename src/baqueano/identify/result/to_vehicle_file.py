@@ -17,7 +17,7 @@ import numpy as np
 
 from baqueano.contracts.values import Tree
 from baqueano.diagnostics import Diagnostic, note
-from baqueano.identify.data.added_channels import MOUNT
+from baqueano.identify.data.added_channels import MOUNT_PREFIX
 from baqueano.identify.data.record import FitRecord
 from baqueano.identify.data.rest import shows_speed
 from baqueano.identify.result.fit_result import ChannelFit
@@ -77,7 +77,7 @@ def file_of_fit(fit: "Fit", on: date | None = None) -> "VehicleFile":
     if getattr(getattr(fit.blocks.model, "drivetrain", None), "battery", "steady") == "logged":
         values["model.drivetrain.battery"] = "logged"
     entries_ = [
-        k for k, name in enumerate(fit.names) if np.isfinite(fit.sd[k]) and not name.startswith(MOUNT)
+        k for k, name in enumerate(fit.names) if np.isfinite(fit.sd[k]) and not name.startswith(MOUNT_PREFIX)
     ]
     cov = ParameterCov(tuple(fit.names[k] for k in entries_), fit.cov[np.ix_(entries_, entries_)], run, on)
     return fit.file.with_values(values, provenance, cov, fit.envelope)
@@ -119,7 +119,7 @@ def _fields(fit: "Fit", prior_paths: Sequence[str]) -> "JsonObject":
             sd_of[name] = sd
             fitted_names.add(name)
     out: dict[str, Tree] = {}
-    for path in (path for path in fitted_names if not path.startswith(MOUNT)):
+    for path in (path for path in fitted_names if not path.startswith(MOUNT_PREFIX)):
         field, bracket, _ = path.partition("[")
         if not bracket:
             out[field] = float(sd_of[path])

@@ -21,7 +21,7 @@ import numpy as np
 from baqueano.contracts.values import JsonObject
 from baqueano.diagnostics import Diagnostic, Severity, Verdict, note
 from baqueano.identify.covariance.information import WHITE_LIMIT
-from baqueano.identify.covariance.quantiles import students
+from baqueano.identify.covariance.quantiles import student_quantile
 from baqueano.identify.estimation.search import LACKING
 from baqueano.vehicle_file.units import CHANNEL_UNITS
 
@@ -298,6 +298,8 @@ def _beyond_chance(channel: ChannelOfRun, rest: list[ChannelOfRun], count: int) 
     if len(rest) < 2:
         return True
     far = (
-        students(1.0 - CHANCE / count, len(rest) - 1) * np.std(g[1:], ddof=1) * np.sqrt(1.0 + 1.0 / len(rest))
+        student_quantile(1.0 - CHANCE / count, len(rest) - 1)
+        * np.std(g[1:], ddof=1)
+        * np.sqrt(1.0 + 1.0 / len(rest))
     )
     return bool(g[0] > np.mean(g[1:]) + far)

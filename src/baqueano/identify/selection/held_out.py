@@ -22,7 +22,7 @@ import numpy as np
 from baqueano.contracts.values import Tree
 from baqueano.diagnostics import fault
 from baqueano.errors import UsageError
-from baqueano.identify.covariance.quantiles import students
+from baqueano.identify.covariance.quantiles import student_quantile
 from baqueano.identify.data.record import FitRecord, FittedBlocks, Measurements
 from baqueano.identify.estimation.least_squares import Solution, minimise
 from baqueano.identify.parallel import parallel_map
@@ -75,7 +75,7 @@ class PairedComparison(NamedTuple):
 
     def beyond(self, alpha: float) -> float:
         """Return the critical value t_{1−α} for mean g in standard errors."""
-        return students(1.0 - alpha, max(5, self.blocks - 1))
+        return student_quantile(1.0 - alpha, max(5, self.blocks - 1))
 
 
 class Fold(NamedTuple):
@@ -107,10 +107,10 @@ class HeldOut:
         fitted = [_with_mask(r, np.full(len(r.dt_s), not unseen or r.run < fitted_runs)) for r in records]
         self.all = Residuals(blocks, shape, fitted, backend)
         self.shared = np.arange(self.all.size) < len(shape.shared)
-        self.starts = np.arange(self.all.size) >= self.all.layout.starts
+        self.starts = np.arange(self.all.size) >= self.all.layout.first_start
         self.still = np.zeros(self.all.size, bool)  # starts that are known to be 0
         for k, record in enumerate(records):
-            self.still[self.all.layout.of_starts(k)] = rest[record.run]
+            self.still[self.all.layout.start_slice(k)] = rest[record.run]
         self.folds = []
         if unseen:
             held_out_records = [_with_mask(r, np.full(len(r.dt_s), r.run >= fitted_runs)) for r in records]

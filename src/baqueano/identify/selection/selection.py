@@ -18,9 +18,9 @@ import numpy as np
 from baqueano.contracts.values import JsonObject
 from baqueano.diagnostics import Diagnostic, fault, note
 from baqueano.errors import UsageError
-from baqueano.identify.covariance.information import own_information, own_sd
-from baqueano.identify.data.added_channels import CHANNEL, with_voltage
-from baqueano.identify.data.record import FittedBlocks, past_of
+from baqueano.identify.covariance.information import own_information, own_std
+from baqueano.identify.data.added_channels import BATTERY_CHANNEL, with_voltage
+from baqueano.identify.data.record import FittedBlocks, past_rows_of
 from baqueano.identify.data.rest import begins_at_rest, with_gyro_at_rest
 from baqueano.identify.dataset import sensors_of
 from baqueano.identify.estimation.least_squares import Solution
@@ -119,7 +119,7 @@ def choose(
     if not sum(map(len, commands)):
         raise UsageError(fault("choose.no-command"))
     u, setup = np.concatenate(commands), FitSetup(runs, use, options, tuple(held_out))
-    battery = any(CHANNEL in run.sensors for run in runs)
+    battery = any(BATTERY_CHANNEL in run.sensors for run in runs)
     blocks = FittedBlocks(vehicle_file.vehicle, vehicle_file.sensors)
     any_way = np.concatenate([np.eye(u.shape[1]), -np.eye(u.shape[1])])
     bare = without_terms(vehicle_file, candidate_terms(blocks, candidates, any_way, battery))
@@ -145,14 +145,14 @@ class FitSetup(NamedTuple):
     held_out: tuple[Run, ...]
 
     def fit(
-        self, file: "VehicleFile", free: list[str], start: Mapping[str, float] | None = None,
+        self, vehicle_file: "VehicleFile", free: list[str], start: Mapping[str, float] | None = None,
         near: Mapping[str, tuple[float, float]] | None = None,
     ) -> Fit:  # fmt: skip
         """Return the fit of `free`, within the bounds of the user and the bounds `near`."""
         limits = {k: b for k, b in self.options.bounds.items() if any(path.startswith(k) for path in free)}
         limits |= {k: b for k, b in (near or {}).items() if k not in limits}
         options = replace(self.options, fixed=(), bounds=limits, start=start or {}, gyro_leads=False)
-        return identify(self.runs, file, free, use=self.use, options=options)
+        return identify(self.runs, vehicle_file, free, use=self.use, options=options)
 
 
 class _Growing:
@@ -165,8 +165,8 @@ class _Growing:
         runs, use, options, validation_runs = setup
         self.how, self.least_paths, self.terms, self.progress = setup, least, terms, progress
         self.ended: dict[str, tuple[tuple[float, ...], ...]] = {}  # the end of the last trial of each term
-        file = with_gyro_at_rest(bare, runs)[0] if has_offset(bare.vehicle) else bare
-        blocks, runs, only = sensors_of(file, [*runs, *validation_runs], use)
+        vehicle_file = with_gyro_at_rest(bare, runs)[0] if has_offset(bare.vehicle) else bare
+        blocks, runs, only = sensors_of(vehicle_file, [*runs, *validation_runs], use)
         if any(measures_pose(sensor) for sensor in blocks.sensors):
             raise UsageError(fault("choose.pose"))
         options = for_sensors(FitOptions(at_rest=options.at_rest, bounds=options.bounds), blocks)
@@ -177,7 +177,9 @@ class _Growing:
             blocks, paths, (), {k: v for k, v in options.bounds.items() if k in paths}
         )
         u = np.concatenate([r.u for r in records])
-        blocks, candidates = enable_parameters(blocks, candidates, file.rate_hz, u, past_of(runs))
+        blocks, candidates = enable_parameters(
+            blocks, candidates, vehicle_file.rate_hz, u, past_rows_of(runs)
+        )
         records = with_voltage(records, runs, blocks)
         self.paths = [candidate.path for candidate in candidates]
         shape = shape_of(blocks, candidates, records, options)
@@ -188,7 +190,7 @@ class _Growing:
         self.small = np.zeros(len(theta))  # differences from neutral that count as 0
         if LAG in self.paths:
             lag = self.paths.index(LAG)
-            every.low[lag], self.small[lag] = SHORTEST_LAG_S, LEAST_LAG / file.rate_hz
+            every.low[lag], self.small[lag] = SHORTEST_LAG_S, LEAST_LAG / vehicle_file.rate_hz
         self.held_out, self.channels = every, channels_of(blocks)
         for path, x in zip(base.names, base.estimate, strict=True):
             theta[self.paths.index(path)] = x if np.isfinite(x) else theta[self.paths.index(path)]
@@ -249,11 +251,13 @@ class _Growing:
         """Return the fit of a model with its error bars, from its θ. A delay, with many minima, stays near."""
         values = {path: float(x) for path, x in zip(self.paths, model.theta, strict=False)}
         paths = [path for term in model.terms for path in term.paths]
-        file = with_terms(bare, self.terms, {path: values[path] for path in paths})
+        vehicle_file = with_terms(bare, self.terms, {path: values[path] for path in paths})
         near, close_s = {}, NEAR / bare.rate_hz
         if DELAY in paths:
             near = {DELAY: (max(0.0, values[DELAY] - close_s), values[DELAY] + close_s)}
-        return self.how.fit(file, [*self.least_paths, *paths], {p: values[p] for p in self.least_paths}, near)
+        return self.how.fit(
+            vehicle_file, [*self.least_paths, *paths], {p: values[p] for p in self.least_paths}, near
+        )
 
     def model(self, terms: tuple[Term, ...], theta: np.ndarray) -> Model:
         """Return the model with `terms`, with its noise estimated again."""
@@ -296,7 +300,7 @@ class _Growing:
         score = self._score(end.theta, free, model.sigma)
         test = paired_comparison(model.score, score)
         verdict = Decision.TAKEN if test.errors > test.beyond(alpha) else Decision.LEFT_OUT
-        sd = np.fmax(jackknife(score, at.tolist()), own_sd(dense(end.evaluation.hessian), at, free))
+        sd = np.fmax(jackknife(score, at.tolist()), own_std(dense(end.evaluation.hessian), at, free))
         reason = not_separated(term, end.theta[at], sd) if verdict == Decision.TAKEN else None
         verdict = Decision.REFUSED if reason else verdict
         result = self._result(term, verdict, reason, model, (score, test), end.theta, test.beyond(alpha))

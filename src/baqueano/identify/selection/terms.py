@@ -62,10 +62,10 @@ class Term(NamedTuple):
     starts: tuple[tuple[float, ...], ...]  # (k, q) starts of the searches
 
 
-def least_free(file: "VehicleFile", free: Sequence[str] | None, u: np.ndarray) -> list[str]:
+def least_free(vehicle_file: "VehicleFile", free: Sequence[str] | None, u: np.ndarray) -> list[str]:
     """Return the paths, with entries, that the least model fits. `free` contains the paths that the user requested,
     u (N, n) all commands."""
-    blocks = FittedBlocks(file.vehicle, file.sensors)
+    blocks = FittedBlocks(vehicle_file.vehicle, vehicle_file.sensors)
     optional = {path for term in terms_of(blocks, u) for path in term.paths}
     paths = [p for path in requested_paths(free, lambda: always_free(blocks)) for p in entries(blocks, path)]
     candidates = [free_parameter(blocks, p, {}) for p in paths if p not in optional]
@@ -73,14 +73,14 @@ def least_free(file: "VehicleFile", free: Sequence[str] | None, u: np.ndarray) -
     return [candidate.path for k, candidate in enumerate(candidates) if k not in frozen_numbers]
 
 
-def without_terms(file: "VehicleFile", terms: Sequence[Term]) -> "VehicleFile":
+def without_terms(vehicle_file: "VehicleFile", terms: Sequence[Term]) -> "VehicleFile":
     """Return the file with all terms at their neutral values."""
-    return with_terms(file, terms, {})
+    return with_terms(vehicle_file, terms, {})
 
 
-def with_terms(file: "VehicleFile", terms: Sequence[Term], fitted: dict[str, float]) -> "VehicleFile":
+def with_terms(vehicle_file: "VehicleFile", terms: Sequence[Term], fitted: dict[str, float]) -> "VehicleFile":
     """Return the file with the values `fitted` at their paths, and all other paths of `terms` neutral."""
-    blocks, fields = room_for(FittedBlocks(file.vehicle, file.sensors), terms), set()
+    blocks, fields = room_for(FittedBlocks(vehicle_file.vehicle, vehicle_file.sensors), terms), set()
     for term in terms:
         for path, none in zip(term.paths, term.neutral, strict=True):
             blocks = put(blocks, path, fitted.get(path, none))
@@ -88,8 +88,8 @@ def with_terms(file: "VehicleFile", terms: Sequence[Term], fitted: dict[str, flo
     values = {field: np.asarray(get(blocks, field), float).tolist() for field in sorted(fields)}
     if LAG in values and LAG not in fitted:
         values[LAG] = 0.0
-    changes = {k: v for k, v in values.items() if not _same(v, file.value(k))}
-    return file.with_values(changes) if changes else file
+    changes = {k: v for k, v in values.items() if not _same(v, vehicle_file.value(k))}
+    return vehicle_file.with_values(changes) if changes else vehicle_file
 
 
 def room_for(blocks: FittedBlocks, terms: Sequence[Term]) -> FittedBlocks:

@@ -53,12 +53,17 @@ def contestant(kind: "OwnBlock", starts: int, backend: str) -> Contestant:
     label = kind if isinstance(kind, str) else getattr(kind, "__name__", type(kind).__name__)
     if not isinstance(kind, str):
         return Contestant(label, kind, {}, ())
-    file = load("small").with_values({"controller.kind": kind})
-    if kind != "pd" and of(file.controller(), "as_written"):
+    vehicle_file = load("small").with_values({"controller.kind": kind})
+    if kind != "pd" and of(vehicle_file.controller(), "as_written"):
         return Contestant(label, kind, {}, ())
     route = SHAPES["sinuous"]()
     tune_result = tune(
-        file, route, starts=starts, polish=False, duration_s=float(route.t_s[-1]) / 2.0, backend=backend
+        vehicle_file,
+        route,
+        starts=starts,
+        polish=False,
+        duration_s=float(route.t_s[-1]) / 2.0,
+        backend=backend,
     )
     return Contestant(
         label, kind, tune_result.values, tuple(gain.name for gain in tune_result.gains if gain.limit)
@@ -71,15 +76,15 @@ def batch(seed: int, contestants: tuple[Contestant, ...], backend: str) -> Drive
     fit = identify(experiments(robot, seeds)[0], guess(), FREE)
     if fit.verdict == Verdict.REFUSED:
         return DrivenRobot(seed, {})
-    file, drives = fit.vehicle_file, DrivenRobot(seed, {"pose": [], "estimate": [], "truth": []})
+    vehicle_file, drives = fit.vehicle_file, DrivenRobot(seed, {"pose": [], "estimate": [], "truth": []})
     for rival in contestants:
-        block = file.controller(rival.kind, **rival.gains)
+        block = vehicle_file.controller(rival.kind, **rival.gains)
         cell = SweepCell(rival.label, "", rival.label, "repeat")
         for name, make in SHAPES.items():
             route, place = from_origin(make()), f"robot {seed}, {name}"
             for pose_known in (True, False):
-                world = LoopWorld(robot, seed + 1, file.rate_hz)
-                run = _drive(file, route, block, world, pose_known, backend)
+                world = LoopWorld(robot, seed + 1, vehicle_file.rate_hz)
+                run = _drive(vehicle_file, route, block, world, pose_known, backend)
                 views = {"pose": run} if pose_known else {"estimate": replace(run, truth=None), "truth": run}
                 for view_name, view in views.items():
                     drives.drives[view_name].append(_figures_of(view, cell, place))
@@ -94,10 +99,10 @@ def from_origin(route: "Route") -> "Route":
 
 
 def _drive(
-    file: VehicleFile, route: "Route", block: "Controller", world: LoopWorld, pose_known: bool, backend: str
+    vehicle_file: VehicleFile, route: "Route", block: "Controller", world: LoopWorld, pose_known: bool, backend: str
 ) -> "Run":  # fmt: skip
     estimator = StateOfWorld(lambda: world.motion) if pose_known else None
-    return repeat(file, route, controller=block, estimator=estimator, world=world, backend=backend)
+    return repeat(vehicle_file, route, controller=block, estimator=estimator, world=world, backend=backend)
 
 
 def _figures_of(run: "Run", cell: SweepCell, place: str) -> SweepDrive:

@@ -8,7 +8,7 @@ from baqueano.geometry import wrap
 from baqueano.guides.repeat import Repeat
 from baqueano.guides.route import Route
 from baqueano.signals import Estimate, Slot, Tick
-from baqueano.simulate.open_loop import times
+from baqueano.simulate.open_loop import tick_times
 from baqueano.study.corridor.vehicles import identify_vehicles, switched_on_anew, vehicles
 from baqueano.study.driving import SHAPES, Loop
 from baqueano.study.truth import Robots, TruthWorld
@@ -34,10 +34,13 @@ def batch(job: tuple[range, str]) -> tuple[list[CorridorDrive], list[int]]:
     seeds, backend = job
     robots = vehicles(seeds)
     files = identify_vehicles(robots, seeds, backend)
-    usable = [k for k, file in enumerate(files) if file is not None]
-    names, vehicle_files = [seeds[k] for k in usable], [file for file in files if file is not None]
+    usable = [k for k, vehicle_file in enumerate(files) if vehicle_file is not None]
+    names, vehicle_files = (
+        [seeds[k] for k in usable],
+        [vehicle_file for vehicle_file in files if vehicle_file is not None],
+    )
     restarted_robots = switched_on_anew(robots.some(usable), names, vehicle_files)
-    loops = [Loop(file, False, backend) for file in vehicle_files]
+    loops = [Loop(vehicle_file, False, backend) for vehicle_file in vehicle_files]
     return follow(loops, restarted_robots, names), [s for s in seeds if s not in names]
 
 
@@ -51,7 +54,7 @@ def follow(loops: list[Loop], robots: Robots, seeds: list[int]) -> list[Corridor
         [g.init() for g in guides],
         [o.start(r.eta[0]) for o, r in zip(loops, routes, strict=True)],
     )
-    t_ns, rest = times(round((REST_S + DRIVE_S) * rate_hz), rate_hz), round(REST_S * rate_hz)
+    t_ns, rest = tick_times(round((REST_S + DRIVE_S) * rate_hz), rate_hz), round(REST_S * rate_hz)
     world, u = (
         TruthWorld(robots, [s + 1 for s in seeds], np.stack([r.eta[0] for r in routes])),
         np.zeros((n, 3)),

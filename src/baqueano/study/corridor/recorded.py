@@ -58,20 +58,20 @@ def ends_of_recordings(
         for subject in SUBJECTS[case][0]():
             for name, sensors in SETS.items():
                 progress(f"{subject.name}, {name}")
-                with_scale = subject._replace(file=calibrated_file(subject, name))
-                fit, file = fit_subject(with_scale, sensors, backend)
+                with_scale = subject._replace(vehicle_file=calibrated_file(subject, name))
+                fit, vehicle_file = fit_subject(with_scale, sensors, backend)
                 if fit.verdict == Verdict.REFUSED:
                     notes.append(_("{name}, {name2}: its fit is refused", name=subject.name, name2=name))
                     continue
                 for window_s in WINDOWS_S:
-                    ends = windows(file, subject.judged, window_s, backend)
+                    ends = windows(vehicle_file, subject.judged, window_s, backend)
                     out += [(f"{window_s:g} s, {name}", instant) for instant in ends]
     return out, notes
 
 
-def windows(file: "VehicleFile", run: "Run", window_s: float, backend: str = "auto") -> list[Instant]:
-    """Return error and covariance of the filter of `file` at the end of each window with known poses at both ends."""
-    ekf, truth = file.estimator(), run.truth
+def windows(vehicle_file: "VehicleFile", run: "Run", window_s: float, backend: str = "auto") -> list[Instant]:
+    """Return error and covariance of the filter of `vehicle_file` at the end of each window with known poses at both ends."""
+    ekf, truth = vehicle_file.estimator(), run.truth
     assert truth is not None
     ticks = ticks_of(run, ekf, MOST_TICKS)
     start = initial_pose(run)

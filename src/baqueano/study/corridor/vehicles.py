@@ -35,8 +35,8 @@ def vehicles(seeds: Sequence[int]) -> Robots:
 def switched_on_anew(robots: Robots, seeds: Sequence[int], files: Sequence[VehicleFile]) -> Robots:
     """Return the vehicles with a new gyro bias: they are switched on again, PAUSE_S after the experiment."""
     bias = robots.imu.bias.copy()
-    for k, (seed, file) in enumerate(zip(seeds, files, strict=True)):
-        sd = np.hypot(file.sensors.imu.gyro_bias_std, BIAS_WALK * np.sqrt(PAUSE_S))
+    for k, (seed, vehicle_file) in enumerate(zip(seeds, files, strict=True)):
+        sd = np.hypot(vehicle_file.sensors.imu.gyro_bias_std, BIAS_WALK * np.sqrt(PAUSE_S))
         bias[k, 2] += sd * _draw(seed + 1_000_000).standard_normal()
     return robots.with_parameters(imu=robots.imu.with_parameters(bias=bias))
 

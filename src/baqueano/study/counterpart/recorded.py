@@ -50,13 +50,17 @@ def readings_without_noise(
     return quiet
 
 
-def run_of_vehicle(shown: GroupDrive, k: int, u: np.ndarray, file: VehicleFile, name: str, seed: int) -> Run:
+def run_of_vehicle(
+    shown: GroupDrive, k: int, u: np.ndarray, vehicle_file: VehicleFile, name: str, seed: int
+) -> Run:
     """Return the run of vehicle `k` under u (N, m); with an odometer if the file has one."""
     t_ns, truth = shown.t_ns, shown.truth[:, k]
     channels = {"imu": Channel(t_ns, t_ns, shown.z[:, k])}
-    if "odometer" in file.sensors._fields:
+    if "odometer" in vehicle_file.sensors._fields:
         noise = np.random.default_rng([seed, 22]).standard_normal((len(t_ns), 1))
         channels["odometer"] = Channel(t_ns, t_ns, shown.rolled[:, k, None] + ODOMETER_M_S * noise)
-    metadata = {"kind": "experiment", "rate_hz": f"{file.rate_hz:g}"}
+    metadata = {"kind": "experiment", "rate_hz": f"{vehicle_file.rate_hz:g}"}
     log = TruthLog(t_ns, *np.split(truth, 3, axis=1))
-    return Run(name, None, t_ns, u, sensors=channels, truth=log, vehicle_text=file.text, metadata=metadata)
+    return Run(
+        name, None, t_ns, u, sensors=channels, truth=log, vehicle_text=vehicle_file.text, metadata=metadata
+    )

@@ -40,15 +40,15 @@ def evaluate(
     """Evaluate each estimator of `kinds` on the run of the subject.
     Without `kinds`, evaluate the estimator of its file.
     """
-    fit, file = fit_subject(subject, sensors, backend)
+    fit, vehicle_file = fit_subject(subject, sensors, backend)
     run = subject.judged
     assert run.truth is not None
     start = initial_pose(run)
-    nu = open_loop(file, run, start, backend)
-    reference = EstimatedPath(dead_reckoning(file, run, nu, start), nu[:, 0])
+    nu = open_loop(vehicle_file, run, start, backend)
+    reference = EstimatedPath(dead_reckoning(vehicle_file, run, nu, start), nu[:, 0])
     out = []
-    for kind in kinds or (file.data["estimator"].get("kind", DEFAULT_KIND["estimator"]),):
-        replay_run = _replay(run, file, kind, backend)
+    for kind in kinds or (vehicle_file.data["estimator"].get("kind", DEFAULT_KIND["estimator"]),):
+        replay_run = _replay(run, vehicle_file, kind, backend)
         log = replay_run.estimate
         assert log is not None
         at = np.searchsorted(log.t_ns, run.t_ns)
@@ -82,5 +82,5 @@ def fit_subject(subject: Subject, sensors: str, backend: str = "auto") -> tuple[
     return fit, noise.updated_file(fit.vehicle_file, subject.fitted.name)
 
 
-def _replay(run: Run, file: VehicleFile, kind: str, backend: str) -> Run:
-    return replay(run, file, estimator=kind, backend=backend)
+def _replay(run: Run, vehicle_file: VehicleFile, kind: str, backend: str) -> Run:
+    return replay(run, vehicle_file, estimator=kind, backend=backend)

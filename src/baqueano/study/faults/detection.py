@@ -172,15 +172,15 @@ def _inputs(subject: FaultSubject, jobs: Sequence[FaultJob]) -> list[tuple[Fault
 
 
 def _sound(subject: FaultSubject, job: FaultJob, sound: Run, rng: np.random.Generator) -> FaultInputs:
-    file, run = subject.file, sound
+    vehicle_file, run = subject.file, sound
     if job.fault == "sound, 60 s":
         u = subject.signal(2.0 * SECONDS)
         (run,) = subject.runs([subject.vehicle], [u], [u])
     elif job.fault == "sound, 10 % outliers":
-        run = outliers(_copy(sound), file, rng)
+        run = outliers(_copy(sound), vehicle_file, rng)
     elif job.fault == "sound, other start":
-        file = _other_start(file, rng)
-    return FaultInputs(file, run, subject.free, subject.truth)
+        vehicle_file = _other_start(vehicle_file, rng)
+    return FaultInputs(vehicle_file, run, subject.free, subject.truth)
 
 
 def _planned_inputs(
@@ -209,12 +209,14 @@ def _copy(run: Run) -> Run:
     )
 
 
-def _other_start(file: "VehicleFile", rng: np.random.Generator) -> "VehicleFile":
+def _other_start(vehicle_file: "VehicleFile", rng: np.random.Generator) -> "VehicleFile":
     """Return the file with its linear friction or drag multiplied by a random factor of 1/2 to 2."""
-    if len(file.command.limit) == 3:
-        linear = file.vehicle.friction.linear * 2.0 ** rng.uniform(-1.0, 1.0, 3)
-        return file.with_values({"model.friction.linear": linear.tolist()})
-    return file.with_values({"model.linear_drag": file.vehicle.linear_drag * 2.0 ** rng.uniform(-1.0, 1.0)})
+    if len(vehicle_file.command.limit) == 3:
+        linear = vehicle_file.vehicle.friction.linear * 2.0 ** rng.uniform(-1.0, 1.0, 3)
+        return vehicle_file.with_values({"model.friction.linear": linear.tolist()})
+    return vehicle_file.with_values(
+        {"model.linear_drag": vehicle_file.vehicle.linear_drag * 2.0 ** rng.uniform(-1.0, 1.0)}
+    )
 
 
 @dataclass(frozen=True)

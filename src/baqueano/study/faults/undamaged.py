@@ -13,11 +13,11 @@ from baqueano.runs.run import Run
 from baqueano.vehicle_file import VehicleFile
 
 
-def undamaged_run(sound: Run, damaged: Run, file: VehicleFile) -> tuple[Run, float] | None:
+def undamaged_run(sound: Run, damaged: Run, vehicle_file: VehicleFile) -> tuple[Run, float] | None:
     """Return the `sound` run with NaN for the readings that a fit excludes from the `damaged` run, and their fraction.
     Return None if the samples of the two runs have different times, so that they do not correspond.
     """
-    pieces, _ = clean([damaged], file, file.sensors._asdict())
+    pieces, _ = clean([damaged], vehicle_file, vehicle_file.sensors._asdict())
     sensors, lost_count, count = dict(sound.sensors), 0, 0
     for name, channel in sound.sensors.items():
         if not np.array_equal(damaged.sensors[name].arrival_ns, channel.arrival_ns):

@@ -21,7 +21,7 @@ import numpy as np
 from baqueano.identify import Fit, FitOptions, excitation, identify
 from baqueano.messages.language import mark as N_
 from baqueano.runs.run import Run
-from baqueano.simulate.open_loop import times
+from baqueano.simulate.open_loop import tick_times
 from baqueano.study.counterpart import (
     FREE_CAR,
     FREE_ROBOT,
@@ -137,7 +137,7 @@ def guess(robot: Robots) -> VehicleFile:
 def _of_robots(job: TrialJob, cases: list[str]) -> list[TrialOutcome]:
     robots = [robot(seed) for seed in job.seeds]
     us = [_steps(guess(q), seed, job.duration_s) for q, seed in zip(robots, job.seeds, strict=True)]
-    t_ns, n = times(len(us[0]), 100.0), len(robots)
+    t_ns, n = tick_times(len(us[0]), 100.0), len(robots)
     drives: dict[str, GroupDrive] = {}
     bounds: list[dict[str, float]] = [{}] * n
     if set(cases) & set(BOUNDED):
@@ -214,14 +214,16 @@ def _with_outliers(run: Run, q: Robots, seed: int) -> Run:
     return run
 
 
-def _wrong_start(file: VehicleFile, seed: int) -> dict[str, float]:
+def _wrong_start(vehicle_file: VehicleFile, seed: int) -> dict[str, float]:
     draw, out = np.random.default_rng([seed, 43]), {}
     for i, j in ((0, 0), (2, 2)):
         path = f"model.actuator_matrix[{i},{j}]"
-        out[path] = draw.choice([-1.0, 1.0]) * float(file.value(path)) * WRONG ** draw.uniform(-1.0, 1.0)
+        out[path] = (
+            draw.choice([-1.0, 1.0]) * float(vehicle_file.value(path)) * WRONG ** draw.uniform(-1.0, 1.0)
+        )
     for k in range(3):
         path = f"model.friction.linear[{k}]"
-        out[path] = float(file.value(path)) * WRONG ** draw.uniform(-1.0, 1.0)
+        out[path] = float(vehicle_file.value(path)) * WRONG ** draw.uniform(-1.0, 1.0)
     for name in ("forward", "backward"):
         for k in range(2):
             out[f"model.drivetrain.dead_zone_{name}[{k}]"] = draw.uniform(0.0, WIDEST_ZONE)
@@ -232,7 +234,7 @@ def _of_cars(job: TrialJob, case: str) -> list[TrialOutcome]:
     cars = [car(seed, case) for seed in job.seeds]
     files = [car_file(q) for q in cars]
     us = [_car_steps(seed, files[0].rate_hz, job.duration_s, STEERED[case]) for seed in job.seeds]
-    drive = drive_group(_group(cars), _columns(us), job.seeds, times(len(us[0]), files[0].rate_hz))
+    drive = drive_group(_group(cars), _columns(us), job.seeds, tick_times(len(us[0]), files[0].rate_hz))
     out = []
     for k, seed in enumerate(job.seeds):
         run = run_of_vehicle(drive, k, us[k], files[k], f"car {seed}", seed)
@@ -282,9 +284,11 @@ def _same(fit: Fit, clean: Fit) -> bool:
     return bool(np.all(near | ~np.isfinite(clean.sd)))
 
 
-def _steps(file: VehicleFile, seed: int, duration_s: float) -> np.ndarray:
+def _steps(vehicle_file: VehicleFile, seed: int, duration_s: float) -> np.ndarray:
     return as_sent(
-        excitation("random_steps", file.command.limit, duration_s, file.rate_hz, seed, rest_s=REST_S)
+        excitation(
+            "random_steps", vehicle_file.command.limit, duration_s, vehicle_file.rate_hz, seed, rest_s=REST_S
+        )
     )
 
 

@@ -103,11 +103,13 @@ def drive_cases(
     return drives, wholes
 
 
-def forecast(file: VehicleFile, fix: str, route: Route, count: int, backend: str) -> float:
+def forecast(vehicle_file: VehicleFile, fix: str, route: Route, count: int, backend: str) -> float:
     """Return the probability to stay within WORST_M of the route, from the predicted corridor of the first laps.
     It is 0 if the filter loses the vehicle in these laps.
     """
-    corridor = corridor_ahead(with_fix(file, fix, route), route, min(count, SETTLED), backend).corridor
+    corridor = corridor_ahead(
+        with_fix(vehicle_file, fix, route), route, min(count, SETTLED), backend
+    ).corridor
     if np.isfinite(corridor.lost_s):
         return 0.0
     return erf(WORST_M * QUANTILE_95 / float(np.max(corridor.across_m)) / sqrt(2.0))

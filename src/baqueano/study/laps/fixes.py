@@ -41,13 +41,15 @@ def places(route: Route, parts: Sequence[float]) -> np.ndarray:
     return route.eta[[int(np.searchsorted(route.t_s, part * route.t_s[-1])) for part in parts]]
 
 
-def with_fix(file: VehicleFile, fix: str, route: Route) -> VehicleFile:
+def with_fix(vehicle_file: VehicleFile, fix: str, route: Route) -> VehicleFile:
     """Return the file with the sensors of a fix on a route; its estimator uses them."""
     sizes, tables, _ = FIXES[fix]
-    text = file.with_values({"estimator.use": ["imu"]}).text
+    text = vehicle_file.with_values({"estimator.use": ["imu"]}).text
     for name in [name for other in FIXES.values() for name in other.sizes]:
         text = text.partition(f"\n[sensors.{name}]")[0]
-    return parse(f"{text}\n{tables(route)}", file.name).with_values({"estimator.use": ["imu", *sizes]})
+    return parse(f"{text}\n{tables(route)}", vehicle_file.name).with_values(
+        {"estimator.use": ["imu", *sizes]}
+    )
 
 
 def _tag_tables(route: Route) -> str:

@@ -22,7 +22,7 @@ from baqueano.runs import Run
 from baqueano.runs.logs import Event
 from baqueano.runs.run import Channel
 from baqueano.signals import NANOSECONDS
-from baqueano.simulate.open_loop import times
+from baqueano.simulate.open_loop import tick_times
 from baqueano.study.corridor.vehicles import switched_on_anew, vehicles
 from baqueano.study.driving import FREE, SHAPES, experiments, guess
 from baqueano.study.laps.drives import RATE_HZ, STEP_S, Team, TeamWithFix, follow
@@ -74,12 +74,12 @@ def _identify_with_laps(team: Team, runs: list[Run], backend: str) -> dict[int, 
     """Return seed → file identified from an experiment and laps over tags; a refused fit does not have an entry."""
     route, out = SHAPES["rectangle"](SPEED_M_S), {}
     (laps,) = follow(route, LEARNED, [TeamWithFix(team, "tags", PassingFaults())], backend, log=True)
-    for file, seed, run, over in zip(team.files, team.seeds, runs, laps.runs, strict=True):
-        both, start = [run, over], with_fix(file, "tags", route)
+    for vehicle_file, seed, run, over in zip(team.files, team.seeds, runs, laps.runs, strict=True):
+        both, start = [run, over], with_fix(vehicle_file, "tags", route)
         fit = identify(both, start, FREE, use=("imu",), options=FitOptions(backend=backend))
         if fit.verdict != Verdict.REFUSED:
             noise = measure_noise(fit, both, backend=backend)
-            out[seed] = noise.updated_file(fit.vehicle_file, file.name)
+            out[seed] = noise.updated_file(fit.vehicle_file, vehicle_file.name)
     return out
 
 
@@ -96,9 +96,9 @@ def calibrate(robots: Robots, seeds: Sequence[int]) -> list[VehicleFile]:
 
 def turned_twice(robots: Robots, seeds: Sequence[int]) -> list[Run]:
     """Return a run of each robot: it rests, then turns twice, with a mark event before and after the turns."""
-    n, file = len(seeds), guess()
+    n, vehicle_file = len(seeds), guess()
     world = TruthWorld(robots, [seed + 7_000 for seed in seeds], step_s=STEP_S, fast=function)
-    t_ns = times(round(LONGEST_S * RATE_HZ), RATE_HZ)
+    t_ns = tick_times(round(LONGEST_S * RATE_HZ), RATE_HZ)
     off = np.array([np.random.default_rng([seed, 61]).normal(0.0, MARK_RAD) for seed in seeds])
     end, ends, now = 2.0 * np.pi * TURNS + off, np.full(n, np.nan), np.zeros((n, 3))
     u, z, psi = np.zeros((len(t_ns), n, 3)), np.zeros((len(t_ns), n, 3)), np.zeros(n)
@@ -115,7 +115,7 @@ def turned_twice(robots: Robots, seeds: Sequence[int]) -> list[Run]:
     return [
         Run(
             f"turns {seed}", None, t_ns, u[:, i], sensors={"imu": Channel(t_ns, t_ns, z[:, i])},
-            vehicle_text=file.text, metadata={"kind": "drive", "rate_hz": f"{RATE_HZ:g}"},
+            vehicle_text=vehicle_file.text, metadata={"kind": "drive", "rate_hz": f"{RATE_HZ:g}"},
             events=tuple(Event(t, "info", MARK_SOURCE, "") for t in marks[i]),
         )
         for i, seed in enumerate(seeds)

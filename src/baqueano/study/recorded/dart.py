@@ -84,9 +84,9 @@ def runs_of(pattern: str) -> list["Run"]:
 
 def fit_and_validate(runs: list["Run"], backend: str = "auto") -> tuple[Fit, float]:
     """Return the fit to the 1st, 3rd, 5th … run, and the rms speed error of the other runs [m/s]."""
-    file = load(Path(__file__).parent / "jetracer.toml")
+    vehicle_file = load(Path(__file__).parent / "jetracer.toml")
     fit = identify(
-        runs[0::2], file, FREE, use=("odometer",), options=FitOptions(at_rest=True, backend=backend)
+        runs[0::2], vehicle_file, FREE, use=("odometer",), options=FitOptions(at_rest=True, backend=backend)
     )
     errors = [
         np.subtract(*measured_and_simulated(fit.vehicle_file, run, "odometer", backend)) for run in runs[1::2]

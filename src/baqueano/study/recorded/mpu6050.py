@@ -36,7 +36,7 @@ def rows(progress: Callable[[str], None] = lambda text: None, backend: str = "au
     """Return the rows of the study, with recording, quantity, value, bar and ok."""
     progress(_("MPU-6050 at rest, 11 min"))
     statistics = at_rest(import_run(MAP).run)
-    author = _author_figures()
+    author = _published_statistics()
     out = []
     for c in statistics.channels:
         unit = "g" if c.sensor == "accelerometer" else "°/s"
@@ -66,13 +66,13 @@ def _row(quantity: str, value: float, reference: float, part: float) -> "JsonObj
     return row(MAP, quantity, value, bar, ok)
 
 
-def _author_figures() -> dict[tuple[str, str], tuple[float, float]]:
+def _published_statistics() -> dict[tuple[str, str], tuple[float, float]]:
     """Return (sensor, axis) → mean and standard deviation, in g and °/s."""
     path = next(p for folder in data_folders() if (p := folder / PUBLISHED).exists())
-    with path.open(encoding="utf-8") as file:
+    with path.open(encoding="utf-8") as stream:
         return {
             (row["type"], row["axis"]): (float(row["v_mean"]), float(row["v_std_dev"]))
-            for row in csv.DictReader(file)
+            for row in csv.DictReader(stream)
             if row["sensor"] == "MPU6050"
         }
 

@@ -85,9 +85,9 @@ def fit_windows(runs: list["Run"], name: str, backend: str = "auto") -> Fit:
     return identify(runs, start(name), FREE, use=("truth",), options=FitOptions(backend=backend))
 
 
-def errors(file: VehicleFile, runs: list["Run"], backend: str = "auto") -> tuple[float, float]:
+def errors(vehicle_file: VehicleFile, runs: list["Run"], backend: str = "auto") -> tuple[float, float]:
     """Return the median errors of position [m] and heading [rad] at the ends of the windows."""
-    ends = np.array([np.subtract(*end_of(file, run, backend)) for run in runs])
+    ends = np.array([np.subtract(*end_of(vehicle_file, run, backend)) for run in runs])
     return float(np.median(np.hypot(ends[:, 0], ends[:, 1]))), float(np.median(np.abs(wrap(ends[:, 2]))))
 
 
