@@ -195,7 +195,7 @@ def test_endless_laps_by_imu_stop_before_a_wall():
     room = PlainRoom((0.93, 0.93), (0.0, -0.4, 0.0))
     run = repeat(SMALL, LAP, laps=0, room=room, duration_s=120.0)
     assert stop_of(run).code == StopReason.ROOM
-    assert np.all(np.abs(run.truth.eta[:, :2] + [0.0, -0.4]) < room.free)
+    assert np.all(np.abs(run.truth.eta[:, :2] + [0.0, -0.4]) < room.free_half_width_m)
 
 
 def test_a_mission_contains_its_precautions_and_the_start_pose():

@@ -87,7 +87,7 @@ def test_no_design_round_touches_a_wall(rounds_of_design):
     _, runs, room = rounds_of_design
     assert len(runs) == 3
     for run in runs:
-        assert np.all(np.abs(run.truth.eta[:, :2]) <= room.free)
+        assert np.all(np.abs(run.truth.eta[:, :2]) <= room.free_half_width_m)
 
 
 def test_the_table_lists_every_round(rounds_of_design):

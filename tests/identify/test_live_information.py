@@ -29,9 +29,9 @@ def test_the_sum_over_windows_equals_the_information_of_one_batch(name):
     informant = Informant(file)
     live = RecursiveInformation(informant)
     theta = informant.nominal.copy()
-    theta[: informant.of.interest_count] *= 1.2  # not only at the values of the file
+    theta[: informant.unknowns.interest_count] *= 1.2  # not only at the values of the file
     for at in (informant.nominal, theta):
-        F = live.add(live.begin(at), u).F * np.outer(informant.of.size, informant.of.size)
+        F = live.add(live.begin(at), u).F * np.outer(informant.unknowns.size, informant.unknowns.size)
         assert relative(F, informant.information(u, at)) < EXACT
 
 
@@ -64,7 +64,7 @@ def test_unmeasured_ticks_add_no_information():
 def test_predicted_errors_decrease_and_information_grows_with_each_window():
     file, u = drive_named("small", 3.0)
     live = RecursiveInformation(Informant(file))
-    state, before = live.begin(), np.ones(live.of.interest_count)
+    state, before = live.begin(), np.ones(live.unknowns.interest_count)
     np.testing.assert_allclose(live.relative_std(state), before)
     assert bits(before) == 0.0
     for at in range(0, len(u), WINDOW_TICKS):

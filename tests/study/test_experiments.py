@@ -76,7 +76,7 @@ def test_study_vehicles_differ_from_their_file_within_the_stated_spread(name):
     file = load(name)
     vehicles = vehicles_around(file, 30, 0)
     values = numbers(vehicles)
-    paths = [path for path in possible_vehicles(file, vehicles=2).paths if path in values]
+    paths = [path for path in possible_vehicles(file, vehicle_count=2).paths if path in values]
     assert len(paths) >= 7
     off = np.array([values[path] / file.value(path) - 1.0 for path in paths])
     assert np.max(np.abs(off)) <= SPREAD + 1e-9
@@ -110,7 +110,7 @@ def test_a_car_on_tyres_that_slide_stays_in_its_room():
     u, world = contain(requested, file, room).u, world_of(vehicles, [0, 1])
     for now in u:
         world.tick(np.tile(now, (2, 1)), 1.0 / file.rate_hz)
-        assert np.all(np.abs(world.truth.eta[:, :2]) < room.free)
+        assert np.all(np.abs(world.truth.eta[:, :2]) < room.free_half_width_m)
 
 
 def test_an_unobservable_parameter_retains_its_prior_uncertainty():
