@@ -10,7 +10,7 @@ import matplotlib as mpl
 import numpy as np
 import pytest
 
-from baqueano.compare.filter_consistency import STATES, filter_consistency
+from baqueano.compare.filter_consistency import STATE_NAMES, filter_consistency
 from baqueano.monitor import REFUSED_SOURCE, Refusals, refusal_event
 from baqueano.report import Headline, Page, Section, Table, draw, figures
 from baqueano.report.fit_report import page_of_fit
@@ -274,7 +274,7 @@ def test_the_page_reports_the_consistency_of_the_filter():
     assert [row["figure"] for row in table.rows] == [
         "nees_pose",
         "nees_velocity",
-        *(f"nees_{name}" for name in STATES),
+        *(f"nees_{name}" for name in STATE_NAMES),
     ]
     log = run.estimate._replace(cov=0.25 * run.estimate.cov)
     doubtful = {section.title: section for section in page_of_run(replace(run, estimate=log)).sections}

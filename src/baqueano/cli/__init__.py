@@ -233,9 +233,9 @@ def _exit_code(args: list[str], leading_args: list[str]) -> int:
         import traceback
 
         from baqueano.cli.errors import command_error
-        from baqueano.errors import in_users_file
+        from baqueano.errors import user_code_place
 
-        if isinstance(error, SystemExit) and not in_users_file(error):
+        if isinstance(error, SystemExit) and not user_code_place(error):
             raise
         if isinstance(error, click.Abort) and isinstance(error.__cause__, KeyboardInterrupt):
             error = error.__cause__  # click converts each EOFError and KeyboardInterrupt

@@ -30,10 +30,13 @@ def command() -> None: ...
 @options.vehicle
 @options.as_json
 def ls(vehicle: str | None, settings: tuple[str, ...], as_json: bool) -> None:
-    from baqueano.blocks import ROOMS, kinds
+    from baqueano.blocks import BLOCK_TARGETS, kinds
 
     vehicle_file = options.load_vehicle(vehicle, settings)
-    answer(RowsResult([{"room": role, "kind": kind} for role in ROOMS for kind in kinds(role)]), as_json)
+    answer(
+        RowsResult([{"room": role, "kind": kind} for role in BLOCK_TARGETS for kind in kinds(role)]),
+        as_json,
+    )
     print_message(recommend_estimator(vehicle_file))
 
 
@@ -77,13 +80,13 @@ def recommend_estimator(vehicle_file: "VehicleFile") -> Diagnostic:
 def check(
     block: str, room: str | None, vehicle: str | None, settings: tuple[str, ...], as_json: bool
 ) -> None:
-    from baqueano.errors import AnswerNo
+    from baqueano.errors import NegativeResultError
     from baqueano.vehicle_file.checked import check
 
     report = check(block, options.load_vehicle(vehicle or "small", settings), room)
     answer(report, as_json)
     if report.findings:
-        raise AnswerNo(fault("cli.block-breaks", block=block, count=len(report.findings)))
+        raise NegativeResultError(fault("cli.block-breaks", block=block, count=len(report.findings)))
     print_message(note("cli.block-sound", block=block))
 
 

@@ -11,7 +11,7 @@ import click
 from baqueano.cli.arguments import Option
 from baqueano.cli.next_line import next_line
 from baqueano.diagnostics import Diagnostic, fault
-from baqueano.errors import INTERRUPTED, BaqueanoError, cause_of, error_text, from_outside, in_users_file
+from baqueano.errors import INTERRUPTED, BaqueanoError, cause_of, error_text, from_outside, user_code_place
 from baqueano.messages import text
 from baqueano.messages.printable import baqueano_command
 
@@ -70,7 +70,7 @@ def _diagnosis(error: BaseException, args: list[str]) -> tuple[Diagnostic, int]:
             return fault("cli.usage", f"{path} --help", words=error.format_message().rstrip(".")), USAGE
         case click.ClickException():
             return fault("cli.words", words=error.format_message()), error.exit_code
-        case KeyboardInterrupt() | click.Abort() if from_outside(error) or not in_users_file(error):
+        case KeyboardInterrupt() | click.Abort() if from_outside(error) or not user_code_place(error):
             return fault("cli.interrupted"), INTERRUPTED
         case MemoryError():
             return fault("cli.memory", error=str(error)), NEGATIVE_ANSWER
@@ -81,7 +81,7 @@ def _diagnosis(error: BaseException, args: list[str]) -> tuple[Diagnostic, int]:
             return fault(
                 "cli.system", baqueano_command(*args), place=location, error=error.strerror or str(error)
             ), BAD_FILE
-    if location := in_users_file(error):  # outside the guards of the loop
+    if location := user_code_place(error):  # outside the guards of the loop
         suffix = "" if isinstance(error, Exception) else "-and-ended"
         return fault(f"cli.block-raised{suffix}", place=location, error=error_text(error)), BAD_FILE
     last_frame = traceback.extract_tb(error.__traceback__)[-1]

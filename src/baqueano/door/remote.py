@@ -26,7 +26,14 @@ from baqueano.door import SOCKET, VERSION
 from baqueano.door.ssh import there
 from baqueano.door.states import DoorState
 from baqueano.door.wire import decode, encode
-from baqueano.errors import AnswerNo, FileError, RobotUnreachable, SafetyStop, UsageError, of_code
+from baqueano.errors import (
+    FileError,
+    NegativeResultError,
+    RobotUnreachable,
+    SafetyStop,
+    UsageError,
+    error_of_exit_code,
+)
 from baqueano.messages import text
 from baqueano.messages.printable import baqueano_command, printable
 from baqueano.runs import Run, read_run
@@ -96,7 +103,7 @@ class Remote:
             if message["is"] in kinds:
                 return message
             if message["is"] == "no":
-                raise of_code(int(message.get("code", 1)), message.get("about") or message["why"])
+                raise error_of_exit_code(int(message.get("code", 1)), message.get("about") or message["why"])
 
     def wait(self, true: Callable[[], bool], within_s: float) -> bool:
         """Receive states and acknowledgements until `true` returns True; return False after `within_s`."""
@@ -138,7 +145,7 @@ class Remote:
             self.fetch(outcome["run"], path)
         reason, code = outcome["why"], int(outcome.get("code", 0))
         if outcome["run"] is None or code:
-            raise of_code(code or SafetyStop.exit_code, reason or "")
+            raise error_of_exit_code(code or SafetyStop.exit_code, reason or "")
         return read_run(path)
 
     def _await_end(
@@ -336,7 +343,7 @@ def _near(path: Path, first: "JsonObject") -> Iterator[Remote]:
 def stop(host: str, reason: Diagnostic) -> "JsonObject":
     """Stop the vehicle at HOST, and return its state once it is STOPPED.
 
-    Raise AnswerNo if it acknowledged the stop but was not STOPPED within STOP_S. That can happen while a drive is being
+    Raise NegativeResultError if it acknowledged the stop but was not STOPPED within STOP_S. That can happen while a drive is being
     prepared: it then ends later, before the vehicle moves. Raise RobotUnreachable if the vehicle did not acknowledge
     the stop.
     """
@@ -344,7 +351,7 @@ def stop(host: str, reason: Diagnostic) -> "JsonObject":
         if not remote.wait(lambda: remote.acknowledged == "stop" or _is_stopped(remote), GREETING_S):
             raise RobotUnreachable(fault("remote.stop-not-heard", host=host))
         if not remote.wait(lambda: _is_stopped(remote), STOP_S):
-            raise AnswerNo(
+            raise NegativeResultError(
                 fault(
                     "remote.stop-not-seen",
                     host=host,

@@ -17,8 +17,8 @@ from typing import Any
 
 import numpy as np
 
-from baqueano.diagnostics import Diagnostic, Severity, merge, note
-from baqueano.monitor import REFUSED, Finding, Notice, Watching, refusal_event
+from baqueano.diagnostics import Diagnostic, Severity, merge_diagnostics, note
+from baqueano.monitor import REFUSED_SOURCE, Finding, Notice, Watching, refusal_event
 from baqueano.signals import Estimate, Tick, seconds
 from baqueano.vehicle_file.envelope import Envelope, Watch
 
@@ -32,7 +32,7 @@ Line = tuple[str, str, Diagnostic]  # source, level, message of an event
 
 def degraded_note(degraded: tuple[Finding, ...]) -> Diagnostic | None:
     """Return the degraded sensors of a tick as one message, None if no sensor is degraded."""
-    return merge(finding.diagnostic for finding in degraded)
+    return merge_diagnostics(finding.diagnostic for finding in degraded)
 
 
 class Health:
@@ -55,7 +55,7 @@ class Health:
         self.count(tick)
         notices: list[Notice] = [] if self._sensors is None else self._sensors.update(tick, estimate)
         if (
-            self._sensors is not None and self._sensors.suspect
+            self._sensors is not None and self._sensors.is_suspect
         ):  # readings of a broken sensor do not show if the model fits
             self._forget()
         misfit = self.check(tick.t_ns, estimate)
@@ -73,7 +73,7 @@ class Health:
         """Return the events at the end of the run: signals outside the envelope, and refused readings."""
         counts = () if self._sensors is None else self._sensors.refusals
         envelope_lines = [(SOURCE, "warning", message) for message in self.envelope_notes()]
-        return [*envelope_lines, *([(REFUSED, "info", refusal_event(counts))] if counts else [])]
+        return [*envelope_lines, *([(REFUSED_SOURCE, "info", refusal_event(counts))] if counts else [])]
 
     def envelope_notes(self) -> tuple[Diagnostic, ...]:
         """Return a message for each command and measurement that left the envelope."""

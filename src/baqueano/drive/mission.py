@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from baqueano.blocks import read
+from baqueano.blocks import read_module
 from baqueano.contracts.values import JsonObject
 from baqueano.diagnostics import fault
 from baqueano.drive.first_drive import careful_drive
@@ -169,7 +169,7 @@ def unpack(mission: Mission, folder: Path) -> VehicleFile:
             raise UsageError(fault("mission.file-name", name=repr(name)))
         (folder / name).write_text(text, encoding="utf-8")
     for name in mission.texts:  # executes the user's code before a block is created
-        read(name, folder)
+        read_module(name, folder)
     path = folder / "vehicle.toml"
     path.write_text(mission.vehicle, encoding="utf-8")
     return load(path)

@@ -13,9 +13,9 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from baqueano.compare import Comparison, compare
-from baqueano.diagnostics import Verdict, fault, merge
+from baqueano.diagnostics import Verdict, fault, merge_diagnostics
 from baqueano.drive import experiment, repeat, stop_of, teach
-from baqueano.errors import AnswerNo
+from baqueano.errors import NegativeResultError
 from baqueano.guides.shapes import sinuous_circle
 from baqueano.identify import Fit, FitOptions, excitation, identify
 from baqueano.identify.noise.covariances import Noise, measure_noise
@@ -29,7 +29,7 @@ from baqueano.report.animation.picture import animation
 from baqueano.report.animation.scene import scene
 from baqueano.report.estimate_report import errors, paths
 from baqueano.report.fit_report import sections_of_fit
-from baqueano.report.of_run import driving, headlines
+from baqueano.report.of_run import driving_sections, headlines
 from baqueano.runs import read_run
 from baqueano.runs.route_file import write_route
 from baqueano.symbolic.backends import resolve_backend
@@ -188,7 +188,7 @@ class Demo:
             headlines=[first, *headlines(figures)],
             sections=[
                 Section(_("Teach and repeat"), text, paths(self.repeated)),
-                *driving(self.repeated, figures),
+                *driving_sections(self.repeated, figures),
                 *sections_of_fit(self.fit, self.true_values),
                 Section(_("Noise"), _("Measured in the same run."), [Table(self.noise.rows())]),
                 Section(
@@ -217,7 +217,7 @@ def demo(
     show_gains: Callable[[TuneResult], object] = lambda result: None,
 ) -> Demo:
     """Run the demo and write its runs, route.csv and vehicle.toml into `folder`. `show` receives the file of each run,
-    `show_gains` the tuned gains. Raise AnswerNo if the fit is refused."""
+    `show_gains` the tuned gains. Raise NegativeResultError if the fit is refused."""
     folder.mkdir(parents=True, exist_ok=True)
     small = load("small")
     truth, vehicle_file = small.with_values({"sensors.imu.gyro_scale": SCALE}), small.with_values(GUESS)
@@ -232,7 +232,7 @@ def demo(
     progress(_("2/6 identify    the model from commands and IMU"))
     fit = identify(run, vehicle_file, options=FitOptions(backend=backend))
     if fit.verdict == Verdict.REFUSED:
-        raise AnswerNo(fault("demo.refused", cause=merge(fit.reasons)))
+        raise NegativeResultError(fault("demo.refused", cause=merge_diagnostics(fit.reasons)))
     vehicle_file = fit.vehicle_file
     progress(_("3/6 noise       covariances of sensors and model"))
     noise = measure_noise(fit, run, backend=backend)

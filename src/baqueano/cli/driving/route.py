@@ -12,7 +12,7 @@ from baqueano.cli.blocks import RowsResult
 from baqueano.cli.driving.teach import SHAPES, shape_or_route
 from baqueano.cli.terminal import answer, print_message
 from baqueano.diagnostics import Diagnostic, Severity, fault, note
-from baqueano.errors import AnswerNo, UsageError
+from baqueano.errors import NegativeResultError, UsageError
 from baqueano.messages.printable import baqueano_command
 
 if TYPE_CHECKING:
@@ -83,7 +83,7 @@ def check(
     answer(report, as_json)
     for finding in report.findings:
         if finding.severity == Severity.ERROR:
-            raise AnswerNo(finding)
+            raise NegativeResultError(finding)
 
 
 @command.command("draw", help=f"Store a shape as route NAME: {', '.join(SHAPES)}.")
@@ -257,14 +257,14 @@ def faster(
 def check_drivable(
     route: "Route", name: str, vehicle_file: "VehicleFile", room: "Room | None", robot: str, anyway: bool, backend: str,
 ) -> None:  # fmt: skip
-    """Print the warnings about a route. Raise AnswerNo with the route's name if it may not be driven."""
+    """Print the warnings about a route. Raise NegativeResultError with the route's name if it may not be driven."""
     from baqueano.drive.safety.route_check import warnings_of
 
     conditions = {"measured": options.is_measured(vehicle_file, robot), "anyway": anyway, "backend": backend}
     try:
         warnings = warnings_of(route, vehicle_file, room, **conditions)
-    except AnswerNo as error:
-        raise AnswerNo(with_route_name(error.diagnostic, name)) from error
+    except NegativeResultError as error:
+        raise NegativeResultError(with_route_name(error.diagnostic, name)) from error
     for warning in warnings:
         print_message(note("cli.warning", cause=with_route_name(warning, name)))
 
@@ -364,7 +364,7 @@ def route_through_points(path: Path, speed_m_s: float, closed: bool | None) -> "
 
     from baqueano.errors import FileError
     from baqueano.routes import through_points
-    from baqueano.routes.path import CLOSE_M
+    from baqueano.routes.path import MAX_END_GAP_M
     from baqueano.runs.tables.table import read_table
 
     if not path.is_file():
@@ -375,7 +375,7 @@ def route_through_points(path: Path, speed_m_s: float, closed: bool | None) -> "
         raise FileError(fault("route.columns", path=path, found=", ".join(table.columns)))
     xy = np.column_stack([table.numbers(name) for name in names])
     ends_m = float(np.hypot(*(xy[-1] - xy[0])))
-    is_closed = closed if closed is not None else len(xy) > 3 and ends_m < CLOSE_M
+    is_closed = closed if closed is not None else len(xy) > 3 and ends_m < MAX_END_GAP_M
     if is_closed and ends_m < 1e-3:
         xy = xy[:-1]
     return through_points(xy, speed_m_s, is_closed)

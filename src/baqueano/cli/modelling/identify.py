@@ -119,7 +119,7 @@ def command(
     page: Path | None, as_json: bool, backend: str, **how: Any,
 ) -> None:  # fmt: skip
     from baqueano.cli.errors import Interruption
-    from baqueano.errors import AnswerNo
+    from baqueano.errors import NegativeResultError
     from baqueano.identify import identify
     from baqueano.identify.dataset import unused_sensors
 
@@ -175,9 +175,9 @@ def command(
     if progress_line.stopped:
         raise Interruption(fault("cli.fit-interrupted"))
     if fit.verdict == Verdict.REFUSED:
-        raise AnswerNo(_refusal(fit.reasons, page))
+        raise NegativeResultError(_refusal(fit.reasons, page))
     if validation is not None and validation.verdict == Verdict.REFUSED:
-        raise AnswerNo(_refusal(validation.reasons, page, held_out=True))
+        raise NegativeResultError(_refusal(validation.reasons, page, held_out=True))
     output = fit.vehicle_file
     if not no_noise:
         noise = _noise_of_fit(fit, fit_runs, validation_runs, backend)

@@ -113,7 +113,7 @@ def identification(
 @options.as_json
 def faults(seed: int, seed_count: int, backend: str, as_json: bool) -> None:
     from baqueano.cli.errors import Interruption
-    from baqueano.errors import AnswerNo
+    from baqueano.errors import NegativeResultError
     from baqueano.study.faults import FAULTS, faults
     from baqueano.sweep.workers import processors
 
@@ -124,7 +124,7 @@ def faults(seed: int, seed_count: int, backend: str, as_json: bool) -> None:
     if result.requested > result.tried:
         raise Interruption(fault("cli.study-interrupted", done=result.tried, asked=result.requested))
     if result.verdict == Verdict.REFUSED:
-        raise AnswerNo(fault("cli.detectors-failed", reasons="; ".join(result.reasons)))
+        raise NegativeResultError(fault("cli.detectors-failed", reasons="; ".join(result.reasons)))
 
 
 @command.command(

@@ -8,7 +8,7 @@ The monitor (monitor/) sets a sensor DEGRADED. If the monitor cannot decide if t
 doubt is not severe: the vehicle only slows down. A model that is certainly wrong does not make the estimate doubtful.
 """
 
-from baqueano.diagnostics import Diagnostic, Severity, StopReason, merge, note, stop
+from baqueano.diagnostics import Diagnostic, Severity, StopReason, merge_diagnostics, note, stop
 from baqueano.drive.observers import LastLine, Observer
 from baqueano.drive.safety.paced_guide import PacedGuide
 from baqueano.loop import Blocks, Record
@@ -74,6 +74,6 @@ class Caution(Observer):
         if std_m > SLOW_SHARE * self._max_std_m:
             return note("caution.uncertain", Severity.WARNING, std_m=std_m, most_m=self._max_std_m), True
         findings = [finding for finding in record.degraded if finding.off != MODEL]
-        return merge(finding.diagnostic for finding in findings), any(
+        return merge_diagnostics(finding.diagnostic for finding in findings), any(
             finding.off == SENSOR for finding in findings
         )

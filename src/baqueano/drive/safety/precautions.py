@@ -16,7 +16,7 @@ from baqueano.drive.safety.room_watch import RoomWatch
 from baqueano.errors import UsageError
 from baqueano.geometry import wrap
 from baqueano.guides import InTurn
-from baqueano.guides.drive_to import NEAR_M, NEAR_RAD
+from baqueano.guides.drive_to import MAX_GOAL_ANGLE_RAD, MAX_GOAL_DISTANCE_M
 from baqueano.guides.route import Route
 from baqueano.routes.capability import Capability
 from baqueano.symbolic import TraceError
@@ -69,7 +69,7 @@ class Precautions:
         row = {f.name: getattr(self, f.name) for f in fields(self)}
         row = {name: value for name, value in row.items() if value != getattr(defaults, name)}
         if self.room is not None:
-            half_widths = tuple(float(x) for x in self.room.free)
+            half_widths = tuple(float(x) for x in self.room.free_half_width_m)
             row["room"] = {"free": list(half_widths), "start": list(self.room.start)}
         return row
 
@@ -101,7 +101,9 @@ class Precautions:
         pose that its sensors measure; with such an estimator the path is always added.
         """
         offset = start[:3] - route.eta[0]
-        is_away = np.hypot(offset[0], offset[1]) > NEAR_M or abs(wrap(offset[2])) > NEAR_RAD
+        is_away = (
+            np.hypot(offset[0], offset[1]) > MAX_GOAL_DISTANCE_M or abs(wrap(offset[2])) > MAX_GOAL_ANGLE_RAD
+        )
         with_lead_in = self.lead_in and (is_away or not signature(estimator.init).parameters)
         if not (with_lead_in or self.way_back):
             return guide

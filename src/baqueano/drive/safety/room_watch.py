@@ -28,7 +28,7 @@ class RoomWatch(Observer):
     """Observer of a drive along a route whose first pose is `origin` (3,) in the map and `room.start` in the room."""
 
     def __init__(self, room: "Walls", origin: np.ndarray) -> None:
-        self._free, self._start = np.asarray(room.free), np.asarray(room.start)
+        self._free, self._start = np.asarray(room.free_half_width_m), np.asarray(room.start)
         self._origin = origin
         self._turn = map_from_body(self._start[2] - origin[2])[:2, :2]
         self._reason: Diagnostic | None = None

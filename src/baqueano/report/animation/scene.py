@@ -7,7 +7,7 @@ import numpy as np
 
 from baqueano.compare.corridor import corridor_of
 from baqueano.diagnostics import fault
-from baqueano.errors import AnswerNo
+from baqueano.errors import NegativeResultError
 from baqueano.messages.printable import baqueano_command
 from baqueano.runs import Run
 from baqueano.runs.interpolated import poses_at
@@ -40,9 +40,11 @@ class Scene:
 
 
 def scene(run: Run) -> Scene:
-    """Return the scene of a run. Raise AnswerNo for a run without estimates and truth."""
+    """Return the scene of a run. Raise NegativeResultError for a run without estimates and truth."""
     if run.estimate is None and run.truth is None:
-        raise AnswerNo(fault("report.nothing-moves", baqueano_command("replay", run.name), name=run.name))
+        raise NegativeResultError(
+            fault("report.nothing-moves", baqueano_command("replay", run.name), name=run.name)
+        )
     corridor = corridor_of(run) if run.estimate is not None else None
     end_s = float(seconds(run.t_ns[-1], run.t_ns[0]))
     lap_s = corridor.lap_s if corridor is not None and np.isfinite(corridor.lap_s) else end_s
@@ -50,23 +52,24 @@ def scene(run: Run) -> Scene:
     t_s = np.linspace(0.0, end_s, min(A_LAP * laps, MOST) + 1)
     t_ns = run.t_ns[0] + np.round(t_s * NANOSECONDS).astype(np.int64)
     logs = [
-        None if log is None else _fill(poses_at(t_ns, log.t_ns, log.eta)) for log in (run.estimate, run.truth)
+        None if log is None else _filled(poses_at(t_ns, log.t_ns, log.eta))
+        for log in (run.estimate, run.truth)
     ]
-    half = None
+    half_width = None
     if corridor is not None and len(corridor.t_s) > 1:
-        half = np.interp(t_s, corridor.t_s, corridor.across_m, right=np.nan)
+        half_width = np.interp(t_s, corridor.t_s, corridor.across_m, right=np.nan)
     route = None
     if run.guide_reference is not None and len(run.guide_reference.t_ns) > 1:
-        first = seconds(run.guide_reference.t_ns, run.guide_reference.t_ns[0]) <= lap_s
-        route = run.guide_reference.eta[first, :2][:: max(1, int(first.sum()) // 160)]
-    return Scene(t_s, logs[0], logs[1], half, route, laps, _radius_m(run))
+        is_first_lap = seconds(run.guide_reference.t_ns, run.guide_reference.t_ns[0]) <= lap_s
+        route = run.guide_reference.eta[is_first_lap, :2][:: max(1, int(is_first_lap.sum()) // 160)]
+    return Scene(t_s, logs[0], logs[1], half_width, route, laps, _radius_m(run))
 
 
-def _fill(poses: np.ndarray) -> np.ndarray:
+def _filled(poses: np.ndarray) -> np.ndarray:
     """Return the poses with each gap filled by the previous pose. A gap at the start is filled by the first pose."""
     finite = np.flatnonzero(np.isfinite(poses).all(axis=1))
-    at = np.clip(np.searchsorted(finite, np.arange(len(poses)), side="right") - 1, 0, None)
-    return poses[finite[at]]
+    last_finite = np.clip(np.searchsorted(finite, np.arange(len(poses)), side="right") - 1, 0, None)
+    return poses[finite[last_finite]]
 
 
 def _radius_m(run: Run) -> float:
