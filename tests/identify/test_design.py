@@ -7,7 +7,13 @@ from baqueano.errors import AnswerNo, UsageError
 from baqueano.identify import excitation
 from baqueano.identify.design import plan as planning
 from baqueano.identify.design.information import Informant, mean_error
-from baqueano.identify.design.motion_library import GENTLE_FACTOR, MotionPiece, PieceShape, gentler_piece, in_map
+from baqueano.identify.design.motion_library import (
+    GENTLE_FACTOR,
+    MotionPiece,
+    PieceShape,
+    gentler_piece,
+    in_map,
+)
 from baqueano.identify.design.plan import design_plan
 from baqueano.identify.design.room import MAX_SIDEWAYS_M_S2, Room, alternatives, body_radius, contain, room_of
 from baqueano.identify.design.vehicle_cloud import Cloud, possible_vehicles
@@ -204,9 +210,13 @@ def test_a_curve_beyond_tyre_grip_is_too_fast(speed_m_s, slides):
 def test_a_gentler_segment_has_smaller_turns_at_the_same_speed():
     shape = PieceShape(20, 4, np.array([1.0, 0.0, 0.5]))
     piece = MotionPiece(np.tile([1.0, 0.0, -0.6], (16, 1)), 0)
-    np.testing.assert_allclose(gentler_piece(piece, shape).out, np.tile([1.0, 0.0, -0.6 * GENTLE_FACTOR], (16, 1)))
+    np.testing.assert_allclose(
+        gentler_piece(piece, shape).out, np.tile([1.0, 0.0, -0.6 * GENTLE_FACTOR], (16, 1))
+    )
     plain_shape = PieceShape(20, 4, np.array([1.0]))
-    np.testing.assert_allclose(gentler_piece(MotionPiece(np.ones((16, 1)), 0), plain_shape).out, GENTLE_FACTOR)
+    np.testing.assert_allclose(
+        gentler_piece(MotionPiece(np.ones((16, 1)), 0), plain_shape).out, GENTLE_FACTOR
+    )
 
 
 def test_a_start_inside_a_wall_is_refused():

@@ -10,7 +10,7 @@ from baqueano.identify import FitOptions, identify
 from baqueano.identify.covariance.information import Information
 from baqueano.identify.covariance.jackknife import with_jackknife
 from baqueano.identify.covariance.scale_uncertainty import std_of_tolerance, scale_stds, zero_std
-from baqueano.identify.imu_only import fit_imu_only, imu_is_all
+from baqueano.identify.imu_only import fit_imu_only, is_imu_only
 from baqueano.identify.residuals.gyro_aided import GyroAidedResiduals, slow_part
 from baqueano.identify.residuals.noise_level import profile_of_slow
 from baqueano.simulate import simulate
@@ -166,12 +166,12 @@ def test_a_car_with_only_an_imu_uses_the_gyro_fit_by_default(fitted):
     file, run, fit = fitted
     by_default = identify(run, file, LONGITUDINAL + YAW)
     np.testing.assert_allclose(by_default.estimate, fit.estimate, rtol=1e-9)
-    assert imu_is_all(file, [run], None, None)
-    assert imu_is_all(file, [run], ("imu",), LONGITUDINAL)
-    assert not imu_is_all(file, [run], ("imu[2]",), None)
-    assert not imu_is_all(file, [run], ("imu", "odometer"), None)
-    assert not imu_is_all(file, [run], None, ("sensors.imu.gyro_scale",))
-    assert not imu_is_all(load("small"), [run], None, None)
+    assert is_imu_only(file, [run], None, None)
+    assert is_imu_only(file, [run], ("imu",), LONGITUDINAL)
+    assert not is_imu_only(file, [run], ("imu[2]",), None)
+    assert not is_imu_only(file, [run], ("imu", "odometer"), None)
+    assert not is_imu_only(file, [run], None, ("sensors.imu.gyro_scale",))
+    assert not is_imu_only(load("small"), [run], None, None)
 
 
 def test_a_free_parameter_added_with_plus_does_not_remove_default_parameters():

@@ -10,7 +10,7 @@ from click.testing import CliRunner
 import baqueano as bq
 from baqueano.cli import baqueano
 from baqueano.diagnostics import Verdict
-from baqueano.errors import NegativeResultError, UsageError
+from baqueano.errors import AnswerNo, UsageError
 from baqueano.guides.shapes import circle
 from baqueano.report.animation import picture_file
 from baqueano.report.animation.bars import PartialFit
@@ -94,7 +94,7 @@ def test_the_animation_shows_shrinking_intervals_of_a_fit(run):
 def test_a_run_without_truth_and_estimate_cannot_be_animated(run):
     from dataclasses import replace
 
-    with pytest.raises(NegativeResultError) as error_info:
+    with pytest.raises(AnswerNo) as error_info:
         scene(replace(run, estimate=None, truth=None))
     assert error_info.value.diagnostic.code == "report.nothing-moves"
     with pytest.raises(UsageError) as caught:

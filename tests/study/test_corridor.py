@@ -5,7 +5,7 @@ drive.
 import numpy as np
 import pytest
 
-from baqueano.compare.corridor import LOST_RAD
+from baqueano.compare.corridor import MAX_HEADING_STD_RAD
 from baqueano.study import corridor, driving
 from baqueano.study.corridor import drives
 from baqueano.study.corridor.result import Instant, gather
@@ -37,7 +37,8 @@ def test_a_study_of_few_vehicles_seldom_fails_by_chance():
 def test_a_lost_vehicle_is_counted_and_not_judged():
     rng = np.random.default_rng(1)
     lost_cases = [
-        (name, case._replace(cov=np.eye(3) * LOST_RAD**2 * 1.01)) for name, case in cases(5, 1.0, rng)
+        (name, case._replace(cov=np.eye(3) * MAX_HEADING_STD_RAD**2 * 1.01))
+        for name, case in cases(5, 1.0, rng)
     ]
     (row, _) = gather([*cases(12, 1.0, rng), *lost_cases], 17, ()).rows()
     assert (row["cases"], row["lost"]) == (12, 5)

@@ -8,8 +8,8 @@
 ψ, r: heading and yaw rate; u_ψ: turning command. With this p no gain is negative, and (1) tolerates a k up to 3.3 times
 as large, and any smaller k. The integral removes the effect of unequal wheels. A car turns in proportion to its speed
 v, so s = v₀ v / (v² + (v₀/4)²); else s is 1. `heading_gains` finds k, τ and T for a vehicle file. ψ_r is the heading at
-the first tick with |r| < MAX_QUIET_RAD_S after the turn, at the latest SETTLING_CONSTANTS (τ + T) after its end. Before that tick,
-only −K_r r acts.
+the first tick with |r| < MAX_QUIET_RAD_S after the turn, at the latest SETTLING_CONSTANTS (τ + T) after its end. Before
+that tick, only −K_r r acts.
 
 If an estimator has refused the IMU for MIN_LEFT_OUT_S, r and ψ follow the gyro: its innovation is added.
 """

@@ -212,7 +212,8 @@ def slip(nu: np.ndarray) -> Value:
 def point_ahead(tracking: Tracking, distance_m: Value) -> tuple[Value, Value]:
     """Return x and y [m], in the body frame, of the point of the path `distance_m` after the reference.
 
-    The path continues from the reference with the curvature of the reference. It bends by at most 1 rad over `distance_m`.
+    The path continues from the reference with the curvature of the reference. It bends by at most 1 rad over
+    `distance_m`.
     """
     angle = np.clip(tracking.kappa * distance_m, -1.0, 1.0)
     chord_m, chord = distance_m * (1.0 - angle**2 / 24.0), tracking.e_chi + 0.5 * angle

@@ -6,8 +6,9 @@
 
 σ is the distance along the path, a the acceleration, κ the curvature, η_r and ν_r the reference. v_0 is the speed of
 the first estimate, v_j the speed of the route at the goal. ν_r has the sign of v_j: a route that is driven backward is
-reached backward. The guide is done at once if the vehicle is within MAX_GOAL_DISTANCE_M and MAX_GOAL_ANGLE_RAD of the first goal. For a
-vehicle beside a route, the best goal is at a distance along the route that depends on R. So (1) compares several goals.
+reached backward. The guide is done at once if the vehicle is within MAX_GOAL_DISTANCE_M and MAX_GOAL_ANGLE_RAD of the
+first goal. For a vehicle beside a route, the best goal is at a distance along the route that depends on R. So (1)
+compares several goals.
 """
 
 from dataclasses import dataclass

@@ -299,8 +299,8 @@ def _route_of_curvature(kappa: np.ndarray, length_m: float, speed_m_s: float) ->
 
 
 def shape(name: str, size_m: float, speed_m_s: float) -> Route:
-    """Return the route of a name in SHAPE_NAMES; `size_m` is the radius of a circle or half the length of another shape.
-    Raise Invalid for another name.
+    """Return the route of a name in SHAPE_NAMES; `size_m` is the radius of a circle or half the length of another
+    shape. Raise Invalid for another name.
     """
     match name:
         case "sinuous-circle":

@@ -4,9 +4,9 @@
     share = max |u| / limit of the command that the model needs for ν and ν̇ of the route                   (2)
     free = half a side of the room − radius of the body − the largest |x| or |y| of the route             (3)
 
-u is the command, ν the velocity. The route's acceleration is averaged over MEAN_WINDOW_S, because at a corner of a drawn
-route the yaw rate jumps. A vehicle with too little acceleration is behind its reference for a moment: a warning. A
-vehicle with too little speed remains behind: the route is refused.
+u is the command, ν the velocity. The route's acceleration is averaged over MEAN_WINDOW_S, because at a corner of a
+drawn route the yaw rate jumps. A vehicle with too little acceleration is behind its reference for a moment: a warning.
+A vehicle with too little speed remains behind: the route is refused.
 """
 
 from dataclasses import dataclass
@@ -36,7 +36,9 @@ MIN_LACK_S = 0.3  # the controller compensates a shorter lack of command
 
 
 class Walls(Protocol):
-    """Protocol of a room: the `free_half_width_m` distances from the middle of the room, and the pose `start` in the room."""
+    """Protocol of a room: the `free_half_width_m` distances from the middle of the room, and the pose `start` in the
+    room.
+    """
 
     @property
     def free_half_width_m(self) -> np.ndarray:

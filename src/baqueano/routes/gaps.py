@@ -1,8 +1,8 @@
 """Find places of a route where the path between two poses is not known.
 
     jump    |Δp| > MAX_JUMP_M + 2 v Δt                      farther than the speed v allows                   (1)
-    gap     Δt > GAP_FACTOR median(Δt),  |Δp| > GAP_FACTOR median(|Δp|),  |Δp| > MIN_GAP_M      samples are missing     (2)
-    corner  |Δp| |tan(Δψ / 4)| / 2 > MAX_CORNER_OFFSET_M              the arc between the headings deviates too much    (3)
+    gap     Δt > GAP_FACTOR median(Δt),  |Δp| > GAP_FACTOR median(|Δp|),  |Δp| > MIN_GAP_M   samples are missing     (2)
+    corner  |Δp| |tan(Δψ / 4)| / 2 > MAX_CORNER_OFFSET_M           the arc between the headings deviates too much    (3)
 
 Δp, Δψ, Δt: change of position, heading and time between two poses. The medians of (2) include only samples in motion,
 without stops and starts from rest. A guide moves straight from pose to pose. So the height of the arc over its chord

@@ -280,7 +280,9 @@ class Drivetrain:
         return slice(0, self.channels - self.servos)
 
     def _supply(self, sag_factor: Value) -> Value:
-        """Return the relative voltage of each channel (k,), or of all (); the sag multiplies it by `sag_factor`.  (4)"""
+        """Return the relative voltage of each channel (k,), or of all (); the sag multiplies it by `sag_factor`.
+        (4)
+        """
         supply = sag_factor * (1.0 + self.battery_effect * (self.battery_v / self.battery_nominal_v - 1.0))
         if not self.servos:
             return supply

@@ -8,8 +8,9 @@
 x: state; p: position; E = (ε_0, ε_1, …). ε is the effort after the dead zone, within which a command has no effect; u =
 drivetrain⁻¹(ε_0). The reference at k is the present one, advanced with its velocity: a bend is predicted only once the
 reference is in it. E° is the previous plan, shifted in time; one step of (3) per tick follows the optimum (real-time
-iteration). If the solver fails, the old plan continues, and the run reports it; after MAX_FAILURES ticks the drive ends.
-Source: Diehl, Bock and Schlöder, SIAM Journal on Control and Optimization, 2005; solver: OSQP, Stellato et al., 2020.
+iteration). If the solver fails, the old plan continues, and the run reports it; after MAX_FAILURES ticks the drive
+ends. Source: Diehl, Bock and Schlöder, SIAM Journal on Control and Optimization, 2005; solver: OSQP, Stellato et al.,
+2020.
 """
 
 from dataclasses import dataclass
