@@ -8,7 +8,7 @@ import pytest
 
 from baqueano.door import sockets
 from baqueano.door.frames.along_route import AlongRoute
-from baqueano.door.frames.rows import RING, DriveRows, Frames
+from baqueano.door.frames.rows import RING_TICKS, DriveRows, Frames
 from baqueano.door.operator import Operator
 from baqueano.door.sockets import Door
 from baqueano.drive import experiment
@@ -99,12 +99,12 @@ def test_rows_lost_by_the_ring_buffer_are_shown_as_a_gap(drive_of_service):
     file, listening, _ = drive_of_service
     drive, frames = DriveRows(file), Frames()
     frames._drive = drive
-    for k in range(3 * RING):
+    for k in range(3 * RING_TICKS):
         frames.on_record(listening.records[k % len(listening.records)])
     drive.make()
     frame = rows_of(drive)
-    assert frame["n"] + len(frame["x"]) == drive.row_count == 3 * RING
-    assert len(frame["x"]) <= RING
+    assert frame["n"] + len(frame["x"]) == drive.row_count == 3 * RING_TICKS
+    assert len(frame["x"]) <= RING_TICKS
 
 
 def test_progress_grows_over_all_laps_and_across_the_crossing_of_an_eight():
@@ -137,7 +137,7 @@ def test_at_most_one_frame_waits_for_a_guest_that_does_not_read(door, drive_of_s
             message = healthy.receive()
             count = message["n"] + len(message["x"]) if message["is"] == "frame" else count
         most = max(most, *(guest.waiting for guest in door._guests))
-    assert most < 2 * RING * 400  # of 6,000 rows of 300 bytes
+    assert most < 2 * RING_TICKS * 400  # of 6,000 rows of 300 bytes
     assert len(door._guests) == 2
     ends = []
     while not ends or ends[-1] < count:

@@ -43,7 +43,7 @@ def ls(vehicle: str | None, settings: tuple[str, ...], as_json: bool) -> None:
 def recommend_estimator(vehicle_file: "VehicleFile") -> Diagnostic:
     """Return a message with the recommended estimator for the sensors of a vehicle."""
     from baqueano.estimators.readings.velocity_readings import pose_sensors, readings_of
-    from baqueano.vehicle_file.build import DEFAULT_KIND
+    from baqueano.vehicle_file.build import DEFAULT_KINDS
 
     names, pose_sensor_names = vehicle_file.sensors._fields, pose_sensors(vehicle_file.sensors)
     if pose_sensor_names:
@@ -53,7 +53,7 @@ def recommend_estimator(vehicle_file: "VehicleFile") -> Diagnostic:
     else:
         case = "gyro" if names else "nothing"
     use = ", ".join(f'"{name}"' for name in names)
-    usual = DEFAULT_KIND["estimator"]
+    usual = DEFAULT_KINDS["estimator"]
     return note(
         f"cli.estimator-{case}",
         vehicle=vehicle_file.name,
@@ -80,13 +80,13 @@ def recommend_estimator(vehicle_file: "VehicleFile") -> Diagnostic:
 def check(
     block: str, room: str | None, vehicle: str | None, settings: tuple[str, ...], as_json: bool
 ) -> None:
-    from baqueano.errors import NegativeResultError
+    from baqueano.errors import AnswerNo
     from baqueano.vehicle_file.checked import check
 
     report = check(block, options.load_vehicle(vehicle or "small", settings), room)
     answer(report, as_json)
     if report.findings:
-        raise NegativeResultError(fault("cli.block-breaks", block=block, count=len(report.findings)))
+        raise AnswerNo(fault("cli.block-breaks", block=block, count=len(report.findings)))
     print_message(note("cli.block-sound", block=block))
 
 

@@ -22,7 +22,7 @@ from baqueano.contracts.result import Result
 from baqueano.contracts.values import TableRow, Tree, Value
 from baqueano.diagnostics import fault
 from baqueano.drive.session import marks_of
-from baqueano.errors import NegativeResultError
+from baqueano.errors import AnswerNo
 from baqueano.messages.language import translate as _
 from baqueano.runs import Channel, Run
 from baqueano.signals import Motion, seconds
@@ -93,21 +93,21 @@ def closure(run: Run, vehicle_file: VehicleFile, length_m: float | None = None) 
     """Return the scales from the marks of `run`, for the vehicle of `vehicle_file`.
 
     The scales of speed sensors need `length_m`, the length of the path between the first and the last mark. Raise
-    NegativeResultError if a mark, the IMU or a rest is missing, or if the turns between the marks are not whole or cancel.
+    AnswerNo if a mark, the IMU or a rest is missing, or if the turns between the marks are not whole or cancel.
     """
     marks = marks_of(run)
     if len(marks) < 2:
-        raise NegativeResultError(fault("marks.too-few", name=run.name, marks=len(marks)))
+        raise AnswerNo(fault("marks.too-few", name=run.name, marks=len(marks)))
     name = next((n for n, s in vehicle_file.sensors._asdict().items() if has_field(s, "gyro_scale")), None)
     if name is None or name not in run.sensors:
-        raise NegativeResultError(fault("marks.no-gyro", name=run.name))
+        raise AnswerNo(fault("marks.no-gyro", name=run.name))
     sensor, channel = getattr(vehicle_file.sensors, name), run.sensors[name]
     bias, bias_std = _bias_at_rest(run, channel)
     cosine = _gain(sensor) / sensor.gyro_scale
     raw = [_integral(channel, -1, bias, a, b) / cosine for a, b in pairwise(marks)]
     turns = sum(_turn_count(x / sensor.gyro_scale, run.name) for x in raw)
     if turns == 0:
-        raise NegativeResultError(fault("marks.no-turn", name=run.name))
+        raise AnswerNo(fault("marks.no-turn", name=run.name))
     scale = sum(raw) / (2.0 * np.pi * turns)  # (1)
     std = _turn_std(sensor, bias_std, seconds(marks[-1], marks[0])) / (
         2.0 * np.pi * cosine * abs(turns)
@@ -132,7 +132,7 @@ def _turn_std(sensor: Tree, bias_std: float, t_s: float) -> float:
 
 
 def _turn_count(turned_rad: float, name: str) -> int:
-    """Return the number k of turns between two marks. Raise NegativeResultError if k is not nearly whole, or over MAX_TURNS."""
+    """Return the number k of turns between two marks. Raise AnswerNo if k is not nearly whole, or over MAX_TURNS."""
     turns = round(turned_rad / (2.0 * np.pi))
     residual_rad = abs(turned_rad - 2.0 * np.pi * turns)
     if abs(turns) > MAX_TURNS or residual_rad > max(
@@ -143,14 +143,14 @@ def _turn_count(turned_rad: float, name: str) -> int:
             "within_percent": 100 * MAX_TURN_ERROR,
             "most": MAX_TURNS,
         }
-        raise NegativeResultError(fault("marks.no-whole-turn", subject=name, **figures))
+        raise AnswerNo(fault("marks.no-whole-turn", subject=name, **figures))
     return turns
 
 
 def _bias_at_rest(run: Run, channel: Channel) -> tuple[float, float]:
     """Return the gyro's zero while the vehicle was at rest, and its standard deviation [rad/s].
 
-    Raise NegativeResultError if the rest was too short.
+    Raise AnswerNo if the rest was too short.
     """
     in_motion = np.any(run.applied != 0.0, axis=1)  # an unknown command (NaN) counts as motion
     last_motion_ns = np.maximum.accumulate(np.where(in_motion, run.t_ns, run.t_ns[0] - round(REST_S * 1e9)))
@@ -163,7 +163,7 @@ def _bias_at_rest(run: Run, channel: Channel) -> tuple[float, float]:
     z = channel.z[at_rest, -1]
     period_s = float(np.median(seconds(np.diff(channel.t_ns)))) if len(channel.t_ns) > 1 else 1.0
     if len(z) * period_s < MIN_REST_S:
-        raise NegativeResultError(fault("marks.stood-too-short", name=run.name, stood_s=len(z) * period_s))
+        raise AnswerNo(fault("marks.stood-too-short", name=run.name, stood_s=len(z) * period_s))
     return float(np.mean(z)), float(np.std(z) / np.sqrt(len(z)))
 
 

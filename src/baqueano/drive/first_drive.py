@@ -25,7 +25,7 @@ from baqueano.controllers import CarefulController
 from baqueano.diagnostics import Diagnostic, fault, merge_diagnostics
 from baqueano.drive.first_drive_pulses import GROWTH, MIN_SIGMA, STEP, Careful
 from baqueano.drive.session import drive
-from baqueano.errors import NegativeResultError, UsageError
+from baqueano.errors import AnswerNo, UsageError
 from baqueano.estimators import Inertial
 from baqueano.guides import CarefulGuide
 from baqueano.loop import Blocks
@@ -264,10 +264,10 @@ def onset_level(level: np.ndarray) -> np.ndarray:
 def with_rough_gains(result: FirstDrive, vehicle_file: VehicleFile) -> VehicleFile:
     """Return the file with the rough gains and, if `result.late` is False, dead zones, as initial values for a fit.
 
-    Raise NegativeResultError if the wiring is wrong or a direction did not move the vehicle.
+    Raise AnswerNo if the wiring is wrong or a direction did not move the vehicle.
     """
     if (fault_note := merge_diagnostics([*result.wiring, *result.still])) is not None:
-        raise NegativeResultError(fault_note)
+        raise AnswerNo(fault_note)
     changed = vehicle_file
     if not result.late:
         changed = with_dead_zones(changed, directions(changed), result.moves_at)

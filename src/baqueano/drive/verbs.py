@@ -15,7 +15,7 @@ from baqueano.drive.by_hand.heading_gains import with_heading_hold
 from baqueano.drive.safety.precautions import Precautions
 from baqueano.drive.safety.route_check import warnings_of
 from baqueano.drive.session import drive
-from baqueano.errors import FileError, NegativeResultError, UsageError
+from baqueano.errors import FileError, AnswerNo, UsageError
 from baqueano.guides import Idle, Playback
 from baqueano.guides.repeat import Repeat, with_laps
 from baqueano.guides.route import Route, closed_up, end_gap, run_through
@@ -141,7 +141,7 @@ def teach(vehicle_file: VehicleFile, driver: Driver, closed: bool = False, **opt
     ------
     UsageError
         If `driver` has another type.
-    NegativeResultError
+    AnswerNo
         If the vehicle did not move, or a closed drive ended farther from its start than CLOSE_M and CLOSE_RAD.
 
     Examples
@@ -214,7 +214,7 @@ def repeat(
 
     Raises
     ------
-    NegativeResultError
+    AnswerNo
         If the route jumps, has a gap, leads into a wall, or is too fast for the vehicle.
     FileError
         If the file lacks gains or noise: `tune` and `identify` find them.
@@ -372,15 +372,15 @@ def commands_of(script: Sequence[tuple[float, Sequence[float]]], n: int, rate_hz
 def route_of(run: Run, closed: bool = False) -> Route:
     """Return the estimated path of a run at ROUTE_RATE_HZ, without the rest at both ends.
 
-    Raise NegativeResultError for a run without estimates or motion, or if `closed` is True and the ends are too far apart.
+    Raise AnswerNo for a run without estimates or motion, or if `closed` is True and the ends are too far apart.
     """
     log = run.estimate
     if log is None or len(log.t_ns) < 2:
-        raise NegativeResultError(fault("route.no-estimates", name=run.name))
+        raise AnswerNo(fault("route.no-estimates", name=run.name))
     speed, turn = np.hypot(log.nu[:, 0], log.nu[:, 1]), np.abs(log.nu[:, 2])
     moving_indices = np.flatnonzero(((speed > STILL_M_S) | (turn > STILL_RAD_S)) & np.isfinite(speed + turn))
     if len(moving_indices) < 2:
-        raise NegativeResultError(fault("route.no-motion", name=run.name))
+        raise AnswerNo(fault("route.no-motion", name=run.name))
     first, last = max(moving_indices[0] - 1, 0), moving_indices[-1]
     t_s = seconds(log.t_ns[first : last + 1], log.t_ns[first])
     rows = np.unique(np.searchsorted(t_s, np.append(np.arange(0.0, t_s[-1], 1.0 / ROUTE_RATE_HZ), t_s[-1])))
@@ -394,7 +394,5 @@ def _close(route: Route, name: str) -> Route:
     gap_m, gap_rad = end_gap(route)
     if gap_m > CLOSE_M or gap_rad > CLOSE_RAD:
         gap_figures, close_deg = {"gap_m": gap_m, "gap_deg": np.degrees(gap_rad)}, np.degrees(CLOSE_RAD)
-        raise NegativeResultError(
-            fault("route.open", name=name, **gap_figures, close_m=CLOSE_M, close_deg=close_deg)
-        )
+        raise AnswerNo(fault("route.open", name=name, **gap_figures, close_m=CLOSE_M, close_deg=close_deg))
     return run_through(closed_up(route))

@@ -36,7 +36,7 @@ def page_of_rest(result: Any) -> Page:
             Headline(
                 f"{c.sensor}[{c.entry}]",
                 f"{number(c.sd):.3g}",
-                _("bias {mean:.3g} ± {mean_sd:.1g}", mean=c.mean, mean_sd=c.mean_sd),
+                _("bias {mean:.3g} ± {mean_sd:.1g}", mean=c.mean, mean_sd=c.mean_std),
             )
             for c in result.channels[:4]
         ],

@@ -68,7 +68,7 @@ def test_setup_steps_are_printed_without_terminal_control_codes(programs, capfd)
 
 
 def test_an_endless_ssh_answer_is_refused(programs, monkeypatch):
-    monkeypatch.setattr(ssh, "LONGEST", 1 << 20)
+    monkeypatch.setattr(ssh, "MAX_ANSWER_BYTES", 1 << 20)
     programs(ssh="yes")
     for go in (
         lambda: exclusive_hardware.rows_from_host("r1", "robot", "doctor"),

@@ -120,7 +120,7 @@ def test_a_port_is_passed_to_ssh_as_an_option(programs):
 
 
 def test_heartbeats_are_sent_to_the_host_and_its_result_is_returned(programs, monkeypatch):
-    monkeypatch.setattr(remote_session, "BEAT_S", 0.01)
+    monkeypatch.setattr(remote_session, "BEAT_PERIOD_S", 0.01)
     programs(ssh='read sign; read sign; echo \'{"rows": [{"a": 1}], "verdict": ""}\'')
     assert exclusive_hardware.rows_from_host("r1", "robot", "doctor") == [{"a": 1}]
 

@@ -184,7 +184,7 @@ def make_first_drive(
 ) -> tuple[Any, Any]:
     """Return the file fitted to a careful first drive, and the run of that drive.
 
-    If the fit is refused, the file has only rough gains. Raise NegativeResultError if the vehicle is wired wrongly or does not
+    If the fit is refused, the file has only rough gains. Raise AnswerNo if the vehicle is wired wrongly or does not
     move, and the error of a stopped drive.
     """
     from baqueano.drive import estimate_first_drive, with_rough_gains

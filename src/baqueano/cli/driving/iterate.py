@@ -81,10 +81,10 @@ def drive_in_rounds(
 ) -> Rounds:  # fmt: skip
     """Drive `rounds` times with `signal(vehicle_file, seed)`. After each drive fit all `runs` so far.
 
-    Return the rounds. Raise NegativeResultError if a fit is refused.
+    Return the rounds. Raise AnswerNo if a fit is refused.
     """
     from baqueano.drive.mission import Mission
-    from baqueano.errors import NegativeResultError
+    from baqueano.errors import AnswerNo
     from baqueano.identify import FitOptions, identify
 
     results: list[Round] = []
@@ -103,7 +103,7 @@ def drive_in_rounds(
         reasons = "; ".join(texts(fit.reasons))
         print_message(note("cli.round-fitted", round=k + 1, verdict=fit.verdict, reasons=reasons))
         if fit.verdict == Verdict.REFUSED:
-            raise NegativeResultError(fault("cli.round-refused", round=k + 1, reasons=reasons, path=path))
+            raise AnswerNo(fault("cli.round-refused", round=k + 1, reasons=reasons, path=path))
         vehicle_file = fit.vehicle_file
         results.append(Round(path, fit))
     return Rounds(tuple(results))

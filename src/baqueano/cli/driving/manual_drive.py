@@ -182,12 +182,12 @@ def scales_from_marks(
     """
     from baqueano.drive.closure import closure
     from baqueano.drive.session import marks_of
-    from baqueano.errors import NegativeResultError
+    from baqueano.errors import AnswerNo
 
     if len(marks_of(run)) < 2:
         return note("cli.marks-too-few"), {}
     try:
         result = closure(run, vehicle_file, length_m)
-    except NegativeResultError as error:
+    except AnswerNo as error:
         return note("cli.marks", cause=error.diagnostic), {}
     return result.table(), result.values

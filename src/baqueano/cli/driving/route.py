@@ -12,7 +12,7 @@ from baqueano.cli.blocks import RowsResult
 from baqueano.cli.driving.teach import SHAPES, shape_or_route
 from baqueano.cli.terminal import answer, print_message
 from baqueano.diagnostics import Diagnostic, Severity, fault, note
-from baqueano.errors import NegativeResultError, UsageError
+from baqueano.errors import AnswerNo, UsageError
 from baqueano.messages.printable import baqueano_command
 
 if TYPE_CHECKING:
@@ -83,7 +83,7 @@ def check(
     answer(report, as_json)
     for finding in report.findings:
         if finding.severity == Severity.ERROR:
-            raise NegativeResultError(finding)
+            raise AnswerNo(finding)
 
 
 @command.command("draw", help=f"Store a shape as route NAME: {', '.join(SHAPES)}.")
@@ -257,14 +257,14 @@ def faster(
 def check_drivable(
     route: "Route", name: str, vehicle_file: "VehicleFile", room: "Room | None", robot: str, anyway: bool, backend: str,
 ) -> None:  # fmt: skip
-    """Print the warnings about a route. Raise NegativeResultError with the route's name if it may not be driven."""
+    """Print the warnings about a route. Raise AnswerNo with the route's name if it may not be driven."""
     from baqueano.drive.safety.route_check import warnings_of
 
     conditions = {"measured": options.is_measured(vehicle_file, robot), "anyway": anyway, "backend": backend}
     try:
         warnings = warnings_of(route, vehicle_file, room, **conditions)
-    except NegativeResultError as error:
-        raise NegativeResultError(with_route_name(error.diagnostic, name)) from error
+    except AnswerNo as error:
+        raise AnswerNo(with_route_name(error.diagnostic, name)) from error
     for warning in warnings:
         print_message(note("cli.warning", cause=with_route_name(warning, name)))
 

@@ -20,7 +20,7 @@ from baqueano.cli.driving.targets import open_target
 from baqueano.cli.page import live
 from baqueano.cli.terminal import answer, print_message, time_progress
 from baqueano.diagnostics import Verdict, fault, nearest, note
-from baqueano.errors import NegativeResultError, UsageError
+from baqueano.errors import AnswerNo, UsageError
 from baqueano.messages.language import translate as _
 from baqueano.messages.printable import baqueano_command
 
@@ -108,7 +108,7 @@ def command(
     finish_manual_drive(run, path, robot) if driver == "keys" else options.raise_stop(run, path)
     try:
         taught_route = route_of(run, is_closed)
-    except NegativeResultError as error:
+    except AnswerNo as error:
         if driver not in SHAPES:
             raise
         slower_command = baqueano_command(
@@ -117,7 +117,7 @@ def command(
         diagnostic = fault(
             "cli.not-followed", slower_command, shape=driver, speed_m_s=speed_m_s, cause=error.diagnostic
         )
-        raise NegativeResultError(diagnostic) from None
+        raise AnswerNo(diagnostic) from None
     if options.route_path(route).exists():
         print_message(note("cli.route-replaced", path=options.route_path(route)))
     answer(LessonResult(taught_route, write_route(taught_route, options.route_path(route)), path), as_json)

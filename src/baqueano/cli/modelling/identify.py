@@ -119,7 +119,7 @@ def command(
     page: Path | None, as_json: bool, backend: str, **how: Any,
 ) -> None:  # fmt: skip
     from baqueano.cli.errors import Interruption
-    from baqueano.errors import NegativeResultError
+    from baqueano.errors import AnswerNo
     from baqueano.identify import identify
     from baqueano.identify.dataset import unused_sensors
 
@@ -175,9 +175,9 @@ def command(
     if progress_line.stopped:
         raise Interruption(fault("cli.fit-interrupted"))
     if fit.verdict == Verdict.REFUSED:
-        raise NegativeResultError(_refusal(fit.reasons, page))
+        raise AnswerNo(_refusal(fit.reasons, page))
     if validation is not None and validation.verdict == Verdict.REFUSED:
-        raise NegativeResultError(_refusal(validation.reasons, page, held_out=True))
+        raise AnswerNo(_refusal(validation.reasons, page, held_out=True))
     output = fit.vehicle_file
     if not no_noise:
         noise = _noise_of_fit(fit, fit_runs, validation_runs, backend)
@@ -275,12 +275,12 @@ def _with_tolerances(
     """Return the file with the tolerances of its scales. Raise UsageError if the fit would ignore these."""
     from baqueano.errors import UsageError
     from baqueano.identify.covariance.scale_uncertainty import with_tolerance
-    from baqueano.identify.imu_only import imu_is_all
+    from baqueano.identify.imu_only import is_imu_only
 
     if not tolerances:
         return vehicle_file
     conflicts = _plain_fit_options(arguments)
-    if conflicts or not imu_is_all(vehicle_file, runs, arguments["use"], arguments["free"]):
+    if conflicts or not is_imu_only(vehicle_file, runs, arguments["use"], arguments["free"]):
         code = "cli.tolerance-beside" if conflicts else "cli.tolerance-unused"
         raise UsageError(fault(code, "--use imu", given=tolerances[0], other=conflicts[:1]))
     fractions = {}
@@ -304,12 +304,12 @@ def _select_terms(
 ) -> Any:
     """Return the model with the terms that held-out data, or the `validation_runs` if there are any, support."""
     from baqueano.errors import UsageError
-    from baqueano.identify.imu_only import imu_is_all
+    from baqueano.identify.imu_only import is_imu_only
     from baqueano.identify.selection.selection import choose
 
     if other_options := _plain_fit_options(arguments):
         raise UsageError(fault("cli.choose-conflict", "--choose --update", others=other_options))
-    if imu_is_all(vehicle_file, runs, arguments["use"], arguments["free"]):
+    if is_imu_only(vehicle_file, runs, arguments["use"], arguments["free"]):
         raise UsageError(fault("cli.choose-without-encoders", "--free +KEY"))
     return choose(runs, vehicle_file, progress=notify, held_out=validation_runs, **arguments)
 

@@ -19,7 +19,7 @@ from baqueano.contracts.blocks import World
 from baqueano.contracts.values import JsonObject
 from baqueano.diagnostics import Diagnostic, Severity, fault, note
 from baqueano.door.adjusting import Adjusting
-from baqueano.door.frames.descriptions import drive_words
+from baqueano.door.frames.descriptions import drive_description
 from baqueano.door.operator import Operator
 from baqueano.door.simulated.pace import PacedClock
 from baqueano.door.sockets import Door
@@ -151,7 +151,7 @@ class DriveDoor:
         pace_fields = {} if self._world == "real" else {"pace": self.pace.factor, "paused": self.pace.paused}
         self._door.broadcast({
             "is": "state", "state": str(self._state), "why": self._reason, "run": None, "world": self._world,
-            "battery_v": None, **pace_fields, **drive_words(self._mission, self._file.rate_hz, self._record),
+            "battery_v": None, **pace_fields, **drive_description(self._mission, self._file.rate_hz, self._record),
         })  # fmt: skip
 
     def drives(self, mission: "Mission | None", reason: Diagnostic | None = None) -> None:

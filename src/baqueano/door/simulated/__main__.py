@@ -20,9 +20,9 @@ from baqueano.errors import BaqueanoError
 from baqueano.vehicle_file import load
 
 
-def main(words: list[str] | None = None) -> int:
+def main(arguments: list[str] | None = None) -> int:
     """Run the service; return its exit code."""
-    options = _parser().parse_args(words)
+    options = _parser().parse_args(arguments)
     try:
         vehicle_file = load(options.vehicle)
         truth = vehicle_file if options.truth is None else load(options.truth)
@@ -35,7 +35,7 @@ def main(words: list[str] | None = None) -> int:
     service = SimulatedService(
         vehicle_file, truth, options.runs, routes, options.seed, options.backend, pace=pace
     )
-    door = Door(options.socket, service.operator, options.runs, service.words())
+    door = Door(options.socket, service.operator, options.runs, service.handlers())
     service.broadcast, service.frames = door.broadcast, door.frames
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # the parent is asked, and ends this process by its stdin
     signal.signal(signal.SIGTERM, lambda number, frame: service.end())

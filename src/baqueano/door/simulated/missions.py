@@ -22,7 +22,7 @@ import numpy as np
 
 from baqueano.contracts.values import JsonObject
 from baqueano.diagnostics import fault
-from baqueano.door.frames.descriptions import ROOMS
+from baqueano.door.frames.descriptions import ROLES
 from baqueano.drive.mission import Mission, unpack
 from baqueano.errors import FileError, UsageError
 from baqueano.guides.shapes import shape
@@ -38,8 +38,8 @@ if TYPE_CHECKING:
     from baqueano.vehicle_file.file import VehicleFile
 
 SIZE_M, SPEED_M_S = 1.0, 0.25  # defaults of a shape
-SECONDS = 60.0  # default duration of an experiment
-MOST_SECONDS = 3600.0
+DEFAULT_DURATION_S = 60.0  # default duration of an experiment
+MAX_DURATION_S = 3600.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -73,7 +73,7 @@ def mission_plan(
     """
     try:
         request = json.loads(mission_json)
-        whole = "format" in request
+        is_complete = "format" in request
         seed = int(request.get("seed", seed))
         kind = str(request["kind"])
         shake, hurry_s = request.pop("shake", []), _number(request, "hurry_s", 0.0)
@@ -81,8 +81,8 @@ def mission_plan(
         raise UsageError(fault("mission.damaged", kind=type(error).__name__, error=error)) from error
     if not isinstance(shake, list) or len(shake) > MAX_FAULTS:
         raise UsageError(fault("shake.too-many", most=MAX_FAULTS))
-    faults = tuple(Fault.of_words(words) for words in shake)
-    if not whole:
+    faults = tuple(Fault.of_words(request_of_fault) for request_of_fault in shake)
+    if not is_complete:
         yield replace(_plan_by_name(kind, request, vehicle_file, routes, seed), shake=faults, hurry_s=hurry_s)
         return
     extra_keys = ("seed", "shake", "hurry_s")
@@ -149,14 +149,14 @@ def _plan_by_name(
 ) -> MissionPlan:
     match kind:
         case "teach":
-            keep = str(request.get("name") or "lesson")
-            routes.path(keep)  # an invalid name is refused before the vehicle moves
+            stored_name = str(request.get("name") or "lesson")
+            routes.path(stored_name)  # an invalid name is refused before the vehicle moves
             if (shape_name := request.get("shape")) is None:
                 closed = request.get("closed")
                 return MissionPlan(
                     Mission("teach"),
                     vehicle_file,
-                    keep=keep,
+                    keep=stored_name,
                     closed=None if closed is None else bool(closed),
                     seed=seed,
                 )
@@ -164,7 +164,12 @@ def _plan_by_name(
                 str(shape_name), _number(request, "size_m", SIZE_M), _number(request, "speed_m_s", SPEED_M_S)
             )
             return MissionPlan(
-                Mission("teach", route=route), vehicle_file, keep, keep, bool(route.closed), seed
+                Mission("teach", route=route),
+                vehicle_file,
+                stored_name,
+                stored_name,
+                bool(route.closed),
+                seed,
             )
         case "repeat":
             name = str(request.get("route", ""))
@@ -174,7 +179,7 @@ def _plan_by_name(
         case "experiment":
             from baqueano.identify.design.signals import excitation
 
-            length_s = min(_number(request, "seconds", SECONDS), MOST_SECONDS)
+            length_s = min(_number(request, "seconds", DEFAULT_DURATION_S), MAX_DURATION_S)
             signal = str(request.get("signal", "random_steps")).replace("-", "_")
             u = excitation(signal, vehicle_file.command.limit, length_s, vehicle_file.rate_hz, seed)
             return MissionPlan(Mission("experiment", u=u), vehicle_file, seed=seed)
@@ -187,15 +192,15 @@ def _blocks(request: JsonObject) -> dict[str, str]:
     Raise UsageError if they are malformed.
     """
     blocks = request.get("blocks", {})
-    is_mapping = isinstance(blocks, dict) and set(blocks) <= set(ROOMS)
+    is_mapping = isinstance(blocks, dict) and set(blocks) <= set(ROLES)
     if not is_mapping or not all(isinstance(kind, str) for kind in blocks.values()):
         raise UsageError(fault("mission.damaged", kind="TypeError", error="blocks"))
     return dict(blocks)
 
 
-def _number(request: JsonObject, name: str, usual: float) -> float:
+def _number(request: JsonObject, name: str, default: float) -> float:
     try:
-        value = float(request.get(name, usual))
+        value = float(request.get(name, default))
     except (TypeError, ValueError):
         value = float("nan")
     if not np.isfinite(value):

@@ -19,13 +19,13 @@ import numpy as np
 from baqueano.contracts.values import JsonObject
 from baqueano.diagnostics import Diagnostic, Severity, StopReason, note, stop
 from baqueano.door.adjusting import Adjusting
-from baqueano.door.frames.descriptions import drive_words
+from baqueano.door.frames.descriptions import drive_description
 from baqueano.door.frames.rows import Frames
-from baqueano.door.operator import STOP, Operator
+from baqueano.door.operator import STOP_COMMAND, Operator
 from baqueano.door.outcome import outcome_of
 from baqueano.door.simulated.missions import MissionPlan, StoredRoutes, mission_plan, reload
 from baqueano.door.simulated.pace import PacedClock
-from baqueano.door.simulated.shaking import FaultWords
+from baqueano.door.simulated.shaking import FaultRequests
 from baqueano.door.states import DoorState, Machine
 from baqueano.drive.mission import perform
 from baqueano.drive.observers import LastLine, Observer
@@ -44,7 +44,7 @@ if TYPE_CHECKING:
 
 Word = Callable[[object, JsonObject], JsonObject | None]
 IDLE_S, TELL_S = 0.02, 0.2
-LOOP = 4.0  # a lesson at least this many times CLOSE_M long, which returned to its start, is closed
+LOOP_FACTOR = 4.0  # a lesson at least this many times CLOSE_M long, which returned to its start, is closed
 
 
 @dataclass
@@ -71,9 +71,9 @@ class SimulatedService:
         self._run: str | None = None  # name of the run that is being written
         self._record: Record | None = None
         self._published_s = float("-inf")
-        self.shaken = FaultWords(self.operator, lambda message: self.broadcast(message))
+        self.shaken = FaultRequests(self.operator, lambda message: self.broadcast(message))
 
-    def words(self) -> dict[str, Word]:
+    def handlers(self) -> dict[str, Word]:
         """Return the handlers of the messages that only a simulation accepts."""
         return {
             "pause": lambda guest, request: self._while_holding(guest, self.pace.pause),
@@ -91,9 +91,9 @@ class SimulatedService:
         self.frames.begin(self.vehicle_file, "simulated", self.seed)
         while not self.done.is_set():
             self.idle()
-            waiting = self.operator.next()
-            if waiting is not None:
-                self.take(*waiting)
+            next_mission = self.operator.next()
+            if next_mission is not None:
+                self.take(*next_mission)
             else:
                 time.sleep(IDLE_S)
 
@@ -103,11 +103,11 @@ class SimulatedService:
         clear_requested, self.operator.clear_requested = self.operator.clear_requested, False
         if (stop_reason := self.operator.stop_reason(attended=False)) is not None:
             self.operator.forget(stop_reason)
-            machine.go("stop", stop_reason)
+            machine.transition("stop", stop_reason)
         elif clear_requested and machine.state is DoorState.STOPPED:
-            machine.go("clear", stop(StopReason.CHECKED_AGAIN))
+            machine.transition("clear", stop(StopReason.CHECKED_AGAIN))
         elif machine.state is DoorState.DISARMED:
-            machine.go("ready")
+            machine.transition("ready")
         self.publish()
 
     def take(self, mission_json: str, attended: bool, name: str = "") -> None:
@@ -128,16 +128,16 @@ class SimulatedService:
             path = claim(self.folder, plan.mission.kind)
             try:
                 by_hand = plan.mission.kind in ("drive", "teach") and plan.mission.route is None
-                self.machine.go("manual" if by_hand else "mission")
+                self.machine.transition("manual" if by_hand else "mission")
                 self._plan, self._run = plan, path.name
                 self.publish(at_once=True)
                 reason, code = outcome_of(lambda: self._drive(plan, mission_json, attended, path))
                 regular_end = reason is None or code or self.operator.done
-                late = self.operator.stop_reason(
+                late_stop = self.operator.stop_reason(
                     attended=False
                 )  # requested while the drive was prepared, or its run closed
-                stop_reason = late if regular_end else reason
-                self.machine.go("done" if stop_reason is None else "stop", stop_reason)
+                stop_reason = late_stop if regular_end else reason
+                self.machine.transition("done" if stop_reason is None else "stop", stop_reason)
                 self.operator.forget(stop_reason)
                 outcome |= {"run": path.name if path.exists() else None, "why": reason, "code": code}
                 if plan.keep and stop_reason is None and not code and path.exists():
@@ -147,10 +147,10 @@ class SimulatedService:
 
     def _drive(self, plan: MissionPlan, mission_json: str, attended: bool, path: Path) -> Diagnostic | None:
         """Drive a plan, and return the reason of the stop, or None if the vehicle was not stopped."""
-        truth, start = self.truth, plan.start
+        truth, start_pose = self.truth, plan.start
         seed = self.seed if plan.seed is None else plan.seed
         world = ShakenWorld(
-            truth.vehicle, truth.sensors, truth.rate_hz, seed, start, self.backend, plan.shake
+            truth.vehicle, truth.sensors, truth.rate_hz, seed, start_pose, self.backend, plan.shake
         )
         self.operator.pop_mark_count()  # drop marks from before this drive
         watching = _DriveObserver(self, plan, world, attended)
@@ -162,7 +162,7 @@ class SimulatedService:
         try:
             perform(
                 plan.mission, plan.vehicle_file, hand=lambda: self.operator.command(world.commands), world=world,
-                live=True, path=path, ticking=self._ticks(plan, attended), observers=observers, eta=start,
+                live=True, path=path, ticking=self._ticks(plan, attended), observers=observers, eta=start_pose,
                 seed=seed, backend=self.backend,
             )  # fmt: skip
         except FileError as error:
@@ -186,12 +186,12 @@ class SimulatedService:
         """Store the route of a lesson; return {route}, its name, or {why, code} if it could not be stored."""
         try:
             run = read_run(path)
-            route, closed = route_of(run), plan.closed
-            if closed is None:
+            route, is_closed = route_of(run), plan.closed
+            if is_closed is None:
                 gap_m, gap_rad = end_gap(route)
                 length_m = float(np.sum(np.hypot(*np.diff(route.eta[:, :2], axis=0).T)))
-                closed = gap_m <= CLOSE_M and gap_rad <= CLOSE_RAD and length_m > LOOP * CLOSE_M
-            write_route(route_of(run, True) if closed else route, self.routes.path(plan.keep))
+                is_closed = gap_m <= CLOSE_M and gap_rad <= CLOSE_RAD and length_m > LOOP_FACTOR * CLOSE_M
+            write_route(route_of(run, True) if is_closed else route, self.routes.path(plan.keep))
         except BaqueanoError as error:
             return {"why": error.diagnostic, "code": error.exit_code}
         return {"route": plan.keep}
@@ -213,7 +213,7 @@ class SimulatedService:
                 "is": "state", "state": str(self.machine.state), "why": self.machine.reason, "run": self._run,
                 "world": "simulated", "pace": self.pace.factor, "paused": self.pace.paused, "battery_v": None,
                 "tilt_rad": None, "temperature_c": None, "uno_trip_ms": None, "lost_telemetry": 0, "resets": 0,
-                **drive_words(mission, rate_hz, record),
+                **drive_description(mission, rate_hz, record),
             }
         )  # fmt: skip
 
@@ -228,7 +228,7 @@ class SimulatedService:
         Raise SafetyStop otherwise.
         """
         if self.operator.is_busy and not self.operator.holds(guest):
-            raise SafetyStop(note("door.somebody", Severity.ERROR, STOP))
+            raise SafetyStop(note("door.somebody", Severity.ERROR, STOP_COMMAND))
         act()
         self.publish(at_once=True)
 

@@ -3,7 +3,7 @@
 from typing import TYPE_CHECKING
 
 from baqueano.diagnostics import Diagnostic, Severity
-from baqueano.errors import NegativeResultError
+from baqueano.errors import AnswerNo
 from baqueano.guides.route import Route
 from baqueano.routes import examine
 from baqueano.symbolic import TraceError
@@ -25,7 +25,7 @@ def warnings_of(
     anyway: bool = False,
     backend: str = "auto",
 ) -> tuple[Diagnostic, ...]:
-    """Return the warnings about a route that may be driven. Raise NegativeResultError, with the first reason, for another route.
+    """Return the warnings about a route that may be driven. Raise AnswerNo, with the first reason, for another route.
 
     A model that was not `measured` cannot prove that a route is too fast: the finding is then only a warning. `anyway`
     allows a route that is too fast or has gaps. A jump, a wall, and a value that is not a number are always refused.
@@ -39,5 +39,5 @@ def warnings_of(
             finding.code in SPEED_CODES and not measured
         )
         if finding.severity == Severity.ERROR and not passes:
-            raise NegativeResultError(finding)
+            raise AnswerNo(finding)
     return report.findings

@@ -7,7 +7,7 @@ import numpy as np
 
 from baqueano.compare.corridor import corridor_of
 from baqueano.diagnostics import fault
-from baqueano.errors import NegativeResultError
+from baqueano.errors import AnswerNo
 from baqueano.messages.printable import baqueano_command
 from baqueano.runs import Run
 from baqueano.runs.interpolated import poses_at
@@ -40,11 +40,9 @@ class Scene:
 
 
 def scene(run: Run) -> Scene:
-    """Return the scene of a run. Raise NegativeResultError for a run without estimates and truth."""
+    """Return the scene of a run. Raise AnswerNo for a run without estimates and truth."""
     if run.estimate is None and run.truth is None:
-        raise NegativeResultError(
-            fault("report.nothing-moves", baqueano_command("replay", run.name), name=run.name)
-        )
+        raise AnswerNo(fault("report.nothing-moves", baqueano_command("replay", run.name), name=run.name))
     corridor = corridor_of(run) if run.estimate is not None else None
     end_s = float(seconds(run.t_ns[-1], run.t_ns[0]))
     lap_s = corridor.lap_s if corridor is not None and np.isfinite(corridor.lap_s) else end_s

@@ -22,7 +22,7 @@ from baqueano import clock
 from baqueano.contracts.values import JsonObject
 from baqueano.diagnostics import Diagnostic, Severity, StopReason, fault, note, stop
 from baqueano.door.adjusting import Adjusting
-from baqueano.door.frames.descriptions import drive_words
+from baqueano.door.frames.descriptions import drive_description
 from baqueano.door.frames.rows import Frames
 from baqueano.door.operator import Operator
 from baqueano.door.outcome import outcome_of
@@ -117,15 +117,15 @@ class Service:
             self.uno.stop()
             self.operator.forget(stop_reason)
             self._clearing = False
-            machine.go("stop", stop_reason)
+            machine.transition("stop", stop_reason)
         elif self._stop_is_over() and machine.state is DoorState.STOPPED:
-            machine.go("clear", stop(StopReason.CHECKED_AGAIN))
+            machine.transition("clear", stop(StopReason.CHECKED_AGAIN))
             self.journal.end()
         elif machine.state is DoorState.DISARMED and trouble is None:
-            machine.go("ready")
+            machine.transition("ready")
         elif trouble is not None and machine.state is not DoorState.STOPPED:
             if machine.state is DoorState.READY:
-                machine.go("not ready")
+                machine.transition("not ready")
             machine.reason = trouble
         self.healthy()
         self._publish()
@@ -195,7 +195,7 @@ class Service:
             mission = Mission.of_json(request) if isinstance(request, str) else request
             path = self._path(mission.kind)
             by_hand = mission.kind in ("drive", "teach") and mission.route is None
-            self.machine.go("manual" if by_hand else "mission")
+            self.machine.transition("manual" if by_hand else "mission")
         except BaqueanoError as error:
             self.patience(HANGING_S)
             self.operator.free()
@@ -216,7 +216,7 @@ class Service:
             attended=False
         )  # requested while the drive was prepared, or its run closed
         stop_reason = late if regular_end else reason
-        self.machine.go("done" if stop_reason is None else "stop", stop_reason)
+        self.machine.transition("done" if stop_reason is None else "stop", stop_reason)
         self.operator.forget(stop_reason)
         self._run = self._mission = None
         self._publish(at_once=True)
@@ -322,7 +322,7 @@ class Service:
                 "imu_bus": self._bus.message if self._bus else None,
                 "lost_telemetry": self.uno.statistics.lost, "resets": self.uno.statistics.resets,
                 "world": "real",
-                **drive_words(self._mission, self._rate_hz, self._record if world is not None else None),
+                **drive_description(self._mission, self._rate_hz, self._record if world is not None else None),
             }
         )  # fmt: skip
 

@@ -15,8 +15,8 @@ from baqueano.door.ssh import run, ssh
 from baqueano.errors import FileError, RobotUnreachable, UsageError
 from baqueano.messages.language import translate as _
 from baqueano.robot import VEHICLE
-from baqueano.vehicle_file.history import NOT_VALUES
-from baqueano.vehicle_file.paths import exists
+from baqueano.vehicle_file.history import NO_VALUE_PREFIXES
+from baqueano.vehicle_file.paths import key_exists
 from baqueano.vehicle_file.text.toml_text import parse_toml
 
 if TYPE_CHECKING:
@@ -67,7 +67,7 @@ def differences(before: "JsonObject", after: "JsonObject") -> list[str]:
     ['robot.port: "auto" → "/dev/serial0"', 'robot.telemetry_hz: not there → 50']
     """
     old, new = _leaves(before), _leaves(after)
-    keys = [k for k in dict.fromkeys((*old, *new)) if not k.startswith(NOT_VALUES)]
+    keys = [k for k in dict.fromkeys((*old, *new)) if not k.startswith(NO_VALUE_PREFIXES)]
     return [f"{key}: {_in(old, key)} → {_in(new, key)}" for key in keys if old.get(key) != new.get(key)]
 
 
@@ -81,7 +81,7 @@ def _with_calibration(
     for key, origin in provenance.items():
         if not isinstance(origin, dict) or origin.get("run") != CALIBRATION or key not in leaves:
             continue
-        if not exists(vehicle_file.data, key, vehicle_file.folder):
+        if not key_exists(vehicle_file.data, key, vehicle_file.folder):
             raise UsageError(
                 fault(
                     "setup.no-place-for-calibration",

@@ -219,5 +219,5 @@ def _steps(host: str, words: list[str], as_root: bool) -> None:
     terminal = sys.stdin is not None and sys.stdin.isatty()
     sudo = ["sudo"] if terminal else ["sudo", "-n"]
     command = shlex.join([*(sudo if as_root else ()), "python3", f"{THERE}/steps.py", *words])
-    if run(ssh(host, command, *(["-t"] if terminal and as_root else [])), answers=False)[1]:
+    if run(ssh(host, command, *(["-t"] if terminal and as_root else [])), return_output=False)[1]:
         raise RobotUnreachable(fault("setup.not-finished", host=host))

@@ -21,7 +21,7 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 
 from baqueano.controllers.hand import Hand
-from baqueano.controllers.heading_hold import OF_SPEED, HeadingHold, place_poles
+from baqueano.controllers.heading_hold import MAX_SPEED_SHARE, HeadingHold, place_poles
 from baqueano.diagnostics import fault
 from baqueano.errors import AnswerNo, RobotUnreachable
 from baqueano.messages.language import mark as N_
@@ -375,7 +375,7 @@ def _heading_error(floor: "FloorTests", sign: float, reach: float) -> float:
     """Return the heading error [rad] after a straight drive with the heading held.  (6)"""
     bias = floor.rest(0.3).gyro[:, 2].mean()
     straight = Hand(lambda: np.array([sign * STRAIGHT_REQUEST, 0.0, 0.0]))
-    hold = HeadingHold(straight, place_poles(2.0 * reach, HELD_TAU_S, HELD_LATE_S), 1.0, OF_SPEED)
+    hold = HeadingHold(straight, place_poles(2.0 * reach, HELD_TAU_S, HELD_LATE_S), 1.0, MAX_SPEED_SHARE)
     state, psi, r, imu_ns = hold.init(), 0.0, 0.0, -1
 
     def duties(t_s: float) -> tuple[float, float]:

@@ -12,7 +12,7 @@ from baqueano.diagnostics import fault
 from baqueano.door.remote_session import answer_of, interrupt_on_hangup
 from baqueano.door.ssh import ssh
 from baqueano.door.states import DoorState
-from baqueano.errors import INTERRUPTED, AnswerNo, RobotUnreachable, UsageError, of_code
+from baqueano.errors import INTERRUPTED, AnswerNo, RobotUnreachable, UsageError, error_of_exit_code
 from baqueano.messages.language import VARIABLE, current
 from baqueano.messages.language import translate as _
 from baqueano.messages.printable import baqueano_command, words
@@ -110,7 +110,7 @@ def rows_from_host(host: str, *verb: str) -> list["TableRow"]:
         127: fault("ssh.no-baqueano", baqueano_command("robot", "setup", host), host=host),
         255: fault("ssh.not-reached", f"ssh {host}", host=host),
     }.get(code, fault("ssh.ended", host=host, verb=" ".join(verb)))
-    raise of_code(code, cause, otherwise=RobotUnreachable)
+    raise error_of_exit_code(code, cause, default_class=RobotUnreachable)
 
 
 def _language_setting() -> list[str]:

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from baqueano.blocks import ROOMS, kinds, resolve
+from baqueano.blocks import BLOCK_TARGETS, kinds, resolve
 from baqueano.contracts.values import Tree
 from baqueano.diagnostics import fault
 from baqueano.errors import UsageError
@@ -95,7 +95,9 @@ def _room(cls: ast.ClassDef) -> str:
     if steps:
         return ROOMS_BY_INPUTS.get(tuple(a.arg.lstrip("_") for a in steps[0].args.args[2:]), "")
     bases = {getattr(base, "attr", getattr(base, "id", "")) for base in cls.bases}
-    room_of_base = {target.partition(":")[2]: room for room in LOOP for target in ROOMS[room].values()}
+    room_of_base = {
+        target.partition(":")[2]: room for room in LOOP for target in BLOCK_TARGETS[room].values()
+    }
     return next((room for name, room in room_of_base.items() if name in bases), "")
 
 
@@ -117,10 +119,10 @@ def block_of(room: str, kind: str, vehicle_file: "VehicleFile") -> Tree:
 
 
 def _kind_in_file(room: str, vehicle_file: "VehicleFile") -> str:
-    from baqueano.vehicle_file.build import DEFAULT_KIND
+    from baqueano.vehicle_file.build import DEFAULT_KINDS
 
     table = vehicle_file.data.get({"vehicle": "model"}.get(room, room), {})
-    return str(table.get("kind", DEFAULT_KIND.get(room, "")) if isinstance(table, dict) else "")
+    return str(table.get("kind", DEFAULT_KINDS.get(room, "")) if isinstance(table, dict) else "")
 
 
 def step_us(room: str, kind: str, vehicle_file: "VehicleFile") -> float | None:

@@ -7,7 +7,7 @@ from contextlib import suppress
 from typing import TYPE_CHECKING
 
 from baqueano.diagnostics import Diagnostic, fault
-from baqueano.errors import of_code
+from baqueano.errors import error_of_exit_code
 
 if TYPE_CHECKING:
     from baqueano.contracts.values import JsonObject
@@ -34,7 +34,7 @@ class Lab:
         task.add_done_callback(self._tasks.discard)
         reply, behind = await asyncio.shield(task)
         if "no" in reply:
-            raise of_code(reply["code"], Diagnostic.of_json(reply["no"]))
+            raise error_of_exit_code(reply["code"], Diagnostic.of_json(reply["no"]))
         return reply, behind
 
     async def _exchange(self, word: "JsonObject") -> tuple["JsonObject", bytes]:

@@ -16,7 +16,7 @@ from baqueano.diagnostics import Diagnostic, Verdict, note
 from baqueano.errors import BaqueanoError
 from baqueano.identify.data.record import FittedBlocks
 from baqueano.identify.design.information import Informant
-from baqueano.identify.design.live import WINDOW, RecursiveInformation, bits
+from baqueano.identify.design.live import WINDOW_TICKS, RecursiveInformation, bits
 from baqueano.identify.design.next_motion import MotionAdvisor
 from baqueano.identify.fit import identify
 from baqueano.identify.parameters.free import Free, free_parameter
@@ -60,7 +60,7 @@ class DriveIdentification:
             self._informant, np.asarray(vehicle_file.command.limit, dtype=float), vehicle_file.rate_hz
         )
         blocks = FittedBlocks(vehicle_file.vehicle, vehicle_file.sensors)
-        self._free = [free_parameter(blocks, path, {}) for path in self._informant.of.names]
+        self._free = [free_parameter(blocks, path, {}) for path in self._informant.unknowns.names]
         self._sizes = {
             name: int(getattr(vehicle_file.sensors, name).size) for name in vehicle_file.sensors._fields
         }
@@ -75,7 +75,7 @@ class DriveIdentification:
         self._reason: Diagnostic | None = None  # why the last fit failed
         self._last_fit: FitOfDrive | None = None
         self._fit_ticks = 0  # number of ticks of the last fit
-        self._theta, self._size = self._informant.nominal, self._informant.of.size
+        self._theta, self._size = self._informant.nominal, self._informant.unknowns.size
         self._wider = np.ones(len(self._free))  # errors of the last fit, relative to the expected errors
         self._begin()
 
@@ -90,7 +90,7 @@ class DriveIdentification:
     def warm(self) -> None:
         """Compile the code for a window before the first window arrives."""
         if self.compiled:
-            rest_command = np.zeros((WINDOW, self._u.shape[1]))
+            rest_command = np.zeros((WINDOW_TICKS, self._u.shape[1]))
             self._live.add(self._information, rest_command)
             self._informant.information(rest_command)
 
@@ -103,7 +103,7 @@ class DriveIdentification:
     def busy(self) -> bool:
         """Return True while a fit runs, or while rows wait for their window or fit."""
         waiting = self.seconds >= FIRST_S and self._fit_ticks < len(self._ticks)
-        return self._job is not None or waiting or len(self._sd) < len(self._ticks) // WINDOW
+        return self._job is not None or waiting or len(self._sd) < len(self._ticks) // WINDOW_TICKS
 
     def rows(self, names: list[str], rows: list[list[float | None]]) -> None:
         """Add the ticks that follow the ticks added before.
@@ -183,7 +183,7 @@ class DriveIdentification:
 
     @property
     def _window_s(self) -> float:
-        return WINDOW / self.vehicle_file.rate_hz
+        return WINDOW_TICKS / self.vehicle_file.rate_hz
 
     def _fit(self, run: Run) -> FitOfDrive | Diagnostic:
         """Return a fit of a run, or the diagnostic of its failure."""
@@ -215,9 +215,12 @@ class DriveIdentification:
         identifiable = np.isfinite(drive_fit.fit.estimate)
         names = [name for name, is_known in zip(drive_fit.fit.names, identifiable, strict=True) if is_known]
         self._theta = self._informant.theta(names, drive_fit.fit.estimate[identifiable])
-        size = self._informant.of.size
+        size = self._informant.unknowns.size
         own = np.concatenate(
-            [np.abs(self._theta[: self._informant.of.interest]), size[self._informant.of.interest :]]
+            [
+                np.abs(self._theta[: self._informant.unknowns.interest_count]),
+                size[self._informant.unknowns.interest_count :],
+            ]
         )
         self._size = np.where(own > LEAST * size, own, size)
         self._information, self._sd = self._live.begin(self._theta), []
@@ -230,10 +233,10 @@ class DriveIdentification:
     def _advance(self, until_s: float) -> None:
         """Add the information of the complete windows that have arrived, at most until the time `until_s`."""
         has = np.isfinite(self._z).astype(float)
-        for at in range(len(self._sd) * WINDOW, len(self._ticks) - WINDOW + 1, WINDOW):
-            part = slice(at, at + WINDOW)
+        for at in range(len(self._sd) * WINDOW_TICKS, len(self._ticks) - WINDOW_TICKS + 1, WINDOW_TICKS):
+            part = slice(at, at + WINDOW_TICKS)
             self._information = self._live.add(self._information, self._u[part], has[part])
-            self._sd.append(self._live.relative_sd(self._information, self._size))
+            self._sd.append(self._live.relative_std(self._information, self._size))
             if time.monotonic() > until_s:
                 return
 
@@ -263,14 +266,14 @@ class DriveIdentification:
         return {
             "path": free.short, "label": label_of(free).to_json(),
             "unit": "" if free.unit == "1" else free.unit.replace(" per unit of u", "/u").replace("unit of u", "u"),
-            "guess": float(self._informant.nominal[self._informant.of.names.index(free.path)]),
+            "guess": float(self._informant.nominal[self._informant.unknowns.names.index(free.path)]),
             "needs": note("known.needs", motion=free.shown_by).to_json() if missing else None,
         }  # fmt: skip
 
     def _fit_words(self, drive_fit: FitOfDrive) -> "JsonObject":
         """Return a fit as data for JSON: values, relative standard errors up to 10 (None: unknown), and verdict."""
         fit, value, sd = drive_fit.fit, [], []
-        for path in self._informant.of.names:
+        for path in self._informant.unknowns.names:
             k = fit.names.index(path) if path in fit.names else None
             x = float("nan") if k is None else float(fit.estimate[k])
             identifiable = np.isfinite(x) and k is not None

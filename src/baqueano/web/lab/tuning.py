@@ -13,7 +13,7 @@ import numpy as np
 
 from baqueano.diagnostics import fault
 from baqueano.errors import FileError, UsageError
-from baqueano.guides.shapes import SHAPES, shape
+from baqueano.guides.shapes import SHAPE_NAMES, shape
 from baqueano.runs.route_file import read_route
 from baqueano.tune.laps import SimulatedLaps, simulated_laps
 from baqueano.tune.rehearsal import JERK_M2
@@ -155,7 +155,7 @@ def file_of(word: "JsonObject") -> "VehicleFile":
 def route_names(word: "JsonObject") -> list[str]:
     """Return the names of the possible routes: the run's route, the stored routes, and the shapes."""
     names = sorted(_route_files(word))
-    return [*([OF_RUN] if "path" in word and _of_run(word) is not None else []), *names, *SHAPES]
+    return [*([OF_RUN] if "path" in word and _of_run(word) is not None else []), *names, *SHAPE_NAMES]
 
 
 def _route_files(word: "JsonObject") -> dict[str, Path]:
@@ -165,7 +165,7 @@ def _route_files(word: "JsonObject") -> dict[str, Path]:
 
 def _route(word: "JsonObject") -> "Route":
     name = word["route"]
-    if name in SHAPES:
+    if name in SHAPE_NAMES:
         return shape(name, SIZE_M, SPEED_M_S)
     if name == OF_RUN and "path" in word and (route := _of_run(word)) is not None:
         return route

@@ -80,13 +80,13 @@ class Worker:
     def _recording(self, path: Path, estimator: str = "") -> "PackedRun":
         """Return a run, read again if it has changed; if `estimator` is given, replayed through it."""
         from baqueano.runs import read_run
-        from baqueano.vehicle_file.build import DEFAULT_KIND
+        from baqueano.vehicle_file.build import DEFAULT_KINDS
         from baqueano.web.lab.recorded import pack_run
 
         key = (*_version(path), estimator)
         if key not in self._open:
             run = read_run(path)
-            self._open[key] = pack_run(_refilter(run, estimator) if estimator else run, DEFAULT_KIND)
+            self._open[key] = pack_run(_refilter(run, estimator) if estimator else run, DEFAULT_KINDS)
         self._open.move_to_end(key)
         while len(self._open) > KEPT:
             self._open.popitem(last=False)
@@ -160,11 +160,11 @@ def _compare(word: "JsonObject") -> tuple["JsonObject", bytes]:
 
 def _vehicle(word: "JsonObject") -> tuple["JsonObject", bytes]:
     """Return the description of a real vehicle, from its local file before its first drive, and the local routes."""
-    from baqueano.door.frames.descriptions import vehicle_words
+    from baqueano.door.frames.descriptions import vehicle_description
     from baqueano.vehicle_file import load
 
     routes = [{"name": path.stem} for path in sorted(Path(word["routes"]).glob("*.csv"))]
-    return {"vehicle": vehicle_words(load(word["vehicle"]), "real"), "routes": routes}, b""
+    return {"vehicle": vehicle_description(load(word["vehicle"]), "real"), "routes": routes}, b""
 
 
 def _mission(word: "JsonObject") -> tuple["JsonObject", bytes]:
