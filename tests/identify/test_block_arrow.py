@@ -15,7 +15,7 @@ from baqueano.identify.residuals.block_arrow import (
     Evaluation,
     add,
     diagonal_matrix,
-    places_of,
+    arrow_layout,
     rows_times,
 )
 
@@ -24,7 +24,7 @@ def equations(seed, runs, more=0, common=4, by_run=3, by_segment=6):
     """Return (places, arrow, the same as one matrix, g) of random derivatives of every segment."""
     rng = np.random.default_rng(seed)
     layout = ThetaLayout(common, by_run, by_segment, runs)
-    places, size = places_of(layout, more), layout.size + more
+    places, size = arrow_layout(layout, more), layout.size + more
     prior = rng.uniform(0.0, 1.0, size)
     arrow, whole = diagonal_matrix(prior, places), diagonal_matrix(prior, None)
     unit = 10.0 ** rng.uniform(-4.0, 4.0, size)
@@ -99,7 +99,7 @@ def test_unobservable_initial_states_do_not_change_the_minimum():
         bounds = np.full(layout.size, -np.inf), np.full(layout.size, np.inf)
         return minimise(evaluate, np.ones(layout.size), *bounds, tolerance=1e-18)
 
-    arrow, dense = of(places_of(layout)), of(None)
+    arrow, dense = of(arrow_layout(layout)), of(None)
     assert arrow.converged
     assert dense.converged
     np.testing.assert_allclose(arrow.theta, dense.theta, atol=1e-8)
@@ -107,9 +107,9 @@ def test_unobservable_initial_states_do_not_change_the_minimum():
 
 
 def test_few_segments_are_solved_with_the_whole_matrix():
-    assert places_of(ThetaLayout(3, 3, 6, (0,))) is None
-    assert places_of(ThetaLayout(3, 3, 3, (0, 0, 0))) is None
-    assert places_of(ThetaLayout(3, 3, 0, (0,) * 100)) is None
+    assert arrow_layout(ThetaLayout(3, 3, 6, (0,))) is None
+    assert arrow_layout(ThetaLayout(3, 3, 3, (0, 0, 0))) is None
+    assert arrow_layout(ThetaLayout(3, 3, 0, (0,) * 100)) is None
 
 
 def test_errors_of_shared_parameters_equal_the_inverse_of_the_whole_matrix():
@@ -127,7 +127,7 @@ def test_block_solver_and_whole_matrix_give_the_same_segmented_fit(case, case_ru
     """Steps, minimum and errors are compared along a whole search."""
     run, free = case_run(5, 40.0), ("model.friction.linear[0]", "model.actuator_matrix[0,0]")
     pieces = identify(run, case, free, options=FitOptions(segment_s=1.5, diagnose=False))
-    monkeypatch.setattr(simulated, "places_of", lambda layout: None)
+    monkeypatch.setattr(simulated, "arrow_layout", lambda layout: None)
     whole = identify(run, case, free, options=FitOptions(segment_s=1.5, diagnose=False))
     assert pieces.evaluations == whole.evaluations
     np.testing.assert_allclose((pieces.estimate - whole.estimate) / whole.sd, 0.0, atol=1e-5)

@@ -12,7 +12,7 @@ from baqueano.identify.covariance.jackknife import with_jackknife
 from baqueano.identify.covariance.scale_uncertainty import std_of_tolerance, scale_stds, zero_std
 from baqueano.identify.imu_only import fit_imu_only, is_imu_only
 from baqueano.identify.residuals.gyro_aided import GyroAidedResiduals, slow_part
-from baqueano.identify.residuals.noise_level import profile_of_slow
+from baqueano.identify.residuals.noise_level import profile_with_slow_noise
 from baqueano.simulate import simulate
 from baqueano.vehicle_file import load
 from tests.codes import of_code
@@ -228,7 +228,7 @@ def test_autocorrelated_residuals_weigh_less_than_white_residuals():
     slow = np.convolve(rng.normal(size=n + 49), np.ones(50) / np.sqrt(50.0), "valid")
     residuals = [np.stack([white[:, 0], 0.6 * white[:, 1] + 0.8 * slow], axis=1)]
     has, v, dt = [np.ones((n, 2))], [np.full(n, 1.0)], [np.full(n, 0.02)]
-    sigma, profile = profile_of_slow(residuals, has, v, dt, np.zeros(2))
+    sigma, profile = profile_with_slow_noise(residuals, has, v, dt, np.zeros(2))
     assert sigma[0] == pytest.approx(1.0, abs=0.12)
     expected = np.sqrt(0.6**2 + 0.8**2 * (50 - (50**2 - 1) / (3 * 50)))  # of sums over their correlation time
     assert sigma[1] == pytest.approx(expected, rel=0.15)
@@ -239,7 +239,7 @@ def test_samples_are_weighted_by_speed_if_noise_grows_with_speed():
     rng, n = np.random.default_rng(2), 8000
     v = np.repeat(rng.uniform(0.1, 2.0, n // 100), 100)
     residuals = [(v * rng.normal(size=n))[:, None]]
-    sigma, profile = profile_of_slow(residuals, [np.ones((n, 1))], [v], [np.full(n, 0.02)], np.zeros(1))
+    sigma, profile = profile_with_slow_noise(residuals, [np.ones((n, 1))], [v], [np.full(n, 0.02)], np.zeros(1))
     ratio = (sigma[0] * profile[0][:, 0] / v)[v > 0.5]
     assert np.all((ratio > 0.8) & (ratio < 1.3))
     assert np.sqrt(np.mean(profile[0] ** 2)) == pytest.approx(1.0)

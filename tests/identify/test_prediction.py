@@ -200,7 +200,7 @@ def test_floor_noise_and_sensor_noise_are_identified(cart):
     prediction = of_cart(cart, cart_run(cart, 11, 1200))
     low, high = np.array([0.0, -10.0, -np.inf]), np.full(3, np.inf)
     likely = maximum_likelihood(prediction, np.array([DRAG, 1.0, 0.0]), low, high, np.zeros(3, bool))
-    v, sd = likely.noise.floor[0], likely.floor_sd[0]
+    v, sd = likely.noise.floor[0], likely.floor_std[0]
     assert likely.solution.converged
     assert abs(v - 0.04) < 4.0 * sd < 0.04
     assert np.exp(likely.noise.sensors[0]) == pytest.approx(1.0, abs=0.15)

@@ -238,7 +238,7 @@ def test_a_long_run_at_rest_is_read_and_recovered_within_its_memory(tmp_path, mo
         peak = tracemalloc.get_traced_memory()[1]
     finally:
         tracemalloc.stop()
-    assert peak <= memory_limit.TIMES * path.stat().st_size
+    assert peak <= memory_limit.BYTES_PER_FILE_BYTE * path.stat().st_size
     assert recover(path, tmp_path / "again.mcap").run == run
 
 

@@ -183,7 +183,7 @@ def _distances(name: str) -> list[TableLine]:
 def _paces(name: str) -> list[TableLine]:
     return [
         TableLine(_("speed error, rms"), "m/s", lambda j: getattr(j, name).error_m_s, True),
-        TableLine(_("speed error, of the mean"), "%", lambda j: 100.0 * getattr(j, name).is_error, True),
+        TableLine(_("speed error, of the mean"), "%", lambda j: 100.0 * getattr(j, name).error, True),
         TableLine(_("speed about its 1 s mean"), "%", lambda j: 100.0 * getattr(j, name).uneven, True),
     ]
 

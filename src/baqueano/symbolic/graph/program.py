@@ -21,7 +21,7 @@ class Program(NamedTuple):
     inputs: tuple[Node, ...]  # q symbols
     next_carry: tuple[Node, ...]  # c expressions
     outputs: tuple[Node, ...]  # m expressions
-    hasty: bool = False  # True for a long program, which is compiled quickly instead of thoroughly
+    is_hasty: bool = False  # True for a long program, which is compiled quickly instead of thoroughly
     zeros: tuple[Node, ...] = ()  # inputs for which this graph was simplified: they have to be 0
 
     @property
