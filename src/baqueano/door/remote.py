@@ -30,7 +30,7 @@ from baqueano.errors import AnswerNo, FileError, RobotUnreachable, SafetyStop, U
 from baqueano.messages import text
 from baqueano.messages.printable import baqueano_command, printable
 from baqueano.runs import Run, read_run
-from baqueano.runs.appearing import appearing
+from baqueano.runs.appearing import write_then_appear
 from baqueano.runs.folder import is_name
 
 if TYPE_CHECKING:
@@ -223,7 +223,7 @@ class Remote:
         if not is_name(run):
             raise FileError(fault("remote.run-name", host=self.name, run=run))
         path.parent.mkdir(parents=True, exist_ok=True)
-        with appearing(path) as run_file:
+        with write_then_appear(path) as run_file:
             self.send(do="fetch", run=run)
             for piece in self._pieces(run, shutil.disk_usage(path.parent).free):
                 run_file.write(piece)

@@ -200,7 +200,7 @@ class Door:
             self._leave(guest)
 
     def _may_be_long(self, guest: Guest) -> None:
-        """Refuse a line longer than LONG_BYTES, except one mission at a time, up to MAX_BYTES, that would be accepted."""
+        """Refuse a line longer than LONG_BYTES, except one mission at a time, up to MAX_BYTES, if it is accepted."""
         try:
             self.operator.check_admission(guest)
             is_busy = any(peer.coming > LONG_BYTES for peer in self._guests if peer is not guest)

@@ -63,7 +63,7 @@ def test_ssh_output_cannot_send_terminal_control_codes(programs, capfd, go):
 
 def test_setup_steps_are_printed_without_terminal_control_codes(programs, capfd):
     programs(ssh=r"printf 'done \033[2J step\r\n[sudo] password: '; exit 0")
-    install._steps("r1", ["do"], as_root=True)
+    install._run_steps("r1", ["do"], as_root=True)
     assert capfd.readouterr().out == "done \\x1b[2J step\n[sudo] password: "
 
 

@@ -64,13 +64,13 @@ def settings(
     from baqueano.robot.uno import settings as uno_settings
     from baqueano.robot.uno.frames import Settings
     from baqueano.robot.uno.serial_port import open_uno
-    from baqueano.robot.workshop.exclusive_hardware import rows_from_host, service_off
+    from baqueano.robot.workshop.exclusive_hardware import rows_from_host, stopped_service
 
     changes = option_values(given)
     uno_settings.apply_changes(Settings(), changes)  # a wrong one is reported before anything is opened
     if host == "here":
         vehicle_file = options.load_vehicle(vehicle, settings)
-        with service_off(print_message), open_uno(vehicle_file.robot.port) as uno:
+        with stopped_service(print_message), open_uno(vehicle_file.robot.port) as uno:
             stored_settings = uno_settings.store(
                 uno, lambda before: uno_settings.apply_changes(Settings() if defaults else before, changes)
             )

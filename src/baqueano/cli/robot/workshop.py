@@ -26,11 +26,11 @@ def doctor(
 ) -> None:
     from baqueano.robot import HOME, VEHICLE
     from baqueano.robot.workshop.doctor import Check, Report, examine
-    from baqueano.robot.workshop.exclusive_hardware import rows_from_host, service_off
+    from baqueano.robot.workshop.exclusive_hardware import rows_from_host, stopped_service
 
     if host == "here":
         vehicle_file = options.load_vehicle(vehicle, settings)
-        with service_off(print_message):
+        with stopped_service(print_message):
             report = examine(vehicle_file.robot, Path("/"), Path(folder), jitter_s, print_message)
     else:
         jitter_option = [f"--jitter={jitter_s:g}"] if jitter_s else []
@@ -60,11 +60,11 @@ def flash(
     from baqueano.robot import VEHICLE
     from baqueano.robot.uno.flash import FlashResult
     from baqueano.robot.uno.flash import flash as write
-    from baqueano.robot.workshop.exclusive_hardware import rows_from_host, service_off
+    from baqueano.robot.workshop.exclusive_hardware import rows_from_host, stopped_service
 
     if host == "here":
         vehicle_file = options.load_vehicle(vehicle, settings)
-        with service_off(print_message):
+        with stopped_service(print_message):
             result = write(vehicle_file.robot.port, hex_file, print_message)
     elif hex_file is not None:
         raise UsageError(fault("cli.hex-from-afar", host=host))

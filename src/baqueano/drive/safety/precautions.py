@@ -34,7 +34,7 @@ PATIENCE_S = 20.0
 class PlainRoom(NamedTuple):
     """A room as plain numbers, as a mission contains it: see `routes.examine.Walls`."""
 
-    free: Value
+    free_half_width_m: Value
     start: tuple[float, float, float]
 
 

@@ -17,14 +17,14 @@ def body_of(vehicle_file: "VehicleFile", uno: "Uno", wait: Callable[[float], obj
     """Configure the Uno for a drive, read the settings of its motors, and return the body of the vehicle file."""
     config = config_of(vehicle_file.robot, uno.info)
     uno.configure(config, wait)
-    ways = [
+    applied_ways = [
         MotorCharacteristic(1e-3 * w.dead_zone_permille, 1e-3 * w.slope_permille)
         for w in uno.settings(wait).ways
     ]
     return Body(
         getattr(vehicle_file.vehicle.drivetrain, "mixing", "none"), vehicle_file.geometry.wheel_radius_m,
         vehicle_file.robot.counts_per_turn,
-        AppliedMotors(float(config.slew_permille_per_ms), tuple(ways)),
+        AppliedMotors(float(config.slew_permille_per_ms), tuple(applied_ways)),
     )  # fmt: skip
 
 

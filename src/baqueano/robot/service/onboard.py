@@ -18,7 +18,7 @@ from baqueano.robot.uno.serial_port import open_uno
 if TYPE_CHECKING:
     from baqueano.vehicle_file.file import VehicleFile
 
-REST = ("baqueano.robot.service.service", "baqueano.door.sockets")
+LATE_MODULES = ("baqueano.robot.service.service", "baqueano.door.sockets")
 
 
 def serve(
@@ -43,11 +43,11 @@ def serve(
             give_back()
         if uno.info is not None:
             log(f"Uno: firmware {uno.info.version_major}.{uno.info.version_minor}, boot {uno.info.boots}")
-        loading = threading.Thread(target=lambda: [importlib.import_module(name) for name in REST])
+        loading = threading.Thread(target=lambda: [importlib.import_module(name) for name in LATE_MODULES])
         loading.start()
 
         def find_imu() -> Any:
-            imu = imu_driver.of(vehicle_file.robot, log)
+            imu = imu_driver.imu_of(vehicle_file.robot, log)
             open_things.callback(imu.close)
             return imu
 

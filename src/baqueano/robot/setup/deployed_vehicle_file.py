@@ -23,8 +23,8 @@ if TYPE_CHECKING:
     from baqueano.contracts.values import JsonObject
     from baqueano.vehicle_file.file import VehicleFile
 
-CALIBRATION = "calibrate imu"  # the `run` in the provenance of calibrated values
-SHOWN = 60  # most letters of a value that are shown
+CALIBRATION_RUN = "calibrate imu"  # the `run` in the provenance of calibrated values
+MAX_SHOWN_LETTERS = 60  # most letters of a value that are shown
 
 
 class RenewedFile(NamedTuple):
@@ -66,9 +66,13 @@ def differences(before: "JsonObject", after: "JsonObject") -> list[str]:
     >>> differences({"robot": {"port": "auto"}}, {"robot": {"port": "/dev/serial0", "telemetry_hz": 50}})
     ['robot.port: "auto" → "/dev/serial0"', 'robot.telemetry_hz: not there → 50']
     """
-    old, new = _leaves(before), _leaves(after)
-    keys = [k for k in dict.fromkeys((*old, *new)) if not k.startswith(NO_VALUE_PREFIXES)]
-    return [f"{key}: {_in(old, key)} → {_in(new, key)}" for key in keys if old.get(key) != new.get(key)]
+    old_leaves, new_leaves = _leaves(before), _leaves(after)
+    keys = [k for k in dict.fromkeys((*old_leaves, *new_leaves)) if not k.startswith(NO_VALUE_PREFIXES)]
+    return [
+        f"{key}: {_value_text(old_leaves, key)} → {_value_text(new_leaves, key)}"
+        for key in keys
+        if old_leaves.get(key) != new_leaves.get(key)
+    ]
 
 
 def _with_calibration(
@@ -79,7 +83,7 @@ def _with_calibration(
     origins: JsonObject = {}
     lines: list[str] = []
     for key, origin in provenance.items():
-        if not isinstance(origin, dict) or origin.get("run") != CALIBRATION or key not in leaves:
+        if not isinstance(origin, dict) or origin.get("run") != CALIBRATION_RUN or key not in leaves:
             continue
         if not key_exists(vehicle_file.data, key, vehicle_file.folder):
             raise UsageError(
@@ -87,30 +91,34 @@ def _with_calibration(
                     "setup.no-place-for-calibration",
                     host=host,
                     key=key,
-                    found=_text(leaves[key]),
+                    found=_short_text(leaves[key]),
                     path=VEHICLE,
                 )
             )
-        file_value, own = vehicle_file.value(key), vehicle_file.provenance.get(key)
+        file_value, own_provenance = vehicle_file.value(key), vehicle_file.provenance.get(key)
         if np.array_equal(np.asarray(file_value), np.asarray(leaves[key])):
-            origins |= {} if own is not None else {key: origin}
+            origins |= {} if own_provenance is not None else {key: origin}
             continue
         when = origin.get("date")
-        later = own is not None and own.run == CALIBRATION and (own.date or date.min) > (when or date.min)
+        later = (
+            own_provenance is not None
+            and own_provenance.run == CALIBRATION_RUN
+            and (own_provenance.date or date.min) > (when or date.min)
+        )
         if not later:
             values[key], origins[key] = leaves[key], origin
             lines.append(
                 _(
                     "{key}: {value} is kept, because it was calibrated there on {when}",
                     key=key,
-                    value=_text(leaves[key]),
+                    value=_short_text(leaves[key]),
                     when=when,
                 )
                 if when
                 else _(
                     "{key}: {value} is kept, because it was calibrated there",
                     key=key,
-                    value=_text(leaves[key]),
+                    value=_short_text(leaves[key]),
                 )
             )
     if lines:
@@ -125,8 +133,8 @@ def _with_calibration(
     return vehicle_file.with_values(values, origins) if origins else vehicle_file, lines
 
 
-def _in(leaves: "JsonObject", key: str) -> str:
-    return _text(leaves[key]) if key in leaves else _("not there")
+def _value_text(leaves: "JsonObject", key: str) -> str:
+    return _short_text(leaves[key]) if key in leaves else _("not there")
 
 
 def _leaves(table: "JsonObject", path: str = "") -> "JsonObject":
@@ -137,6 +145,6 @@ def _leaves(table: "JsonObject", path: str = "") -> "JsonObject":
     return leaves
 
 
-def _text(value: object) -> str:
+def _short_text(value: object) -> str:
     text = json.dumps(value, default=str, ensure_ascii=False)
-    return text if len(text) <= SHOWN else f"{text[: SHOWN - 1]}…"
+    return text if len(text) <= MAX_SHOWN_LETTERS else f"{text[: MAX_SHOWN_LETTERS - 1]}…"
