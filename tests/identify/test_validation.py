@@ -8,7 +8,7 @@ import pytest
 from baqueano.errors import UsageError
 from baqueano.identify import FitOptions, identify, random_steps
 from baqueano.identify.covariance.quantiles import student_quantile
-from baqueano.identify.validation import Figure, Validation, _against, _ChannelError, validate
+from baqueano.identify.validation import ChannelMetrics, Validation, _evidence_against, _ChannelError, validate
 from baqueano.runs.run import Channel, Run
 from baqueano.simulate import simulate
 from baqueano.vehicle_file import parse
@@ -96,8 +96,8 @@ def alarms_of(blocks, own, noise=None):
     blocks."""
     square = np.exp(blocks).mean()
     noise = np.sqrt(np.exp(own).mean()) if noise is None else noise
-    figure = Figure("run 2", "imu[2]", np.sqrt(square), 0.0, 0.9, "rad/s", noise)
-    return _against(figure, _ChannelError(square, 0.0, blocks, 5.0 * np.arange(len(blocks))), own)
+    figure = ChannelMetrics("run 2", "imu[2]", np.sqrt(square), 0.0, 0.9, "rad/s", noise)
+    return _evidence_against(figure, _ChannelError(square, 0.0, blocks, 5.0 * np.arange(len(blocks))), own)
 
 
 @pytest.mark.parametrize(("count", "own"), [(1, 2), (2, 2), (6, 2), (2, 6), (3, 3), (4, 4), (12, 12)])
@@ -152,7 +152,7 @@ def test_a_model_without_parameters_of_single_runs_can_be_validated(backend, sec
 
 
 def test_extreme_and_nan_figures_are_printed_briefly():
-    lost_figure = Figure("run 2", "imu[2]", 1e50, -1e99, float("nan"), "rad/s", float("nan"))
+    lost_figure = ChannelMetrics("run 2", "imu[2]", 1e50, -1e99, float("nan"), "rad/s", float("nan"))
     table = Validation((lost_figure, lost_figure._replace(noise=1e-9)), (), (), (), "").table()
     assert "nan" not in table
     assert "below -100 %" in table

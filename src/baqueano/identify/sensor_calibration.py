@@ -39,9 +39,9 @@ WINDOW_S = 2.0
 STEP_S = 0.1  # between the beginnings of windows
 BATCH_S, BATCHES = 5.0, 8  # the longest batch, and the least number of them
 GAP_S = 0.25  # a window with a longer gap between measurements is excluded
-LARGEST_S, GRID_S = 0.5, 0.01  # largest clock offset, and step of the grid
-LOOSE = 0.02  # of a scale: a larger half interval gives a warning
-CLOCK_LOOSE_S = 0.02
+MAX_OFFSET_S, OFFSET_STEP_S = 0.5, 0.01  # largest clock offset, and step of the grid
+MAX_HALF_INTERVAL = 0.02  # of a scale: a larger half interval gives a warning
+MAX_CLOCK_HALF_S = 0.02
 
 
 class CalibratedNumber(NamedTuple):
@@ -50,7 +50,7 @@ class CalibratedNumber(NamedTuple):
     name: str  # a path of the vehicle file, or clock.truth, mark.…
     value: float
     sd: float
-    half: float  # of the 95 % interval
+    half_width: float  # of the 95 % interval
     unit: str
     in_file: float | None  # value in the vehicle file
     words: str  # description
@@ -74,12 +74,12 @@ class Calibration(Result):
         """Return the reasons why the verdict is not USABLE."""
         out = []
         for item in self.numbers:
-            if item.name.endswith("scale") and not item.half < LOOSE * item.value:
+            if item.name.endswith("scale") and not item.half < MAX_HALF_INTERVAL * item.value:
                 code = "calibration.turn-more" if "gyro" in item.name else "calibration.drive-further"
                 out.append(note(code, Severity.WARNING, "", item.name, percent=100 * item.half / item.value))
-            if item.name == "clock.truth" and not item.half < CLOCK_LOOSE_S:
+            if item.name == "clock.truth" and not item.half < MAX_CLOCK_HALF_S:
                 out.append(note("calibration.loose-clock", Severity.WARNING, half_ms=1e3 * item.half))
-            if item.name == "clock.truth" and abs(item.value) > LARGEST_S - GRID_S:
+            if item.name == "clock.truth" and abs(item.value) > MAX_OFFSET_S - OFFSET_STEP_S:
                 out.append(note("calibration.clock-at-end", Severity.WARNING, offset_s=item.value))
         return tuple(out)
 
@@ -92,20 +92,20 @@ class Calibration(Result):
         """Return one flat row per number."""
         return [
             {
-                "name": entry.name, "value": entry.value, "sd": entry.sd, "low": entry.value - entry.half,
-                "high": entry.value + entry.half, "unit": entry.unit, "in_file": entry.in_file, "text": entry.words,
+                "name": entry.name, "value": entry.value, "sd": entry.sd, "low": entry.value - entry.half_width,
+                "high": entry.value + entry.half_width, "unit": entry.unit, "in_file": entry.in_file, "text": entry.words,
             }
             for entry in self.numbers
         ]  # fmt: skip
 
     def table(self) -> str:
         """Return the table as text."""
-        wide = max(len(entry.name) for entry in self.numbers)
-        lines = [f"{'':{wide}}  {_('value'):>10}   {'± 95 %':>8}  {_('file'):>8}  {_('unit')}"]
+        width = max(len(entry.name) for entry in self.numbers)
+        lines = [f"{'':{width}}  {_('value'):>10}   {'± 95 %':>8}  {_('file'):>8}  {_('unit')}"]
         for entry in self.numbers:
-            was = "" if entry.in_file is None else f"{number(entry.in_file):.4g}"
-            values = f"{number(entry.value):>10.4f} ± {number(entry.half):>8.2g}  {was:>8}"
-            lines.append(f"{entry.name:{wide}}  {values}  {entry.unit}  {entry.words}")
+            value_in_file = "" if entry.in_file is None else f"{number(entry.in_file):.4g}"
+            values = f"{number(entry.value):>10.4f} ± {number(entry.half_width):>8.2g}  {value_in_file:>8}"
+            lines.append(f"{entry.name:{width}}  {values}  {entry.unit}  {entry.words}")
         return "\n".join([*lines, verdict_line(self.verdict, self.reasons, _(self.all_told))])
 
     def mount(self, vehicle_file: "VehicleFile") -> tuple[dict[str, float], dict[str, float]]:
@@ -114,11 +114,11 @@ class Calibration(Result):
         origin = getattr(vehicle_file.vehicle, "rear_axle_m", 0.0)  # of a car, ahead of the axle without slip
         names = {"clock.truth": "shift_s", "mark.x_m": "lever_arm_m[0]", "mark.y_m": "lever_arm_m[1]",
                  "mark.heading_rad": "heading_rad"}  # fmt: skip
-        usable = [entry for entry in self.numbers if entry.name in names and np.isfinite(entry.half)]
+        usable = [entry for entry in self.numbers if entry.name in names and np.isfinite(entry.half_width)]
         if not usable:
             raise UsageError(fault("truth.no-mark", run=self.run))
         values = {names[entry.name]: entry.value - origin * (entry.name == "mark.x_m") for entry in usable}
-        return values, {names[entry.name]: entry.half for entry in usable}
+        return values, {names[entry.name]: entry.half_width for entry in usable}
 
     def updated_file(self, vehicle_file: "VehicleFile") -> "VehicleFile":
         """Return the file with the scales of the sensors and their errors, the bias of the gyro, and their origin."""
@@ -198,21 +198,23 @@ def calibrate(run: "Run", vehicle_file: "VehicleFile") -> Calibration:
     if gyro is None and odometer is None:
         raise UsageError(fault("truth.no-sensor", "--vehicle FILE", run=run.name, vehicle=vehicle_file.name))
     frames = _frames(run)
-    numbers, residuals, offset = [], {}, None
+    calibrated, residuals, offset = [], {}, None
     if gyro is not None:
         name, signal = gyro
         windows = _windows(run, frames, signal)
-        answer = _best(lambda o: _turn_equations(windows, signal, o), windows)
-        offset = answer.offset_s
-        numbers += _clock(answer) + _gyro(answer, name, vehicle_file)
-        residuals["heading_rad"] = answer.rms
+        regression = _best_regression(lambda o: _turn_equations(windows, signal, o), windows)
+        offset = regression.offset_s
+        calibrated += _clock_offset(regression) + _gyro(regression, name, vehicle_file)
+        residuals["heading_rad"] = regression.rms
     if odometer is not None:
         name, signal = odometer
         windows = _windows(run, frames, signal)
-        answer = _best(lambda o: _motion_equations(windows, signal, o), windows, offset)
-        numbers += (_clock(answer) if offset is None else []) + _odometer(answer, name, vehicle_file)
-        residuals["way_m"] = answer.rms
-    return Calibration(run.name, tuple(numbers), residuals)
+        regression = _best_regression(lambda o: _motion_equations(windows, signal, o), windows, offset)
+        calibrated += (_clock_offset(regression) if offset is None else []) + _odometer(
+            regression, name, vehicle_file
+        )
+        residuals["way_m"] = regression.rms
+    return Calibration(run.name, tuple(calibrated), residuals)
 
 
 def channel_of(
@@ -224,11 +226,11 @@ def channel_of(
         channel = run.sensors.get(name)
         if not has_field(block, field) or channel is None or np.isfinite(channel.z[:, entry]).sum() < 10:
             continue
-        good = np.isfinite(channel.z[:, entry])
-        good[1:] &= np.diff(channel.t_ns) > 0
+        is_finite = np.isfinite(channel.z[:, entry])
+        is_finite[1:] &= np.diff(channel.t_ns) > 0
         if channel.z.shape[1] >= 3:
-            good[1:] &= np.any(channel.z[1:] != channel.z[:-1], axis=1)
-        t_s, z = seconds(channel.t_ns[good], run.t_ns[0]), channel.z[good, entry]
+            is_finite[1:] &= np.any(channel.z[1:] != channel.z[:-1], axis=1)
+        t_s, z = seconds(channel.t_ns[is_finite], run.t_ns[0]), channel.z[is_finite, entry]
         sums = np.concatenate([[0.0], np.cumsum(0.5 * (z[1:] + z[:-1]) * np.diff(t_s))])
         return name, TruthSignal(t_s, z, sums)
     return None
@@ -250,17 +252,17 @@ def _frames(run: "Run") -> tuple[np.ndarray, np.ndarray]:
         )
     if run.truth is None or not np.isfinite(run.truth.eta).all(axis=1).any():
         raise UsageError(fault("truth.none", "baqueano runs import MAP.toml FILE", run=run.name))
-    good = np.asarray(np.isfinite(run.truth.eta).all(axis=1))
-    good[1:] &= np.diff(run.truth.t_ns) > 0
-    eta = run.truth.eta[good].copy()
+    is_finite = np.asarray(np.isfinite(run.truth.eta).all(axis=1))
+    is_finite[1:] &= np.diff(run.truth.t_ns) > 0
+    eta = run.truth.eta[is_finite].copy()
     eta[:, 2] = np.unwrap(eta[:, 2])
-    return seconds(run.truth.t_ns[good], run.t_ns[0]), eta
+    return seconds(run.truth.t_ns[is_finite], run.t_ns[0]), eta
 
 
 def _windows(run: "Run", frames: tuple[np.ndarray, np.ndarray], signal: TruthSignal) -> Windows:
     """Return all windows without a long gap in truth or sensor at any offset. Raise UsageError for too few."""
     t_s, eta = frames
-    begin, end = max(t_s[0], signal.t_s[0] + LARGEST_S), min(t_s[-1], signal.t_s[-1] - LARGEST_S)
+    begin, end = max(t_s[0], signal.t_s[0] + MAX_OFFSET_S), min(t_s[-1], signal.t_s[-1] - MAX_OFFSET_S)
     if not end - begin >= BATCHES * WINDOW_S:
         raise UsageError(
             fault(
@@ -273,11 +275,11 @@ def _windows(run: "Run", frames: tuple[np.ndarray, np.ndarray], signal: TruthSig
         )
     a = np.unique(np.searchsorted(t_s, np.arange(begin, end - WINDOW_S, STEP_S)))
     b = np.minimum(np.searchsorted(t_s, t_s[a] + WINDOW_S), len(t_s) - 1)
-    silent = _silences(t_s, 0.0) + _silences(signal.t_s, LARGEST_S)
-    good = (t_s[b] - t_s[a] < 1.5 * WINDOW_S) & (t_s[b] <= end)
+    silent = _silences(t_s, 0.0) + _silences(signal.t_s, MAX_OFFSET_S)
+    is_valid = (t_s[b] - t_s[a] < 1.5 * WINDOW_S) & (t_s[b] <= end)
     for first, last in silent:
-        good &= (t_s[b] <= first) | (t_s[a] >= last)
-    a, b = a[good], b[good]
+        is_valid &= (t_s[b] <= first) | (t_s[a] >= last)
+    a, b = a[is_valid], b[is_valid]
     batch_s = min(BATCH_S, (end - begin) / BATCHES)
     batch = np.unique(((t_s[a] - begin) / batch_s).astype(int), return_inverse=True)[1]
     if len(a) == 0 or batch.max() + 1 < BATCHES:
@@ -295,8 +297,8 @@ def _silences(t_s: np.ndarray, wider_s: float) -> list[tuple[float, float]]:
 def _turn_equations(w: Windows, gyro: TruthSignal, offset_s: float) -> Equations:
     """Return (1): y (N,), derivatives (N, 2) by (a, −c), and their change per second of offset (N, 2)."""
     t = w.t_s + offset_s
-    slopes = np.stack([w.of(gyro.until(t)), w.of(w.t_s)], axis=1)
-    return w.of(w.eta[:, 2]), slopes, np.stack([w.of(gyro.interpolate(t)), np.zeros(len(w.a))], axis=1)
+    jacobian = np.stack([w.of(gyro.until(t)), w.of(w.t_s)], axis=1)
+    return w.of(w.eta[:, 2]), jacobian, np.stack([w.of(gyro.interpolate(t)), np.zeros(len(w.a))], axis=1)
 
 
 def _motion_equations(w: Windows, odometer: TruthSignal, offset_s: float) -> Equations:
@@ -313,92 +315,112 @@ def _motion_equations(w: Windows, odometer: TruthSignal, offset_s: float) -> Equ
 
     t = w.t_s + offset_s
     lever = np.stack([np.stack([w.of(c), w.of(s)], axis=1), np.stack([-w.of(s), w.of(c)], axis=1)], axis=2)
-    slopes = np.concatenate([both(way(odometer.interpolate(t))), lever], axis=2)
-    h = 0.5 * GRID_S
+    jacobian = np.concatenate([both(way(odometer.interpolate(t))), lever], axis=2)
+    h = 0.5 * OFFSET_STEP_S
     faster = (way(odometer.interpolate(t + h)) - way(odometer.interpolate(t - h))) / (2.0 * h)
     change = np.concatenate([both(faster), np.zeros((len(w.a), 2, 2))], axis=2)
-    return w.of(w.eta[:, :2]).ravel(), slopes.reshape(-1, 4), change.reshape(-1, 4)
+    return w.of(w.eta[:, :2]).ravel(), jacobian.reshape(-1, 4), change.reshape(-1, 4)
 
 
-def _best(
+def _best_regression(
     equations: Callable[[float], Equations], w: Windows, offset_s: float | None = None
 ) -> WindowRegression:
     """Return the regression at the offset of least residual, or at `offset_s` if it is given."""
-    free = offset_s is None
+    is_offset_free = offset_s is None
     if offset_s is None:
-        grid = np.arange(-LARGEST_S, LARGEST_S + 0.5 * GRID_S, GRID_S)
-        offset_s = float(grid[np.argmin([_spread(*equations(o)[:2]) for o in grid])])
-    for _round in range(20 if free else 0):
-        y, slopes, change = equations(offset_s)
-        x, weights = regress(slopes, y)
-        step = regress(np.column_stack([slopes, change @ x]), y)[0][-1]
-        offset_s = float(np.clip(offset_s + np.clip(step, -GRID_S, GRID_S), -LARGEST_S, LARGEST_S))
+        grid = np.arange(-MAX_OFFSET_S, MAX_OFFSET_S + 0.5 * OFFSET_STEP_S, OFFSET_STEP_S)
+        offset_s = float(grid[np.argmin([_residual_std(*equations(o)[:2]) for o in grid])])
+    for _round in range(20 if is_offset_free else 0):
+        y, jacobian, change = equations(offset_s)
+        x, weights = regress(jacobian, y)
+        step = regress(np.column_stack([jacobian, change @ x]), y)[0][-1]
+        offset_s = float(
+            np.clip(offset_s + np.clip(step, -OFFSET_STEP_S, OFFSET_STEP_S), -MAX_OFFSET_S, MAX_OFFSET_S)
+        )
         if abs(step) < 1e-6:
             break
-    y, slopes, change = equations(offset_s)
-    x, weights = regress(slopes, y)
-    J = np.column_stack([slopes, change @ x]) if free else slopes
-    residuals = y - slopes @ x
+    y, jacobian, change = equations(offset_s)
+    x, weights = regress(jacobian, y)
+    J = np.column_stack([jacobian, change @ x]) if is_offset_free else jacobian
+    residuals = y - jacobian @ x
     batch = np.repeat(w.batch, len(y) // len(w.batch))
     cov = batch_covariance(J, residuals, weights, batch)
     freedom = max(5, int(w.batch.max()) + 1 - J.shape[1])
     return WindowRegression(x, offset_s, cov, float(np.sqrt(np.mean(residuals**2))), freedom)
 
 
-def _spread(y: np.ndarray, slopes: np.ndarray) -> float:
-    x, _ = regress(slopes, y, iterations=3)
-    return float(np.mean(np.abs(y - slopes @ x)))
+def _residual_std(y: np.ndarray, jacobian: np.ndarray) -> float:
+    x, _ = regress(jacobian, y, iterations=3)
+    return float(np.mean(np.abs(y - jacobian @ x)))
 
 
-def _number(
-    answer: WindowRegression,
+def _calibrated_number(
+    regression: WindowRegression,
     name: str,
-    of: Callable[[np.ndarray], float],
+    function: Callable[[np.ndarray], float],
     unit: str,
-    was: float | None,
-    words: str,
+    value_in_file: float | None,
+    explanation: str,
 ) -> CalibratedNumber:
-    """Return a calibrated number with its error bar: `of` is its function of coefficients and offset (p + 1,)."""
-    x = np.array([*answer.x, answer.offset_s])
+    """Return a calibrated number with its error bar: `function` is its function of coefficients and offset (p + 1,)."""
+    x = np.array([*regression.x, regression.offset_s])
     steps = 1e-6 * np.eye(len(x)) * np.maximum(np.abs(x), 1e-3)
-    slope = np.array([(of(x + h) - of(x - h)) / (2.0 * h.sum()) for h in steps])[: len(answer.cov)]
-    sd = float(np.sqrt(slope @ answer.cov @ slope)) if np.isfinite(answer.cov).all() else np.inf
+    gradient = np.array([(function(x + h) - function(x - h)) / (2.0 * h.sum()) for h in steps])[
+        : len(regression.cov)
+    ]
+    std = (
+        float(np.sqrt(gradient @ regression.cov @ gradient)) if np.isfinite(regression.cov).all() else np.inf
+    )
     return CalibratedNumber(
-        name, float(of(x)), sd, student_quantile(0.975, answer.freedom) * sd, unit, was, words
+        name,
+        float(function(x)),
+        std,
+        student_quantile(0.975, regression.freedom) * std,
+        unit,
+        value_in_file,
+        explanation,
     )
 
 
-def _clock(answer: WindowRegression) -> list[CalibratedNumber]:
-    words = _("to be added to the truth's timestamps")
-    return [_number(answer, "clock.truth", lambda x: x[-1], "s", None, words)]
+def _clock_offset(regression: WindowRegression) -> list[CalibratedNumber]:
+    explanation = _("to be added to the truth's timestamps")
+    return [_calibrated_number(regression, "clock.truth", lambda x: x[-1], "s", None, explanation)]
 
 
-def _gyro(answer: WindowRegression, name: str, vehicle_file: "VehicleFile") -> list[CalibratedNumber]:
+def _gyro(regression: WindowRegression, name: str, vehicle_file: "VehicleFile") -> list[CalibratedNumber]:
     block, path = getattr(vehicle_file.sensors, name), f"sensors.{name}.gyro"
-    words = _("the truth turns {ratio:.4f} times as much as the gyro", ratio=float(answer.x[0]))
+    explanation = _("the truth turns {ratio:.4f} times as much as the gyro", ratio=float(regression.x[0]))
     return [
-        _number(answer, f"{path}_scale", lambda x: 1.0 / x[0], "1", float(block.gyro_scale), words),
-        _number(answer, f"{path}_bias", lambda x: -x[1] / x[0], "rad/s", float(block.gyro_bias), ""),
+        _calibrated_number(
+            regression, f"{path}_scale", lambda x: 1.0 / x[0], "1", float(block.gyro_scale), explanation
+        ),
+        _calibrated_number(
+            regression, f"{path}_bias", lambda x: -x[1] / x[0], "rad/s", float(block.gyro_bias), ""
+        ),
     ]
 
 
-def _odometer(answer: WindowRegression, name: str, vehicle_file: "VehicleFile") -> list[CalibratedNumber]:
+def _odometer(regression: WindowRegression, name: str, vehicle_file: "VehicleFile") -> list[CalibratedNumber]:
     """Return the odometer's scale, and the mark's position and heading in body axes, with x along the rolling
     direction."""
     scale, path = float(getattr(vehicle_file.sensors, name).scale), f"sensors.{name}.scale"
-    words = _("the truth moves {ratio:.4f} × the odometer", ratio=float(np.hypot(*answer.x[:2])))
+    explanation = _("the truth moves {ratio:.4f} × the odometer", ratio=float(np.hypot(*regression.x[:2])))
 
     def rotate(x: np.ndarray, lx: float, ly: float) -> float:
         return float((x[0] * lx + x[1] * ly) / np.hypot(x[0], x[1]))
 
-    ahead, sideways = (
+    forward, sideways = (
         _("the mark ahead of the axle that does not slip"),
         _("the mark to the left of that axle's middle"),
     )
     heading = _("heading of the mark, to the left of the rolling direction of the wheels")
     return [
-        _number(answer, path, lambda x: 1.0 / float(np.hypot(x[0], x[1])), "1", scale, words),
-        _number(answer, "mark.x_m", lambda x: rotate(x, x[2], x[3]), "m", None, ahead),
-        _number(answer, "mark.y_m", lambda x: rotate(x, x[3], -x[2]), "m", None, sideways),
-        _number(answer, "mark.heading_rad", lambda x: -float(np.arctan2(x[1], x[0])), "rad", None, heading),
+        _calibrated_number(
+            regression, path, lambda x: 1.0 / float(np.hypot(x[0], x[1])), "1", scale, explanation
+        ),
+        _calibrated_number(regression, "mark.x_m", lambda x: rotate(x, x[2], x[3]), "m", None, forward),
+        _calibrated_number(regression, "mark.y_m", lambda x: rotate(x, x[3], -x[2]), "m", None, sideways),
+        _calibrated_number(
+            regression, "mark.heading_rad", lambda x: -float(np.arctan2(x[1], x[0])), "rad", None, heading
+        ),
     ]

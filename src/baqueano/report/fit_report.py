@@ -7,7 +7,7 @@ import numpy as np
 
 from baqueano.diagnostics import Verdict, fault, most_severe_first
 from baqueano.errors import UsageError
-from baqueano.identify.result.fit_result import Fit, marks, round_to_error
+from baqueano.identify.result.fit_result import Fit, row_remarks, round_to_error
 from baqueano.identify.result.ratios import percent
 from baqueano.messages import texts, with_full_stop
 from baqueano.messages.language import mark as N_
@@ -116,7 +116,7 @@ def row_of(row: "TableRow") -> "JsonObject":
         "± sd": None if sd is None else float(f"{sd:.2g}"),
         "unit": shown_unit(row["unit"]),
         "start": row["start"],
-        "note": marks(row),
+        "note": row_remarks(row),
     }
 
 

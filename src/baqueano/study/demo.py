@@ -15,7 +15,7 @@ import numpy as np
 from baqueano.compare import Comparison, compare
 from baqueano.diagnostics import Verdict, fault, merge_diagnostics
 from baqueano.drive import experiment, repeat, stop_of, teach
-from baqueano.errors import NegativeResultError
+from baqueano.errors import AnswerNo
 from baqueano.guides.shapes import sinuous_circle
 from baqueano.identify import Fit, FitOptions, excitation, identify
 from baqueano.identify.noise.covariances import Noise, measure_noise
@@ -217,7 +217,7 @@ def demo(
     show_gains: Callable[[TuneResult], object] = lambda result: None,
 ) -> Demo:
     """Run the demo and write its runs, route.csv and vehicle.toml into `folder`. `show` receives the file of each run,
-    `show_gains` the tuned gains. Raise NegativeResultError if the fit is refused."""
+    `show_gains` the tuned gains. Raise AnswerNo if the fit is refused."""
     folder.mkdir(parents=True, exist_ok=True)
     small = load("small")
     truth, vehicle_file = small.with_values({"sensors.imu.gyro_scale": SCALE}), small.with_values(GUESS)
@@ -232,7 +232,7 @@ def demo(
     progress(_("2/6 identify    the model from commands and IMU"))
     fit = identify(run, vehicle_file, options=FitOptions(backend=backend))
     if fit.verdict == Verdict.REFUSED:
-        raise NegativeResultError(fault("demo.refused", cause=merge_diagnostics(fit.reasons)))
+        raise AnswerNo(fault("demo.refused", cause=merge_diagnostics(fit.reasons)))
     vehicle_file = fit.vehicle_file
     progress(_("3/6 noise       covariances of sensors and model"))
     noise = measure_noise(fit, run, backend=backend)

@@ -169,7 +169,7 @@ def drive_one(seed: int, backend: str = "auto") -> FirstDriveFigures:
     drive = first_drive(vehicle_file, world=world, seed=seed, backend=backend)
     truth, room = drive.run.truth, room_of(vehicle_file, ROOM)
     assert truth is not None
-    margin = float(np.min(room.free - np.abs(truth.eta[:, :2])))
+    margin = float(np.min(room.free_half_width_m - np.abs(truth.eta[:, :2])))
     expected = {
         "well": [],
         "left inverted": ["wiring.backwards-left"],

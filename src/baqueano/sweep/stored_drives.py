@@ -106,7 +106,7 @@ def digest(job: SweepJob) -> str:
     """Return the digest under which the drive of a job is stored."""
     import hashlib
 
-    parts = [__version__, *Pieces._fields, job.file.text, repr(job.settings), str(job.seed), job.drive]
+    parts = [__version__, *Pieces._fields, job.file_text.text, repr(job.settings), str(job.seed), job.drive]
     parts += [_block_text(room, block, job) for room, block in job.blocks._asdict().items()]
     whole = hashlib.sha256("\0".join(parts).encode())
     for part in _arrays(job):
@@ -127,7 +127,7 @@ def _block_text(room: str, block: object, job: SweepJob) -> str:
     if block is None:
         return ""
     if isinstance(block, str):
-        folder = None if job.file.path is None else job.file.path.parent
+        folder = None if job.file_text.path is None else job.file_text.path.parent
         kind, numbers = resolve(room, block, folder), block
     else:
         kind = block if isinstance(block, type) else type(block)

@@ -138,7 +138,7 @@ class Cloud:
     def drive(self, state: VehicleState, u: np.ndarray, tick: int = 0) -> tuple[VehicleState, np.ndarray]:
         """Return the cloud (L, …) after the commands `u` (T, n) from `tick` on, and its poses (L, T, 3).  (3)"""
         noise = self._noise(tick, len(u))
-        return self.kernel.batch((u, noise), self.belief.theta, carry=state, outputs=True)
+        return self.kernel.batch((u, noise), self.belief.theta, carry=state, with_outputs=True)
 
     def drive_each(
         self, states: Sequence[VehicleState], us: Sequence[np.ndarray], tick: int = 0

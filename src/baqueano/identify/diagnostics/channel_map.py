@@ -23,7 +23,7 @@ from baqueano.identify.diagnostics import gain_changes
 from baqueano.identify.estimation.search import Search, Task, search
 from baqueano.identify.residuals.noise_level import MAD
 from baqueano.identify.residuals.simulation import Residuals
-from baqueano.runs.diagnostics.signal_map import NO_RELATION, MappedChannel, relations, signal_map
+from baqueano.runs.diagnostics.signal_map import MAX_CHANCE_CORRELATION, MappedChannel, relations, signal_map
 
 if TYPE_CHECKING:
     from baqueano.identify.identifiability.identifiable import FinishedFit
@@ -132,7 +132,7 @@ def _has_wrong_axes(task: Task, name: str) -> bool:
     rho = np.array([[hypothesis.correlation for hypothesis in row] for row in hypotheses])
     own_rho, max_rho = np.diagonal(rho), np.max(np.abs(rho), axis=1)
     is_related = any(hypothesis.is_clear() for row in hypotheses for hypothesis in row)
-    return is_related and bool(np.any((own_rho < NO_RELATION) | (own_rho < max_rho)))
+    return is_related and bool(np.any((own_rho < MAX_CHANCE_CORRELATION) | (own_rho < max_rho)))
 
 
 def _better_mount(end: "FinishedFit", name: str) -> tuple[MountHypothesis, Diagnostic] | None:

@@ -24,8 +24,8 @@ from baqueano.identify.diagnostics import channel_map
 from baqueano.identify.options import FitOptions
 from baqueano.identify.parameters.free import Free, value
 from baqueano.identify.parameters.setup import first_theta
-from baqueano.runs.diagnostics.physical_limits import FASTEST_RAD_S
-from baqueano.runs.diagnostics.signal_map import NOTHING, Hypothesis, MappedChannel, signal_map
+from baqueano.runs.diagnostics.physical_limits import MAX_YAW_RATE_RAD_S
+from baqueano.runs.diagnostics.signal_map import MAX_CHANCE_GAIN, Hypothesis, MappedChannel, signal_map
 from baqueano.runs.run import Channel as Log
 from baqueano.runs.run import Run
 from baqueano.runs.windows import means
@@ -153,14 +153,14 @@ def _keeps_turning_gains(end: "FinishedFit") -> bool:
 
 def _turns(parameter: Free) -> bool:
     """Return True for a gain or a measure of the vehicle on which its turning depends."""
-    is_gain = parameter.of.role in ("gain", "known") and parameter.path.startswith("model.")
+    is_gain = parameter.prediction_index.role in ("gain", "known") and parameter.path.startswith("model.")
     return is_gain and parameter.axis in (None, 2) and not parameter.unit.startswith("m/s")
 
 
 def _unit_hypothesis(z: np.ndarray, h: np.ndarray, units: dict[float, str]) -> Hypothesis:
     """Return the signal map from h (N,) to z (N,)."""
     z, h = (channel_map.clip(x[:, None]) for x in (z, h))
-    return signal_map(z, h, [MappedChannel(1.0 / MAX_UNIT_RATIO, MAX_UNIT_RATIO, units)], NOTHING)[0]
+    return signal_map(z, h, [MappedChannel(1.0 / MAX_UNIT_RATIO, MAX_UNIT_RATIO, units)], MAX_CHANCE_GAIN)[0]
 
 
 def _is_near(hypothesis: Hypothesis) -> bool:
@@ -224,10 +224,10 @@ def _imu_messages(run: Run, name: str, block: Tree) -> list[Diagnostic]:
     magnitudes = np.abs(z[np.isfinite(z).all(axis=1)])
     if not len(magnitudes):
         return []
-    is_implausible = np.any(magnitudes > [MAX_ACCELERATION_M_S2, MAX_ACCELERATION_M_S2, FASTEST_RAD_S])
+    is_implausible = np.any(magnitudes > [MAX_ACCELERATION_M_S2, MAX_ACCELERATION_M_S2, MAX_YAW_RATE_RAD_S])
     peaks = np.quantile(magnitudes, 0.99, axis=0) if is_implausible else np.zeros(3)
-    if peaks[2] > FASTEST_RAD_S:
-        rates: JsonObject = {"most_rad_s": float(peaks[2]), "fastest_rad_s": FASTEST_RAD_S}
+    if peaks[2] > MAX_YAW_RATE_RAD_S:
+        rates: JsonObject = {"most_rad_s": float(peaks[2]), "fastest_rad_s": MAX_YAW_RATE_RAD_S}
         messages.append(note("gyro.too-fast", Severity.ERROR, subject=f"{name}[2]", **rates))
     for i in np.flatnonzero(peaks[:2] > MAX_ACCELERATION_M_S2):
         figures = {"subject": f"{name}[{i}]", "most_m_s2": float(peaks[i])}

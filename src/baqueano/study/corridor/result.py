@@ -3,7 +3,7 @@
     d² = eᵀ P⁻¹ e of position (2) or heading (1),   coverage = share of vehicles with d² ≤ χ²(0.95)         (1)
     wider than needed = χ²(0.95) / (95 % quantile of d²): of the area of a position, of the variance of a heading   (2)
 
-A vehicle counts while the standard deviation of its heading is at most LOST_RAD. The verdict allows for the chance of
+A vehicle counts while the standard deviation of its heading is at most MAX_HEADING_STD_RAD. The verdict allows for the chance of
 few vehicles. It counts a bar as missed only if the whole 95 % interval of a coverage (Wilson 1927) is outside the bar.
 By the same interval, a region is too wide if a region WIDER times smaller still covers more than 95 %.
 """
@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
-from baqueano.compare.corridor import CHI_SQUARE_95, LOST_RAD, QUANTILE_95
+from baqueano.compare.corridor import CHI_SQUARE_95, MAX_HEADING_STD_RAD, QUANTILE_95
 from baqueano.diagnostics import Verdict
 from baqueano.messages.language import number
 from baqueano.messages.language import translate as _
@@ -129,8 +129,8 @@ def squared_distance(instant: Instant, quantity: str) -> float:
 
 
 def has_heading(instant: Instant) -> bool:
-    """Return True if the standard deviation of the heading is at most LOST_RAD."""
-    return bool(instant.cov[2, 2] <= LOST_RAD**2)
+    """Return True if the standard deviation of the heading is at most MAX_HEADING_STD_RAD."""
+    return bool(instant.cov[2, 2] <= MAX_HEADING_STD_RAD**2)
 
 
 def gather(named: Sequence[tuple[str, Instant]], vehicles: int, refused: Sequence[int]) -> Corridors:

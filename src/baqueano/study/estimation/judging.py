@@ -18,7 +18,7 @@ from baqueano.study.estimation.errors import BlockSums, EstimatedPath, block_err
 from baqueano.study.estimation.references import dead_reckoning, open_loop
 from baqueano.study.estimation.subjects import SETUPS, Subject, with_sensors
 from baqueano.vehicle_file import VehicleFile
-from baqueano.vehicle_file.build import DEFAULT_KIND
+from baqueano.vehicle_file.build import DEFAULT_KINDS
 
 
 class JudgedEstimate(NamedTuple):
@@ -47,7 +47,7 @@ def evaluate(
     nu = open_loop(vehicle_file, run, start, backend)
     reference = EstimatedPath(dead_reckoning(vehicle_file, run, nu, start), nu[:, 0])
     out = []
-    for kind in kinds or (vehicle_file.data["estimator"].get("kind", DEFAULT_KIND["estimator"]),):
+    for kind in kinds or (vehicle_file.data["estimator"].get("kind", DEFAULT_KINDS["estimator"]),):
         replay_run = _replay(run, vehicle_file, kind, backend)
         log = replay_run.estimate
         assert log is not None

@@ -112,7 +112,9 @@ def _outcome(job: FaultJob, inputs: FaultInputs, before: "_Before") -> FaultOutc
     if inputs.clean is None:
         return outcome
     clean = before.fit(inputs.clean)
-    outcome = outcome._replace(off=_rms(fit, clean, inputs.truth), clean=_rms(clean, clean, inputs.truth))
+    outcome = outcome._replace(
+        error_by_path=_rms(fit, clean, inputs.truth), clean=_rms(clean, clean, inputs.truth)
+    )
     same = undamaged_run(inputs.clean, inputs.run, inputs.file)
     if same is None:
         return outcome

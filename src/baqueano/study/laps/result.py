@@ -1,7 +1,7 @@
 """Result of `study laps`: for each fix and route the share of robots that keep the route, the errors, and the NEES.
 
 NEES        eᵀ P⁻¹ e / 3 of (x, y, ψ): 1 for a consistent filter, less for a cautious filter             (1)
-within      share of the samples with eᵀ P⁻¹ e ≤ χ²₃, while σ_ψ is at most LOST_RAD                      (2)
+within      share of the samples with eᵀ P⁻¹ e ≤ χ²₃, while σ_ψ is at most MAX_HEADING_STD_RAD                      (2)
 forecast    mean over the robots of P(|n| < WORST_M / σ), σ the largest across in corridor_ahead.py      (3)
 
 A robot keeps the route if its true distance from it is at most WORST_M in all laps, and it is never stopped.
@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
-from baqueano.compare.corridor import LOST_RAD
+from baqueano.compare.corridor import MAX_HEADING_STD_RAD
 from baqueano.diagnostics import Verdict
 from baqueano.messages.language import number
 from baqueano.messages.language import translate as _
@@ -62,7 +62,7 @@ def laps_of(driven: "Laps", case: LapCase, seeds: Sequence[int], laps: int, per_
     """Return the laps of all robots of a drive, `per_lap` samples each."""
     e, P = driven.error, driven.cov
     square = np.einsum("tni,tnij,tnj->tn", e, np.linalg.inv(P), e)
-    square = np.where(np.sqrt(P[..., 2, 2]) <= LOST_RAD, square, np.nan)
+    square = np.where(np.sqrt(P[..., 2, 2]) <= MAX_HEADING_STD_RAD, square, np.nan)
     far, across = np.hypot(e[..., 0], e[..., 1]), np.abs(driven.across)
     out = []
     for lap in range(laps):
