@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from baqueano.diagnostics import Severity, StopReason, note, stop
-from baqueano.web.feed import HEAD, KEPT_S, Feed
+from baqueano.web.feed import HEAD_LAYOUT, RING_S, Feed
 from baqueano.web.guard import Role
 from baqueano.web.lab.handle import Lab
 from tests.web.fake_vehicle import COLUMNS, VEHICLE, live_page, until
@@ -41,14 +41,14 @@ def test_a_browser_that_connects_during_a_drive_receives_the_last_minute(tmp_pat
             async with browser(server) as visitor:
                 await until_frames(visitor, 1)
                 rows = visitor.rows(0, len(COLUMNS))
-                assert rows[0, 0] >= 79 - KEPT_S
+                assert rows[0, 0] >= 79 - RING_S
                 assert len(rows) == 61 * 100
                 await visitor.send("history", **{"from": 75.0})
                 await until_frames(visitor, 2)
                 assert visitor.rows(0, len(COLUMNS))[len(rows), 0] == 75.0
             link.frame(0.01)  # another drive begins
             head, *rows = live.feed.history()
-            assert HEAD.unpack(head)[1] == len(rows) == 1
+            assert HEAD_LAYOUT.unpack(head)[1] == len(rows) == 1
 
     run_page(job)
 
@@ -324,7 +324,7 @@ def test_a_browser_that_does_not_read_does_not_delay_others(tmp_path):
             newest = live.feed.number
             while True:
                 data = await asyncio.wait_for(visitor.line.recv(), WAIT_S)
-                if isinstance(data, bytes) and HEAD.unpack(data[:16])[0] == newest:
+                if isinstance(data, bytes) and HEAD_LAYOUT.unpack(data[:16])[0] == newest:
                     break
             buffers = [visitor._writer.transport.get_write_buffer_size() for visitor in server.visitors]
             assert max(buffers) < 1 << 20
@@ -352,7 +352,7 @@ def test_a_robot_receives_complete_missions_packed_by_the_page(tmp_path):
     from baqueano.drive.mission import Mission
     from baqueano.guides.shapes import sinuous_circle
     from baqueano.runs.route_file import write_route
-    from baqueano.web.run import _presume
+    from baqueano.web.run import _show_presumed_vehicle
 
     write_route(sinuous_circle(0.6, 0.08, 5, 0.2), tmp_path / "oval.csv")
 
@@ -360,7 +360,7 @@ def test_a_robot_receives_complete_missions_packed_by_the_page(tmp_path):
         page = live_page(tmp_path)
         async with page as (server, link, live):
             lab = Lab()
-            await _presume(live, lab, "small", tmp_path)
+            await _show_presumed_vehicle(live, lab, "small", tmp_path)
             async with browser(server) as ana:
                 assert ana.hello["routes"] == ["oval"]
                 for kind, more in (("repeat", {"route": "oval", "laps": 2}), ("drive", {})):

@@ -20,7 +20,7 @@ from baqueano.messages.language import within
 from baqueano.messages.printable import baqueano_command, one_line
 from baqueano.web.feed import Feed, group_of
 from baqueano.web.foxglove.bridge import Foxglove
-from baqueano.web.guard import LONGEST, Role, finite, mission_of
+from baqueano.web.guard import MAX_OPTION_LETTERS, Role, finite, mission_of
 from baqueano.web.lab.identifying import Identifying
 from baqueano.web.lease import Lease
 from baqueano.web.sentence import ledger_rows, state_message
@@ -123,7 +123,7 @@ class Live:
             "pace": self._pace, "history": self._send_history, "identify": self._identify,
         }.get(word["is"])  # fmt: skip
         if do is None:
-            raise UsageError(fault("web.unknown-word", word=one_line(word["is"])[:LONGEST]))
+            raise UsageError(fault("web.unknown-word", word=one_line(word["is"])[:MAX_OPTION_LETTERS]))
         return do(visitor, word)
 
     def on_disconnect(self, visitor: Visitor) -> None:
@@ -166,7 +166,9 @@ class Live:
         if word.get("to"):
             guests = [g for g in self._visitors() if g.name == word["to"] and g.role == Role.DRIVE]
             if not guests:
-                raise UsageError(fault("web.no-such-visitor", name=one_line(str(word["to"]))[:LONGEST]))
+                raise UsageError(
+                    fault("web.no-such-visitor", name=one_line(str(word["to"]))[:MAX_OPTION_LETTERS])
+                )
             to = guests[0]
         self.lease.give(visitor, to, getattr(to, "name", ""))
         self._say_lease()

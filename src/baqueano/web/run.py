@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 
 from baqueano.diagnostics import Diagnostic, fault, note
 from baqueano.errors import RobotUnreachable
-from baqueano.web.guard import HOLDS_S, Role, url_host
+from baqueano.web.guard import TOKEN_LIFETIME_S, Role, url_host
 from baqueano.web.lab.handle import Lab
 from baqueano.web.lab.shelf import Shelf
 from baqueano.web.live import Live
@@ -23,8 +23,8 @@ from baqueano.web.share import open_tab, own_address, own_names, qr_code, url
 if TYPE_CHECKING:
     from baqueano.contracts.values import JsonObject
 
-GREETING_S = 60.0  # a busy laptop starts Python slowly
-QUIET_S = 2.0
+GREETING_TIMEOUT_S = 60.0  # a busy laptop starts Python slowly
+LEAVE_TIMEOUT_S = 2.0
 COMES_S, GONE_S, LOOK_S = 60.0, 3.0, 0.1  # waiting times for browsers
 
 
@@ -95,29 +95,29 @@ async def show_vehicle(
     server.foxglove = live.foxglove
     live.identifying.vehicle = robot[0] if robot is not None else vehicle
     if robot is not None:
-        await _presume(live, lab, *robot)
+        await _show_presumed_vehicle(live, lab, *robot)
     meet(lambda: len(server.visitors))
     live.begin()
     hearing = asyncio.create_task(live.run())
-    description, over = (asyncio.create_task(event.wait()) for event in (live.described, live.over))
+    description, end_event = (asyncio.create_task(event.wait()) for event in (live.described, live.over))
     ending: asyncio.Task[None] | None = None
     try:
         # a robot sends its description only with its first drive
-        greeting_s = GREETING_S if robot is None else QUIET_S
+        greeting_s = GREETING_TIMEOUT_S if robot is None else LEAVE_TIMEOUT_S
         await asyncio.wait({hearing, description}, timeout=greeting_s, return_when=asyncio.FIRST_COMPLETED)
         if hearing.done() and not description.done():
             raise RobotUnreachable(fault("web.service-gone"))
         async with server:
             announce(server, options, notify)
             ending = asyncio.create_task(wait_for_end())
-            await asyncio.wait({ending, hearing, over}, return_when=asyncio.FIRST_COMPLETED)
+            await asyncio.wait({ending, hearing, end_event}, return_when=asyncio.FIRST_COMPLETED)
             if live.over.is_set():
                 await server.say_goodbye()
             elif lasting and hearing.done():
                 raise RobotUnreachable(fault("web.service-gone"))
     finally:
         await link.close()
-        for task in (hearing, description, over, *([ending] if ending else [])):
+        for task in (hearing, description, end_event, *([ending] if ending else [])):
             task.cancel()
         await live.identifying.close()
         await page.close()
@@ -135,15 +135,15 @@ def source_of(vehicle: str, routes: Path) -> "JsonObject | None":
     return {"path" if vehicle.endswith(".mcap") else "vehicle": vehicle, "routes": str(routes)}
 
 
-async def _presume(live: Live, lab: Lab, vehicle: str, routes: Path) -> None:
+async def _show_presumed_vehicle(live: Live, lab: Lab, vehicle: str, routes: Path) -> None:
     """Describe a robot by its local vehicle file, and let its missions be packed on this computer."""
 
     async def pack(kind: str, order: "JsonObject") -> str:
         reply, _ = await lab.request("mission", vehicle=vehicle, routes=str(routes), kind=kind, said=order)
         return reply["mission"]
 
-    about, _ = await lab.request("vehicle", vehicle=vehicle, routes=str(routes))
-    live.presume(about["vehicle"], about["routes"])
+    description, _ = await lab.request("vehicle", vehicle=vehicle, routes=str(routes))
+    live.presume(description["vehicle"], description["routes"])
     live.pack = pack
 
 
@@ -159,19 +159,19 @@ def announce(server: Server, options: PageOptions, notify: Callable[[Diagnostic 
     """Report the addresses by `notify`, with a QR code if the page is shared, and open a tab."""
     tokens = server.guard.tokens
     if not options.share:
-        own = url(LOOPBACK, server.port, tokens)
+        own_url = url(LOOPBACK, server.port, tokens)
     else:
         address = server.shared_at
-        own = url(address, server.port, tokens, Role.DRIVE)
-        notify(qr_code(own))
+        own_url = url(address, server.port, tokens, Role.DRIVE)
+        notify(qr_code(own_url))
         notify(note("web.to-stop", url=url(address, server.port, tokens, Role.STOP)))
         notify(note("web.to-view", url=url(address, server.port, tokens, Role.VIEW)))
-        notify(note("web.plain", hours=HOLDS_S / 3600.0))
-    notify(note("web.at", url=own))
+        notify(note("web.plain", hours=TOKEN_LIFETIME_S / 3600.0))
+    notify(note("web.at", url=own_url))
     if server.foxglove is not None:
         notify(note("web.foxglove", url=foxglove_url(server, tokens)))
     if options.browser:
-        asyncio.get_running_loop().run_in_executor(None, open_tab, own)
+        asyncio.get_running_loop().run_in_executor(None, open_tab, own_url)
 
 
 def foxglove_url(server: Server, tokens: dict[Role, str]) -> str:

@@ -121,8 +121,8 @@ def faults(seed: int, seed_count: int, backend: str, as_json: bool) -> None:
     with progress(note("cli.study-faults", count=count), count) as advance:
         result = faults(seed_count, seed, processes=processors(), backend=backend, advance=advance)
     answer(result, as_json)
-    if result.requested > result.trials:
-        raise Interruption(fault("cli.study-interrupted", done=result.trials, asked=result.requested))
+    if result.requested > result.tried:
+        raise Interruption(fault("cli.study-interrupted", done=result.tried, asked=result.requested))
     if result.verdict == Verdict.REFUSED:
         raise AnswerNo(fault("cli.detectors-failed", reasons="; ".join(result.reasons)))
 

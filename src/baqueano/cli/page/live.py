@@ -66,7 +66,7 @@ def live_page(
         return
     needs_websockets()
     from baqueano.cli.page.drive_door import DriveDoor
-    from baqueano.web.share import display
+    from baqueano.web.share import has_display
 
     kind = robot.partition(":")[0]
     Path(folder).mkdir(parents=True, exist_ok=True)
@@ -80,7 +80,7 @@ def live_page(
         _wait(door.listens.is_set, STARTS_S, program)
         if program.poll() is not None:
             print_message(note("cli.page-gone"))
-        elif display():
+        elif has_display():
             _wait(door.visited.is_set, COMES_S, program)
         yield LivePage(door, program)
     finally:

@@ -83,7 +83,7 @@ class FloorTests:
             np.array([s.gyro for s in samples]).reshape(-1, 3),
         )
 
-    def samples(self, seconds: float) -> ImuSamples:
+    def rest(self, seconds: float) -> ImuSamples:
         """Return the IMU's samples at rest, with the motors at zero.
 
         Raise AnswerNo if the vehicle moves in each of ten attempts.
