@@ -13,7 +13,7 @@ from baqueano.estimators import Inertial
 from baqueano.messages import text
 from baqueano.signals import Estimate, Slot, Tick, sensor_slots
 from baqueano.study.counterpart import LoopWorld
-from baqueano.study.first_drives import MiswiredLink, drive_one, gains, unknown
+from baqueano.study.first_drives import MiswiredLink, drive_one, gain_ratios, draw_unknown_robot
 from baqueano.study.truth import draw_robots
 from baqueano.vehicle_file import load
 from tests.codes import refused
@@ -64,8 +64,8 @@ def test_the_dead_zones_of_each_wheel_are_identified(first, small):
 
 @pytest.mark.parametrize("seed", [4])
 def test_the_estimated_gain_is_within_40_percent_of_the_true_gain(small, seed):
-    robot = unknown(seed)
-    gain = gains(robot, small)
+    robot = draw_unknown_robot(seed)
+    gain = gain_ratios(robot, small)
     first = first_drive(small, world=LoopWorld(robot, seed, small.rate_hz), seed=seed)
     assert first.gain_along == pytest.approx(gain[0], rel=0.4)
     assert first.gain_about == pytest.approx(gain[1], rel=0.4)

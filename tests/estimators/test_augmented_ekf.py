@@ -11,7 +11,7 @@ from baqueano.estimators.augmented.state import BEND_INDEX, BIAS_INDEX, SCALE_IN
 from baqueano.geometry import wrap
 from baqueano.sensors import Imu, Odometer, Pose
 from baqueano.signals import Slot, Tick, sensor_slots
-from baqueano.study.driving import together
+from baqueano.study.driving import merge_robots
 from baqueano.study.truth import TruthWorld, draw_robots
 from baqueano.symbolic import compile_block
 from baqueano.vehicle_file import load
@@ -184,7 +184,7 @@ def test_heading_errors_match_their_covariance_on_the_independent_truth():
     """The 40 robots differ from the file; their gyro scale is known to 3 % and their bias to 0.002 rad/s. If the
     claim is true, the mean of 40 NEES lies between 0.58 and 1.52 in 99 of 100 such studies."""
     seeds, ticks, rng = range(40), 1000, np.random.default_rng(7)
-    robots = together([draw_robots(1, seed) for seed in seeds])
+    robots = merge_robots([draw_robots(1, seed) for seed in seeds])
     scale, bias = 1.0 + 0.03 * rng.standard_normal(len(seeds)), 0.002 * rng.standard_normal(len(seeds))
     u = np.zeros((ticks, 3))
     u[:, 0], u[:, 2] = 0.5, np.repeat(rng.uniform(0.1, 0.5, ticks // 50), 50)

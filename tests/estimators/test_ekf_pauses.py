@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from baqueano import vehicle_file
-from baqueano.estimators.pauses import silent_times, rows_of_ticks
+from baqueano.estimators.pauses import rows_of_ticks, silent_times
 from baqueano.identify.noise.most_likely import example_of
 from baqueano.signals import Slot, Tick, sensor_slots
 from baqueano.symbolic import compile_block, scan

@@ -149,7 +149,7 @@ def test_nees_and_nis_lie_in_their_bands_on_the_independent_truth():
     process = np.diag([0.005, 0.002, 0.005, 0.03, 0.03, 0.01]) ** 2 * 0.01
     quiet, nees, nis = Tick(10_000_000, np.zeros(3), silent({"imu": 3})), 0.0, []
     for i in range(n):
-        file = robot_file(physics.some([i]))
+        file = robot_file(physics.subset([i]))
         block = Unscented(file.vehicle, file.sensors, process)
         slots = type(file.sensors)(Slot(np.ones(ticks), z[i], np.zeros(ticks)))
         belief, estimates = scan(block.step, block.init(), quiet, backend="python").run(

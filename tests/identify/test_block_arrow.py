@@ -14,8 +14,8 @@ from baqueano.identify.residuals.block_arrow import (
     BlockArrow,
     Evaluation,
     add,
-    diagonal_matrix,
     arrow_layout,
+    diagonal_matrix,
     rows_times,
 )
 

@@ -18,7 +18,13 @@ from baqueano.identify import FitOptions, random_steps
 from baqueano.identify.data.record import FittedBlocks
 from baqueano.identify.selection.held_out import Score, paired_comparison
 from baqueano.identify.selection.selection import choose
-from baqueano.identify.selection.terms import BATTERY_EFFECT_PATH, Term, separation_problem, terms_of, without_terms
+from baqueano.identify.selection.terms import (
+    BATTERY_EFFECT_PATH,
+    Term,
+    separation_problem,
+    terms_of,
+    without_terms,
+)
 from baqueano.runs import write_run
 from baqueano.runs.run import Channel
 from baqueano.simulate import simulate

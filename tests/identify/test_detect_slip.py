@@ -16,7 +16,7 @@ def test_unmodelled_tyre_slip_drag_widens_the_errors():
     explains a part of it."""
     car = trials.car(702, "understeer")
     file = car_file(car)
-    u = trials._car_steps(702, file.rate_hz, SECONDS, trials.STEERED["understeer"])
+    u = trials._car_steps(702, file.rate_hz, SECONDS, trials.STEERING_AMPLITUDE["understeer"])
     motion = drive_group(car, u[:, None], [702], tick_times(len(u), file.rate_hz))
     fit = identify(run_of_vehicle(motion, 0, u, file, "soft tyres", 702), file, FREE_CAR)
     k = fit.names.index(DRAG)

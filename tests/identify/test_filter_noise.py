@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from baqueano.estimators.augmented.state import layout
-from baqueano.identify.noise.filter_noise import MIN_RESIDUALS, MIN_READINGS, _free_noise, _rounding
+from baqueano.identify.noise.filter_noise import MIN_READINGS, MIN_RESIDUALS, _free_noise, _rounding
 from baqueano.vehicle_file import load, parse
 
 TAGS = '\n[sensors.tags]\nkind = "tags"\npoints_m = [[0.5, 0.0], [-0.5, 0.0]]\n'

@@ -12,7 +12,7 @@ from baqueano.simulate.open_loop import tick_times
 from baqueano.study.counterpart import drive_group, robot_file, run_of_vehicle
 from baqueano.study.counterpart.cars import ODOMETER_M_S
 from baqueano.study.estimation.simulated import ODOMETER
-from baqueano.study.identification.trials import FLOOR, as_sent, robot
+from baqueano.study.identification.trials import FLOOR_NOISE, as_sent, robot
 from baqueano.vehicle_file import parse
 
 pytestmark = pytest.mark.long
@@ -27,7 +27,7 @@ def measured(request):
     identifies."""
     seed = request.param
     q = robot(seed)
-    q = q.with_parameters(floor=np.array([FLOOR]))
+    q = q.with_parameters(floor=np.array([FLOOR_NOISE]))
     file = parse(robot_file(q).text + ODOMETER, "robot.toml").with_values(
         {"estimator.use": ["imu", "odometer"], "model.process_noise_std": [0.0, 0.0, 0.0]}
     )
@@ -51,7 +51,7 @@ def test_the_identified_variance_of_each_channel_equals_the_true_variance(measur
 def test_the_identified_velocity_walk_equals_the_true_floor_noise(measured):
     _, _, noise = measured
     for k in (0, 2):
-        assert within(noise.fields["velocity_walk_std"][k] ** 2, FLOOR[k] ** 2, VELOCITY), k
+        assert within(noise.fields["velocity_walk_std"][k] ** 2, FLOOR_NOISE[k] ** 2, VELOCITY), k
 
 
 def test_the_noise_table_shows_the_values_written_to_the_file(measured):

@@ -11,7 +11,12 @@ import pytest
 from baqueano.errors import UsageError
 from baqueano.identify import FitOptions, identify
 from baqueano.identify.data.record import record_of
-from baqueano.identify.data.segments import ThetaLayout, split_record, derivatives_without_start, eliminate_starts
+from baqueano.identify.data.segments import (
+    ThetaLayout,
+    derivatives_without_start,
+    eliminate_starts,
+    split_record,
+)
 from baqueano.runs.run import TruthLog
 from baqueano.simulate import simulate
 from tests.codes import of_code

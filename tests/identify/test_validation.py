@@ -8,7 +8,13 @@ import pytest
 from baqueano.errors import UsageError
 from baqueano.identify import FitOptions, identify, random_steps
 from baqueano.identify.covariance.quantiles import student_quantile
-from baqueano.identify.validation import ChannelMetrics, Validation, _evidence_against, _ChannelError, validate
+from baqueano.identify.validation import (
+    ChannelMetrics,
+    Validation,
+    _ChannelError,
+    _evidence_against,
+    validate,
+)
 from baqueano.runs.run import Channel, Run
 from baqueano.simulate import simulate
 from baqueano.vehicle_file import parse

@@ -23,7 +23,7 @@ from baqueano.study.counterpart import (
     run_of_vehicle,
 )
 from baqueano.study.counterpart.world import ROBOT_STEP_S
-from baqueano.study.identification.trials import FLOOR, as_sent, car, robot
+from baqueano.study.identification.trials import FLOOR_NOISE, as_sent, car, robot
 from baqueano.study.truth import Robots, draw_robots
 from baqueano.study.truth.integrate import STEP_S
 from baqueano.vehicle_file import VehicleFile, load
@@ -96,7 +96,7 @@ def steps_of_car(seed: int, duration_s: float, rate_hz: float) -> np.ndarray:
 
 def robot_on_floor(seed: int, duration_s: float) -> TrueDrive:
     """Return a drive of a robot with dead zones and lag over a rough floor."""
-    q = robot(seed).with_parameters(floor=np.array([FLOOR]))
+    q = robot(seed).with_parameters(floor=np.array([FLOOR_NOISE]))
     file = robot_file(q)
     u = as_sent(excitation("random_steps", file.command.limit, duration_s, file.rate_hz, seed, rest_s=0.0))
     (run,) = group_runs([q], [u], [seed], file)

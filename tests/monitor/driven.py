@@ -53,7 +53,7 @@ def drives(kind: str, count: int) -> tuple[Run, ...]:
     robot, file = subject("robot" if kind == "wheels" else kind, 0), kind_of(kind).file
     u = [robot._replace(seed=seed).signal(SECONDS) for seed in range(count)]
     t_ns = tick_times(len(u[0]), file.rate_hz)
-    motion = drive_group(robot.vehicle.some([0] * count), np.stack(u, axis=1), range(count), t_ns)
+    motion = drive_group(robot.vehicle.subset([0] * count), np.stack(u, axis=1), range(count), t_ns)
     runs = []
     for k in range(count):
         run = run_of_vehicle(motion, k, u[k], file, f"{kind} {k}", k)

@@ -9,7 +9,7 @@ from baqueano.compare.corridor import MAX_HEADING_STD_RAD
 from baqueano.study import corridor, driving
 from baqueano.study.corridor import drives
 from baqueano.study.corridor.result import Instant, gather
-from baqueano.study.corridor.vehicles import BIAS_WALK, TOLERANCE, vehicles
+from baqueano.study.corridor.vehicles import BIAS_WALK, SCALE_TOLERANCE, vehicles
 
 
 def cases(n, claim_m, rng, heading=0.1):
@@ -47,8 +47,8 @@ def test_a_lost_vehicle_is_counted_and_not_judged():
 def test_the_study_vehicles_have_the_imu_of_a_data_sheet():
     robots = vehicles(range(40))
     off = robots.imu.gyro_scale - 1.0
-    assert np.all(np.abs(off) <= TOLERANCE)
-    assert np.std(off) == pytest.approx(TOLERANCE / np.sqrt(3.0), rel=0.2)
+    assert np.all(np.abs(off) <= SCALE_TOLERANCE)
+    assert np.std(off) == pytest.approx(SCALE_TOLERANCE / np.sqrt(3.0), rel=0.2)
     assert np.all(robots.imu.walk == [0.0, 0.0, BIAS_WALK])
     assert np.abs(np.diff(robots.wheel, axis=1)) == pytest.approx(np.full((40, 1), 0.02))
 

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from baqueano.errors import UsageError
-from baqueano.tune.search import DIVERGED_COST, at_limit, gains, halton, coordinates, search, stretch
+from baqueano.tune.search import DIVERGED_COST, at_limit, coordinates, gains, halton, search, stretch
 from tests.codes import refused
 
 LOW, HIGH = np.array([0.0, 0.0, 1.0]), np.array([100.0, 10.0, 50.0])

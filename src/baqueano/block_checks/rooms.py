@@ -225,8 +225,8 @@ def _check_reference(trial: Trial, reference: Reference, t_ns: int, context: Dia
     eta = trial.expect("Reference.eta", reference.eta, (3,), context)
     trial.expect("Reference.nu", reference.nu, (3,), context)
     trial.check_wrapped("Reference.eta[2]", float(eta[2]), context)
-    if float(reference.reported_faults) not in (0.0, 1.0):
-        trial.add_fault("check.done", "step", found=str(reference.reported_faults))
+    if float(reference.done) not in (0.0, 1.0):
+        trial.add_fault("check.done", "step", found=str(reference.done))
 
 
 def check_supervisor(

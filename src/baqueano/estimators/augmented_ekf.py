@@ -25,15 +25,15 @@ from baqueano.contracts.optional import is_dynamic
 from baqueano.contracts.values import Value
 from baqueano.estimators.augmented.correction import correct_tick
 from baqueano.estimators.augmented.motion import (
-    predict_row,
     mean_disturbance_after,
+    predict_row,
     velocity_error,
     wheel_velocity_cov,
 )
 from baqueano.estimators.augmented.state import BIAS_INDEX, FORWARD_STATES, SCALE_INDEX, layout, start_std
 from baqueano.estimators.covariance import block_diagonal, mirror_upper
 from baqueano.estimators.kalman import Gaussian
-from baqueano.estimators.pauses import effort_of, branch, step_in_rows, row_of, rows_before, tree_where
+from baqueano.estimators.pauses import branch, effort_of, row_of, rows_before, step_in_rows, tree_where
 from baqueano.estimators.readings.doubt import update_inconsistency
 from baqueano.estimators.readings.place_gate import PoseMemory, empty_memory
 from baqueano.estimators.readings.sensor_numbers import check_use
@@ -177,7 +177,7 @@ class AugmentedEkf:
         at_rest = (quiet_s >= MIN_REST_S) & np.all(np.abs(x.mean[3:6]) < MAX_REST_NU)
         model_nu = self.vehicle.advance(belief.mean[:3], belief.model_nu, effort, row.moved_s)[1]
         model_nu = np.where(at_rest, 0.0, model_nu)
-        previous = belief.latest, belief.pose_memory
+        previous = belief.last_innovations, belief.pose_memory
 
         def correct(x: Gaussian, at_rest: bool) -> Value:
             if not np.any(layout(self).moving_mask[:, FORWARD_STATES[0]]):

@@ -22,8 +22,8 @@ from baqueano.contracts.blocks import SensorBlocks
 from baqueano.contracts.values import Value
 from baqueano.estimators.covariance import block_diagonal, mirror_upper
 from baqueano.estimators.kalman import boxplus
-from baqueano.estimators.pauses import step_in_rows, row_of, rows_before, tree_where
-from baqueano.estimators.readings.velocity_readings import Reading, readings_of, measured_velocity
+from baqueano.estimators.pauses import row_of, rows_before, step_in_rows, tree_where
+from baqueano.estimators.readings.velocity_readings import Reading, measured_velocity, readings_of
 from baqueano.geometry import map_from_body
 from baqueano.parameter import document, parameter
 from baqueano.signals import Estimate, Tick

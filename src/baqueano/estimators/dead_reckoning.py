@@ -24,7 +24,7 @@ from baqueano.contracts.blocks import SensorBlocks
 from baqueano.contracts.values import Value
 from baqueano.estimators.covariance import block_diagonal, covariance, mirror_upper
 from baqueano.estimators.kalman import boxplus
-from baqueano.estimators.pauses import effort_of, step_in_rows, row_of, rows_before, tree_where, unmoved_cov
+from baqueano.estimators.pauses import effort_of, row_of, rows_before, step_in_rows, tree_where, unmoved_cov
 from baqueano.estimators.readings.sensor_numbers import (
     UncertainParameter,
     age_s,
@@ -166,7 +166,7 @@ class DeadReckoning:
         ages_s, since_s = [0.0, 0.0, 0.0], [t + dt_s for t in belief.since_s]
         for reading in self.readings:
             sensor, slot = getattr(self.sensors, reading.name), getattr(tick.sensors, reading.name)
-            for i in {*reading.value_at, *(SIDEWAYS_INDEX for k in reading.value_at if k == TURNING_INDEX)}:
+            for i in {*reading.entries, *(SIDEWAYS_INDEX for k in reading.entries if k == TURNING_INDEX)}:
                 ages_s[i] = age_s(sensor, slot)
                 since_s[i] = np.where(has_measurement(sensor, slot), 0.0, since_s[i])
         return np.array(ages_s), np.array(since_s)

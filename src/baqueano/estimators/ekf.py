@@ -30,10 +30,10 @@ from baqueano.estimators.kalman import Gaussian, boxplus, correct, predict
 from baqueano.estimators.pauses import (
     FilterRow,
     effort_of,
-    step_in_rows,
     limit_covariance,
     row_of,
     rows_before,
+    step_in_rows,
     tree_where,
     unmoved_cov,
 )

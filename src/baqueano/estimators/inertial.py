@@ -78,7 +78,7 @@ class Inertial:
         is_at_rest = (
             seconds(tick.t_ns, since_ns) >= MIN_REST_S
             or s.rest_count == 0.0
-            or (s.moving_mask == 0.0 and not np.any(tick.u))
+            or (s.moving_ticks == 0.0 and not np.any(tick.u))
         )
         rest_count, mean, squared_deviations, v, omega = (
             s.rest_count,
@@ -97,12 +97,12 @@ class Inertial:
         v = 0.0 if is_at_rest else v + float(z[0] - mean[0]) * dt_s * float(slot.has > 0.5)
         turn = 0.0 if is_at_rest else omega * dt_s
         psi = s.eta[2] + turn
-        distance = -0.5 * s.v * s.moving_mask * dt_s if is_at_rest else v * dt_s
+        distance = -0.5 * s.v * s.moving_ticks * dt_s if is_at_rest else v * dt_s
         eta = np.array([s.eta[0] + distance * np.cos(psi), s.eta[1] + distance * np.sin(psi), psi])
         moving_ticks, wander = (
-            (0.0, s.displacement_sum + s.moving_mask**3 / 12.0)
+            (0.0, s.displacement_sum + s.moving_ticks**3 / 12.0)
             if is_at_rest
-            else (s.moving_mask + 1.0, s.displacement_sum)
+            else (s.moving_ticks + 1.0, s.displacement_sum)
         )
         state = InertialBelief(
             tick.t_ns, since_ns, rest_count, mean, squared_deviations, eta, v, omega, moving_ticks, wander
@@ -115,10 +115,10 @@ def _cov(s: InertialBelief, dt_s: float) -> Value:
     cov = np.zeros((6, 6))
     if s.rest_count > 2.0:
         var = s.squared_deviations / (s.rest_count - 1.0)
-        growth = dt_s * dt_s * (s.moving_mask + s.moving_mask * s.moving_mask / s.rest_count)
+        growth = dt_s * dt_s * (s.moving_ticks + s.moving_ticks * s.moving_ticks / s.rest_count)
         cov[2, 2], cov[3, 3], cov[5, 5] = var[2] * growth, var[0] * growth, var[2]
         displacement_sum = (
-            s.displacement_sum + s.moving_mask**3 / 3.0 + s.moving_mask**4 / (4.0 * s.rest_count)
+            s.displacement_sum + s.moving_ticks**3 / 3.0 + s.moving_ticks**4 / (4.0 * s.rest_count)
         )
         cov[0, 0] = cov[1, 1] = var[0] * dt_s**4 * displacement_sum
     return cov

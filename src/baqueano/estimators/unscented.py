@@ -29,9 +29,9 @@ from baqueano.estimators.kalman import Gaussian, boxplus, correct
 from baqueano.estimators.pauses import (
     FilterRow,
     effort_of,
-    step_in_rows,
     row_of,
     rows_before,
+    step_in_rows,
     tree_where,
     unmoved_cov,
 )

@@ -7,7 +7,7 @@ import numpy as np
 from baqueano.diagnostics import fault
 from baqueano.errors import UsageError
 from baqueano.guides.route import Route
-from baqueano.routes.path import GRID_M, STEP_M, RoutePath, route_along, distances_along
+from baqueano.routes.path import GRID_M, STEP_M, RoutePath, distances_along, route_along
 
 MAX_LEG_M = 20.0  # between two points
 

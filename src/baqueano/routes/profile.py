@@ -17,7 +17,7 @@ from baqueano.diagnostics import fault
 from baqueano.errors import UsageError
 from baqueano.guides.route import Route
 from baqueano.messages.printable import baqueano_command
-from baqueano.routes.capability import MAX_SPEED_M_S, MAX_ACCELERATION_M_S2, Capability, largest_allowed
+from baqueano.routes.capability import MAX_ACCELERATION_M_S2, MAX_SPEED_M_S, Capability, largest_allowed
 from baqueano.routes.path import GRID_M, NAME_PLACEHOLDER, RoutePath, direction, path_of, route_along
 
 if TYPE_CHECKING:

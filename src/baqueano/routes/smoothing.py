@@ -18,7 +18,7 @@ from baqueano.diagnostics import fault
 from baqueano.errors import UsageError
 from baqueano.guides.route import Route
 from baqueano.routes.edit import meets
-from baqueano.routes.path import GRID_M, RoutePath, direction, moving_indices, route_along, distances_along
+from baqueano.routes.path import GRID_M, RoutePath, direction, distances_along, moving_indices, route_along
 
 MIN_TOLERANCE_M, MAX_TOLERANCE_M = 1e-4, 0.5  # range of a tolerance
 MAX_WAVE_M = 0.8  # the longest wave that is removed

@@ -26,7 +26,7 @@ from baqueano.messages.printable import baqueano_command
 from baqueano.runs.run import EstimateLog, Event, ReferenceLog, Run, TruthLog
 from baqueano.sensors.truth import truth_sensor
 from baqueano.signals import NANOSECONDS, Estimate, Reference, seconds
-from baqueano.simulate.open_loop import envelope_events, channels, draw, metadata, tick_times
+from baqueano.simulate.open_loop import channels, draw, envelope_events, metadata, tick_times
 from baqueano.simulate.system import (
     Input,
     System,

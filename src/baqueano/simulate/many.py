@@ -24,7 +24,7 @@ from baqueano.messages.language import translate as _
 from baqueano.parameter import parameters
 from baqueano.signals import seconds
 from baqueano.simulate.open_loop import command_signal, tick_times
-from baqueano.simulate.system import System, parameter_vector, parameter_labels, value, with_parameters
+from baqueano.simulate.system import System, parameter_labels, parameter_vector, value, with_parameters
 from baqueano.symbolic import get, scan
 from baqueano.symbolic.scan import Scan
 from baqueano.vehicle_file.envelope import Watch
@@ -214,7 +214,7 @@ def simulate_many(
     eta, nu = (np.concatenate(x) for x in zip(*batches, strict=True))
     t_s = seconds(tick_times(len(u), rate)[np.array(record_ends) - 1])
     watch = Watch(vehicle_file.envelope)
-    watch.look(u, {})
+    watch.count(u, {})
     envelope_flags = watch.flags(note("envelope.this-signal"))
     return Ensemble(
         tuple(parameter_labels(system, paths)),

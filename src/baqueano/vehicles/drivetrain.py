@@ -25,7 +25,7 @@ from baqueano.errors import Invalid
 from baqueano.parameter import INF, document, parameter, parameters
 from baqueano.vehicles.bounds import check_bounds
 from baqueano.vehicles.delay import INITIAL_STEP_S, check_delay, pieces_in_force, with_newest
-from baqueano.vehicles.effort import Effort, lagged_effort, direct_effort
+from baqueano.vehicles.effort import Effort, direct_effort, lagged_effort
 
 MIN_LAG_S = 1e-100  # a tick divided by a smaller lag overflows a floating-point number
 MIXINGS = ("none", "two_wheels")

@@ -32,8 +32,8 @@ from baqueano.worlds.simulated import (
     DrawnNoise,
     SimulatedWorld,
     WorldState,
-    step_in_rows,
     no_noise,
+    step_in_rows,
     with_rows,
 )
 

@@ -19,7 +19,7 @@ from baqueano.estimators.augmented.motion import disturbance_acceleration
 from baqueano.estimators.augmented.state import BIAS_INDEX, SCALE_INDEX, layout, start_std
 from baqueano.estimators.covariance import block_diagonal, mirror_upper
 from baqueano.estimators.kalman import Gaussian, boxplus, correct
-from baqueano.estimators.readings.place_gate import TURN_STD, PoseMemory, PoseChannels, gate_decision, growth
+from baqueano.estimators.readings.place_gate import TURN_STD, PoseChannels, PoseMemory, gate_decision, growth
 from baqueano.estimators.readings.sensor_numbers import age_s
 from baqueano.geometry import map_from_body
 from baqueano.parameter import INF
@@ -73,7 +73,7 @@ def correct_tick(
         def h(mean: np.ndarray, name: str = name) -> np.ndarray:
             return predict_measurement(estimator, mean, name, effort, nu_dot, getattr(tick.sensors, name))
 
-        is_within_range = np.abs(slot.z) < USABLE_RANGE * optional.value_at(sensor, "limit")
+        is_within_range = np.abs(slot.z) < USABLE_RANGE * optional.of(sensor, "limit")
         predicted, has = h(x.mean), (slot.has > 0.0) & np.isfinite(slot.z) & is_within_range
         z = np.where(has, slot.z, predicted)
         innovations.append(difference(sensor, z, predicted)[indices])

@@ -144,7 +144,7 @@ def velocity_error(kappa: np.ndarray, nu: np.ndarray) -> np.ndarray:
 
 def _push_matrix(vehicle: DynamicVehicle) -> np.ndarray:
     """Return the matrix (3, 3) from a push (forward, sideways, in rotation) to the change of ν."""
-    arm = optional.value_at(vehicle, "turning_arm_m")
+    arm = optional.of(vehicle, "turning_arm_m")
     return np.array([[1.0, 0.0, 0.0], [0.0, 1.0, 0.0 if arm is None else arm], [0.0, 0.0, 1.0]])
 
 

@@ -24,9 +24,9 @@ from baqueano.contracts.blocks import Sensor
 from baqueano.estimators.readings.doubt import SPEED_AND_YAW_RATE
 from baqueano.estimators.readings.sensor_numbers import (
     UncertainParameter,
+    measurement_jacobian,
     rows_of,
     scale_std,
-    measurement_jacobian,
     split_use,
     uncertain_parameters,
 )

@@ -74,7 +74,7 @@ def has_measurement(sensor: Sensor, slot: Slot) -> Value:
 
 def age_s(sensor: Sensor, slot: Slot) -> Value:
     """Return the age of a measurement at the tick [s], from its timestamp, its delay and its low-pass."""
-    delay_s = sensor.delay_s if optional.value_at(sensor, "delay_slots") > 0 else 0.0
+    delay_s = sensor.delay_s if optional.of(sensor, "delay_slots") > 0 else 0.0
     return slot.age_s + delay_s + low_pass_s(sensor)
 
 

@@ -39,7 +39,7 @@ class Reading(NamedTuple):
     @property
     def is_gyro(self) -> bool:
         """Return True if the sensor measures only the yaw rate."""
-        return self.value_at == (TURNING_INDEX,)
+        return self.entries == (TURNING_INDEX,)
 
 
 def readings_of(sensors: SensorBlocks, use: tuple[str, ...] = ()) -> tuple[Reading, ...]:
@@ -52,7 +52,7 @@ def readings_of(sensors: SensorBlocks, use: tuple[str, ...] = ()) -> tuple[Readi
     readings: list[Reading] = []
     for name in [*gyros, *(name for name in jacobians if name not in gyros)]:
         rows = {k: row for k, row in jacobians[name].items() if name not in gyros or is_turning(row)}
-        taken_entries = {i for reading in readings for i in reading.value_at}
+        taken_entries = {i for reading in readings for i in reading.entries}
         entries = [
             i for i in range(3) if i not in taken_entries and any(row[i] != 0.0 for row in rows.values())
         ]

@@ -16,7 +16,7 @@ from baqueano.contracts.values import Value
 from baqueano.diagnostics import fault
 from baqueano.errors import UsageError
 from baqueano.vehicles.state import Vehicle
-from baqueano.worlds.faults.fault import SLIP_FACTOR, DRIFT_S, CHANNEL_KINDS, SENSOR_KINDS, Fault
+from baqueano.worlds.faults.fault import CHANNEL_KINDS, DRIFT_S, SENSOR_KINDS, SLIP_FACTOR, Fault
 from baqueano.worlds.noise import stream
 
 BATCH_ROWS = 256  # rows of random numbers drawn at a time
