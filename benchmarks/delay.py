@@ -19,7 +19,7 @@ from baqueano.guides.shapes import sinuous_circle
 from baqueano.signals import Estimate, Slot, Tick
 from baqueano.simulate.open_loop import tick_times
 from baqueano.study.counterpart.robots import robot_file, robot_values
-from baqueano.study.driving import Loop, together
+from baqueano.study.driving import Loop, merge_robots
 from baqueano.study.truth import TruthWorld, draw_robots
 
 ROUTE = sinuous_circle(0.6, 0.06, 5, 0.2)
@@ -95,7 +95,7 @@ def main():
         )
         for robot, seed in zip(each, seeds, strict=True)
     ]
-    loops, robots = [Loop(file, True, "auto") for file in files], together(each)
+    loops, robots = [Loop(file, True, "auto") for file in files], merge_robots(each)
     own = float(np.median(robots.delay_s))
     print(
         f"{args.controller}, {len(seeds)} robots: total delay [ms] (median), beside the path [mm rms]: median, worst"

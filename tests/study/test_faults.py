@@ -271,4 +271,4 @@ def test_structural_faults_do_not_change_the_original_data(vehicle):
         assert (plan is None) == (vehicle == "car" and name in NOT_FOR_CARS), name
         if plan is not None:
             has_changed = plan.vehicle is not of.vehicle or not np.array_equal(plan.effective, u)
-            assert has_changed or plan.file is not of.vehicle_file or plan.second is not None, name
+            assert has_changed or plan.vehicle_file is not of.vehicle_file or plan.second is not None, name

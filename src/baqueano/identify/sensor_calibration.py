@@ -35,13 +35,10 @@ if TYPE_CHECKING:
     from baqueano.runs.run import Run
     from baqueano.vehicle_file import VehicleFile
 
-WINDOW_S = 2.0
-STEP_S = 0.1  # between the beginnings of windows
+WINDOW_S, STEP_S, GAP_S = 2.0, 0.1, 0.25  # of windows: length, step, and the longest gap between measurements
 BATCH_S, BATCHES = 5.0, 8  # the longest batch, and the least number of them
-GAP_S = 0.25  # a window with a longer gap between measurements is excluded
-MAX_OFFSET_S, OFFSET_STEP_S = 0.5, 0.01  # largest clock offset, and step of the grid
-MAX_HALF_INTERVAL = 0.02  # of a scale: a larger half interval gives a warning
-MAX_CLOCK_HALF_S = 0.02
+MAX_OFFSET_S, GRID_S = 0.5, 0.01  # largest clock offset, and step of the grid
+MAX_HALF_INTERVAL, MAX_CLOCK_HALF_S = 0.02, 0.02  # of a scale: a larger half interval gives a warning
 
 
 class CalibratedNumber(NamedTuple):
@@ -79,7 +76,7 @@ class Calibration(Result):
                 out.append(note(code, Severity.WARNING, "", item.name, percent=100 * item.half / item.value))
             if item.name == "clock.truth" and not item.half < MAX_CLOCK_HALF_S:
                 out.append(note("calibration.loose-clock", Severity.WARNING, half_ms=1e3 * item.half))
-            if item.name == "clock.truth" and abs(item.value) > MAX_OFFSET_S - OFFSET_STEP_S:
+            if item.name == "clock.truth" and abs(item.value) > MAX_OFFSET_S - GRID_S:
                 out.append(note("calibration.clock-at-end", Severity.WARNING, offset_s=item.value))
         return tuple(out)
 
@@ -202,18 +199,16 @@ def calibrate(run: "Run", vehicle_file: "VehicleFile") -> Calibration:
     if gyro is not None:
         name, signal = gyro
         windows = _windows(run, frames, signal)
-        regression = _best_regression(lambda o: _turn_equations(windows, signal, o), windows)
-        offset = regression.offset_s
-        calibrated += _clock_offset(regression) + _gyro(regression, name, vehicle_file)
-        residuals["heading_rad"] = regression.rms
+        fit = _best_regression(lambda o: _turn_equations(windows, signal, o), windows)
+        offset = fit.offset_s
+        calibrated += _clock_offset(fit) + _gyro(fit, name, vehicle_file)
+        residuals["heading_rad"] = fit.rms
     if odometer is not None:
         name, signal = odometer
         windows = _windows(run, frames, signal)
-        regression = _best_regression(lambda o: _motion_equations(windows, signal, o), windows, offset)
-        calibrated += (_clock_offset(regression) if offset is None else []) + _odometer(
-            regression, name, vehicle_file
-        )
-        residuals["way_m"] = regression.rms
+        fit = _best_regression(lambda o: _motion_equations(windows, signal, o), windows, offset)
+        calibrated += (_clock_offset(fit) if offset is None else []) + _odometer(fit, name, vehicle_file)
+        residuals["way_m"] = fit.rms
     return Calibration(run.name, tuple(calibrated), residuals)
 
 
@@ -316,7 +311,7 @@ def _motion_equations(w: Windows, odometer: TruthSignal, offset_s: float) -> Equ
     t = w.t_s + offset_s
     lever = np.stack([np.stack([w.of(c), w.of(s)], axis=1), np.stack([-w.of(s), w.of(c)], axis=1)], axis=2)
     jacobian = np.concatenate([both(way(odometer.interpolate(t))), lever], axis=2)
-    h = 0.5 * OFFSET_STEP_S
+    h = 0.5 * GRID_S
     faster = (way(odometer.interpolate(t + h)) - way(odometer.interpolate(t - h))) / (2.0 * h)
     change = np.concatenate([both(faster), np.zeros((len(w.a), 2, 2))], axis=2)
     return w.of(w.eta[:, :2]).ravel(), jacobian.reshape(-1, 4), change.reshape(-1, 4)
@@ -328,15 +323,13 @@ def _best_regression(
     """Return the regression at the offset of least residual, or at `offset_s` if it is given."""
     is_offset_free = offset_s is None
     if offset_s is None:
-        grid = np.arange(-MAX_OFFSET_S, MAX_OFFSET_S + 0.5 * OFFSET_STEP_S, OFFSET_STEP_S)
+        grid = np.arange(-MAX_OFFSET_S, MAX_OFFSET_S + 0.5 * GRID_S, GRID_S)
         offset_s = float(grid[np.argmin([_residual_std(*equations(o)[:2]) for o in grid])])
     for _round in range(20 if is_offset_free else 0):
         y, jacobian, change = equations(offset_s)
         x, weights = regress(jacobian, y)
         step = regress(np.column_stack([jacobian, change @ x]), y)[0][-1]
-        offset_s = float(
-            np.clip(offset_s + np.clip(step, -OFFSET_STEP_S, OFFSET_STEP_S), -MAX_OFFSET_S, MAX_OFFSET_S)
-        )
+        offset_s = float(np.clip(offset_s + np.clip(step, -GRID_S, GRID_S), -MAX_OFFSET_S, MAX_OFFSET_S))
         if abs(step) < 1e-6:
             break
     y, jacobian, change = equations(offset_s)
@@ -354,57 +347,42 @@ def _residual_std(y: np.ndarray, jacobian: np.ndarray) -> float:
     return float(np.mean(np.abs(y - jacobian @ x)))
 
 
-def _calibrated_number(
-    regression: WindowRegression,
+def _number(
+    fit: WindowRegression,
     name: str,
-    function: Callable[[np.ndarray], float],
+    f: Callable[[np.ndarray], float],
     unit: str,
-    value_in_file: float | None,
-    explanation: str,
+    in_file: float | None,
+    remark: str,
 ) -> CalibratedNumber:
-    """Return a calibrated number with its error bar: `function` is its function of coefficients and offset (p + 1,)."""
-    x = np.array([*regression.x, regression.offset_s])
+    """Return a calibrated number with its error bar: `f` is its function of coefficients and offset (p + 1,)."""
+    x = np.array([*fit.x, fit.offset_s])
     steps = 1e-6 * np.eye(len(x)) * np.maximum(np.abs(x), 1e-3)
-    gradient = np.array([(function(x + h) - function(x - h)) / (2.0 * h.sum()) for h in steps])[
-        : len(regression.cov)
-    ]
-    std = (
-        float(np.sqrt(gradient @ regression.cov @ gradient)) if np.isfinite(regression.cov).all() else np.inf
-    )
-    return CalibratedNumber(
-        name,
-        float(function(x)),
-        std,
-        student_quantile(0.975, regression.freedom) * std,
-        unit,
-        value_in_file,
-        explanation,
-    )
+    gradient = np.array([(f(x + h) - f(x - h)) / (2.0 * h.sum()) for h in steps])[: len(fit.cov)]
+    std = float(np.sqrt(gradient @ fit.cov @ gradient)) if np.isfinite(fit.cov).all() else np.inf
+    half_width = student_quantile(0.975, fit.freedom) * std
+    return CalibratedNumber(name, float(f(x)), std, half_width, unit, in_file, remark)
 
 
 def _clock_offset(regression: WindowRegression) -> list[CalibratedNumber]:
-    explanation = _("to be added to the truth's timestamps")
-    return [_calibrated_number(regression, "clock.truth", lambda x: x[-1], "s", None, explanation)]
+    remark = _("to be added to the truth's timestamps")
+    return [_number(regression, "clock.truth", lambda x: x[-1], "s", None, remark)]
 
 
-def _gyro(regression: WindowRegression, name: str, vehicle_file: "VehicleFile") -> list[CalibratedNumber]:
+def _gyro(fit: WindowRegression, name: str, vehicle_file: "VehicleFile") -> list[CalibratedNumber]:
     block, path = getattr(vehicle_file.sensors, name), f"sensors.{name}.gyro"
-    explanation = _("the truth turns {ratio:.4f} times as much as the gyro", ratio=float(regression.x[0]))
+    remark = _("the truth turns {ratio:.4f} times as much as the gyro", ratio=float(fit.x[0]))
     return [
-        _calibrated_number(
-            regression, f"{path}_scale", lambda x: 1.0 / x[0], "1", float(block.gyro_scale), explanation
-        ),
-        _calibrated_number(
-            regression, f"{path}_bias", lambda x: -x[1] / x[0], "rad/s", float(block.gyro_bias), ""
-        ),
+        _number(fit, f"{path}_scale", lambda x: 1.0 / x[0], "1", float(block.gyro_scale), remark),
+        _number(fit, f"{path}_bias", lambda x: -x[1] / x[0], "rad/s", float(block.gyro_bias), ""),
     ]
 
 
-def _odometer(regression: WindowRegression, name: str, vehicle_file: "VehicleFile") -> list[CalibratedNumber]:
+def _odometer(fit: WindowRegression, name: str, vehicle_file: "VehicleFile") -> list[CalibratedNumber]:
     """Return the odometer's scale, and the mark's position and heading in body axes, with x along the rolling
     direction."""
     scale, path = float(getattr(vehicle_file.sensors, name).scale), f"sensors.{name}.scale"
-    explanation = _("the truth moves {ratio:.4f} × the odometer", ratio=float(np.hypot(*regression.x[:2])))
+    remark = _("the truth moves {ratio:.4f} × the odometer", ratio=float(np.hypot(*fit.x[:2])))
 
     def rotate(x: np.ndarray, lx: float, ly: float) -> float:
         return float((x[0] * lx + x[1] * ly) / np.hypot(x[0], x[1]))
@@ -415,12 +393,8 @@ def _odometer(regression: WindowRegression, name: str, vehicle_file: "VehicleFil
     )
     heading = _("heading of the mark, to the left of the rolling direction of the wheels")
     return [
-        _calibrated_number(
-            regression, path, lambda x: 1.0 / float(np.hypot(x[0], x[1])), "1", scale, explanation
-        ),
-        _calibrated_number(regression, "mark.x_m", lambda x: rotate(x, x[2], x[3]), "m", None, forward),
-        _calibrated_number(regression, "mark.y_m", lambda x: rotate(x, x[3], -x[2]), "m", None, sideways),
-        _calibrated_number(
-            regression, "mark.heading_rad", lambda x: -float(np.arctan2(x[1], x[0])), "rad", None, heading
-        ),
+        _number(fit, path, lambda x: 1.0 / float(np.hypot(x[0], x[1])), "1", scale, remark),
+        _number(fit, "mark.x_m", lambda x: rotate(x, x[2], x[3]), "m", None, forward),
+        _number(fit, "mark.y_m", lambda x: rotate(x, x[3], -x[2]), "m", None, sideways),
+        _number(fit, "mark.heading_rad", lambda x: -float(np.arctan2(x[1], x[0])), "rad", None, heading),
     ]

@@ -216,7 +216,8 @@ def _channels_used(fit: Fit) -> tuple[str, ...]:
 def _channel_metrics(
     c: ChannelFit, own_channels: Sequence[ChannelFit], unit: str
 ) -> tuple[ChannelMetrics, list[Diagnostic]]:
-    """Return the figures of one channel of a held-out run and of the `own_channels` runs, and the evidence against the model."""
+    """Return the figures of one channel of a held-out run and of the `own_channels` runs, and the evidence against the
+    model."""
     own_channels, e = (
         [channel for channel in own_channels if np.isfinite(channel.explained)],
         c.measured - c.predicted,
@@ -298,8 +299,8 @@ def _evidence_against(
 def _channel_errors(
     c: ChannelFit, own_channels: Sequence[ChannelFit]
 ) -> tuple[_ChannelError, list[_ChannelError]]:
-    """Return the residuals of a channel and of its `own_channels` runs, in blocks of BLOCK_S. If there are fewer than ENOUGH
-    blocks, use blocks of SHORT_S if this gives more blocks."""
+    """Return the residuals of a channel and of its `own_channels` runs, in blocks of BLOCK_S. If there are fewer than
+    ENOUGH blocks, use blocks of SHORT_S if this gives more blocks."""
     own_residuals = np.concatenate([channel.measured - channel.predicted for channel in own_channels])
     spread, trials = float(np.sqrt(np.nanmean(own_residuals**2))), []
     for block_s in (BLOCK_S, SHORT_BLOCK_S):

@@ -40,7 +40,7 @@ if TYPE_CHECKING:
     from baqueano.contracts.values import TableRow
     from baqueano.runs import Run
 
-LAPS, EXPERIMENT = 3, "1-experiment.mcap"
+LAPS, EXPERIMENT_FILE = 3, "1-experiment.mcap"
 GUESS = {  # the guess of a user with a scale and a tape measure, without a data sheet
     "model.actuator_matrix": [[2.0, 0.0, 0.0], [0.0, 0.0, 0.0], [0.0, 0.0, 0.12]],
     "model.friction.linear": [5.0, 30.0, 0.02],
@@ -54,7 +54,7 @@ GUESS = {  # the guess of a user with a scale and a tape measure, without a data
     "sensors.imu.accel_bias": [0.0, 0.0],
     "sensors.imu.gyro_bias": 0.0,
 }
-GAINS = {
+INITIAL_GAINS = {
     name: name.replace("_", " ") for name in ("name", "value", "unit", "before", "low", "high", "at_limit")
 }
 STAGES_S = 15.0, 30.0  # of the experiment: the fits of the animation before the complete one
@@ -78,8 +78,8 @@ class Demo:
     def true_values(self) -> np.ndarray:
         """Return the true values (p,) of the fitted parameters; T includes the unequal gains of the wheels."""
         wheels = self.truth.vehicle.drivetrain
-        wrench = np.stack([wheels.unmix(wheels.gain * wheels.mix(u)) for u in np.eye(3)], axis=1)
-        T = self.truth.vehicle.actuator_matrix @ wrench
+        gain_matrix = np.stack([wheels.unmix(wheels.gain * wheels.mix(u)) for u in np.eye(3)], axis=1)
+        T = self.truth.vehicle.actuator_matrix @ gain_matrix
         at = {f"model.actuator_matrix[{i},{j}]": T[i, j] for i in range(3) for j in range(3)}
         return np.array([at[n] if n in at else float(self.truth.value(n)) for n in self.fit.names])
 
@@ -149,8 +149,8 @@ class Demo:
             ),
             _("verdict"): verdict_line(self.verdict, self.fit.reasons[:1]),
         }  # fmt: skip
-        wide = max(16, *map(len, lines))
-        return [f"{label:{wide}} {line}" for label, line in lines.items()]
+        width = max(16, *map(len, lines))
+        return [f"{label:{width}} {line}" for label, line in lines.items()]
 
     def animation(self, backend: str = "auto") -> str:
         """Return the animation: the intervals narrow as data arrive, and the taught path is driven again."""
@@ -161,7 +161,7 @@ class Demo:
             "model.friction.coulomb[0]": _("dry friction"),
             "model.actuator_matrix[0,2]": _("unequal motors"),
         }
-        run = read_run(self.folder / EXPERIMENT)
+        run = read_run(self.folder / EXPERIMENT_FILE)
         guess, options = load("small").with_values(GUESS), FitOptions(backend=backend)
         fits = [(s, identify(run.cut(0.0, s), guess, options=options)) for s in STAGES_S]
         truth = dict(zip(self.fit.names, self.true_values, strict=True))
@@ -178,14 +178,14 @@ class Demo:
             laps=LAPS,
         )
         identifiable = [r for r in self.rows() if r["z"] is not None]
-        inside = sum(abs(r["z"]) <= 1.96 for r in identifiable)
-        count = _("{inside} of {all}", inside=inside, all=len(identifiable))
-        first = Headline(_("parameters in their 95 % interval"), count, _("against the truth"))
+        covered_count = sum(abs(r["z"]) <= 1.96 for r in identifiable)
+        count = _("{inside} of {all}", inside=covered_count, all=len(identifiable))
+        headline = Headline(_("parameters in their 95 % interval"), count, _("against the truth"))
         return Page(
             title=_("A vehicle without a data sheet"),
             subtitle=_("the simulated small vehicle: experiment, identify, noise, tune, teach, repeat"),
             verdict=self.verdict,
-            headlines=[first, *headlines(figures)],
+            headlines=[headline, *headlines(figures)],
             sections=[
                 Section(_("Teach and repeat"), text, paths(self.repeated)),
                 *driving_sections(self.repeated, figures),
@@ -200,7 +200,11 @@ class Demo:
                         cost=self.tuned.cost,
                         before=self.tuned.cost_before,
                     ),
-                    [Table(self.tuned.rows(), "", {key: _(heading) for key, heading in GAINS.items()})],
+                    [
+                        Table(
+                            self.tuned.rows(), "", {key: _(heading) for key, heading in INITIAL_GAINS.items()}
+                        )
+                    ],
                 ),
                 *errors(self.repeated),
             ],
@@ -226,9 +230,11 @@ def demo(
     progress(_("1/6 experiment  60 s of random steps"))
     u = excitation("random_steps", vehicle_file.command.limit, 60.0, vehicle_file.rate_hz, seed, rest_s=2.0)
     # one run with this model does not repay compiling C
-    once = "python" if resolve_backend(backend) == "c" else backend
-    run = experiment(vehicle_file, u, seed=seed, path=folder / EXPERIMENT, truth=truth, backend=once)
-    show(folder / EXPERIMENT)
+    single_run_backend = "python" if resolve_backend(backend) == "c" else backend
+    run = experiment(
+        vehicle_file, u, seed=seed, path=folder / EXPERIMENT_FILE, truth=truth, backend=single_run_backend
+    )
+    show(folder / EXPERIMENT_FILE)
     progress(_("2/6 identify    the model from commands and IMU"))
     fit = identify(run, vehicle_file, options=FitOptions(backend=backend))
     if fit.verdict == Verdict.REFUSED:
@@ -240,8 +246,8 @@ def demo(
     progress(_("4/6 tune        gains on the identified model"))
     shape = sinuous_circle(0.6, 0.08, 5, 0.2)
     quick = resolve_backend(backend) == "c"  # without a compiler an evaluation takes fifty times as long
-    less = {} if quick else {"starts": 1, "polish": False, "duration_s": 10.0}
-    tune_result = tune(vehicle_file, shape, backend=backend, **less)
+    tune_options = {} if quick else {"starts": 1, "polish": False, "duration_s": 10.0}
+    tune_result = tune(vehicle_file, shape, backend=backend, **tune_options)
     show_gains(tune_result)
     vehicle_file = tune_result.updated_file()
     vehicle_file.save(folder / "vehicle.toml")

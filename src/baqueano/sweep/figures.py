@@ -126,8 +126,8 @@ def joining_distance(way_m: np.ndarray, across_m: np.ndarray) -> float:
 def _laps(
     run: "Run", t_ns: np.ndarray, cross_track: np.ndarray, path_fraction: np.ndarray, laps: int
 ) -> float:
-    """Return the complete laps, of `laps`, within LOST_M and before a stop; `path_fraction` (N,) is the fraction of the route.
-    (4)
+    """Return the complete laps, of `laps`, within LOST_M and before a stop; `path_fraction` (N,) is the fraction of
+    the route. (4)
     """
     stops = [event.t_ns for event in run.events if event.level == "error"]
     if not stops and np.all(np.abs(cross_track) <= MAX_LAP_DISTANCE_M):

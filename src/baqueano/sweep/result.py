@@ -155,9 +155,11 @@ class SweepResult(Result):
         """Return a figure of the cell `label` divided by the reference's figure, over the drives of both cells."""
         cells = self._by_cell()
         drives, references = ({d.name: d for d in cells.get(cell, ())} for cell in (label, self.reference))
-        both = [(drives[name], references[name]) for name in drives if name in references]
+        drive_pairs = [(drives[name], references[name]) for name in drives if name in references]
         pairs = [
-            (a.pieces[figure], b.pieces[figure]) for a, b in both if figure in a.pieces and figure in b.pieces
+            (a.pieces[figure], b.pieces[figure])
+            for a, b in drive_pairs
+            if figure in a.pieces and figure in b.pieces
         ]
         return paired_difference([a for a, _b in pairs], [b for _a, b in pairs]) if pairs else UNKNOWN
 
@@ -213,7 +215,7 @@ class SweepResult(Result):
     def _lines(self, blocks: Sequence[Sequence[str]]) -> list[str]:
         """Return the lines of a table for each block of known figures; the first table also contains the ratios."""
         rows, out = self.cells(), []
-        wide = min(max([len(row["cell"]) for row in rows], default=4), MAX_LABEL_LETTERS) + 2
+        width = min(max([len(row["cell"]) for row in rows], default=4), MAX_LABEL_LETTERS) + 2
         for names in ([name for name in block if self._has(name)] for block in blocks):
             if not names:
                 continue
@@ -223,14 +225,14 @@ class SweepResult(Result):
             out += [] if not out else [""]
             for k in range(2):
                 words = "".join(f"{head[k]:>{n}}" for head, n in zip(heads, columns, strict=True))
-                out.append((" " * wide + words + ratio * (k == 0)).rstrip())
+                out.append((" " * width + words + ratio * (k == 0)).rstrip())
             for row in rows:
                 cells = [
                     f"{_cell(row[name] * ALL_FIGURES[name].scale):>{n}}"
                     for name, n in zip(names, columns, strict=True)
                 ]
                 out.append(
-                    f"{row['cell'][: wide - 2]:{wide}}{''.join(cells)}{self._ratio(row) if ratio else ''}"
+                    f"{row['cell'][: width - 2]:{width}}{''.join(cells)}{self._ratio(row) if ratio else ''}"
                 )
         main, drives = self.main_figure(), max((row["drives"] for row in rows), default=0)
         about = {"drives": drives, "figure": _(ALL_FIGURES[main].heading), "reference": self.reference}

@@ -57,7 +57,8 @@ def search(
     start_count: int = START_COUNT,
     polish: bool = True,
 ) -> list[Descent]:
-    """Return the descents from the `start_count` best evaluated points and from each of `initial`, the least cost first.
+    """Return the descents from the `start_count` best evaluated points and from each of `initial`, the least cost
+    first.
 
     With `polish`, searches without gradients follow if the cost is rough.
     """

@@ -125,9 +125,9 @@ def _total_s(problem: Residuals) -> float:
 def _is_dominated_by_one_block(
     A_b: np.ndarray, remainder: np.ndarray, cross_cov: np.ndarray, shared_cov: np.ndarray, max_share: float
 ) -> bool:
-    """Return True if a block has more than `max_share` of the information on a direction of the shared entries. `shared_cov`
-    (k, k) is the covariance of the shared entries, `cross_cov` (q, k) the covariance of the entries of this run with
-    the shared entries."""
+    """Return True if a block has more than `max_share` of the information on a direction of the shared entries.
+    `shared_cov` (k, k) is the covariance of the shared entries, `cross_cov` (q, k) the covariance of the entries of
+    this run with the shared entries."""
     increase = cross_cov.T @ np.linalg.solve(
         remainder, A_b @ cross_cov
     )  # increase of `own` without the block
@@ -154,10 +154,11 @@ def _block_sums(r: np.ndarray, d: np.ndarray, edges: list[int]) -> tuple[np.ndar
 def with_larger_errors(
     problem: Residuals, cov: np.ndarray, jackknife_cov: np.ndarray | None, k: int, by_segment: bool = False
 ) -> np.ndarray:
-    """Return `cov` (p, p) with the errors of the first k entries raised to their errors in `jackknife_cov` (p, p), if larger.
+    """Return `cov` (p, p) with the errors of the first k entries raised to their errors in `jackknife_cov` (p, p), if
+    larger.
 
-    All runs share the first k entries. Return `cov` unchanged without `jackknife_cov`, or if the blocks (`by_segment`: the
-    segments) agree.  (4)"""
+    All runs share the first k entries. Return `cov` unchanged without `jackknife_cov`, or if the blocks (`by_segment`:
+    the segments) agree.  (4)"""
     if jackknife_cov is None or not k:
         return cov
     shared_cov, block_cov = cov[:k, :k], jackknife_cov[:k, :k]

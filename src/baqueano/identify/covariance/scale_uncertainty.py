@@ -164,8 +164,8 @@ def with_systematic_errors(
 ) -> Information:
     """Return `info` with the effect of errors in the scales and in the zero of the gyro.  (2)
 
-    `scales` (m,) and `zero_rad_s` [rad/s] are standard deviations. `slope(c, scale, shift)` returns the gradient (p,) if
-    channel c is divided by `scale` and raised by `shift`.
+    `scales` (m,) and `zero_rad_s` [rad/s] are standard deviations. `slope(c, scale, shift)` returns the gradient (p,)
+    if channel c is divided by `scale` and raised by `shift`.
     """
     meat = info.meat.copy()
     for c in np.flatnonzero(scales > 0.0):

@@ -159,9 +159,9 @@ class Composer:
     def _first_inside(
         self, other_information: np.ndarray, pose: np.ndarray, later: list[int], min_score: float
     ) -> tuple[int, float] | None:
-        """Return the index of a good piece in addition to F = `other_information` (M, q, q), and J minus its price. Return None if
-        no tested piece exceeds `min_score`. At most the DEEP pieces with the highest bounds are tested. The piece and
-        all pieces of `later` must stay inside from the poses (L, 3) on."""
+        """Return the index of a good piece in addition to F = `other_information` (M, q, q), and J minus its price.
+        Return None if no tested piece exceeds `min_score`. At most the DEEP pieces with the highest bounds are tested.
+        The piece and all pieces of `later` must stay inside from the poses (L, 3) on."""
         order = np.argsort(-self._upper_bound(other_information) + self.price)
         for offset in range(0, min(len(order), MAX_TRIED_PIECES), EXACT_PIECES):
             candidates = order[offset : offset + EXACT_PIECES]
@@ -177,7 +177,8 @@ class Composer:
         return None
 
     def _upper_bound(self, other_information: np.ndarray) -> np.ndarray:
-        """Return an upper bound (P,) of the increase of J if a piece is added to F = `other_information` (M, q, q).  (2)"""
+        """Return an upper bound (P,) of the increase of J if a piece is added to F = `other_information` (M, q, q).
+        (2)"""
         augmented, k = other_information + np.eye(other_information.shape[-1]), self.interest_count
         gradient = np.linalg.inv(augmented)
         gradient[:, k:, k:] -= np.linalg.inv(augmented[:, k:, k:])

@@ -208,8 +208,8 @@ class PlanSearch:
         self.pieces = [piece for piece, is_kept in zip(self.pieces, is_slow, strict=True) if is_kept]
 
     def rollout(self, ticks: int, rest_ticks: int) -> tuple[np.ndarray, np.ndarray]:
-        """Return the commands (N, n), which begin with `rest_ticks` ticks at rest, and the poses (L, N, 3) of the vehicles
-        in `judges`."""
+        """Return the commands (N, n), which begin with `rest_ticks` ticks at rest, and the poses (L, N, 3) of the
+        vehicles in `judges`."""
         piece_ticks, limit = self.shape.ticks, self.shape.limit
         commands = [piece.u(piece_ticks, limit) for piece in self.pieces]
 

@@ -46,7 +46,7 @@ def check_channels(problem: Residuals, theta: np.ndarray) -> list[Diagnostic]:
             rho, channel = hypothesis.relation.correlation, f"{name}[{i}]"
             if hypothesis.code == "inverted":
                 out.append(note("axes.inverted", Severity.ERROR, subject=channel, correlation=rho))
-            elif hypothesis.code == "swapped" and (j := hypothesis.of) < i:
+            elif hypothesis.code == "swapped" and (j := hypothesis.prediction_index) < i:
                 correlations = {"other": channel, "first": hypotheses[j].relation.correlation, "second": rho}
                 out.append(note("axes.swapped", Severity.ERROR, subject=f"{name}[{j}]", **correlations))
     return out

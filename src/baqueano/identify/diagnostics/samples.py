@@ -5,8 +5,8 @@
     n(z = max) ≥ 5,   n(z = max) > 5 n(max − w ≤ z < max),   w = max(2 q, σ / 5),   on three visits        (2)
     median of z_{k−4} … z_{k+4} > max − 2 σ,   or three samples in a row at the end                       (3)
 
-Samples that repeat the previous one, and exact zeros, are removed if they are `CHANCE_FACTOR` times more frequent than (1).
-They stay if the signal moves by less than a step. For encoders, the values between two jumps decide
+Samples that repeat the previous one, and exact zeros, are removed if they are `CHANCE_FACTOR` times more frequent than
+(1). They stay if the signal moves by less than a step. For encoders, the values between two jumps decide
 (runs/diagnostics/repeated_readings.py). Many equal values are their top speed, and a zero counts only between two
 readings far from it. Many samples at one extreme (2) show a range that the file does not contain, as the tails of noise
 contain few samples. The samples of (3) are then removed. (3) does not depend on the noise of the sample itself, so the
@@ -156,7 +156,7 @@ def _repeated_samples(
     if (
         is_repeated.sum() <= CHANCE_FACTOR * chance + EXTRA_SAMPLES
         if is_imu
-        else not are_held(find_repeats(x).lasting)
+        else not are_held(find_repeats(x).hold_counts)
     ):
         return np.zeros(len(x), bool), []
     edges = np.flatnonzero(~is_repeated)

@@ -6,11 +6,11 @@
 A_ii^c is the information of the channel c with the most information on θ_i; E_c is the energy of its predicted signal.
 Both are in standard deviations of the noise; 30 is the energy that a fit to noise only may have. A direction v with C v
 ≈ 0 moves no measurement. Then one of its parameters is fixed, preferably a parameter that scale or tape can measure. Of
-two starts, the start with less information is fixed. Parameters with an error above `BLIND_RATIO` s_i, or half the span of
-their bounds, are fixed too. So is a scale with an error above `SCALE_STD`, the error in its data sheet. A parameter
-with an error above `WEAK_VALUE` of its value and `WEAK_SIGNAL` of (2) is weak. Its variance is Σ_j v_ij²/λ_j. It may be
-confused with parameters that have `MEMBER_LOADING` of the largest entry in the direction v_j of C with most of this variance.
-The messages are in identifiability/advice.py.
+two starts, the start with less information is fixed. Parameters with an error above `BLIND_RATIO` s_i, or half the
+span of their bounds, are fixed too. So is a scale with an error above `SCALE_STD`, the error in its data sheet. A
+parameter with an error above `WEAK_VALUE` of its value and `WEAK_SIGNAL` of (2) is weak. Its variance is Σ_j
+v_ij²/λ_j. It may be confused with parameters that have `MEMBER_LOADING` of the largest entry in the direction v_j of C
+with most of this variance. The messages are in identifiability/advice.py.
 """
 
 from collections.abc import Mapping, Sequence
@@ -227,7 +227,7 @@ class FinishedFit(NamedTuple):
         """Return the entries of `requested` that are in θ."""
         return [self.requested[k] for k in self.in_theta]
 
-    def confused_parameters(self, which: Mapping[int, tuple[int, ...]], i: int) -> list[Free]:
+    def confused_with(self, which: Mapping[int, tuple[int, ...]], i: int) -> list[Free]:
         """Return the shared parameters that are confused with entry i of θ, according to `which`, a field of
         `identifiability`."""
         return [self.free[j] for j in which.get(i, ()) if j < len(self.in_theta)]

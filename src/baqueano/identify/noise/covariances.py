@@ -9,8 +9,8 @@ Q is the measurement noise, R the process noise of (ν, ν̇) per tick (Thrun's 
 z − h are the residuals of the fit, clipped at 4 σ. If they are autocorrelated, Q is half the covariance of the
 differences of neighbours, which removes a drift. g is the prediction of the estimator, in its mode; (3) is the
 likelihood of its innovations y with covariance S (most_likely.py). Both are symmetric positive definite: standard
-deviations are at least FLOOR of the signal's size, eigenvalues of the correlation at least `MIN_EIGENVALUE`. `notes` lists the
-raised values. Errata 5: the paper's printed Q and R are not positive definite.
+deviations are at least FLOOR of the signal's size, eigenvalues of the correlation at least `MIN_EIGENVALUE`. `notes`
+lists the raised values. Errata 5: the paper's printed Q and R are not positive definite.
 """
 
 from collections.abc import Sequence

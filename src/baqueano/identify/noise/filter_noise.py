@@ -218,7 +218,7 @@ def _rounding(
     """Return the least and greatest variance of quantised entries that measure a velocity, for example of a counter."""
     channels, variances = _layout_channels(layout), {}
     position_channels = {
-        channels[k] for group in layout.places for k in group
+        channels[k] for group in layout.pose_groups for k in group
     }  # repeated positions of a tag are not quantised
     for name, i in channels:
         z = np.concatenate(

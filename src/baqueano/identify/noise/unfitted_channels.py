@@ -22,8 +22,8 @@ MIN_SAMPLES = 30  # samples for a variance
 def unfitted_covariance(
     name: str, block: Tree, fitted_variance: np.ndarray, runs: Sequence[Run], notes: list[Diagnostic]
 ) -> np.ndarray | None:
-    """Return Q (m, m) of a sensor, or None if Q is not in the file and a run lacks the sensor. `fitted_variance` (m,) are the
-    variances of the residuals of its channels, 0 for channels that were not fitted.  (1)"""
+    """Return Q (m, m) of a sensor, or None if Q is not in the file and a run lacks the sensor. `fitted_variance` (m,)
+    are the variances of the residuals of its channels, 0 for channels that were not fitted.  (1)"""
     file_variance = np.diagonal(block.cov)
     if np.all(file_variance > 0.0):
         notes.append(note("noise.of-the-file", Severity.WARNING, subject=name))

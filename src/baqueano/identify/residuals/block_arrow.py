@@ -34,7 +34,8 @@ class ArrowLayout:
 
 
 def arrow_layout(layout: ThetaLayout, extra_count: int = 0) -> ArrowLayout | None:
-    """Return the parts of θ, and of `extra_count` shared entries after it, or None if few entries belong to segments."""
+    """Return the parts of θ, and of `extra_count` shared entries after it, or None if few entries belong to
+    segments."""
     count, o, q = len(layout.runs), layout.run_entry_count, layout.start_size
     own_entries = layout.first_start + np.arange(count * q).reshape(count, q)
     if layout.runs == tuple(range(count)):  # runs of one segment: entries of the run belong to it
@@ -98,7 +99,8 @@ class BlockArrow:
         return self._join(up, down)
 
     def solve(self, damping: float, scale: np.ndarray, is_free: np.ndarray, g: np.ndarray) -> np.ndarray:
-        """Return (H + λ D)⁻¹ g (p,) over the entries `is_free` (p,) bool, D = diag(scale), and 0 for the others.  (2)"""
+        """Return (H + λ D)⁻¹ g (p,) over the entries `is_free` (p,) bool, D = diag(scale), and 0 for the others.
+        (2)"""
         root = np.where(is_free, 1.0 / np.sqrt(np.where(is_free, scale, 1.0)), 0.0)
         (r, r_k), (h, h_k) = self._split(root), self._split(root * g)
         extra, extra_k = self._split(np.where(is_free, damping, 1.0))

@@ -162,7 +162,7 @@ def _innovation(
     innovations, jacobians, lines, offset, fraction_index = [], [], [], 0, 0
     for k, sensor in enumerate(sensors):
         signal, shown_h = step_signal(sensor, state.signals[k], predicted.motion(predicted.mean), dt_s)
-        h = signal.smooth if len(signal.smooth) else sensor.h(predicted.motion(predicted.mean))
+        h = signal.low_passed if len(signal.low_passed) else sensor.h(predicted.motion(predicted.mean))
         if shape.sample_fraction[k]:
             shown_h = shown_h + sample_fraction[fraction_index] * difference(
                 sensor, state.previous_h[k], shown_h
@@ -217,7 +217,9 @@ def _signals_after(
             np.concatenate([corrected_h[None, :], signal.past[1:]]) if signal.past.shape[0] else signal.past
         )
         signals.append(
-            signal._replace(past=past, smooth=corrected_h if len(signal.smooth) else signal.smooth)
+            signal._replace(
+                past=past, low_passed=corrected_h if len(signal.low_passed) else signal.low_passed
+            )
         )
         previous_h.append(corrected_h if is_needed else np.zeros(0))
     return tuple(signals), tuple(previous_h)

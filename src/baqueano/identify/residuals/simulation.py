@@ -26,7 +26,7 @@ from baqueano.identify.data.segments import ThetaLayout
 from baqueano.identify.parallel import parallel_map
 from baqueano.identify.parameters.free import substitute
 from baqueano.identify.parameters.setup import Shape, example, initial_state, read_sensors, vehicle_at_start
-from baqueano.identify.residuals.block_arrow import Evaluation, add, diagonal_matrix, arrow_layout
+from baqueano.identify.residuals.block_arrow import Evaluation, add, arrow_layout, diagonal_matrix
 from baqueano.identify.residuals.noise_level import informative_rows, profile_by_speed
 from baqueano.sensors.sampling import Signal, difference
 from baqueano.signals import ByName, sensor_slots
@@ -329,9 +329,9 @@ def _trace(blocks: FittedBlocks, shape: Shape, backend: str, residual: Callable[
     def start(theta: np.ndarray) -> SimulationState:
         vehicle, signals = at_start(theta)
         kinds = list(zip(sizes, shape.sample_fraction, free_clock, strict=True))
-        previous_h = tuple(np.zeros(k if e and not c else 0) for k, e, c in kinds)
+        past_h = tuple(np.zeros(k if e and not c else 0) for k, e, c in kinds)
         lines = tuple(np.zeros((shape.past_rows if c else 0, k)) for k, _, c in kinds)
-        return SimulationState(vehicle, signals, previous_h, lines, np.zeros(shape.past_rows))
+        return SimulationState(vehicle, signals, past_h, lines, np.zeros(shape.past_rows))
 
     def step(
         theta: np.ndarray, state: SimulationState, row: np.ndarray
@@ -346,24 +346,22 @@ def _trace(blocks: FittedBlocks, shape: Shape, backend: str, residual: Callable[
         vehicle, motion = blocks_at.model.step(state.vehicle, u, dt_s, np.zeros(3))
         readings, signals = read_sensors(blocks_at.sensors, state.signals, motion, dt_s)
         steps_s = with_newest(state.steps_s, dt_s)
-        residuals, previous_h, lines, offset, fraction_index = [], [], [], 0, 0
+        residuals, past_h, lines, offset, fraction_index = [], [], [], 0, 0
         for k, sensor in enumerate(blocks_at.sensors):
             h = readings[k]
             if free_clock[k]:
                 offset_s = theta[len(paths) + shape.clocks.index(names[k])]
-                sensor_difference = partial(difference, sensor)
-                h = read(
-                    h, state.lines[k], steps_s, sample_fraction[fraction_index] - offset_s, sensor_difference
-                )
+                subtract = partial(difference, sensor)
+                h = read(h, state.lines[k], steps_s, sample_fraction[fraction_index] - offset_s, subtract)
             elif shape.sample_fraction[k]:
                 h = h + sample_fraction[fraction_index] * difference(sensor, state.previous_h[k], h)
             fraction_index += shape.sample_fraction[k]
-            previous_h.append(readings[k] if len(state.previous_h[k]) else state.previous_h[k])
+            past_h.append(readings[k] if len(state.previous_h[k]) else state.previous_h[k])
             lines.append(with_newest(state.lines[k], readings[k]))
             span = slice(offset, offset + sizes[k])
             residuals.append(weight[span] * residual(sensor, z[span], h))
             offset += sizes[k]
-        return SimulationState(vehicle, signals, tuple(previous_h), tuple(lines), steps_s), np.concatenate(
+        return SimulationState(vehicle, signals, tuple(past_h), tuple(lines), steps_s), np.concatenate(
             residuals
         )
 
@@ -373,11 +371,7 @@ def _trace(blocks: FittedBlocks, shape: Shape, backend: str, residual: Callable[
 
 def _speed_kernel(blocks: FittedBlocks, shape: Shape, backend: str) -> Scan:
     """Return a scan from the same rows and θ to ν_x of the model."""
-    vehicle_at, paths, n = (
-        vehicle_at_start(blocks, shape),
-        (*shape.shared, *shape.per_run),
-        blocks.model.commands,
-    )
+    start, paths, n = vehicle_at_start(blocks, shape), (*shape.shared, *shape.per_run), blocks.model.commands
 
     def step(theta: np.ndarray, state: Tree, row: np.ndarray) -> tuple[Tree, Tree]:
         blocks_at = at_voltage(substitute(blocks, paths, theta), row, shape.has_voltage)
@@ -385,7 +379,7 @@ def _speed_kernel(blocks: FittedBlocks, shape: Shape, backend: str) -> Scan:
         return state, motion.nu[0]
 
     q = 1 + n + 2 * sum(s.size for s in blocks.sensors) + sum(shape.sample_fraction) + shape.has_voltage
-    return scan(step, vehicle_at, np.zeros(q), example(blocks, shape), backend=backend)
+    return scan(step, start, np.zeros(q), example(blocks, shape), backend=backend)
 
 
 def chosen_sensors(sensors: ByName[Tree], names: Sequence[str]) -> Any:

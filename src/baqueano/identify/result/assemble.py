@@ -27,9 +27,7 @@ from baqueano.messages.language import translate as _
 if TYPE_CHECKING:
     pass
 
-HELD_BACK_SIGMA = (
-    3.0  # standard errors beyond its bound: a parameter that would move less may be there by chance
-)
+HELD_SIGMA = 3.0  # standard errors beyond its bound: a parameter that would move less may be there by chance
 
 
 class VerdictBasis(NamedTuple):
@@ -49,7 +47,7 @@ def verdict_basis(end: FinishedFit) -> VerdictBasis:
     unobservable_terms, never_shown = _unobservable(end)
     findings, error_by_path = _findings(end, std)
     evidence = _evidence(end, findings, unobservable_terms)
-    is_held_back = _in_order(end, _held_back(end, std), 0.0) > HELD_BACK_SIGMA
+    is_held_back = _in_order(end, _held_back(end, std), 0.0) > HELD_SIGMA
     return VerdictBasis(cov, error_by_path, evidence, np.where(is_held_back, evidence.bound, 0), never_shown)
 
 
@@ -236,7 +234,7 @@ def _channels(
     labels = [(name, i) for name, m in zip(problem.names, problem.sizes, strict=True) for i in range(m)]
     segments = list(zip(problem.records, problem.predictions(theta), problem.z, problem.has, strict=True))
 
-    def channels_of_run(run: int, record_name: str) -> list[ChannelFit]:
+    def channels_of_run(run: int, run_name: str) -> list[ChannelFit]:
         segments_of_run = [
             (r.t_s[r.lead :], h[r.lead :], z[r.lead :], w[r.lead :])
             for r, h, z, w in segments
@@ -247,17 +245,9 @@ def _channels(
         for c, (name, i) in enumerate(labels):
             finite = has[:, c] > 0.0
             measured = np.where(finite, z[:, c], np.nan)
-            explained = explained_variance(z[finite, c], h[finite, c], sigma[c])
+            share = explained_variance(z[finite, c], h[finite, c], sigma[c])
             channel = ChannelFit(
-                record_name,
-                name,
-                i,
-                t_s,
-                measured,
-                h[:, c],
-                float(sigma[c]),
-                explained,
-                float(autocorrelation[c]),
+                run_name, name, i, t_s, measured, h[:, c], float(sigma[c]), share, float(autocorrelation[c])
             )
             out.append(channel)
         return out
@@ -293,8 +283,8 @@ def _unobservable(end: FinishedFit) -> tuple[tuple[Diagnostic, ...], tuple[Diagn
     for i, parameter in enumerate(end.free):
         if not end.identifiability.mask[i]:
             collinear, confused = (
-                end.confused_parameters(end.identifiability.collinear, i),
-                end.confused_parameters(end.identifiability.near, i),
+                end.confused_with(end.identifiability.collinear, i),
+                end.confused_with(end.identifiability.near, i),
             )
             unobservable_terms.append(
                 unobservable_reason(parameter, collinear, float(end.task.first[i]), confused)
@@ -306,7 +296,7 @@ def _weak_reasons(end: FinishedFit) -> tuple[Diagnostic, ...]:
     """Return findings on parameters with a large error."""
     weak_entries = [i for i in range(len(end.free)) if end.identifiability.weak[i]]
     return tuple(
-        weak_reason(end.free[i], end.confused_parameters(end.identifiability.near, i)) for i in weak_entries
+        weak_reason(end.free[i], end.confused_with(end.identifiability.near, i)) for i in weak_entries
     )
 
 
@@ -326,11 +316,7 @@ def _most_moving(end: FinishedFit) -> str:
 def _notes(end: FinishedFit) -> tuple[Diagnostic, ...]:
     problem = end.task.problem
     records = {record.run: record for record in problem.records}.values()
-    messages = [
-        *([end.note] if end.note else []),
-        *_horizon_notes(problem, end.search.solution.theta),
-        *_sum_notes(end),
-    ]
+    messages = [*([end.note] if end.note else []), *_horizon(problem, end.search.solution.theta), *_sums(end)]
     for r in records:
         of_run = {"of_run": r.name} if len(records) > 1 else {}
         messages += [replace(message, figures={**message.figures, **of_run}) for message in r.notes]
@@ -341,7 +327,7 @@ def _notes(end: FinishedFit) -> tuple[Diagnostic, ...]:
     return tuple(messages)
 
 
-def _sum_notes(end: FinishedFit) -> list[Diagnostic]:
+def _sums(end: FinishedFit) -> list[Diagnostic]:
     """Return notes on sums whose two terms a run cannot separate: two delays, or a tilt and a bias."""
     shape, blocks = end.task.problem.shape, end.blocks.sensors._asdict().items()
     tilted_names = [
@@ -360,35 +346,27 @@ def _has_path(paths: tuple[str, ...], key: str) -> bool:
     return any(path.partition("[")[0] == key for path in paths)
 
 
-def _horizon_notes(problem: Residuals, theta: np.ndarray) -> list[Diagnostic]:
+def _horizon(problem: Residuals, theta: np.ndarray) -> list[Diagnostic]:
     """Return notes on the time and the distance over which model and truth were compared."""
     if TRUTH not in problem.names:
         return []
-    first_channel, pose = (
-        sum(problem.sizes[: problem.names.index(TRUTH)]),
-        any(i >= 3 for i in problem.shape.start),
-    )
-    spans, distances_m = [], []
+    column, pose = sum(problem.sizes[: problem.names.index(TRUTH)]), any(i >= 3 for i in problem.shape.start)
+    spans, lengths_m = [], []
     for record, h, has in zip(problem.records, problem.predictions(theta), problem.has, strict=True):
-        measured_rows = np.flatnonzero(has[:, first_channel] > 0.0)
-        h, span = (
-            h[measured_rows[measured_rows >= record.lead], first_channel : first_channel + 2],
-            record.dt_s[record.lead :].sum(),
-        )
+        rows = np.flatnonzero(has[:, column] > 0.0)
+        h, span = (h[rows[rows >= record.lead], column : column + 2], record.dt_s[record.lead :].sum())
         spans.append(span)
-        distances_m.append(np.hypot(*np.diff(h, axis=0).T).sum() if pose else span * np.hypot(*h.T).mean())
+        lengths_m.append(np.hypot(*np.diff(h, axis=0).T).sum() if pose else span * np.hypot(*h.T).mean())
     code = "truth.horizon-of-pieces" if len(spans) > max(problem.layout.runs) + 1 else "truth.horizon"
-    horizon = note(code, subject=TRUTH, span_s=float(np.median(spans)), way_m=float(np.median(distances_m)))
+    horizon = note(code, subject=TRUTH, span_s=float(np.median(spans)), way_m=float(np.median(lengths_m)))
     return [horizon, *_mount_notes(problem, theta)]
 
 
 def _mount_notes(problem: Residuals, theta: np.ndarray) -> list[Diagnostic]:
     """Return a note on a fitted position of the mark, which belongs to the map and not to the vehicle file."""
-    values_of_theta = zip(problem.shape.shared, theta, strict=False)
+    pairs = zip(problem.shape.shared, theta, strict=False)
     values = ", ".join(
-        f"{path.removeprefix(MOUNT_PREFIX)} = {x:.4g}"
-        for path, x in values_of_theta
-        if path.startswith(MOUNT_PREFIX)
+        f"{path.removeprefix(MOUNT_PREFIX)} = {x:.4g}" for path, x in pairs if path.startswith(MOUNT_PREFIX)
     )
     return [note("truth.mount", subject=TRUTH, keys=values)] if values else []
 
@@ -411,9 +389,5 @@ def _blocks_of_fit(end: FinishedFit) -> FittedBlocks:
     """Return the blocks with the estimates; biases are the mean over the runs."""
     problem, theta = end.task.problem, end.search.solution.theta
     shape, layout, s = problem.shape, problem.layout, len(problem.shape.shared)
-    run_means = (
-        theta[s : layout.first_start].reshape(max(layout.runs) + 1, -1).mean(axis=0)[: len(shape.per_run)]
-    )
-    return substitute(
-        end.blocks, (*shape.shared, *shape.per_run), [float(x) for x in (*theta[:s], *run_means)]
-    )
+    means = theta[s : layout.first_start].reshape(max(layout.runs) + 1, -1).mean(axis=0)[: len(shape.per_run)]
+    return substitute(end.blocks, (*shape.shared, *shape.per_run), [float(x) for x in (*theta[:s], *means)])

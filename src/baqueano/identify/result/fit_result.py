@@ -205,7 +205,7 @@ class Fit(Result):
         return out
 
     def __repr__(self) -> str:
-        identified_count, table_rows = int(np.isfinite(self.estimate).sum()), self.rows()
+        identified_count, rows_ = int(np.isfinite(self.estimate).sum()), self.rows()
         runs = self.runs[0] if len(self.runs) == 1 else _("{runs} runs", runs=len(self.runs))
         head = text(
             note(
@@ -213,12 +213,12 @@ class Fit(Result):
                 vehicle=self.file.name,
                 runs=runs,
                 known=identified_count,
-                parameters=len(table_rows),
+                parameters=len(rows_),
             )
         )
-        width = max(len(without_model_prefix(row["name"])) for row in table_rows)
+        width = max(len(without_model_prefix(row["name"])) for row in rows_)
         rows = []
-        for row in (row for row in table_rows if row["estimate"] is not None):
+        for row in (row for row in rows_ if row["estimate"] is not None):
             value, sd = round_to_error(row["estimate"], row["sd"]), np.nan if row["sd"] is None else row["sd"]
             rows.append(
                 f"{without_model_prefix(row['name']):{width}}  {number(value):>10.5g} ± {number(sd):<8.2g} {shown_unit(row['unit'])}"

@@ -53,7 +53,7 @@ from baqueano.identify.selection.terms import (
     MIN_LAG_S,
     Term,
     candidate_terms,
-    least_paths_of,
+    minimal_free,
     separation_problem,
     with_term_slots,
     with_terms,
@@ -69,13 +69,10 @@ if TYPE_CHECKING:
 
 ALPHA = 0.05
 ACCEPTED_OPTIONS = ("fixed", "bounds", "at_rest", "backend")  # options of a fit that `choose` accepts
-MIN_INDEPENDENT_SHARE = 1e-6  # least part of a term's information that is independent of the other parameters
+MIN_INDEPENDENT = 1e-6  # least part of a term's information that is independent of the other parameters
 MIN_COST_FALL = 2.0  # least fall of the cost per parameter: four times the mean fall by fitting pure noise
-CLOSE_TICKS = 0.25  # of a tick
-START_EVALUATIONS = 6  # evaluations to find the best start
-MAX_RELATIVE_ERROR = (
-    0.5  # of the largest start of a term: with a larger standard error it is not identifiable
-)
+CLOSE_TICKS, START_EVALUATIONS = 0.25, 6  # of a tick; evaluations to find the best start
+MAX_ERROR_SHARE = 0.5  # of the largest start of a term: with a larger standard error it is not identifiable
 
 
 class Model(NamedTuple):
@@ -125,16 +122,14 @@ def choose(
     blocks = FittedBlocks(vehicle_file.vehicle, vehicle_file.sensors)
     any_way = np.concatenate([np.eye(u.shape[1]), -np.eye(u.shape[1])])
     bare = without_terms(vehicle_file, candidate_terms(blocks, candidates, any_way, battery))
-    least_paths = [
-        path for path in least_paths_of(bare, free, u) if path.partition("[")[0] not in options.fixed
-    ]
+    minimal = [path for path in minimal_free(bare, free, u) if path.partition("[")[0] not in options.fixed]
     report(_("fitting the smallest model"))
-    base = setup.fit(bare, least_paths)
+    base = setup.fit(bare, minimal)
     terms = candidate_terms(base.blocks._replace(sensors=bare.sensors), candidates, u, battery)
     terms = [
         term for term in terms if not any(path.partition("[")[0] in options.fixed for path in term.paths)
     ]
-    growing = _ModelSelection(setup, bare, base, least_paths, terms, report)
+    growing = _ModelSelection(setup, bare, base, minimal, terms, report)
     model, results = growing.grow()
     report(_("fitting the model that was chosen"))
     return Choice(tuple(results), growing.fit_of(model, bare), growing.rule)
@@ -169,8 +164,8 @@ class _ModelSelection:
         runs, use, options, validation_runs = setup
         self.how, self.least_paths, self.terms, self.progress = setup, least_paths, terms, progress
         self.ended: dict[str, tuple[tuple[float, ...], ...]] = {}  # the end of the last trial of each term
-        vehicle_file = with_gyro_at_rest(bare, runs)[0] if has_offset(bare.vehicle) else bare
-        blocks, runs, only = sensors_of(vehicle_file, [*runs, *validation_runs], use)
+        base_file = with_gyro_at_rest(bare, runs)[0] if has_offset(bare.vehicle) else bare
+        blocks, runs, only = sensors_of(base_file, [*runs, *validation_runs], use)
         if any(measures_pose(sensor) for sensor in blocks.sensors):
             raise UsageError(fault("choose.pose"))
         options = with_pose_segments(FitOptions(at_rest=options.at_rest, bounds=options.bounds), blocks)
@@ -181,9 +176,7 @@ class _ModelSelection:
             blocks, paths, (), {k: v for k, v in options.bounds.items() if k in paths}
         )
         u = np.concatenate([r.u for r in records])
-        blocks, candidates = enable_parameters(
-            blocks, candidates, vehicle_file.rate_hz, u, past_rows_of(runs)
-        )
+        blocks, candidates = enable_parameters(blocks, candidates, base_file.rate_hz, u, past_rows_of(runs))
         records = with_voltage(records, runs, blocks)
         self.paths = [candidate.path for candidate in candidates]
         shape = shape_of(blocks, candidates, records, options)
@@ -194,7 +187,7 @@ class _ModelSelection:
         self.small = np.zeros(len(theta))  # differences from neutral that count as 0
         if LAG in self.paths:
             lag = self.paths.index(LAG)
-            held_out.low[lag], self.small[lag] = MIN_LAG_S, MIN_LAG / vehicle_file.rate_hz
+            held_out.low[lag], self.small[lag] = MIN_LAG_S, MIN_LAG / base_file.rate_hz
         self.held_out, self.channels = held_out, channels_of(blocks)
         for path, x in zip(base.names, base.estimate, strict=True):
             theta[self.paths.index(path)] = x if np.isfinite(x) else theta[self.paths.index(path)]
@@ -213,13 +206,11 @@ class _ModelSelection:
             block_text = _("{count} blocks of about {block_s:.1f} s", count=h.count, block_s=h.block_s)
         else:
             block_text = _("{count} runs, each one a block", count=h.count)
-        gap_text = (
-            _("whole runs") if h.whole_runs else _("{gap_s:g} s on each side were not used", gap_s=GAP_S)
-        )
+        gap = _("whole runs") if h.whole_runs else _("{gap_s:g} s on each side were not used", gap_s=GAP_S)
         sentence = _(
             "Each model was fitted without a fifth of the data, and tested by its simulation of "
             "that fifth ({how}; {size}).",
-            how=gap_text, size=block_text,
+            how=gap, size=block_text,
         )  # fmt: skip
         if h.unseen:
             sentence = _(
@@ -237,43 +228,38 @@ class _ModelSelection:
 
     def grow(self) -> tuple[Model, list[TermResult]]:
         """Return the model, and the last result for each term."""
-        model, last_results, excluded_names = self.model((), self.first), {}, set()
+        model, results, excluded_names = self.model((), self.first), {}, set()
         while True:
-            model = self.forward(model, last_results, excluded_names)
+            model = self.forward(model, results, excluded_names)
             has_dropped = False
-            while (trial := self.superfluous(model, last_results)) is not None:
+            while (trial := self.superfluous(model, results)) is not None:
                 has_dropped = True
                 excluded_names.add(trial.judged.term.name)
-                last_results[trial.judged.term.name] = trial.judged
-                remaining_terms = tuple(term for term in model.terms if term.name not in excluded_names)
-                model = self.model(remaining_terms, trial.theta)
+                results[trial.judged.term.name] = trial.judged
+                others = tuple(term for term in model.terms if term.name not in excluded_names)
+                model = self.model(others, trial.theta)
             if not has_dropped:
                 break
         have = {path for term in model.terms for path in term.paths}
-        remaining_terms = [term for term in self.terms if not have.intersection(term.paths)]
-        return model, [
-            last_results[term.name] for term in (*model.terms, *remaining_terms) if term.name in last_results
-        ]
+        others = [term for term in self.terms if not have.intersection(term.paths)]
+        return model, [results[term.name] for term in (*model.terms, *others) if term.name in results]
 
     def fit_of(self, model: Model, bare: "VehicleFile") -> Fit:
         """Return the fit of a model with its error bars, from its θ. A delay, with many minima, stays near."""
         values = {path: float(x) for path, x in zip(self.paths, model.theta, strict=False)}
         paths = [path for term in model.terms for path in term.paths]
         vehicle_file = with_terms(bare, self.terms, {path: values[path] for path in paths})
-        close_bounds, close_s = {}, CLOSE_TICKS / bare.rate_hz
+        bounds, close_s = {}, CLOSE_TICKS / bare.rate_hz
         if DELAY in paths:
-            close_bounds = {DELAY: (max(0.0, values[DELAY] - close_s), values[DELAY] + close_s)}
-        return self.how.fit(
-            vehicle_file, [*self.least_paths, *paths], {p: values[p] for p in self.least_paths}, close_bounds
-        )
+            bounds = {DELAY: (max(0.0, values[DELAY] - close_s), values[DELAY] + close_s)}
+        start = {p: values[p] for p in self.least_paths}
+        return self.how.fit(vehicle_file, [*self.least_paths, *paths], start, bounds)
 
     def model(self, terms: tuple[Term, ...], theta: np.ndarray) -> Model:
         """Return the model with `terms`, with its noise estimated again."""
-        is_free = self._free_mask(terms)
-        end = search(self.task, np.where(is_free, theta, self.first), ~is_free)
-        return Model(
-            terms, end.solution.theta, end.sigma, self._score(end.solution.theta, is_free, end.sigma)
-        )
+        mask = self._mask(terms)
+        end = search(self.task, np.where(mask, theta, self.first), ~mask)
+        return Model(terms, end.solution.theta, end.sigma, self._score(end.solution.theta, mask, end.sigma))
 
     def forward(self, model: Model, last_results: dict[str, TermResult], barred: set[str]) -> Model:
         """Add a term per round until none improves the model significantly; exclude the `barred` terms.  (2)"""
@@ -297,23 +283,21 @@ class _ModelSelection:
 
     def try_term(self, model: Model, term: Term, alpha: float) -> TermTrial:
         """Return the trial of a term in a model: fitted to all data, then without the held-out data."""
-        entries, is_free = self._entries(term), self._free_mask((*model.terms, term))
+        index, mask = self._entries(term), self._mask((*model.terms, term))
         cost_before = self.held_out.all_data.weight(model.sigma).evaluate(model.theta).cost
-        end = self._from_the_best_start(model, term, is_free)
-        if ban := self._exclusion(term, end.theta, end.bound, dense(end.evaluation.hessian), is_free):
+        end = self._from_the_best_start(model, term, mask)
+        if ban := self._exclusion(term, end.theta, end.bound, dense(end.evaluation.hessian), mask):
             return TermTrial(self._result(term, ban[0], ban[1], model, None, end.theta, 0.0), end.theta, None)
-        if not cost_before - end.evaluation.cost > MIN_COST_FALL * len(entries):
+        if not cost_before - end.evaluation.cost > MIN_COST_FALL * len(index):
             gain = max(0.0, float((cost_before - end.evaluation.cost) / max(cost_before, 1e-300)))
             reason = note("term.brings-little", percent=100 * gain)
             result = self._result(term, Decision.LEFT_OUT, reason, model, None, end.theta, 0.0)
             return TermTrial(result, end.theta, None)
-        score = self._score(end.theta, is_free, model.sigma)
+        score = self._score(end.theta, mask, model.sigma)
         test = paired_comparison(model.score, score)
         verdict = Decision.TAKEN if test.errors > test.beyond(alpha) else Decision.LEFT_OUT
-        std = np.fmax(
-            jackknife(score, entries.tolist()), own_std(dense(end.evaluation.hessian), entries, is_free)
-        )
-        reason = separation_problem(term, end.theta[entries], std) if verdict == Decision.TAKEN else None
+        std = np.fmax(jackknife(score, index.tolist()), own_std(dense(end.evaluation.hessian), index, mask))
+        reason = separation_problem(term, end.theta[index], std) if verdict == Decision.TAKEN else None
         verdict = Decision.REFUSED if reason else verdict
         result = self._result(term, verdict, reason, model, (score, test), end.theta, test.beyond(alpha))
         return TermTrial(result, end.theta, score)
@@ -325,10 +309,8 @@ class _ModelSelection:
             theta = model.theta.copy()
             theta[self._entries(term)] = start
             ends.append(self.held_out.fit(theta, is_free, model.sigma, max_evaluations=START_EVALUATIONS))
-        best_end = min(
-            ends, key=lambda end: end.evaluation.cost if np.isfinite(end.evaluation.cost) else np.inf
-        )
-        end = self.held_out.fit(best_end.theta, is_free, model.sigma)
+        lowest = min(ends, key=lambda e: e.evaluation.cost if np.isfinite(e.evaluation.cost) else np.inf)
+        end = self.held_out.fit(lowest.theta, is_free, model.sigma)
         entries = self._entries(term)
         if np.any(end.theta[entries] != self.first[entries]):
             self.ended[term.name] = (tuple(end.theta[entries].tolist()),)
@@ -340,7 +322,7 @@ class _ModelSelection:
         for term in model.terms if len(model.terms) > 1 else ():
             self.progress(_("testing if {term} is still needed", term=term.name))
             remaining_terms = tuple(model_term for model_term in model.terms if model_term is not term)
-            is_free, theta = self._free_mask(remaining_terms), model.theta.copy()
+            is_free, theta = self._mask(remaining_terms), model.theta.copy()
             theta[self._entries(term)] = self.first[self._entries(term)]
             end = self.held_out.fit(theta, is_free, model.sigma)
             score = self._score(end.theta, is_free, model.sigma)
@@ -370,7 +352,7 @@ class _ModelSelection:
             is_free & (np.diagonal(A) > 0.0) & ~np.isin(np.arange(len(is_free)), entries) & (bound == 0)
         )
         own_share = own_information(A, entries[~neutral], free_entries)
-        if own_share < MIN_INDEPENDENT_SHARE:
+        if own_share < MIN_INDEPENDENT:
             return Decision.REFUSED, note("term.same-as-others")
         return None
 
@@ -384,7 +366,7 @@ class _ModelSelection:
         c = test.channel
         std = jackknife(score, entries.tolist()) if pair else np.full(len(entries), np.nan)
         largest_start = max(float(np.max(np.abs(np.subtract(start, term.neutral)))) for start in term.starts)
-        if verdict == Decision.LEFT_OUT and pair and float(np.max(std)) > MAX_RELATIVE_ERROR * largest_start:
+        if verdict == Decision.LEFT_OUT and pair and float(np.max(std)) > MAX_ERROR_SHARE * largest_start:
             fall: JsonObject = {"percent": 100 * test.gain, "percent_sd": 100 * test.sd}
             reason = note("term.not-identifiable", value=theta[entries[0]], sd=std[0], **fall)
         return TermResult(
@@ -399,7 +381,7 @@ class _ModelSelection:
     def _entries(self, term: Term) -> np.ndarray:
         return np.array([self.paths.index(path) for path in term.paths])
 
-    def _free_mask(self, terms: Sequence[Term]) -> np.ndarray:
+    def _mask(self, terms: Sequence[Term]) -> np.ndarray:
         is_free = self.least.copy()
         for term in terms:
             is_free[self._entries(term)] = True

@@ -64,7 +64,7 @@ class Term(NamedTuple):
     starts: tuple[tuple[float, ...], ...]  # (k, q) starts of the searches
 
 
-def least_paths_of(vehicle_file: "VehicleFile", free: Sequence[str] | None, u: np.ndarray) -> list[str]:
+def minimal_free(vehicle_file: "VehicleFile", free: Sequence[str] | None, u: np.ndarray) -> list[str]:
     """Return the paths, with entries, that the least model fits. `free` contains the paths that the user requested,
     u (N, n) all commands."""
     blocks = FittedBlocks(vehicle_file.vehicle, vehicle_file.sensors)

@@ -48,7 +48,7 @@ class DrivenRobot(NamedTuple):
     drives: dict[str, list[SweepDrive]]
 
 
-def contestant(kind: "OwnBlock", starts: int, backend: str) -> Contestant:
+def contestant(kind: "OwnBlock", start_count: int, backend: str) -> Contestant:
     """Return a controller with gains tuned on the garage's vehicle, or with its defaults if it cannot be compiled."""
     label = kind if isinstance(kind, str) else getattr(kind, "__name__", type(kind).__name__)
     if not isinstance(kind, str):
@@ -60,7 +60,7 @@ def contestant(kind: "OwnBlock", starts: int, backend: str) -> Contestant:
     tune_result = tune(
         vehicle_file,
         route,
-        starts=starts,
+        starts=start_count,
         polish=False,
         duration_s=float(route.t_s[-1]) / 2.0,
         backend=backend,
@@ -70,7 +70,7 @@ def contestant(kind: "OwnBlock", starts: int, backend: str) -> Contestant:
     )
 
 
-def batch(seed: int, contestants: tuple[Contestant, ...], backend: str) -> DrivenRobot:
+def drive_robot(seed: int, contestants: tuple[Contestant, ...], backend: str) -> DrivenRobot:
     """Return the drives of one robot by all controllers."""
     robot, seeds = draw_robots(1, seed), range(seed, seed + 1)
     fit = identify(experiments(robot, seeds)[0], guess(), FREE)
@@ -81,13 +81,13 @@ def batch(seed: int, contestants: tuple[Contestant, ...], backend: str) -> Drive
         block = vehicle_file.controller(rival.kind, **rival.gains)
         cell = SweepCell(rival.label, "", rival.label, "repeat")
         for name, make in SHAPES.items():
-            route, place = from_origin(make()), f"robot {seed}, {name}"
+            route, label = from_origin(make()), f"robot {seed}, {name}"
             for pose_known in (True, False):
                 world = LoopWorld(robot, seed + 1, vehicle_file.rate_hz)
                 run = _drive(vehicle_file, route, block, world, pose_known, backend)
                 views = {"pose": run} if pose_known else {"estimate": replace(run, truth=None), "truth": run}
                 for view_name, view in views.items():
-                    drives.drives[view_name].append(_figures_of(view, cell, place))
+                    drives.drives[view_name].append(_figures_of(view, cell, label))
     return drives
 
 
@@ -105,7 +105,7 @@ def _drive(
     return repeat(vehicle_file, route, controller=block, estimator=estimator, world=world, backend=backend)
 
 
-def _figures_of(run: "Run", cell: SweepCell, place: str) -> SweepDrive:
+def _figures_of(run: "Run", cell: SweepCell, label: str) -> SweepDrive:
     figures, pieces = figures_of(run)
     reason = stop_of(run)
-    return SweepDrive(cell, place, figures, pieces, "" if reason is None else reason.code)
+    return SweepDrive(cell, label, figures, pieces, "" if reason is None else reason.code)

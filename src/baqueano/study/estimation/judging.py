@@ -46,17 +46,17 @@ def evaluate(
     start = initial_pose(run)
     nu = open_loop(vehicle_file, run, start, backend)
     reference = EstimatedPath(dead_reckoning(vehicle_file, run, nu, start), nu[:, 0])
-    out = []
+    judgements = []
     for kind in kinds or (vehicle_file.data["estimator"].get("kind", DEFAULT_KINDS["estimator"]),):
         replay_run = _replay(run, vehicle_file, kind, backend)
         log = replay_run.estimate
         assert log is not None
-        at = np.searchsorted(log.t_ns, run.t_ns)
-        estimate = EstimatedPath(log.eta[at], log.nu[at, 0])
+        rows = np.searchsorted(log.t_ns, run.t_ns)
+        estimate = EstimatedPath(log.eta[rows], log.nu[rows, 0])
         errors = block_errors(run.t_ns, estimate, reference, run.truth)
-        speed = (estimate.speed - true_speed(run.t_ns, run.truth)) / np.sqrt(log.cov[at, 3, 3])
+        speed = (estimate.speed - true_speed(run.t_ns, run.truth)) / np.sqrt(log.cov[rows, 3, 3])
         consistency = filter_consistency(replay_run), band(speed[:, None])
-        out.append(
+        judgements.append(
             JudgedEstimate(
                 f"{subject.name}, {sensors}",
                 sensors,
@@ -67,14 +67,14 @@ def evaluate(
                 text(stop_of(replay_run)),
             )
         )
-    return out
+    return judgements
 
 
 def fit_subject(subject: Subject, sensors: str, backend: str = "auto") -> tuple[Fit, VehicleFile]:
     """Return the fit, and the file that `baqueano identify RUN --update` writes unless the fit is refused."""
     fit = identify(
         subject.fitted,
-        with_sensors(subject.file, SETUPS[sensors]),
+        with_sensors(subject.vehicle_file, SETUPS[sensors]),
         subject.free,
         options=FitOptions(backend=backend),
     )

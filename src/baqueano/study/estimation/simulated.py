@@ -193,7 +193,7 @@ def _subjects(job: EstimationJob) -> list[Subject]:
         of = of._replace(vehicle_file=_file(of, seed))
         signals += [of._replace(seed=run_seed).signal(SECONDS) for run_seed in (seed, seed + OTHER)]
         vehicles += 2 * [LACKING[lacking(seed)[0]](of.vehicle, np.random.default_rng([seed, 50]))]
-        files.append(of.file)
+        files.append(of.vehicle_file)
     seeds = [run_seed for seed in job.seeds for run_seed in (seed, seed + OTHER)]
     group = vehicles[0].merge(vehicles[1:])
     drive = drive_group(
@@ -212,6 +212,6 @@ def _subjects(job: EstimationJob) -> list[Subject]:
 
 def _file(driven: Driven, seed: int) -> Any:
     """Return the subject's file with an odometer; a car with slipping tyres has its full steering range."""
-    if "odometer" not in driven.file.sensors._fields:
-        return parse(driven.file.text + ODOMETER, driven.file.name)
-    return driven.file.with_values(FULL_LOCK) if lacking(seed)[0] == "slip" else driven.file
+    if "odometer" not in driven.vehicle_file.sensors._fields:
+        return parse(driven.vehicle_file.text + ODOMETER, driven.vehicle_file.name)
+    return driven.vehicle_file.with_values(FULL_LOCK) if lacking(seed)[0] == "slip" else driven.vehicle_file

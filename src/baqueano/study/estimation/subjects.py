@@ -30,7 +30,7 @@ class Subject(NamedTuple):
     """A vehicle with a run for the fit and a run for the evaluation."""
 
     name: str
-    file: VehicleFile
+    vehicle_file: VehicleFile
     fitted: Run
     judged: Run
     free: tuple[str, ...] | None = None  # free parameters; None: the defaults of `identify`

@@ -71,7 +71,7 @@ def outcome(
 ) -> tuple[str, SignalErrors]:
     """Return the name of a signal, and its errors and margins on the vehicles."""
     (signal, plan), vehicle_file = job, load(name)
-    each = [vehicles.some([k]) for k in range(plan.u.shape[1])]
+    each = [vehicles.subset([k]) for k in range(plan.u.shape[1])]
     around: list[Any] = [perturbed_copies(q.with_parameters(floor=0.0 * q.floor)) for q in each]
     group, many = around[0].merge(around[1:]), len(around[0].mass_kg)
     quiet = np.split(
@@ -79,7 +79,7 @@ def outcome(
     )
     paths = [path for path in unknowns(vehicle_file).names if path in numbers(vehicles)]
     errors = [_error(readings, q, paths) for readings, q in zip(quiet, each, strict=True)]
-    repeats = vehicles.some(np.repeat(np.arange(len(each)), DRIVES).tolist())
+    repeats = vehicles.subset(np.repeat(np.arange(len(each)), DRIVES).tolist())
     seeds = [seed + 1000 + k for k in range(len(each) * DRIVES)]
     world, u = world_of(repeats, seeds), np.repeat(plan.u, DRIVES, axis=1)
     margins = np.full(len(seeds), np.inf)

@@ -28,9 +28,9 @@ def _z(run: Run) -> np.ndarray:
 def outliers(run: Run, vehicle_file: VehicleFile, rng: np.random.Generator) -> Run:
     """Shift 10 % of all readings by 20 standard deviations, up or down."""
     for name, channel in run.sensors.items():
-        sd = np.sqrt(np.diagonal(getattr(vehicle_file.sensors, name).cov))
+        std = np.sqrt(np.diagonal(getattr(vehicle_file.sensors, name).cov))
         hit = rng.random(channel.z.shape) < 0.1
-        run = _with(run, channel.z + hit * rng.choice([-20.0, 20.0], channel.z.shape) * sd, name)
+        run = _with(run, channel.z + hit * rng.choice([-20.0, 20.0], channel.z.shape) * std, name)
     return run
 
 
@@ -56,15 +56,15 @@ def time_in_milliseconds(run: Run, vehicle_file: VehicleFile, rng: np.random.Gen
 
 def command_in_volts(run: Run, vehicle_file: VehicleFile, rng: np.random.Generator) -> Run:
     """Convert the logged command to the voltage of a battery of 6 to 12 V."""
-    return replace(run, applied=_of_full(run, vehicle_file) * rng.uniform(6.0, 12.0))
+    return replace(run, applied=_command_scale(run, vehicle_file) * rng.uniform(6.0, 12.0))
 
 
 def command_in_pwm(run: Run, vehicle_file: VehicleFile, rng: np.random.Generator) -> Run:
     """Convert the logged command to whole counts of 255."""
-    return replace(run, applied=np.rint(_of_full(run, vehicle_file) * 255.0))
+    return replace(run, applied=np.rint(_command_scale(run, vehicle_file) * 255.0))
 
 
-def _of_full(run: Run, vehicle_file: VehicleFile) -> np.ndarray:
+def _command_scale(run: Run, vehicle_file: VehicleFile) -> np.ndarray:
     limit = np.asarray(vehicle_file.command.limit)
     return run.applied / np.where(limit > 0.0, limit, 1.0)
 
@@ -78,9 +78,9 @@ def clip_imu(run: Run, vehicle_file: VehicleFile, rng: np.random.Generator) -> R
 
 def late_sensor(run: Run, vehicle_file: VehicleFile, rng: np.random.Generator) -> Run:
     """Delay all sensors by 20 to 100 ms without a change of their timestamps."""
-    late = round(rng.uniform(0.02, 0.1) * vehicle_file.rate_hz)
+    delay_ticks = round(rng.uniform(0.02, 0.1) * vehicle_file.rate_hz)
     sensors = {
-        n: c._replace(z=np.concatenate([c.z[:1].repeat(late, 0), c.z[:-late]]))
+        n: c._replace(z=np.concatenate([c.z[:1].repeat(delay_ticks, 0), c.z[:-delay_ticks]]))
         for n, c in run.sensors.items()
     }
     return replace(run, sensors=sensors)
@@ -89,9 +89,9 @@ def late_sensor(run: Run, vehicle_file: VehicleFile, rng: np.random.Generator) -
 def repeated_time(run: Run, vehicle_file: VehicleFile, rng: np.random.Generator) -> Run:
     """Replace the timestamp of 3 to 20 % of the IMU samples by the timestamp of the previous sample."""
     c = run.sensors["imu"]
-    same = np.flatnonzero(rng.random(len(c.t_ns)) < rng.uniform(0.03, 0.2))
+    repeated_rows = np.flatnonzero(rng.random(len(c.t_ns)) < rng.uniform(0.03, 0.2))
     t_ns = c.t_ns.copy()
-    t_ns[same[same > 0]] = t_ns[same[same > 0] - 1]
+    t_ns[repeated_rows[repeated_rows > 0]] = t_ns[repeated_rows[repeated_rows > 0] - 1]
     return replace(run, sensors={**run.sensors, "imu": c._replace(t_ns=t_ns)})
 
 
@@ -106,10 +106,10 @@ def time_jumps_seconds(run: Run, vehicle_file: VehicleFile, rng: np.random.Gener
 
 
 def _time_jump(run: Run, by_ns: int, rng: np.random.Generator) -> Run:
-    at = run.t_ns[int(rng.uniform(0.3, 0.7) * len(run.t_ns))]
+    jump_ns = run.t_ns[int(rng.uniform(0.3, 0.7) * len(run.t_ns))]
 
     def delay_stamps(t_ns: np.ndarray) -> np.ndarray:
-        return t_ns + np.where(t_ns >= at, by_ns, 0)
+        return t_ns + np.where(t_ns >= jump_ns, by_ns, 0)
 
     sensors = {
         n: Channel(delay_stamps(c.t_ns), delay_stamps(c.arrival_ns), c.z) for n, c in run.sensors.items()
@@ -120,30 +120,32 @@ def _time_jump(run: Run, by_ns: int, rng: np.random.Generator) -> Run:
 def sensor_clock_goes_back(run: Run, vehicle_file: VehicleFile, rng: np.random.Generator) -> Run:
     """Set the IMU's clock back by an hour during the drive."""
     c = run.sensors["imu"]
-    after = np.arange(len(c.t_ns)) > rng.uniform(0.3, 0.7) * len(c.t_ns)
-    return replace(run, sensors={**run.sensors, "imu": c._replace(t_ns=c.t_ns - after * 3600 * NANOSECONDS)})
+    is_after = np.arange(len(c.t_ns)) > rng.uniform(0.3, 0.7) * len(c.t_ns)
+    return replace(
+        run, sensors={**run.sensors, "imu": c._replace(t_ns=c.t_ns - is_after * 3600 * NANOSECONDS)}
+    )
 
 
 def bursts(run: Run, vehicle_file: VehicleFile, rng: np.random.Generator) -> Run:
     """Timestamp the IMU's samples in bursts of 4 to 10 samples, 20 µs apart."""
-    c, of = run.sensors["imu"], int(rng.integers(4, 11))
-    last = np.minimum((np.arange(len(c.t_ns)) // of + 1) * of - 1, len(c.t_ns) - 1)
-    t_ns = c.t_ns[last] - (last - np.arange(len(last))) * 20_000
-    return replace(run, sensors={**run.sensors, "imu": Channel(t_ns, c.arrival_ns[last], c.z)})
+    c, burst_size = run.sensors["imu"], int(rng.integers(4, 11))
+    last_of_burst = np.minimum((np.arange(len(c.t_ns)) // burst_size + 1) * burst_size - 1, len(c.t_ns) - 1)
+    t_ns = c.t_ns[last_of_burst] - (last_of_burst - np.arange(len(last_of_burst))) * 20_000
+    return replace(run, sensors={**run.sensors, "imu": Channel(t_ns, c.arrival_ns[last_of_burst], c.z)})
 
 
 def hold_samples(run: Run, vehicle_file: VehicleFile, rng: np.random.Generator) -> Run:
     """Repeat each IMU sample for 3 to 8 readings, as if the IMU measured more slowly than it is read."""
-    z, of = _z(run), int(rng.integers(3, 9))
-    return _with(run, z[np.arange(len(z)) // of * of])
+    z, hold_count = _z(run), int(rng.integers(3, 9))
+    return _with(run, z[np.arange(len(z)) // hold_count * hold_count])
 
 
 def stuck(run: Run, vehicle_file: VehicleFile, rng: np.random.Generator) -> Run:
     """Repeat one sample of the IMU for 5 to 20 % of the run."""
     z = _z(run)
     length = int(rng.uniform(0.05, 0.2) * len(z))
-    at = int(rng.integers(0, len(z) - length))
-    z[at : at + length] = z[at]
+    first_row = int(rng.integers(0, len(z) - length))
+    z[first_row : first_row + length] = z[first_row]
     return _with(run, z)
 
 
@@ -181,8 +183,8 @@ def gyro_inverted(run: Run, vehicle_file: VehicleFile, rng: np.random.Generator)
 def gravity_on_an_axis(run: Run, vehicle_file: VehicleFile, rng: np.random.Generator) -> Run:
     """Replace a_x or a_y by gravity and noise, as if the IMU were mounted upright."""
     z, axis = _z(run), int(rng.integers(0, 2))
-    sd = float(np.sqrt(vehicle_file.sensors.imu.cov[axis, axis]))
-    z[:, axis] = rng.choice([-1.0, 1.0]) * STANDARD_GRAVITY + sd * rng.standard_normal(len(z))
+    std = float(np.sqrt(vehicle_file.sensors.imu.cov[axis, axis]))
+    z[:, axis] = rng.choice([-1.0, 1.0]) * STANDARD_GRAVITY + std * rng.standard_normal(len(z))
     return _with(run, z)
 
 
@@ -210,8 +212,8 @@ def motor_inverted(run: Run, vehicle_file: VehicleFile, rng: np.random.Generator
 
 def too_short(run: Run, vehicle_file: VehicleFile, rng: np.random.Generator) -> Run:
     """Cut the run to a duration of 0.4 to 1.5 s."""
-    at = rng.uniform(0.0, 5.0)
-    return run.cut(at, at + rng.uniform(0.4, 1.5))
+    start_s = rng.uniform(0.0, 5.0)
+    return run.cut(start_s, start_s + rng.uniform(0.4, 1.5))
 
 
 def half_driven(run: Run, vehicle_file: VehicleFile, rng: np.random.Generator) -> Run:

@@ -40,7 +40,7 @@ FREE = (
     "model.drivetrain.dead_zone_forward[0]",
     "model.drivetrain.delay_s",
 )
-RMSE_M_S, LOW, HIGH = 0.092, 0.14, 0.17
+RMSE_M_S, MIN_DEAD_ZONE, MAX_DEAD_ZONE = 0.092, 0.14, 0.17
 
 
 def files() -> list[str]:
@@ -70,7 +70,13 @@ def rows(progress: Callable[[str], None] = lambda text: None, backend: str = "au
             )
         )
         out.append(
-            row(name, _("dead zone"), zone, f"{number(LOW)} … {number(HIGH)}", LOW <= round(zone, 2) <= HIGH)
+            row(
+                name,
+                _("dead zone"),
+                zone,
+                f"{number(MIN_DEAD_ZONE)} … {number(MAX_DEAD_ZONE)}",
+                MIN_DEAD_ZONE <= round(zone, 2) <= MAX_DEAD_ZONE,
+            )
         )
     return out
 

@@ -36,8 +36,8 @@ def end_of(vehicle_file: "VehicleFile", run: "Run", backend: str = "auto") -> tu
     """Return the last true pose (3,), and the pose (3,) that the model reaches from the first true pose."""
     truth, vehicle = run.truth, vehicle_file.vehicle
     assert truth is not None
-    inside = (run.t_ns > truth.t_ns[0]) & (run.t_ns < truth.t_ns[-1])
-    ends = np.concatenate([run.t_ns[inside], truth.t_ns[-1:]])
+    is_inside = (run.t_ns > truth.t_ns[0]) & (run.t_ns < truth.t_ns[-1])
+    ends = np.concatenate([run.t_ns[is_inside], truth.t_ns[-1:]])
     u = run.applied[np.searchsorted(run.t_ns, ends)]
     dt_s = np.diff(seconds(ends, truth.t_ns[0]), prepend=0.0)
 
