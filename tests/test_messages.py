@@ -31,7 +31,16 @@ NAMES = {  # with a space: cases of studies, verdicts on a filter
     "cannot tell", "not reported", "too sure", "too cautious", "at its limit", "no reading lost", "wrong start",
     "left inverted", "right inverted", "sound, other start",
 }  # fmt: skip
-LISTS_OF_NAMES = {"SOUND", "MENDED", "NOT_FOR_CARS", "SUMS", "BATTERY", "KINDS", "KIND_CODES", "FANCY_INDEX_TEXT"}
+LISTS_OF_NAMES = {
+    "UNDAMAGED",
+    "REPAIRED",
+    "NOT_FOR_CARS",
+    "SUMS",
+    "BATTERY_TERM",
+    "KINDS",
+    "KIND_CODES",
+    "FANCY_INDEX_TEXT",
+}
 FILES = {"file", "vehicle", "vehicle_file"}  # their `text` is TOML
 PROSE = {"text", "why", "trouble", "sentence", "message", "remedy", "stopped"}  # names that would hold one
 READING = {"startswith", "endswith", "partition", "rpartition", "split", "rsplit", "find", "index", "rstrip",

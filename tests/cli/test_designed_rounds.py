@@ -15,7 +15,13 @@ NAME = "model.actuator_matrix[0,0]"
 @pytest.fixture
 def quick(monkeypatch):
     """Make the search smaller, because its result does not matter here."""
-    for name, number in (("FIRST", 40), ("ROUNDS", 1), ("EACH", 10), ("FINAL", 30), ("VEHICLES", 32)):
+    for name, number in (
+        ("FIRST_PIECES", 40),
+        ("ROUNDS", 1),
+        ("PIECES_PER_ROUND", 10),
+        ("FINAL_PIECES", 30),
+        ("VEHICLES", 32),
+    ):
         monkeypatch.setattr(planning, name, number)
 
 

@@ -118,7 +118,12 @@ def test_errors_of_shared_parameters_equal_the_inverse_of_the_whole_matrix():
     A, B = eliminate_starts(whole, 2.0 * whole, layout)
     few, channels, starts = 10_000, np.zeros((1, 1)), np.arange(layout.first_start)
     small = covariance_of(Information(A, B, channels, False, np.zeros(1), few), starts)
-    large = 2.0 * np.linalg.inv(whole)[: layout.first_start, : layout.first_start] * few / (few - layout.first_start)
+    large = (
+        2.0
+        * np.linalg.inv(whole)[: layout.first_start, : layout.first_start]
+        * few
+        / (few - layout.first_start)
+    )
     root = np.sqrt(np.diagonal(large))
     np.testing.assert_allclose(small / np.outer(root, root), large / np.outer(root, root), atol=1e-9)
 

@@ -294,7 +294,8 @@ def test_a_battery_term_needs_an_interval_narrower_than_its_possible_range(x, sd
     battery = Term("battery voltage", (BATTERY_EFFECT_PATH,), (0.0,), ((0.5,),))
     assert (separation_problem(battery, np.array([x]), np.array([sd])) is None) == separable
     assert (
-        separation_problem(battery._replace(paths=("model.coulomb_m_s2",)), np.array([x]), np.array([sd])) is None
+        separation_problem(battery._replace(paths=("model.coulomb_m_s2",)), np.array([x]), np.array([sd]))
+        is None
     )
 
 

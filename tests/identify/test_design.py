@@ -53,7 +53,7 @@ def test_a_designed_experiment_respects_limits_room_and_duration(small, plan):
 
 
 def test_the_same_seed_gives_the_same_plan(small, monkeypatch):
-    for name, number in (("FIRST", 40), ("ROUNDS", 1), ("EACH", 10)):
+    for name, number in (("FIRST_PIECES", 40), ("ROUNDS", 1), ("PIECES_PER_ROUND", 10)):
         monkeypatch.setattr(planning, name, number)
     room = room_of(small, "2x2")
     first, same, different = (design_plan(small, room, 4.0, seed=seed).u for seed in (1, 1, 2))

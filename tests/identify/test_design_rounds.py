@@ -31,14 +31,21 @@ def truth(small):
 def rounds_of_design(small, truth, tmp_path_factory):
     folder, size = tmp_path_factory.mktemp("runs"), "2x2"
     with pytest.MonkeyPatch.context() as patch:
-        for name, number in (("FIRST", 60), ("ROUNDS", 2), ("EACH", 20), ("FINAL", 40)):
+        for name, number in (
+            ("FIRST_PIECES", 60),
+            ("ROUNDS", 2),
+            ("PIECES_PER_ROUND", 20),
+            ("FINAL_PIECES", 40),
+        ):
             patch.setattr(planning, name, number)
         first = first_drive(small, truth=truth, seed=0)
         file = identify([first.run], with_rough_gains(first, small)).vehicle_file
         runs = [first.run]
         design = lambda now, seed: design_plan(now, room_of(now, size), 10.0, seed=seed).u  # noqa: E731
         place = LocalTarget(lambda: {"truth": truth})
-        rounds = drive_in_rounds(file, place, runs, 2, design, 0, "auto", lambda label: folder / f"{label}.mcap")
+        rounds = drive_in_rounds(
+            file, place, runs, 2, design, 0, "auto", lambda label: folder / f"{label}.mcap"
+        )
     return rounds, runs, room_of(small, size)
 
 

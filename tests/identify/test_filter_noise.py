@@ -15,8 +15,13 @@ NOISE = [f"sensors.tags.measurement_noise_cov[{i},{i}]" for i in (0, 1)]
 
 
 @pytest.mark.parametrize(
-    ("tags", "free"), [(0, []), (MIN_READINGS, FORWARD[:1]), (MIN_RESIDUALS - 1, FORWARD[:1]), (MIN_RESIDUALS,
-    [*FORWARD, *NOISE])]
+    ("tags", "free"),
+    [
+        (0, []),
+        (MIN_READINGS, FORWARD[:1]),
+        (MIN_RESIDUALS - 1, FORWARD[:1]),
+        (MIN_RESIDUALS, [*FORWARD, *NOISE]),
+    ],
 )
 def test_few_readings_identify_the_misfit_but_not_the_sensor_noise(tags, free):
     ekf = parse(load("small").text + TAGS, "small").estimator(use=("imu", "tags"))

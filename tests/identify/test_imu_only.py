@@ -121,7 +121,9 @@ def test_the_error_of_the_gyro_bias_equals_its_measurement_error():
     from baqueano.vehicle_file import Provenance
 
     file, path = load("car"), "sensors.imu.gyro_bias"
-    assert zero_std(file, "imu") == pytest.approx(np.radians(20.0) / np.sqrt(3.0))  # the value of a data sheet
+    assert zero_std(file, "imu") == pytest.approx(
+        np.radians(20.0) / np.sqrt(3.0)
+    )  # the value of a data sheet
     measured_file = file.with_values({path: 0.002}, {path: Provenance("rest", None, 0.001, "USABLE")})
     assert zero_std(measured_file, "imu") == pytest.approx(0.001)
 
@@ -239,7 +241,9 @@ def test_samples_are_weighted_by_speed_if_noise_grows_with_speed():
     rng, n = np.random.default_rng(2), 8000
     v = np.repeat(rng.uniform(0.1, 2.0, n // 100), 100)
     residuals = [(v * rng.normal(size=n))[:, None]]
-    sigma, profile = profile_with_slow_noise(residuals, [np.ones((n, 1))], [v], [np.full(n, 0.02)], np.zeros(1))
+    sigma, profile = profile_with_slow_noise(
+        residuals, [np.ones((n, 1))], [v], [np.full(n, 0.02)], np.zeros(1)
+    )
     ratio = (sigma[0] * profile[0][:, 0] / v)[v > 0.5]
     assert np.all((ratio > 0.8) & (ratio < 1.3))
     assert np.sqrt(np.mean(profile[0] ** 2)) == pytest.approx(1.0)

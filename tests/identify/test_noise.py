@@ -184,7 +184,9 @@ def test_the_noise_of_an_unfitted_sensor_is_never_zero(noise_at_rest, small):
 def test_the_noise_of_a_channel_without_rest_is_estimated_from_differences(small):
     u = np.tile([0.6, 0.0, 0.0], (300, 1))
     run, notes = simulate(small, u, 1), []
-    Q = unfitted_covariance("imu", replace(small.sensors.imu, accel_noise_std=np.zeros(2)), np.zeros(3), [run], notes)
+    Q = unfitted_covariance(
+        "imu", replace(small.sensors.imu, accel_noise_std=np.zeros(2)), np.zeros(3), [run], notes
+    )
     np.testing.assert_allclose(np.sqrt(np.diagonal(Q)), [0.1, 0.1, 0.004], rtol=0.2)
     resting = replace(run, sensors={"imu": run.sensors["imu"]._replace(z=np.zeros((len(run.t_ns), 3)))})
     Q = unfitted_covariance(

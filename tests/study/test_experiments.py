@@ -12,7 +12,14 @@ from baqueano.signals import Command
 from baqueano.study.counterpart import LoopWorld, robot_values, world_of
 from baqueano.study.experiments.drives import DRIVES, SPREAD, PlannedDrive, outcome, vehicles_around
 from baqueano.study.experiments.result import Experiments, SignalErrors, rows_of
-from baqueano.study.first_drives import DEAD_ZONE, MAX_GAIN_RATIO, MIN_GAIN_RATIO, FirstDrives, gain_ratios, draw_unknown_robot
+from baqueano.study.first_drives import (
+    DEAD_ZONE,
+    MAX_GAIN_RATIO,
+    MIN_GAIN_RATIO,
+    FirstDrives,
+    gain_ratios,
+    draw_unknown_robot,
+)
 from baqueano.study.first_drives import Row as FirstDrive
 from baqueano.study.identification.bound import numbers
 from baqueano.study.truth import TruthWorld, draw_cars
