@@ -157,7 +157,7 @@ class Run(Result):
         for name, channel in self.sensors.items():
             z = np.array(
                 [
-                    slot.z if slot.is_equal else np.full(len(slot.z), np.nan)
+                    slot.z if slot.has else np.full(len(slot.z), np.nan)
                     for slot in _slots(channel, self.t_ns)
                 ]
             )

@@ -90,7 +90,7 @@ class RunWriter:
         tick = record.tick
         self._say("command applied", self._packing.command, "applied", tick.t_ns, tick.u)
         for name, slot in zip(tick.sensors._fields, tick.sensors, strict=True):
-            if slot.is_equal > 0.5:
+            if slot.has > 0.5:
                 t_ns = measured_ns(tick.t_ns, slot)
                 self._say(f"measurement of {name}", self._packing.sensor, name, t_ns, tick.t_ns, slot.z)
             elif name not in self._topics:
