@@ -148,7 +148,7 @@ WRONG = {
         ("tree.numbers", {"path": "angle", "found": "()", "dtype": "object", "expected": "()"}),
     ),
     "another key": (
-        (ARGUMENTS[0]._replace(past_rows={"gps": ARGUMENTS[0].slots["imu"]}), *ARGUMENTS[1:]),
+        (ARGUMENTS[0]._replace(slots={"gps": ARGUMENTS[0].slots["imu"]}), *ARGUMENTS[1:]),
         ("tree.branch", {"path": "belief.slots"}),
     ),
     "something for nothing": (

@@ -260,7 +260,7 @@ def _values(signal: ColumnSignal, source: Source) -> np.ndarray:
         column = entry.scale * entry.radius_m * column + entry.offset
         column = column if entry.times is None else column * source.table.numbers(entry.times)
         for name, value in entry.backward.items():
-            column = np.where(source.table.is_equal(name, value), -column, column)
+            column = np.where(source.table.has(name, value), -column, column)
         columns.append(column)
     return np.column_stack(columns)
 

@@ -386,7 +386,7 @@ def _mask(table: LogTable, spec: FileSpec, column: str, comparison: str, limit: 
     if comparison in ("is", "not"):
         limits = limit if isinstance(limit, list) else [limit]
         if all(isinstance(value, str | int | float) for value in limits):
-            is_equal = np.any([table.is_equal(column, value) for value in limits], axis=0)
+            is_equal = np.any([table.has(column, value) for value in limits], axis=0)
             return is_equal if comparison == "is" else ~is_equal
     elif comparison in ("min", "max") and isinstance(limit, int | float):
         values = table.numbers(column)

@@ -126,7 +126,7 @@ class LogTable(NamedTuple):
                 return None
         return values
 
-    def is_equal(self, column: str, value: str | float) -> np.ndarray:
+    def has(self, column: str, value: str | float) -> np.ndarray:
         """Return a mask (rows,): True if the cell in the column equals `value`: a number, or a string as written."""
         if isinstance(value, str):
             cells = self.text(column)
