@@ -23,7 +23,7 @@ import numpy as np
 from baqueano.identify import FitOptions, identify
 from baqueano.identify.imu_only import fit_imu_only
 from baqueano.runs.run import Run
-from baqueano.simulate.open_loop import times
+from baqueano.simulate.open_loop import tick_times
 from baqueano.study.counterpart import (
     FREE_ROBOT,
     car_file,
@@ -101,7 +101,7 @@ def of_robots(seeds: range, duration_s: float) -> list[Made]:
 def _drive_cars(
     vehicles: list[Any], files: list[Any], us: list[np.ndarray], seeds: range
 ) -> list[tuple[Run, Any]]:
-    group, t_ns = vehicles[0].merge(vehicles[1:]), times(len(us[0]), files[0].rate_hz)
+    group, t_ns = vehicles[0].merge(vehicles[1:]), tick_times(len(us[0]), files[0].rate_hz)
     motion = drive_group(group, np.stack(us, axis=1), seeds, t_ns)
     return [
         (run_of_vehicle(motion, k, u, file, f"seed {seed}", seed), file)

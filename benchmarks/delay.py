@@ -17,9 +17,9 @@ from baqueano.compare.errors import cross_track, rms
 from baqueano.guides.repeat import Repeat
 from baqueano.guides.shapes import sinuous_circle
 from baqueano.signals import Estimate, Slot, Tick
-from baqueano.simulate.open_loop import times
+from baqueano.simulate.open_loop import tick_times
 from baqueano.study.counterpart.robots import robot_file, robot_values
-from baqueano.study.driving import Loop, together
+from baqueano.study.driving import Loop, merge_robots
 from baqueano.study.truth import TruthWorld, draw_robots
 
 ROUTE = sinuous_circle(0.6, 0.06, 5, 0.2)
@@ -57,7 +57,7 @@ def disturbances(seed, ticks, rate_hz):
 def errors_beside(loops, robots, seeds, seconds):
     """Return the distance (robots,) [m] of each robot beside the path, rms over time after the start."""
     rate_hz, n = loops[0].file.rate_hz, len(loops)
-    t_ns, guide = times(int(seconds * rate_hz), rate_hz), Repeat.along(ROUTE)
+    t_ns, guide = tick_times(int(seconds * rate_hz), rate_hz), Repeat.along(ROUTE)
     world = TruthWorld(robots, seeds, np.tile(ROUTE.eta[0], (n, 1)))
     states, u, now = [loop.start(ROUTE.eta[0]) for loop in loops], np.zeros((n, 3)), guide.init()
     off = np.stack([disturbances(seed, len(t_ns), rate_hz) for seed in seeds])
@@ -95,7 +95,7 @@ def main():
         )
         for robot, seed in zip(each, seeds, strict=True)
     ]
-    loops, robots = [Loop(file, True, "auto") for file in files], together(each)
+    loops, robots = [Loop(file, True, "auto") for file in files], merge_robots(each)
     own = float(np.median(robots.delay_s))
     print(
         f"{args.controller}, {len(seeds)} robots: total delay [ms] (median), beside the path [mm rms]: median, worst"

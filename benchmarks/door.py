@@ -200,7 +200,7 @@ def serve(folder: str) -> None:
 
     place, file = Path(folder), load("small")
     service = SimulatedService(file, file, place, StoredRoutes(place))
-    door = Door(place / "door", service.operator, place, service.words())
+    door = Door(place / "door", service.operator, place, service.handlers())
     service.broadcast, service.frames = door.broadcast, door.frames
     request_realtime()
     first, write, moves, ticks = bool(os.sched_getscheduler(0) & os.SCHED_FIFO), ShakenWorld.write, False, 0

@@ -22,7 +22,7 @@ import numpy as np
 
 from baqueano.identify import FitOptions, identify, parallel
 from baqueano.identify.estimation.least_squares import minimise
-from baqueano.identify.estimation.search import FINE
+from baqueano.identify.estimation.search import FINE_DECREMENT
 from baqueano.identify.residuals.block_arrow import Evaluation
 from baqueano.runs import Run
 from baqueano.simulate import simulate
@@ -99,7 +99,7 @@ def against_jax(duration_s: float) -> Bench:
     def by_baqueano():
         return minimise(
             lambda theta: Evaluation(*kernel.normal_equations((u, z), theta, 1.345)),
-            first, low, np.full(15, np.inf), tolerance=FINE,
+            first, low, np.full(15, np.inf), tolerance=FINE_DECREMENT,
         )  # fmt: skip
 
     fit = by_baqueano()
@@ -142,7 +142,7 @@ def several_runs(duration_s: float) -> Bench:
         _confine({min(everywhere)})
         try:
             with patch.object(
-                parallel, "ENOUGH", sys.maxsize
+                parallel, "MIN_ROWS", sys.maxsize
             ):  # least number of rows for which threads are used
                 _fitted(runs)
         finally:

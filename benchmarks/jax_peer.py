@@ -10,7 +10,7 @@ from collections.abc import Callable
 import numpy as np
 
 from baqueano.identify.estimation.least_squares import Solution, minimise
-from baqueano.identify.estimation.search import FINE
+from baqueano.identify.estimation.search import FINE_DECREMENT
 from baqueano.identify.residuals.block_arrow import Evaluation
 from benchmarks import peers
 
@@ -71,7 +71,7 @@ def of(
     low = np.array([0.0] * 6 + [-np.inf] * 9)
 
     def search(first):
-        return minimise(evaluate, first, low, np.full(15, np.inf), tolerance=FINE)
+        return minimise(evaluate, first, low, np.full(15, np.inf), tolerance=FINE_DECREMENT)
 
     def fit(first):
         solution = search(first)

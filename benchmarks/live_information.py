@@ -8,7 +8,7 @@ import numpy as np
 
 from baqueano.identify import excitation
 from baqueano.identify.design.information import Informant
-from baqueano.identify.design.live import WINDOW, RecursiveInformation
+from baqueano.identify.design.live import WINDOW_TICKS, RecursiveInformation
 from baqueano.vehicle_file import load
 from benchmarks.harness import Bench, Case, measured
 
@@ -24,8 +24,8 @@ def benches(smallest: bool) -> list[Bench]:
     )
     informant = Informant(file)
     live = RecursiveInformation(informant)
-    state = live.add(live.begin(), u[: 10 * WINDOW])
-    window = np.ascontiguousarray(u[:WINDOW])
+    state = live.add(live.begin(), u[: 10 * WINDOW_TICKS])
+    window = np.ascontiguousarray(u[:WINDOW_TICKS])
     return [
         measured(
             f"information after {len(u) / file.rate_hz:.0f} s of driving, brought up to date",

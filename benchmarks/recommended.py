@@ -177,7 +177,7 @@ class Stopwatch(Observer):
 
     marks: list[float]
 
-    def look(self, record: Record) -> None:
+    def on_record(self, record: Record) -> None:
         self.marks.append(time.thread_time())
 
 

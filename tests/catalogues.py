@@ -20,7 +20,7 @@ from babel.messages.mofile import write_mo
 from babel.messages.pofile import read_po, write_po
 
 from baqueano.cli import VERBS, baqueano, command_of
-from baqueano.identify.parameters.free import AXES, ORDINALS
+from baqueano.identify.parameters.free import AXIS_NAMES, ORDINALS
 from baqueano.messages import templates
 from baqueano.messages.language import CATALOGUES, DOMAIN, LANGUAGES
 
@@ -84,7 +84,7 @@ def words_in_braces(words: str) -> list[str]:
     >>> words_in_braces("the {nth} motor")
     ['the first motor', 'the second motor']
     """
-    names = {"{nth}": ORDINALS[:2], "{axis}": AXES}
+    names = {"{nth}": ORDINALS[:2], "{axis}": AXIS_NAMES}
     return next(
         ([words.replace(field, name) for name in each] for field, each in names.items() if field in words),
         [words],

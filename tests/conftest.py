@@ -54,7 +54,7 @@ REAL_TIME = {  # sockets, processes, firmware and browsers whose time is that of
 
 ALONE = pytest.StashKey[Callable[[], None]]()  # of a test: from its call on, the other processes wait
 
-SHIPPED = compile.HASTY_ABOVE, compile.SCHEDULED_BELOW, compile.HASTY
+SHIPPED = compile.MAX_THOROUGH_OPERATIONS, compile.MAX_SCHEDULED_OPERATIONS, compile.HASTY_LEVEL
 
 os.environ["BAQUEANO_LANG"] = "en"  # whatever the locale of this machine
 os.environ["OPENBLAS_NUM_THREADS"] = (
@@ -121,7 +121,9 @@ def pytest_runtest_protocol(item: pytest.Item) -> Generator[None, object, object
 def pytest_runtest_setup(item: pytest.Item) -> None:
     """Compile quickly for tests with many short kernels; the other tests use the compiler flags of the package."""
     quick = 0, 0, "-O1" if is_in(item.path, FITS) else "-O0"
-    compile.HASTY_ABOVE, compile.SCHEDULED_BELOW, compile.HASTY = quick if is_slow(item.path) else SHIPPED
+    compile.MAX_THOROUGH_OPERATIONS, compile.MAX_SCHEDULED_OPERATIONS, compile.HASTY_LEVEL = (
+        quick if is_slow(item.path) else SHIPPED
+    )
     if getattr(item, "execution_count", 1) > 1:  # of pytest-rerunfailures
         item.stash[ALONE]()
 

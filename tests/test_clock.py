@@ -22,7 +22,7 @@ def test_a_clock_without_a_duration_is_endless():
 
 def test_the_clock_of_a_run_returns_its_tick_times():
     ticks = [Tick(t, np.zeros(3), None) for t in (5, 8, 11)]
-    assert list(clock.of_run(ticks)) == [5, 8, 11]
+    assert list(clock.tick_times_of_run(ticks)) == [5, 8, 11]
 
 
 class FakeTime:

@@ -22,7 +22,8 @@ FUNCTIONS = ast.FunctionDef, ast.AsyncFunctionDef
 MODULES, NAMES = 12, 20  # of a folder
 FRONT_DOOR = 26  # names of `import baqueano as bq`
 AROUND_BLOCKS = {  # the supervisor, and modules that wrap or watch any block
-    "Supervisor", "GuardedBlock", "Off", "BudgetedBlock", "Watchdog", "Agreement", "Adjustable", "MyEstimator",
+    "Supervisor", "GuardedBlock", "FallbackBlock", "BudgetedBlock", "Watchdog", "Agreement", "Adjustable",
+    "MyEstimator",
     "MyGuide", "MyController", "PacedGuide",
 }  # fmt: skip
 DOORS = {"time", "os", "random", "datetime", "pathlib", "io", "sys", "socket", "threading"}
@@ -320,7 +321,7 @@ SIMULATED = {
     "paper",
 }  # the demo, and the simulation that the paper describes
 HARMLESS = {
-    "times",
+    "tick_times",
     "KnownState",
     "truth_sensor",
     "initial_pose",
@@ -328,7 +329,7 @@ HARMLESS = {
     "replay",
     "stop_of",
     "first_drive",
-    "compilable",
+    "check_compilable",
     "repeat",
     "closure",
     "MARK_SOURCE",

@@ -13,7 +13,7 @@ from pathlib import Path
 import pytest
 
 from baqueano.diagnostics import Diagnostic, Severity, StopReason, note, stop
-from baqueano.errors import BaqueanoError, SafetyStop, UsageError, of_code
+from baqueano.errors import BaqueanoError, SafetyStop, UsageError, error_of_exit_code
 from baqueano.messages import ROOMS, templates, text
 
 SOURCE = Path(__file__).parents[1] / "src" / "baqueano"
@@ -31,7 +31,16 @@ NAMES = {  # with a space: cases of studies, verdicts on a filter
     "cannot tell", "not reported", "too sure", "too cautious", "at its limit", "no reading lost", "wrong start",
     "left inverted", "right inverted", "sound, other start",
 }  # fmt: skip
-LISTS_OF_NAMES = {"SOUND", "MENDED", "NOT_FOR_CARS", "SUMS", "BATTERY", "KINDS", "FANCY_INDEX"}
+LISTS_OF_NAMES = {
+    "UNDAMAGED",
+    "REPAIRED",
+    "NOT_FOR_CARS",
+    "SUMS",
+    "BATTERY_TERM",
+    "KINDS",
+    "KIND_CODES",
+    "FANCY_INDEX_TEXT",
+}
 FILES = {"file", "vehicle", "vehicle_file"}  # their `text` is TOML
 PROSE = {"text", "why", "trouble", "sentence", "message", "remedy", "stopped"}  # names that would hold one
 READING = {"startswith", "endswith", "partition", "rpartition", "split", "rsplit", "find", "index", "rstrip",
@@ -341,5 +350,5 @@ def test_an_unknown_code_is_printed_with_its_figures():
 
 def test_an_error_has_its_diagnostic_after_transmission():
     reason = stop(StopReason.TILT, tilt_deg=40.0, max_tilt_rad=0.6)
-    error = of_code(SafetyStop.exit_code, reason)
+    error = error_of_exit_code(SafetyStop.exit_code, reason)
     assert (type(error), error.diagnostic, str(error)) == (SafetyStop, reason, text(reason))

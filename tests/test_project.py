@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from baqueano.parameter import all_parameters
-from baqueano.project.folder import others_than
+from baqueano.project.folder import with_other_truth
 from baqueano.vehicle_file import load
 
 EXAMPLES = Path(__file__).parents[1] / "examples"
@@ -15,7 +15,7 @@ EXAMPLES = Path(__file__).parents[1] / "examples"
 @pytest.mark.parametrize("name", ["small", "car", EXAMPLES / "servo_axis.toml", EXAMPLES / "omni_robot.toml"])
 def test_the_simulated_truth_differs_from_the_guess_in_all_fitted_parameters(name):
     guess = load(name, allow_blocks=True)
-    unknown_paths = others_than(guess)
+    unknown_paths = with_other_truth(guess)
     count = 0
     for path, p in all_parameters(guess.vehicle, "model"):
         x, y = (np.atleast_1d(np.asarray(file.value(path), dtype=float)) for file in (guess, unknown_paths))

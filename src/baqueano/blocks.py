@@ -20,11 +20,18 @@ from types import ModuleType
 
 from baqueano.block_checks.source import place as place_of
 from baqueano.diagnostics import Diagnostic, fault, nearest, note
-from baqueano.errors import USERS, FileError, UsageError, error_text, from_outside, in_users_file
+from baqueano.errors import (
+    USER_MODULE_PREFIX,
+    FileError,
+    UsageError,
+    error_text,
+    from_outside,
+    user_code_place,
+)
 
 __all__ = ["kinds", "resolve"]
 
-ROOMS: dict[str, dict[str, str]] = {
+BLOCK_TARGETS: dict[str, dict[str, str]] = {
     "vehicle": {
         "planar": "baqueano.vehicles:Planar",
         "kinematic": "baqueano.vehicles:Kinematic",
@@ -66,19 +73,19 @@ ROOMS: dict[str, dict[str, str]] = {
     "supervisor": {"supervisor": "baqueano.supervisor:Supervisor"},
 }
 
-LOOP = ("estimator", "guide", "controller", "supervisor")  # the rooms of a drive
-OWN_FILE = "vehicle.toml"  # of the project in the working directory
+LOOP_ROLES = ("estimator", "guide", "controller", "supervisor")  # the rooms of a drive
+WORKING_FILE = "vehicle.toml"  # of the project in the working directory
 _trusted_files: set[Path] = set()  # files of blocks that the user named or allowed in this process
 ALLOW = "BAQUEANO_ALLOW_BLOCKS"  # set to 1 if the user allows code that files of other people name
 _modules: dict[tuple[str, str], ModuleType] = {}  # a user's file as it was when it was read
 
 
-def kinds(room: str) -> tuple[str, ...]:
+def kinds(role: str) -> tuple[str, ...]:
     """Return the short names of our blocks in a room.
 
     Parameters
     ----------
-    room : str
+    role : str
         "vehicle", "sensor", "estimator", "guide", "controller" or "supervisor".
 
     Returns
@@ -96,17 +103,17 @@ def kinds(room: str) -> tuple[str, ...]:
     >>> kinds("guide")
     ('repeat', 'repeat_by_progress', 'sinuous_circle')
     """
-    if room not in ROOMS:
-        raise UsageError(fault("block.room-unknown", found=room, near=nearest(room, ROOMS)))
-    return tuple(ROOMS[room])
+    if role not in BLOCK_TARGETS:
+        raise UsageError(fault("block.room-unknown", found=role, near=nearest(role, BLOCK_TARGETS)))
+    return tuple(BLOCK_TARGETS[role])
 
 
-def resolve(room: str, kind: str, folder: Path | str | None = None) -> type:
+def resolve(role: str, kind: str, folder: Path | str | None = None) -> type:
     """Return the class behind a `kind` that the user names.
 
     Parameters
     ----------
-    room : str
+    role : str
         "vehicle", "sensor", "estimator", "guide", "controller" or "supervisor".
     kind : str
         Short name of one of our blocks, or "file.py:Class".
@@ -128,16 +135,16 @@ def resolve(room: str, kind: str, folder: Path | str | None = None) -> type:
     >>> resolve("controller", "pd").__name__
     'Pd'
     """
-    names = kinds(room)
+    names = kinds(role)
     if kind in names:
-        module, name = ROOMS[room][kind].split(":")
+        module, name = BLOCK_TARGETS[role][kind].split(":")
         return getattr(importlib.import_module(module), name)
-    file, colon, name = kind.rpartition(":")
-    if colon and file.endswith(".py"):
-        return _class_of(_find(file, folder), name)
+    file_name, colon, name = kind.rpartition(":")
+    if colon and file_name.endswith(".py"):
+        return _class_of(_find(file_name, folder), name)
     if kind.endswith(".py") and _path_of(kind, folder) is not None:
         raise FileError(fault("block.without-class", found=kind, holds=classes_in(kind, folder)))
-    raise FileError(fault("block.unknown", room=room, found=kind, near=nearest(kind, names)))
+    raise FileError(fault("block.unknown", room=role, found=kind, near=nearest(kind, names)))
 
 
 @contextmanager
@@ -158,127 +165,137 @@ def permit_blocks(allow: bool = True) -> Iterator[None]:
             os.environ[ALLOW] = str(earlier)
 
 
-def resolve_named(room: str, kind: str, folder: Path | str | None = None) -> type:
+def resolve_named(role: str, kind: str, folder: Path | str | None = None) -> type:
     """Return the class of a `kind` that a vehicle file in `folder` names; if `folder` is None, a run names it.
     FileError for code outside `folder` that the user neither named nor allowed. Code in the working
     directory is allowed if `folder` is in it too. FileError always for a run with a path outside the working directory.
     """
-    file = kind if kind.endswith(".py") else kind.rpartition(":")[0]
-    path = _path_of(file, folder) if file.endswith(".py") else None
+    file_name = kind if kind.endswith(".py") else kind.rpartition(":")[0]
+    path = _path_of(file_name, folder) if file_name.endswith(".py") else None
     if path is None:
-        far = folder is None and file.endswith(".py") and _leads_away(Path(file))
-        if far:
+        is_outside = folder is None and file_name.endswith(".py") and _is_outside_folder(Path(file_name))
+        if is_outside:
             raise FileError(fault("block.in-run-elsewhere", kind=kind))
-        return resolve(room, kind, folder)
+        return resolve(role, kind, folder)
     working_folder = Path.cwd().resolve()
     if folder is None:
-        if _leads_away(Path(file)) or not path.is_relative_to(working_folder):
+        if _is_outside_folder(Path(file_name)) or not path.is_relative_to(working_folder):
             raise FileError(fault("block.in-run-elsewhere", kind=kind))
-        own, code = _is_in_own_file(kind), "block.in-run"
+        is_allowed, code = _is_in_working_file(kind), "block.in-run"
     else:
-        home = Path(folder).resolve()
-        own = path.is_relative_to(home) or (
-            home.is_relative_to(working_folder) and path.is_relative_to(working_folder)
+        file_folder = Path(folder).resolve()
+        is_allowed = path.is_relative_to(file_folder) or (
+            file_folder.is_relative_to(working_folder) and path.is_relative_to(working_folder)
         )
         code = "block.elsewhere"
-    if not (own or path in _trusted_files or os.environ.get(ALLOW) == "1"):
+    if not (is_allowed or path in _trusted_files or os.environ.get(ALLOW) == "1"):
         raise FileError(fault(code, kind=kind, path=path))
-    return resolve(room, kind, folder)
+    return resolve(role, kind, folder)
 
 
-def _leads_away(file: Path) -> bool:
+def _is_outside_folder(file: Path) -> bool:
     return file.expanduser().is_absolute() or file.is_absolute() or ".." in file.parts
 
 
-def _is_in_own_file(kind: str) -> bool:
+def _is_in_working_file(kind: str) -> bool:
     """Return True if the vehicle file in the working directory also names this block."""
     try:
-        tables = list(tomllib.loads(Path(OWN_FILE).read_text(encoding="utf-8")).values())
+        tables = list(tomllib.loads(Path(WORKING_FILE).read_text(encoding="utf-8")).values())
     except (OSError, ValueError, RecursionError):
         return False
     tables += [inner for table in tables if isinstance(table, dict) for inner in table.values()]
     return any(isinstance(table, dict) and table.get("kind") == kind for table in tables)
 
 
-def room_of(kind: type) -> str:
+def role_of(block_class: type) -> str:
     """Return the room of a class of the user, from the arguments of its `step`. FileError if none matches."""
-    step = getattr(kind, "step", None)
+    step = getattr(block_class, "step", None)
     if step is None:
-        raise FileError(fault("block.no-step", place=place_of(kind), block=kind.__name__))
-    if hasattr(kind, "advance"):
+        raise FileError(fault("block.no-step", place=place_of(block_class), block=block_class.__name__))
+    if hasattr(block_class, "advance"):
         return "vehicle"
-    if hasattr(kind, "h"):
+    if hasattr(block_class, "h"):
         return "sensor"
     names = [name.lstrip("_") for name in list(inspect.signature(step).parameters)[2:]]
-    rooms = {
+    roles = {
         ("tick",): "estimator",
         ("estimate",): "guide",
         ("reference", "estimate"): "controller",
         ("command", "tick", "estimate"): "supervisor",
     }
-    if tuple(names) in rooms:
-        return rooms[tuple(names)]
-    raise FileError(fault("block.no-room", place=place_of(kind), block=kind.__name__, names=names))
+    if tuple(names) in roles:
+        return roles[tuple(names)]
+    raise FileError(
+        fault("block.no-room", place=place_of(block_class), block=block_class.__name__, names=names)
+    )
 
 
-def check_room(room: str, block: object) -> None:
-    """Raise UsageError if a class or block of the user does not fit `room`.
+def check_role(role: str, block: object) -> None:
+    """Raise UsageError if a class or block of the user does not fit `role`.
     It does not fit without `init` or `step`, or if its `step` has the arguments of another room of the loop.
     """
-    kind = block if isinstance(block, type) else type(block)
-    if not all(callable(getattr(kind, verb, None)) for verb in ("init", "step")):
-        raise UsageError(fault("block.not-a-block", room=room, found=kind.__name__))
+    block_class = block if isinstance(block, type) else type(block)
+    if not all(callable(getattr(block_class, method, None)) for method in ("init", "step")):
+        raise UsageError(fault("block.not-a-block", room=role, found=block_class.__name__))
     try:
-        right_room = room_of(kind)
+        fitting_role = role_of(block_class)
     except FileError:  # the inputs of its step have other names
         return
-    if right_room != room and right_room in LOOP:
-        fix = f"{right_room}={kind.__name__}"
-        raise UsageError(fault("block.of-other-room", fix, room=room, block=kind.__name__, other=right_room))
+    if fitting_role != role and fitting_role in LOOP_ROLES:
+        fix = f"{fitting_role}={block_class.__name__}"
+        raise UsageError(
+            fault("block.of-other-room", fix, room=role, block=block_class.__name__, other=fitting_role)
+        )
 
 
 def _find(file: str, folder: Path | str | None) -> Path:
     path, user_path = Path(file).expanduser(), _path_of(file, folder)
     if user_path is not None:
         return user_path
-    places = _places(path, folder)
-    neighbours = sorted(p.name for p in places[0].parent.glob("*.py")) if places[0].parent.is_dir() else []
-    near = nearest(path.name, neighbours)
-    raise FileError(fault("block.file-absent", missing=places[0], found=path.name, near=near))
+    candidates = _candidate_paths(path, folder)
+    neighbours = (
+        sorted(p.name for p in candidates[0].parent.glob("*.py")) if candidates[0].parent.is_dir() else []
+    )
+    suggestion = nearest(path.name, neighbours)
+    raise FileError(fault("block.file-absent", missing=candidates[0], found=path.name, near=suggestion))
 
 
 def _path_of(file: str, folder: Path | str | None) -> Path | None:
     """Return the path of the file in the first folder to search that contains it; None if none does."""
-    places = _places(Path(file).expanduser(), folder)
-    return next((place.resolve() for place in places if place.is_file()), None)
+    candidates = _candidate_paths(Path(file).expanduser(), folder)
+    return next((candidate.resolve() for candidate in candidates if candidate.is_file()), None)
 
 
-def _places(path: Path, folder: Path | str | None) -> list[Path]:
+def _candidate_paths(path: Path, folder: Path | str | None) -> list[Path]:
     return [path] if path.is_absolute() or folder is None else [Path(folder) / path, path]
 
 
-def _own(module: ModuleType) -> list[str]:
+def _class_names(module: ModuleType) -> list[str]:
     return [n for n, x in vars(module).items() if inspect.isclass(x) and x.__module__ == module.__name__]
 
 
-def read(file: str, folder: Path | str | None = None) -> ModuleType:
+def read_module(file: str, folder: Path | str | None = None) -> ModuleType:
     """Return a user's file as a module; it runs once for each content. FileError, with the line, if it raises."""
     return _module(_find(file, folder))
 
 
 def classes_in(file: str, folder: Path | str | None = None) -> Diagnostic:
     """Return a message that lists the blocks "file.py:Class" of a file; FileError if the file cannot be read."""
-    own = [f"{file}:{name}" for name in _own(read(file, folder))]
-    return note("block.classes", file=file, classes=own) if own else note("block.no-classes", file=file)
+    class_names = [f"{file}:{name}" for name in _class_names(read_module(file, folder))]
+    return (
+        note("block.classes", file=file, classes=class_names)
+        if class_names
+        else note("block.no-classes", file=file)
+    )
 
 
 def _class_of(path: Path, name: str) -> type:
     module = _module(path)
-    own = _own(module)
+    class_names = _class_names(module)
     member = getattr(module, name, None)
     if member is None:
-        near = nearest(name, own)
-        raise FileError(fault("block.class-unknown", file=path.name, found=name, near=near))
+        suggestion = nearest(name, class_names)
+        raise FileError(fault("block.class-unknown", file=path.name, found=name, near=suggestion))
     if not inspect.isclass(member):
         raise FileError(fault("block.not-class", file=path.name, found=name, kind=type(member).__name__))
     return member
@@ -291,7 +308,7 @@ def _module(path: Path) -> ModuleType:
     key = (str(path), hashlib.sha256(content).hexdigest())
     if key in _modules:
         return _modules[key]
-    name = f"{USERS}{path.stem}_{hashlib.sha256(repr(key).encode()).hexdigest()[:12]}"
+    name = f"{USER_MODULE_PREFIX}{path.stem}_{hashlib.sha256(repr(key).encode()).hexdigest()[:12]}"
     spec = importlib.util.spec_from_file_location(name, path)
     if spec is None or spec.loader is None:
         raise FileError(fault("block.not-module", path=path))
@@ -310,10 +327,10 @@ def _module(path: Path) -> ModuleType:
         del sys.modules[name]
         if from_outside(error):
             raise
-        ends = "" if isinstance(error, Exception) else "-and-ends"
-        place = in_users_file(error) or path.name
+        suffix = "" if isinstance(error, Exception) else "-and-ends"
+        place = user_code_place(error) or path.name
         raise FileError(
-            fault(f"block.raised-while-read{ends}", place=place, error=error_text(error))
+            fault(f"block.raised-while-read{suffix}", place=place, error=error_text(error))
         ) from error
     finally:
         sys.path.remove(str(path.parent))

@@ -30,18 +30,18 @@ class Wall:
     missed: int = field(default=0, init=False)  # ticks that were skipped because the loop was late
 
     def __iter__(self) -> Iterator[int]:
-        start = self.now_ns()
+        start_ns = self.now_ns()
         k = 1
         while self.duration_s is None or k <= round(self.duration_s * self.rate_hz):
-            due = start + round(k * NANOSECONDS / self.rate_hz)
-            wait = due - self.now_ns()
-            if wait > 0:
-                self.sleep(wait / NANOSECONDS)
-            yield due
-            late = self.now_ns() - due
-            ahead = max(1, -int(-late * self.rate_hz // NANOSECONDS))
-            self.missed += ahead - 1
-            k += ahead
+            due_ns = start_ns + round(k * NANOSECONDS / self.rate_hz)
+            wait_ns = due_ns - self.now_ns()
+            if wait_ns > 0:
+                self.sleep(wait_ns / NANOSECONDS)
+            yield due_ns
+            late_ns = self.now_ns() - due_ns
+            step_count = max(1, -int(-late_ns * self.rate_hz // NANOSECONDS))
+            self.missed += step_count - 1
+            k += step_count
 
 
 def wall(rate_hz: float, duration_s: float | None = None) -> Wall:
@@ -49,7 +49,7 @@ def wall(rate_hz: float, duration_s: float | None = None) -> Wall:
     return Wall(rate_hz, duration_s)
 
 
-def of_run(ticks: Iterable[Tick]) -> Iterator[int]:
+def tick_times_of_run(ticks: Iterable[Tick]) -> Iterator[int]:
     """Yield the time [ns] of each tick of a run."""
     for tick in ticks:
         yield tick.t_ns

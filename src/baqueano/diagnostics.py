@@ -44,8 +44,12 @@ class Verdict(StrEnum):
         <Verdict.REFUSED: 'REFUSED'>
         """
         severities = {reason.severity for reason in reasons}
-        grave = {Severity.ERROR: cls.REFUSED, Severity.WARNING: cls.WARN, Severity.UNKNOWN: cls.CANNOT_TELL}
-        return next((verdict for severity, verdict in grave.items() if severity in severities), cls.USABLE)
+        verdicts = {
+            Severity.ERROR: cls.REFUSED,
+            Severity.WARNING: cls.WARN,
+            Severity.UNKNOWN: cls.CANNOT_TELL,
+        }
+        return next((verdict for severity, verdict in verdicts.items() if severity in severities), cls.USABLE)
 
 
 class StopReason(StrEnum):
@@ -101,7 +105,7 @@ class StopReason(StrEnum):
     RECORDED = "recorded.stop"  # of a run without a code: its words
 
 
-FORMER = (  # beginning of a code in older runs → its present one
+FORMER_CODES = (  # beginning of a code in older runs → its present one
     ("doubt.", "recording."), ("seen.", "identifiability."), ("led.", "imu-only."), ("unseen-runs.", "validation."),
     ("clock.not-believed", "clock.unreliable"), ("residual.coloured", "residual.autocorrelated"),
 )  # fmt: skip
@@ -113,7 +117,14 @@ def code_of_today(code: str) -> str:
     >>> code_of_today("seen.tied"), code_of_today("sensor.agrees-again")
     ('identifiability.tied', 'sensor.agrees-again')
     """
-    return next((now + code.removeprefix(then) for then, now in FORMER if code.startswith(then)), code)
+    return next(
+        (
+            new_prefix + code.removeprefix(old_prefix)
+            for old_prefix, new_prefix in FORMER_CODES
+            if code.startswith(old_prefix)
+        ),
+        code,
+    )
 
 
 @dataclass(frozen=True, slots=True)
@@ -141,16 +152,18 @@ class Diagnostic:
         }  # fmt: skip
 
     @classmethod
-    def of_json(cls, words: Any) -> "Diagnostic":
+    def of_json(cls, values: Any) -> "Diagnostic":
         """Return the diagnostic of `to_json`, its inverse. ValueError for anything else."""
         try:
-            texts = words["code"], words["subject"], words["fix"]
-            figures = {k: cls.of_json(v) if isinstance(v, dict) else v for k, v in words["figures"].items()}
-            plain = all(isinstance(v, str | int | float | Diagnostic | None) for v in figures.values())
-            if not (plain and all(isinstance(text, str) for text in (*texts, *figures))):
+            texts = values["code"], values["subject"], values["fix"]
+            figures = {k: cls.of_json(v) if isinstance(v, dict) else v for k, v in values["figures"].items()}
+            are_figures_plain = all(
+                isinstance(v, str | int | float | Diagnostic | None) for v in figures.values()
+            )
+            if not (are_figures_plain and all(isinstance(text, str) for text in (*texts, *figures))):
                 raise ValueError("a figure or text of another type")
             code, subject, fix = texts
-            return cls(code_of_today(code), Severity(words["severity"]), subject, figures, fix)
+            return cls(code_of_today(code), Severity(values["severity"]), subject, figures, fix)
         except (KeyError, TypeError, AttributeError) as error:
             raise ValueError(f"no diagnostic ({type(error).__name__}: {error})") from error
 
@@ -185,27 +198,27 @@ def fault(code: str, fix: str = "", subject: str = "", **figures: object) -> Dia
     return note(code, Severity.ERROR, fix, subject, **figures)
 
 
-def merge(messages: Iterable[Diagnostic]) -> Diagnostic | None:
+def merge_diagnostics(diagnostics: Iterable[Diagnostic]) -> Diagnostic | None:
     """Return several messages as one diagnostic; None for an empty list."""
-    first, *rest = (*messages, None)
-    for then in rest[:-1]:
-        first = fault("messages.then", first=first, then=then)
+    first, *remaining = (*diagnostics, None)
+    for diagnostic in remaining[:-1]:
+        first = fault("messages.then", first=first, then=diagnostic)
     return first
 
 
-WEIGHTS = (Severity.ERROR, Severity.WARNING, Severity.UNKNOWN, Severity.INFO, Severity.OK)
+SEVERITY_ORDER = (Severity.ERROR, Severity.WARNING, Severity.UNKNOWN, Severity.INFO, Severity.OK)
 
 
-def by_weight(messages: Iterable[Diagnostic]) -> tuple[Diagnostic, ...]:
+def most_severe_first(diagnostics: Iterable[Diagnostic]) -> tuple[Diagnostic, ...]:
     """Return the messages, the most severe first, in stable order.
 
-    >>> [one.code for one in by_weight([note("a"), note("b", Severity.WARNING)])]
+    >>> [one.code for one in most_severe_first([note("a"), note("b", Severity.WARNING)])]
     ['b', 'a']
     """
-    return tuple(sorted(messages, key=lambda message: WEIGHTS.index(message.severity)))
+    return tuple(sorted(diagnostics, key=lambda message: SEVERITY_ORDER.index(message.severity)))
 
 
-LISTED = 20  # known names that are listed at most
+MAX_LISTED_NAMES = 20  # known names that are listed at most
 
 
 def _figure(value: object) -> "str | float | Diagnostic | None":
@@ -219,16 +232,18 @@ def _figure(value: object) -> "str | float | Diagnostic | None":
 
 
 def nearest(name: str, allowed: Iterable[str], cutoff: float = 0.6) -> Diagnostic:
-    """Return a message with the known names, at most LISTED, and, if one of them is similar to `name`, a suggestion."""
+    """Return a message with the known names, at most MAX_LISTED_NAMES, and, if one of them is similar to `name`, a
+    suggestion.
+    """
     import difflib
 
     names = list(allowed)
     if not names:
         return note("name.none")
-    near = difflib.get_close_matches(name, names, n=1, cutoff=cutoff)
-    known_names = _figure(names if len(names) <= LISTED else [*names[:LISTED], "…"])
+    close_names = difflib.get_close_matches(name, names, n=1, cutoff=cutoff)
+    known_names = _figure(names if len(names) <= MAX_LISTED_NAMES else [*names[:MAX_LISTED_NAMES], "…"])
     return (
-        note("name.near", meant=near[0], known=known_names)
-        if near
+        note("name.near", meant=close_names[0], known=known_names)
+        if close_names
         else note("name.unknown", known=known_names)
     )

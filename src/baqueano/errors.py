@@ -12,7 +12,7 @@ from baqueano.diagnostics import Diagnostic, Severity
 from baqueano.messages import text
 
 INTERRUPTED = 130  # Ctrl-C, as shells have it
-USERS = "baqueano_user_"  # begins the name of a module that is a file of the user's blocks
+USER_MODULE_PREFIX = "baqueano_user_"  # begins the name of a module that is a file of the user's blocks
 
 
 class DiagnosticError(Exception):
@@ -97,8 +97,10 @@ def from_outside(error: BaseException) -> bool:
     trace = error.__traceback__
     while trace is not None and trace.tb_next is not None:
         trace = trace.tb_next
-    raised = trace is not None and trace.tb_frame.f_code.co_code[trace.tb_lasti] == opmap["RAISE_VARARGS"]
-    return isinstance(error, FromOutside) or not raised
+    is_raised_in_code = (
+        trace is not None and trace.tb_frame.f_code.co_code[trace.tb_lasti] == opmap["RAISE_VARARGS"]
+    )
+    return isinstance(error, FromOutside) or not is_raised_in_code
 
 
 def cause_of(error: BaseException) -> Diagnostic | str:
@@ -115,22 +117,30 @@ def error_text(error: BaseException) -> str:
     return f"{type(error).__name__}: {text}".removesuffix(": ")
 
 
-def in_users_file(error: BaseException) -> str:
+def user_code_place(error: BaseException) -> str:
     """Return file and line of the last frame of a traceback in the user's code, "mine.py line 12", or "" if none.
 
-    >>> in_users_file(ValueError("raised by nobody"))
+    >>> user_code_place(ValueError("raised by nobody"))
     ''
     """
     frames = [
         (f.f_globals.get("__name__", ""), f.f_code, n) for f, n in traceback.walk_tb(error.__traceback__)
     ]
-    own = [(code.co_filename, line) for module, code, line in frames if str(module).startswith(USERS)]
-    return f"{Path(own[-1][0]).name} line {own[-1][1]}" if own else ""
+    user_frames = [
+        (code.co_filename, line)
+        for module, code, line in frames
+        if str(module).startswith(USER_MODULE_PREFIX)
+    ]
+    return f"{Path(user_frames[-1][0]).name} line {user_frames[-1][1]}" if user_frames else ""
 
 
-def of_code(
-    code: int, reason: Diagnostic | str, otherwise: type[BaqueanoError] = BaqueanoError
+def error_of_exit_code(
+    code: int, reason: Diagnostic | str, default_class: type[BaqueanoError] = BaqueanoError
 ) -> BaqueanoError:
-    """Return the error for the exit code of a remote command; an `otherwise` if our errors do not have this code."""
-    kinds = (AnswerNo, UsageError, FileError, RobotUnreachable, SafetyStop)
-    return {kind.exit_code: kind for kind in kinds}.get(code, otherwise)(reason)
+    """Return the error for the exit code of a remote command; an `default_class` if our errors do not have this
+    code.
+    """
+    error_classes = (AnswerNo, UsageError, FileError, RobotUnreachable, SafetyStop)
+    return {error_class.exit_code: error_class for error_class in error_classes}.get(code, default_class)(
+        reason
+    )

@@ -14,7 +14,7 @@ from baqueano.contracts.values import Tree
 from baqueano.diagnostics import Diagnostic, StopReason, stop
 from baqueano.monitor.findings import Finding
 from baqueano.signals import Command, Estimate, Reference, Tick, seconds
-from baqueano.supervisor import BlockFault, Off, guard_block, stop_reason
+from baqueano.supervisor import BlockFault, FallbackBlock, guard_block, stop_reason
 
 
 class Blocks(NamedTuple):
@@ -90,7 +90,7 @@ def run(
     loop still records for AFTER_STOP_S, then it ends. `eta` (3,) is the pose at the start.
     """
     n = world.commands
-    blocks = Blocks(*(guard_block(room, b, n) for room, b in zip(Blocks._fields, blocks, strict=True)))
+    blocks = Blocks(*(guard_block(role, b, n) for role, b in zip(Blocks._fields, blocks, strict=True)))
     end_reason: Diagnostic | None = None
     since_ns, done, ticks, t_ns = 0, False, 0, 0
     try:
@@ -140,8 +140,10 @@ def careful_step(
     try:
         states, record = step(blocks, states, tick)
     except BlockFault as fault:
-        rooms = {fault.room, "guide", "controller", "supervisor"}
-        blocks = Blocks(*(Off(r, len(tick.u)) if r in rooms else b for r, b in blocks._asdict().items()))
-        states = States(*(None if r in rooms else s for r, s in states._asdict().items()))
+        roles = {fault.role, "guide", "controller", "supervisor"}
+        blocks = Blocks(
+            *(FallbackBlock(r, len(tick.u)) if r in roles else b for r, b in blocks._asdict().items())
+        )
+        states = States(*(None if r in roles else s for r, s in states._asdict().items()))
         return *careful_step(blocks, states, tick)[:3], fault.reason
     return blocks, states, record._replace(states=states), stop_reason(states.supervisor)

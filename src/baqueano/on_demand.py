@@ -13,44 +13,46 @@ if TYPE_CHECKING:
 
 
 def on_demand(
-    package: str, names: dict[str, tuple[str, ...]], rooms: tuple[str, ...] = ()
+    package: str, names: dict[str, tuple[str, ...]], subpackages: tuple[str, ...] = ()
 ) -> "Callable[[str], object]":
-    """Return the `__getattr__` of a package: it imports names of its modules and its subpackages `rooms`.
+    """Return the `__getattr__` of a package: it imports names of its modules and its subpackages `subpackages`.
 
     "name as other" exports `name` under the name `other`. The function raises AttributeError for an unknown name.
     """
     module_of = {name: f"{package}.{module}" for module, exports in names.items() for name in exports}
-    places = {name.partition(" as ")[2] or name: (module, name) for name, module in module_of.items()}
+    module_and_name = {
+        name.partition(" as ")[2] or name: (module, name) for name, module in module_of.items()
+    }
 
     def get(name: str) -> object:
         from importlib import import_module
 
-        if name in rooms:
+        if name in subpackages:
             return import_module(f"{package}.{name}")
-        if name not in places:
+        if name not in module_and_name:
             raise AttributeError(f"module {package!r} does not have attribute {name!r}")
-        module, export = places[name]
+        module, export = module_and_name[name]
         return getattr(import_module(module), export.partition(" as ")[0])
 
     return get
 
 
 def front_door(
-    package: str, names: dict[str, tuple[str, ...]], rooms: tuple[str, ...]
+    package: str, names: dict[str, tuple[str, ...]], subpackages: tuple[str, ...]
 ) -> "Callable[[str], object]":
     """Return the `__getattr__` of `on_demand` for a package in which submodules and functions have the same names.
 
     The name always refers to the function, also after an import of the submodule.
     """
-    verbs = {name.partition(" as ")[2] or name for exports in names.values() for name in exports}
+    exported_names = {name.partition(" as ")[2] or name for exports in names.values() for name in exports}
     module = type(sys)
 
     class FrontDoor(module):
         """A module that does not bind a submodule with the name of a function."""
 
         def __setattr__(self, name: str, value: object) -> None:
-            if not (name in verbs and isinstance(value, module)):
+            if not (name in exported_names and isinstance(value, module)):
                 super().__setattr__(name, value)
 
     sys.modules[package].__class__ = FrontDoor
-    return on_demand(package, names, rooms)
+    return on_demand(package, names, subpackages)

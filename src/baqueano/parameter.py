@@ -26,9 +26,9 @@ __all__ = ["Parameter", "document", "parameter", "parameters"]
 
 INF = float("inf")
 Kind = TypeVar("Kind", bound=type)
-FAR = 1e3  # a bound beyond it only excludes absurd values, and is not shown to the reader
-SECTION = re.compile(r"^(\w[\w ]*)\n-+$", re.M)  # of a docstring, as numpydoc has them
-ENTRY = re.compile(r"^(\w+)\b.*(?:\n(?: .*|(?=\n)))*", re.M)
+SHOWN_BOUND = 1e3  # a bound beyond it only excludes absurd values, and is not shown to the reader
+SECTION_HEAD = re.compile(r"^(\w[\w ]*)\n-+$", re.M)  # of a docstring, as numpydoc has them
+SECTION_ENTRY = re.compile(r"^(\w+)\b.*(?:\n(?: .*|(?=\n)))*", re.M)
 ROLES = ("fitted", "gain", "offset", "term", "known", "scale", "noise")
 Words = str | tuple[str, ...]  # for all entries, or one for each index of the first axis
 
@@ -196,8 +196,8 @@ def all_parameters(block: Tree, path: str) -> Iterator[tuple[str, Parameter]]:
         return
     for field in dataclasses.fields(block):
         roles = field.metadata.get("roles", {})
-        for inner, p in all_parameters(getattr(block, field.name), f"{path}.{field.name}"):
-            yield inner, p._replace(role=roles.get(inner.rpartition(".")[2], p.role))
+        for inner_path, p in all_parameters(getattr(block, field.name), f"{path}.{field.name}"):
+            yield inner_path, p._replace(role=roles.get(inner_path.rpartition(".")[2], p.role))
     for name, p in parameters(block):
         if getattr(block, name) is not None:
             yield f"{path}.{name}", p
@@ -232,21 +232,21 @@ def document(block: Kind) -> Kind:
     if block.__doc__ is None:  # python -OO
         return block
     entries: dict[str, str] = {}
-    for kind in reversed(block.__mro__):
+    for base in reversed(block.__mro__):
         entries |= {
             match[1]: match[0].rstrip()
-            for match in ENTRY.finditer(_section(inspect.cleandoc(kind.__doc__ or "")))
+            for match in SECTION_ENTRY.finditer(_section(inspect.cleandoc(base.__doc__ or "")))
         }
-    own = inspect.cleandoc(block.__doc__)
+    text = inspect.cleandoc(block.__doc__)
     descriptions = [
         _entry(field) if "parameter" in field.metadata else entries.get(field.name, "")
         for field in dataclasses.fields(block)
     ]
-    before = _section(own)
-    if before:
-        own = own.replace(f"Parameters\n----------\n{before}", "")
-    first = SECTION.search(own)
-    head, tail = (own[: first.start()], own[first.start() :]) if first else (own, "")
+    section = _section(text)
+    if section:
+        text = text.replace(f"Parameters\n----------\n{section}", "")
+    first = SECTION_HEAD.search(text)
+    head, tail = (text[: first.start()], text[first.start() :]) if first else (text, "")
     rows = "\n".join(filter(None, descriptions))
     block.__doc__ = f"{head.rstrip()}\n\nParameters\n----------\n{rows}\n\n{tail}".rstrip()
     return block
@@ -254,26 +254,24 @@ def document(block: Kind) -> Kind:
 
 def _section(doc: str) -> str:
     """Return the entries of the section Parameters of a docstring; "" without this section."""
-    sections = list(SECTION.finditer(doc))
-    for section, following in pairwise([*sections, None]):
+    sections = list(SECTION_HEAD.finditer(doc))
+    for section, next_section in pairwise([*sections, None]):
         if section is not None and section[1] == "Parameters":
-            return doc[section.end() + 1 : following.start() if following else None]
+            return doc[section.end() + 1 : next_section.start() if next_section else None]
     return ""
 
 
 def _entry(field: "dataclasses.Field[object]") -> str:
     """Return the entry of a field in the section Parameters: name, unit, meaning, bounds and default."""
     p: Parameter = field.metadata["parameter"]
-    of_shape = p.shape or ("" if re.search(r"\(\w+,[ \w]*\)", p.meaning) else "(k,)")
-    kind = "float" if p.shape == () else f"ndarray {of_shape}".rstrip()
+    shape_text = p.shape or ("" if re.search(r"\(\w+,[ \w]*\)", p.meaning) else "(k,)")
+    type_text = "float" if p.shape == () else f"ndarray {shape_text}".rstrip()
     default = field.default_factory() if field.default_factory is not dataclasses.MISSING else field.default
-    bounds = [f"at least {p.low:g}"] if p.low > -FAR else []
-    bounds += [f"at most {p.high:g}"] if p.high < FAR else []
+    bounds = [f"at least {p.low:g}"] if p.low > -SHOWN_BOUND else []
+    bounds += [f"at most {p.high:g}"] if p.high < SHOWN_BOUND else []
     limits = f"; {', '.join(bounds)}" if bounds else ""
     default_text = "" if default is dataclasses.MISSING else f" Default {_default_text(default)}."
-    return (
-        f"{field.name} : {kind} [{p.unit}]\n    {p.meaning[:1].upper()}{p.meaning[1:]}{limits}.{default_text}"
-    )
+    return f"{field.name} : {type_text} [{p.unit}]\n    {p.meaning[:1].upper()}{p.meaning[1:]}{limits}.{default_text}"
 
 
 def _default_text(default: object) -> str:

@@ -25,7 +25,7 @@ from baqueano.parameter import INF, document, parameter
 from baqueano.signals import Command, Estimate, Reference, Tick, seconds
 from baqueano.vehicles.bounds import check_bounds
 
-SQUARABLE = 1e150  # m/s: above it the square of the estimated speed overflows
+MAX_SQUARABLE_M_S = 1e150  # m/s: above it the square of the estimated speed overflows
 REASONS = (
     None,
     StopReason.COMMAND_NOT_FINITE,
@@ -81,11 +81,11 @@ class Supervisor:
         """Return the next state, and the command (n,) that may reach the motors."""
         imu_ns: Value = np.where((self._has(tick) > 0.0) | (state.imu_ns < 0), tick.t_ns, state.imu_ns)
         eta, nu, cov = estimate.eta, estimate.nu, estimate.cov
-        numbers = np.concatenate([eta, nu, cov.reshape(-1)])
+        values = np.concatenate([eta, nu, cov.reshape(-1)])
         faults = (  # in the order of REASONS
             np.sum(np.isfinite(command.u)) < len(self.limit),
-            np.sum(np.isfinite(numbers)) < len(numbers),
-            np.hypot(*np.minimum(np.abs(nu[:2]), SQUARABLE)) > self.max_speed_m_s,
+            np.sum(np.isfinite(values)) < len(values),
+            np.hypot(*np.minimum(np.abs(nu[:2]), MAX_SQUARABLE_M_S)) > self.max_speed_m_s,
             np.abs(nu[2]) > self.max_yaw_rate_rad_s,
             position_std(cov) > self.max_position_std_m,
             seconds(tick.t_ns, imu_ns) > self.imu_timeout_s,
@@ -94,9 +94,9 @@ class Supervisor:
         for code in range(len(faults), 0, -1):
             reason = np.where(faults[code - 1], float(code), reason)
         reason = np.where(state.stopped > 0.0, state.reason, reason)
-        stopped: Value = np.where(reason > 0.0, 1.0, 0.0)
-        u = np.where(stopped > 0.0, 0.0, np.clip(command.u, -self.limit, self.limit))
-        return SupervisorState(stopped, reason, imu_ns), Command(command.t_ns, u)
+        is_stopped: Value = np.where(reason > 0.0, 1.0, 0.0)
+        u = np.where(is_stopped > 0.0, 0.0, np.clip(command.u, -self.limit, self.limit))
+        return SupervisorState(is_stopped, reason, imu_ns), Command(command.t_ns, u)
 
     def _has(self, tick: Tick) -> Value:
         return getattr(tick.sensors, self.watch).has if self.watch in tick.sensors._fields else 1.0
@@ -105,8 +105,8 @@ class Supervisor:
 def position_std(cov: Value) -> Value:
     """Return the standard deviation [m] of the position along its longest axis, from the covariance (6, 6)."""
     p = np.where(np.isfinite(cov[:2, :2]), cov[:2, :2], 0.0)
-    spread = np.hypot(0.5 * (p[0, 0] - p[1, 1]), p[0, 1])
-    return np.sqrt(np.maximum(0.5 * (p[0, 0] + p[1, 1]) + spread, 0.0))
+    half_difference = np.hypot(0.5 * (p[0, 0] - p[1, 1]), p[0, 1])
+    return np.sqrt(np.maximum(0.5 * (p[0, 0] + p[1, 1]) + half_difference, 0.0))
 
 
 def stop_reason(state: Tree) -> Diagnostic | None:
@@ -136,18 +136,18 @@ def diagnostic_of(reason: int) -> Diagnostic:
 class BlockFault(Exception):
     """The error of a block that violates its contract. `reason` names the block, the file and the line."""
 
-    def __init__(self, room: str, reason: Diagnostic) -> None:
+    def __init__(self, role: str, reason: Diagnostic) -> None:
         super().__init__(reason.code)
-        self.room, self.reason = room, reason
+        self.role, self.reason = role, reason
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class GuardedBlock:
     """A block whose `step` checks its output, and raises only BlockFault or interruptions from outside."""
 
-    room: str  # "controller"
+    role: str  # "controller"
     block: Block
-    kind: type  # of its output
+    output_class: type  # of its output
     zeros: dict[str, np.ndarray]  # its fields that must be finite, in their shapes
 
     def init(self, *start: np.ndarray) -> Tree:
@@ -169,9 +169,9 @@ class GuardedBlock:
             raise self._fault(error) from error
         if type(result) is not tuple or len(result) != 2:  # a NamedTuple is an output, not a pair
             raise self._return_fault(_text_of(result), "(state, output)")
-        if wrong := _wrong(result[1], self.kind, self.zeros):
+        if problem := _output_problem(result[1], self.output_class, self.zeros):
             self._ask_parts(state, inputs)
-            raise self._return_fault(*wrong)
+            raise self._return_fault(*problem)
         return result
 
     def __getattr__(self, name: str) -> Tree:
@@ -180,46 +180,48 @@ class GuardedBlock:
     def _ask_parts(self, state: Tree, inputs: tuple[Tree, ...]) -> None:
         """Raise the fault of the part that caused it, if any: repeat a compiled step with guarded parts."""
         if optional.of(text := _as_written(self.block), "goes_around") and text is not self.block:
-            commands = len(self.zeros.get("u", ()))
-            replace(self, block=_with_guarded_parts(self.room, text, commands)).step(state, *inputs)
+            command_count = len(self.zeros.get("u", ()))
+            replace(self, block=_with_guarded_parts(self.role, text, command_count)).step(state, *inputs)
 
     def _return_fault(self, result_text: str, expected: str) -> BlockFault:
-        reason = stop(StopReason.BLOCK_RETURNED, block=_place(self), found=result_text, expected=expected)
-        return BlockFault(self.room, reason)
+        reason = stop(
+            StopReason.BLOCK_RETURNED, block=_block_place(self), found=result_text, expected=expected
+        )
+        return BlockFault(self.role, reason)
 
     def _fault(self, error: BaseException, reason: StopReason = StopReason.BLOCK_RAISED) -> BlockFault:
         """Return the fault of an exception of the block, also of sys.exit(). Raise an interruption from outside."""
         if from_outside(error):
             raise error
-        return BlockFault(self.room, stop(reason, block=_place(self, error), error=error_text(error)))
+        return BlockFault(self.role, stop(reason, block=_block_place(self, error), error=error_text(error)))
 
 
-def guard_block(room: str, block: Block, commands: int = 0) -> GuardedBlock:
-    """Return a guard around `block` of `room` and around its parts, for a vehicle with `commands` channels."""
+def guard_block(role: str, block: Block, command_count: int = 0) -> GuardedBlock:
+    """Return a guard around `block` of `role` and around its parts, for a vehicle with `command_count` channels."""
     pose = {"eta": np.zeros(3), "nu": np.zeros(3)}
-    command = {"u": np.zeros(commands)}
+    command = {"u": np.zeros(command_count)}
     contract: dict[str, tuple[type, dict[str, np.ndarray]]] = {
         "estimator": (Estimate, pose | {"cov": np.zeros((6, 6))}),
         "guide": (Reference, pose),
         "controller": (Command, command),
         "supervisor": (Command, command),
     }
-    return GuardedBlock(room, _with_guarded_parts(room, block, commands), *contract[room])
+    return GuardedBlock(role, _with_guarded_parts(role, block, command_count), *contract[role])
 
 
-def _with_guarded_parts(room: str, block: Tree, commands: int) -> Tree:
+def _with_guarded_parts(role: str, block: Tree, command_count: int) -> Tree:
     """Return the block with guarded parts; a block that is compiled or not a dataclass is returned unchanged."""
     names = [name for name in optional.of(block, "goes_around") if optional.has_field(block, name)]
-    inside = {name: guard_block(room, getattr(block, name), commands) for name in names}
-    return replace(block, **inside) if inside else block
+    guarded_parts = {name: guard_block(role, getattr(block, name), command_count) for name in names}
+    return replace(block, **guarded_parts) if guarded_parts else block
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Off:
+class FallbackBlock:
     """A block that replaces a faulty one: zero command, reference at rest at the estimated pose, estimate of NaN."""
 
-    room: str
-    commands: int
+    role: str
+    command_count: int
 
     def init(self, *start: np.ndarray) -> None:
         """Return None: this block does not have a state."""
@@ -227,31 +229,33 @@ class Off:
     def step(self, state: None, *inputs: Tree) -> tuple[None, Tree]:
         """Return the output of the room for a vehicle at rest: zero command or velocity, or an estimate of NaN."""
         t_ns = inputs[-1].t_ns
-        if self.room == "estimator":
+        if self.role == "estimator":
             return None, Estimate(t_ns, np.full(3, np.nan), np.full(3, np.nan), np.full((6, 6), np.nan))
-        if self.room == "guide":
+        if self.role == "guide":
             return None, Reference(t_ns, inputs[-1].eta, np.zeros(3), 0.0)
-        return None, Command(t_ns, np.zeros(self.commands))
+        return None, Command(t_ns, np.zeros(self.command_count))
 
 
-def _wrong(output: Tree, kind: type, zeros: dict[str, np.ndarray]) -> tuple[str, str] | None:
+def _output_problem(output: Tree, output_class: type, zeros: dict[str, np.ndarray]) -> tuple[str, str] | None:
     """Return a description of the fault of `output` and the expected value; None without a fault."""
-    if not isinstance(output, kind):
-        fields = ", ".join(f for f in kind.__annotations__ if not f.startswith(("innovation", "weight")))
-        return f"{_text_of(output)} as its output", f"{kind.__name__}({fields})"
+    if not isinstance(output, output_class):
+        fields = ", ".join(
+            f for f in output_class.__annotations__ if not f.startswith(("innovation", "weight"))
+        )
+        return f"{_text_of(output)} as its output", f"{output_class.__name__}({fields})"
     for field, zero in zeros.items():
         value, shape = getattr(output, field), zero.shape
-        plain = type(value) is np.ndarray and value.shape == shape and value.dtype is zero.dtype
-        if plain and np.vdot(value, zero) == 0.0:  # NaN · 0 and ∞ · 0 are NaN: all entries are finite
+        is_plain = type(value) is np.ndarray and value.shape == shape and value.dtype is zero.dtype
+        if is_plain and np.vdot(value, zero) == 0.0:  # NaN · 0 and ∞ · 0 are NaN: all entries are finite
             continue
         if np.shape(value) != shape:
-            return f"{kind.__name__}.{field} with shape {np.shape(value)}", str(shape)
-        if not _finite(value):
-            return f"{kind.__name__}.{field} = {np.asarray(value).tolist()}", "finite numbers"
+            return f"{output_class.__name__}.{field} with shape {np.shape(value)}", str(shape)
+        if not _is_finite(value):
+            return f"{output_class.__name__}.{field} = {np.asarray(value).tolist()}", "finite numbers"
     return None
 
 
-def _finite(value: Value) -> bool:
+def _is_finite(value: Value) -> bool:
     try:
         return bool(np.isfinite(value).all())
     except TypeError:
@@ -264,17 +268,19 @@ def _text_of(value: object) -> str:
     return "nothing" if value is None else type(value).__name__
 
 
-def _place(guard: GuardedBlock, error: BaseException | None = None) -> str:
+def _block_place(guard: GuardedBlock, error: BaseException | None = None) -> str:
     """Return the block, its file, and the line in which it raised or, without an error, its `step` begins."""
     frames = traceback.extract_tb(error.__traceback__) if error is not None else []
-    block = _to_blame(guard.block, {frame.filename for frame in frames})
-    kind: Tree = type(block)
-    block_name, file = f"{guard.room} {kind.__name__}", _file_of(block)
-    if file is None:
+    block = _faulty_part(guard.block, {frame.filename for frame in frames})
+    block_class: Tree = type(block)
+    block_name, file_name = f"{guard.role} {block_class.__name__}", _file_of(block)
+    if file_name is None:
         return block_name
-    line = kind.step.__code__.co_firstlineno
-    own = [frame.lineno for frame in frames if frame.filename == file and frame.lineno is not None]
-    return f"{block_name} ({file}:{own[-1] if own else line})"
+    line = block_class.step.__code__.co_firstlineno
+    line_numbers = [
+        frame.lineno for frame in frames if frame.filename == file_name and frame.lineno is not None
+    ]
+    return f"{block_name} ({file_name}:{line_numbers[-1] if line_numbers else line})"
 
 
 def _as_written(block: Tree) -> Tree:
@@ -284,11 +290,11 @@ def _as_written(block: Tree) -> Tree:
     return block
 
 
-def _to_blame(block: Tree, files: Container[str | None]) -> Tree:
+def _faulty_part(block: Tree, files: Container[str | None]) -> Tree:
     """Return the innermost part of a block that is written in one of `files`; the block if no part is."""
     block = _as_written(block)
-    inside = [_to_blame(getattr(block, name), files) for name in optional.of(block, "goes_around")]
-    return next((part for part in inside if _file_of(part) in files), block)
+    parts = [_faulty_part(getattr(block, name), files) for name in optional.of(block, "goes_around")]
+    return next((part for part in parts if _file_of(part) in files), block)
 
 
 def _file_of(block: Tree) -> str | None:

@@ -159,7 +159,7 @@ def test_a_block_outside_the_folder_named_by_a_run_is_never_executed(tmp_path, m
     lab = tmp_path / "lab"
     run = read_run(run_that_names(kind.format(theirs=outside_file), lab / "sent.mcap"))
     monkeypatch.chdir(lab)
-    blocks.read(str(outside_file))  # even where the user has executed it
+    blocks.read_module(str(outside_file))  # even where the user has executed it
     mark.unlink()
     with pytest.raises(FileError) as error_info:
         replay(run, allow_blocks=True)

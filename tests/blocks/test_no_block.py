@@ -1,7 +1,7 @@
 """An object that is not a block, or a name that is neither a kind nor a file, is refused."""
 
 from baqueano.block_checks import check
-from baqueano.blocks import resolve, room_of
+from baqueano.blocks import resolve, role_of
 from baqueano.errors import FileError, UsageError
 from tests.codes import refused
 
@@ -11,13 +11,13 @@ def test_a_class_with_unknown_step_arguments_is_not_a_block(tmp_path):
         "class Block:\n    def step(self, state, world):\n        pass\n", encoding="utf-8"
     )
     with refused("block.no-room", FileError, block="Block", names="world"):
-        room_of(resolve("guide", "mine.py:Block", tmp_path))
+        role_of(resolve("guide", "mine.py:Block", tmp_path))
 
 
 def test_a_class_without_step_is_not_a_block(tmp_path):
     (tmp_path / "mine.py").write_text("class Block:\n    pass\n", encoding="utf-8")
     with refused("block.no-step", FileError, block="Block"):
-        room_of(resolve("guide", "mine.py:Block", tmp_path))
+        role_of(resolve("guide", "mine.py:Block", tmp_path))
 
 
 def test_an_unknown_kind_of_block_is_refused():

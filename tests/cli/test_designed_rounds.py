@@ -15,14 +15,20 @@ NAME = "model.actuator_matrix[0,0]"
 @pytest.fixture
 def quick(monkeypatch):
     """Make the search smaller, because its result does not matter here."""
-    for name, number in (("FIRST", 40), ("ROUNDS", 1), ("EACH", 10), ("FINAL", 30), ("VEHICLES", 32)):
+    for name, number in (
+        ("FIRST_PIECES", 40),
+        ("ROUNDS", 1),
+        ("PIECES_PER_ROUND", 10),
+        ("FINAL_PIECES", 30),
+        ("VEHICLES", 32),
+    ):
         monkeypatch.setattr(planning, name, number)
 
 
 @pytest.fixture
 def one_noise(monkeypatch):
     """Use error bars that assume the same noise along the whole run."""
-    monkeypatch.setattr(summary, "no_smaller", lambda problem, cov, pieces, k, by_segment: cov)
+    monkeypatch.setattr(summary, "with_larger_errors", lambda problem, cov, pieces, k, by_segment: cov)
 
 
 def test_the_last_round_is_written_and_starts_the_next_fit(baqueano, quick, one_noise, tmp_path):

@@ -15,7 +15,7 @@ import pytest
 
 from baqueano import vehicle_file
 from baqueano.diagnostics import StopReason
-from baqueano.drive.by_hand.terminal_heartbeat import GONE_S, START_S
+from baqueano.drive.by_hand.terminal_heartbeat import MAX_SILENCE_S, START_S
 from baqueano.drive.session import marks_of, stop_of
 from baqueano.runs import read_run
 from tests.drive.test_closure import drive_of_turns
@@ -155,7 +155,7 @@ def test_a_set_point_below_the_dead_zone_is_reported_on_screen(terminal):
 
 @pytest.mark.parametrize("latched", [False, True])
 def test_a_terminal_that_stops_answering_stops_the_vehicle(terminal, tmp_path, latched):
-    screen = terminal(*DRIVE, *(["--latched"] if latched else []), kitty=not latched, gone_s=GONE_S)
+    screen = terminal(*DRIVE, *(["--latched"] if latched else []), kitty=not latched, gone_s=MAX_SILENCE_S)
     screen.until(rb"terminal \d+ ms")
     screen.type(b"w" if latched else W_DOWN)
     screen.until(rb"(?s)(?:u_x +\S+ \+0\.(?:05|50) .*?){12}")
@@ -232,7 +232,7 @@ def test_driving_the_emulated_vehicle_by_keys_is_refused(baqueano):
 
 def test_the_scale_from_marks_is_reported_and_written_to_the_file(baqueano, monkeypatch):
     run = drive_of_turns(vehicle_file.load("small"), [4.0 * np.pi])
-    monkeypatch.setattr("baqueano.cli.driving.drive.by_hand", lambda *args, **options: run)
+    monkeypatch.setattr("baqueano.cli.driving.drive.drive_by_hand", lambda *args, **options: run)
     end = baqueano("drive", "--vehicle", "small", "--json")
     assert "type: --set sensors.imu.gyro_scale=0.9" in end.err
     (row,) = end.reply["rows"]
@@ -246,7 +246,8 @@ def test_the_scale_from_marks_is_reported_and_written_to_the_file(baqueano, monk
 def test_a_drive_without_marks_explains_the_purpose_of_marks(baqueano, monkeypatch):
     run = drive_of_turns(vehicle_file.load("small"), [4.0 * np.pi])
     monkeypatch.setattr(
-        "baqueano.cli.driving.drive.by_hand", lambda *args, **options: replace(run, events=run.events[-1:])
+        "baqueano.cli.driving.drive.drive_by_hand",
+        lambda *args, **options: replace(run, events=run.events[-1:]),
     )
     assert "press m on the mark" in baqueano("drive", "--vehicle", "small").err
 

@@ -20,17 +20,17 @@ def test_the_demo_prints_a_program_name_that_the_shell_can_run(tmp_path, monkeyp
     program.touch(mode=0o755)
     monkeypatch.setattr(sys, "argv", [str(program), "demo"])
     monkeypatch.setenv("PATH", "")
-    assert demo.typed_here() == str(program), "make installs it in .venv, which is not in the path"
+    assert demo.program_name() == str(program), "make installs it in .venv, which is not in the path"
     monkeypatch.setenv("PATH", str(tmp_path))
-    assert demo.typed_here() == "baqueano"
+    assert demo.program_name() == "baqueano"
 
 
 def test_a_second_demo_uses_a_new_folder(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
-    assert demo.free_folder() == Path("demo")
+    assert demo.unused_folder() == Path("demo")
     for name in ("demo", "demo-2"):
         Path(name).mkdir()
-    assert demo.free_folder() == Path("demo-3")
+    assert demo.unused_folder() == Path("demo-3")
 
 
 def test_tune_reports_the_same_cost_in_python_and_on_the_command_line(baqueano):

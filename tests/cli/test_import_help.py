@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from baqueano.cli.modelling.runs import A_MAP
+from baqueano.cli.modelling.runs import MAP_EXAMPLE
 from baqueano.errors import FileError
 from baqueano.runs import read_run
 from baqueano.runs.maps.column_map import load_map, maps_folder
@@ -15,7 +15,7 @@ from tests.codes import refused
 
 
 def test_the_map_in_the_help_is_valid(tmp_path):
-    text = A_MAP.partition("\b\n")[2]
+    text = MAP_EXAMPLE.partition("\b\n")[2]
     assert tomllib.loads(text)["name"] == "rover"
     (tmp_path / "rover.toml").write_text(text, encoding="utf-8")
     signal_map = load_map(tmp_path / "rover.toml")
@@ -37,7 +37,7 @@ def test_a_recording_given_as_a_map_is_refused(baqueano, tmp_path, file_name):
 
 
 def test_a_map_is_recognised_by_its_content(baqueano, tmp_path):
-    text = A_MAP.partition("\b\n")[2]
+    text = MAP_EXAMPLE.partition("\b\n")[2]
     (tmp_path / "rover.map").write_text(text, encoding="utf-8")
     assert load_map(tmp_path / "rover.map").name == "rover"
     (tmp_path / "rover.map").write_text(text.replace("format = 1", "format = = 1"), encoding="utf-8")
@@ -52,7 +52,7 @@ def test_a_recording_does_not_hide_a_built_in_map(tmp_path, monkeypatch, rows):
     monkeypatch.chdir(tmp_path)
     (tmp_path / "mpu6050").write_bytes(rows)
     assert load_map("mpu6050").path == maps_folder() / "mpu6050.toml"
-    (tmp_path / "mpu6050").write_text(A_MAP.partition("\b\n")[2], encoding="utf-8")
+    (tmp_path / "mpu6050").write_text(MAP_EXAMPLE.partition("\b\n")[2], encoding="utf-8")
     assert load_map("mpu6050").name == "rover"
 
 
@@ -65,7 +65,7 @@ def test_map_detection_reads_only_the_start_of_a_long_recording(tmp_path, monkey
 
 def test_one_imported_run_is_written_to_the_reported_folder(baqueano, tmp_path):
     (tmp_path / "rover.toml").write_text(
-        A_MAP.partition("\b\n")[2].split("[sensors.imu]")[0], encoding="utf-8"
+        MAP_EXAMPLE.partition("\b\n")[2].split("[sensors.imu]")[0], encoding="utf-8"
     )
     for name in ("first", "second"):
         rows = "".join(f"{20 * k},{k},{2 * k}\n" for k in range(20))
@@ -134,7 +134,7 @@ def test_an_unknown_unit_must_be_stated_by_the_user(baqueano, tmp_path):
 
 
 def test_a_recording_at_rest_needs_no_command(baqueano, tmp_path):
-    text = A_MAP.partition("\b\n")[2]
+    text = MAP_EXAMPLE.partition("\b\n")[2]
     start, end = text.index("[command]"), text.index("[sensors.imu]")
     (tmp_path / "rest.toml").write_text(text[:start] + text[end : text.index("[truth]")], encoding="utf-8")
     rows = "".join(f"{20 * k},0.0{k % 3},{k % 5}\n" for k in range(100))

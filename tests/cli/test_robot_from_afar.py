@@ -43,7 +43,7 @@ def test_a_confirmed_stop_is_reported_as_stopped(baqueano, door):
     "last", [{"is": "state", "state": "MISSION", "why": None}, {"is": "event"}], ids=["preparing", "starting"]
 )
 def test_an_unconfirmed_stop_is_not_reported_as_stopped(baqueano, door, last, monkeypatch):
-    monkeypatch.setattr(remote, "STOP_S", 0.0)
+    monkeypatch.setattr(remote, "STOP_TIMEOUT_S", 0.0)
     door.broadcast(last)
     end = baqueano("robot", "stop", str(door.path))
     assert door.operator.stop_reason(attended=False).code == StopReason.STOPPED_BY_COMMAND

@@ -13,7 +13,7 @@ from pathlib import Path
 import pytest
 
 from baqueano.cli import terminal
-from baqueano.cli.terminal import busy, steps
+from baqueano.cli.terminal import show_activity, steps
 from baqueano.diagnostics import StopReason
 from baqueano.runs import read_run
 
@@ -176,9 +176,9 @@ def test_driving_by_keys_without_a_terminal_is_refused(project):
 
 
 def test_ctrl_c_ends_work_at_once_or_at_its_next_progress_report():
-    with pytest.raises(KeyboardInterrupt), busy("thinking"):
+    with pytest.raises(KeyboardInterrupt), show_activity("thinking"):
         signal.raise_signal(signal.SIGINT)
-    with busy("thinking") as status:
+    with show_activity("thinking") as status:
         assert status("round 1") is False
         signal.raise_signal(signal.SIGINT)
         assert status("round 2") is True
@@ -210,7 +210,7 @@ def test_progress_is_shown_on_one_line(monkeypatch, capsys):
 
 
 def test_without_a_terminal_progress_lines_are_rare(monkeypatch, capsys):
-    monkeypatch.setattr(terminal, "EVERY_S", 0.2)
+    monkeypatch.setattr(terminal, "PROGRESS_PERIOD_S", 0.2)
     began = time.monotonic()
     with steps() as begin:
         status = begin("fitting")
@@ -226,6 +226,6 @@ def test_without_a_terminal_progress_lines_are_rare(monkeypatch, capsys):
 
 
 def test_short_work_without_a_terminal_prints_one_line(capsys):
-    with busy("reading"):
+    with show_activity("reading"):
         pass
     assert capsys.readouterr().err == "reading\n"

@@ -127,9 +127,9 @@ def test_correlated_errors_have_a_lower_weight():
     """x_t = a x_{t−1} + w has a correlation of squares a^(2k): it is worth N (1 − a²)/(1 + a²) samples."""
     w = np.random.default_rng(0).standard_normal((40_000, 2))
     x = lfilter([1.0], [1.0, -0.9], w, axis=0)
-    assert consistency.independent(x) == pytest.approx(2 * 40_000 * 0.19 / 1.81, rel=0.1)
-    assert consistency.independent(w) == pytest.approx(2 * 40_000, rel=0.05)
-    assert consistency.independent(w + 5.0) < 3.0  # an error that lasts
+    assert consistency.degrees_of_freedom(x) == pytest.approx(2 * 40_000 * 0.19 / 1.81, rel=0.1)
+    assert consistency.degrees_of_freedom(w) == pytest.approx(2 * 40_000, rel=0.05)
+    assert consistency.degrees_of_freedom(w + 5.0) < 3.0  # an error that lasts
 
 
 def with_a_bias(rng, kappa, share):

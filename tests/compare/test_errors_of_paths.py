@@ -67,7 +67,7 @@ def test_a_truth_without_heading_cannot_be_aligned_at_the_start():
 
 def test_relative_errors_equal_the_results_of_evo():
     t_ns, eta, truth = trajectories()
-    drift = errors.relative(t_ns, eta, truth, over_s=1.0)
+    drift = errors.relative(t_ns, eta, truth, span_s=1.0)
     assert len(drift.position_m) == 190
     assert errors.rms(drift.position_m) == pytest.approx(0.039987329757444796, rel=1e-9)
     assert errors.rms(drift.heading_rad) == pytest.approx(0.017009035785507002, rel=1e-9)
@@ -76,7 +76,7 @@ def test_relative_errors_equal_the_results_of_evo():
 def test_relative_errors_do_not_span_a_gap():
     t_ns, eta, truth = trajectories()
     keep = (t_ns < 5e9) | (t_ns > 9e9)
-    drift = errors.relative(t_ns[keep], eta[keep], truth[keep], over_s=1.0)
+    drift = errors.relative(t_ns[keep], eta[keep], truth[keep], span_s=1.0)
     assert len(drift.position_m) == 190 - 41 - 10
 
 

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from baqueano.compare.laps import _passages, laps_of
+from baqueano.compare.laps import _end_passages, laps_of
 from baqueano.guides.shapes import circle, eight, line
 from baqueano.simulate import simulate_loop
 from baqueano.vehicle_file import load
@@ -43,10 +43,10 @@ def test_a_reference_that_returns_at_the_lap_end_counts_once():
     route = circle(0.5, 0.2)
     back = route.eta[1380:][::-1]
     eta = np.concatenate([route.eta, back, route.eta[1380:], np.tile(route.eta[-1], (50, 1)), route.eta])
-    assert len(_passages(eta, True)) == 3  # begin, end of the first lap, end of the second
+    assert len(_end_passages(eta, True)) == 3  # begin, end of the first lap, end of the second
 
 
 def test_the_end_of_each_lap_is_detected_after_a_lead_in():
     route = eight(0.6, 0.2)
     aside = route.eta[200:] + np.where(np.arange(1241)[:, None] < 100, [0.0, 0.1, 0.0], 0.0)
-    assert _passages(np.concatenate([aside, route.eta[1:]]), True) == [1240, 2680]
+    assert _end_passages(np.concatenate([aside, route.eta[1:]]), True) == [1240, 2680]

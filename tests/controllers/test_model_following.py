@@ -14,7 +14,7 @@ from baqueano.guides.shapes import circle, eight, rectangle, sinuous_circle
 from baqueano.signals import Estimate, Reference
 from baqueano.simulate import simulate_loop
 from baqueano.simulate.closed_loop import as_run, close_loop, closed_loop, ticks_of
-from baqueano.simulate.open_loop import times
+from baqueano.simulate.open_loop import tick_times
 from baqueano.simulate.system import Input, begin
 from baqueano.symbolic import compile_block, function
 from baqueano.vehicle_file import load
@@ -136,7 +136,7 @@ def test_each_law_tolerates_an_unmodelled_delay_of_100_ms():
     for delay_s in (0.01, 0.11):
         late = SMALL.with_values({"model.drivetrain.delay_s": delay_s})
         system = close_loop(late, route, perfect=True, controller=SMALL.controller())
-        t_ns = times(ticks_of(system, SMALL.rate_hz) - 1, SMALL.rate_hz)
+        t_ns = tick_times(ticks_of(system, SMALL.rate_hz) - 1, SMALL.rate_hz)
         kernel = closed_loop(system, SMALL.rate_hz, noise=False)
         run = as_run("late", t_ns, kernel.run(Input(t_ns, None), carry=begin(system, route.eta[0]))[1], {})
         across.append(rms(cross_track(t_ns, run.truth.eta[:, :2], t_ns, run.reference.eta[:, :2])))
@@ -152,7 +152,7 @@ STARTS = [(0.0, 0.2, -0.5), (0.0, -0.2, -0.5), (-0.2, 0.2, 0.5), (0.2, -0.2, 0.5
 def test_a_vehicle_joins_its_route_from_all_sides_within_a_metre(law):
     """The vehicle is 20 cm beside, behind or in front, 30° off, on a circle of 1 m that has begun without it."""
     system = close_loop(SMALL, circle(1.0, 0.2), perfect=True, controller=SMALL.controller(law))
-    kernel, t_ns = closed_loop(system, SMALL.rate_hz, noise=False), times(1500, SMALL.rate_hz)
+    kernel, t_ns = closed_loop(system, SMALL.rate_hz, noise=False), tick_times(1500, SMALL.rate_hz)
     for start in STARTS:
         run = as_run(
             "joined", t_ns, kernel.run(Input(t_ns, None), carry=begin(system, np.array(start)))[1], {}
@@ -169,7 +169,7 @@ def test_a_car_joins_its_route_within_a_metre(law, moving):
     """The car is 20 cm beside, behind or in front and 30° off. On a circle of 3 m at 0.5 m/s it stays within 3 cm."""
     car, speed, radius_m = load("car"), 0.5, 3.0
     system = close_loop(car, circle(radius_m, speed), perfect=True, controller=car.controller(law))
-    kernel, t_ns = closed_loop(system, car.rate_hz, noise=False), times(220, car.rate_hz)
+    kernel, t_ns = closed_loop(system, car.rate_hz, noise=False), tick_times(220, car.rate_hz)
     nu = np.array([speed if moving else 0.0, 0.0, 0.0])
     x, y, psi = circle(radius_m, speed).eta[0]
     for ahead, left, heading_deg in [

@@ -21,7 +21,7 @@ class Hand(Observer):
     def __init__(self, operator, at, *changes):
         self.operator, self.at, self.changes, self.ticks = operator, at, changes, 0
 
-    def look(self, record):
+    def on_record(self, record):
         self.ticks += 1
         if self.ticks == self.at:
             for path, value in self.changes:

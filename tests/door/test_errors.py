@@ -6,7 +6,14 @@ import json
 import pytest
 
 from baqueano.door.remote import Remote
-from baqueano.errors import AnswerNo, FileError, RobotUnreachable, SafetyStop, UsageError, of_code
+from baqueano.errors import (
+    AnswerNo,
+    FileError,
+    RobotUnreachable,
+    SafetyStop,
+    UsageError,
+    error_of_exit_code,
+)
 
 KINDS = [AnswerNo, UsageError, FileError, RobotUnreachable, SafetyStop]
 
@@ -18,7 +25,7 @@ def vehicle(**message):
 
 @pytest.mark.parametrize("kind", KINDS)
 def test_an_exit_code_is_converted_back_to_its_error_type(kind):
-    error = of_code(kind.exit_code, "why")
+    error = error_of_exit_code(kind.exit_code, "why")
     assert (type(error), str(error)) == (kind, "why")
 
 

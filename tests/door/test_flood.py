@@ -9,9 +9,9 @@ import pytest
 
 from baqueano.diagnostics import StopReason
 from baqueano.door import sockets
-from baqueano.door.guests import BACKLOG, LONG, PIECE, Guest
+from baqueano.door.guests import LONG_BYTES, MAX_BACKLOG, READ_BYTES, Guest
 from baqueano.door.operator import SILENCE_S, Operator
-from baqueano.door.sockets import FOR_STOPS, HIDDEN_S, MOST_GUESTS, SHARE, Door
+from baqueano.door.sockets import MAX_GUESTS, MAX_HIDDEN_S, MAX_LINES, STOP_CONNECTIONS, Door
 from tests.door.test_sockets import Person, until
 
 pytestmark = pytest.mark.skipif(not hasattr(socket, "AF_UNIX"), reason="this system has no sockets in files")
@@ -56,7 +56,7 @@ class Flood(threading.Thread):
 
     def __init__(self, person, word=RUNS):
         super().__init__(daemon=True)
-        self.person, self.data, self.over = person, word * (PIECE // len(word)), threading.Event()
+        self.person, self.data, self.over = person, word * (READ_BYTES // len(word)), threading.Event()
         self.start()
 
     def run(self):
@@ -77,7 +77,7 @@ class Flood(threading.Thread):
 
 def test_rt15_a_stop_has_priority_over_five_flooding_guests(door, connect, turns):
     floods = [Flood(connect()) for _ in range(5)]
-    until(lambda: len(turns) > 20 * SHARE)
+    until(lambda: len(turns) > 20 * MAX_LINES)
     for _ in range(5):
         teacher, before = connect(), len(turns)
         teacher.line.sendall(STOP)
@@ -85,7 +85,7 @@ def test_rt15_a_stop_has_priority_over_five_flooding_guests(door, connect, turns
             pass
         assert message == {"is": "heard", "do": "stop"}
         at = next(k for k in range(before, len(turns)) if turns[k].startswith(b'{"do": "stop"'))
-        assert at - before <= 8 * SHARE  # of millions of messages sent meanwhile
+        assert at - before <= 8 * MAX_LINES  # of millions of messages sent meanwhile
         door.operator.forget(door.operator.stop_reason(False))
     for flood in floods:
         flood.end()
@@ -96,7 +96,7 @@ def test_a_stop_has_priority_over_earlier_lines_of_its_guest(door, connect, turn
     person.line.sendall(RUNS * 200 + STOP + RUNS * 20)
     until(lambda: door.operator.stop_reason(False) is not None)
     at = next(k for k, line in enumerate(turns) if line.startswith(b'{"do": "stop"'))
-    assert at <= SHARE
+    assert at <= MAX_LINES
     assert door.operator.stop_reason(False).code == StopReason.STOPPED_BY
 
 
@@ -111,14 +111,14 @@ def test_a_guest_that_sends_too_fast_receives_the_number_of_dropped_lines(door, 
     near_end, far_end = socket.socketpair()
     with near_end, far_end:
         guest = Guest(near_end)
-        far_end.sendall(RUNS * (3 * BACKLOG))
+        far_end.sendall(RUNS * (3 * MAX_BACKLOG))
         assert list(guest.receive()) == []
-        assert len(guest.lines) == BACKLOG
-        assert guest.dropped == 2 * BACKLOG
+        assert len(guest.lines) == MAX_BACKLOG
+        assert guest.dropped == 2 * MAX_BACKLOG
         far_end.sendall(STOP)
         assert list(guest.receive()) == [STOP.rstrip()]
     person = connect()
-    person.line.sendall(RUNS * (4 * BACKLOG))
+    person.line.sendall(RUNS * (4 * MAX_BACKLOG))
     while (message := person.receive())["is"] == "runs":
         pass
     assert message["about"]["code"] == "door.too-many"
@@ -128,7 +128,7 @@ def test_a_second_queued_mission_is_dropped_but_heartbeats_are_not():
     near_end, far_end = socket.socketpair()
     with near_end, far_end:
         near_end.setblocking(False)
-        guest, mission = Guest(near_end), b'{"do": "mission", "mission": "' + b"7" * LONG + b'"}\n'
+        guest, mission = Guest(near_end), b'{"do": "mission", "mission": "' + b"7" * LONG_BYTES + b'"}\n'
         lines = mission + BEAT * 100 + mission + BEAT * 100
         sender = threading.Thread(target=far_end.sendall, args=(lines,))
         sender.start()
@@ -143,28 +143,28 @@ def test_a_second_queued_mission_is_dropped_but_heartbeats_are_not():
 
 def test_all_guests_receive_an_equal_share_of_answers(door, connect, turns):
     flood, quiet = Flood(connect()), connect()
-    until(lambda: len(turns) > 10 * SHARE)
+    until(lambda: len(turns) > 10 * MAX_LINES)
     for k in range(20):
         before = len(turns)
         quiet.send(do="ping", token=k)
         assert quiet.receive()["token"] == k
-        assert len(turns) - before <= 8 * SHARE
+        assert len(turns) - before <= 8 * MAX_LINES
     flood.end()
 
 
 def test_a_stop_is_received_even_if_all_guest_places_are_taken(door, connect):
     door.broadcast({"is": "state", "state": "MISSION"})
-    for _ in range(MOST_GUESTS):
+    for _ in range(MAX_GUESTS):
         assert connect().receive()["is"] == "state"
     late = connect()
     late.send(do="runs")
     assert late.receive()["about"]["code"] == "door.full"
     assert late.file.readline() == b""
-    more = [connect() for _ in range(FOR_STOPS + 2)]  # guests that send nothing
+    more = [connect() for _ in range(STOP_CONNECTIONS + 2)]  # guests that send nothing
     teacher = connect()
     teacher.line.sendall(STOP)
     assert teacher.receive() == {"is": "heard", "do": "stop"}
-    assert len(door._guests) <= MOST_GUESTS + FOR_STOPS
+    assert len(door._guests) <= MAX_GUESTS + STOP_CONNECTIONS
     door.broadcast({"is": "state", "state": "STOPPED"})
     assert teacher.receive()["state"] == "STOPPED"
     assert more[0].file.readline() == b""
@@ -178,7 +178,7 @@ def test_only_one_guest_at_a_time_may_send_an_endless_line(door, connect):
     def pour(person):
         try:
             for _ in range(64):  # 4 MB each; at most 64 kB are stored of all but one
-                person.line.sendall(b"x" * LONG)
+                person.line.sendall(b"x" * LONG_BYTES)
         except OSError:
             return
 
@@ -187,8 +187,8 @@ def test_only_one_guest_at_a_time_may_send_an_endless_line(door, connect):
         thread.start()
     for thread in threads:
         thread.join()
-    until(lambda: sum(guest.coming > LONG for guest in door._guests) <= 1)
-    assert sum(guest.coming for guest in door._guests) <= 64 * LONG + 12 * (LONG + PIECE)
+    until(lambda: sum(guest.coming > LONG_BYTES for guest in door._guests) <= 1)
+    assert sum(guest.coming for guest in door._guests) <= 64 * LONG_BYTES + 12 * (LONG_BYTES + READ_BYTES)
 
 
 def test_a_long_line_is_refused_during_a_drive(door, connect):
@@ -198,13 +198,13 @@ def test_a_long_line_is_refused_during_a_drive(door, connect):
     until(lambda: door.operator.is_busy)
     with suppress(OSError):
         for _ in range(1000):
-            second.line.sendall(b'{"do": "mission", "mission": "' + b"x" * LONG)
+            second.line.sendall(b'{"do": "mission", "mission": "' + b"x" * LONG_BYTES)
     assert json.loads(second.file.readline())["about"]["code"] == "door.somebody"
 
 
 def test_a_page_has_a_shorter_timeout_than_ssh(door, connect):
-    assert HIDDEN_S < SILENCE_S
-    for k, (by, silence_s) in enumerate((("page", HIDDEN_S), ("ssh", SILENCE_S))):
+    assert MAX_HIDDEN_S < SILENCE_S
+    for k, (by, silence_s) in enumerate((("page", MAX_HIDDEN_S), ("ssh", SILENCE_S))):
         person = connect()
         person.send(do="mission", door=sockets.VERSION, kind="drive", by=by, id=str(k))
         until(lambda: door.operator.is_busy)

@@ -8,7 +8,7 @@ import pytest
 
 from baqueano.door import sockets
 from baqueano.door.frames.along_route import AlongRoute
-from baqueano.door.frames.rows import RING, DriveRows, Frames
+from baqueano.door.frames.rows import RING_TICKS, DriveRows, Frames
 from baqueano.door.operator import Operator
 from baqueano.door.sockets import Door
 from baqueano.drive import experiment
@@ -29,7 +29,7 @@ class Listening(Observer):
         self.estimator = blocks.estimator
         return blocks
 
-    def look(self, record):
+    def on_record(self, record):
         self.records.append(record)
 
 
@@ -58,7 +58,7 @@ def test_a_row_contains_the_values_of_its_tick(drive_of_service):
     frames = Frames()
     frames._drive = drive
     for record in listening.records:
-        frames.look(record, battery_v=7.4)
+        frames.on_record(record, battery_v=7.4)
     drive.make()
     frame = rows_of(drive)
     assert (frame["n"], len(frame["x"])) == (0, len(run.t_ns))
@@ -84,7 +84,7 @@ def test_every_tick_is_sent_once_and_in_order(drive_of_service):
     frames._drive = drive
     rng = np.random.default_rng(0)
     for record in listening.records:
-        frames.look(record)
+        frames.on_record(record)
         if rng.random() < 0.3:
             drive.make()
             if (line := drive.frame(rows_shown, (0,))) is not None:
@@ -99,12 +99,12 @@ def test_rows_lost_by_the_ring_buffer_are_shown_as_a_gap(drive_of_service):
     file, listening, _ = drive_of_service
     drive, frames = DriveRows(file), Frames()
     frames._drive = drive
-    for k in range(3 * RING):
-        frames.look(listening.records[k % len(listening.records)])
+    for k in range(3 * RING_TICKS):
+        frames.on_record(listening.records[k % len(listening.records)])
     drive.make()
     frame = rows_of(drive)
-    assert frame["n"] + len(frame["x"]) == drive.row_count == 3 * RING
-    assert len(frame["x"]) <= RING
+    assert frame["n"] + len(frame["x"]) == drive.row_count == 3 * RING_TICKS
+    assert len(frame["x"]) <= RING_TICKS
 
 
 def test_progress_grows_over_all_laps_and_across_the_crossing_of_an_eight():
@@ -132,12 +132,12 @@ def test_at_most_one_frame_waits_for_a_guest_that_does_not_read(door, drive_of_s
     count, most = 0, 0
     for _ in range(150):
         for record in listening.records[:40]:
-            door.frames.look(record)
+            door.frames.on_record(record)
         while count < door.frames.drive()[0].tick_count:
             message = healthy.receive()
             count = message["n"] + len(message["x"]) if message["is"] == "frame" else count
         most = max(most, *(guest.waiting for guest in door._guests))
-    assert most < 2 * RING * 400  # of 6,000 rows of 300 bytes
+    assert most < 2 * RING_TICKS * 400  # of 6,000 rows of 300 bytes
     assert len(door._guests) == 2
     ends = []
     while not ends or ends[-1] < count:
@@ -160,7 +160,7 @@ def test_the_last_rows_are_sent_before_the_end_of_the_drive(door, drive_of_servi
     for turn in range(20):
         door.frames.begin(file, "simulated", estimator=listening.estimator)
         for record in listening.records:
-            door.frames.look(record)
+            door.frames.on_record(record)
         door._outbox.extend([{"is": "state", "state": "READY"}, {"is": "done", "id": str(turn), "run": None}])
         door._ring()
         messages = []
@@ -184,7 +184,7 @@ def test_a_watcher_receives_the_vehicle_the_columns_and_then_every_tick(door, dr
     assert messages[1]["units"] == ["s", "m"]
     assert [viewer.receive()["is"] for _ in range(3)] == ["vehicle", "fields", "route"]
     for record in listening.records:
-        door.frames.look(record)
+        door.frames.on_record(record)
     for client, width in ((person, 2), (viewer, len(DriveRows(file).columns))):
         rows = []
         while len(rows) < len(listening.records):
@@ -193,12 +193,12 @@ def test_a_watcher_receives_the_vehicle_the_columns_and_then_every_tick(door, dr
             rows += frame["x"]
         assert {len(row) for row in rows} == {width}
     door.frames.begin(file, "simulated", estimator=listening.estimator)  # the next drive
-    door.frames.look(listening.records[0])
+    door.frames.on_record(listening.records[0])
     assert [person.receive()["is"] for _ in range(4)] == ["vehicle", "fields", "route", "frame"]
     person.send(do="watch", hz=0)
     person.send(do="ping")
     assert person.receive()["is"] == "pong"
-    door.frames.look(listening.records[1])
+    door.frames.on_record(listening.records[1])
     person.send(do="ping")
     assert person.receive()["is"] == "pong"
     for client in (person, viewer):

@@ -170,7 +170,7 @@ def test_an_invalid_mission_is_refused(tmp_path, mission, code):
 def test_a_complete_mission_uses_the_vehicle_file_that_it_contains(tmp_path):
     whole = pack(Mission("repeat", route=shapes.circle(0.4, 0.25), laps=3), load("small"))
     with mission_plan(whole.json(), load("car"), StoredRoutes(tmp_path), 7) as plan:
-        assert (plan.file.name, plan.mission.laps, plan.seed) == ("small", 3, 7)
+        assert (plan.vehicle_file.name, plan.mission.laps, plan.seed) == ("small", 3, 7)
 
 
 def test_a_route_with_an_invalid_name_is_not_listed(tmp_path):

@@ -14,7 +14,7 @@ from baqueano import vehicle_file
 from baqueano.diagnostics import StopReason, stop
 from baqueano.door import VERSION
 from baqueano.door.operator import Operator
-from baqueano.door.sockets import LONG, Door
+from baqueano.door.sockets import LONG_BYTES, Door
 from baqueano.drive.mission import Mission, pack
 from baqueano.errors import RobotUnreachable
 from tests.codes import refused
@@ -127,8 +127,8 @@ def test_a_refused_mission_is_not_decoded(door, person, people, monkeypatch, tic
     second = people()
     second.send(do="mission", door=VERSION, mission=large)
     assert loads(second.file.readline())["about"]["code"] == "door.somebody"
-    assert all(n <= LONG for n in decoded_texts)  # at most one line, never the commands of a mission
-    assert len(decoded_texts) == (len(large) < LONG)
+    assert all(n <= LONG_BYTES for n in decoded_texts)  # at most one line, never the commands of a mission
+    assert len(decoded_texts) == (len(large) < LONG_BYTES)
 
 
 def test_several_messages_in_one_packet_are_all_received(door, person):

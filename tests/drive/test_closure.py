@@ -58,7 +58,7 @@ class ByTruth(Observer):
         ahead = self.ahead if abs(remaining) > 0.5 else 0.0
         return np.array([ahead, 0.0, turn + np.sign(remaining) * 0.32 * (abs(remaining) > 0.01)])
 
-    def marks(self):
+    def pop_mark_count(self):
         marks, self.new_marks = self.new_marks, 0
         return marks
 

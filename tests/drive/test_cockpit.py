@@ -8,7 +8,7 @@ import pytest
 from baqueano.diagnostics import StopReason, stop
 from baqueano.drive.by_hand.cockpit import RELEASES_OFF, RELEASES_ON, Cockpit
 from baqueano.drive.by_hand.keys import ALIVE, KITTY, PRESS, RELEASE, KeyEvent
-from baqueano.drive.by_hand.terminal_heartbeat import ASK, GONE_S
+from baqueano.drive.by_hand.terminal_heartbeat import MAX_SILENCE_S, QUERY
 from baqueano.vehicles import Drivetrain
 
 LIMIT = np.array([1.0, 0.0, 0.8])
@@ -43,7 +43,7 @@ class Terminal:
         if self.there and self.answers:
             due = self.t_s + self.trip_s
             self.coming += [(due, KeyEvent(KITTY))] * (self.kitty and b"\x1b[?u" in data)
-            self.coming += [(due, KeyEvent(ALIVE))] * data.count(ASK)
+            self.coming += [(due, KeyEvent(ALIVE))] * data.count(QUERY)
 
     def change(self, on, off):
         self.changes.append((on, off))
@@ -91,10 +91,10 @@ def test_a_terminal_that_stops_answering_stops_the_vehicle_within_its_time():
         gone_s = terminal.t_s
         while hand()[0] > 0.0:
             terminal.t_s += 0.01
-        assert GONE_S - 0.1 < terminal.t_s - gone_s < GONE_S + terminal.trip_s + 0.02
+        assert MAX_SILENCE_S - 0.1 < terminal.t_s - gone_s < MAX_SILENCE_S + terminal.trip_s + 0.02
         assert hand.stop_reason(0).code == StopReason.TERMINAL_SILENT
-        assert [word["do"] for word in hand.words()] == ["stop"]
-        assert hand.words() == []
+        assert [word["do"] for word in hand.pop_messages()] == ["stop"]
+        assert hand.pop_messages() == []
         terminal.there = True
         terminal.type("w")
         assert np.array_equal(wait(hand, terminal, 1.0), np.zeros(3))
@@ -137,8 +137,8 @@ def test_a_terminal_behind_another_program_receives_no_query():
     terminal = Terminal(kitty=True)
     with cockpit(terminal, trusted=False, latched=True) as hand:
         wait(hand, terminal, 1.0)
-        assert ASK not in terminal.sent
-        assert hand.status.way.startswith("hold to drive, press briefly")
+        assert QUERY not in terminal.sent
+        assert hand.status.key_mode.startswith("hold to drive, press briefly")
 
 
 def test_a_closed_terminal_stops_the_vehicle_at_once():
@@ -156,7 +156,7 @@ def test_the_space_bar_latches_a_stop_and_q_ends_the_drive():
     with cockpit(terminal) as hand:
         terminal.type("w", " ")
         assert np.array_equal(hand(), np.zeros(3))
-        assert hand.words() == [{"do": "stop", "why": stop(StopReason.DRIVER)}]
+        assert hand.pop_messages() == [{"do": "stop", "why": stop(StopReason.DRIVER)}]
         terminal.type("w", "q")
         assert np.array_equal(hand(), np.zeros(3))
         with pytest.raises(KeyboardInterrupt):
@@ -177,10 +177,10 @@ def test_marks_are_counted_for_real_and_simulated_vehicles():
     with cockpit(terminal) as hand:
         terminal.type("m", "m")
         hand()
-        assert hand.words() == [{"do": "mark"}] * 2
-        assert hand.words() == []
-        assert hand.marks() == 2
-        assert hand.marks() == 0
+        assert hand.pop_messages() == [{"do": "mark"}] * 2
+        assert hand.pop_messages() == []
+        assert hand.pop_mark_count() == 2
+        assert hand.pop_mark_count() == 0
 
 
 def test_the_state_of_a_vehicle_is_shown():
@@ -244,18 +244,18 @@ def test_a_set_point_below_the_dead_zone_is_reported_until_motion_begins():
     terminal = Terminal()
     with cockpit(terminal, latched=True, share=0.4, drivetrain=MOTORS) as hand:
         hand()
-        assert hand.status.still == "", "no motion is commanded"
+        assert hand.status.standstill_reason == "", "no motion is commanded"
         terminal.type("w", "w")
         assert wait(hand, terminal, 1.0)[0] == pytest.approx(0.08)
         message = "0.08 is below the dead zone of 0.14: nothing moves; that key again, or +"
-        assert hand.status.still == message
+        assert hand.status.standstill_reason == message
         assert message.encode() in terminal.sent, "the warning must fit its line"
         terminal.type("w", "w")
         assert wait(hand, terminal, 1.0)[0] == pytest.approx(0.16)
-        assert hand.status.still == "", "the left wheel turns"
+        assert hand.status.standstill_reason == "", "the left wheel turns"
         terminal.type("s", "s", "s", "s", "s", "s")
         wait(hand, terminal, 1.0)
-        assert hand.status.still.startswith("0.08 is below the dead zone of 0.30"), "backwards"
+        assert hand.status.standstill_reason.startswith("0.08 is below the dead zone of 0.30"), "backwards"
         terminal.type("x")
         terminal.sent = b""
         wait(hand, terminal, 1.0)
@@ -267,11 +267,11 @@ def test_the_dead_zone_warning_in_a_turn_depends_on_the_wheel_commands():
     with cockpit(terminal, share=0.2, drivetrain=MOTORS) as hand:
         terminal.type("a")
         assert wait(hand, terminal, 1.0)[2] == pytest.approx(0.16)
-        assert hand.status.still == "0.16 is below the dead zone of 0.20: nothing moves; press +"
+        assert hand.status.standstill_reason == "0.16 is below the dead zone of 0.20: nothing moves; press +"
         terminal.type("d", kind=PRESS)
         terminal.type("a", kind=RELEASE)
         wait(hand, terminal, 1.0)
-        assert hand.status.still == "", "in a right turn the left wheel moves forward"
+        assert hand.status.standstill_reason == "", "in a right turn the left wheel moves forward"
 
 
 def test_a_short_key_press_gives_no_dead_zone_warning():
@@ -279,10 +279,10 @@ def test_a_short_key_press_gives_no_dead_zone_warning():
     with cockpit(terminal, share=0.4, drivetrain=MOTORS) as hand:
         terminal.type("w")
         assert wait(hand, terminal, 0.1)[0] == pytest.approx(0.12)
-        assert hand.status.still == ""
+        assert hand.status.standstill_reason == ""
         terminal.type("l", "w")
         wait(hand, terminal, 0.2)
-        assert "dead zone" in hand.status.still
+        assert "dead zone" in hand.status.standstill_reason
         terminal.type(" ")
         terminal.sent = b""
         wait(hand, terminal, 0.2)
@@ -296,7 +296,7 @@ def test_a_vehicle_without_a_dead_zone_gives_no_warning(drivetrain):
     with cockpit(terminal, latched=True, drivetrain=drivetrain) as hand:
         terminal.type("w")
         assert wait(hand, terminal, 1.0)[0] == pytest.approx(0.05)
-        assert hand.status.still == ""
+        assert hand.status.standstill_reason == ""
 
 
 def test_the_terminal_is_restored_after_an_exception():

@@ -5,7 +5,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from baqueano.drive import first_drive, first_drive_pulses, rough
+from baqueano.drive import first_drive, first_drive_pulses, with_rough_gains
 from baqueano.drive.first_drive import directions, estimate_first_drive, pulses_of
 from baqueano.drive.first_drive_pulses import PAUSE_S, PULSE_S, STEP, Careful
 from baqueano.errors import AnswerNo, UsageError
@@ -13,7 +13,7 @@ from baqueano.estimators import Inertial
 from baqueano.messages import text
 from baqueano.signals import Estimate, Slot, Tick, sensor_slots
 from baqueano.study.counterpart import LoopWorld
-from baqueano.study.first_drives import MiswiredLink, drive_one, gains, unknown
+from baqueano.study.first_drives import MiswiredLink, draw_unknown_robot, drive_one, gain_ratios
 from baqueano.study.truth import draw_robots
 from baqueano.vehicle_file import load
 from tests.codes import refused
@@ -57,19 +57,19 @@ def test_no_pulse_exceeds_the_longest_permitted_duration(first, small):
 
 
 def test_the_dead_zones_of_each_wheel_are_identified(first, small):
-    start = rough(first, small).vehicle.drivetrain
+    start = with_rough_gains(first, small).vehicle.drivetrain
     np.testing.assert_allclose(start.dead_zone_forward, [0.32, 0.27], atol=0.03)
     np.testing.assert_allclose(start.dead_zone_backward, [0.34, 0.29], atol=0.03)
 
 
 @pytest.mark.parametrize("seed", [4])
 def test_the_estimated_gain_is_within_40_percent_of_the_true_gain(small, seed):
-    robot = unknown(seed)
-    gain = gains(robot, small)
+    robot = draw_unknown_robot(seed)
+    gain = gain_ratios(robot, small)
     first = first_drive(small, world=LoopWorld(robot, seed, small.rate_hz), seed=seed)
     assert first.gain_along == pytest.approx(gain[0], rel=0.4)
     assert first.gain_about == pytest.approx(gain[1], rel=0.4)
-    start = rough(first, small).vehicle.actuator_matrix
+    start = with_rough_gains(first, small).vehicle.actuator_matrix
     assert start[2, 2] == pytest.approx(small.vehicle.actuator_matrix[2, 2] * gain[1], rel=0.4)
 
 
@@ -79,7 +79,7 @@ def test_a_wrongly_wired_vehicle_is_reported_and_not_fitted(small):
     assert [finding.code for finding in first.wiring] == ["wiring.swapped"]
     assert text(first.wiring[0]) in first.table()
     with refused("wiring.swapped", AnswerNo):
-        rough(first, small)
+        with_rough_gains(first, small)
 
 
 def test_an_immobile_vehicle_is_reported_after_full_command(small, monkeypatch):
@@ -90,11 +90,11 @@ def test_an_immobile_vehicle_is_reported_after_full_command(small, monkeypatch):
     assert first.still[0].figures["command"] == "the left wheel forward"
     assert first.moving_pulses == 0
     with refused("first-drive.nothing-moved", AnswerNo):
-        rough(first, small)
+        with_rough_gains(first, small)
 
 
 def test_a_first_drive_that_ends_early_reports_no_motor_fault(first, small):
-    estimate = estimate_first_drive(first.run.cut(0.0, 10.0), small)
+    estimate = estimate_first_drive(first.run.is_cut(0.0, 10.0), small)
     assert estimate.still
     assert {finding.code for finding in estimate.still} == {"first-drive.ended-early"}
     assert estimate.still[0].figures["command"] == "the left wheel forward"
@@ -167,12 +167,12 @@ def test_a_pulse_ends_at_once_when_the_vehicle_turns_too_fast():
     for _ in range(round(PAUSE_S / 0.01) + 2):
         t_s += 0.01
         state, u, _ = pulses.advance(state, estimate(t_s))
-    assert state.done[0]
+    assert state.is_done[0]
     assert u < 0.0  # the other direction is next
 
 
 def test_a_first_drive_ends_within_its_time_limit():
-    pulses = Careful(np.array([[1.0], [-1.0]]), longest_s=3.0)
+    pulses = Careful(np.array([[1.0], [-1.0]]), max_duration_s=3.0)
     state, t_s, over = pulses.init(), 0.0, False
     while not over:
         state, u, over = pulses.advance(state, estimate(t_s))

@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 
 from baqueano import vehicle_file
-from baqueano.controllers.heading_hold import AUTHORITY, SLOWER, Gyro, HeadingHold, place_poles
+from baqueano.controllers.heading_hold import BANDWIDTH_MARGIN, MAX_TURN_SHARE, Gyro, HeadingHold, place_poles
 from baqueano.drive import replay
-from baqueano.drive.by_hand.heading_gains import LINK_S, gains_of, holding
+from baqueano.drive.by_hand.heading_gains import LINK_DELAY_S, gains_of, with_heading_hold
 from baqueano.drive.mission import Mission, perform
 from baqueano.drive.verbs import lesson
 from baqueano.signals import Command, Estimate, Reference
@@ -54,7 +54,7 @@ class Drive:
 @pytest.mark.parametrize("tau_s", [0.01, 0.1, 0.5, 2.0])
 def test_the_closed_loop_has_the_placed_poles_and_nonnegative_gains(tau_s):
     k, late_s = 6.0, 0.1
-    gains, omega = place_poles(k, tau_s, late_s), 1.0 / (SLOWER * late_s)
+    gains, omega = place_poles(k, tau_s, late_s), 1.0 / (BANDWIDTH_MARGIN * late_s)
     poles = np.roots([tau_s, 1.0 + k * gains.rate, k * gains.psi, k * gains.integral])
     third = max(omega, 1.0 / tau_s - 2.0 * omega)
     np.testing.assert_allclose(np.sort(-poles.real), np.sort([omega, omega, third]), rtol=1e-3)
@@ -81,7 +81,7 @@ def test_controller_gains_follow_from_the_yaw_gain_and_time_of_the_model():
         "model.drivetrain.gain": [0.9, 0.9],
     }  # fmt: skip
     file = as_fitted(small.with_values(values))
-    late_s = 0.06 + 0.01 + 0.015 + LINK_S
+    late_s = 0.06 + 0.01 + 0.015 + LINK_DELAY_S
     np.testing.assert_allclose(
         gains_of(file)[:4], place_poles(0.9 * 0.203 / 0.0115, 0.001494 / 0.0115, late_s)[:4], rtol=0.05
     )
@@ -92,7 +92,7 @@ def test_the_yaw_gain_of_a_car_depends_on_its_speed():
     file = as_fitted(vehicle_file.load("car"), "model.steering_gain")
     gains, car = gains_of(file), file.vehicle
     k = gains.speed_m_s * car.steering_gain / car.wheelbase_m
-    late_s = car.drivetrain.lag_s + car.drivetrain.delay_s + 1.5 / file.rate_hz + LINK_S
+    late_s = car.drivetrain.lag_s + car.drivetrain.delay_s + 1.5 / file.rate_hz + LINK_DELAY_S
     np.testing.assert_allclose(gains[:4], place_poles(k, car.yaw_lag_s, late_s)[:4], rtol=0.05)
 
 
@@ -100,9 +100,9 @@ def test_the_yaw_gain_of_a_car_depends_on_its_speed():
 def test_heading_control_is_inactive_without_turning_or_gyro(name):
     small, hand = vehicle_file.load("small"), Says()
     if name == "no turn":
-        assert holding(hand, override(small, ("command.limit=[1.0,0.0,0.0]",))) is hand
+        assert with_heading_hold(hand, override(small, ("command.limit=[1.0,0.0,0.0]",))) is hand
     else:
-        assert holding(hand, replace(small, sensors=type("Sensors", (), {"_fields": ()})())) is hand
+        assert with_heading_hold(hand, replace(small, sensors=type("Sensors", (), {"_fields": ()})())) is hand
 
 
 VEHICLES = {
@@ -127,7 +127,7 @@ def test_heading_control_drives_straight_with_wheels_differing_by_15_percent(nam
     assert holding.most_deg < 6.5
     assert abs(holding.beside_m) < 0.2
     assert abs(free.psi_deg) > 5.0 * abs(holding.psi_deg)
-    limit = AUTHORITY * file.command.limit[2]
+    limit = MAX_TURN_SHARE * file.command.limit[2]
     assert np.all(np.abs(holding.run.applied[:, 2]) <= limit)
     late = np.convolve(holding.run.applied[len(holding.run.t_s) // 2 :, 2], np.full(30, 1.0 / 30.0), "valid")
     assert np.ptp(late) < 0.05 * file.command.limit[2], "the heading must not oscillate"
@@ -220,7 +220,7 @@ def test_heading_control_is_limited_with_anti_windup():
     drive.tick()
     turns = [drive.tick(psi=-2.0)[2] for _ in range(500)]
     assert max(turns) == pytest.approx(0.15), "0.3 of 0.5 ahead"
-    assert Drive().hold.limit * AUTHORITY == 0.25
+    assert Drive().hold.limit * MAX_TURN_SHARE == 0.25
     back = [drive.tick(psi=0.3)[2] for _ in range(200)]
     assert back[0] < 0.0, "the integrator must not wind up"
 

@@ -101,7 +101,7 @@ def test_degraded_sensors_are_listed_at_each_tick(small):
     degraded = []
 
     class Watcher(Observer):
-        def look(self, record):
+        def on_record(self, record):
             degraded.append(record.degraded)
 
     wrong_file = small.with_values({"sensors.imu.gyro_scale": 0.1})

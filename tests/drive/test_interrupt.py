@@ -6,7 +6,7 @@ from contextlib import suppress
 
 import pytest
 
-from baqueano.drive.interrupt import between_ticks, ours
+from baqueano.drive.interrupt import between_ticks, is_default_handler
 
 
 @pytest.fixture(autouse=True)
@@ -43,10 +43,10 @@ def test_without_an_interrupt_the_ticks_are_unchanged():
 
 def test_an_existing_interrupt_handler_is_not_replaced():
     handlers = []
-    thread = threading.Thread(target=lambda: handlers.append(ours()))
+    thread = threading.Thread(target=lambda: handlers.append(is_default_handler()))
     thread.start()
     thread.join()
     signal.signal(signal.SIGINT, signal.SIG_IGN)
-    assert [*handlers, ours()] == [False, False]
+    assert [*handlers, is_default_handler()] == [False, False]
     with between_ticks(range(3)) as ticking:
         assert list(ticking) == [0, 1, 2]

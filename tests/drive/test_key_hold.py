@@ -5,7 +5,16 @@ from itertools import pairwise
 import numpy as np
 import pytest
 
-from baqueano.drive.by_hand.key_hold import FIRST_S, GAP_S, LATCHED, NUDGE, RELEASES, REPEATS, STEP, KeyHold
+from baqueano.drive.by_hand.key_hold import (
+    FIRST_S,
+    GAP_S,
+    LATCHED,
+    NUDGE_SHARE,
+    RELEASES,
+    REPEATS,
+    STEP,
+    KeyHold,
+)
 from baqueano.drive.by_hand.keys import LEFT_WINDOW, PRESS, RELEASE, KeyEvent
 
 
@@ -43,7 +52,7 @@ def test_keys_are_released_when_the_window_loses_focus():
 def test_a_short_key_press_gives_a_short_command():
     keys = KeyHold(REPEATS)
     press(keys, "w", 0.0)
-    assert keys.direction(0.1) == (NUDGE, 0.0)
+    assert keys.direction(0.1) == (NUDGE_SHARE, 0.0)
     assert keys.direction(FIRST_S + 0.001) == (0.0, 0.0)
 
 
@@ -104,7 +113,7 @@ def test_the_opposite_key_replaces_the_pressed_key():
     keys = KeyHold(REPEATS)
     hold(keys, "w", 0.0, 1.0)
     press(keys, "s", 1.0)
-    assert keys.direction(1.0) == (-NUDGE, 0.0)
+    assert keys.direction(1.0) == (-NUDGE_SHARE, 0.0)
 
 
 def test_in_latched_mode_key_presses_change_a_lasting_set_point():

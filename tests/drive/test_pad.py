@@ -8,7 +8,7 @@ import pytest
 from baqueano.diagnostics import StopReason
 from baqueano.drive.by_hand import pad as pads
 from baqueano.drive.by_hand.evdev import LAYOUTS, InputDevice, InputEvent, request
-from baqueano.drive.by_hand.pad import REST, Pad, find
+from baqueano.drive.by_hand.pad import DEAD_BAND, Pad, find_pad
 from baqueano.errors import UsageError
 from tests.codes import refused
 from tests.drive.test_cockpit import Terminal, cockpit
@@ -70,7 +70,13 @@ def test_a_game_pad_drives_only_with_a_front_button_pressed(plug):
     ("low", "high", "flat", "value", "part"),
     [
         (-32768, 32767, 128, -32768, 1.0),
-        (-32768, 32767, 128, round(-32767 * REST * 0.9), 0.0),  # a flat below REST: no stick is that good
+        (
+            -32768,
+            32767,
+            128,
+            round(-32767 * DEAD_BAND * 0.9),
+            0.0,
+        ),  # a flat below DEAD_BAND: no stick is that good
         (0, 255, 15, 128, 0.0),
         (0, 255, 15, 0, 1.0),
         (0, 1023, 0, 512 - 256, 0.433),
@@ -100,10 +106,10 @@ def test_after_lost_events_the_pad_commands_zero_until_resynchronised(plug):
     whole, kernel.waiting = kernel.waiting, kernel.waiting[:1]
     assert whole[0] == (0, 3, 0), "the kernel sends SYN_DROPPED"
     game_pad.read()
-    assert not game_pad.holds
+    assert not game_pad.is_held
     kernel.waiting = whole[1:]
     assert game_pad.read() == [EAST], "the stop was pressed during the lost events"
-    assert game_pad.holds
+    assert game_pad.is_held
     assert game_pad.direction() == (0.0, 0.0)
 
 
@@ -115,7 +121,7 @@ def test_a_front_button_released_during_lost_events_is_released(plug):
     kernel.change((KEY, LEFT_FRONT, 0))
     kernel.waiting = [(0, 3, 0), (0, 0, 0)]
     game_pad.read()
-    assert not game_pad.holds
+    assert not game_pad.is_held
 
 
 def test_an_unplugged_pad_stays_disconnected(plug):
@@ -125,7 +131,7 @@ def test_an_unplugged_pad_stays_disconnected(plug):
     game_pad.read()
     kernel.unplug()
     assert game_pad.read() == []
-    assert game_pad.gone
+    assert game_pad.is_gone
     assert game_pad.direction() == (0.0, 0.0)
 
 
@@ -135,11 +141,11 @@ def test_a_reconnected_pad_commands_zero_until_its_stick_is_centred(plug):
     game_pad = open_pad(plug(kernel))
     kernel.waiting.clear()
     game_pad.read()
-    assert not game_pad.holds
+    assert not game_pad.is_held
     assert "release" in game_pad.hint
     kernel.change((ABS, 1, 0))
     game_pad.read()
-    assert not game_pad.holds, "its front button is still pressed"
+    assert not game_pad.is_held, "its front button is still pressed"
     kernel.change((KEY, LEFT_FRONT, 0))
     game_pad.read()
     kernel.change(AHEAD, (KEY, LEFT_FRONT, 1))
@@ -162,18 +168,18 @@ def test_an_axis_that_has_not_moved_gives_no_command(plug):
 
 def test_the_pad_is_selected_by_its_capabilities(plug):
     folder = plug(keyboard(), touchpad(), pad(name="Gamepad F310"))
-    assert find(folder=folder).name == "Gamepad F310"
+    assert find_pad(folder=folder).name == "Gamepad F310"
     with refused("pad.lacks", UsageError, name="AT keyboard"):
-        find(folder / "event0")
+        find_pad(folder / "event0")
     with refused("pad.lacks", UsageError, name="Touchpad"):
-        find(folder / "event1")
-    assert find(folder / "event2").name == "Gamepad F310"
+        find_pad(folder / "event1")
+    assert find_pad(folder / "event2").name == "Gamepad F310"
 
 
 def test_the_user_must_choose_between_two_pads(plug):
     folder = plug(pad(name="One"), pad(name="Other"))
     with refused("pad.several", UsageError, count=2):
-        find(folder=folder)
+        find_pad(folder=folder)
 
 
 def test_a_missing_pad_is_reported_with_the_examined_devices(plug):
@@ -182,12 +188,12 @@ def test_a_missing_pad_is_reported_with_the_examined_devices(plug):
         'event0 "AT keyboard" (no stick), event1 "Touchpad" (no front buttons), event2 "Wheel" (no stick)'
     )
     with refused("pad.not-among", UsageError, looked=candidates):
-        find(folder=folder)
+        find_pad(folder=folder)
 
 
 def test_a_folder_without_devices_is_reported(tmp_path):
     with refused("pad.none", UsageError):
-        find(folder=tmp_path / "input")
+        find_pad(folder=tmp_path / "input")
 
 
 def test_unreadable_devices_are_reported_with_a_remedy(plug, monkeypatch):
@@ -198,23 +204,23 @@ def test_unreadable_devices_are_reported_with_a_remedy(plug, monkeypatch):
 
     monkeypatch.setattr(pads, "InputDevice", refuse_open)
     with refused("pad.closed", UsageError, closed="event0, event1"):
-        find(folder=folder)
+        find_pad(folder=folder)
     with refused("pad.may-not-read", UsageError):
-        find(folder / "event1")
+        find_pad(folder / "event1")
 
 
 def test_a_path_that_is_not_a_device_is_reported(tmp_path):
     with refused("pad.not-evdev", UsageError):
-        find(tmp_path / "event7")
+        find_pad(tmp_path / "event7")
     (tmp_path / "js0").write_text("")
     with refused("pad.not-evdev", UsageError):
-        find(tmp_path / "js0")
+        find_pad(tmp_path / "js0")
 
 
 def test_a_pad_on_another_system_than_linux_is_refused(monkeypatch):
     monkeypatch.setattr(sys, "platform", "darwin")
     with refused("pad.not-linux", UsageError):
-        find()
+        find_pad()
 
 
 def test_unplugging_a_driving_pad_stops_the_vehicle(plug):
@@ -224,7 +230,7 @@ def test_unplugging_a_driving_pad_stops_the_vehicle(plug):
         kernel.change(AHEAD, (KEY, LEFT_FRONT, 1))
         kernel.change((KEY, SOUTH, 1))
         assert hand().tolist() == [1.0, 0.0, 0.0]
-        assert hand.marks() == 1
+        assert hand.pop_mark_count() == 1
         kernel.unplug()
         assert hand().tolist() == [0.0, 0.0, 0.0]
         assert hand.stop_reason(0).code == StopReason.PAD_UNPLUGGED

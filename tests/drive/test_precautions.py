@@ -9,7 +9,7 @@ from baqueano.drive.mission import Mission, perform
 from baqueano.drive.safety.caution import SLOW, STAND_S, WAIT_S, Caution
 from baqueano.drive.safety.patience import Patience
 from baqueano.drive.safety.precautions import PlainRoom, Precautions, limits_of
-from baqueano.drive.safety.room_watch import CHI_SQUARE, RoomWatch
+from baqueano.drive.safety.room_watch import CHI_SQUARE_95, RoomWatch
 from baqueano.errors import AnswerNo, UsageError
 from baqueano.guides import Idle
 from baqueano.guides.shapes import circle, line
@@ -71,7 +71,7 @@ def test_a_vehicle_beside_its_route_joins_the_route_by_a_lead_in():
 def test_without_a_lead_in_the_guide_of_the_file_is_used():
     guide = SMALL.guide(LAP)
     for care, eta in ((Precautions(), LAP.eta[0]), (Precautions(lead_in=False), BESIDE)):
-        assert care.around(guide, LAP, SMALL, eta, SMALL.estimator()) is guide
+        assert care.guide_of(guide, LAP, SMALL, eta, SMALL.estimator()) is guide
 
 
 @pytest.mark.parametrize("name", ["small", "car"])
@@ -102,7 +102,7 @@ def watch_rows(caution, rows):
     out = []
     for t_s, degraded in rows:
         reason = caution.stop_reason(round(1e9 * t_s))
-        caution.look(record(t_s, degraded=degraded))
+        caution.on_record(record(t_s, degraded=degraded))
         out.append((caution._guide.pace, reason))
     return out
 
@@ -149,7 +149,7 @@ def test_the_speed_recovers_after_a_misfit_ends():
 def test_an_uncertain_position_slows_the_vehicle():
     caution, cov = begin(0.5), np.diag([0.4**2, 0.0, 0.0, 0.0, 0.0, 0.0])
     for t_s in (0.0, WAIT_S):
-        caution.look(record(t_s, cov=cov))
+        caution.on_record(record(t_s, cov=cov))
     assert caution._guide.pace == 0.0
     assert caution.stop_reason(round(1e9 * (WAIT_S + STAND_S))).figures["cause"].code == "caution.uncertain"
 
@@ -169,9 +169,9 @@ def test_a_drive_with_sensor_spikes_slows_and_logs_the_reason():
 def test_a_stuck_vehicle_ends_the_drive_and_a_waiting_vehicle_does_not():
     at_wall, waits, goes = Patience(5.0), Patience(5.0), Patience(5.0)
     for t_s in np.arange(0.0, 8.0, 0.1):
-        at_wall.look(record(t_s, velocity=(0.2, 0.0, 0.0)))
-        waits.look(record(t_s, velocity=(0.02, 0.0, 0.0)))
-        goes.look(record(t_s, eta=(0.1 * t_s, 0.0, 0.0), velocity=(9.0, 0.0, 0.0)))
+        at_wall.on_record(record(t_s, velocity=(0.2, 0.0, 0.0)))
+        waits.on_record(record(t_s, velocity=(0.02, 0.0, 0.0)))
+        goes.on_record(record(t_s, eta=(0.1 * t_s, 0.0, 0.0), velocity=(9.0, 0.0, 0.0)))
     assert at_wall.stop_reason(4_900_000_000) is None
     assert at_wall.stop_reason(5_100_000_000).code == StopReason.STUCK
     assert waits.stop_reason(7_950_000_000) is None
@@ -181,13 +181,13 @@ def test_a_stuck_vehicle_ends_the_drive_and_a_waiting_vehicle_does_not():
 def test_position_uncertainty_stops_the_vehicle_before_the_wall():
     room, origin = PlainRoom((1.0, 2.0), (0.5, 0.0, np.pi / 2)), np.array([3.0, 0.0, 0.0])
     std = 0.1
-    for y, stops in ((0.0, False), (1.5 - np.sqrt(CHI_SQUARE) * std + 0.01, True)):
+    for y, stops in ((0.0, False), (1.5 - np.sqrt(CHI_SQUARE_95) * std + 0.01, True)):
         watch = RoomWatch(room, origin)  # the map's y is the room's −x
-        watch.look(record(0.0, eta=(3.0, y, 0.0), cov=np.diag([std**2] * 6)))
+        watch.on_record(record(0.0, eta=(3.0, y, 0.0), cov=np.diag([std**2] * 6)))
         assert (watch.stop_reason(0) is not None) == stops
     assert watch.stop_reason(0).figures["axis"] == "x"
     room_watch = RoomWatch(room, origin)
-    room_watch.look(record(0.0, eta=(3.0, 1.4, np.pi / 2), nu=(0.5, 0.0, 0.0)))
+    room_watch.on_record(record(0.0, eta=(3.0, 1.4, np.pi / 2), nu=(0.5, 0.0, 0.0)))
     assert room_watch.stop_reason(0).figures["stop_m"] == pytest.approx(0.15)
 
 
@@ -195,7 +195,7 @@ def test_endless_laps_by_imu_stop_before_a_wall():
     room = PlainRoom((0.93, 0.93), (0.0, -0.4, 0.0))
     run = repeat(SMALL, LAP, laps=0, room=room, duration_s=120.0)
     assert stop_of(run).code == StopReason.ROOM
-    assert np.all(np.abs(run.truth.eta[:, :2] + [0.0, -0.4]) < room.free)
+    assert np.all(np.abs(run.truth.eta[:, :2] + [0.0, -0.4]) < room.free_half_width_m)
 
 
 def test_a_mission_contains_its_precautions_and_the_start_pose():

@@ -13,7 +13,7 @@ from baqueano.drive.verbs import blocks_of
 from baqueano.guides import SinuousCircle
 from baqueano.loop import Blocks
 from baqueano.messages import text
-from baqueano.monitor import REFUSED
+from baqueano.monitor import REFUSED_SOURCE
 from baqueano.vehicle_file import load
 
 FILE = load("small")
@@ -61,7 +61,7 @@ return state, Command(estimate.t_ns, np.zeros(3))
 def test_a_user_block_is_compiled_like_a_built_in_block(tmp_path):
     blocks = blocks_with(tmp_path, GOOD)
     run, plain = run_of(blocks), run_of(blocks, backend="numpy")
-    assert [e for e in run.events if e.source != REFUSED] == []
+    assert [e for e in run.events if e.source != REFUSED_SOURCE] == []
     np.testing.assert_allclose(run.requested, plain.requested, atol=1e-9)
 
 
@@ -69,7 +69,7 @@ def test_a_block_that_branches_on_data_runs_uncompiled_with_a_note(tmp_path):
     run = run_of(blocks_with(tmp_path, BRANCH))
     assert stop_of(run) is None
     assert len(run.t_ns) == 30
-    (note,) = [e for e in run.events if e.source != REFUSED]
+    (note,) = [e for e in run.events if e.source != REFUSED_SOURCE]
     assert note.level == "info"
     assert (note.diagnostic.code, note.diagnostic.figures["room"]) == ("drive.not-compiled", "controller")
     assert "mi contról.py:16" in note.text

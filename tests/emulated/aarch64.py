@@ -12,7 +12,7 @@ import sys
 import zipfile
 from pathlib import Path
 
-from baqueano.robot.setup.install import TargetMachine, bundle
+from baqueano.robot.setup.install import TargetMachine, make_bundle
 
 ROOT = Path(__file__).parents[2]
 HOME = ROOT / "build" / "aarch64"
@@ -58,7 +58,7 @@ def make() -> None:
         options = ["--arch=arm64", "--variant=extract", f"--include={','.join(DEBIAN)}"]
         subprocess.run([MAKER, *options, "bookworm", str(SYSTEM)], check=True)
     if not PACKAGES.exists():
-        bundle(WHEELS, TargetMachine((3, 11), "aarch64", "pilot"), print)
+        make_bundle(WHEELS, TargetMachine((3, 11), "aarch64", "pilot"), print)
         for wheel in WHEELS.glob("*.whl"):
             with zipfile.ZipFile(wheel) as archive:
                 archive.extractall(PACKAGES)

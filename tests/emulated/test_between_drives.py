@@ -16,7 +16,7 @@ from baqueano.errors import FileError
 from baqueano.messages import text
 from baqueano.robot.service import service as service_module
 from baqueano.robot.service.configuration import config_of
-from baqueano.robot.service.service import CLOSING_S, HANGING_S, PREPARING_S
+from baqueano.robot.service.service import CLOSE_TIMEOUT_S, HANG_TIMEOUT_S, PREPARE_TIMEOUT_S
 from baqueano.robot.uno.frames import ResetCause, StateFlag
 from baqueano.runs import RunWriter
 from tests.emulated.bad_line import BadLine
@@ -179,17 +179,17 @@ def test_systemd_waits_for_preparation_and_for_a_run_that_is_closed_slowly(
         signs.append((robot.now_ns, seconds))
 
     service.healthy, service.patience = lambda: sign(signs[-1][1]), sign
-    sign(HANGING_S)
-    preparing(lambda: robot.wait(1.5 * HANGING_S))
-    closing(lambda: robot.wait(1.5 * HANGING_S))
+    sign(HANG_TIMEOUT_S)
+    preparing(lambda: robot.wait(1.5 * HANG_TIMEOUT_S))
+    closing(lambda: robot.wait(1.5 * HANG_TIMEOUT_S))
     drive(service, spin(0.3))
     service.idle()
-    sign(HANGING_S)
+    sign(HANG_TIMEOUT_S)
     over = [b - a for (a, seconds), (b, _) in pairwise(signs) if (b - a) / 1e9 > seconds]
     assert over == []
-    assert (robot.now_ns - begun_ns) / 1e9 > 3.0 * HANGING_S
+    assert (robot.now_ns - begun_ns) / 1e9 > 3.0 * HANG_TIMEOUT_S
     assert [seconds for seconds, _ in groupby(seconds for _, seconds in signs)] == [
-        HANGING_S, PREPARING_S, HANGING_S, CLOSING_S, HANGING_S,
+        HANG_TIMEOUT_S, PREPARE_TIMEOUT_S, HANG_TIMEOUT_S, CLOSE_TIMEOUT_S, HANG_TIMEOUT_S,
     ]  # fmt: skip
 
 
@@ -202,7 +202,7 @@ def test_a_failed_mission_restores_the_systemd_timeout(service, robot, preparing
 
     preparing(breaks)
     drive(service, spin(0.3))
-    assert waits == [PREPARING_S, HANGING_S]
+    assert waits == [PREPARE_TIMEOUT_S, HANG_TIMEOUT_S]
 
 
 def mission_of(*settings):

@@ -24,7 +24,7 @@ def test_the_build_page_shows_the_doctor_output_of_an_uno(firmware):
     block = PAGE.partition("The output of step 5 for a sound Uno")[2].split("```")[1]
     rows = [re.split(r"  +", line, maxsplit=2)[1:] for line in block.splitlines()[1:]]
     with on_pty(firmware) as live:
-        checks = list(uno_checks.uno(live.path, 0.0, seconds=0.3))
+        checks = list(uno_checks.check_uno(live.path, 0.0, seconds=0.3))
     assert [name for name, _ in rows] == [check.name for check in checks]
     for (_, figure), check in zip(rows[1:], checks[1:], strict=True):  # the first has the name of the line
         assert shape(check.figure).startswith(shape(figure).removesuffix("…")), check.name

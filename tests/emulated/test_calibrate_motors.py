@@ -9,7 +9,7 @@ from baqueano.errors import AnswerNo, SafetyStop
 from baqueano.robot.uno.frames import Settings, Way, Wiring
 from baqueano.robot.uno.settings import apply_changes
 from baqueano.robot.workshop import calibrate_motors
-from baqueano.robot.workshop.calibrate_motors import Sweep, calibrate, fit_sweep, ways
+from baqueano.robot.workshop.calibrate_motors import Sweep, calibrate, fit_sweep, ways_of
 from baqueano.robot.workshop.floor_tests import FloorTests
 from tests.codes import refused
 from tests.emulated.robot import EmulatedRobot
@@ -42,7 +42,7 @@ def bench(robot):
 
 
 def test_swapped_and_reversed_motors_drive_straight_after_calibration(robot, bench, monkeypatch):
-    monkeypatch.setattr(calibrate_motors, "LEVELS", 5)  # of a body whose lags are known to be short
+    monkeypatch.setattr(calibrate_motors, "LEVEL_COUNT", 5)  # of a body whose lags are known to be short
     monkeypatch.setattr(calibrate_motors, "SETTLE_S", 0.6)
     robot.plugs = ((1, -1.0), (0, 1.0))
     robot.uno.keep(Settings(battery_permille=3127, wiring=Wiring.ENCODERS_SWAPPED), robot.wait)
@@ -203,7 +203,7 @@ def test_disconnecting_the_uno_during_calibration_is_reported_with_a_remedy(robo
 
 
 def test_calibrated_slopes_equalise_the_wheels_to_the_weakest_wheel():
-    way_list = ways(
+    way_list = ways_of(
         (
             Sweep(0.4, 0.3, 10.0, 0.0),
             Sweep(0.4, 0.3, 8.0, 0.0),

@@ -33,8 +33,8 @@ class Stamps:
         if self.service.machine.state is not DoorState.MISSION:
             return
         uno = self.robot.uno
-        true_s = self.robot.board.clock_began_s + 1e-6 * uno._before.t_us / self.uno_rate
-        self.late_ms[self.n] = 1e-6 * uno._before.t_ns - 1e3 * true_s * self.host_rate
+        true_s = self.robot.board.clock_began_s + 1e-6 * uno._previous.t_us / self.uno_rate
+        self.late_ms[self.n] = 1e-6 * uno._previous.t_ns - 1e3 * true_s * self.host_rate
         self.skew_error[self.n] = uno.clock.skew - (self.host_rate / self.uno_rate - 1.0)
         self.n += 1
 

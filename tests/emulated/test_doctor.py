@@ -40,7 +40,7 @@ def counts_of(check):
 def test_the_doctor_reports_the_figures_of_an_uno(firmware):
     with on_pty(firmware) as live:
         for _ in range(5):  # a stalled machine also loses frames
-            checks = by_name(uno_checks.uno(live.path, 6.6, seconds=0.5))
+            checks = by_name(uno_checks.check_uno(live.path, 6.6, seconds=0.5))
             if checks["frames"].verdict == checks["frames to the Uno"].verdict == "ok":
                 break
     assert checks["serial line"].figure == live.path
@@ -67,8 +67,8 @@ def test_a_second_check_without_an_uno_reset_counts_no_bad_frames(firmware):
     """The last sequence number of the Uno differs from the 0 with which the host begins."""
     with on_pty(firmware) as live:
         for _ in range(5):
-            list(uno_checks.uno(live.path, 0.0, seconds=0.6))
-            checks = by_name(uno_checks.uno(live.path, 0.0, seconds=0.6))
+            list(uno_checks.check_uno(live.path, 0.0, seconds=0.6))
+            checks = by_name(uno_checks.check_uno(live.path, 0.0, seconds=0.6))
             if checks["frames"].verdict == "ok":
                 break
     assert counts_of(checks["frames to the Uno"])[1:] == [0, 0, 0, 0]
@@ -76,7 +76,7 @@ def test_a_second_check_without_an_uno_reset_counts_no_bad_frames(firmware):
 
 def test_a_sound_robot_passes_all_checks(robot):
     robot.uno.keep(Settings(ways=(Way(300, 700, 0),) * 4), robot.wait)
-    checks = by_name(uno_checks.answers(robot.uno, 6.6, Statistics(), robot.wait))
+    checks = by_name(uno_checks.check_answers(robot.uno, 6.6, Statistics(), robot.wait))
     assert {check.verdict for check in checks.values()} == {"ok"}, checks
 
 
@@ -84,7 +84,7 @@ def test_a_weak_battery_and_an_old_firmware_are_reported(robot):
     robot.board.set_battery(6.0)
     robot.wait(1.0)
     robot.uno.info = robot.uno.info._replace(version_major=0)
-    checks = by_name(uno_checks.answers(robot.uno, 6.6, Statistics(), robot.wait))
+    checks = by_name(uno_checks.check_answers(robot.uno, 6.6, Statistics(), robot.wait))
     assert checks["battery"][1:] == ("bad", checks["battery"].figure, "Charge it")
     assert checks["firmware"].verdict == "warn"
     assert "flash" in checks["firmware"].remedy
@@ -101,7 +101,7 @@ def test_a_line_that_loses_frames_is_reported(robot):
 
     robot.read = lossy
     robot.wait(2.0)
-    checks = by_name(uno_checks.answers(robot.uno, 0.0, Statistics(), robot.wait))
+    checks = by_name(uno_checks.check_answers(robot.uno, 0.0, Statistics(), robot.wait))
     assert checks["frames"].verdict in ("warn", "bad")
     assert "100 nF" in checks["frames"].remedy
 
@@ -110,7 +110,7 @@ def looked_at(robot, seconds=2.0):
     """Return the checks of the doctor on the Uno after this many seconds of commands."""
     before = copy(robot.uno.statistics)
     uno_checks.send_commands(robot.uno, seconds, robot.wait)
-    return by_name(uno_checks.answers(robot.uno, 0.0, before, robot.wait))
+    return by_name(uno_checks.check_answers(robot.uno, 0.0, before, robot.wait))
 
 
 def test_frames_damaged_on_the_way_to_the_uno_are_reported(robot):
@@ -170,7 +170,7 @@ def test_the_cause_of_the_last_uno_start_is_reported_with_a_remedy(robot, accide
 
 def test_a_missing_identity_of_the_uno_fails_the_check(robot):
     robot.uno.info = None
-    (check,) = uno_checks.answers(robot.uno, 0.0, Statistics(), robot.wait)
+    (check,) = uno_checks.check_answers(robot.uno, 0.0, Statistics(), robot.wait)
     assert check.verdict == "bad"
 
 
@@ -235,14 +235,14 @@ def test_a_moving_or_silent_imu_and_a_wrong_scale_are_reported(on_bus):
 
 def test_a_missing_imu_fails_the_check_only_on_a_raspberry_pi(tmp_path):
     hardware = vehicle_file.load("small").robot
-    (laptop,) = doctor.imu(hardware, tmp_path)
+    (laptop,) = doctor.check_imu(hardware, tmp_path)
     assert laptop[:3] == (
         "IMU",
         "unknown",
         "/dev/i2c-1 is missing on this machine: it is not a Raspberry Pi",
     )
-    (tmp_path / doctor.MODEL).parent.mkdir(parents=True)
-    (tmp_path / doctor.MODEL).write_text("Raspberry Pi 3 Model B Plus")
-    (pi,) = doctor.imu(hardware, tmp_path)
+    (tmp_path / doctor.MODEL_FILE).parent.mkdir(parents=True)
+    (tmp_path / doctor.MODEL_FILE).write_text("Raspberry Pi 3 Model B Plus")
+    (pi,) = doctor.check_imu(hardware, tmp_path)
     assert pi.verdict == "bad"
     assert pi.remedy

@@ -12,7 +12,7 @@ from baqueano.door.sockets import Door
 from baqueano.door.states import DoorState
 from baqueano.drive.mission import Mission, pack
 from baqueano.guides import shapes
-from baqueano.robot.service.service import HANGING_S, PREPARING_S
+from baqueano.robot.service.service import HANG_TIMEOUT_S, PREPARE_TIMEOUT_S
 from tests.emulated.drives import drive, during, look_around, spin
 
 PATIENCE_S = 60.0  # timeout of the test
@@ -75,7 +75,7 @@ def test_an_invalid_mission_is_refused_and_the_service_continues(service, text):
     done, run = drive(service, text)
     assert run is None
     assert (done["code"], done["why"].code) == (2, "mission.damaged")
-    assert waits == [PREPARING_S, HANGING_S]
+    assert waits == [PREPARE_TIMEOUT_S, HANG_TIMEOUT_S]
     assert service.machine.state is DoorState.READY
     assert drive(service, spin().json())[0]["why"] is None
 

@@ -53,7 +53,7 @@ class Driver:
                 self.service.operator.set_command(self, self.cockpit())
             except KeyboardInterrupt:
                 self.service.operator.end(self)
-            for word in self.cockpit.words():
+            for word in self.cockpit.pop_messages():
                 if word["do"] == "mark":
                     self.service.operator.mark(self)
                 else:

@@ -6,7 +6,7 @@ import time
 import pytest
 
 from baqueano.door.remote import connect
-from baqueano.drive.by_hand.terminal_heartbeat import GONE_S
+from baqueano.drive.by_hand.terminal_heartbeat import MAX_SILENCE_S
 from baqueano.drive.session import marks_of
 from baqueano.runs import read_run
 from tests.cli.test_driving import W_DOWN, Terminal
@@ -36,7 +36,7 @@ def screens(service, vehicle, live, tmp_path):  # noqa: F811
                 ready(remote)
             screen = Terminal(
                 tmp_path, "drive", "--robot", str(door), "--vehicle", str(vehicle.path), "--share", "0.9", "-o",
-                f"{len(terminals)}.mcap", gone_s=GONE_S,
+                f"{len(terminals)}.mcap", gone_s=MAX_SILENCE_S,
             )  # fmt: skip
             terminals.append(screen)
             if screen.shows(rb"MANUAL", PATIENCE_S):

@@ -60,12 +60,12 @@ def test_service_calibration_and_doctor_open_the_same_imu(tmp_path, monkeypatch)
     monkeypatch.setattr(imu, "open", chip)
     (tmp_path / "dev").mkdir()
     (tmp_path / "dev/i2c-7").touch()
-    (check,) = doctor.imu(hardware, tmp_path)
+    (check,) = doctor.check_imu(hardware, tmp_path)
     assert check.remedy == "it is only looked at"
     with pytest.raises(RobotUnreachable):
         open_hardware(hardware, print, motors=False).__enter__()
     with pytest.raises(RobotUnreachable):
-        imu.of(hardware, print)
+        imu.imu_of(hardware, print)
     settings = ImuSettings(filter=5, accel_range_g=16, gyro_range_dps=500, axes=("-y", "x", "z"))
     assert calls == [(7, 105, settings)] * 3
 

@@ -6,7 +6,7 @@ import pytest
 
 from baqueano.errors import FileError, RobotUnreachable, UsageError
 from baqueano.robot.uno import flash as module
-from baqueano.robot.uno.flash import flash, packaged_firmware, program
+from baqueano.robot.uno.flash import flash, packaged_firmware, program_bytes
 from tests.codes import refused
 from tests.emulated.realtime import on_pty
 from tests.emulated.test_flash import reset_when_opened
@@ -31,7 +31,7 @@ def test_r28_the_flash_command_writes_the_firmware_and_prints_its_version(firmwa
     with on_pty(firmware, boot_loader=optiboot, flashed=False) as live:
         reset_when_opened(live)
         done = flash(live.path, notify=texts.append)
-        program_written = program(packaged_firmware())
+        program_written = program_bytes(packaged_firmware())
         with live.lock:
             assert live.uno.flash(0, len(program_written)) == program_written
     assert done.bytes == len(program_written)
@@ -41,7 +41,7 @@ def test_r28_the_flash_command_writes_the_firmware_and_prints_its_version(firmwa
 
 
 def test_a_hex_file_is_decoded_like_in_the_emulator(firmware):
-    memory = bytearray(program(firmware.hex))
+    memory = bytearray(program_bytes(firmware.hex))
     for at, data in hex_chunks(firmware.hex):
         assert memory[at : at + len(data)] == data
 
@@ -59,7 +59,7 @@ def test_a_hanging_avrdude_is_ended(monkeypatch, tmp_path):
     slow.write_text("#!/bin/sh\nexec sleep 60\n")
     slow.chmod(0o755)
     monkeypatch.setenv("PATH", f"{tmp_path}:/usr/bin:/bin")
-    monkeypatch.setattr(module, "SECONDS", 0.2)
+    monkeypatch.setattr(module, "FLASH_TIMEOUT_S", 0.2)
     with refused("flash.too-slow", RobotUnreachable, where="/dev/null", within_s=0.2):
         flash("/dev/null")
 

@@ -16,7 +16,7 @@ from baqueano.drive.mission import Mission, pack
 from baqueano.messages import text
 from baqueano.robot.imu import driver as imu_driver
 from baqueano.robot.imu.settings import ImuSettings
-from baqueano.robot.service.service import AGAIN_S, FINDING_S, HANGING_S, Service
+from baqueano.robot.service.service import FIND_PERIOD_S, FIND_TIMEOUT_S, HANG_TIMEOUT_S, Service
 from tests.codes import within
 from tests.emulated.drives import drive, look_around, spin
 
@@ -62,7 +62,7 @@ def test_an_imu_that_answers_later_makes_the_vehicle_ready(service, robot):
     look_around(service, robot, 20)
     assert service.machine.state is DoorState.DISARMED
     robot.bus.devices[0x68] = chip
-    look_around(service, robot, round((AGAIN_S + 1.0) * 20))
+    look_around(service, robot, round((FIND_PERIOD_S + 1.0) * 20))
     assert (service.machine.state, service.machine.reason) == (DoorState.READY, None)
     events = [m["said"] for m in service.messages if m["is"] == "event"]
     assert [event.code for event in events[1:]] == ["imu.found"]
@@ -77,8 +77,8 @@ def test_systemd_waits_for_a_chip_without_samples(service, robot):
     service.patience = waits.append
     before_ns = robot.now_ns
     service.idle()
-    assert (robot.now_ns - before_ns) / 1e9 > HANGING_S
-    assert waits == [FINDING_S, HANGING_S]
+    assert (robot.now_ns - before_ns) / 1e9 > HANG_TIMEOUT_S
+    assert waits == [FIND_TIMEOUT_S, HANG_TIMEOUT_S]
     assert service.machine.reason.code == StopReason.IMU_ABSENT
 
 

@@ -158,7 +158,7 @@ def test_r19_a_configuration_out_of_range_is_refused_as_a_whole(uno, name, value
 
 
 def test_r19_settings_out_of_range_are_refused_as_a_whole(uno):
-    flat = frames.flat(OURS)
+    flat = frames.flat_values(OURS)
     wrong = 0
     for place, field in enumerate(frames.FIELDS[Settings]):
         for value in (field.within.least - 1, field.within.most + 1):

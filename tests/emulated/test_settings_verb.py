@@ -207,18 +207,22 @@ def test_settings_at_a_host_run_there_and_are_printed_locally(verb, live, tmp_pa
 
 
 def test_option_names_match_the_settings_of_the_firmware():
-    assert list(OPTIONS) == [*uno_settings.KINDS, *uno_settings.PLUGS, *uno_settings.NUMBERS]
-    assert list(OF_WAYS) == list(uno_settings.OF_WAYS)
-    for name, (_, members) in uno_settings.KINDS.items():
+    assert list(OPTIONS) == [
+        *uno_settings.NAMED_OPTIONS,
+        *uno_settings.PLUG_FLAGS,
+        *uno_settings.NUMBER_OPTIONS,
+    ]
+    assert list(OF_WAYS) == list(uno_settings.WAY_OPTIONS)
+    for name, (_, members) in uno_settings.NAMED_OPTIONS.items():
         assert OPTIONS[name][0] == "|".join(member.name.lower() for member in members)
-    for name, (_, words) in uno_settings.PLUGS.items():
+    for name, (_, words) in uno_settings.PLUG_FLAGS.items():
         assert OPTIONS[name][0] == "|".join(words)
 
 
 def test_settings_rows_contain_all_stored_settings():
     whole = apply_changes(
         Settings(),
-        {name: [words[1]] for name, (_, words) in uno_settings.PLUGS.items()}
+        {name: [words[1]] for name, (_, words) in uno_settings.PLUG_FLAGS.items()}
         | {"encoders": ["single"], "battery-ratio": ["4.001"], "dither-ms": ["50"], "kick": ["all=0.333"]},
     )
     assert whole.wiring == 127

@@ -7,11 +7,11 @@ import numpy as np
 import pytest
 
 from baqueano.estimators import AugmentedEkf
-from baqueano.estimators.augmented.state import BEND, BIASES, SCALES, layout
+from baqueano.estimators.augmented.state import BEND_INDEX, BIAS_INDEX, SCALE_INDEX, layout
 from baqueano.geometry import wrap
 from baqueano.sensors import Imu, Odometer, Pose
 from baqueano.signals import Slot, Tick, sensor_slots
-from baqueano.study.driving import together
+from baqueano.study.driving import merge_robots
 from baqueano.study.truth import TruthWorld, draw_robots
 from baqueano.symbolic import compile_block
 from baqueano.vehicle_file import load
@@ -151,7 +151,7 @@ def test_one_nan_does_not_discard_the_other_readings_of_its_sensor(bad):
 
 def test_scale_uncertainty_widens_the_heading_covariance_with_the_turned_angle():
     belief, estimate = run(filter_of(), (tick(k, (0.0, 0.0, 2.0)) for k in range(1, 500)))
-    assert belief.mean[SCALES:BIASES] == pytest.approx(np.zeros(4), abs=1e-12)
+    assert belief.mean[SCALE_INDEX:BIAS_INDEX] == pytest.approx(np.zeros(4), abs=1e-12)
     turn_rad, bias = 2.0 * 5.0, IMU.gyro_bias_std * 5.0
     assert np.sqrt(estimate.cov[2, 2]) == pytest.approx(
         np.hypot(IMU.gyro_scale_std * turn_rad, bias), rel=0.05
@@ -161,8 +161,10 @@ def test_scale_uncertainty_widens_the_heading_covariance_with_the_turned_angle()
 def test_a_pose_sensor_corrects_the_whole_state():
     sensors = sensor_slots(("imu", "pose"))(IMU, Pose(noise_std=np.array([0.01, 0.01, 0.02])))
     its = layout(AugmentedEkf(SMALL, sensors, use=("imu", "pose")))
-    assert np.all(np.delete(its.moving[3:], BEND, axis=1) == 1.0)  # the curvature of the region is considered
-    assert not np.any(layout(AugmentedEkf(SMALL, sensors)).moving[:, SCALES:])
+    assert np.all(
+        np.delete(its.moving_mask[3:], BEND_INDEX, axis=1) == 1.0
+    )  # the curvature of the region is considered
+    assert not np.any(layout(AugmentedEkf(SMALL, sensors)).moving_mask[:, SCALE_INDEX:])
 
 
 def test_the_filter_of_a_kinematic_vehicle_follows_its_sensors():
@@ -182,7 +184,7 @@ def test_heading_errors_match_their_covariance_on_the_independent_truth():
     """The 40 robots differ from the file; their gyro scale is known to 3 % and their bias to 0.002 rad/s. If the
     claim is true, the mean of 40 NEES lies between 0.58 and 1.52 in 99 of 100 such studies."""
     seeds, ticks, rng = range(40), 1000, np.random.default_rng(7)
-    robots = together([draw_robots(1, seed) for seed in seeds])
+    robots = merge_robots([draw_robots(1, seed) for seed in seeds])
     scale, bias = 1.0 + 0.03 * rng.standard_normal(len(seeds)), 0.002 * rng.standard_normal(len(seeds))
     u = np.zeros((ticks, 3))
     u[:, 0], u[:, 2] = 0.5, np.repeat(rng.uniform(0.1, 0.5, ticks // 50), 50)

@@ -209,7 +209,7 @@ def test_slow_readings_correct_the_model_error_between_two_readings():
 
 def test_sensor_rows_are_selected_by_their_measured_velocities():
     def rows_shown(**sensors_by_name):
-        return [(r.name, r.rows, r.of) for r in reckoning(**sensors_by_name).readings]
+        return [(r.name, r.rows, r.entries) for r in reckoning(**sensors_by_name).readings]
 
     assert rows_shown(imu=IMU) == [("imu", (2,), (2,))]
     assert rows_shown(wheels=WHEELS, imu=IMU) == [("imu", (2,), (2,)), ("wheels", (0, 1), (0,))]

@@ -5,7 +5,7 @@ from functools import cache
 import numpy as np
 import pytest
 
-from baqueano.estimators.readings.doubt import DOUBT_S, updated_doubt, wider
+from baqueano.estimators.readings.doubt import MIN_INCONSISTENT_S, added_covariances, inconsistency_after
 from baqueano.geometry import wrap
 from baqueano.runs import Run
 from baqueano.signals import Slot, Tick
@@ -65,7 +65,7 @@ def test_the_heading_region_covers_the_truth_during_and_after_a_gyro_fault(fault
     true = run().truth
     e = wrap(eta[:, 2] - true.eta[:, 2])
     inside = np.abs(e) <= REGION_95 * np.sqrt(cov[:, 2, 2])
-    late = t_s >= FAULT_S[0] + DOUBT_S + 0.1
+    late = t_s >= FAULT_S[0] + MIN_INCONSISTENT_S + 0.1
     assert np.mean(inside[late]) >= 0.95
     turning = np.abs(nu[:, 2] - true.nu[:, 2]) <= REGION_95 * np.sqrt(cov[:, 5, 5])
     assert np.mean(turning[AT & late]) >= 0.95
@@ -85,7 +85,7 @@ def test_consistent_sensors_cause_no_lasting_disagreement():
     for k, t_ns in enumerate(run().t_ns.tolist()):
         slot = Slot(1.0, run().sensors["imu"].z[k], 0.0)
         belief, _ = block().step(belief, Tick(t_ns, run().applied[k], SMALL.sensors._replace(imu=slot)))
-        assert belief.doubt[1].max() < DOUBT_S
+        assert belief.inconsistency[1].max() < MIN_INCONSISTENT_S
 
 
 def test_a_frozen_imu_causes_a_speed_error_below_20_cm_s():
@@ -109,8 +109,8 @@ def test_a_single_nan_reading_has_no_effect(bad):
 def test_position_uncertainty_grows_by_velocity_uncertainty_times_time():
     doubt, pose = np.zeros((2, 2)), np.zeros((3, 3))
     for _ in range(300):
-        now = updated_doubt(doubt, np.array([0.2, 0.0]), np.zeros(2), np.array([True, True]), 0.01)
-        of_pose, of_nu = wider(now[0], doubt[1], now[1], 0.5 * np.pi, 0.01)
+        now = inconsistency_after(doubt, np.array([0.2, 0.0]), np.zeros(2), np.array([True, True]), 0.01)
+        of_pose, of_nu = added_covariances(now[0], doubt[1], now[1], 0.5 * np.pi, 0.01)
         doubt, pose = now, pose + of_pose
     assert np.sqrt(pose[1, 1]) == pytest.approx(0.2 * 3.0)
     assert pose[0, 0] == pytest.approx(0.0, abs=1e-12)
@@ -122,5 +122,5 @@ def test_one_rejected_reading_in_ten_does_not_widen_the_region():
     doubt = np.zeros((2, 2))
     for k in range(1000):
         off = np.full(2, 1.0 if k % 10 == 0 else 0.0)
-        doubt = updated_doubt(doubt, off, np.zeros(2), np.array([True, True]), 0.01)
-        assert np.all(doubt[1] < DOUBT_S)
+        doubt = inconsistency_after(doubt, off, np.zeros(2), np.array([True, True]), 0.01)
+        assert np.all(doubt[1] < MIN_INCONSISTENT_S)

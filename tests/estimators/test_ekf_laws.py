@@ -13,7 +13,7 @@ from baqueano.geometry import compose, map_from_body, wrap
 from baqueano.sensors import Imu
 from baqueano.signals import Slot, Tick, sensor_slots
 from baqueano.symbolic import compile_block
-from baqueano.vehicles import Drivetrain, Friction, Kinematic, Planar, steady
+from baqueano.vehicles import Drivetrain, Friction, Kinematic, Planar, constant_effort
 from tests.codes import refused
 
 Sensors = sensor_slots(("imu",))
@@ -141,7 +141,7 @@ def test_the_prediction_error_has_order_four_or_order_one_in_paper_mode(mode, or
     fine = SMALL
     eta, nu = np.zeros(3), nu0
     for _ in range(4000):
-        eta, nu, _ = fine.advance(eta, nu, steady(np.array([0.8, 0.0, 0.3])), 0.4 / 4000)
+        eta, nu, _ = fine.advance(eta, nu, constant_effort(np.array([0.8, 0.0, 0.3])), 0.4 / 4000)
     exact = np.concatenate([eta, nu])
     n = np.array([16, 32, 64, 128]) if order == 1 else np.array([8, 16, 32])
     errors = [np.linalg.norm(predicted(int(i)) - exact) for i in n]

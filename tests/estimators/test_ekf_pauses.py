@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from baqueano import vehicle_file
-from baqueano.estimators.pauses import silent_times, split
+from baqueano.estimators.pauses import rows_of_ticks, silent_times
 from baqueano.identify.noise.most_likely import example_of
 from baqueano.signals import Slot, Tick, sensor_slots
 from baqueano.symbolic import compile_block, scan
@@ -193,7 +193,7 @@ def test_all_back_ends_give_the_same_estimate_over_pauses(name):
 @pytest.mark.parametrize("name", BOTH)
 def test_a_scan_over_split_ticks_equals_single_steps(name):
     ticks = random_ticks(name, 300, 7)
-    rows, at = split(ticks, load(name).rate_hz)
+    rows, at = rows_of_ticks(ticks, load(name).rate_hz)
     _, (mean, cov) = kernel(name).run(rows)
     assert np.array_equal(rows.t_ns[at], ticks.t_ns)
     # 9: the paper's state

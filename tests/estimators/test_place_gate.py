@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from baqueano.estimators import AugmentedEkf
-from baqueano.estimators.augmented.state import BIASES, SCALES
-from baqueano.estimators.readings.place_gate import AGAIN_S, TURN_STD, square
+from baqueano.estimators.augmented.state import BIAS_INDEX, SCALE_INDEX
+from baqueano.estimators.readings.place_gate import REPEAT_S, TURN_STD, squared_distance
 from baqueano.sensors import Imu, Pose, Tags
 from baqueano.signals import Slot, Tick, sensor_slots
 from baqueano.symbolic import compile_block
@@ -83,8 +83,8 @@ def test_a_confused_tag_read_twice_counts_once(driving):
     belief = driving
     for _ in range(2):
         belief = after(after(belief, LATER, OTHER), SOON, OTHER)
-    assert belief.place_doubt.past.mistakes == pytest.approx([2.0])
-    assert belief.place_doubt.past.witness == pytest.approx([0.0])
+    assert belief.pose_memory.past.mistakes == pytest.approx([2.0])
+    assert belief.pose_memory.past.witness == pytest.approx([0.0])
 
 
 def test_four_equal_tag_readings_relocate_a_carried_vehicle(driving):
@@ -122,7 +122,7 @@ def test_a_repeated_reading_is_not_a_second_confirmation(driving):
     doubting = after(driving, LATER, far)
     correction_m, twice = moved_by(doubting, SOON, far)
     assert correction_m == pytest.approx(np.zeros(2), abs=1e-3)
-    correction_m, _ = moved_by(twice, AGAIN_S + 0.1, far)
+    correction_m, _ = moved_by(twice, REPEAT_S + 0.1, far)
     assert correction_m == pytest.approx(far, abs=0.05)
 
 
@@ -139,9 +139,9 @@ def test_contradicting_tags_do_not_widen_scales_or_biases_beyond_their_prior(dri
     wide = after(after(driving, LATER, np.array([50.0, 0.0])), LATER, np.array([-50.0, 0.0]))
     start = np.sqrt(np.diag(ekf().init().cov))
     sd = np.sqrt(np.diag(wide.cov))
-    assert np.all(sd[SCALES:] <= start[SCALES:] * (1.0 + 1e-9))
+    assert np.all(sd[SCALE_INDEX:] <= start[SCALE_INDEX:] * (1.0 + 1e-9))
     assert sd[2] <= TURN_STD * 1.01
-    assert len(sd) == BIASES + 3
+    assert len(sd) == BIAS_INDEX + 3
     assert np.linalg.eigvalsh(wide.cov)[0] > 0.0
 
 
@@ -174,4 +174,4 @@ def test_the_normalised_square_equals_the_result_with_the_inverse_matrix(m):
     rng = np.random.default_rng(m)
     L, y = rng.normal(size=(m, m)), rng.normal(size=m)
     S = L @ L.T + np.eye(m)
-    assert square(S, y) == pytest.approx(y @ np.linalg.inv(S) @ y)
+    assert squared_distance(S, y) == pytest.approx(y @ np.linalg.inv(S) @ y)

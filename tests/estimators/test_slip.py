@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from baqueano.estimators import AugmentedEkf
-from baqueano.estimators.readings.sensor_numbers import slips
+from baqueano.estimators.readings.sensor_numbers import slip_statistics
 from baqueano.sensors import Encoders, Odometer, Wheels
 from baqueano.signals import Slot, Tick, sensor_slots
 from baqueano.symbolic import scan
@@ -76,7 +76,7 @@ def test_the_covariance_is_too_small_if_slip_is_modelled_as_white_noise():
 
 @pytest.mark.parametrize(("sensor", "wheels"), [(Odometer(), 1), (Wheels(0.1), 2), (Encoders(0.1, 1e-4), 2)])
 def test_the_two_wheels_slip_independently(sensor, wheels):
-    variance, fade_s, period_s = slips(
+    variance, fade_s, period_s = slip_statistics(
         sensor_slots(("wheels",))(sensor), {"wheels": tuple(range(sensor.size))}
     )
     assert variance == pytest.approx(sensor.slip_std**2 / wheels)

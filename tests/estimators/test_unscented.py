@@ -12,7 +12,7 @@ from baqueano.block_checks import check_estimator, notes
 from baqueano.estimators import Ekf, Unscented
 from baqueano.estimators.covariance import root
 from baqueano.estimators.kalman import Gaussian
-from baqueano.estimators.sigma_points import spread
+from baqueano.estimators.sigma_points import propagate
 from baqueano.geometry import compose, map_from_body, wrap
 from baqueano.sensors import Imu, Pose
 from baqueano.signals import Motion, Slot, Tick, sensor_slots, silent
@@ -20,7 +20,7 @@ from baqueano.study.counterpart import robot_file
 from baqueano.study.truth import TruthWorld, draw_robots
 from baqueano.symbolic import compile_block, scan
 from baqueano.vehicle_file import load
-from baqueano.vehicles import Friction, Kinematic, Planar, steady
+from baqueano.vehicles import Friction, Kinematic, Planar, constant_effort
 from tests.codes import refused
 
 SMALL = Planar(
@@ -48,7 +48,7 @@ def filterpys(x, P):
 
     def g(x, dt, u):
         a_d = x[6:] - SMALL.nu_dot(x[3:6], before[0])
-        eta, nu, _ = SMALL.advance(x[:3], x[3:6], steady(u), dt)
+        eta, nu, _ = SMALL.advance(x[:3], x[3:6], constant_effort(u), dt)
         eta = eta + map_from_body(eta[2]) @ (0.5 * dt**2 * a_d)
         nu = nu + dt * a_d
         return np.concatenate([eta, nu, SMALL.nu_dot(nu, u) + np.exp(-dt / 0.5) * a_d])
@@ -94,23 +94,23 @@ def test_the_transform_is_exact_for_linear_functions_and_the_mean_of_squares():
     rng = np.random.default_rng(51)
     A, G = rng.normal(size=(5, 5)), rng.normal(size=(3, 5))
     x = Gaussian(np.zeros(5), A @ A.T)
-    moments = spread(
+    moments = propagate(
         lambda x: G @ np.concatenate([x[:2], x[2:]]), Gaussian(x.mean, 1e-2 * x.cov / np.trace(x.cov))
     )
     np.testing.assert_allclose(moments.mean, 0.0, atol=1e-14)
-    np.testing.assert_allclose(moments.even, 0.0, atol=1e-14)
+    np.testing.assert_allclose(moments.even_part, 0.0, atol=1e-14)
     np.testing.assert_allclose(
-        moments.odd @ moments.odd.T, 1e-2 * G @ x.cov @ G.T / np.trace(x.cov), atol=1e-14
+        moments.odd_part @ moments.odd_part.T, 1e-2 * G @ x.cov @ G.T / np.trace(x.cov), atol=1e-14
     )
-    square = spread(lambda x: x**2, Gaussian(np.zeros(3), np.diag([4.0, 9.0, 0.01])))
+    square = propagate(lambda x: x**2, Gaussian(np.zeros(3), np.diag([4.0, 9.0, 0.01])))
     np.testing.assert_allclose(square.mean, [4.0, 9.0, 0.01], rtol=1e-12)
 
 
 def test_the_mean_heading_across_pi_is_correct():
     x = Gaussian(np.array([0.0, 0.0, np.pi - 0.01]), np.diag([1e-6, 1e-6, 0.04]))
-    moments = spread(lambda p: np.array([wrap(p[2] - x.mean[2])]), x)
+    moments = propagate(lambda p: np.array([wrap(p[2] - x.mean[2])]), x)
     assert abs(moments.mean[0]) < 1e-12
-    assert moments.odd[0] @ moments.odd[0] == pytest.approx(0.04)
+    assert moments.odd_part[0] @ moments.odd_part[0] == pytest.approx(0.04)
 
 
 def test_the_square_root_of_a_singular_covariance_is_correct():
@@ -149,7 +149,7 @@ def test_nees_and_nis_lie_in_their_bands_on_the_independent_truth():
     process = np.diag([0.005, 0.002, 0.005, 0.03, 0.03, 0.01]) ** 2 * 0.01
     quiet, nees, nis = Tick(10_000_000, np.zeros(3), silent({"imu": 3})), 0.0, []
     for i in range(n):
-        file = robot_file(physics.some([i]))
+        file = robot_file(physics.subset([i]))
         block = Unscented(file.vehicle, file.sensors, process)
         slots = type(file.sensors)(Slot(np.ones(ticks), z[i], np.zeros(ticks)))
         belief, estimates = scan(block.step, block.init(), quiet, backend="python").run(

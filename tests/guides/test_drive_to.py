@@ -5,7 +5,7 @@ import pytest
 
 from baqueano.block_checks import check_guide
 from baqueano.guides import DriveTo
-from baqueano.guides.dubins import pose_at, shortest
+from baqueano.guides.dubins import pose_at, shortest_dubins_path
 from baqueano.guides.shapes import circle, eight, line
 from baqueano.routes import reverse
 from baqueano.signals import Estimate
@@ -36,7 +36,7 @@ def test_the_shortest_path_ends_at_its_goal():
     for _ in range(500):
         start, goal = rng.uniform(-2.0, 2.0, (2, 3)) * [1.0, 1.0, 3.0]
         radius_m = rng.uniform(0.1, 1.0)
-        way = shortest(start, goal, radius_m)
+        way = shortest_dubins_path(start, goal, radius_m)
         end, _ = pose_at(start, way, way.length_m, radius_m)
         np.testing.assert_allclose(end[:2], goal[:2], atol=1e-7)
         assert abs(np.sin(0.5 * (end[2] - goal[2]))) < 1e-7
@@ -45,9 +45,9 @@ def test_the_shortest_path_ends_at_its_goal():
 
 def test_shortest_paths_match_hand_calculations():
     zero, quarter = np.zeros(3), np.array([1.0, 1.0, np.pi / 2])
-    assert shortest(zero, np.array([2.0, 0.0, 0.0]), 0.5).length_m == pytest.approx(2.0)
-    assert shortest(zero, quarter, 1.0).length_m == pytest.approx(np.pi / 2)
-    assert shortest(zero, np.array([0.0, 2.0, np.pi]), 1.0).length_m == pytest.approx(np.pi)
+    assert shortest_dubins_path(zero, np.array([2.0, 0.0, 0.0]), 0.5).length_m == pytest.approx(2.0)
+    assert shortest_dubins_path(zero, quarter, 1.0).length_m == pytest.approx(np.pi / 2)
+    assert shortest_dubins_path(zero, np.array([0.0, 2.0, np.pi]), 1.0).length_m == pytest.approx(np.pi)
 
 
 @pytest.mark.parametrize(("radius_m", "speed_m_s"), [SMALL, CAR], ids=["small", "car"])

@@ -9,7 +9,7 @@ from baqueano.guides.shapes import circle, eight, rectangle
 from baqueano.signals import Estimate
 from baqueano.simulate import simulate_loop
 from baqueano.symbolic import function
-from baqueano.symbolic.graph.node import below
+from baqueano.symbolic.graph.node import nodes_below
 from baqueano.symbolic.graph.trace import trace_function
 from baqueano.symbolic.graph.tree import shape_of
 from baqueano.vehicle_file import load
@@ -142,7 +142,7 @@ def test_the_compiled_program_does_not_grow_with_the_route():
         guide, now = RepeatByProgress.along(rectangle(length_m, 3.0, 0.2, 0.2)), at([0.1, 0.2, 0.7], 3)
         state = guide.init()._replace(t_ns=20_000_000, tau_s=3.0)
         trace = trace_function(guide.step, [shape_of(state, "state"), shape_of(now, "estimate")])
-        sizes.append((len(guide.t_s), len(below(trace.outputs))))
+        sizes.append((len(guide.t_s), len(nodes_below(trace.outputs))))
     points, nodes = zip(*sizes, strict=True)
     assert points[2] > 4 * points[0]
     assert max(nodes) < 1.02 * min(nodes), sizes

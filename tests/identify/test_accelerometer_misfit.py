@@ -7,7 +7,7 @@ import pytest
 from scipy.signal import lfilter
 
 from baqueano.estimators.augmented.state import layout
-from baqueano.identify.noise.accelerometer_misfit import LEAST, accelerometer_share
+from baqueano.identify.noise.accelerometer_misfit import MIN_SHARE, accelerometer_share
 from baqueano.vehicle_file import load
 
 DT, SECONDS, ODOMETER, ACCEL = 0.02, 60.0, 0.02, 0.6
@@ -67,4 +67,4 @@ def test_a_sloping_floor_is_not_counted_as_slip(rate):
 def test_slip_is_not_separated_from_misfit_in_a_short_or_consistent_run(rate):
     slip = fading(np.random.default_rng(3), 0.1, 0.5)
     assert part_of(slip, np.zeros(N), rate, seconds=8.0) == 1.0
-    assert part_of(np.zeros(N), np.zeros(N), rate) > 10.0 * LEAST
+    assert part_of(np.zeros(N), np.zeros(N), rate) > 10.0 * MIN_SHARE

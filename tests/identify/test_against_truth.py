@@ -14,7 +14,7 @@ from baqueano.cli import main
 from baqueano.errors import UsageError
 from baqueano.identify import random_steps
 from baqueano.identify.covariance.clusters import batch_covariance, regress
-from baqueano.identify.covariance.quantiles import students
+from baqueano.identify.covariance.quantiles import student_quantile
 from baqueano.identify.sensor_calibration import calibrate
 from baqueano.runs import write_run
 from baqueano.runs.importing import import_run
@@ -158,7 +158,7 @@ def test_a_silent_camera_is_refused(assumed_file, drive):
     ("probability", "freedom", "quantile"), [(0.975, 7, 2.3646), (0.975, 20, 2.0860), (0.999, 11, 4.0247)]
 )
 def test_the_quantile_of_students_t_equals_the_tables(probability, freedom, quantile):
-    assert students(probability, freedom) == pytest.approx(quantile, abs=4e-3)
+    assert student_quantile(probability, freedom) == pytest.approx(quantile, abs=4e-3)
 
 
 def test_batch_error_bars_have_coverage_with_autocorrelated_residuals():
@@ -171,7 +171,7 @@ def test_batch_error_bars_have_coverage_with_autocorrelated_residuals():
         cov = batch_covariance(
             slopes, slopes @ [1.0, 2.0] + noise - slopes @ x, weights, np.arange(n) * batches // n
         )
-        hits += abs(x[1] - 2.0) < students(0.975, batches - 2) * np.sqrt(cov[1, 1])
+        hits += abs(x[1] - 2.0) < student_quantile(0.975, batches - 2) * np.sqrt(cov[1, 1])
     assert 0.90 <= hits / 400 <= 0.99
 
 

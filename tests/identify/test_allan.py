@@ -59,12 +59,12 @@ def test_each_noise_coefficient_is_estimated_within_15_percent(truth, part):
     fits = [coefficients(allan(noise_of(*truth, seed), RATE)) for seed in range(8)]
     value = np.median([c.value[part] for c in fits])
     assert value == pytest.approx(truth[part], rel=0.15)
-    assert all(c.measurable[part] for c in fits)
+    assert all(c.is_measurable[part] for c in fits)
 
 
 def test_noise_terms_that_are_absent_are_seldom_reported():
     fits = [coefficients(allan(noise_of(1e-3, 0.0, 0.0, seed), RATE)) for seed in range(10)]
-    assert sum(c.measurable[1:].any() for c in fits) <= 2
+    assert sum(c.is_measurable[1:].any() for c in fits) <= 2
 
 
 def test_the_chi_square_quantile_approximates_scipy():

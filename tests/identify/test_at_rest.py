@@ -28,7 +28,7 @@ def test_noise_and_bias_of_a_simulated_imu_are_identified(resting_run, small):
         [c.coefficients.value[0] for c in rest.channels], truth / np.sqrt(imu.rate_hz), rtol=0.1
     )
     gyro = rest.channels[2]
-    assert abs(gyro.mean - imu.gyro_bias) < 5.0 * gyro.mean_sd
+    assert abs(gyro.mean - imu.gyro_bias) < 5.0 * gyro.mean_std
     assert rest.verdict == "USABLE"
 
 
@@ -56,8 +56,8 @@ def test_a_temperature_dependence_of_the_bias_is_reported(resting_run):
         replace(resting_run, sensors={"imu": Channel(imu.t_ns, imu.arrival_ns, z), "temperature": heat})
     )
     gyro = rest.channels[2]
-    assert gyro.slope == pytest.approx(1e-3, abs=4.0 * gyro.slope_sd)
-    assert gyro.slope_sd < 1e-4
+    assert gyro.slope == pytest.approx(1e-3, abs=4.0 * gyro.slope_std)
+    assert gyro.slope_std < 1e-4
     assert [c.sensor for c in rest.channels] == ["imu"] * 3
 
 

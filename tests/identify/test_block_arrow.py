@@ -7,15 +7,15 @@ from hypothesis import strategies as st
 
 from baqueano.identify import FitOptions, identify
 from baqueano.identify.covariance.information import Information, covariance_of
-from baqueano.identify.data.segments import ThetaLayout, without_starts
+from baqueano.identify.data.segments import ThetaLayout, eliminate_starts
 from baqueano.identify.estimation.least_squares import RIDGE, _bounded_step, _step, minimise
 from baqueano.identify.residuals import simulation as simulated
 from baqueano.identify.residuals.block_arrow import (
     BlockArrow,
     Evaluation,
     add,
+    arrow_layout,
     diagonal_matrix,
-    places_of,
     rows_times,
 )
 
@@ -24,7 +24,7 @@ def equations(seed, runs, more=0, common=4, by_run=3, by_segment=6):
     """Return (places, arrow, the same as one matrix, g) of random derivatives of every segment."""
     rng = np.random.default_rng(seed)
     layout = ThetaLayout(common, by_run, by_segment, runs)
-    places, size = places_of(layout, more), layout.size + more
+    places, size = arrow_layout(layout, more), layout.size + more
     prior = rng.uniform(0.0, 1.0, size)
     arrow, whole = diagonal_matrix(prior, places), diagonal_matrix(prior, None)
     unit = 10.0 ** rng.uniform(-4.0, 4.0, size)
@@ -99,26 +99,31 @@ def test_unobservable_initial_states_do_not_change_the_minimum():
         bounds = np.full(layout.size, -np.inf), np.full(layout.size, np.inf)
         return minimise(evaluate, np.ones(layout.size), *bounds, tolerance=1e-18)
 
-    arrow, dense = of(places_of(layout)), of(None)
+    arrow, dense = of(arrow_layout(layout)), of(None)
     assert arrow.converged
     assert dense.converged
     np.testing.assert_allclose(arrow.theta, dense.theta, atol=1e-8)
-    assert np.all(arrow.theta[layout.starts :].reshape(-1, 5)[:, -1] == 1.0)
+    assert np.all(arrow.theta[layout.first_start :].reshape(-1, 5)[:, -1] == 1.0)
 
 
 def test_few_segments_are_solved_with_the_whole_matrix():
-    assert places_of(ThetaLayout(3, 3, 6, (0,))) is None
-    assert places_of(ThetaLayout(3, 3, 3, (0, 0, 0))) is None
-    assert places_of(ThetaLayout(3, 3, 0, (0,) * 100)) is None
+    assert arrow_layout(ThetaLayout(3, 3, 6, (0,))) is None
+    assert arrow_layout(ThetaLayout(3, 3, 3, (0, 0, 0))) is None
+    assert arrow_layout(ThetaLayout(3, 3, 0, (0,) * 100)) is None
 
 
 def test_errors_of_shared_parameters_equal_the_inverse_of_the_whole_matrix():
     _, whole, _ = equations(4, ONE_RUN)
     layout = ThetaLayout(4, 3, 6, ONE_RUN)
-    A, B = without_starts(whole, 2.0 * whole, layout)
-    few, channels, starts = 10_000, np.zeros((1, 1)), np.arange(layout.starts)
+    A, B = eliminate_starts(whole, 2.0 * whole, layout)
+    few, channels, starts = 10_000, np.zeros((1, 1)), np.arange(layout.first_start)
     small = covariance_of(Information(A, B, channels, False, np.zeros(1), few), starts)
-    large = 2.0 * np.linalg.inv(whole)[: layout.starts, : layout.starts] * few / (few - layout.starts)
+    large = (
+        2.0
+        * np.linalg.inv(whole)[: layout.first_start, : layout.first_start]
+        * few
+        / (few - layout.first_start)
+    )
     root = np.sqrt(np.diagonal(large))
     np.testing.assert_allclose(small / np.outer(root, root), large / np.outer(root, root), atol=1e-9)
 
@@ -127,7 +132,7 @@ def test_block_solver_and_whole_matrix_give_the_same_segmented_fit(case, case_ru
     """Steps, minimum and errors are compared along a whole search."""
     run, free = case_run(5, 40.0), ("model.friction.linear[0]", "model.actuator_matrix[0,0]")
     pieces = identify(run, case, free, options=FitOptions(segment_s=1.5, diagnose=False))
-    monkeypatch.setattr(simulated, "places_of", lambda layout: None)
+    monkeypatch.setattr(simulated, "arrow_layout", lambda layout: None)
     whole = identify(run, case, free, options=FitOptions(segment_s=1.5, diagnose=False))
     assert pieces.evaluations == whole.evaluations
     np.testing.assert_allclose((pieces.estimate - whole.estimate) / whole.sd, 0.0, atol=1e-5)

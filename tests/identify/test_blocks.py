@@ -10,7 +10,7 @@ import pytest
 from baqueano.identify import FitOptions, identify
 from baqueano.identify import fit as module
 from baqueano.identify.covariance.information import Information, covariance_of, information
-from baqueano.identify.covariance.jackknife import BLOCK_S, LEAST, jackknife, no_smaller
+from baqueano.identify.covariance.jackknife import BLOCK_S, MIN_REMAINDER, jackknife, with_larger_errors
 from baqueano.identify.residuals.simulation import HUBER
 from baqueano.identify.result.assemble import fit_of
 from baqueano.runs.run import Run, TruthLog
@@ -49,7 +49,7 @@ def test_excluding_a_block_shifts_the_fit_by_one_gauss_newton_step(end):
         edges = np.flatnonzero(np.diff(block, prepend=-1, append=-1))
         for first, last in pairwise(edges):
             x, residual = d[first:last].reshape(-1, len(index)), r[first:last].ravel()
-            g, without = np.zeros(problem.size), (1.0 + LEAST) * info.bread
+            g, without = np.zeros(problem.size), (1.0 + MIN_REMAINDER) * info.bread
             g[index] = np.clip(residual, -HUBER, HUBER) @ x
             x = x[np.abs(residual) < HUBER]
             without[np.ix_(index, index)] -= x.T @ x
@@ -66,9 +66,9 @@ def test_excluding_a_block_shifts_the_fit_by_one_gauss_newton_step(end):
 def test_only_larger_block_errors_widen_the_errors_of_shared_parameters():
     problem = SimpleNamespace(records=[SimpleNamespace(dt_s=np.full(3000, 0.01), lead=0)])
     cov = np.array([[4.0, 1.0, 0.5], [1.0, 1.0, 0.2], [0.5, 0.2, 1.0]])
-    choices = [no_smaller(problem, cov, block_cov, 2) for block_cov in (None, 1.3 * cov, 0.2 * cov)]  # pyright: ignore[reportArgumentType]
+    choices = [with_larger_errors(problem, cov, block_cov, 2) for block_cov in (None, 1.3 * cov, 0.2 * cov)]  # pyright: ignore[reportArgumentType]
     assert all(np.array_equal(choice, cov) for choice in choices)
-    wide = no_smaller(problem, cov, np.diag([36.0, 0.1, 1e9]), 2)  # pyright: ignore[reportArgumentType]
+    wide = with_larger_errors(problem, cov, np.diag([36.0, 0.1, 1e9]), 2)  # pyright: ignore[reportArgumentType]
     np.testing.assert_allclose(np.diagonal(wide), [36.0, 1.0, 1.0])  # the third belongs to one run
     np.testing.assert_allclose(wide[0, 1] / np.sqrt(wide[0, 0] * wide[1, 1]), 0.5)
 
@@ -93,7 +93,7 @@ def test_block_errors_have_coverage_with_floor_disturbance_and_outliers(drives):
         info = information(search.task.problem, search.search.solution.theta)
         identifiable = np.flatnonzero(search.identifiability.mask)
         white = np.sqrt(np.diagonal(covariance_of(info, identifiable)))[
-            identifiable < search.task.problem.layout.shared
+            identifiable < search.task.problem.layout.shared_count
         ]
         fit = fit_of(search)
         finite = np.isfinite(fit.estimate)

@@ -18,7 +18,13 @@ from baqueano.identify import FitOptions, random_steps
 from baqueano.identify.data.record import FittedBlocks
 from baqueano.identify.selection.held_out import Score, paired_comparison
 from baqueano.identify.selection.selection import choose
-from baqueano.identify.selection.terms import BATTERY, Term, not_separated, terms_of, without_terms
+from baqueano.identify.selection.terms import (
+    BATTERY_EFFECT_PATH,
+    Term,
+    separation_problem,
+    terms_of,
+    without_terms,
+)
 from baqueano.runs import write_run
 from baqueano.runs.run import Channel
 from baqueano.simulate import simulate
@@ -185,7 +191,7 @@ def test_terms_are_tested_by_students_t_on_the_log_error_of_blocks():
     comparison = paired_comparison(scores(before), scores(after))
     assert comparison.gain == pytest.approx(0.1)
     assert comparison.errors == pytest.approx(0.1 / (np.std(g, ddof=1) / np.sqrt(24)))
-    assert comparison.beyond(0.01) == pytest.approx(2.4999, abs=3e-3)  # t of 23 degrees of freedom
+    assert comparison.critical_value(0.01) == pytest.approx(2.4999, abs=3e-3)  # t of 23 degrees of freedom
 
 
 def test_blocks_at_rest_do_not_affect_the_choice():
@@ -285,10 +291,11 @@ def test_a_battery_term_is_chosen_only_if_the_runs_identify_its_effect(dry, file
     ("x", "sd", "separable"), [(2.2, 0.65, False), (0.5, 0.3, False), (0.8, 0.1, True), (1.1, 0.1, True)]
 )
 def test_a_battery_term_needs_an_interval_narrower_than_its_possible_range(x, sd, separable):
-    battery = Term("battery voltage", (BATTERY,), (0.0,), ((0.5,),))
-    assert (not_separated(battery, np.array([x]), np.array([sd])) is None) == separable
+    battery = Term("battery voltage", (BATTERY_EFFECT_PATH,), (0.0,), ((0.5,),))
+    assert (separation_problem(battery, np.array([x]), np.array([sd])) is None) == separable
     assert (
-        not_separated(battery._replace(paths=("model.coulomb_m_s2",)), np.array([x]), np.array([sd])) is None
+        separation_problem(battery._replace(paths=("model.coulomb_m_s2",)), np.array([x]), np.array([sd]))
+        is None
     )
 
 

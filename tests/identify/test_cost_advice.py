@@ -9,7 +9,7 @@ from baqueano.cli import main
 from baqueano.diagnostics import note
 from baqueano.identify import FitOptions, identify
 from baqueano.identify.cost_advice import by_innovations, more_error, with_cost_advice
-from baqueano.identify.validation import Figure, Validation, validate
+from baqueano.identify.validation import ChannelMetrics, Validation, validate
 from baqueano.messages import text
 from baqueano.runs import write_run
 from baqueano.symbolic import put
@@ -96,7 +96,7 @@ def test_identify_prints_the_recommendation_by_held_out_runs(case, case_run, tmp
 
 def test_the_error_sums_all_channels_in_units_of_their_noise():
     def validation(*errors):
-        figures = [Figure("r", f"imu[{k}]", e, 0.9, 0.9, "", 2.0) for k, e in enumerate(errors)]
+        figures = [ChannelMetrics("r", f"imu[{k}]", e, 0.9, 0.9, "", 2.0) for k, e in enumerate(errors)]
         return Validation(tuple(figures), (), (), (), note("validation.basis"))
 
     assert more_error(validation(2.0, 2.0), validation(2.0, 4.0)) == pytest.approx(1.5)

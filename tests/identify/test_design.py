@@ -7,9 +7,15 @@ from baqueano.errors import AnswerNo, UsageError
 from baqueano.identify import excitation
 from baqueano.identify.design import plan as planning
 from baqueano.identify.design.information import Informant, mean_error
-from baqueano.identify.design.motion_library import GENTLE, MotionPiece, PieceShape, gentler, in_map
+from baqueano.identify.design.motion_library import (
+    GENTLE_FACTOR,
+    MotionPiece,
+    PieceShape,
+    gentler_piece,
+    in_map,
+)
 from baqueano.identify.design.plan import design_plan
-from baqueano.identify.design.room import SIDEWAYS_M_S2, Room, alternatives, body_radius, contain, room_of
+from baqueano.identify.design.room import MAX_SIDEWAYS_M_S2, Room, alternatives, body_radius, contain, room_of
 from baqueano.identify.design.vehicle_cloud import Cloud, possible_vehicles
 from baqueano.vehicle_file import load
 from baqueano.vehicle_file.history import ParameterCov
@@ -29,7 +35,7 @@ def test_a_designed_experiment_is_more_informative_than_other_signals_in_its_roo
     for kind, options in (("random_steps", {}), ("multisine", {"low_hz": 0.2}), ("prbs", {}), ("ramps", {})):
         requested = excitation(kind, small.command.limit, SECONDS, small.rate_hz, 3, **options)
         u = contain(requested, small, room, cloud=cloud).u
-        assert plan.mean_error < mean_error(informant.relative_sd(informant.information(u))), kind
+        assert plan.mean_error < mean_error(informant.relative_std(informant.information(u))), kind
 
 
 def test_a_designed_experiment_respects_limits_room_and_duration(small, plan):
@@ -47,7 +53,7 @@ def test_a_designed_experiment_respects_limits_room_and_duration(small, plan):
 
 
 def test_the_same_seed_gives_the_same_plan(small, monkeypatch):
-    for name, number in (("FIRST", 40), ("ROUNDS", 1), ("EACH", 10)):
+    for name, number in (("FIRST_PIECES", 40), ("ROUNDS", 1), ("PIECES_PER_ROUND", 10)):
         monkeypatch.setattr(planning, name, number)
     room = room_of(small, "2x2")
     first, same, different = (design_plan(small, room, 4.0, seed=seed).u for seed in (1, 1, 2))
@@ -56,7 +62,7 @@ def test_the_same_seed_gives_the_same_plan(small, monkeypatch):
 
 
 def test_a_stopped_search_returns_its_best_plan_so_far(small, monkeypatch):
-    monkeypatch.setattr(planning, "FIRST", 40)
+    monkeypatch.setattr(planning, "FIRST_PIECES", 40)
     texts = []
     plan = design_plan(small, room_of(small, "2x2"), 5.0, progress=lambda text: texts.append(text) or True)
     assert len(texts) == 1
@@ -66,10 +72,10 @@ def test_a_stopped_search_returns_its_best_plan_so_far(small, monkeypatch):
 
 
 def test_vehicles_outside_the_planned_set_stay_inside_the_room(small, plan):
-    truth = possible_vehicles(small, 0.17, vehicles=100, seed=77)
+    truth = possible_vehicles(small, 0.17, vehicle_count=100, seed=77)
     cloud = Cloud(small, truth, seed=5)
     _, eta = cloud.drive(cloud.state_at(plan.room.start), plan.u)
-    assert np.all(np.abs(eta[..., :2]) <= plan.room.free)
+    assert np.all(np.abs(eta[..., :2]) <= plan.room.free_half_width_m)
 
 
 @pytest.mark.parametrize(("name", "size"), [("small", "1.2x1.2"), ("case-study-1", "2x3"), ("car", "3x3")])
@@ -81,7 +87,7 @@ def test_a_signal_that_leaves_the_room_is_changed_without_stopping_the_vehicle(n
     _, free = cloud.drive(cloud.state_at(room.start), requested)
     contained_drive = contain(requested, file, room, cloud=cloud)
     assert room.margin(free) < 0.0 <= contained_drive.margin_m
-    assert 0.0 < contained_drive.replaced < 1.0
+    assert 0.0 < contained_drive.replaced_fraction < 1.0
     assert np.mean(np.any(contained_drive.u != 0.0, axis=1)) > 0.7
     assert np.all(np.abs(contained_drive.u) <= file.command.limit)
 
@@ -89,7 +95,7 @@ def test_a_signal_that_leaves_the_room_is_changed_without_stopping_the_vehicle(n
 def test_a_signal_that_stays_inside_is_not_changed(small):
     requested = 0.4 * excitation("multisine", small.command.limit, SECONDS, small.rate_hz, 1, low_hz=0.3)
     contained_drive = contain(requested, small, room_of(small, "4x4"))
-    assert contained_drive.replaced == 0.0
+    assert contained_drive.replaced_fraction == 0.0
     assert np.array_equal(contained_drive.u, requested)
 
 
@@ -106,21 +112,21 @@ def test_the_information_matrix_equals_finite_differences(small):
     informant, rng = Informant(small), np.random.default_rng(0)
     u = np.repeat(rng.uniform(-1.0, 1.0, (6, 3)), 50, axis=0) * small.command.limit
     F = informant.information(u)
-    k = informant.of.names.index("model.friction.linear[2]")
+    k = informant.unknowns.names.index("model.friction.linear[2]")
     theta, h = informant.nominal, 1e-4 * informant.nominal[k]
     ends = []
     for sign in (-1.0, 1.0):
         shifted = theta.copy()
         shifted[k] += sign * h
         ends.append(np.asarray(informant.kernel.run(u, shifted)[1]))
-    slope = (ends[1] - ends[0]) / (2.0 * h) * informant.of.size[k]
+    slope = (ends[1] - ends[0]) / (2.0 * h) * informant.unknowns.size[k]
     assert F[k, k] == pytest.approx(np.sum(slope**2), rel=1e-4)
 
 
 def test_more_data_never_reduce_the_information(small):
     informant = Informant(small)
     u = excitation("random_steps", small.command.limit, 10.0, small.rate_hz, 0)
-    short, long = (informant.relative_sd(informant.information(x)) for x in (u[:500], u))
+    short, long = (informant.relative_std(informant.information(x)) for x in (u[:500], u))
     assert np.all(long <= short * (1.0 + 1e-9))
     assert np.all(short <= 1.0)
 
@@ -131,7 +137,7 @@ def test_a_segment_and_its_return_path_end_at_the_start(small):
     u = MotionPiece(out, 0).u(400, small.command.limit)
     even = small.with_values({f"model.drivetrain.dead_zone_{d}": [0.3, 0.3] for d in ("forward", "backward")})
     even = even.with_values({"model.drivetrain.gain": [1.0, 1.0], "model.process_noise_std": [0.0, 0.0, 0.0]})
-    cloud = Cloud(even, possible_vehicles(even, vehicles=2))
+    cloud = Cloud(even, possible_vehicles(even, vehicle_count=2))
     _, eta = cloud.drive(cloud.state_at(np.zeros(3)), u)
     assert np.hypot(*eta[0, 149, :2]) > 0.2
     assert np.hypot(*eta[0, -1, :2]) < 0.03
@@ -158,7 +164,7 @@ def test_possible_vehicles_have_the_measured_total_friction(small):
     variance = force @ wide @ force + 0.01**2  # the sum is known to 0.01 N
     cov = wide - np.outer(wide @ force, force @ wide) / variance
     measured_file = small.with_values(values, parameter_cov=ParameterCov(names, cov))
-    theta = possible_vehicles(measured_file, vehicles=200).theta[:, :3]
+    theta = possible_vehicles(measured_file, vehicle_count=200).theta[:, :3]
     assert np.all(theta >= 0.0)
     assert np.any(theta == 0.0)  # drawn values beyond a bound
     assert np.all(np.std(theta, axis=0) > 0.1 * theta[0])
@@ -196,17 +202,21 @@ def test_a_curve_beyond_tyre_grip_is_too_fast(speed_m_s, slides):
     room = room_of(load("car"), "4x4")
     way = speed_m_s * np.arange(100) / 50.0
     eta = np.stack([np.sin(way), 1.0 - np.cos(way), way], axis=1)
-    assert room.sideways_m_s2 == SIDEWAYS_M_S2
-    assert bool(room.slow(eta[None], 50.0)) == (not slides)
-    assert bool(Room(4.0, 4.0).slow(eta[None], 50.0))
+    assert room.sideways_m_s2 == MAX_SIDEWAYS_M_S2
+    assert bool(room.is_slow(eta[None], 50.0)) == (not slides)
+    assert bool(Room(4.0, 4.0).is_slow(eta[None], 50.0))
 
 
 def test_a_gentler_segment_has_smaller_turns_at_the_same_speed():
     shape = PieceShape(20, 4, np.array([1.0, 0.0, 0.5]))
     piece = MotionPiece(np.tile([1.0, 0.0, -0.6], (16, 1)), 0)
-    np.testing.assert_allclose(gentler(piece, shape).out, np.tile([1.0, 0.0, -0.6 * GENTLE], (16, 1)))
+    np.testing.assert_allclose(
+        gentler_piece(piece, shape).out, np.tile([1.0, 0.0, -0.6 * GENTLE_FACTOR], (16, 1))
+    )
     plain_shape = PieceShape(20, 4, np.array([1.0]))
-    np.testing.assert_allclose(gentler(MotionPiece(np.ones((16, 1)), 0), plain_shape).out, GENTLE)
+    np.testing.assert_allclose(
+        gentler_piece(MotionPiece(np.ones((16, 1)), 0), plain_shape).out, GENTLE_FACTOR
+    )
 
 
 def test_a_start_inside_a_wall_is_refused():

@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 from scipy.stats import binom
 
-from baqueano.cli.driving.iterate import in_rounds
-from baqueano.cli.driving.targets import Here
-from baqueano.drive import first_drive, rough
+from baqueano.cli.driving.iterate import drive_in_rounds
+from baqueano.cli.driving.targets import LocalTarget
+from baqueano.drive import first_drive, with_rough_gains
 from baqueano.errors import UsageError
 from baqueano.identify import FitOptions, identify
 from baqueano.identify.design import plan as planning
@@ -31,14 +31,21 @@ def truth(small):
 def rounds_of_design(small, truth, tmp_path_factory):
     folder, size = tmp_path_factory.mktemp("runs"), "2x2"
     with pytest.MonkeyPatch.context() as patch:
-        for name, number in (("FIRST", 60), ("ROUNDS", 2), ("EACH", 20), ("FINAL", 40)):
+        for name, number in (
+            ("FIRST_PIECES", 60),
+            ("ROUNDS", 2),
+            ("PIECES_PER_ROUND", 20),
+            ("FINAL_PIECES", 40),
+        ):
             patch.setattr(planning, name, number)
         first = first_drive(small, truth=truth, seed=0)
-        file = identify([first.run], rough(first, small)).vehicle_file
+        file = identify([first.run], with_rough_gains(first, small)).vehicle_file
         runs = [first.run]
         design = lambda now, seed: design_plan(now, room_of(now, size), 10.0, seed=seed).u  # noqa: E731
-        place = Here(lambda: {"truth": truth})
-        rounds = in_rounds(file, place, runs, 2, design, 0, "auto", lambda label: folder / f"{label}.mcap")
+        place = LocalTarget(lambda: {"truth": truth})
+        rounds = drive_in_rounds(
+            file, place, runs, 2, design, 0, "auto", lambda label: folder / f"{label}.mcap"
+        )
     return rounds, runs, room_of(small, size)
 
 
@@ -46,7 +53,7 @@ def test_error_bars_shrink_from_round_to_round(rounds_of_design, small, truth):
     """These error bars assume the same noise along the run: the design reduces them."""
     _, runs, _ = rounds_of_design
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(summary, "no_smaller", lambda problem, cov, pieces, k, by_segment: cov)
+        patch.setattr(summary, "with_larger_errors", lambda problem, cov, pieces, k, by_segment: cov)
         fits = [identify(runs[:k], small, options=FitOptions(diagnose=False)) for k in (2, 3)]
     for name in SURE:
         first, second = (fit.sd[fit.names.index(name)] / fit.value(name) for fit in fits)
@@ -56,7 +63,7 @@ def test_error_bars_shrink_from_round_to_round(rounds_of_design, small, truth):
 def test_reported_error_bars_are_smaller_after_the_last_round(rounds_of_design):
     """The mean of the important parameters is compared. A single error bar may grow if parts of a run disagree."""
     first, *_, last = rounds_of_design[0].rounds
-    ratios = [last.relative_sd(name) / first.relative_sd(name) for name in SURE]
+    ratios = [last.relative_std(name) / first.relative_std(name) for name in SURE]
     assert 0.0 < np.exp(np.mean(np.log(ratios))) < 0.95
 
 
@@ -70,7 +77,7 @@ def test_id14_error_bars_of_each_round_cover_the_true_parameters(rounds_of_desig
         assert np.mean(inside[finite]) > 0.75
         assert np.sum(~inside[finite]) <= binom.isf(0.005, np.sum(finite), 0.05)
         for name in SURE:
-            assert 0.0 < design_round.relative_sd(name) < 0.1, name
+            assert 0.0 < design_round.relative_std(name) < 0.1, name
 
 
 def test_the_last_round_identifies_the_driven_vehicle(rounds_of_design, truth):
@@ -87,7 +94,7 @@ def test_no_design_round_touches_a_wall(rounds_of_design):
     _, runs, room = rounds_of_design
     assert len(runs) == 3
     for run in runs:
-        assert np.all(np.abs(run.truth.eta[:, :2]) <= room.free)
+        assert np.all(np.abs(run.truth.eta[:, :2]) <= room.free_half_width_m)
 
 
 def test_the_table_lists_every_round(rounds_of_design):

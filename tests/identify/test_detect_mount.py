@@ -9,7 +9,7 @@ from baqueano.identify import excitation, identify
 from baqueano.identify.data.record import FittedBlocks
 from baqueano.identify.diagnostics import gain_changes
 from baqueano.simulate import simulate
-from baqueano.simulate.open_loop import times
+from baqueano.simulate.open_loop import tick_times
 from baqueano.study import counterpart
 from baqueano.study.identification.trials import as_sent, guess, robot
 
@@ -63,10 +63,10 @@ def test_an_imu_off_centre_in_a_turn_is_not_reported_as_swapped(small):
     turning = small.value("model.actuator_matrix[2,2]")
     sideways = 0.045 * turning * small.value("model.mass_kg") / small.vehicle.inertia_kg_m2
     blocks, sd = FittedBlocks(small.vehicle, small.sensors), np.array([0.01, 0.001])
-    findings = gain_changes.gains(blocks, names, np.array([sideways, turning]), sd)
+    findings = gain_changes.gain_findings(blocks, names, np.array([sideways, turning]), sd)
     assert [finding.code for finding in findings] == ["file.lever-arm"]
     assert findings[0].fix == "--free +sensors.imu.lever_arm_m"
-    findings = gain_changes.gains(blocks, names, np.array([sideways, 0.1 * turning]), sd)
+    findings = gain_changes.gain_findings(blocks, names, np.array([sideways, 0.1 * turning]), sd)
     assert [finding.code for finding in findings] == ["file.swapped"]
 
 
@@ -76,7 +76,7 @@ def test_an_imu_3_cm_off_centre_is_not_reported_as_swapped():
     q = robot(seed)
     file = guess(q)
     u = as_sent(excitation("random_steps", file.command.limit, 15.0, file.rate_hz, seed, rest_s=2.0))
-    motion = counterpart.drive_group(q, u[:, None], [seed], times(len(u), file.rate_hz))
+    motion = counterpart.drive_group(q, u[:, None], [seed], tick_times(len(u), file.rate_hz))
     run = counterpart.run_of_vehicle(motion, 0, u, file, "off centre", seed)
     fit = identify(run, file, ["+model.centre_of_mass_x_m", "+model.drivetrain.delay_s"])
     assert fit.verdict == "WARN"

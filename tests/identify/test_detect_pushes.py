@@ -78,7 +78,7 @@ def test_testing_part_of_a_run_equals_testing_a_masked_column(end):
     masks = [np.arange(n) < 0.3 * n, residuals.run == 1, rng.random(n) < 0.5]
     assert residuals.nuisances  # biases
     for mask, answers in zip(masks, score_test_parts(residuals, masks), strict=True):
-        present = np.repeat(mask, len(residuals.psi) // n)
+        present = np.repeat(mask, len(residuals.clipped_residuals) // n)
         for part, whole in zip(answers, score_test(residuals, residuals.d * present), strict=True):
             np.testing.assert_allclose(part.size, whole.size, rtol=1e-6)
             np.testing.assert_allclose([part.z, part.freedom], [whole.z, whole.freedom], rtol=1e-6)
@@ -90,7 +90,7 @@ def test_testing_part_of_a_run_equals_testing_a_masked_column(end):
 def test_the_score_test_ignores_a_diverged_probe(end):
     problem, theta = end.task.problem, end.search.solution.theta
     residuals = fit_residuals(problem, theta, np.ones(problem.size, bool))
-    D = np.stack([residuals.d[0] ** 2, np.full(len(residuals.psi), 1.0)])
+    D = np.stack([residuals.d[0] ** 2, np.full(len(residuals.clipped_residuals), 1.0)])
     D[1, 50:] = np.inf
     sound, away = score_test(residuals, D)
     assert sound.size != 0.0

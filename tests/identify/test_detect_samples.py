@@ -5,7 +5,7 @@ import pytest
 from scipy.signal import lfilter
 
 from baqueano.diagnostics import Severity, note
-from baqueano.identify.diagnostics.samples import check_samples, grain
+from baqueano.identify.diagnostics.samples import channel_resolution, check_samples
 from baqueano.runs.run import Channel
 from baqueano.sensors import Imu, Odometer, Wheels
 
@@ -43,7 +43,7 @@ def test_readings_with_rounding_errors_are_not_reported_or_changed():
     z[:, 2] = motion(n=8000)[:, 0]
     last = np.random.default_rng(3).integers(0, 3, z.shape)
     rounded_z = z + last * np.spacing(z)
-    assert grain(rounded_z[:, 0]).step == pytest.approx(6e-4)
+    assert channel_resolution(rounded_z[:, 0]).step == pytest.approx(6e-4)
     after, findings = check_samples("imu", IMU, channel(rounded_z))
     assert findings == []
     assert np.array_equal(after.z, rounded_z)
@@ -126,8 +126,8 @@ def test_a_constant_channel_is_excluded_with_a_warning():
 def test_the_noise_estimate_ignores_repeated_values():
     z = motion()[:, 0]
     repeated_z = np.repeat(z, 4)
-    assert grain(repeated_z).sigma == pytest.approx(0.1, rel=0.05)
-    assert grain(np.zeros(100)).sigma == 0.0
+    assert channel_resolution(repeated_z).sigma == pytest.approx(0.1, rel=0.05)
+    assert channel_resolution(np.zeros(100)).sigma == 0.0
 
 
 @pytest.mark.parametrize("period_s", [64e-6, 4e-6])

@@ -3,7 +3,7 @@
 import numpy as np
 
 from baqueano.identify import identify
-from baqueano.simulate.open_loop import times
+from baqueano.simulate.open_loop import tick_times
 from baqueano.study.counterpart import FREE_CAR, car_file, car_values, drive_group, run_of_vehicle
 from baqueano.study.identification import trials
 
@@ -16,8 +16,8 @@ def test_unmodelled_tyre_slip_drag_widens_the_errors():
     explains a part of it."""
     car = trials.car(702, "understeer")
     file = car_file(car)
-    u = trials._car_steps(702, file.rate_hz, SECONDS, trials.STEERED["understeer"])
-    motion = drive_group(car, u[:, None], [702], times(len(u), file.rate_hz))
+    u = trials._car_steps(702, file.rate_hz, SECONDS, trials.STEERING_AMPLITUDE["understeer"])
+    motion = drive_group(car, u[:, None], [702], tick_times(len(u), file.rate_hz))
     fit = identify(run_of_vehicle(motion, 0, u, file, "soft tyres", 702), file, FREE_CAR)
     k = fit.names.index(DRAG)
     off = fit.estimate[k] - float(car_values(car)[DRAG][0])

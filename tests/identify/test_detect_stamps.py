@@ -7,7 +7,7 @@ import pytest
 
 from baqueano.diagnostics import Severity
 from baqueano.identify import identify
-from baqueano.identify.diagnostics.timestamps import check_timestamps, spread
+from baqueano.identify.diagnostics.timestamps import check_timestamps, spread_bursts
 from baqueano.runs.run import Channel
 
 
@@ -74,7 +74,7 @@ def test_timestamps_of_bursts_are_spread_evenly_between_their_ends():
     regular = np.arange(1, 101) * 10_000_000
     last = np.minimum((np.arange(100) // 5 + 1) * 5 - 1, 99)
     burst = regular[last] - (last - np.arange(100)) * 10_000
-    assert np.max(np.abs(spread(burst) - regular)) < 10_000
+    assert np.max(np.abs(spread_bursts(burst) - regular)) < 10_000
 
 
 def test_a_sensor_stamped_in_bursts_is_fitted_with_a_warning(case_run, case, off):

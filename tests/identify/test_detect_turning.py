@@ -43,7 +43,7 @@ def at_ten_hertz():
 
 def accused(fit):
     """Return the reasons that concern the gyro unit, with or without the accelerometer."""
-    both = [reason.figures["gyro"] for reason in fit.reasons if reason.code == physical_units.CURVE]
+    both = [reason.figures["gyro"] for reason in fit.reasons if reason.code == physical_units.CURVE_CODE]
     return [*both, *(reason for reason in fit.reasons if reason.code == "gyro.unit")]
 
 
@@ -152,7 +152,7 @@ def test_without_wheels_a_curve_shows_that_gyro_and_accelerometer_disagree(at_te
     file, run = at_ten_hertz
     (finding,) = physical_units.check_gyro_unit(with_gyro(run, DEGREES), file, "imu")
     assert finding.figures["gyro"].figures["given"] == "deg/s"
-    assert (finding.code, finding.subject) == (physical_units.CURVE, "imu[1]")
+    assert (finding.code, finding.subject) == (physical_units.CURVE_CODE, "imu[1]")
     assert finding.figures["times"] < 0.1
 
 

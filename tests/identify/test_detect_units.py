@@ -130,7 +130,7 @@ def test_friction_guessed_by_a_factor_of_two_gives_a_usable_fit(case_run, case):
 )
 def test_only_a_gain_far_from_the_file_gives_a_reason(case, times, codes):
     was = case.value("model.actuator_matrix[2,2]")
-    findings = gain_changes.gains(
+    findings = gain_changes.gain_findings(
         FittedBlocks(case.vehicle, case.sensors),
         ["model.actuator_matrix[2,2]"],
         np.array([times * was]),

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from baqueano.estimators.augmented.state import layout
-from baqueano.identify.noise.filter_noise import FEWEST, SOME, _free, _rounding
+from baqueano.identify.noise.filter_noise import MIN_READINGS, MIN_RESIDUALS, _free_noise, _rounding
 from baqueano.vehicle_file import load, parse
 
 TAGS = '\n[sensors.tags]\nkind = "tags"\npoints_m = [[0.5, 0.0], [-0.5, 0.0]]\n'
@@ -15,11 +15,17 @@ NOISE = [f"sensors.tags.measurement_noise_cov[{i},{i}]" for i in (0, 1)]
 
 
 @pytest.mark.parametrize(
-    ("tags", "free"), [(0, []), (SOME, FORWARD[:1]), (FEWEST - 1, FORWARD[:1]), (FEWEST, [*FORWARD, *NOISE])]
+    ("tags", "free"),
+    [
+        (0, []),
+        (MIN_READINGS, FORWARD[:1]),
+        (MIN_RESIDUALS - 1, FORWARD[:1]),
+        (MIN_RESIDUALS, [*FORWARD, *NOISE]),
+    ],
 )
 def test_few_readings_identify_the_misfit_but_not_the_sensor_noise(tags, free):
     ekf = parse(load("small").text + TAGS, "small").estimator(use=("imu", "tags"))
-    paths = {parameter.path for parameter in _free(ekf, {"imu"}, {}, {"imu": 6000, "tags": tags})}
+    paths = {parameter.path for parameter in _free_noise(ekf, {"imu"}, {}, {"imu": 6000, "tags": tags})}
     assert {path for path in paths if "[1]" not in path and "[2]" not in path} == set(free)
     assert {"disturbance_std[1]", "disturbance_fade_s[1]", "velocity_walk_std[2]"} <= paths
 

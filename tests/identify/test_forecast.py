@@ -15,7 +15,7 @@ from baqueano.diagnostics import note
 from baqueano.errors import UsageError
 from baqueano.guides.shapes import eight
 from baqueano.identify import FitOptions, forecast, identify, random_steps
-from baqueano.identify.forecast import LOST_RAD, Ahead, _lap
+from baqueano.identify.forecast import MAX_HEADING_STD_RAD, DriveForecast, _lap
 from baqueano.identify.parameters.free import value
 from baqueano.report.fit_report import page_of_fit
 from baqueano.runs import write_run
@@ -96,7 +96,7 @@ def test_a_forecast_that_cannot_cover_a_lap_reports_its_reason(small):
 
 
 def test_a_lost_heading_gives_no_distance_forecast():
-    message = Ahead(note("forecast.lap"), 60.0, 12.0, 3.0, LOST_RAD + 0.1).message
+    message = DriveForecast(note("forecast.lap"), 60.0, 12.0, 3.0, MAX_HEADING_STD_RAD + 0.1).message
     assert (message.code, message.figures["heading_deg"]) == ("forecast.lost", "34")
 
 

@@ -36,7 +36,7 @@ def test_a_wrong_covariance_predicts_worse_and_its_nis_is_inconsistent(truth_fit
         "too large": replace(noise, process=1e2 * noise.process),
     }
     comparison = compare_noise(fit, {"truth": noise} | wrong, unseen_run)
-    by_name = {tried.name: tried for tried in comparison.tried}
+    by_name = {tried.name: tried for tried in comparison.trials}
     assert comparison.best == "truth"
     assert abs(by_name["truth"].nis - 1.0) < 0.1
     assert by_name["too large"].consistent == "too cautious"
@@ -52,7 +52,7 @@ def test_the_nis_equals_an_independent_filter_within_its_interval(truth_fit, sma
     fit, noise, unseen_run = truth_fit
     replayed_run = replay(unseen_run, noise.updated_file(fit.vehicle_file))
     nis_of_replay = compare(replayed_run, names=["x"]).rows()[0]["nis"]
-    judged_noise = compare_noise(fit, {"truth": noise}, unseen_run).tried[0]
+    judged_noise = compare_noise(fit, {"truth": noise}, unseen_run).trials[0]
     assert judged_noise.nis == pytest.approx(nis_of_replay, rel=0.02)
     assert judged_noise.low < 1.0 + 0.1
     assert np.isfinite(judged_noise.likelihood)

@@ -41,7 +41,7 @@ def drive_signals(signals):
     """Return the logs of one robot for each run, under the voltages (N, 3) of each name; all begin at rest."""
     ticks = max(map(len, signals.values()))
     u = np.stack([np.pad(signal, ((0, ticks - len(signal)), (0, 0))) for signal in signals.values()], axis=1)
-    world = TruthWorld(draw_robots(1, 3).some([0] * len(signals)), range(len(signals)))
+    world = TruthWorld(draw_robots(1, 3).subset([0] * len(signals)), range(len(signals)))
     z = np.array([world.tick(row / VOLTS, 1.0 / RATE_HZ) for row in u])
     t_ns = np.round(np.arange(1, ticks + 1) * 1e9 / RATE_HZ).astype(np.int64)
     return {

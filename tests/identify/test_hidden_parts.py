@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from baqueano.identify import FitOptions, excitation, identify
-from baqueano.simulate.open_loop import times
+from baqueano.simulate.open_loop import tick_times
 from baqueano.study.counterpart import drive_group, robot_file, robot_values, run_of_vehicle
 from baqueano.study.identification.trials import as_sent, robot
 
@@ -29,7 +29,7 @@ def logs():
     )
     sent_u = as_sent(requested)
     each = np.stack([sent_u] * 3, axis=1)
-    motion = drive_group(plain.merge([behind, chip]), each, [SEED] * 3, times(len(sent_u), file.rate_hz))
+    motion = drive_group(plain.merge([behind, chip]), each, [SEED] * 3, tick_times(len(sent_u), file.rate_hz))
     kinds = {"counts": (0, sent_u), "asked": (0, requested), "filtered": (1, sent_u), "chip": (2, sent_u)}
     runs = {name: run_of_vehicle(motion, k, u, file, name, SEED) for name, (k, u) in kinds.items()}
     return plain, file, runs

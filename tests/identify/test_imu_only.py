@@ -8,11 +8,11 @@ import pytest
 from baqueano.errors import UsageError
 from baqueano.identify import FitOptions, identify
 from baqueano.identify.covariance.information import Information
-from baqueano.identify.covariance.jackknife import with_blocks
-from baqueano.identify.covariance.scale_uncertainty import of_tolerance, scales_of, zero_of
-from baqueano.identify.imu_only import fit_imu_only, imu_is_all
+from baqueano.identify.covariance.jackknife import with_jackknife
+from baqueano.identify.covariance.scale_uncertainty import scale_stds, std_of_tolerance, zero_std
+from baqueano.identify.imu_only import fit_imu_only, is_imu_only
 from baqueano.identify.residuals.gyro_aided import GyroAidedResiduals, slow_part
-from baqueano.identify.residuals.noise_level import profile_of_slow
+from baqueano.identify.residuals.noise_level import profile_with_slow_noise
 from baqueano.simulate import simulate
 from baqueano.vehicle_file import load
 from tests.codes import of_code
@@ -67,7 +67,7 @@ def test_an_unmeasured_scale_widens_the_errors_by_its_effect(fitted):
     exact = fit_imu_only(run, file, LONGITUDINAL + YAW, tolerance=EXACT)
     wide = fit_imu_only(run, file, LONGITUDINAL + YAW, tolerance={"gyro": 0.1, "accel": 0.0})
     np.testing.assert_allclose(exact.estimate, fit.estimate, rtol=1e-6)
-    part = np.sqrt(np.maximum(wide.sd**2 - exact.sd**2, 0.0)) / of_tolerance(0.1)
+    part = np.sqrt(np.maximum(wide.sd**2 - exact.sd**2, 0.0)) / std_of_tolerance(0.1)
     changes_by_scale = []
     for factor in (1.02, 0.98):
         scale = file.sensors.imu.gyro_scale * factor
@@ -83,13 +83,13 @@ def test_a_measured_scale_has_priority_over_a_data_sheet():
     from baqueano.vehicle_file import Provenance
 
     file = load("car")
-    np.testing.assert_allclose(scales_of(file, "imu"), np.array([0.02, 0.02, 0.03]) / np.sqrt(3.0))
+    np.testing.assert_allclose(scale_stds(file, "imu"), np.array([0.02, 0.02, 0.03]) / np.sqrt(3.0))
     path = "sensors.imu.gyro_scale"
     measured_file = file.with_values({path: 1.035}, {path: Provenance("two turns", None, 0.005, "USABLE")})
-    assert scales_of(measured_file, "imu")[2] == pytest.approx(0.005 / 1.035)
-    assert scales_of(measured_file, "imu", {"gyro": 0.02})[2] == pytest.approx(0.02 / np.sqrt(3.0))
+    assert scale_stds(measured_file, "imu")[2] == pytest.approx(0.005 / 1.035)
+    assert scale_stds(measured_file, "imu", {"gyro": 0.02})[2] == pytest.approx(0.02 / np.sqrt(3.0))
     with pytest.raises(UsageError, check=of_code("tolerance.keys", keys="accel, gyro")):
-        scales_of(file, "imu", {"compass": 0.1})
+        scale_stds(file, "imu", {"compass": 0.1})
 
 
 def test_an_uncertain_gyro_bias_widens_the_errors_by_its_effect(fitted):
@@ -101,7 +101,7 @@ def test_an_uncertain_gyro_bias_widens_the_errors_by_its_effect(fitted):
     narrow, higher, lower = (
         fit_imu_only(
             run,
-            file.with_values({path: x}, {path: origin._replace(sd=0.0)}),
+            file.with_values({path: x}, {path: origin._replace(std=0.0)}),
             LONGITUDINAL + YAW,
             tolerance=EXACT,
         )
@@ -121,9 +121,11 @@ def test_the_error_of_the_gyro_bias_equals_its_measurement_error():
     from baqueano.vehicle_file import Provenance
 
     file, path = load("car"), "sensors.imu.gyro_bias"
-    assert zero_of(file, "imu") == pytest.approx(np.radians(20.0) / np.sqrt(3.0))  # the value of a data sheet
+    assert zero_std(file, "imu") == pytest.approx(
+        np.radians(20.0) / np.sqrt(3.0)
+    )  # the value of a data sheet
     measured_file = file.with_values({path: 0.002}, {path: Provenance("rest", None, 0.001, "USABLE")})
-    assert zero_of(measured_file, "imu") == pytest.approx(0.001)
+    assert zero_std(measured_file, "imu") == pytest.approx(0.001)
 
 
 def test_a_fit_started_at_its_estimate_returns_the_same_estimate():
@@ -166,12 +168,12 @@ def test_a_car_with_only_an_imu_uses_the_gyro_fit_by_default(fitted):
     file, run, fit = fitted
     by_default = identify(run, file, LONGITUDINAL + YAW)
     np.testing.assert_allclose(by_default.estimate, fit.estimate, rtol=1e-9)
-    assert imu_is_all(file, [run], None, None)
-    assert imu_is_all(file, [run], ("imu",), LONGITUDINAL)
-    assert not imu_is_all(file, [run], ("imu[2]",), None)
-    assert not imu_is_all(file, [run], ("imu", "odometer"), None)
-    assert not imu_is_all(file, [run], None, ("sensors.imu.gyro_scale",))
-    assert not imu_is_all(load("small"), [run], None, None)
+    assert is_imu_only(file, [run], None, None)
+    assert is_imu_only(file, [run], ("imu",), LONGITUDINAL)
+    assert not is_imu_only(file, [run], ("imu[2]",), None)
+    assert not is_imu_only(file, [run], ("imu", "odometer"), None)
+    assert not is_imu_only(file, [run], None, ("sensors.imu.gyro_scale",))
+    assert not is_imu_only(load("small"), [run], None, None)
 
 
 def test_a_free_parameter_added_with_plus_does_not_remove_default_parameters():
@@ -228,7 +230,7 @@ def test_autocorrelated_residuals_weigh_less_than_white_residuals():
     slow = np.convolve(rng.normal(size=n + 49), np.ones(50) / np.sqrt(50.0), "valid")
     residuals = [np.stack([white[:, 0], 0.6 * white[:, 1] + 0.8 * slow], axis=1)]
     has, v, dt = [np.ones((n, 2))], [np.full(n, 1.0)], [np.full(n, 0.02)]
-    sigma, profile = profile_of_slow(residuals, has, v, dt, np.zeros(2))
+    sigma, profile = profile_with_slow_noise(residuals, has, v, dt, np.zeros(2))
     assert sigma[0] == pytest.approx(1.0, abs=0.12)
     expected = np.sqrt(0.6**2 + 0.8**2 * (50 - (50**2 - 1) / (3 * 50)))  # of sums over their correlation time
     assert sigma[1] == pytest.approx(expected, rel=0.15)
@@ -239,7 +241,9 @@ def test_samples_are_weighted_by_speed_if_noise_grows_with_speed():
     rng, n = np.random.default_rng(2), 8000
     v = np.repeat(rng.uniform(0.1, 2.0, n // 100), 100)
     residuals = [(v * rng.normal(size=n))[:, None]]
-    sigma, profile = profile_of_slow(residuals, [np.ones((n, 1))], [v], [np.full(n, 0.02)], np.zeros(1))
+    sigma, profile = profile_with_slow_noise(
+        residuals, [np.ones((n, 1))], [v], [np.full(n, 0.02)], np.zeros(1)
+    )
     ratio = (sigma[0] * profile[0][:, 0] / v)[v > 0.5]
     assert np.all((ratio > 0.8) & (ratio < 1.3))
     assert np.sqrt(np.mean(profile[0] ** 2)) == pytest.approx(1.0)
@@ -253,14 +257,14 @@ def test_block_errors_replace_the_errors_only_if_larger_and_are_reported():
     kept_indices = np.array([0, 2, 3])
     at = np.ix_(kept_indices, kept_indices)
     inverse = np.linalg.inv(A[at])
-    np.testing.assert_allclose(with_blocks(info, kept_indices, inverse).meat, A, rtol=1e-10)
+    np.testing.assert_allclose(with_jackknife(info, kept_indices, inverse).meat, A, rtol=1e-10)
     np.testing.assert_allclose(
-        with_blocks(info, kept_indices, 3.0 * inverse).meat[at], 3.0 * A[at], rtol=1e-10
+        with_jackknife(info, kept_indices, 3.0 * inverse).meat[at], 3.0 * A[at], rtol=1e-10
     )
-    np.testing.assert_allclose(with_blocks(info, kept_indices, 0.1 * inverse).meat[at], A[at], rtol=1e-10)
+    np.testing.assert_allclose(with_jackknife(info, kept_indices, 0.1 * inverse).meat[at], A[at], rtol=1e-10)
     autocorrelated_info = info._replace(meat=2.0 * A)
     np.testing.assert_allclose(
-        with_blocks(autocorrelated_info, kept_indices, inverse).meat[at], 2.0 * A[at], rtol=1e-10
+        with_jackknife(autocorrelated_info, kept_indices, inverse).meat[at], 2.0 * A[at], rtol=1e-10
     )
 
 

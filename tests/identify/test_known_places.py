@@ -10,7 +10,7 @@ import pytest
 
 from baqueano.errors import UsageError
 from baqueano.identify import FitOptions, identify, random_steps
-from baqueano.identify.data.hand_measurements import drift, read
+from baqueano.identify.data.hand_measurements import drift_std, read_line
 from baqueano.identify.validation import validate
 from baqueano.messages import text
 from baqueano.runs.run import TruthLog
@@ -234,10 +234,10 @@ def test_the_error_of_a_tape_includes_the_floor_disturbance():
         )
         worst, errors = off(car, fit)
         assert worst < SIGMAS, errors
-        _, (length, angle) = read(line, [run])
-        assert 0.05 < drift(car.vehicle, run, length) < 1.0
-        assert 0.5 < np.degrees(drift(car.vehicle, run, angle)) < 5.0
-        assert drift(override(car, [STILL]).vehicle, run, length) == 0.0
+        _, (length, angle) = read_line(line, [run])
+        assert 0.05 < drift_std(car.vehicle, run, length) < 1.0
+        assert 0.5 < np.degrees(drift_std(car.vehicle, run, angle)) < 5.0
+        assert drift_std(override(car, [STILL]).vehicle, run, length) == 0.0
 
 
 def test_a_camera_identifies_gyro_and_odometer_of_a_car():
@@ -286,14 +286,14 @@ class Ten:
     ],
 )
 def test_a_handwritten_measurement_line_is_parsed(line, kind, z, sd):
-    run, (place,) = read(line, [Ten("monday")])
+    run, (place,) = read_line(line, [Ten("monday")])
     assert (run, place.kind, place.t_ns) == (0, kind, 5 + 4_000_000_000)
     assert place.z == pytest.approx(z, abs=1e-12)
     assert place.sd == pytest.approx(sd)
 
 
 def test_a_line_may_contain_a_length_and_an_angle():
-    _, places = read("end: 1.5 m, -90 °", [Ten("a")])
+    _, places = read_line("end: 1.5 m, -90 °", [Ten("a")])
     assert [place.kind for place in places] == ["tape", "turned"]
     assert places[0].t_ns == 5 + 10_000_000_000
     assert places[1].z == pytest.approx([0.0, -1.0], abs=1e-12)
@@ -311,12 +311,12 @@ def test_a_line_may_contain_a_length_and_an_angle():
 )
 def test_an_unreadable_measurement_line_is_refused(line, code):
     with pytest.raises(UsageError, check=of_code(code)):
-        read(line, [Ten("a")])
+        read_line(line, [Ten("a")])
 
 
 def test_a_measurement_line_for_several_runs_must_name_its_run():
     with pytest.raises(UsageError, check=of_code("tape.of-no-run", known="a, b")):
-        read("4 s: 1 m", [Ten("a"), Ten("b")])
+        read_line("4 s: 1 m", [Ten("a"), Ten("b")])
 
 
 def test_a_tape_measurement_and_segments_cannot_be_combined():

@@ -5,7 +5,7 @@ import pytest
 
 from baqueano.identify import excitation
 from baqueano.identify.design.information import Informant
-from baqueano.identify.design.live import WINDOW, RecursiveInformation, bits
+from baqueano.identify.design.live import WINDOW_TICKS, RecursiveInformation, bits
 from baqueano.vehicle_file import load
 
 EXACT = 1e-9  # relative
@@ -29,9 +29,9 @@ def test_the_sum_over_windows_equals_the_information_of_one_batch(name):
     informant = Informant(file)
     live = RecursiveInformation(informant)
     theta = informant.nominal.copy()
-    theta[: informant.of.interest] *= 1.2  # not only at the values of the file
+    theta[: informant.unknowns.interest_count] *= 1.2  # not only at the values of the file
     for at in (informant.nominal, theta):
-        F = live.add(live.begin(at), u).F * np.outer(informant.of.size, informant.of.size)
+        F = live.add(live.begin(at), u).F * np.outer(informant.unknowns.size, informant.unknowns.size)
         assert relative(F, informant.information(u, at)) < EXACT
 
 
@@ -39,7 +39,7 @@ def test_information_does_not_depend_on_the_grouping_of_ticks():
     file, u = drive_named("small", 2.0)
     live = RecursiveInformation(Informant(file))
     state, at = live.begin(), 0
-    for count in (1, 7, WINDOW, 33, len(u)):
+    for count in (1, 7, WINDOW_TICKS, 33, len(u)):
         state, at = live.add(state, u[at : at + count]), at + count
     assert relative(state.F, live.add(live.begin(), u).F) < EXACT
 
@@ -64,12 +64,12 @@ def test_unmeasured_ticks_add_no_information():
 def test_predicted_errors_decrease_and_information_grows_with_each_window():
     file, u = drive_named("small", 3.0)
     live = RecursiveInformation(Informant(file))
-    state, before = live.begin(), np.ones(live.of.interest)
-    np.testing.assert_allclose(live.relative_sd(state), before)
+    state, before = live.begin(), np.ones(live.unknowns.interest_count)
+    np.testing.assert_allclose(live.relative_std(state), before)
     assert bits(before) == 0.0
-    for at in range(0, len(u), WINDOW):
-        state = live.add(state, u[at : at + WINDOW])
-        now = live.relative_sd(state)
+    for at in range(0, len(u), WINDOW_TICKS):
+        state = live.add(state, u[at : at + WINDOW_TICKS])
+        now = live.relative_std(state)
         assert np.all(now <= before + 1e-12)
         assert bits(now) >= bits(before) - 1e-9
         before = now

@@ -14,9 +14,9 @@ from hypothesis.extra.numpy import arrays
 from baqueano.errors import UsageError
 from baqueano.estimators import Ekf
 from baqueano.identify import excitation, identify, measure_noise
-from baqueano.identify.noise.covariances import valid
-from baqueano.identify.noise.most_likely import log_det_and_square, predict, valley
-from baqueano.identify.noise.unfitted_channels import not_fitted
+from baqueano.identify.noise.covariances import positive_definite
+from baqueano.identify.noise.most_likely import log_det_and_square, minimise_by_steps, predict
+from baqueano.identify.noise.unfitted_channels import unfitted_covariance
 from baqueano.runs.run import Channel
 from baqueano.signals import Slot, Tick, sensor_slots
 from baqueano.simulate import simulate
@@ -32,7 +32,7 @@ from tests.ekf_file import with_ekf
 )
 def test_any_matrix_is_converted_to_a_valid_covariance(matrix, exponent):
     notes = []
-    Q = valid(matrix, np.full(4, 10.0**exponent), "Q", notes)
+    Q = positive_definite(matrix, np.full(4, 10.0**exponent), "Q", notes)
     assert np.array_equal(Q, Q.T)
     d = np.sqrt(np.diagonal(Q))
     assert np.linalg.eigvalsh(Q / np.outer(d, d))[0] > 0.0
@@ -43,7 +43,7 @@ def test_any_matrix_is_converted_to_a_valid_covariance(matrix, exponent):
 def test_an_indefinite_matrix_is_corrected_and_reported():
     bad = np.array([[1.0, 1.2, 0.0], [1.2, 1.0, 0.0], [0.0, 0.0, -1e-5]])
     notes = []
-    Q = valid(bad, np.full(3, 1e-8), "Q", notes)
+    Q = positive_definite(bad, np.full(3, 1e-8), "Q", notes)
     np.linalg.cholesky(Q)
     assert [(note.code, note.subject) for note in notes] == [
         ("noise.lifted", "Q"),
@@ -55,7 +55,7 @@ def test_an_indefinite_matrix_is_corrected_and_reported():
 def test_a_valid_covariance_is_unchanged():
     A = np.random.default_rng(0).normal(size=(50, 3))
     Q = np.cov(A.T)
-    np.testing.assert_allclose(valid(Q, np.full(3, 1e-9), "Q", []), Q, rtol=1e-12)
+    np.testing.assert_allclose(positive_definite(Q, np.full(3, 1e-9), "Q", []), Q, rtol=1e-12)
 
 
 @pytest.fixture(scope="module")
@@ -139,7 +139,7 @@ def test_log_determinant_and_distance_equal_numpy(seed, m):
 
 
 def test_the_search_follows_a_narrow_valley_to_its_minimum():
-    q = valley(
+    q = minimise_by_steps(
         lambda x: float(np.sum((x - [1.0, -2.0]) ** 2)), np.zeros(2), np.full(2, -5.0), np.full(2, 5.0)
     )
     np.testing.assert_allclose(q, [1.0, -2.0], atol=0.25)
@@ -184,10 +184,12 @@ def test_the_noise_of_an_unfitted_sensor_is_never_zero(noise_at_rest, small):
 def test_the_noise_of_a_channel_without_rest_is_estimated_from_differences(small):
     u = np.tile([0.6, 0.0, 0.0], (300, 1))
     run, notes = simulate(small, u, 1), []
-    Q = not_fitted("imu", replace(small.sensors.imu, accel_noise_std=np.zeros(2)), np.zeros(3), [run], notes)
+    Q = unfitted_covariance(
+        "imu", replace(small.sensors.imu, accel_noise_std=np.zeros(2)), np.zeros(3), [run], notes
+    )
     np.testing.assert_allclose(np.sqrt(np.diagonal(Q)), [0.1, 0.1, 0.004], rtol=0.2)
     resting = replace(run, sensors={"imu": run.sensors["imu"]._replace(z=np.zeros((len(run.t_ns), 3)))})
-    Q = not_fitted(
+    Q = unfitted_covariance(
         "imu", replace(small.sensors.imu, accel_noise_std=np.zeros(2)), np.zeros(3), [resting], notes
     )
     assert Q[0, 0] == 1.0

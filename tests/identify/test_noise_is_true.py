@@ -7,12 +7,12 @@ import pytest
 
 from baqueano.identify import excitation, identify, measure_noise
 from baqueano.identify.noise import filter_noise
-from baqueano.identify.noise.most_likely import valley
-from baqueano.simulate.open_loop import times
+from baqueano.identify.noise.most_likely import minimise_by_steps
+from baqueano.simulate.open_loop import tick_times
 from baqueano.study.counterpart import drive_group, robot_file, run_of_vehicle
 from baqueano.study.counterpart.cars import ODOMETER_M_S
 from baqueano.study.estimation.simulated import ODOMETER
-from baqueano.study.identification.trials import FLOOR, as_sent, robot
+from baqueano.study.identification.trials import FLOOR_NOISE, as_sent, robot
 from baqueano.vehicle_file import parse
 
 pytestmark = pytest.mark.long
@@ -27,12 +27,12 @@ def measured(request):
     identifies."""
     seed = request.param
     q = robot(seed)
-    q = q.with_parameters(floor=np.array([FLOOR]))
+    q = q.with_parameters(floor=np.array([FLOOR_NOISE]))
     file = parse(robot_file(q).text + ODOMETER, "robot.toml").with_values(
         {"estimator.use": ["imu", "odometer"], "model.process_noise_std": [0.0, 0.0, 0.0]}
     )
     u = as_sent(excitation("random_steps", file.command.limit, SECONDS, file.rate_hz, seed, rest_s=0.0))
-    motion = drive_group(q, u[:, None], [seed], times(len(u), file.rate_hz))
+    motion = drive_group(q, u[:, None], [seed], tick_times(len(u), file.rate_hz))
     run = replace(run_of_vehicle(motion, 0, u, file, "floor", seed), truth=None)
     return q, file, measure_noise(identify(run, file, ["model.friction.linear"]), run)
 
@@ -51,7 +51,7 @@ def test_the_identified_variance_of_each_channel_equals_the_true_variance(measur
 def test_the_identified_velocity_walk_equals_the_true_floor_noise(measured):
     _, _, noise = measured
     for k in (0, 2):
-        assert within(noise.fields["velocity_walk_std"][k] ** 2, FLOOR[k] ** 2, VELOCITY), k
+        assert within(noise.fields["velocity_walk_std"][k] ** 2, FLOOR_NOISE[k] ** 2, VELOCITY), k
 
 
 def test_the_noise_table_shows_the_values_written_to_the_file(measured):
@@ -68,7 +68,7 @@ def test_the_noise_table_shows_the_values_written_to_the_file(measured):
 
 def test_the_search_reaches_the_minimum_along_a_narrow_ridge():
     """On a ridge no change of a single parameter improves the cost."""
-    estimate = valley(
+    estimate = minimise_by_steps(
         lambda x: 100.0 * abs(x[0] + x[1]) + abs(x[0] - 3.0), np.zeros(2), np.full(2, -5.0), np.full(2, 5.0)
     )
     np.testing.assert_allclose(estimate, [3.0, -3.0], atol=0.2)
@@ -85,6 +85,6 @@ def test_the_gyro_noise_is_at_least_its_noise_at_rest(rest, least):
     class Fit:
         channels = (Channel,)
 
-    low, high = filter_noise._range(Fit, "imu", 2, np.diag([1.0, 1.0, rest]), 1.0)
+    low, high = filter_noise._variance_range(Fit, "imu", 2, np.diag([1.0, 1.0, rest]), 1.0)
     assert high == pytest.approx(0.004**2, rel=0.1)
     assert low == least if least else low < 1e-3 * high

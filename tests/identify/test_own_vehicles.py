@@ -119,7 +119,7 @@ def test_a_drive_is_designed_for_the_parameters_of_a_custom_vehicle(files, name)
     file, truth, room = files[name], *CASES[name][1:]
     plan = design_plan(file, room_of(file, room), 2.0, progress=lambda text: True)
     assert plan.names == tuple(f"model.{key}" for key in truth)
-    assert np.max(plan.relative_sd) < 0.2
+    assert np.max(plan.relative_std) < 0.2
     assert plan.margin_m > 0.0
 
 

@@ -156,7 +156,7 @@ def test_bounds_of_free_friction_are_valid_in_a_vehicle_file(small):
 
 
 def test_a_search_without_convergence_names_the_parameter_that_still_moved(small, monkeypatch):
-    monkeypatch.setattr(search, "MOST", 5)
+    monkeypatch.setattr(search, "MAX_EVALUATIONS", 5)
     run = simulate(small, random_steps(small.command.limit, 6.0, 100.0, 0), 0)
     fit = identify(
         run,

@@ -12,7 +12,7 @@ from baqueano.identify import FitOptions, identify
 from baqueano.identify.data.record import FittedBlocks, record_of
 from baqueano.identify.design.signals import random_steps
 from baqueano.identify.estimation import prediction_error as prediction
-from baqueano.identify.estimation.prediction_error import FloorNoise, Prediction, most_likely, tail
+from baqueano.identify.estimation.prediction_error import FloorNoise, Prediction, maximum_likelihood, tail
 from baqueano.identify.parameters.setup import Shape
 from baqueano.identify.residuals import innovations as prediction_kernel
 from baqueano.identify.residuals.innovations import axes_of, filter_kernel
@@ -55,7 +55,7 @@ def cart():
 def gauss(monkeypatch):
     """Use the Gaussian likelihood, which does not reduce the weight of outliers."""
     monkeypatch.setattr(prediction_kernel, "GATE", 1e9)
-    monkeypatch.setattr(prediction, "FAR", 1e9)
+    monkeypatch.setattr(prediction, "ROBUST_SCALE", 1e9)
     monkeypatch.setattr(prediction, "BETA", 1.0)
 
 
@@ -199,8 +199,8 @@ def test_a_spike_has_the_same_effect_as_a_missing_measurement(cart):
 def test_floor_noise_and_sensor_noise_are_identified(cart):
     prediction = of_cart(cart, cart_run(cart, 11, 1200))
     low, high = np.array([0.0, -10.0, -np.inf]), np.full(3, np.inf)
-    likely = most_likely(prediction, np.array([DRAG, 1.0, 0.0]), low, high, np.zeros(3, bool))
-    v, sd = likely.noise.floor[0], likely.floor_sd[0]
+    likely = maximum_likelihood(prediction, np.array([DRAG, 1.0, 0.0]), low, high, np.zeros(3, bool))
+    v, sd = likely.noise.floor[0], likely.floor_std[0]
     assert likely.solution.converged
     assert abs(v - 0.04) < 4.0 * sd < 0.04
     assert np.exp(likely.noise.sensors[0]) == pytest.approx(1.0, abs=0.15)
@@ -216,7 +216,9 @@ def test_without_floor_noise_the_likelihood_ratio_is_small(cart):
     for seed in range(8):
         prediction = of_cart(cart, cart_run(quiet_cart, seed, 600))
         low, high = np.array([0.0, -10.0, -np.inf]), np.full(3, np.inf)
-        ratios.append(most_likely(prediction, np.array([DRAG, 1.0, 0.0]), low, high, np.zeros(3, bool)).ratio)
+        ratios.append(
+            maximum_likelihood(prediction, np.array([DRAG, 1.0, 0.0]), low, high, np.zeros(3, bool)).ratio
+        )
     assert min(ratios) > -1e-6
     assert max(ratios) < 10.8  # one in a thousand of χ² with one degree
     assert np.median(ratios) < 1.5
@@ -264,7 +266,7 @@ def test_the_constants_of_the_robust_cost_are_correct_for_normal_errors():
     density = np.exp(-0.5 * x**2) / np.sqrt(2.0 * np.pi) * (x[1] - x[0])
     psi = x * prediction.weight(x)
     assert np.sum(psi * x * density) == pytest.approx(prediction.BETA, rel=1e-6)
-    assert np.sum(psi**2 * density) / np.sum(prediction.slope(x) * density) == pytest.approx(
+    assert np.sum(psi**2 * density) / np.sum(prediction.psi_derivative(x) * density) == pytest.approx(
         prediction.TAU, rel=1e-6
     )
     assert np.allclose(np.gradient(prediction.rho(x), x)[1:-1], psi[1:-1], atol=1e-6)

@@ -11,7 +11,12 @@ import pytest
 from baqueano.errors import UsageError
 from baqueano.identify import FitOptions, identify
 from baqueano.identify.data.record import record_of
-from baqueano.identify.data.segments import ThetaLayout, cut, slopes_without_start, without_starts
+from baqueano.identify.data.segments import (
+    ThetaLayout,
+    derivatives_without_start,
+    eliminate_starts,
+    split_record,
+)
 from baqueano.runs.run import TruthLog
 from baqueano.simulate import simulate
 from tests.codes import of_code
@@ -21,7 +26,7 @@ FREE = ("model.friction.linear[0]", "model.friction.linear[2]", "model.actuator_
 
 def test_segments_contain_every_measurement_once(case, case_run):
     whole = record_of(case_run(0, 12.0), case.sensors._asdict())
-    pieces = cut(whole, 2.5, 0.3)
+    pieces = split_record(whole, 2.5, 0.3)
     assert len(pieces) == 5
     assert [p.lead for p in pieces] == [0, 30, 30, 30, 30]
     assert sum(p.sensors["imu"].has.sum() for p in pieces) == whole.sensors["imu"].has.sum()
@@ -31,7 +36,7 @@ def test_segments_contain_every_measurement_once(case, case_run):
 
 def test_a_segment_begins_before_its_first_measurement(case, case_run):
     whole = record_of(case_run(0, 12.0), case.sensors._asdict())
-    pieces = cut(whole, 2.5, 0.0)
+    pieces = split_record(whole, 2.5, 0.0)
     assert [p.lead for p in pieces] == [0, 1, 1, 1, 1]
     assert all(not p.sensors["imu"].has[: p.lead].any() for p in pieces)
 
@@ -48,7 +53,7 @@ def test_measurements_before_the_first_tick_are_ignored(case, case_run):
 
 def test_a_segment_longer_than_the_run_is_the_whole_run(case, case_run):
     whole = record_of(case_run(0, 4.0), case.sensors._asdict())
-    (piece,) = cut(whole, 60.0, 0.5)
+    (piece,) = split_record(whole, 60.0, 0.5)
     assert piece.lead == 0
     np.testing.assert_array_equal(piece.u, whole.u)
 
@@ -60,8 +65,8 @@ def test_eliminating_initial_states_gives_the_inverse_of_the_whole_information()
     for k, index in enumerate(layout.indices):
         J[20 * k : 20 * (k + 1), index] = rng.normal(size=(20, len(index)))
     A = J.T @ J
-    without_start, meat = without_starts(A, A, layout)
-    starts = layout.starts
+    without_start, meat = eliminate_starts(A, A, layout)
+    starts = layout.first_start
     np.testing.assert_allclose(np.linalg.inv(without_start), np.linalg.inv(A)[:starts, :starts], rtol=1e-9)
     np.testing.assert_allclose(meat, without_start, rtol=1e-9, atol=1e-12)
 
@@ -69,15 +74,18 @@ def test_eliminating_initial_states_gives_the_inverse_of_the_whole_information()
 def test_derivatives_with_initial_states_eliminated_give_the_reduced_information():
     rng = np.random.default_rng(1)
     layout = ThetaLayout(3, 2, 2, (0, 0, 1))
-    A, without_start = np.zeros((layout.size, layout.size)), np.zeros((layout.starts, layout.starts))
+    A, without_start = (
+        np.zeros((layout.size, layout.size)),
+        np.zeros((layout.first_start, layout.first_start)),
+    )
     for index in layout.indices:
         d, w = rng.normal(size=(20, 2, len(index))), (rng.random((20, 2)) < 0.8).astype(float)
         A[np.ix_(index, index)] += np.einsum("tm,tmp,tmq->pq", w, d, d)
-        start = index >= layout.starts
-        slopes = slopes_without_start(d, w, start)
+        start = index >= layout.first_start
+        slopes = derivatives_without_start(d, w, start)
         np.testing.assert_allclose(np.einsum("tm,tmp,tmq->pq", w, slopes, d[..., start]), 0.0, atol=1e-12)
         without_start[np.ix_(index[~start], index[~start])] += np.einsum("tm,tmp,tmq->pq", w, slopes, slopes)
-    np.testing.assert_allclose(without_start, without_starts(A, A, layout)[0], rtol=1e-9, atol=1e-12)
+    np.testing.assert_allclose(without_start, eliminate_starts(A, A, layout)[0], rtol=1e-9, atol=1e-12)
 
 
 def test_a_segmented_fit_is_correct_with_slightly_larger_errors(case, case_run, off):

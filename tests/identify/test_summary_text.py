@@ -7,7 +7,7 @@ import pytest
 
 from baqueano.diagnostics import Severity, note
 from baqueano.identify import identify
-from baqueano.identify.result.fit_result import marks, verdict_lines
+from baqueano.identify.result.fit_result import row_remarks, verdict_lines
 from baqueano.messages import group_sentences
 
 MOST = 15  # lines in addition to the tables of parameters and channels
@@ -34,7 +34,7 @@ def row(
     ],
 )
 def test_a_row_whose_interval_includes_zero_is_marked(of, mark):
-    assert marks(of) == mark
+    assert row_remarks(of) == mark
 
 
 def test_the_table_marks_every_row_that_may_be_zero(case_run, case):

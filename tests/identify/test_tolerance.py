@@ -6,7 +6,7 @@ import pytest
 
 from baqueano.cli import main
 from baqueano.errors import UsageError
-from baqueano.identify.covariance.scale_uncertainty import scales_of, with_tolerance
+from baqueano.identify.covariance.scale_uncertainty import scale_stds, with_tolerance
 from baqueano.vehicle_file import load
 from tests.codes import of_code
 
@@ -23,7 +23,7 @@ from tests.codes import of_code
 def test_a_tolerance_may_be_given_by_key_or_by_kind(tolerance, python):
     car = load("car").with_values({"sensors.imu.gyro_scale": 1.035})
     np.testing.assert_allclose(
-        scales_of(with_tolerance(car, tolerance), "imu"), scales_of(car, "imu", python), rtol=5e-3
+        scale_stds(with_tolerance(car, tolerance), "imu"), scale_stds(car, "imu", python), rtol=5e-3
     )
 
 

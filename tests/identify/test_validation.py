@@ -7,8 +7,14 @@ import pytest
 
 from baqueano.errors import UsageError
 from baqueano.identify import FitOptions, identify, random_steps
-from baqueano.identify.covariance.quantiles import students
-from baqueano.identify.validation import Figure, Validation, _against, _ChannelError, validate
+from baqueano.identify.covariance.quantiles import student_quantile
+from baqueano.identify.validation import (
+    ChannelMetrics,
+    Validation,
+    _ChannelError,
+    _evidence_against,
+    validate,
+)
 from baqueano.runs.run import Channel, Run
 from baqueano.simulate import simulate
 from baqueano.vehicle_file import parse
@@ -87,8 +93,8 @@ def test_a_fitted_run_cannot_validate_the_fit(fit, small):
 
 def test_students_quantile_equals_the_tables_for_few_degrees_of_freedom():
     for freedom, quantile in ((1, 63.657), (2, 9.925), (3, 5.841), (4, 4.604), (7, 3.499), (30, 2.750)):
-        assert students(0.995, freedom) == pytest.approx(quantile, rel=3e-3)
-        assert students(0.005, freedom) == pytest.approx(-quantile, rel=3e-3)
+        assert student_quantile(0.995, freedom) == pytest.approx(quantile, rel=3e-3)
+        assert student_quantile(0.005, freedom) == pytest.approx(-quantile, rel=3e-3)
 
 
 def alarms_of(blocks, own, noise=None):
@@ -96,8 +102,8 @@ def alarms_of(blocks, own, noise=None):
     blocks."""
     square = np.exp(blocks).mean()
     noise = np.sqrt(np.exp(own).mean()) if noise is None else noise
-    figure = Figure("run 2", "imu[2]", np.sqrt(square), 0.0, 0.9, "rad/s", noise)
-    return _against(figure, _ChannelError(square, 0.0, blocks, 5.0 * np.arange(len(blocks))), own)
+    figure = ChannelMetrics("run 2", "imu[2]", np.sqrt(square), 0.0, 0.9, "rad/s", noise)
+    return _evidence_against(figure, _ChannelError(square, 0.0, blocks, 5.0 * np.arange(len(blocks))), own)
 
 
 @pytest.mark.parametrize(("count", "own"), [(1, 2), (2, 2), (6, 2), (2, 6), (3, 3), (4, 4), (12, 12)])
@@ -152,7 +158,7 @@ def test_a_model_without_parameters_of_single_runs_can_be_validated(backend, sec
 
 
 def test_extreme_and_nan_figures_are_printed_briefly():
-    lost_figure = Figure("run 2", "imu[2]", 1e50, -1e99, float("nan"), "rad/s", float("nan"))
+    lost_figure = ChannelMetrics("run 2", "imu[2]", 1e50, -1e99, float("nan"), "rad/s", float("nan"))
     table = Validation((lost_figure, lost_figure._replace(noise=1e-9)), (), (), (), "").table()
     assert "nan" not in table
     assert "below -100 %" in table

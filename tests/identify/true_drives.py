@@ -13,7 +13,7 @@ import numpy as np
 from baqueano.identify import excitation, random_steps
 from baqueano.identify.result.fit_result import Fit
 from baqueano.runs.run import Run
-from baqueano.simulate.open_loop import times
+from baqueano.simulate.open_loop import tick_times
 from baqueano.study.counterpart import (
     car_file,
     car_values,
@@ -23,7 +23,7 @@ from baqueano.study.counterpart import (
     run_of_vehicle,
 )
 from baqueano.study.counterpart.world import ROBOT_STEP_S
-from baqueano.study.identification.trials import FLOOR, as_sent, car, robot
+from baqueano.study.identification.trials import FLOOR_NOISE, as_sent, car, robot
 from baqueano.study.truth import Robots, draw_robots
 from baqueano.study.truth.integrate import STEP_S
 from baqueano.vehicle_file import VehicleFile, load
@@ -61,7 +61,7 @@ def group_runs(
     step_s: float = ROBOT_STEP_S,
 ) -> list[Run]:
     """Return a run of each vehicle; the vehicles are simulated as one group."""
-    group, t_ns = vehicles[0].merge(list(vehicles[1:])), times(len(us[0]), file.rate_hz)
+    group, t_ns = vehicles[0].merge(list(vehicles[1:])), tick_times(len(us[0]), file.rate_hz)
     motion = drive_group(group, np.stack(us, axis=1), seeds, t_ns, step_s)
     return [
         run_of_vehicle(motion, k, u, file, f"run {seed}", seed)
@@ -96,7 +96,7 @@ def steps_of_car(seed: int, duration_s: float, rate_hz: float) -> np.ndarray:
 
 def robot_on_floor(seed: int, duration_s: float) -> TrueDrive:
     """Return a drive of a robot with dead zones and lag over a rough floor."""
-    q = robot(seed).with_parameters(floor=np.array([FLOOR]))
+    q = robot(seed).with_parameters(floor=np.array([FLOOR_NOISE]))
     file = robot_file(q)
     u = as_sent(excitation("random_steps", file.command.limit, duration_s, file.rate_hz, seed, rest_s=0.0))
     (run,) = group_runs([q], [u], [seed], file)

@@ -11,7 +11,7 @@ import numpy as np
 from baqueano.drive.session import sensor_monitor
 from baqueano.monitor import Finding, Watching
 from baqueano.runs.run import Channel, Run
-from baqueano.simulate.open_loop import times
+from baqueano.simulate.open_loop import tick_times
 from baqueano.study.counterpart import drive_group, run_of_vehicle
 from baqueano.study.faults.subject import subject
 from baqueano.symbolic import compile_block
@@ -52,8 +52,8 @@ def drives(kind: str, count: int) -> tuple[Run, ...]:
     """Return drives of one vehicle of the independent truth, each with its own commands and noise."""
     robot, file = subject("robot" if kind == "wheels" else kind, 0), kind_of(kind).file
     u = [robot._replace(seed=seed).signal(SECONDS) for seed in range(count)]
-    t_ns = times(len(u[0]), file.rate_hz)
-    motion = drive_group(robot.vehicle.some([0] * count), np.stack(u, axis=1), range(count), t_ns)
+    t_ns = tick_times(len(u[0]), file.rate_hz)
+    motion = drive_group(robot.vehicle.subset([0] * count), np.stack(u, axis=1), range(count), t_ns)
     runs = []
     for k in range(count):
         run = run_of_vehicle(motion, k, u[k], file, f"{kind} {k}", k)

@@ -13,7 +13,7 @@ from baqueano.diagnostics import Verdict
 from baqueano.errors import AnswerNo, UsageError
 from baqueano.guides.shapes import circle
 from baqueano.report.animation import picture_file
-from baqueano.report.animation.bars import Stage
+from baqueano.report.animation.bars import PartialFit
 from baqueano.report.animation.picture import animation
 from baqueano.report.animation.scene import scene
 from baqueano.runs import write_run
@@ -79,8 +79,8 @@ def test_the_animated_vehicle_follows_its_path(run, svg):
 
 
 def test_the_animation_shows_shrinking_intervals_of_a_fit(run):
-    stages = [Stage(10.0, Verdict.WARN, np.array([0.1, np.nan]), np.array([0.5, np.nan])),
-              Stage(60.0, Verdict.USABLE, np.array([0.0, 0.01]), np.array([0.05, 0.02]))]  # fmt: skip
+    stages = [PartialFit(10.0, Verdict.WARN, np.array([0.1, np.nan]), np.array([0.5, np.nan])),
+              PartialFit(60.0, Verdict.USABLE, np.array([0.0, 0.01]), np.array([0.05, 0.02]))]  # fmt: skip
     drawing = animation(scene(run), stages, ["a < b", "c"])
     first = re.search(r"@keyframes b0\{(.*?)\}\}", drawing)
     assert first is not None

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from baqueano.identify import identify
-from baqueano.report.fit_report import DRAWN, page_of_fit
+from baqueano.report.fit_report import MAX_DRAWN_RUNS, page_of_fit
 from baqueano.report.page import Drawing, Table
 from baqueano.simulate import simulate
 from baqueano.vehicle_file import load
@@ -38,7 +38,7 @@ def test_the_table_has_a_line_per_channel_and_names_the_worst_run(many):
 def test_the_page_draws_the_least_explained_runs(many):
     page = page_of_fit(many)
     titles = [s.title for s in page.sections if s.title.startswith("Data and model")]
-    assert titles == [f"Data and model: run-{k:02d}" for k in range(12 - DRAWN, 12)]
+    assert titles == [f"Data and model: run-{k:02d}" for k in range(12 - MAX_DRAWN_RUNS, 12)]
     assert page.subtitle.startswith("12 runs, run-00 to run-11")
     assert any(
         "Of 12 runs, the plot shows the 6 that the model explains least" in s.text for s in page.sections

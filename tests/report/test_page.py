@@ -10,8 +10,8 @@ import matplotlib as mpl
 import numpy as np
 import pytest
 
-from baqueano.compare.filter_consistency import STATES, filter_consistency
-from baqueano.monitor import REFUSED, Refusals, refusal_event
+from baqueano.compare.filter_consistency import STATE_NAMES, filter_consistency
+from baqueano.monitor import REFUSED_SOURCE, Refusals, refusal_event
 from baqueano.report import Headline, Page, Section, Table, draw, figures
 from baqueano.report.fit_report import page_of_fit
 from baqueano.report.of_run import page_of_run
@@ -66,7 +66,7 @@ def test_ne8_a_page_fetches_no_file_and_runs_no_script():
 
 
 def test_rejected_readings_have_a_table_only_if_they_were_counted():
-    counts = Event(0, "info", REFUSED, "", refusal_event([Refusals("imu[2]", 12, 400)]))
+    counts = Event(0, "info", REFUSED_SOURCE, "", refusal_event([Refusals("imu[2]", 12, 400)]))
     run = replace(a_run(), events=(counts,))
     (table,) = parts_of(page_of_run(run))["Refused readings"]
     assert table.rows == [{"number": "imu[2]", "refused": 12, "arrived": 400, "refused [%]": 3.0}]
@@ -200,7 +200,7 @@ def test_thinning_retains_every_peak():
     y[51_234], y[77] = 9.0, -9.0
     y[1000:3000] = np.nan
     few_t, few = figures.decimate(t, y)
-    assert len(few) <= figures.MOST_POINTS + 2
+    assert len(few) <= figures.MAX_POINTS + 2
     assert (np.nanmax(few), np.nanmin(few)) == (9.0, -9.0)
     assert np.all(np.diff(few_t) > 0)
     assert np.isnan(few[(few_t > 1100) & (few_t < 2900)]).all()
@@ -274,7 +274,7 @@ def test_the_page_reports_the_consistency_of_the_filter():
     assert [row["figure"] for row in table.rows] == [
         "nees_pose",
         "nees_velocity",
-        *(f"nees_{name}" for name in STATES),
+        *(f"nees_{name}" for name in STATE_NAMES),
     ]
     log = run.estimate._replace(cov=0.25 * run.estimate.cov)
     doubtful = {section.title: section for section in page_of_run(replace(run, estimate=log)).sections}

@@ -9,7 +9,7 @@ import pytest
 from matplotlib.figure import Figure
 
 import baqueano as bq
-from baqueano.contracts.result import LINES, Result
+from baqueano.contracts.result import MAX_LINES, Result
 from baqueano.diagnostics import Severity, note
 from baqueano.drive import FirstDrive
 from baqueano.drive.closure import Closure
@@ -84,7 +84,7 @@ CARDS = (*NAMES, "lesson", "route", "import", "vehicle")
 def test_a_result_prints_in_few_lines_and_has_a_full_table(results, name):
     result = results[name]
     assert isinstance(result, Result)
-    assert len(str(result).splitlines()) <= LINES
+    assert len(str(result).splitlines()) <= MAX_LINES
     assert str(result) == repr(result)
     assert len(result.table()) >= len(str(result)) / 2
 
@@ -94,7 +94,7 @@ def test_a_result_is_an_html_card_without_a_script(results, name):
     card = results[name]._repr_html_()
     assert card.startswith('<div class="baqueano">')
     assert "<script" not in card
-    assert len(re.findall("<tr>", card)) <= LINES + 2
+    assert len(re.findall("<tr>", card)) <= MAX_LINES + 2
 
 
 @pytest.mark.parametrize("name", DRAWN)

@@ -35,7 +35,7 @@ def programs(tmp_path, monkeypatch):
         userdel=f"sed -i /^baqueano:/d {tmp_path}/root/etc/passwd",
     )  # fmt: skip
     monkeypatch.setenv("PATH", f"{place}:/usr/local/bin:/usr/bin:/bin")
-    monkeypatch.setattr(install, "THERE", str(tmp_path / "there"))
+    monkeypatch.setattr(install, "TARGET_FOLDER", str(tmp_path / "there"))
     return put_scripts
 
 

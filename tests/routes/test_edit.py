@@ -8,7 +8,7 @@ from baqueano.geometry import map_from_body
 from baqueano.guides.route import Route, move_route
 from baqueano.guides.shapes import circle, eight, line, rectangle, slalom
 from baqueano.routes import at_speed, cut, join, reverse, scale, through_points
-from baqueano.routes.path import way
+from baqueano.routes.path import distances_along
 from tests.codes import refused
 
 ROUTES = {"circle": circle(0.5, 0.2), "eight": eight(0.6, 0.25), "slalom": slalom(2.0, 0.3, 3, 0.2)}
@@ -25,7 +25,10 @@ def drives_itself(route, atol=2e-3):
 
 def test_joining_the_parts_of_a_cut_gives_the_whole_route():
     whole = ROUTES["slalom"]
-    parts = cut(whole, 0.0, 1.0), cut(whole, way(whole.eta[:, :2])[len(cut(whole, 0.0, 1.0).t_s) - 1])
+    parts = (
+        cut(whole, 0.0, 1.0),
+        cut(whole, distances_along(whole.eta[:, :2])[len(cut(whole, 0.0, 1.0).t_s) - 1]),
+    )
     whole_again = join(*parts)
     np.testing.assert_allclose(whole_again.eta, whole.eta, atol=1e-12)
     np.testing.assert_allclose(whole_again.t_s, whole.t_s, atol=1e-12)
@@ -54,7 +57,9 @@ def test_a_reversed_route_passes_the_same_points(name, backing):
 
 def test_a_scaled_route_has_the_same_speed_and_shape():
     route = scale(ROUTES["eight"], 2.5)
-    assert way(route.eta[:, :2])[-1] == pytest.approx(2.5 * way(ROUTES["eight"].eta[:, :2])[-1])
+    assert distances_along(route.eta[:, :2])[-1] == pytest.approx(
+        2.5 * distances_along(ROUTES["eight"].eta[:, :2])[-1]
+    )
     np.testing.assert_array_equal(route.nu[:, 0], ROUTES["eight"].nu[:, 0])
     drives_itself(route)
 

@@ -7,7 +7,7 @@ from baqueano.errors import UsageError
 from baqueano.guides.route import Route
 from baqueano.guides.shapes import circle, eight, slalom
 from baqueano.routes import smooth
-from baqueano.routes.path import way
+from baqueano.routes.path import distances_along
 from tests.codes import refused
 
 
@@ -34,7 +34,7 @@ def by_keys(seed, seconds=25.0, turn=2.0, slow=0.25):
 
 def off_path(route, points):
     """Return the distance of each point from the route, by the nearest of many points between its poses."""
-    s = way(route.eta[:, :2])
+    s = distances_along(route.eta[:, :2])
     fine = np.linspace(0.0, s[-1], 20 * len(s))
     xy = np.column_stack([np.interp(fine, s, column) for column in route.eta[:, :2].T])
     return np.array([np.min(np.hypot(*(xy - point).T)) for point in points])

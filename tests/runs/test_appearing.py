@@ -5,7 +5,7 @@ import os
 import pytest
 
 from baqueano.errors import FileError
-from baqueano.runs.appearing import appearing
+from baqueano.runs.appearing import write_then_appear
 from tests.codes import refused
 
 
@@ -17,7 +17,7 @@ def no_links(*paths, **options):
 def test_a_file_appears_in_its_folder_only_after_it_is_complete(tmp_path, monkeypatch, links):
     if not links:
         monkeypatch.setattr(os, "link", no_links)
-    with appearing(tmp_path / "a") as file:
+    with write_then_appear(tmp_path / "a") as file:
         file.write(b"whole")
         assert not (tmp_path / "a").exists()
     assert [(p.name, p.read_bytes()) for p in tmp_path.iterdir()] == [("a", b"whole")]
@@ -32,7 +32,7 @@ def test_an_existing_file_is_not_replaced(tmp_path, monkeypatch, links, meanwhil
         (tmp_path / "a").write_bytes(b"mine")
 
     def write():
-        with appearing(tmp_path / "a") as file:
+        with write_then_appear(tmp_path / "a") as file:
             file.write(b"theirs")
             (tmp_path / "a").write_bytes(b"mine")
 
@@ -43,7 +43,7 @@ def test_an_existing_file_is_not_replaced(tmp_path, monkeypatch, links, meanwhil
 
 def test_lg10_an_incomplete_file_is_removed(tmp_path):
     def write():
-        with appearing(tmp_path / "a") as file:
+        with write_then_appear(tmp_path / "a") as file:
             file.write(b"half")
             raise ZeroDivisionError
 

@@ -75,7 +75,7 @@ FILLED = {
 def chunked_file(tmp_path_factory):
     """Return the bytes of a run of 60 ticks, and start and end of its chunks."""
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("baqueano.runs.container.run_file.CHUNK_SIZE", 2000)
+        patch.setattr("baqueano.runs.container.run_file.CHUNK_BYTES", 2000)
         t_ns = 1_700_000_000_000_000_000 + 10_000_000 * np.arange(60)
         u = np.random.default_rng(4).normal(size=(60, 30))
         path = write_run(Run("x", None, t_ns, u), tmp_path_factory.mktemp("x") / "x.mcap")
@@ -106,8 +106,8 @@ def test_the_reading_time_grows_linearly_with_the_damaged_bytes(chunked_file, mo
     scan = mcap_records.scan(spoilt)
     assert spoilt.searched <= 2 * len(spoilt)
     assert len(records) <= len(spoilt) // 8 + 1
-    assert sum(summed) <= 4 * mcap_records.AGAIN * len(spoilt)
-    assert len(scan.problems) <= mcap_records.MOST_REPORTED
+    assert sum(summed) <= 4 * mcap_records.SEARCH_FACTOR * len(spoilt)
+    assert len(scan.problems) <= mcap_records.MAX_REPORTED_DAMAGES
     assert (place != "alone") == bool(scan.messages)
 
 
@@ -227,7 +227,7 @@ def test_lg6_a_file_that_unpacks_to_too_much_is_refused(tmp_path, fill, chunk_si
 
 def test_a_long_run_at_rest_is_read_and_recovered_within_its_memory(tmp_path, monkeypatch):
     """All its signals are zero, so it is compressed more than the run of a moving vehicle."""
-    monkeypatch.setattr(memory_limit, "FLOOR", 0)
+    monkeypatch.setattr(memory_limit, "MIN_BYTES", 0)
     t_ns, zeros = 1 + 10_000_000 * np.arange(3000), np.zeros((3000, 3))
     sensors = {"imu": Channel(t_ns, t_ns, zeros), "odometer": Channel(t_ns, t_ns, zeros[:, :1])}
     run = Run("rest", None, t_ns, zeros, requested=zeros, sensors=sensors, sent=zeros)
@@ -238,7 +238,7 @@ def test_a_long_run_at_rest_is_read_and_recovered_within_its_memory(tmp_path, mo
         peak = tracemalloc.get_traced_memory()[1]
     finally:
         tracemalloc.stop()
-    assert peak <= memory_limit.TIMES * path.stat().st_size
+    assert peak <= memory_limit.BYTES_PER_FILE_BYTE * path.stat().st_size
     assert recover(path, tmp_path / "again.mcap").run == run
 
 

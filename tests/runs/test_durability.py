@@ -89,7 +89,7 @@ def fewer(run, whole):
 @pytest.fixture
 def chunked_files(make_run, tmp_path, monkeypatch):
     """Return a run of 60 ticks in several chunks, and the bytes of its file."""
-    monkeypatch.setattr("baqueano.runs.container.run_file.CHUNK_SIZE", 8000)
+    monkeypatch.setattr("baqueano.runs.container.run_file.CHUNK_BYTES", 8000)
     run = make_run(N=60)
     return run, write_run(run, tmp_path / "0001-test.mcap").read_bytes()
 
@@ -254,7 +254,7 @@ def test_rt16_a_full_disk_is_reported_only_at_the_end(tmp_path, monkeypatch):
     while run_writer._queue and time.monotonic() < deadline:
         time.sleep(0.01)
     run_writer._file.keep()
-    monkeypatch.setattr(RunFile, "keep", raising(OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))))
+    monkeypatch.setattr(RunFile, "close_chunk", raising(OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))))
     while run_writer.failure is None and time.monotonic() < deadline:
         time.sleep(0.01)
     record_one(run_writer, 10)
@@ -290,7 +290,7 @@ def raising(error):
 
 
 def test_lg3_a_stalled_disk_drops_estimates_first_and_is_reported(tmp_path, monkeypatch):
-    monkeypatch.setattr(writer, "QUEUE_LIMIT", 10)
+    monkeypatch.setattr(writer, "MAX_QUEUED_MESSAGES", 10)
     monkeypatch.setattr(writer, "MOVE_S", 60.0)  # the writer thread sleeps during this time
     path = tmp_path / "x.mcap"
     with RunWriter(path, live=True) as run_writer:
@@ -310,7 +310,7 @@ def test_lg3_a_stalled_disk_drops_estimates_first_and_is_reported(tmp_path, monk
 
 
 def test_a_simulation_waits_for_a_slow_disk_and_loses_no_data(tmp_path, monkeypatch):
-    monkeypatch.setattr(writer, "QUEUE_LIMIT", 10)
+    monkeypatch.setattr(writer, "MAX_QUEUED_MESSAGES", 10)
     monkeypatch.setattr(writer, "MOVE_S", 0.001)
     path = tmp_path / "x.mcap"
     with RunWriter(path) as run_writer:

@@ -12,10 +12,10 @@ import pytest
 from baqueano.errors import FileError
 from baqueano.runs import import_run, read_run, recover, write_run
 from baqueano.runs.container import memory_limit
-from baqueano.runs.container.records import LARGEST_CHUNK
+from baqueano.runs.container.records import MAX_CHUNK_BYTES
 from baqueano.runs.maps.column_map import load_map
 from baqueano.runs.route_file import read_route
-from baqueano.runs.tables.lines import LONGEST
+from baqueano.runs.tables.lines import MAX_LINE_LETTERS
 from tests.codes import includes, refused
 
 MAP = """
@@ -33,7 +33,7 @@ z = [{ column = "b", unit = "m/s" }]
 ROWS = b"0.10,0.25\n0.20,0.50\n0.30,0.75\n0.40,1.00\n"
 
 
-LONG_LINE = "table.long-line", {"line": 1, "most": LONGEST}
+LONG_LINE = "table.long-line", {"line": 1, "most": MAX_LINE_LETTERS}
 
 
 def refusal(tmp_path, data, name="log.csv"):
@@ -184,7 +184,7 @@ def test_a_chunk_of_a_bag_that_would_fill_the_memory_is_refused(tmp_path, name, 
     import zstandard
 
     pack = {b"bz2": bz2.compress, b"lz4": lz4.frame.compress, b"zstd": zstandard.ZstdCompressor().compress}
-    data = write(compression, pack[compression](bytes(LARGEST_CHUNK + 2**20)))
+    data = write(compression, pack[compression](bytes(MAX_CHUNK_BYTES + 2**20)))
     path = tmp_path / name
     path.write_bytes(data)
     text = MAP.replace('path = "FILE"\nrate_hz = 50.0', f'path = "{name}"\ntopic = "/x"\ntime = "bag"')

@@ -120,7 +120,7 @@ def test_pose_and_velocity_are_corrected_by_the_mount():
     )
     vx, vy = nu[:, 0] - w * left, nu[:, 1] + w * ahead
     own = np.column_stack([np.cos(0.4) * vx + np.sin(0.4) * vy, np.cos(0.4) * vy - np.sin(0.4) * vx, w])
-    body, body_nu = Mount(0.0, (ahead, left), 0.4).body(mark, own)
+    body, body_nu = Mount(0.0, (ahead, left), 0.4).body_motion(mark, own)
     np.testing.assert_allclose(body[:, :2], eta[:, :2], atol=1e-12)
     np.testing.assert_allclose(wrap(body[:, 2] - eta[:, 2]), 0.0, atol=1e-12)
     np.testing.assert_allclose(body_nu, nu, atol=1e-12)
@@ -130,8 +130,8 @@ def test_two_successive_mounts_equal_their_composition():
     first, second = Mount(0.01, (0.1, 0.2), 0.3), Mount(0.02, (-0.05, 0.07), -0.1)
     eta = np.random.default_rng(2).normal(size=(20, 3))
     unknown = np.full((20, 3), np.nan)
-    by_two = second.body(first.body(eta, unknown)[0], unknown)[0]
-    by_one = first.composed_with(second).body(eta, unknown)[0]
+    by_two = second.body_motion(first.body_motion(eta, unknown)[0], unknown)[0]
+    by_one = first.composed_with(second).body_motion(eta, unknown)[0]
     np.testing.assert_allclose(by_one[:, :2], by_two[:, :2], atol=1e-12)
     np.testing.assert_allclose(wrap(by_one[:, 2] - by_two[:, 2]), 0.0, atol=1e-12)
     assert first.composed_with(second).shift_s == pytest.approx(0.03)

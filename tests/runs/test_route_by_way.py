@@ -5,7 +5,7 @@ import pytest
 
 from baqueano.errors import FileError
 from baqueano.guides.shapes import circle, eight, rectangle
-from baqueano.routes.path import way
+from baqueano.routes.path import distances_along
 from baqueano.runs.route_file import read_route
 from tests.codes import refused
 
@@ -19,7 +19,7 @@ def written_route(path, rows, head=HEAD):
 
 @pytest.mark.parametrize("route", [circle(0.5, 0.2), eight(0.6, 0.2), rectangle(1.2, 0.8, 0.2, 0.2)])
 def test_a_route_over_distance_equals_the_route_over_time(tmp_path, route):
-    rows = np.column_stack([way(route.eta[:, :2]), route.eta, route.nu[:, 0]]).tolist()
+    rows = np.column_stack([distances_along(route.eta[:, :2]), route.eta, route.nu[:, 0]]).tolist()
     second = read_route(written_route(tmp_path / "r.csv", [",".join(map(repr, row)) for row in rows]))
     np.testing.assert_array_equal(second.eta, route.eta)
     np.testing.assert_allclose(second.t_s, route.t_s, rtol=1e-4)

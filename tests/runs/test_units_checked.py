@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from baqueano.diagnostics import Diagnostic, merge
+from baqueano.diagnostics import Diagnostic, merge_diagnostics
 from baqueano.errors import FileError
 from baqueano.runs.importing import import_run
 from tests.codes import includes
@@ -69,7 +69,7 @@ def findings(tmp_path, *args: Any, **options: Any) -> Diagnostic:
     """Return the findings of an import of this recording as one diagnostic, or its refusal."""
     import_message(tmp_path, *args, **options)
     try:
-        return merge(finding.diagnostic for finding in import_run(tmp_path / "map.toml").findings)
+        return merge_diagnostics(finding.diagnostic for finding in import_run(tmp_path / "map.toml").findings)
     except FileError as error:
         return error.diagnostic
 

@@ -9,7 +9,7 @@ from hypothesis.extra.numpy import arrays
 from baqueano.geometry import map_from_body
 from baqueano.sensors import Imu
 from baqueano.signals import Motion
-from baqueano.vehicles import Car, Friction, Planar, steady
+from baqueano.vehicles import Car, Friction, Planar, constant_effort
 from tests.codes import refused
 
 QUICK = settings(max_examples=30)
@@ -99,7 +99,7 @@ def test_imu_acceleration_is_the_second_derivative_of_its_position():
         places.append(eta[:2] + (map_from_body(eta[2]) @ [*lever, 0.0])[:2])
         if k == 1:
             motion_ = motion(nu, p.nu_dot(nu, effort), eta=eta)
-        eta, nu, _ = p.advance(eta, nu, steady(effort), h)
+        eta, nu, _ = p.advance(eta, nu, constant_effort(effort), h)
     acceleration = (places[0] - 2.0 * places[1] + places[2]) / h**2
     force = map_from_body(motion_.eta[2])[:2, :2].T @ acceleration
     assert Imu(lever_arm_m=lever).h(motion_)[:2] == pytest.approx(force, abs=1e-5)

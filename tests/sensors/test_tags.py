@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 
 from baqueano.block_checks import check_sensor
 from baqueano.sensors import Compass, Tags
-from baqueano.sensors.sampling import mistakes
+from baqueano.sensors.sampling import mistake_corrections
 from baqueano.signals import Motion
 from tests.codes import refused
 
@@ -88,8 +88,8 @@ def test_possible_mistakes_are_the_vectors_to_all_other_tags():
     tags = Tags(points_m=np.array([[1.0, 0.0], [2.0, 1.0], [-1.0, 3.0]]))
     ways = tags.mistakes(np.array([1.95, 1.04]))
     assert ways == pytest.approx(np.array([[-1.0, -1.0], [0.0, 0.0], [-3.0, 2.0]]))
-    assert mistakes(tags, np.array([1.95, 1.04])) == pytest.approx(ways)
-    assert mistakes(Compass(), np.zeros(1)).shape == (0, 1)
+    assert mistake_corrections(tags, np.array([1.95, 1.04])) == pytest.approx(ways)
+    assert mistake_corrections(Compass(), np.zeros(1)).shape == (0, 1)
 
 
 def test_tag_noise_is_std_times_unit_normals_unless_a_covariance_is_given():

@@ -9,7 +9,7 @@ from baqueano.errors import UsageError
 from baqueano.guides import Repeat, SinuousCircle
 from baqueano.guides.shapes import circle, rectangle
 from baqueano.simulate import simulate_loop, simulate_loops
-from baqueano.simulate.closed_loop import close_loop, lasting, start_of
+from baqueano.simulate.closed_loop import close_loop, reference_duration, start_of
 from baqueano.supervisor import Supervisor
 from baqueano.worlds import SimulatedWorld
 from tests.codes import refused
@@ -45,7 +45,7 @@ def test_with_perfect_pose_the_estimate_is_the_truth(vehicle):
 
 def test_the_simulation_ends_when_the_guide_is_done(vehicle):
     system = close_loop(vehicle, ROUTE, laps=2)
-    assert lasting(system) == pytest.approx(2 * 2 * np.pi * 0.5 / 0.3, abs=0.02)
+    assert reference_duration(system) == pytest.approx(2 * 2 * np.pi * 0.5 / 0.3, abs=0.02)
     run = simulate_loop(vehicle, rectangle(0.3, 0.2, 0.05, 0.5), perfect=True)
     assert run.reference.done[-1] == 1.0
     assert run.reference.done[-2] == 0.0

@@ -44,7 +44,7 @@ def test_each_vehicle_equals_its_single_simulation(vehicle):
 def test_the_number_of_chunks_does_not_change_the_result(vehicle, monkeypatch):
     mass = np.linspace(0.5, 0.9, 21)
     whole = simulate_many(vehicle, U, vary={"model.mass_kg": mass}, process_noise=True)
-    monkeypatch.setattr(import_module("baqueano.simulate.many"), "CHUNK", 8)
+    monkeypatch.setattr(import_module("baqueano.simulate.many"), "CHUNK_VEHICLES", 8)
     parts = simulate_many(vehicle, U, vary={"model.mass_kg": mass}, process_noise=True)
     np.testing.assert_array_equal(whole.eta, parts.eta)
 

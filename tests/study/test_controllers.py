@@ -10,7 +10,7 @@ from baqueano.guides.shapes import rectangle
 from baqueano.signals import Tick
 from baqueano.study.controllers import controllers
 from baqueano.study.controllers.drives import Contestant, from_origin
-from baqueano.study.controllers.result import JUDGED, Controllers
+from baqueano.study.controllers.result import JUDGED_BY, Controllers
 from baqueano.study.counterpart import LoopWorld
 from baqueano.study.truth import draw_robots
 from baqueano.sweep.pieces import Pieces
@@ -54,7 +54,7 @@ def result(best: float, bound: tuple[str, ...] = (), stop_code: str = "", drives
         Contestant("pd", "pd", {"alpha": 1.0}, ()),
         Contestant("mine", "my.py:Mine", {"k": 1.0}, bound),
     )
-    return Controllers(dict.fromkeys(JUDGED, result_of), contestants, 10, ())
+    return Controllers(dict.fromkeys(JUDGED_BY, result_of), contestants, 10, ())
 
 
 def test_the_verdict_lists_the_code_of_each_missed_requirement():

@@ -5,11 +5,11 @@ drive.
 import numpy as np
 import pytest
 
-from baqueano.compare.corridor import LOST_RAD
+from baqueano.compare.corridor import MAX_HEADING_STD_RAD
 from baqueano.study import corridor, driving
 from baqueano.study.corridor import drives
 from baqueano.study.corridor.result import Instant, gather
-from baqueano.study.corridor.vehicles import BIAS_WALK, TOLERANCE, vehicles
+from baqueano.study.corridor.vehicles import BIAS_WALK, SCALE_TOLERANCE, vehicles
 
 
 def cases(n, claim_m, rng, heading=0.1):
@@ -37,7 +37,8 @@ def test_a_study_of_few_vehicles_seldom_fails_by_chance():
 def test_a_lost_vehicle_is_counted_and_not_judged():
     rng = np.random.default_rng(1)
     lost_cases = [
-        (name, case._replace(cov=np.eye(3) * LOST_RAD**2 * 1.01)) for name, case in cases(5, 1.0, rng)
+        (name, case._replace(cov=np.eye(3) * MAX_HEADING_STD_RAD**2 * 1.01))
+        for name, case in cases(5, 1.0, rng)
     ]
     (row, _) = gather([*cases(12, 1.0, rng), *lost_cases], 17, ()).rows()
     assert (row["cases"], row["lost"]) == (12, 5)
@@ -46,8 +47,8 @@ def test_a_lost_vehicle_is_counted_and_not_judged():
 def test_the_study_vehicles_have_the_imu_of_a_data_sheet():
     robots = vehicles(range(40))
     off = robots.imu.gyro_scale - 1.0
-    assert np.all(np.abs(off) <= TOLERANCE)
-    assert np.std(off) == pytest.approx(TOLERANCE / np.sqrt(3.0), rel=0.2)
+    assert np.all(np.abs(off) <= SCALE_TOLERANCE)
+    assert np.std(off) == pytest.approx(SCALE_TOLERANCE / np.sqrt(3.0), rel=0.2)
     assert np.all(robots.imu.walk == [0.0, 0.0, BIAS_WALK])
     assert np.abs(np.diff(robots.wheel, axis=1)) == pytest.approx(np.full((40, 1), 0.02))
 

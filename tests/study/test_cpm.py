@@ -38,5 +38,5 @@ def test_rows_are_flat_and_serialisable_to_json(rows):
 
 
 def test_a_row_below_its_requirement_is_not_ok():
-    assert cpm.EXPLAINED == {"a": 0.94, "b": 0.98}
+    assert cpm.MIN_EXPLAINED == {"a": 0.94, "b": 0.98}
     assert row("x", "y", 0.5, "≥ 0.94", ok=0.5 >= 0.94)["ok"] is False

@@ -19,7 +19,7 @@ def study(cpm_recordings):
     runs = {name[-1]: import_run(name).run for name in MAPS}
     fitted = {name: fit_to(run) for name, run in runs.items()}
     ways = (("a", "b"), ("b", "a"))
-    return CrossValidation(fitted, tuple(judge(fitted[a].file, a, runs[b], b) for a, b in ways))
+    return CrossValidation(fitted, tuple(judge(fitted[a].vehicle_file, a, runs[b], b) for a, b in ways))
 
 
 def test_a_fit_to_one_run_predicts_the_other_run(study):

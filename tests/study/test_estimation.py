@@ -17,7 +17,7 @@ from baqueano.study.estimation import simulated
 from baqueano.study.estimation.errors import (
     QUANTITIES,
     SPEED,
-    WHOLE,
+    WHOLE_RUN,
     BlockSums,
     EstimatedPath,
     block_errors,
@@ -93,12 +93,12 @@ def test_an_estimate_with_half_the_error_has_the_ratio_one_half():
     assert ratios[SPEED].ratio[0] == pytest.approx(0.5, abs=0.01)
     for name in QUANTITIES[1:]:
         assert ratios[name].ratio[0] == pytest.approx(0.5, abs=1e-6)
-    assert ratios[WHOLE].rms[1] == pytest.approx(0.6 / np.sqrt(3), rel=0.01)
+    assert ratios[WHOLE_RUN].rms[1] == pytest.approx(0.6 / np.sqrt(3), rel=0.01)
     assert ratios[QUANTITIES[2]].rms[1] == pytest.approx(
         0.1 / np.sqrt(3), rel=0.01
     )  # begins again after 10 s
     assert len(ratios[QUANTITIES[2]].samples) == 6
-    assert np.isnan(ratios[WHOLE].ratio[1])  # one block gives no interval
+    assert np.isnan(ratios[WHOLE_RUN].ratio[1])  # one block gives no interval
 
 
 def test_the_interval_of_a_ratio_has_its_nominal_coverage():

@@ -12,7 +12,14 @@ from baqueano.signals import Command
 from baqueano.study.counterpart import LoopWorld, robot_values, world_of
 from baqueano.study.experiments.drives import DRIVES, SPREAD, PlannedDrive, outcome, vehicles_around
 from baqueano.study.experiments.result import Experiments, SignalErrors, rows_of
-from baqueano.study.first_drives import DEAD_ZONE, STRONGEST, WEAKEST, FirstDrives, gains, unknown
+from baqueano.study.first_drives import (
+    DEAD_ZONE,
+    MAX_GAIN_RATIO,
+    MIN_GAIN_RATIO,
+    FirstDrives,
+    draw_unknown_robot,
+    gain_ratios,
+)
 from baqueano.study.first_drives import Row as FirstDrive
 from baqueano.study.identification.bound import numbers
 from baqueano.study.truth import TruthWorld, draw_cars
@@ -76,7 +83,7 @@ def test_study_vehicles_differ_from_their_file_within_the_stated_spread(name):
     file = load(name)
     vehicles = vehicles_around(file, 30, 0)
     values = numbers(vehicles)
-    paths = [path for path in possible_vehicles(file, vehicles=2).paths if path in values]
+    paths = [path for path in possible_vehicles(file, vehicle_count=2).paths if path in values]
     assert len(paths) >= 7
     off = np.array([values[path] / file.value(path) - 1.0 for path in paths])
     assert np.max(np.abs(off)) <= SPREAD + 1e-9
@@ -110,7 +117,7 @@ def test_a_car_on_tyres_that_slide_stays_in_its_room():
     u, world = contain(requested, file, room).u, world_of(vehicles, [0, 1])
     for now in u:
         world.tick(np.tile(now, (2, 1)), 1.0 / file.rate_hz)
-        assert np.all(np.abs(world.truth.eta[:, :2]) < room.free)
+        assert np.all(np.abs(world.truth.eta[:, :2]) < room.free_half_width_m)
 
 
 def test_an_unobservable_parameter_retains_its_prior_uncertainty():
@@ -139,14 +146,14 @@ def test_the_loop_world_equals_the_truth_world_with_delayed_commands(vehicle):
 
 
 def test_unknown_robots_have_the_documented_range_of_gains_and_dead_zones():
-    file, robots = load("small"), [unknown(seed) for seed in range(60)]
-    ratio = np.array([gains(robot, file) for robot in robots])
-    assert 0.8 * WEAKEST < ratio.min() < 0.5
-    assert 2.0 < ratio.max() < 1.25 * STRONGEST
+    file, robots = load("small"), [draw_unknown_robot(seed) for seed in range(60)]
+    ratio = np.array([gain_ratios(robot, file) for robot in robots])
+    assert 0.8 * MIN_GAIN_RATIO < ratio.min() < 0.5
+    assert 2.0 < ratio.max() < 1.25 * MAX_GAIN_RATIO
     assert np.all(np.abs(np.log(ratio[:, 0] / ratio[:, 1])) < np.log(1.25 / 0.75 * 1.3))
     zones = np.concatenate([np.ravel([robot.forward, robot.backward]) for robot in robots])
     assert 0.0 <= zones.min() < 0.05 < 0.35 < zones.max() <= DEAD_ZONE
     robot = robots_drawn(1, 0)
     same = robot.with_parameters(gain=file.vehicle.drivetrain.gain[None])
     value = robot_values(same)["model.actuator_matrix[0,0]"][0]
-    assert gains(same, file)[0] == pytest.approx(value / 3.38)
+    assert gain_ratios(same, file)[0] == pytest.approx(value / 3.38)

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from baqueano.study.faults import FAULTS, Faults, detection, faults
-from baqueano.study.faults.detection import SOUND, FaultJob, FaultOutcome
+from baqueano.study.faults.detection import UNDAMAGED, FaultJob, FaultOutcome
 from baqueano.study.wrong import wrong
 
 SOME = (
@@ -18,7 +18,7 @@ SOME = (
 @pytest.fixture(scope="module")
 def study():
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(detection, "SECONDS", 12.0)
+        patch.setattr(detection, "DRIVE_S", 12.0)
         return faults(1, 2, vehicles=("car",), only=SOME)
 
 
@@ -74,7 +74,7 @@ def test_more_than_two_per_cent_of_sound_runs_refused_fail_the_study():
 
 def test_a_fit_without_parameters_is_excluded_from_the_ratio():
     none = outcome_of("stuck", "REFUSED", False)._replace(clean=1.0)
-    some = none._replace(off=3.0, clean=2.0)
+    some = none._replace(error_by_path=3.0, clean=2.0)
     assert Faults((none, some), 2, 2).rows()[0]["over_clean"] == 1.5
     assert Faults((none,), 1, 1).rows()[0]["over_clean"] is None
 
@@ -132,7 +132,7 @@ def test_the_study_contains_every_specified_fault():
     )  # fmt: skip
     for word in words:
         assert any(word in fault for fault in FAULTS), word
-    assert len(SOUND) == 5
+    assert len(UNDAMAGED) == 5
 
 
 @pytest.mark.parametrize(("off", "code"), [(False, 0), (True, 1)])
@@ -271,4 +271,4 @@ def test_structural_faults_do_not_change_the_original_data(vehicle):
         assert (plan is None) == (vehicle == "car" and name in NOT_FOR_CARS), name
         if plan is not None:
             has_changed = plan.vehicle is not of.vehicle or not np.array_equal(plan.effective, u)
-            assert has_changed or plan.file is not of.file or plan.second is not None, name
+            assert has_changed or plan.vehicle_file is not of.vehicle_file or plan.second is not None, name

@@ -12,7 +12,7 @@ import time
 import numpy as np
 import pytest
 
-from baqueano.simulate.open_loop import times
+from baqueano.simulate.open_loop import tick_times
 from baqueano.study.counterpart import (
     car_file,
     car_numbers,
@@ -119,7 +119,7 @@ def test_the_fit_to_one_robot_is_not_wrong(case):
 def test_the_true_value_of_a_drifting_bias_is_its_mean():
     robot = trials.robot(0)
     imu = robot.imu.with_parameters(noise=np.zeros((1, 3)), walk=np.array([[0.1, 0.2, 0.01]]))
-    motion = drive_group(robot.with_parameters(imu=imu), np.zeros((200, 1, 3)), [0], times(200, 100.0))
+    motion = drive_group(robot.with_parameters(imu=imu), np.zeros((200, 1, 3)), [0], tick_times(200, 100.0))
     assert np.all(np.abs(motion.wandered) > 1e-3)
     np.testing.assert_allclose((motion.z - motion.quiet).mean(axis=0), motion.wandered)
 

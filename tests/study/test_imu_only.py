@@ -10,15 +10,15 @@ from baqueano.identify import FitOptions, identify
 from baqueano.runs.importing import import_run
 from baqueano.study.cross_validation_cpm import predict_run
 from baqueano.study.imu_only import (
-    BARE,
+    BARE_VALUES,
     FREE,
-    HELD,
     MAPS,
+    MAX_WIDTHS,
+    MIN_COVERAGE,
     NAMES,
-    WIDE,
     drive_of,
     imu_only_study,
-    of_intervals,
+    interval_rows,
 )
 from baqueano.vehicle_file import load
 
@@ -40,7 +40,7 @@ def test_speed_without_encoder_is_at_most_30_percent_worse_than_with_odometer(st
 def test_imu_only_intervals_cover_the_odometer_fit_and_are_narrow(study):
     rows = {row["quantity"]: row for row in study.rows()}
     assert rows["intervals that contain the odometer's fit"]["ok"]
-    for name, bar in zip(NAMES, WIDE, strict=True):
+    for name, bar in zip(NAMES, MAX_WIDTHS, strict=True):
         if np.isfinite(bar):
             assert rows[f"widest of {name}, ± parts"]["value"] <= bar, name
 
@@ -57,7 +57,7 @@ def test_the_study_reports_the_unobservable_gyro_scale_and_an_envelope_exit(stud
     ("b", {"model.drivetrain.delay_s": 0.0}),
 ])  # fmt: skip
 def test_a_fit_started_at_its_estimate_returns_the_same_estimate(cpm_recordings, run, changes):
-    recorded_run, car = import_run(MAPS[run]).run, load("car").with_values(BARE | changes)
+    recorded_run, car = import_run(MAPS[run]).run, load("car").with_values(BARE_VALUES | changes)
     free = (*FREE, "model.drivetrain.delay_s")
     first = identify(recorded_run, car, free, use=("imu",))
     second = identify(recorded_run, first.vehicle_file, free, use=("imu",))
@@ -68,7 +68,7 @@ def test_a_fit_started_at_its_estimate_returns_the_same_estimate(cpm_recordings,
 def test_the_innovations_cost_predicts_the_other_run_worse_without_an_encoder(cpm_recordings, run, held_out):
     """With only the IMU, their speed error on the other run is 2.9 and 1.9 times that of the simulation cost."""
     recorded_run, unseen_run = (import_run(MAPS[name]).run for name in (run, held_out))
-    car, errors = load("car").with_values(BARE), []
+    car, errors = load("car").with_values(BARE_VALUES), []
     for cost in ("simulation", "innovations"):
         fit = identify(recorded_run, car, FREE, use=("imu",), options=FitOptions(cost=cost))
         values = {name: float(fit.value(name)) for name in FREE if np.isfinite(fit.value(name))}
@@ -81,13 +81,13 @@ def test_the_innovations_cost_predicts_the_other_run_worse_without_an_encoder(cp
 
 def test_coverage_and_width_of_intervals_are_taken_over_all_cases():
     inside, width = np.ones((4, 5), bool), np.full((4, 5), 0.05)
-    assert all(row["ok"] for row in of_intervals(inside, width))
+    assert all(row["ok"] for row in interval_rows(inside, width))
     inside[:, 0], width[2, 1] = False, 0.41
-    rows = {row["quantity"]: row for row in of_intervals(inside, width)}
+    rows = {row["quantity"]: row for row in interval_rows(inside, width)}
     row = rows["intervals that contain the odometer's fit"]
     assert row["value"] == pytest.approx(0.8)
     assert not row["ok"]
-    assert row["value"] < HELD
+    assert row["value"] < MIN_COVERAGE
     assert not rows["widest of viscous drag, ± parts"]["ok"]
     assert rows["widest of gain, ± parts"]["ok"]
 
@@ -95,14 +95,14 @@ def test_coverage_and_width_of_intervals_are_taken_over_all_cases():
 def test_steady_speed_and_its_error_are_computed_from_gain_and_friction():
     from types import SimpleNamespace
 
-    from baqueano.study.imu_only import DRIVE
+    from baqueano.study.imu_only import DRIVE_PARAMETERS
 
     rng = np.random.default_rng(0)
     mean, root = np.array([7.4, 1.8, 0.6, 0.2]), 0.01 * rng.normal(size=(4, 4))
     cov = root @ root.T
     fit = SimpleNamespace(
-        names=DRIVE, estimate=mean, cov=cov, sd=np.sqrt(np.diag(cov)),
-        value=lambda name: float(mean[DRIVE.index(name)]),
+        names=DRIVE_PARAMETERS, estimate=mean, cov=cov, sd=np.sqrt(np.diag(cov)),
+        value=lambda name: float(mean[DRIVE_PARAMETERS.index(name)]),
     )  # fmt: skip
     motion = drive_of(fit, load("car"))
     draws = rng.multivariate_normal(mean, cov, size=40_000)

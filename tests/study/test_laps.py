@@ -9,9 +9,9 @@ from baqueano.study.corridor.vehicles import vehicles
 from baqueano.study.driving import SHAPES, guess
 from baqueano.study.laps import all_cases, laps_over_fixes, team
 from baqueano.study.laps.drives import STEP_S, Laps
-from baqueano.study.laps.fixes import FIXES, THREE, places, with_fix
-from baqueano.study.laps.result import LapCase, LapStudy, Whole, laps_of
-from baqueano.study.truth import Floor, FloorLines, Gate, PassingFaults, TruthWorld, draw_robots
+from baqueano.study.laps.fixes import FIXES, THREE_FRACTIONS, places, with_fix
+from baqueano.study.laps.result import LapCase, LapStudy, WholeDrive, laps_of
+from baqueano.study.truth import FloorLines, Gate, PassingFaults, TagReaders, TruthWorld, draw_robots
 from baqueano.symbolic import function
 
 TWO = np.array([[1.0, 0.0], [2.0, 1.0]])
@@ -24,7 +24,7 @@ def readings_of(floor, way):
 
 
 def floor(seed=0, faults=PassingFaults(), noise=0.0):  # noqa: B008 a tuple
-    return Floor(TWO, 0.1, noise, [seed], np.array([[0.0, 0.05]]), faults)
+    return TagReaders(TWO, 0.1, noise, [seed], np.array([[0.0, 0.05]]), faults)
 
 
 def line(y, n=300):
@@ -95,7 +95,7 @@ def test_the_vehicle_file_declares_the_sensors_of_each_kind_of_mark(fix, shape):
 def test_three_lines_determine_the_pose_on_every_route(shape):
     route = SHAPES[shape](0.3)
     middle = 0.5 * (route.eta[:, :2].min(axis=0) + route.eta[:, :2].max(axis=0))
-    x, y, psi = (places(route, THREE) - np.append(middle, 0.0)).T
+    x, y, psi = (places(route, THREE_FRACTIONS) - np.append(middle, 0.0)).T
     H = np.column_stack([np.cos(psi), np.sin(psi), x * np.sin(psi) - y * np.cos(psi)])
     assert np.linalg.svd(H, compute_uv=False)[-1] > 0.7
 
@@ -144,7 +144,7 @@ def slow(f, *examples):
 @pytest.mark.long
 def test_tags_limit_the_errors_and_a_drive_without_tags_stops(monkeypatch):
     monkeypatch.setattr(driving, "EXPERIMENT_S", 40.0)
-    monkeypatch.setattr(team, "LEARNED", 3)
+    monkeypatch.setattr(team, "LEARNING_LAPS", 3)
     cases = [LapCase("rectangle", fix, "calibrated", "no reading lost") for fix in ("none", "tags")]
     study = laps_over_fixes(1, 40, 4, cases=cases)
     assert study.refused == ()
@@ -165,7 +165,7 @@ def study_of(error_m, sd_m, laps=5, across_m=0.02, stops=False, case=TAGS, forec
     across = np.tile([across_m, -0.01], (10 * laps, 1))
     drives[15 if stops else 10 * laps :, 0] = False
     driven = Laps(error, cov, across, drives, np.zeros(2, bool), ())
-    wholes = tuple(Whole(case, seed, False, forecast) for seed in (3, 4))
+    wholes = tuple(WholeDrive(case, seed, False, forecast) for seed in (3, 4))
     return LapStudy(tuple(laps_of(driven, case, [3, 4], laps, 10)), wholes, 2, laps, ())
 
 

@@ -43,7 +43,7 @@ def test_a_skid_steered_vehicle_is_predicted_from_its_wheels():
     fit = warthog.fit_windows(runs[:half:5], "warthog")
     far_m, far_rad = warthog.errors(fit.vehicle_file, runs[half::5])
     assert far_m < 0.5
-    assert far_rad < warthog.FAR_RAD
+    assert far_rad < warthog.MAX_ERROR_RAD
     assert "effective track 1." in warthog.sentence(fit, "warthog")
 
 

@@ -214,7 +214,7 @@ def test_the_integration_step_is_fine_enough_for_any_delay(make, us):
 
 def test_other_vehicles_do_not_change_a_simulation():
     two = draw_robots(2, 5)
-    both, single = TruthWorld(two, [7, 8]), TruthWorld(two.some([1]), [8])
+    both, single = TruthWorld(two, [7, 8]), TruthWorld(two.subset([1]), [8])
     for k in range(20):
         u = np.array([[0.5, 0.0, 0.2], [0.8, 0.0, -0.4]]) * (k % 3)
         np.testing.assert_array_equal(both.tick(u, 0.01)[1:], single.tick(u[1:], 0.01))

@@ -31,7 +31,7 @@ def test_an_interval_of_few_drives_has_its_nominal_coverage(drives, spread):
         difference = paired_difference(
             *([Pieces((1000.0 * x,) * 3, (1000.0,) * 3) for x in cell] for cell in cells)
         )
-        assert (difference.blocks, difference.of_drives) == (drives, True)
+        assert (difference.blocks, difference.is_by_drives) == (drives, True)
         inside += difference.low <= 1.0 <= difference.high
     assert 0.935 <= inside / 2000 <= 0.965
 
@@ -102,7 +102,7 @@ def test_few_drives_are_compared_by_segments():
     rng = np.random.default_rng(1)
     estimate, reference = (Pieces(tuple(rng.uniform(1.0, 2.0, 12) * s), (1.0,) * 12) for s in (4.0, 1.0))
     difference = paired_difference([estimate], [reference])
-    assert (difference.blocks, difference.of_drives, difference.significant) == (12, False, True)
+    assert (difference.blocks, difference.is_by_drives, difference.significant) == (12, False, True)
     assert difference.low < difference.ratio < difference.high
     comparison = paired_difference([Pieces((4.0,), (1.0,))], [Pieces((1.0,), (1.0,))])
     assert comparison.ratio == 2.0

@@ -37,7 +37,7 @@ def answer(number: int) -> str:
 
 
 def libraries(cache: Path) -> list[Path]:
-    return sorted(cache.rglob("*" + compile.SUFFIX))
+    return sorted(cache.rglob("*" + compile.LIBRARY_SUFFIX))
 
 
 def test_a_library_is_cached_in_a_folder_with_spaces_and_accents(cache):
@@ -149,7 +149,7 @@ def test_fast_math_is_never_enabled():
     compiler = compile.find().compiler
     assert compiler is not None
     for operations in (10, 10_000, 100_000):
-        for flags in compile._flag_sets(compiler, operations, find_vectors=True, hasty=False):
+        for flags in compile._flag_sets(compiler, operations, find_vectors=True, is_hasty=False):
             assert not {"-ffast-math", "-Ofast", "-funsafe-math-optimizations"} & set(flags)
 
 

@@ -9,12 +9,12 @@ from baqueano.symbolic.c_code import compile
 from baqueano.symbolic.c_code.c import make_kernel
 from baqueano.symbolic.derivatives.tangents import tangents
 from baqueano.symbolic.graph.emit import (
-    LEAVES,
+    LEAF_OPERATORS,
     EmittedBranch,
     arguments,
     cost,
     plan,
-    schedule,
+    scheduled_statements,
     with_reciprocals,
 )
 from baqueano.symbolic.graph.node import Graph, Node
@@ -26,7 +26,7 @@ needs_compiler = pytest.mark.skipif(compile.find().compiler is None, reason="no 
 
 
 def is_leaf(term) -> bool:
-    return term.op in LEAVES
+    return term.op in LEAF_OPERATORS
 
 
 def check(statements, known_symbols: set, roots=()) -> set:
@@ -35,7 +35,7 @@ def check(statements, known_symbols: set, roots=()) -> set:
     for s in statements:
         if isinstance(s, EmittedBranch):
             assert is_leaf(s.condition) or s.condition in known_symbols
-            for arm, body in ((1, s.then), (2, s.otherwise)):
+            for arm, body in ((1, s.if_true), (2, s.if_false)):
                 inside = check(body, known_symbols)
                 assert all(is_leaf(c.args[arm]) or c.args[arm] in inside for c in s.choices)
             assert not known_symbols.intersection(s.choices)
@@ -52,7 +52,7 @@ def branches(statements) -> list[EmittedBranch]:
     branch_list = []
     for s in statements:
         if isinstance(s, EmittedBranch):
-            branch_list += [s, *branches(s.then), *branches(s.otherwise)]
+            branch_list += [s, *branches(s.if_true), *branches(s.if_false)]
     return branch_list
 
 
@@ -61,9 +61,9 @@ def branches(statements) -> list[EmittedBranch]:
 def test_every_schedule_computes_terms_before_their_use(seed, operations):
     program = random_program(seed, operations=operations, m=8)
     roots = (*program.outputs, *program.next_carry)
-    check(schedule(roots, is_leaf), set(), roots)
+    check(scheduled_statements(roots, is_leaf), set(), roots)
     order = plan(program.initial, roots, {*program.carry, *program.inputs})
-    check(order.loop, check(order.before, set(), program.initial), roots)
+    check(order.loop_statements, check(order.statements_before, set(), program.initial), roots)
 
 
 class Text:
@@ -108,12 +108,12 @@ def test_terms_used_in_one_branch_are_computed_only_in_this_branch():
     outputs = [
         t.make("where", t.flag, t.make("add", next_count, k), t.make("sub", product, k)) for k in (1.0, 2.0)
     ]
-    statements = schedule(outputs, is_leaf)
+    statements = scheduled_statements(outputs, is_leaf)
     check(statements, set(), outputs)
     (branch,) = branches(statements)
     assert branch.condition is t.flag
     assert set(branch.choices) == set(outputs)
-    assert any(s is next_count for s in branch.then)
+    assert any(s is next_count for s in branch.if_true)
     assert any(s is product for s in statements)
 
 
@@ -121,7 +121,7 @@ def test_terms_needed_outside_a_branch_are_computed_before_the_branch():
     t = Text()
     common = t.long(t.x)
     output = t.make("where", t.flag, t.long(common), t.long(t.make("mul", common, t.y)))
-    statements = schedule([output, common], is_leaf)
+    statements = scheduled_statements([output, common], is_leaf)
     assert any(s is common for s in statements)
     assert len(branches(statements)) == 1
 
@@ -129,7 +129,7 @@ def test_terms_needed_outside_a_branch_are_computed_before_the_branch():
 def test_a_conditional_with_few_operations_is_not_a_branch():
     t = Text()
     output = t.make("where", t.flag, t.make("mul", t.x, 2.0), t.y)
-    assert not branches(schedule([output], is_leaf))
+    assert not branches(scheduled_statements([output], is_leaf))
 
 
 def test_dependent_conditionals_become_consecutive_branches():
@@ -137,7 +137,7 @@ def test_dependent_conditionals_become_consecutive_branches():
     first = t.make("where", t.flag, t.long(t.x), t.x)
     between = t.make("sin", first)
     second = t.make("where", t.flag, t.long(between), between)
-    statements = schedule([second, between], is_leaf)
+    statements = scheduled_statements([second, between], is_leaf)
     check(statements, set(), [second, between])
     assert len(branches(statements)) == 2
 
@@ -149,7 +149,7 @@ def test_two_mutually_dependent_branches_are_separated():
     b = t.make("where", condition, t.long(t.y), t.y)
     c = t.make("where", condition, t.long(t.make("cos", a)), a)  # in one branch with b, if it did not need a
     d = t.make("where", t.flag, t.long(t.make("cos", b)), b)  # in one branch with a, if it did not need b
-    statements = schedule([c, d], is_leaf)
+    statements = scheduled_statements([c, d], is_leaf)
     check(statements, set(), [c, d])
 
 
@@ -158,7 +158,7 @@ def test_a_nested_branch_is_emitted_inside_the_outer_branch():
     gate = t.make("lt", t.x, t.y)
     inner = t.make("where", gate, t.long(t.x), t.long(t.y))
     outer = t.make("where", t.flag, t.make("sin", inner), t.x)
-    statements = schedule([outer], is_leaf)
+    statements = scheduled_statements([outer], is_leaf)
     check(statements, set(), [outer])
     assert [b.condition for b in branches(statements)] == [t.flag, gate]
 
@@ -170,7 +170,7 @@ def test_deep_nesting_and_long_chains_need_no_recursion(depth):
     for k in range(depth):
         nest = t.make("where", t.make("lt", t.x, float(k)), t.make("sin", nest), t.y)
         chain = t.long(chain, 5)
-    check(schedule([nest, chain], is_leaf), set(), [nest, chain])
+    check(scheduled_statements([nest, chain], is_leaf), set(), [nest, chain])
 
 
 def test_terms_that_depend_only_on_parameters_are_computed_before_the_loop():
@@ -178,10 +178,10 @@ def test_terms_that_depend_only_on_parameters_are_computed_before_the_loop():
     exponential = t.make("exp", t.theta)
     output = t.make("mul", exponential, t.x)
     order = plan([], [output, exponential], {t.x, t.y})
-    assert order.before == [exponential]
-    assert order.loop == [output]
-    assert cost(order.loop) == 1.0
-    assert set(arguments(order.loop)) == {exponential, t.x}
+    assert order.statements_before == [exponential]
+    assert order.loop_statements == [output]
+    assert cost(order.loop_statements) == 1.0
+    assert set(arguments(order.loop_statements)) == {exponential, t.x}
 
 
 def program(t: Text, *outputs: Node) -> Program:

@@ -139,7 +139,7 @@ def test_distributing_vehicles_over_processors_does_not_change_results(cases, mo
     for processors in (1, 3):
         monkeypatch.setattr(
             c,
-            "_parts",
+            "_thread_slices",
             lambda count, n, size=-(-43 // processors): [
                 slice(first, min(first + size, count)) for first in range(0, count, size)
             ],
@@ -153,7 +153,7 @@ def test_distributing_vehicles_over_processors_does_not_change_results(cases, mo
 def test_the_parts_for_processors_contain_every_vehicle_once():
     for count in (1, 7, 8, 100, 10_000):
         for n in (1, 10_000):
-            parts = c._parts(count, n)
+            parts = c._thread_slices(count, n)
             assert [i for part in parts for i in range(count)[part]] == list(range(count))
             assert all(part.start % 8 == 0 for part in parts)
 

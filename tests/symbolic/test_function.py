@@ -273,11 +273,11 @@ class Counting:
         return 0, 0.0
 
     def step(self, state, t):
-        for second in self.pause(state, t):
+        for second in self.rows_before(state, t):
             state, _ = self.row(state, second)
         return self.row(state, t)
 
-    def pause(self, state, t):
+    def rows_before(self, state, t):
         return range(state[0] + 1, t)
 
     def row(self, state, t):

@@ -14,7 +14,7 @@ from baqueano.symbolic import ieee
 from baqueano.symbolic.arrays.scalar import apply, power
 from baqueano.symbolic.derivatives.derive import jacobian_rows, partials
 from baqueano.symbolic.derivatives.dual import Dual
-from baqueano.symbolic.graph.node import Graph, below
+from baqueano.symbolic.graph.node import Graph, nodes_below
 
 INF, NAN = math.inf, math.nan
 IN_NUMPY = {
@@ -204,7 +204,7 @@ def test_an_expression_is_simplified_after_a_substitution():
 def test_the_node_order_places_arguments_before_the_nodes_that_use_them():
     graph = Graph()
     x = graph.symbol("x")
-    order = below([x * x + 1.0, x])
+    order = nodes_below([x * x + 1.0, x])
     assert order.index(x) < next(k for k, node in enumerate(order) if node.op == "mul")
 
 
@@ -221,12 +221,17 @@ def test_partial_derivatives_equal_to_zero_are_omitted():
 def test_forward_derivatives_of_random_expressions_equal_casadi(seed):
     from .random_programs import in_casadi, in_numpy, random_program
 
-    program = random_program(seed, p=3, operations=30)._replace(carry=(), next_carry=(), initial=(), start=())
+    program = random_program(seed, p=3, operations=30)._replace(
+        carry=(), next_carry=(), initial=(), start_axes=()
+    )
     from baqueano.symbolic.python_code.python import PythonKernel
 
     draw = np.random.default_rng(seed)
     theta, inputs = draw.normal(size=3), draw.normal(size=(1, 3))
-    symbols_used = {n for n in below(program.outputs) if n.op == "symbol"} - {*program.theta, *program.inputs}
+    symbols_used = {n for n in nodes_below(program.outputs) if n.op == "symbol"} - {
+        *program.theta,
+        *program.inputs,
+    }
     outputs = program.graph.substitute(program.outputs, {s: program.graph.const(0.3) for s in symbols_used})
     program = program._replace(outputs=tuple(outputs))
     y, slopes = np.empty((1, len(outputs))), np.empty((1, len(outputs), 3))

@@ -208,7 +208,7 @@ def test_a_batch_of_runs_equals_separate_runs(kernel):
     inputs, second = pushes(), pushes(seed=1)
     u = np.stack([inputs.u, second.u, -second.u])
     start = START._replace(x=np.array([[0.3, 0.0], [0.1, 0.2], [-0.5, 1.0]]))
-    last, output = kernel.batch(inputs._replace(u=u), theta, carry=start, outputs=True)
+    last, output = kernel.batch(inputs._replace(u=u), theta, carry=start, with_outputs=True)
     assert output.y.shape == (3, N, 2)
     assert last.t_ns.tolist() == [2**50 + 10 * (N - 1)] * 3
     for k in range(3):

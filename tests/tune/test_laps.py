@@ -18,7 +18,7 @@ def laps():
 
 
 def test_the_cost_of_a_lap_equals_the_cost_in_tune(laps):
-    own = laps.space.before
+    own = laps.space.file_gains
     lap, rehearsal = laps.lap(own), rehearse(load("small"), ROUTE)
     assert lap.path_cost + 0.1 * lap.jerk_cost == pytest.approx(rehearsal.cost(own), rel=1e-9)
     assert lap.distance_rms_m == pytest.approx(rehearsal.drive(own).distance_rms_m, rel=1e-9)
@@ -27,7 +27,7 @@ def test_the_cost_of_a_lap_equals_the_cost_in_tune(laps):
 
 @pytest.mark.parametrize("price", [0.0, 0.1, 1.0])
 def test_the_gradient_of_a_lap_matches_finite_differences(laps, price):
-    gains, (p, step) = laps.space.before, (1, 1e-5)
+    gains, (p, step) = laps.space.file_gains, (1, 1e-5)
     slope = laps.cost_and_gradient(gains, price)[1]
     sides = [laps.lap(gains + sign * step * np.eye(len(gains))[p]) for sign in (1, -1)]
     costs = [lap.path_cost + price * lap.jerk_cost for lap in sides]
@@ -38,7 +38,7 @@ def test_each_step_of_a_descent_lowers_the_cost_and_respects_bounds(laps):
     space = laps.space
     start = space.low + 0.05 * (space.high - space.low)
     descent = descend(lambda g: laps.cost_and_gradient(g, 0.1), start, space.low, space.high)
-    costs = [laps.cost_and_gradient(g, 0.1)[0] for g in descent.way]
+    costs = [laps.cost_and_gradient(g, 0.1)[0] for g in descent.path]
     assert np.all(np.diff(costs) <= 1e-12)
     assert costs[0] == pytest.approx(descent.costs[0])
     assert costs[-1] == pytest.approx(descent.cost)

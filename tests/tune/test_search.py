@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from baqueano.errors import UsageError
-from baqueano.tune.search import UNUSABLE, at_limit, gains, halton, place, search, stretch
+from baqueano.tune.search import DIVERGED_COST, at_limit, coordinates, gains, halton, search, stretch
 from tests.codes import refused
 
 LOW, HIGH = np.array([0.0, 0.0, 1.0]), np.array([100.0, 10.0, 50.0])
@@ -36,13 +36,13 @@ def test_a_gain_with_its_optimum_beyond_a_bound_is_flagged():
 
 
 def test_a_search_from_the_lower_bounds_reaches_the_minimum():
-    best = search(*bowl(np.array([7.0, 5.0, 20.0])), LOW, HIGH, initial=[LOW], starts=0)[0]
+    best = search(*bowl(np.array([7.0, 5.0, 20.0])), LOW, HIGH, initial=[LOW], start_count=0)[0]
     np.testing.assert_allclose(best.gains, [7.0, 5.0, 20.0], rtol=1e-3)
 
 
 def test_the_gain_scale_is_smooth_with_an_exact_derivative():
     x = np.array([0.0, 0.3, 1.0])
-    np.testing.assert_allclose(place(gains(x, LOW, HIGH), LOW, HIGH), x, atol=1e-12)
+    np.testing.assert_allclose(coordinates(gains(x, LOW, HIGH), LOW, HIGH), x, atol=1e-12)
     d = 1e-6
     slope = (gains(x + d, LOW, HIGH) - gains(x - d, LOW, HIGH)) / (2 * d)
     np.testing.assert_allclose(stretch(x, LOW, HIGH), slope, rtol=1e-8)
@@ -56,7 +56,7 @@ def test_nan_costs_of_unstable_gains_do_not_disturb_other_descents():
 
     descents = search(lambda g: wild(g)[0], wild, LOW, HIGH, initial=[np.array([60.0, 5.0, 5.0])])
     assert descents[0].cost == pytest.approx(1.0, abs=1e-9)
-    assert descents[-1].cost == UNUSABLE
+    assert descents[-1].cost == DIVERGED_COST
 
 
 def test_the_start_points_of_the_search_cover_the_space_evenly():
@@ -81,7 +81,7 @@ def test_the_minimum_of_a_rough_cost_is_reached_without_gradients():
     target = np.array([7.0, 0.5, 20.0])
 
     def rough(g):
-        x = (place(g, LOW, HIGH) - place(target, LOW, HIGH)) * 20.0
+        x = (coordinates(g, LOW, HIGH) - coordinates(target, LOW, HIGH)) * 20.0
         return 1.0 + float(np.sum(np.abs(x)) + 0.3 * np.sum(np.abs(np.sin(9.0 * x))))
 
     def both(g):

@@ -29,8 +29,8 @@ def test_each_entry_of_an_array_is_a_gain():
         "k_i", "e_max[0]", "e_max[1]", "e_max[2]", "change_max[0]", "change_max[1]",
     )  # fmt: skip
     assert space.units[1:4] == ("m", "m", "rad")
-    assert np.all(space.low < space.before)
-    assert np.all(space.before < space.high)
+    assert np.all(space.low < space.file_gains)
+    assert np.all(space.file_gains < space.high)
     block = space.with_gains(np.arange(1.0, 7.0))
     assert block.e_max.tolist() == [2.0, 3.0, 4.0]
 
@@ -47,7 +47,7 @@ def test_an_array_gain_is_named_as_a_whole_or_by_entry():
 
 def test_the_gradient_with_respect_to_an_entry_is_exact():
     drive = rehearse(load("small"), ROUTE, controller="lqr", gains=["e_max", "k_i"], duration_s=1.0)
-    gains = drive.space.before
+    gains = drive.space.file_gains
     slope = drive.cost_and_gradient(gains)[1]
     steps = np.diag(1e-6 * gains)
     numeric = [(drive.cost(gains + h) - drive.cost(gains - h)) / (2 * h.sum()) for h in steps]
@@ -71,7 +71,7 @@ def test_gains_of_the_previous_controller_are_removed_from_the_file(lqr):
 def test_the_reported_cost_equals_the_cost_of_a_drive_with_these_gains(lqr):
     """The memory of a linear quadratic regulator is initialised with its gains."""
     drive = rehearse(lqr.updated_file(), ROUTE, gains=["e_max"], duration_s=1.0)
-    assert drive.cost(drive.space.before) == pytest.approx(lqr.cost, rel=1e-3)
+    assert drive.cost(drive.space.file_gains) == pytest.approx(lqr.cost, rel=1e-3)
 
 
 def own_class(module: str = "__main__") -> type:

@@ -180,7 +180,7 @@ def test_the_gradient_over_vehicles_is_exact_sequentially_and_as_a_batch(identif
     cost, slope = drive.cost_and_gradient(GAINS)
     numeric = [(drive.cost(GAINS + h) - drive.cost(GAINS - h)) / (2 * h.sum()) for h in np.diag(1e-5 * GAINS)]
     np.testing.assert_allclose(slope, numeric, rtol=2e-3)
-    for name in ("LANES_FROM", "TICKS_FROM"):
+    for name in ("MIN_LANE_DRIVES", "MIN_LANE_TICKS"):
         monkeypatch.setattr(sys.modules[Rehearsal.__module__], name, 2)
     total, lanes = drive.cost_and_gradient(GAINS)
     assert total == pytest.approx(cost, rel=1e-9) == drive.cost(GAINS)

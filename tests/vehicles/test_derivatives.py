@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
 from baqueano.symbolic import function, jacobian, put
-from baqueano.vehicles import Car, Drivetrain, Friction, Kinematic, Planar, steady
+from baqueano.vehicles import Car, Drivetrain, Friction, Kinematic, Planar, constant_effort
 
 QUICK = settings(max_examples=30)
 
@@ -58,7 +58,7 @@ def effort_of(vehicle, effort):
 
 def advanced(vehicle, effort):
     """Return the function (η, ν) → (η, ν, ν̇) after 10 ms, flat."""
-    return lambda x: np.concatenate(vehicle.advance(x[:3], x[3:], steady(effort), 0.01))
+    return lambda x: np.concatenate(vehicle.advance(x[:3], x[3:], constant_effort(effort), 0.01))
 
 
 @names

@@ -8,7 +8,7 @@ from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
 from baqueano.geometry import map_from_body
-from baqueano.vehicles import Car, Friction, Planar, steady
+from baqueano.vehicles import Car, Friction, Planar, constant_effort
 
 QUICK = settings(max_examples=30)
 
@@ -66,7 +66,7 @@ def test_an_unforced_vehicle_never_gains_kinetic_energy(friction, nu, c):
     p = Planar(2.0, 0.5, np.eye(3), centre_of_mass_x_m=c, friction=friction)
     eta, energy = REST, kinetic_energy(p, nu)
     for _ in range(12):
-        eta, nu, _ = p.advance(eta, nu, steady(REST), 0.002)
+        eta, nu, _ = p.advance(eta, nu, constant_effort(REST), 0.002)
         after = kinetic_energy(p, nu)
         assert after <= energy * (1.0 + 1e-9) + 1e-15
         energy = after
@@ -88,7 +88,7 @@ def test_without_forces_momentum_and_spin_are_conserved(nu, eta, c):
     p = Planar(2.0, 0.5, np.eye(3), centre_of_mass_x_m=c)
     before = momentum(p, eta, nu)
     for _ in range(25):
-        eta, nu, _ = p.advance(eta, nu, steady(REST), 0.01)
+        eta, nu, _ = p.advance(eta, nu, constant_effort(REST), 0.01)
     assert momentum(p, eta, nu) == pytest.approx(before, abs=1e-6)
 
 
@@ -104,7 +104,7 @@ def test_total_energy_is_conserved_on_a_frictionless_slope(nu, heading, c):
 
     eta, before = REST, total(REST, nu)
     for _ in range(25):
-        eta, nu, _ = p.advance(eta, nu, steady(REST), 0.01)
+        eta, nu, _ = p.advance(eta, nu, constant_effort(REST), 0.01)
     assert total(eta, nu) == pytest.approx(before, abs=1e-6)
 
 
@@ -153,6 +153,6 @@ def test_an_unforced_car_never_gains_speed(v, r):
     )
     eta, nu = REST, np.array([v, 0.0, r])
     for _ in range(12):
-        eta, after, _ = car.advance(eta, nu, steady(np.zeros(2)), 0.01)
+        eta, after, _ = car.advance(eta, nu, constant_effort(np.zeros(2)), 0.01)
         assert abs(after[0]) <= abs(nu[0]) * (1.0 + 1e-9) + 1e-15
         nu = after

@@ -8,7 +8,13 @@ import pytest
 from baqueano.parameter import all_parameters
 from baqueano.vehicle_file import load
 from baqueano.vehicles import Car, Drivetrain, Friction, Kinematic, Planar
-from baqueano.vehicles.freedoms import coasting_axes, rates, slopes, steers, turns
+from baqueano.vehicles.freedoms import (
+    coasting_axes,
+    damping_derivatives,
+    is_steered,
+    is_turned_by_last_command,
+    rates,
+)
 
 SMALL, CAR, KINEMATIC = load("small").vehicle, load("car").vehicle, Kinematic(np.eye(3))
 OMNI = load(Path(__file__).parents[2] / "examples" / "omni_robot.toml").vehicle
@@ -21,20 +27,20 @@ def test_the_velocities_that_persist_without_effort_depend_on_the_vehicle(vehicl
 
 @pytest.mark.parametrize(("vehicle", "does"), [(SMALL, False), (CAR, True), (KINEMATIC, False)])
 def test_only_a_car_is_classified_as_steered(vehicle, does):
-    assert steers(vehicle) is does
+    assert is_steered(vehicle) is does
 
 
 def test_a_vehicle_with_a_large_dead_zone_is_not_classified_as_steered():
     zones = {f"model.drivetrain.dead_zone_{way}": [2.0, 2.0] for way in ("forward", "backward")}
     limits = {"model.drivetrain.limit": [6.0], "command.limit": [6.0, 0.0, 6.0]}
     blunt = load("small").with_values(zones | limits)
-    assert not steers(blunt.vehicle)
-    assert turns(blunt.vehicle)
+    assert not is_steered(blunt.vehicle)
+    assert is_turned_by_last_command(blunt.vehicle)
 
 
 @pytest.mark.parametrize(("vehicle", "does"), [(SMALL, True), (CAR, True), (OMNI, False)])
 def test_vehicles_that_can_turn_are_recognised(vehicle, does):
-    assert turns(vehicle) is does
+    assert is_turned_by_last_command(vehicle) is does
 
 
 def test_the_decay_rate_is_friction_over_mass():
@@ -42,7 +48,7 @@ def test_the_decay_rate_is_friction_over_mass():
     vehicle = Planar(0.5, 0.002, np.eye(3), friction=friction)
     assert rates(vehicle) == pytest.approx([(3.0 + 0.2 / 0.05) / 0.5, 8.0, 5.0], rel=1e-6)
     fields = [path for path, _ in all_parameters(vehicle, "model")]
-    slope_by_path = dict(slopes(vehicle, fields))
+    slope_by_path = dict(damping_derivatives(vehicle, fields))
     assert slope_by_path["model.friction.linear[1]"] == pytest.approx([0.0, 2.0, 0.0])
     assert slope_by_path["model.friction.coulomb[0]"] == pytest.approx([1.0 / 0.5 / 0.05, 0.0, 0.0])
     assert not {"model.mass_kg", "model.friction.quadratic[0]", "model.actuator_matrix[0,0]"} & set(

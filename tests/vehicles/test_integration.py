@@ -5,11 +5,11 @@ import dataclasses
 import numpy as np
 import pytest
 
-from baqueano.vehicles import Car, Drivetrain, Friction, Kinematic, Planar, steady
+from baqueano.vehicles import Car, Drivetrain, Friction, Kinematic, Planar, constant_effort
 from baqueano.vehicles.rk4 import rk4
 from tests.codes import refused
 
-NONE = steady(np.zeros(1))
+NONE = constant_effort(np.zeros(1))
 T = np.diag([2.0, 1.0, 0.5])
 FRICTION = Friction(linear=np.array([2.0, 6.0, 0.5]), quadratic=np.array([0.5, 0.0, 0.1]), cornering=0.3)
 CASES = {
@@ -28,7 +28,7 @@ CASES = {
 def end(vehicle, effort, steps, duration_s=0.8):
     eta, nu = np.zeros(3), np.array([0.5, 0.0, 0.3])
     for _ in range(steps):
-        eta, nu, _ = vehicle.advance(eta, nu, steady(effort), duration_s / steps)
+        eta, nu, _ = vehicle.advance(eta, nu, constant_effort(effort), duration_s / steps)
     return np.concatenate([eta, nu])
 
 
@@ -60,14 +60,14 @@ def test_the_returned_acceleration_is_taken_at_the_end_of_the_step(name):
     eta, nu = np.array([0.0, 0.0, 0.4]), np.array([0.5, 0.0, 0.3])
     if name == "kinematic":
         expected = (vehicle.velocity_matrix @ effort - nu) / 0.01
-        assert vehicle.advance(eta, nu, steady(effort), 0.01)[2] == pytest.approx(expected)
+        assert vehicle.advance(eta, nu, constant_effort(effort), 0.01)[2] == pytest.approx(expected)
         return
-    eta_end, nu_end, nu_dot = vehicle.advance(eta, nu, steady(effort), 0.01)
+    eta_end, nu_end, nu_dot = vehicle.advance(eta, nu, constant_effort(effort), 0.01)
     assert np.array_equal(nu_dot, vehicle.nu_dot(nu_end, effort, eta_end[2]))
 
 
 def test_a_kinematic_tick_without_duration_has_no_acceleration():
-    _, _, nu_dot = CASES["kinematic"][0].advance(np.zeros(3), np.zeros(3), steady(np.ones(3)), 0.0)
+    _, _, nu_dot = CASES["kinematic"][0].advance(np.zeros(3), np.zeros(3), constant_effort(np.ones(3)), 0.0)
     assert np.array_equal(nu_dot, np.zeros(3))
 
 
@@ -94,7 +94,7 @@ def test_a_vehicle_never_changes_its_arguments(name):
     eta, nu = np.array([1.0, 2.0, 3.0]), np.array([0.5, 0.0, 0.3])
     state = vehicle.init(eta, nu)
     vehicle.step(state, effort, 0.01, np.ones(3))
-    vehicle.advance(eta, nu, steady(effort), 0.01)
+    vehicle.advance(eta, nu, constant_effort(effort), 0.01)
     assert np.array_equal(eta, [1.0, 2.0, 3.0])
     assert np.array_equal(nu, [0.5, 0.0, 0.3])
     assert np.array_equal(effort, CASES[name][1])

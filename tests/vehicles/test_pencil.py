@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from baqueano.vehicles import Car, Drivetrain, Friction, Kinematic, Planar, steady
+from baqueano.vehicles import Car, Drivetrain, Friction, Kinematic, Planar, constant_effort
 
 REST = np.zeros(3)
 G = 9.80665
@@ -17,7 +17,7 @@ def planar(**fields) -> Planar:
 def drive(vehicle, eta, nu, effort, duration_s, dt_s=0.01):
     nu_dot = None
     for _ in range(round(duration_s / dt_s)):
-        eta, nu, nu_dot = vehicle.advance(eta, nu, steady(effort), dt_s)
+        eta, nu, nu_dot = vehicle.advance(eta, nu, constant_effort(effort), dt_s)
     return eta, nu, nu_dot
 
 
@@ -114,7 +114,7 @@ def test_a_kinematic_vehicle_drives_a_circle_of_radius_v_over_omega():
 
 def test_a_kinematic_vehicle_reaches_its_velocity_within_the_first_tick():
     k = Kinematic(np.diag([0.5, 0.0, 2.0]))
-    _, nu, nu_dot = k.advance(REST, REST, steady(np.array([1.0, 0.0, 1.0])), 0.01)
+    _, nu, nu_dot = k.advance(REST, REST, constant_effort(np.array([1.0, 0.0, 1.0])), 0.01)
     assert nu == pytest.approx([0.5, 0.0, 2.0])
     assert nu_dot == pytest.approx([50.0, 0.0, 200.0])
 
@@ -137,7 +137,7 @@ def test_the_middle_of_a_car_moves_sideways_at_b_omega():
     car = Car(wheelbase_m=0.2, throttle_gain=4.0, steering_gain=0.3, rear_axle_m=0.1)
     state = car.init(nu=np.array([0.5, 7.0, 2.0]))  # a sideways speed that the rear axle does not allow
     assert state.nu == pytest.approx([0.5, 0.2, 2.0])
-    _, nu, nu_dot = car.advance(REST, state.nu, steady(np.array([0.0, 1.0])), 0.01)
+    _, nu, nu_dot = car.advance(REST, state.nu, constant_effort(np.array([0.0, 1.0])), 0.01)
     assert nu[1] == pytest.approx(0.1 * nu[2])
     assert nu_dot[1] == pytest.approx(0.1 * nu_dot[2])
 

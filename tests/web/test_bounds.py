@@ -8,9 +8,9 @@ import pytest
 from websockets.exceptions import ConnectionClosed, InvalidStatus
 
 from baqueano.web import server as serving
-from baqueano.web.feed import HEAD
+from baqueano.web.feed import HEAD_LAYOUT
 from baqueano.web.guard import Rate
-from baqueano.web.visitor import FRAGMENT
+from baqueano.web.visitor import FRAGMENT_BYTES
 from tests.web.fake_vehicle import live_page, until
 from tests.web.page_client import WAIT_S, browser, drive, folder_of, line_to, recorded_page, request, run_page
 from tests.web.test_live import until_frames
@@ -60,12 +60,12 @@ def test_ne5_at_most_fifty_messages_per_second_are_accepted():
 def test_ne5_at_most_thirty_two_browsers_are_accepted(folder):
     async def job():
         async with recorded_page(folder, "circle") as server, AsyncExitStack() as several:
-            lines = [await several.enter_async_context(line_to(server)) for _ in range(serving.VISITORS)]
+            lines = [await several.enter_async_context(line_to(server)) for _ in range(serving.MAX_VISITORS)]
             with pytest.raises(InvalidStatus, match="503"):
                 async with line_to(server):
                     pass
             await lines[0].close()
-            while len(server.visitors) == serving.VISITORS:
+            while len(server.visitors) == serving.MAX_VISITORS:
                 await asyncio.sleep(0.01)
             async with browser(server) as visitor:
                 assert visitor.hello["role"] == "drive"
@@ -82,7 +82,7 @@ def test_ne5_websocket_messages_are_not_compressed(folder):
 
 
 def test_ne5_a_silent_connection_is_closed(folder, monkeypatch):
-    monkeypatch.setattr(serving, "HANDSHAKE_S", 0.3)
+    monkeypatch.setattr(serving, "HANDSHAKE_TIMEOUT_S", 0.3)
 
     async def job():
         async with recorded_page(folder, "circle") as server:
@@ -133,7 +133,7 @@ def test_ne5_browsers_that_do_not_read_share_one_history_buffer(tmp_path):
             for k in range(60):
                 link.frame(float(k), 400)
             whole = sum(map(len, live.feed.history()))
-            assert whole > 20 * FRAGMENT
+            assert whole > 20 * FRAGMENT_BYTES
             async with AsyncExitStack() as lines:
                 for _ in range(12):
                     line = await lines.enter_async_context(line_to(server, max_queue=1))
@@ -142,11 +142,11 @@ def test_ne5_browsers_that_do_not_read_share_one_history_buffer(tmp_path):
                 await until(lambda: len(live._all()) == 12)
                 await asyncio.sleep(0.3)
                 buffers = [visitor._writer.transport.get_write_buffer_size() for visitor in server.visitors]
-                assert max(buffers) <= FRAGMENT + 100
+                assert max(buffers) <= FRAGMENT_BYTES + 100
                 async with browser(server) as visitor:
                     link.frame(60.0, 5)  # while the last minute is sent
                     await until_frames(visitor, 2)
-                    assert {HEAD.unpack(frame[:16])[1] for frame in visitor.frames} == {60 * 400, 5}
+                    assert {HEAD_LAYOUT.unpack(frame[:16])[1] for frame in visitor.frames} == {60 * 400, 5}
                     assert max(map(len, visitor.frames)) == whole
 
     run_page(job)

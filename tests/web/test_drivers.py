@@ -5,7 +5,7 @@ from contextlib import AsyncExitStack
 
 import pytest
 
-from baqueano.web.lease import HOLDS_S
+from baqueano.web.lease import LEASE_S
 from tests.web.fake_vehicle import live_page, until
 from tests.web.page_client import browser, run_page
 from tests.web.test_lease import Clock
@@ -29,7 +29,7 @@ class Model:
         return self.holder
 
     def hold(self, driver):
-        self.holder, self.until_s, self.n = driver, self.clock.s + HOLDS_S, 0
+        self.holder, self.until_s, self.n = driver, self.clock.s + LEASE_S, 0
 
 
 @pytest.mark.parametrize("seed", range(8))
@@ -51,7 +51,7 @@ def test_rt14_only_one_of_several_browsers_drives_at_a_time(tmp_path, seed):
             counts[name] = n
             await visitor.send("beat", n=n, seen=live.feed.number, u=[names.index(name) + 1.0])
             if model.now() == name and n > model.n:
-                model.n, model.until_s = n, clock.s + HOLDS_S
+                model.n, model.until_s = n, clock.s + LEASE_S
                 model.commands.append([names.index(name) + 1.0])
         elif word in ("give", "give to"):
             to = chance.choice(names) if word == "give to" else None

@@ -15,7 +15,7 @@ from websockets.asyncio.client import connect
 from websockets.exceptions import ConnectionClosed, InvalidStatus
 
 from baqueano.diagnostics import Severity, note
-from baqueano.web.foxglove.bridge import MESSAGE, NAMES
+from baqueano.web.foxglove.bridge import MESSAGE_LAYOUT, SUBPROTOCOLS
 from baqueano.web.guard import Role
 from tests.web.fake_vehicle import live_page, until
 from tests.web.page_client import WAIT_S, run_page
@@ -103,7 +103,7 @@ def test_the_public_client_receives_all_data_and_changes_nothing(tmp_path):
     run_page(job)
 
 
-@pytest.mark.parametrize("name", NAMES)
+@pytest.mark.parametrize("name", SUBPROTOCOLS)
 def test_both_names_of_the_foxglove_protocol_are_accepted(tmp_path, name):
     async def job():
         async with (
@@ -122,9 +122,9 @@ def test_both_names_of_the_foxglove_protocol_are_accepted(tmp_path, name):
             assert "99" in (await next_word(line, "status"))["message"]
             link.frame(1.0, nis=1.25)
             data = await asyncio.wait_for(line.recv(), WAIT_S)
-            opcode, number, _ = MESSAGE.unpack(data[: MESSAGE.size])
+            opcode, number, _ = MESSAGE_LAYOUT.unpack(data[: MESSAGE_LAYOUT.size])
             assert (opcode, number) == (1, 7)
-            assert json.loads(data[MESSAGE.size :])["nis"] == 1.25
+            assert json.loads(data[MESSAGE_LAYOUT.size :])["nis"] == 1.25
             for bad in (
                 {"op": "subscribe"},
                 {"op": "unsubscribe", "subscriptionIds": ["x"]},
@@ -139,7 +139,7 @@ def test_both_names_of_the_foxglove_protocol_are_accepted(tmp_path, name):
 def test_ne2_ne3_a_foxglove_program_needs_a_token_like_a_browser(tmp_path):
     async def status_of(url, **options):
         with pytest.raises(InvalidStatus) as error:
-            await connect(url, subprotocols=[NAMES[0]], **options).__aenter__()
+            await connect(url, subprotocols=[SUBPROTOCOLS[0]], **options).__aenter__()
         return error.value.response.status_code
 
     async def job():
@@ -149,7 +149,7 @@ def test_ne2_ne3_a_foxglove_program_needs_a_token_like_a_browser(tmp_path):
             assert await status_of(address_of(server, "x" * 22)) == 403
             token = server.guard.tokens[Role.VIEW]
             async with connect(
-                address_of(server, token), subprotocols=[NAMES[0]], **evil
+                address_of(server, token), subprotocols=[SUBPROTOCOLS[0]], **evil
             ) as line:  # Foxglove's own page
                 await next_word(line, "serverInfo")
             with pytest.raises(InvalidStatus):
@@ -164,7 +164,7 @@ def test_a_program_that_publishes_is_disconnected(tmp_path):
     async def job():
         async with (
             live_page(tmp_path) as (server, link, _),
-            connect(address_of(server), subprotocols=[NAMES[1]]) as line,
+            connect(address_of(server), subprotocols=[SUBPROTOCOLS[1]]) as line,
         ):
             await line.send(struct.pack("<BI", 1, 1) + b"{}")
             with pytest.raises(ConnectionClosed):

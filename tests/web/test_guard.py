@@ -11,7 +11,7 @@ from websockets.exceptions import ConnectionClosed, InvalidStatus
 
 from baqueano.web import guard as guarding
 from baqueano.web import server as serving
-from baqueano.web.guard import FAILURES, HOLDS_S, Guard, Role
+from baqueano.web.guard import MAX_FAILURES, TOKEN_LIFETIME_S, Guard, Role
 from baqueano.web.http import REPORT_POLICY, RefusedRequest, head_of, static
 from baqueano.web.share import own_names, qr_code, url
 from tests.web.page_client import (
@@ -176,13 +176,13 @@ def test_ne4_after_five_wrong_tokens_every_token_is_refused_for_a_minute():
     now = 0.0
     guard = Guard((), 1, shared=True, now=lambda: now)
     right = guard.tokens[Role.DRIVE]
-    for _ in range(FAILURES):
+    for _ in range(MAX_FAILURES):
         assert guard.role("10.0.0.1", "wrong", True) is None
     assert guard.role("10.0.0.1", right, True) is None
     assert guard.role("10.0.0.2", right, True) is Role.DRIVE
     now = 60.1
     assert guard.role("10.0.0.1", right, True) is Role.DRIVE
-    now = HOLDS_S + 1.0
+    now = TOKEN_LIFETIME_S + 1.0
     assert guard.role("10.0.0.2", right, True) is None
 
 
@@ -200,7 +200,7 @@ def test_ne4_many_addresses_with_wrong_tokens_use_little_memory():
     guard = Guard((), 1, shared=True)
     for k in range(5000):
         guard.role(f"10.0.{k // 256}.{k % 256}", "wrong", True)
-    assert len(guard._failures) <= guarding.ADDRESSES + 1
+    assert len(guard._failures) <= guarding.MAX_ADDRESSES + 1
 
 
 @pytest.mark.usefixtures("_static")

@@ -66,7 +66,7 @@ def test_before_8_s_the_page_shows_errors_predicted_from_the_guess(driven_runs):
         pass
     assert state["fit"] is None
     informant = Informant(guess)
-    expected = informant.relative_sd(informant.information(run.applied[:700]))
+    expected = informant.relative_std(informant.information(run.applied[:700]))
     np.testing.assert_allclose(state["now"], expected, rtol=1e-3)
     assert state["bits"] == pytest.approx(-np.sum(np.log2(expected)), rel=1e-6)
     assert np.sum(state["rate"]) * state["dt"] == pytest.approx(state["bits"], rel=0.02)

@@ -5,7 +5,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from baqueano.errors import SafetyStop
-from baqueano.web.lease import HOLDS_S, Lease
+from baqueano.web.lease import LEASE_S, Lease
 
 
 class Clock:
@@ -28,7 +28,7 @@ def test_rt13_a_lease_ends_300_ms_after_the_last_beat():
     clock, lease = lease_of()
     clock.s = 0.2
     assert lease.beat("ana", 1, 0.0)
-    clock.s = 0.2 + HOLDS_S
+    clock.s = 0.2 + LEASE_S
     assert lease.holder == "ana"
     clock.s += 0.001
     assert lease.holder is None
@@ -41,7 +41,7 @@ def test_rt13_ne4_a_driver_with_a_frozen_picture_loses_the_lease():
         clock.s = 0.05 * k
         lease.beat("ana", k, age_s=0.0 if k < 3 else clock.s)
     assert lease.holder == "ana"
-    clock.s = 0.31 + HOLDS_S
+    clock.s = 0.31 + LEASE_S
     assert lease.holder is None
 
 
@@ -82,7 +82,7 @@ def test_rt14_ne4_commands_of_two_drivers_never_mix(words):
     holder, last, n_last = None, float("-inf"), 0
     for driver, word, n, age, later in words:
         clock.s += later
-        if holder is not None and clock.s > last + HOLDS_S:
+        if holder is not None and clock.s > last + LEASE_S:
             holder = None
         if word == "take":
             if holder in (None, driver):
@@ -92,7 +92,7 @@ def test_rt14_ne4_commands_of_two_drivers_never_mix(words):
                 with pytest.raises(SafetyStop):
                     lease.take(driver, driver)
         elif word == "beat":
-            counts = holder == driver and n > n_last and age <= HOLDS_S
+            counts = holder == driver and n > n_last and age <= LEASE_S
             assert lease.beat(driver, n, age) == counts
             n_last = n if holder == driver and n > n_last else n_last
             last = clock.s if counts else last

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from baqueano.diagnostics import Severity, StopReason, note, stop
-from baqueano.web.feed import HEAD, KEPT_S, Feed
+from baqueano.web.feed import HEAD_LAYOUT, RING_S, Feed
 from baqueano.web.guard import Role
 from tests.web.fake_vehicle import COLUMNS, VEHICLE, live_page, until
 from tests.web.page_client import WAIT_S, browser, run_page
@@ -40,14 +40,14 @@ def test_a_browser_that_connects_during_a_drive_receives_the_last_minute(tmp_pat
             async with browser(server) as visitor:
                 await until_frames(visitor, 1)
                 rows = visitor.rows(0, len(COLUMNS))
-                assert rows[0, 0] >= 79 - KEPT_S
+                assert rows[0, 0] >= 79 - RING_S
                 assert len(rows) == 61 * 100
                 await visitor.send("history", **{"from": 75.0})
                 await until_frames(visitor, 2)
                 assert visitor.rows(0, len(COLUMNS))[len(rows), 0] == 75.0
             link.frame(0.01)  # another drive begins
             head, *rows = live.feed.history()
-            assert HEAD.unpack(head)[1] == len(rows) == 1
+            assert HEAD_LAYOUT.unpack(head)[1] == len(rows) == 1
 
     run_page(job)
 
@@ -323,7 +323,7 @@ def test_a_browser_that_does_not_read_does_not_delay_others(tmp_path):
             newest = live.feed.number
             while True:
                 data = await asyncio.wait_for(visitor.line.recv(), WAIT_S)
-                if isinstance(data, bytes) and HEAD.unpack(data[:16])[0] == newest:
+                if isinstance(data, bytes) and HEAD_LAYOUT.unpack(data[:16])[0] == newest:
                     break
             buffers = [visitor._writer.transport.get_write_buffer_size() for visitor in server.visitors]
             assert max(buffers) < 1 << 20

@@ -20,7 +20,7 @@ from baqueano.drive.session import stop_of
 from baqueano.guides.shapes import circle
 from baqueano.runs import read_run
 from baqueano.runs.route_file import read_route, write_route
-from baqueano.web.feed import HEAD
+from baqueano.web.feed import HEAD_LAYOUT
 from tests.emulated.rig import missing
 from tests.web.chromium import CHROMIUM, Chromium
 from tests.web.page_client import WAIT_S, Browser, run_page
@@ -210,7 +210,7 @@ async def ahead(visitor):
     n = 0
     while True:
         n += 1
-        frame = HEAD.unpack(visitor.frames[-1][:16])[0] if visitor.frames else 0
+        frame = HEAD_LAYOUT.unpack(visitor.frames[-1][:16])[0] if visitor.frames else 0
         await visitor.send("beat", n=n, seen=frame, u=[0.6, 0.0, 0.0])
         await asyncio.sleep(0.04)
 

@@ -83,7 +83,7 @@ def test_playback_waits_for_a_viewer_only_once(tmp_path, monkeypatch):
     from baqueano.web.lab import playback as module
 
     folder = folder_of(tmp_path / "runs", circle=drive())
-    monkeypatch.setattr(module, "COMES_S", 0.2)
+    monkeypatch.setattr(module, "CONNECT_TIMEOUT_S", 0.2)
 
     async def job():
         lab = Lab()
@@ -121,11 +121,11 @@ def test_without_a_display_no_page_is_opened(tmp_path, monkeypatch):
     assert not (tmp_path / "none").exists()
     monkeypatch.setenv("DISPLAY", ":0")
     monkeypatch.delenv("CI", raising=False)
-    assert share.display()
+    assert share.has_display()
     with run_with_page(tmp_path / "none", False, 4.0) as motion:  # --no-page
         assert motion._program is None
     monkeypatch.setenv("CI", "1")
-    assert not share.display()
+    assert not share.has_display()
 
 
 def test_a_closed_page_does_not_end_the_work():

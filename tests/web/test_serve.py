@@ -16,7 +16,7 @@ import pytest
 from baqueano.diagnostics import StopReason
 from baqueano.drive import stop_of
 from baqueano.runs import read_run
-from baqueano.web.feed import HEAD
+from baqueano.web.feed import HEAD_LAYOUT
 from benchmarks.processes import before_others
 from tests.web.page_client import WAIT_S, Browser, run_page
 from tests.web.vanishing import vanishing
@@ -103,7 +103,7 @@ async def driving(port, moves, via=None):
             done, _ = await asyncio.wait({hearing}, timeout=0.05)
             if done:
                 data = hearing.result()
-                frame = HEAD.unpack(data[:16])[0] if isinstance(data, bytes) else frame
+                frame = HEAD_LAYOUT.unpack(data[:16])[0] if isinstance(data, bytes) else frame
                 if frame > 20:
                     moves.set()
                 hearing = asyncio.ensure_future(line.recv())
@@ -266,6 +266,6 @@ async def beats(visitor):
     n = 0
     while True:
         n += 1
-        frame = HEAD.unpack(visitor.frames[-1][:16])[0] if visitor.frames else 0
+        frame = HEAD_LAYOUT.unpack(visitor.frames[-1][:16])[0] if visitor.frames else 0
         await visitor.send("beat", n=n, seen=frame, u=[0.0, 0.0, 0.0])
         await asyncio.sleep(0.05)

@@ -3,11 +3,17 @@
 import numpy as np
 import pytest
 
-from baqueano.worlds.applied import ON_THE_WAY_NS, AppliedDuties, AppliedMotors, AppliedWay
+from baqueano.worlds.applied import COMMAND_DELAY_NS, AppliedDuties, AppliedMotors, MotorCharacteristic
 
 MS = 1_000_000
 UNEQUAL = AppliedMotors(
-    20.0, (AppliedWay(0.3, 0.7), AppliedWay(0.32, 0.68), AppliedWay(0.25, 0.75), AppliedWay(0.27, 0.7))
+    20.0,
+    (
+        MotorCharacteristic(0.3, 0.7),
+        MotorCharacteristic(0.32, 0.68),
+        MotorCharacteristic(0.25, 0.75),
+        MotorCharacteristic(0.27, 0.7),
+    ),
 )
 
 
@@ -76,7 +82,7 @@ def test_no_duty_is_predicted_for_a_stopped_vehicle():
     applied.update(0, (0.0, 0.0), (0.0, 0.0), False)
     applied.begin(0)
     applied.record_command(0, 0.5, 0.5)
-    np.testing.assert_allclose(applied.mean(10 * MS), 0.5 * (1.0 - ON_THE_WAY_NS / (10 * MS)))
+    np.testing.assert_allclose(applied.mean(10 * MS), 0.5 * (1.0 - COMMAND_DELAY_NS / (10 * MS)))
     applied.update(12 * MS, (0.0, 0.0), (0.0, 0.0), True)
     assert np.all(applied.mean(20 * MS) < 0.0), "subtracts the excess of the previous tick"
     applied.update(22 * MS, (0.0, 0.0), (0.0, 0.0), True)

@@ -116,7 +116,7 @@ def test_without_recording_each_event_is_reported_once_and_memory_is_constant():
             line.waiting = [telemetry(50 * k, (0.6, 0.6), (0, k), silent=k >= 100)]
             chip.waiting = [Sample(50 * k * MS, np.array([0.0, 0.0, 9.8]), np.zeros(3), 30.0)]
             chip.happened = [SimpleNamespace(message=note("imu.started"))] if k == 1500 else []
-            events += robot.look(50 * k * MS)
+            events += robot.poll(50 * k * MS)
             if k == 1500:
                 memory_before = tracemalloc.get_traced_memory()[0]
         growth_bytes = tracemalloc.get_traced_memory()[0] - memory_before

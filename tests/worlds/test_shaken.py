@@ -122,7 +122,7 @@ def test_faults_added_during_a_run_are_exactly_reproducible():
     at = {
         50: lambda w: w.shake({"kind": "drift", "of": "imu[2]", "size": 0.1}),
         80: lambda w: w.shake({"kind": "tilt", "x": 0.03}),
-        120: lambda w: w.over(1),
+        120: lambda w: w.end_fault(1),
         130: lambda w: w.shake({"kind": "tilt", "y": 0.02}),  # replaces the first
         150: lambda w: w.shake({"kind": "push", "x": 0.1, "frame": "map"}),
     }
@@ -178,7 +178,7 @@ def test_an_unsuitable_fault_for_a_vehicle_is_refused():
     with refused("shake.of-another-world", UsageError):
         experiment(FILE, np.zeros((10, 3)), world=world(), shake=[])
     with refused("shake.no-number", UsageError):
-        world().over(1)
+        world().end_fault(1)
 
 
 def rows_of(words, seconds=8.0):
@@ -211,12 +211,12 @@ def test_the_detection_of_a_fault_is_not_assigned_to_the_next_fault():
 def test_the_ledger_gives_the_reason_if_no_fault_detector_reacted():
     ledger, row = rows_of("4 s: drift imu[2] 0.15")
     assert row.noticed == []
-    assert set(row.silent()) == {"monitor", "model", "supervisor", "gate", "nis"}
-    reason = ledger.nobody(row)
+    assert set(row.silent_witnesses()) == {"monitor", "model", "supervisor", "gate", "nis"}
+    reason = ledger.unnoticed_diagnostic(row)
     assert reason.code == "ledger.nobody-and-off"
     assert reason.figures["why"].code == "ledger.why-drift"
     assert reason.figures["off"].figures["off_cm"] > 5.0
     ledger, row = rows_of("4 s: sag 84 %")
     assert ledger.reason_unnoticed(row.fault).code == "ledger.why-sag"
     ledger, row = rows_of("7.5 s: sag 84 %")
-    assert ledger.nobody(row) is None  # too early for a verdict
+    assert ledger.unnoticed_diagnostic(row) is None  # too early for a verdict

@@ -8,7 +8,7 @@ from baqueano.sensors import Imu, Odometer
 from baqueano.signals import Command, sensor_slots
 from baqueano.vehicles import Friction, Planar
 from baqueano.worlds import ReplayedWorld, SimulatedWorld, world_init, world_step
-from baqueano.worlds.noise import PROCESS, sensor_stream, unit_normals
+from baqueano.worlds.noise import PROCESS_STREAM, sensor_stream, unit_normals
 from baqueano.worlds.simulated import DrawnNoise, no_noise
 from tests.codes import refused
 
@@ -34,7 +34,7 @@ def ticks_of(sensors, n=600, seed=3, bundle=1, backend="numpy"):
 
 def test_the_world_equals_the_pure_step_with_the_same_noise():
     ticks, world = ticks_of(SENSORS)
-    process, imu = unit_normals(3, PROCESS, 600, 3), unit_normals(3, sensor_stream("imu"), 600, 6)
+    process, imu = unit_normals(3, PROCESS_STREAM, 600, 3), unit_normals(3, sensor_stream("imu"), 600, 6)
     state = world_init(VEHICLE, SENSORS)
     for k, tick in enumerate(ticks):
         state, truth, slots = world_step(VEHICLE, SENSORS, state, U, 0.01, DrawnNoise(process[k], (imu[k],)))

@@ -4,7 +4,7 @@ from typing import Any
 
 import numpy as np
 
-from baqueano.block_checks.motion import DT_S, moving
+from baqueano.block_checks.motion import DT_S, circle_motion
 from baqueano.block_checks.rooms import TICK_NS, a_sensor, slots_at
 from baqueano.block_checks.source import place
 from baqueano.contracts.blocks import SensorBlocks
@@ -13,17 +13,19 @@ from baqueano.errors import error_text, from_outside
 from baqueano.signals import Command, Estimate, Reference, Tick
 from baqueano.symbolic import TraceError, function
 
-AGREE = 1e-9  # relative; back ends agree to 1e-12 a step, an ill-conditioned block loses some of it
+RELATIVE_TOLERANCE = (
+    1e-9  # relative; back ends agree to 1e-12 a step, an ill-conditioned block loses some of it
+)
 
 
 def notes(
-    room: str, block: Any, sensors: SensorBlocks | None = None, commands: int = 3, backend: str = "python"
+    role: str, block: Any, sensors: SensorBlocks | None = None, commands: int = 3, backend: str = "python"
 ) -> list[Diagnostic]:
     """Return notes on a block that fulfils its contract, if it cannot be compiled or its compiled results differ.
 
     Parameters
     ----------
-    room : str
+    role : str
         As in `check`.
     block : object
         The block.
@@ -44,25 +46,33 @@ def notes(
     >>> notes("controller", bq.load("small").controller())
     []
     """
-    kind = type(block)
-    subject, at = f"{kind.__name__}.step()", place(getattr(kind, "step", kind))
-    arguments = _arguments(room, block, a_sensor() if sensors is None else sensors, commands)
+    block_class = type(block)
+    subject, place_text = f"{block_class.__name__}.step()", place(getattr(block_class, "step", block_class))
+    arguments = _arguments(role, block, a_sensor() if sensors is None else sensors, commands)
     try:
-        quick = function(block.step, *arguments, backend=backend)(*arguments)
+        compiled = function(block.step, *arguments, backend=backend)(*arguments)
     except TraceError as error:
-        return [note("check.slow", Severity.WARNING, subject=subject, place=at, cause=error.diagnostic)]
+        return [
+            note("check.slow", Severity.WARNING, subject=subject, place=place_text, cause=error.diagnostic)
+        ]
     except BaseException as error:
         if from_outside(error):
             raise
         return [
-            note("check.not-compiled", Severity.WARNING, subject=subject, place=at, error=error_text(error))
+            note(
+                "check.not-compiled",
+                Severity.WARNING,
+                subject=subject,
+                place=place_text,
+                error=error_text(error),
+            )
         ]
-    if not _alike(block.step(*arguments), quick):
-        return [note("check.compiled-otherwise", Severity.WARNING, subject=subject, place=at)]
+    if not _are_close(block.step(*arguments), compiled):
+        return [note("check.compiled-otherwise", Severity.WARNING, subject=subject, place=place_text)]
     return []
 
 
-def _arguments(room: str, block: Any, sensors: SensorBlocks, n: int) -> tuple[Any, ...]:
+def _arguments(role: str, block: Any, sensors: SensorBlocks, n: int) -> tuple[Any, ...]:
     """Return the arguments of a step of the block, at a tick in the middle of a circle."""
     estimate = Estimate(5 * TICK_NS, np.array([0.1, 0.2, 0.3]), np.array([0.3, 0.0, 0.5]), 1e-4 * np.eye(6))
     reference = Reference(5 * TICK_NS, np.array([0.12, 0.21, 0.35]), estimate.nu, 0.0)
@@ -70,18 +80,20 @@ def _arguments(room: str, block: Any, sensors: SensorBlocks, n: int) -> tuple[An
     state = block.init()
     return {
         "vehicle": (state, np.full(getattr(block, "commands", n), 0.3), DT_S, np.zeros(3)),
-        "sensor": (state, moving(3), DT_S, np.zeros(getattr(block, "noise_size", 0))),
+        "sensor": (state, circle_motion(3), DT_S, np.zeros(getattr(block, "noise_size", 0))),
         "estimator": (state, tick),
         "guide": (state, estimate),
         "controller": (state, reference, estimate),
         "supervisor": (state, Command(tick.t_ns, np.full(n, 0.2)), tick, estimate),
-    }[room]
+    }[role]
 
 
-def _alike(a: object, b: object) -> bool:
+def _are_close(a: object, b: object) -> bool:
     if isinstance(a, tuple):
-        return isinstance(b, tuple) and len(a) == len(b) and all(map(_alike, a, b))
+        return isinstance(b, tuple) and len(a) == len(b) and all(map(_are_close, a, b))
     if a is None or isinstance(a, str):
         return a == b
     x, y = np.asarray(a, dtype=float), np.asarray(b, dtype=float)
-    return x.shape == y.shape and bool(np.allclose(x, y, rtol=AGREE, atol=AGREE, equal_nan=True))
+    return x.shape == y.shape and bool(
+        np.allclose(x, y, rtol=RELATIVE_TOLERANCE, atol=RELATIVE_TOLERANCE, equal_nan=True)
+    )

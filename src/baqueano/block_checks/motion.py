@@ -8,14 +8,14 @@ from baqueano.block_checks.trial import AT_START, GaveUp, Trial
 from baqueano.diagnostics import Diagnostic, note
 from baqueano.sensors.sampling import detects
 from baqueano.signals import Motion, Slot
-from baqueano.vehicles.effort import steady
+from baqueano.vehicles.effort import constant_effort
 
 DT_S = 0.02
-TICKS = 100
+TICK_COUNT = 100
 ETA = np.array([0.5, -0.25, 3.0])  # close to π
 NU = np.array([0.4, 0.0, 2.5])
-LEVEL = np.zeros(2)
-CURVE, ROLLING, TURNED = note("when.curve"), note("when.rolling"), note("when.psi-one")
+LEVEL_GRAVITY = np.zeros(2)
+IN_CURVE, WHILE_ROLLING, AFTER_TURN = note("when.curve"), note("when.rolling"), note("when.psi-one")
 
 
 def check_vehicle(block: object) -> list[Diagnostic]:
@@ -43,49 +43,55 @@ def check_vehicle(block: object) -> list[Diagnostic]:
     if not hasattr(getattr(block, "drivetrain", None), "step"):
         trial.add_fault("check.no-drivetrain")
     try:
-        if isinstance(n, int) and not trial.lacking:
+        if isinstance(n, int) and not trial.is_incomplete:
             _drive(trial, n)
     except GaveUp:
         pass
-    return trial.done()
+    return trial.reported_faults()
 
 
 def _drive(trial: Trial, n: int) -> None:
     state = trial.checked_call("init", AT_START, ETA, NU)
-    for part, shape in (("eta", (3,)), ("nu", (3,)), ("nu_dot", (3,))):
-        trial.expect(f"state.{part}", getattr(state, part, None), shape, AT_START, "init")
-    gravity = trial.expect("gravity", trial.checked_call("gravity", TURNED, 1.0), (2,), TURNED, "gravity")
+    for quantity, shape in (("eta", (3,)), ("nu", (3,)), ("nu_dot", (3,))):
+        trial.expect(f"state.{quantity}", getattr(state, quantity, None), shape, AT_START, "init")
+    gravity = trial.expect(
+        "gravity", trial.checked_call("gravity", AFTER_TURN, 1.0), (2,), AFTER_TURN, "gravity"
+    )
     motion = None
-    for k in range(TICKS):
+    for k in range(TICK_COUNT):
         u = np.array([0.5, 0.0, 0.4])[:n] if n <= 3 else np.full(n, 0.3)
-        state, motion = trial.step(CURVE, state, u, DT_S, np.zeros(3))
+        state, motion = trial.step(IN_CURVE, state, u, DT_S, np.zeros(3))
         _motion(trial, motion, note("when.tick-of-curve", tick=k + 1))
     start = trial.checked_call("init", note("when.rest"))
-    rest = start
-    for _ in range(TICKS):
-        rest, motion = trial.step(note("when.rest"), rest, np.zeros(n), DT_S, np.zeros(3))
+    rest_state = start
+    for _ in range(TICK_COUNT):
+        rest_state, motion = trial.step(note("when.rest"), rest_state, np.zeros(n), DT_S, np.zeros(3))
     if motion is not None and not np.any(gravity) and np.max(np.abs(motion.eta - start.eta)) > 1e-6:
         trial.add_fault("check.moves-by-itself", "step", moved=str(motion.eta - start.eta))
-    effort = steady(np.zeros(n))
-    after = trial.checked_call("advance", ROLLING, ETA, NU, effort, DT_S)
-    if not (isinstance(after, tuple) and len(after) == 3):
-        trial.add_fault("check.returns", "advance", found=type(after).__name__, expected="(η, ν, ν̇)")
+    effort = constant_effort(np.zeros(n))
+    next_state = trial.checked_call("advance", WHILE_ROLLING, ETA, NU, effort, DT_S)
+    if not (isinstance(next_state, tuple) and len(next_state) == 3):
+        trial.add_fault("check.returns", "advance", found=type(next_state).__name__, expected="(η, ν, ν̇)")
         raise GaveUp
-    for name, value in zip(("η", "ν", "ν̇"), after, strict=True):
-        trial.expect(name, value, (3,), ROLLING, "advance")
-    trial.check_wrapped("ψ", float(after[0][2]), ROLLING)
-    if not np.any(gravity) and (abs(after[1][0]) > abs(NU[0]) + 1e-9 or abs(after[1][2]) > abs(NU[2]) + 1e-9):
-        trial.add_fault("check.gains-speed", "advance", before=str(NU.tolist()), after=str(after[1].tolist()))
+    for name, value in zip(("η", "ν", "ν̇"), next_state, strict=True):
+        trial.expect(name, value, (3,), WHILE_ROLLING, "advance")
+    trial.check_wrapped("ψ", float(next_state[0][2]), WHILE_ROLLING)
+    if not np.any(gravity) and (
+        abs(next_state[1][0]) > abs(NU[0]) + 1e-9 or abs(next_state[1][2]) > abs(NU[2]) + 1e-9
+    ):
+        trial.add_fault(
+            "check.gains-speed", "advance", before=str(NU.tolist()), after=str(next_state[1].tolist())
+        )
 
 
-def _motion(trial: Trial, motion: Motion, when: Diagnostic) -> None:
+def _motion(trial: Trial, motion: Motion, context: Diagnostic) -> None:
     if not isinstance(motion, Motion):
         expected = "(state, Motion(eta, nu, nu_dot, gravity))"
         trial.add_fault("check.returns", "step", found=type(motion).__name__, expected=expected)
         raise GaveUp
     for name, shape in (("eta", (3,)), ("nu", (3,)), ("nu_dot", (3,)), ("gravity", (2,))):
-        trial.expect(f"Motion.{name}", getattr(motion, name), shape, when)
-    trial.check_wrapped("Motion.eta[2]", float(motion.eta[2]), when)
+        trial.expect(f"Motion.{name}", getattr(motion, name), shape, context)
+    trial.check_wrapped("Motion.eta[2]", float(motion.eta[2]), context)
 
 
 def check_sensor(block: object) -> list[Diagnostic]:
@@ -111,28 +117,28 @@ def check_sensor(block: object) -> list[Diagnostic]:
         if not hasattr(block, name):
             trial.add_fault("check.no-attribute", name=name)
     try:
-        if not trial.lacking:
+        if not trial.is_incomplete:
             _measure(trial, block)
     except GaveUp:
         pass
-    return trial.done()
+    return trial.reported_faults()
 
 
 def _measure(trial: Trial, block: Any) -> None:
     m = int(block.size)
-    Q = trial.covariance("cov", block.cov, m, AT_START, "h")
+    Q = trial.expect_covariance("cov", block.cov, m, AT_START, "h")
     if np.any(np.diag(Q) <= 0.0):
         trial.add_fault("check.no-noise")
-    expected = trial.expect("h", trial.checked_call("h", CURVE, moving(0)), (m,), CURVE, "h")
+    expected = trial.expect("h", trial.checked_call("h", IN_CURVE, circle_motion(0)), (m,), IN_CURVE, "h")
     state, answers = trial.checked_call("init", AT_START), 0
-    for k in range(TICKS):
-        state, slot = trial.step(CURVE, state, moving(k), DT_S, np.zeros(int(block.noise_size)))
+    for k in range(TICK_COUNT):
+        state, slot = trial.step(IN_CURVE, state, circle_motion(k), DT_S, np.zeros(int(block.noise_size)))
         if not isinstance(slot, Slot):
             trial.add_fault(
                 "check.returns", "step", found=type(slot).__name__, expected="(state, Slot(has, z))"
             )
             raise GaveUp
-        z = trial.expect("Slot.z", slot.z, expected.shape, CURVE)
+        z = trial.expect("Slot.z", slot.z, expected.shape, IN_CURVE)
         if slot.has not in (0.0, 1.0):
             trial.add_fault("check.has", "step", found=str(slot.has))
         if slot.has == 0.0 and np.any(z):
@@ -141,21 +147,21 @@ def _measure(trial: Trial, block: Any) -> None:
     _rate(trial, block, answers)
 
 
-def _rate(trial: Trial, block: Any, answers: int) -> None:
+def _rate(trial: Trial, block: Any, answer_count: int) -> None:
     if block.rate_hz == float("inf"):
         return  # it answers when something happens
-    late = float(getattr(block, "delay_s", 0.0))
-    in_sight = np.mean([bool(detects(block, moving(k))) for k in range(TICKS)])
-    expected = min(1.0 / DT_S, float(block.rate_hz)) * max(TICKS * DT_S - late, 0.0) * in_sight
-    if abs(answers - expected) > 2.0 + 0.05 * expected:
-        lasted_s, rate_hz = TICKS * DT_S, block.rate_hz
+    delay_s = float(getattr(block, "delay_s", 0.0))
+    in_sight = np.mean([bool(detects(block, circle_motion(k))) for k in range(TICK_COUNT)])
+    expected = min(1.0 / DT_S, float(block.rate_hz)) * max(TICK_COUNT * DT_S - delay_s, 0.0) * in_sight
+    if abs(answer_count - expected) > 2.0 + 0.05 * expected:
+        lasted_s, rate_hz = TICK_COUNT * DT_S, block.rate_hz
         trial.add_fault(
-            "check.rate", "step", answers=answers, lasted_s=lasted_s, rate_hz=rate_hz, wanted=expected
+            "check.rate", "step", answers=answer_count, lasted_s=lasted_s, rate_hz=rate_hz, wanted=expected
         )
 
 
-def moving(k: int) -> Motion:
+def circle_motion(k: int) -> Motion:
     """Return the motion of tick `k` on a steady circle through ψ = π."""
     psi = ETA[2] + NU[2] * k * DT_S
     heading = (psi + np.pi) % (2.0 * np.pi) - np.pi
-    return Motion(np.array([ETA[0], ETA[1], heading]), NU, np.array([0.0, 0.0, 0.0]), LEVEL)
+    return Motion(np.array([ETA[0], ETA[1], heading]), NU, np.array([0.0, 0.0, 0.0]), LEVEL_GRAVITY)

@@ -15,10 +15,10 @@ from baqueano.signals import Command, Estimate, Motion, Reference, Slot, Tick, s
 
 DT_S = 0.02
 TICK_NS = 20_000_000
-TURN = 2.5  # rad/s: crosses π after 1.26 s
+YAW_RATE_RAD_S = 2.5  # rad/s: crosses π after 1.26 s
 EPOCH_NS = 1_700_000_000_000_000_000  # the clock of a computer: since 1970
-CIRCLE, REPEATED = note("when.circle"), note("when.repeated")
-SAME = 1e-3  # of the size of an output; times converted to floats cause an error of 1e-5
+ON_CIRCLE, REPEATED_TICK = note("when.circle"), note("when.repeated")
+OUTPUT_TOLERANCE = 1e-3  # of the size of an output; times converted to floats cause an error of 1e-5
 
 
 def a_sensor() -> SensorBlocks:
@@ -58,8 +58,8 @@ def check_estimator(
     trial = Trial(block)
     with suppress(GaveUp):
         _estimate(trial, a_sensor() if sensors is None else sensors, commands)
-        _begin_anywhere(trial, "estimator", a_sensor() if sensors is None else sensors, commands)
-    return trial.done()
+        _check_clock_start(trial, "estimator", a_sensor() if sensors is None else sensors, commands)
+    return trial.reported_faults()
 
 
 def _estimate(trial: Trial, sensors: SensorBlocks, n: int) -> None:
@@ -68,43 +68,43 @@ def _estimate(trial: Trial, sensors: SensorBlocks, n: int) -> None:
     estimate = None
     for k in range(70):
         t_ns += TICK_NS
-        belief, estimate = _believe(trial, belief, Tick(t_ns, u, slots_at(sensors, k)), CIRCLE)
+        belief, estimate = _checked_estimate(trial, belief, Tick(t_ns, u, slots_at(sensors, k)), ON_CIRCLE)
     assert estimate is not None
-    before = np.trace(estimate.cov[:2, :2])
-    none = silent({name: s.size for name, s in sensors._asdict().items()})
+    cov_before = np.trace(estimate.cov[:2, :2])
+    silent_slots = silent({name: s.size for name, s in sensors._asdict().items()})
     for _ in range(50):
         t_ns += 2 * TICK_NS
-        belief, estimate = _believe(trial, belief, Tick(t_ns, u, none), note("when.silent"))
-    if not np.trace(estimate.cov[:2, :2]) > before:
+        belief, estimate = _checked_estimate(trial, belief, Tick(t_ns, u, silent_slots), note("when.silent"))
+    if not np.trace(estimate.cov[:2, :2]) > cov_before:
         trial.add_fault("check.sure-without-sensors", "step")
     for value in (np.nan, np.inf):
         t_ns += TICK_NS
-        slots = type(none)(*(Slot(1.0, np.full(s.size, value)) for s in sensors))
-        when = note("when.after-measurement", found=str(value))
-        belief, estimate = _believe(trial, belief, Tick(t_ns, u, slots), when)
-    belief, _ = _believe(trial, belief, Tick(t_ns, u, none), REPEATED)
+        slots = type(silent_slots)(*(Slot(1.0, np.full(s.size, value)) for s in sensors))
+        context = note("when.after-measurement", found=str(value))
+        belief, estimate = _checked_estimate(trial, belief, Tick(t_ns, u, slots), context)
+    belief, _ = _checked_estimate(trial, belief, Tick(t_ns, u, silent_slots), REPEATED_TICK)
     t_ns += 15 * TICK_NS  # after a longer gap the firmware would have stopped the motors
-    _believe(trial, belief, Tick(t_ns, u, slots_at(sensors, 0)), note("when.gap"))
+    _checked_estimate(trial, belief, Tick(t_ns, u, slots_at(sensors, 0)), note("when.gap"))
 
 
-def _believe(trial: Trial, belief: Tree, tick: Tick, when: Diagnostic) -> tuple[Tree, Estimate]:
-    belief, estimate = trial.step(when, belief, tick)
+def _checked_estimate(trial: Trial, belief: Tree, tick: Tick, context: Diagnostic) -> tuple[Tree, Estimate]:
+    belief, estimate = trial.step(context, belief, tick)
     if not isinstance(estimate, Estimate):
         expected = "(belief, Estimate(t_ns, eta, nu, cov))"
         trial.add_fault("check.returns", "step", found=type(estimate).__name__, expected=expected)
         raise GaveUp
-    trial.check_stamp(estimate, tick.t_ns, "tick", when)
-    eta = trial.expect("Estimate.eta", estimate.eta, (3,), when)
-    trial.expect("Estimate.nu", estimate.nu, (3,), when)
-    trial.check_wrapped("Estimate.eta[2]", float(eta[2]), when)
-    trial.covariance("Estimate.cov", estimate.cov, 6, when)
+    trial.check_stamp(estimate, tick.t_ns, "tick", context)
+    eta = trial.expect("Estimate.eta", estimate.eta, (3,), context)
+    trial.expect("Estimate.nu", estimate.nu, (3,), context)
+    trial.check_wrapped("Estimate.eta[2]", float(eta[2]), context)
+    trial.expect_covariance("Estimate.cov", estimate.cov, 6, context)
     return belief, estimate
 
 
 def slots_at(sensors: SensorBlocks, k: int) -> Any:
     """Return the readings of the sensors at tick `k` on a circle at 0.3 m/s."""
-    psi = wrap(TURN * DT_S * (k + 1))
-    motion = Motion(np.array([0.0, 0.0, psi]), np.array([0.3, 0.0, TURN]), np.zeros(3), np.zeros(2))
+    psi = wrap(YAW_RATE_RAD_S * DT_S * (k + 1))
+    motion = Motion(np.array([0.0, 0.0, psi]), np.array([0.3, 0.0, YAW_RATE_RAD_S]), np.zeros(3), np.zeros(2))
     slots = sensor_slots(tuple(sensors._fields))
     return slots(*(Slot(1.0, np.asarray(s.h(motion), dtype=float)) for s in sensors))
 
@@ -134,41 +134,41 @@ def check_controller(block: object, commands: int = 3) -> list[Diagnostic]:
     """
     trial = Trial(block)
     try:
-        plain = _steer(trial, commands, np.zeros(3), 0.0)
-        rotated_u = _steer(trial, commands, np.array([3.0, -2.0, 2.0]), 0.0)
-        full = _steer(trial, commands, np.zeros(3), 2.0 * np.pi)
-        scale = 1e-6 * (1.0 + np.max(np.abs(plain)))
-        if np.max(np.abs(full - plain)) > scale:
+        u_plain = _steer(trial, commands, np.zeros(3), 0.0)
+        u_rotated = _steer(trial, commands, np.array([3.0, -2.0, 2.0]), 0.0)
+        u_full_turn = _steer(trial, commands, np.zeros(3), 2.0 * np.pi)
+        scale = 1e-6 * (1.0 + np.max(np.abs(u_plain)))
+        if np.max(np.abs(u_full_turn - u_plain)) > scale:
             trial.add_fault("check.full-turn", "step")
-        elif np.max(np.abs(rotated_u - plain)) > scale:
+        elif np.max(np.abs(u_rotated - u_plain)) > scale:
             trial.add_fault("check.world-moved", "step")
-        _begin_anywhere(trial, "controller", a_sensor(), commands)
+        _check_clock_start(trial, "controller", a_sensor(), commands)
     except GaveUp:
         pass
-    return trial.done()
+    return trial.reported_faults()
 
 
 def _steer(trial: Trial, n: int, offset: np.ndarray, turn: float) -> np.ndarray:
     """Return the commands (80, n) along a circle placed at the pose `offset`; the last tick is repeated once."""
-    state, commands_ = trial.checked_call("init", AT_START), []
+    state, command_rows = trial.checked_call("init", AT_START), []
     for k in [*range(80), 79]:
-        t_ns, psi = (k + 1) * TICK_NS, TURN * DT_S * k
+        t_ns, psi = (k + 1) * TICK_NS, YAW_RATE_RAD_S * DT_S * k
         position = np.array([0.1 * np.sin(psi), 0.1 * (1.0 - np.cos(psi)), psi])
         goal = position + np.array([0.02, 0.01, 0.15])
         estimate = Estimate(
-            t_ns, _shift(position, offset, 0.0), np.array([0.25, 0.0, TURN]), 1e-4 * np.eye(6)
+            t_ns, _shift(position, offset, 0.0), np.array([0.25, 0.0, YAW_RATE_RAD_S]), 1e-4 * np.eye(6)
         )
-        reference = Reference(t_ns, _shift(goal, offset, turn), np.array([0.25, 0.0, TURN]), 0.0)
-        when = CIRCLE if k < 79 or len(commands_) < 80 else REPEATED
-        state, command = trial.step(when, state, reference, estimate)
+        reference = Reference(t_ns, _shift(goal, offset, turn), np.array([0.25, 0.0, YAW_RATE_RAD_S]), 0.0)
+        context = ON_CIRCLE if k < 79 or len(command_rows) < 80 else REPEATED_TICK
+        state, command = trial.step(context, state, reference, estimate)
         if not isinstance(command, Command):
             trial.add_fault(
                 "check.returns", "step", found=type(command).__name__, expected="(state, Command(t_ns, u))"
             )
             raise GaveUp
-        trial.check_stamp(command, t_ns, "estimate", when)
-        commands_.append(trial.expect("Command.u", command.u, (n,), when))
-    return np.array(commands_[:80])
+        trial.check_stamp(command, t_ns, "estimate", context)
+        command_rows.append(trial.expect("Command.u", command.u, (n,), context))
+    return np.array(command_rows[:80])
 
 
 def _shift(eta: np.ndarray, offset: np.ndarray, turn: float) -> np.ndarray:
@@ -198,27 +198,33 @@ def check_guide(block: object) -> list[Diagnostic]:
     trial = Trial(block)
     try:
         state = trial.checked_call("init", AT_START)
-        times = [*((k + 1) * TICK_NS for k in range(150)), 150 * TICK_NS, 150 * TICK_NS + 3_600_000_000_000]
-        for k, t_ns in enumerate(times):
-            when = note("when.within") if k < 150 else REPEATED if k == 150 else note("when.hour-later")
+        times_ns = [
+            *((k + 1) * TICK_NS for k in range(150)),
+            150 * TICK_NS,
+            150 * TICK_NS + 3_600_000_000_000,
+        ]
+        for k, t_ns in enumerate(times_ns):
+            context = (
+                note("when.within") if k < 150 else REPEATED_TICK if k == 150 else note("when.hour-later")
+            )
             eta = np.array([0.003 * k, 0.0, wrap(0.05 * k)])
-            state, reference = trial.step(when, state, Estimate(t_ns, eta, np.zeros(3), 1e-4 * np.eye(6)))
-            _reference(trial, reference, t_ns, when)
-        _begin_anywhere(trial, "guide", a_sensor(), 3)
+            state, reference = trial.step(context, state, Estimate(t_ns, eta, np.zeros(3), 1e-4 * np.eye(6)))
+            _check_reference(trial, reference, t_ns, context)
+        _check_clock_start(trial, "guide", a_sensor(), 3)
     except GaveUp:
         pass
-    return trial.done()
+    return trial.reported_faults()
 
 
-def _reference(trial: Trial, reference: Reference, t_ns: int, when: Diagnostic) -> None:
+def _check_reference(trial: Trial, reference: Reference, t_ns: int, context: Diagnostic) -> None:
     if not isinstance(reference, Reference):
         expected = "(state, Reference(t_ns, eta, nu, done))"
         trial.add_fault("check.returns", "step", found=type(reference).__name__, expected=expected)
         raise GaveUp
-    trial.check_stamp(reference, t_ns, "estimate", when)
-    eta = trial.expect("Reference.eta", reference.eta, (3,), when)
-    trial.expect("Reference.nu", reference.nu, (3,), when)
-    trial.check_wrapped("Reference.eta[2]", float(eta[2]), when)
+    trial.check_stamp(reference, t_ns, "estimate", context)
+    eta = trial.expect("Reference.eta", reference.eta, (3,), context)
+    trial.expect("Reference.nu", reference.nu, (3,), context)
+    trial.check_wrapped("Reference.eta[2]", float(eta[2]), context)
     if float(reference.done) not in (0.0, 1.0):
         trial.add_fault("check.done", "step", found=str(reference.done))
 
@@ -254,24 +260,32 @@ def check_supervisor(
         for subject, u, eta in (("Command", np.nan, 0.0), ("Estimate", 0.1, np.nan)):
             _supervise(trial, sensors, commands, subject, u, eta)
         _limits(trial, sensors, commands)
-        _begin_anywhere(trial, "supervisor", sensors, commands)
+        _check_clock_start(trial, "supervisor", sensors, commands)
     except GaveUp:
         pass
-    return trial.done()
+    return trial.reported_faults()
 
 
-def _supervise(trial: Trial, sensors: SensorBlocks, n: int, subject: str, u: float, eta: float) -> None:
+def _supervise(
+    trial: Trial, sensors: SensorBlocks, n: int, subject: str, bad_command: float, bad_position: float
+) -> None:
     """Run ten good ticks, one with a NaN, and ten good ticks. From the NaN on the commands must be zero."""
     state = trial.checked_call("init", AT_START)
     for k in range(21):
-        bad = k == 10
-        u_given = np.full(n, u if bad else 0.1)
-        state, out = _let_through(
-            trial, sensors, state, k, u_given, eta if bad else 0.0, note("when.around-nan", what=subject)
+        is_bad = k == 10
+        u_given = np.full(n, bad_command if is_bad else 0.1)
+        state, u_out = _supervised_command(
+            trial,
+            sensors,
+            state,
+            k,
+            u_given,
+            bad_position if is_bad else 0.0,
+            note("when.around-nan", what=subject),
         )
-        if bad and np.any(out):
-            trial.add_fault("check.lets-through", "step", u=str(out.tolist()), what=subject)
-        elif k > 10 and np.any(out):
+        if is_bad and np.any(u_out):
+            trial.add_fault("check.lets-through", "step", u=str(u_out.tolist()), what=subject)
+        elif k > 10 and np.any(u_out):
             trial.add_fault("check.drives-again", "step", what=subject)
 
 
@@ -279,76 +293,97 @@ def _limits(trial: Trial, sensors: SensorBlocks, n: int) -> None:
     state = trial.checked_call("init", AT_START)
     limit = np.asarray(getattr(trial.block, "limit", np.full(n, np.inf)), dtype=float)
     for sign in (1.0, -1.0):
-        _, out = _let_through(
+        _, u_out = _supervised_command(
             trial, sensors, state, 0, np.full(n, sign * 1e9), 0.0, note("when.large-command")
         )
-        if np.any(np.abs(out) > np.abs(limit)):
-            trial.add_fault("check.beyond-limit", "step", u=str(out.tolist()), limit=str(limit.tolist()))
+        if np.any(np.abs(u_out) > np.abs(limit)):
+            trial.add_fault("check.beyond-limit", "step", u=str(u_out.tolist()), limit=str(limit.tolist()))
 
 
-def _let_through(
-    trial: Trial, sensors: SensorBlocks, state: Tree, k: int, u: np.ndarray, eta: float, when: Diagnostic
+def _supervised_command(
+    trial: Trial,
+    sensors: SensorBlocks,
+    state: Tree,
+    k: int,
+    u: np.ndarray,
+    position: float,
+    context: Diagnostic,
 ) -> tuple[Tree, np.ndarray]:
     t_ns = (k + 1) * TICK_NS
     tick = Tick(t_ns, np.zeros(len(u)), slots_at(sensors, k))
-    estimate = Estimate(t_ns, np.array([eta, 0.0, 0.0]), np.zeros(3), 1e-6 * np.eye(6))
-    state, command = trial.step(when, state, Command(t_ns, u), tick, estimate)
+    estimate = Estimate(t_ns, np.array([position, 0.0, 0.0]), np.zeros(3), 1e-6 * np.eye(6))
+    state, command = trial.step(context, state, Command(t_ns, u), tick, estimate)
     if not isinstance(command, Command):
         trial.add_fault(
             "check.returns", "step", found=type(command).__name__, expected="(state, Command(t_ns, u))"
         )
         raise GaveUp
-    trial.check_stamp(command, t_ns, "command", when)
-    return state, trial.expect("Command.u", command.u, (len(u),), when)
+    trial.check_stamp(command, t_ns, "command", context)
+    return state, trial.expect("Command.u", command.u, (len(u),), context)
 
 
-def _begin_anywhere(trial: Trial, room: str, sensors: SensorBlocks, n: int) -> None:
+def _check_clock_start(trial: Trial, role: str, sensors: SensorBlocks, n: int) -> None:
     """Check that a drive gives the same results with a clock that begins at 0 and with a clock that begins at
     an epoch."""
-    plain = _answers(trial, room, sensors, n, 0)
-    late = _answers(trial, room, sensors, n, EPOCH_NS)
-    for name, at_zero in plain.items():
-        off = wrap(late[name] - at_zero) if name == "psi" else late[name] - at_zero
-        if not np.all(np.abs(off) <= SAME * (1.0 + np.max(np.abs(at_zero)))):
-            tick = int(np.argmax(~np.all(np.abs(off) <= SAME * (1.0 + np.max(np.abs(at_zero))), axis=1)))
+    outputs_at_zero = _outputs_on_circle(trial, role, sensors, n, 0)
+    outputs_at_epoch = _outputs_on_circle(trial, role, sensors, n, EPOCH_NS)
+    for name, at_zero in outputs_at_zero.items():
+        difference = (
+            wrap(outputs_at_epoch[name] - at_zero) if name == "psi" else outputs_at_epoch[name] - at_zero
+        )
+        if not np.all(np.abs(difference) <= OUTPUT_TOLERANCE * (1.0 + np.max(np.abs(at_zero)))):
+            tick = int(
+                np.argmax(
+                    ~np.all(np.abs(difference) <= OUTPUT_TOLERANCE * (1.0 + np.max(np.abs(at_zero))), axis=1)
+                )
+            )
             trial.add_fault(
                 "check.clock", "step", name=name, begin_ns=float(EPOCH_NS), tick=tick + 1,
-                found=_short(late[name][tick]), expected=_short(at_zero[tick]),
+                found=_short_text(outputs_at_epoch[name][tick]), expected=_short_text(at_zero[tick]),
             )  # fmt: skip
             return
 
 
-def _answers(trial: Trial, room: str, sensors: SensorBlocks, n: int, begin_ns: int) -> dict[str, np.ndarray]:
+def _outputs_on_circle(
+    trial: Trial, role: str, sensors: SensorBlocks, n: int, begin_ns: int
+) -> dict[str, np.ndarray]:
     """Return the outputs of the block over 20 ticks of a circle, name → (20, m)."""
-    state, rows, when = trial.checked_call("init", AT_START), [], note("when.clock", begin_ns=float(begin_ns))
+    state, rows, context = (
+        trial.checked_call("init", AT_START),
+        [],
+        note("when.clock", begin_ns=float(begin_ns)),
+    )
     for k in range(20):
-        t_ns, psi = begin_ns + (k + 1) * TICK_NS, TURN * DT_S * k
-        eta, nu = np.array([0.1 * np.sin(psi), 0.1 * (1.0 - np.cos(psi)), psi]), np.array([0.25, 0.0, TURN])
+        t_ns, psi = begin_ns + (k + 1) * TICK_NS, YAW_RATE_RAD_S * DT_S * k
+        eta, nu = (
+            np.array([0.1 * np.sin(psi), 0.1 * (1.0 - np.cos(psi)), psi]),
+            np.array([0.25, 0.0, YAW_RATE_RAD_S]),
+        )
         estimate = Estimate(t_ns, eta, nu, 1e-6 * np.eye(6))
         reference = Reference(t_ns, eta + np.array([0.02, 0.01, 0.15]), nu, 0.0)
         tick = Tick(t_ns, np.full(n, 0.2), slots_at(sensors, k))
         inputs = {
             "estimator": (tick,), "guide": (estimate,), "controller": (reference, estimate),
             "supervisor": (Command(t_ns, np.full(n, 0.2)), tick, estimate),
-        }[room]  # fmt: skip
-        state, out = trial.step(when, state, *inputs)
-        trial.check_stamp(out, t_ns, "input", when)
-        rows.append(_numbers(out))
+        }[role]  # fmt: skip
+        state, output = trial.step(context, state, *inputs)
+        trial.check_stamp(output, t_ns, "input", context)
+        rows.append(_output_fields(output))
     return {name: np.array([row[name] for row in rows]) for name in rows[0]}
 
 
-def _numbers(out: Any) -> dict[str, np.ndarray]:
+def _output_fields(output: Any) -> dict[str, np.ndarray]:
     """Return the fields of an output that the contract requires, by name; the angle is a separate field."""
     fields = {
-        name: np.asarray(getattr(out, name), dtype=float)
+        name: np.asarray(getattr(output, name), dtype=float)
         for name in ("u", "nu", "done", "cov")
-        if name in out._fields
+        if name in output._fields
     }
-    if "eta" in out._fields:
-        eta = np.asarray(out.eta, dtype=float)
+    if "eta" in output._fields:
+        eta = np.asarray(output.eta, dtype=float)
         fields |= {"position": eta[:2], "psi": eta[2:]}
     return {name: np.atleast_1d(value).ravel() for name, value in fields.items()}
 
 
-def _short(values: np.ndarray) -> str:
+def _short_text(values: np.ndarray) -> str:
     return f"[{', '.join(f'{x:.3g}' for x in values[:3])}{', …' if len(values) > 3 else ''}]"

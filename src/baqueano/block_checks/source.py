@@ -7,56 +7,60 @@ from typing import Any
 
 from baqueano.diagnostics import Diagnostic, fault, note
 
-DOORS = {  # module → what to do instead
+OUTSIDE_MODULES = {  # module → what to do instead
     "time": note("outside.time"), "datetime": note("outside.time"),
     "random": note("outside.random"), "secrets": note("outside.random"),
     "os": note("outside.machine"), "io": note("outside.files"), "pathlib": note("outside.files"),
     "socket": note("outside.talks"), "threading": note("outside.threads"), "subprocess": note("outside.starts"),
 }  # fmt: skip
-CALLS = {"print": note("outside.prints"), "open": note("outside.files"), "input": note("outside.asks")}
+OUTSIDE_CALLS = {
+    "print": note("outside.prints"),
+    "open": note("outside.files"),
+    "input": note("outside.asks"),
+}
 
 
-def place(kind: Any) -> str:
+def place(code_object: Any) -> str:
     """Return file and line of a class or function, as "my_controller.py line 12"."""
     try:
-        return f"{Path(inspect.getfile(kind)).name} line {inspect.getsourcelines(kind)[1]}"
+        return f"{Path(inspect.getfile(code_object)).name} line {inspect.getsourcelines(code_object)[1]}"
     except (OSError, TypeError):
-        return getattr(kind, "__name__", str(kind))
+        return getattr(code_object, "__name__", str(code_object))
 
 
-def doors(kind: type) -> list[Diagnostic]:
+def outside_accesses(block_class: type) -> list[Diagnostic]:
     """Return a diagnostic for each forbidden access in the file of a class: clocks, files, random numbers, print."""
     try:
-        file = Path(inspect.getfile(kind))
+        file = Path(inspect.getfile(block_class))
         tree = ast.parse(file.read_text(encoding="utf-8"))
     except (OSError, TypeError, SyntaxError):
         return []
     faults = [
         fault(
             f"outside.{door}",
-            subject=kind.__name__,
+            subject=block_class.__name__,
             place=f"{file.name} line {line}",
             name=name,
             instead=advice,
         )
         for node in ast.walk(tree)
-        for line, door, name, advice in _through(node)
+        for line, door, name, advice in _accesses_in(node)
     ]
     return list(dict.fromkeys(faults))
 
 
-def _through(node: ast.AST) -> list[tuple[int, str, str, Diagnostic]]:
+def _accesses_in(node: ast.AST) -> list[tuple[int, str, str, Diagnostic]]:
     """Return line, kind of access, name and replacement for each forbidden access in a node."""
     if isinstance(node, ast.Import):
         names = [alias.name.split(".")[0] for alias in node.names]
-        return [(node.lineno, "imports", n, DOORS[n]) for n in names if n in DOORS]
+        return [(node.lineno, "imports", n, OUTSIDE_MODULES[n]) for n in names if n in OUTSIDE_MODULES]
     if isinstance(node, ast.ImportFrom):
         name = (node.module or "").split(".")[0]
-        return [(node.lineno, "imports", name, DOORS[name])] if name in DOORS else []
+        return [(node.lineno, "imports", name, OUTSIDE_MODULES[name])] if name in OUTSIDE_MODULES else []
     if isinstance(node, ast.Attribute) and node.attr == "random" and _is_numpy(node.value):
-        return [(node.lineno, "draws", "numpy.random", DOORS["random"])]
-    if isinstance(node, ast.Call) and isinstance(node.func, ast.Name) and node.func.id in CALLS:
-        return [(node.lineno, "calls", node.func.id, CALLS[node.func.id])]
+        return [(node.lineno, "draws", "numpy.random", OUTSIDE_MODULES["random"])]
+    if isinstance(node, ast.Call) and isinstance(node.func, ast.Name) and node.func.id in OUTSIDE_CALLS:
+        return [(node.lineno, "calls", node.func.id, OUTSIDE_CALLS[node.func.id])]
     if isinstance(node, ast.Global):
         return [(node.lineno, "global", ", ".join(node.names), note("outside.state"))]
     return []

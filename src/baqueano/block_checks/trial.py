@@ -12,13 +12,13 @@ from typing import Any
 
 import numpy as np
 
-from baqueano.block_checks.source import doors, place
+from baqueano.block_checks.source import outside_accesses, place
 from baqueano.diagnostics import Diagnostic, fault, note
 from baqueano.errors import error_text, from_outside
 
-MOST = 12  # diagnostics that are reported at most
+MAX_REPORTED = 12  # diagnostics that are reported at most
 AT_START = note("when.start")
-LACKING = ("check.no-method", "check.no-attribute", "check.no-commands", "check.no-drivetrain")
+INCOMPLETE_CODES = ("check.no-method", "check.no-attribute", "check.no-commands", "check.no-drivetrain")
 
 
 class GaveUp(Exception):
@@ -28,137 +28,159 @@ class GaveUp(Exception):
 class Trial:
     """A block and the faults that were found in it."""
 
-    def __init__(self, block: object, verbs: tuple[str, ...] = ("init", "step")) -> None:
+    def __init__(self, block: object, method_names: tuple[str, ...] = ("init", "step")) -> None:
         self.block = block
-        self.kind = type(block)
-        self.faults = dict.fromkeys(doors(self.kind))
-        self._own = _freeze(_fields(block))
+        self.block_class = type(block)
+        self.faults = dict.fromkeys(outside_accesses(self.block_class))
+        self._frozen_fields = _freeze(_fields(block))
         self._calls_of: dict[tuple[str, Diagnostic], int] = {}
-        if not _is_frozen_dataclass(self.kind):
+        if not _is_frozen_dataclass(self.block_class):
             self.add_fault("check.not-frozen")
-        for verb in verbs:
-            if not callable(getattr(block, verb, None)):
-                self.add_fault("check.no-method", name=verb)
+        for method_name in method_names:
+            if not callable(getattr(block, method_name, None)):
+                self.add_fault("check.no-method", name=method_name)
 
     @property
-    def lacking(self) -> bool:
+    def is_incomplete(self) -> bool:
         """Return True if the block is without a method or attribute that its check needs."""
-        return any(fault_.code in LACKING for fault_ in self.faults)
+        return any(fault_.code in INCOMPLETE_CODES for fault_ in self.faults)
 
-    def add_fault(self, code: str, verb: str = "", **figures: Any) -> None:
+    def add_fault(self, code: str, method_name: str = "", **figures: Any) -> None:
         """Store a diagnostic for the author, with the place in the code."""
-        at = place(getattr(self.kind, verb, self.kind)) if verb else place(self.kind)
-        name = f"{self.kind.__name__}.{verb}()" if verb else self.kind.__name__
-        self.faults[fault(code, subject=name, place=at, **figures)] = None
+        place_text = (
+            place(getattr(self.block_class, method_name, self.block_class))
+            if method_name
+            else place(self.block_class)
+        )
+        name = f"{self.block_class.__name__}.{method_name}()" if method_name else self.block_class.__name__
+        self.faults[fault(code, subject=name, place=place_text, **figures)] = None
 
-    def checked_call(self, verb: str, when: Diagnostic, *arguments: object) -> Any:
+    def checked_call(self, method_name: str, context: Diagnostic, *arguments: object) -> Any:
         """Return the result of a call. Repeat some calls, and store faults if results, arguments or the block change.
         Raise GaveUp if the block raises.
         """
-        before = _freeze(arguments)
-        first = self._call(verb, when, arguments)
-        if _freeze(arguments) != before:
-            self.add_fault("check.changes-arguments", verb, when=when)
-        if self._repeats(verb, when) and _freeze(first) != _freeze(
-            self._call(verb, when, copy.deepcopy(arguments))
+        frozen_arguments = _freeze(arguments)
+        first = self._call(method_name, context, arguments)
+        if _freeze(arguments) != frozen_arguments:
+            self.add_fault("check.changes-arguments", method_name, when=context)
+        if self._repeats(method_name, context) and _freeze(first) != _freeze(
+            self._call(method_name, context, copy.deepcopy(arguments))
         ):
-            self.add_fault("check.two-answers", verb, when=when)
-        if _freeze(_fields(self.block)) != self._own:
-            self.add_fault("check.changes-itself", verb, when=when)
-            self._own = _freeze(_fields(self.block))
+            self.add_fault("check.two-answers", method_name, when=context)
+        if _freeze(_fields(self.block)) != self._frozen_fields:
+            self.add_fault("check.changes-itself", method_name, when=context)
+            self._frozen_fields = _freeze(_fields(self.block))
         return first
 
-    def _repeats(self, verb: str, when: Diagnostic) -> bool:
+    def _repeats(self, method_name: str, context: Diagnostic) -> bool:
         """Return True if a call is to be repeated: the first five calls of a kind, then every tenth."""
-        count = self._calls_of[verb, when] = self._calls_of.get((verb, when), 0) + 1
+        count = self._calls_of[method_name, context] = self._calls_of.get((method_name, context), 0) + 1
         return count <= 5 or count % 10 == 0
 
-    def step(self, when: Diagnostic, *arguments: object) -> tuple[Any, Any]:
+    def step(self, context: Diagnostic, *arguments: object) -> tuple[Any, Any]:
         """Return (state, output) of a step. Raise GaveUp for another result."""
-        result = self.checked_call("step", when, *arguments)
+        result = self.checked_call("step", context, *arguments)
         is_record = type(result) is not tuple  # a Command is also a tuple of two
         if not (isinstance(result, tuple) and len(result) == 2) or is_record:
             if type(result) is tuple:
-                self.add_fault("check.values", "step", count=len(result), when=when)
+                self.add_fault("check.values", "step", count=len(result), when=context)
             else:
-                self.add_fault("check.one-value", "step", found=type(result).__name__, when=when)
+                self.add_fault("check.one-value", "step", found=type(result).__name__, when=context)
             raise GaveUp
         return result
 
     def expect(
-        self, quantity: str, value: object, shape: tuple[int, ...], when: Diagnostic, verb: str = "step"
+        self,
+        quantity: str,
+        value: object,
+        shape: tuple[int, ...],
+        context: Diagnostic,
+        method_name: str = "step",
     ) -> np.ndarray:
         """Return the value as a finite array of this shape. Raise GaveUp for another value."""
         try:
             array = np.asarray(value, dtype=float)
         except (TypeError, ValueError):
             self.add_fault(
-                "check.no-numbers", verb, what=quantity, found=type(value).__name__, shape=str(shape)
+                "check.no-numbers", method_name, what=quantity, found=type(value).__name__, shape=str(shape)
             )
             raise GaveUp from None
         if array.shape != shape:
-            self.add_fault("check.shape", verb, what=quantity, found=str(array.shape), shape=str(shape))
+            self.add_fault(
+                "check.shape", method_name, what=quantity, found=str(array.shape), shape=str(shape)
+            )
             raise GaveUp
         if not np.all(np.isfinite(array)):
-            self.add_fault("check.not-finite", verb, what=quantity, found=str(array.tolist()), when=when)
+            self.add_fault(
+                "check.not-finite", method_name, what=quantity, found=str(array.tolist()), when=context
+            )
             raise GaveUp
         return array
 
-    def check_stamp(self, output: object, t_ns: int, quantity: str, when: Diagnostic) -> None:
+    def check_stamp(self, output: object, t_ns: int, quantity: str, context: Diagnostic) -> None:
         """Check that the output has the timestamp of its input."""
         stamp = getattr(output, "t_ns", None)
         if stamp is None or int(stamp) != t_ns:
-            self.add_fault("check.stamp", "step", found=stamp, of=quantity, t_ns=t_ns, when=when)
+            self.add_fault("check.stamp", "step", found=stamp, of=quantity, t_ns=t_ns, when=context)
 
-    def check_wrapped(self, quantity: str, psi: float, when: Diagnostic) -> None:
+    def check_wrapped(self, quantity: str, psi: float, context: Diagnostic) -> None:
         """Check that an angle in an output is within [−π, π]."""
         if abs(psi) > np.pi + 1e-9:
-            self.add_fault("check.not-wrapped", "step", what=quantity, psi_rad=psi, when=when)
+            self.add_fault("check.not-wrapped", "step", what=quantity, psi_rad=psi, when=context)
 
-    def covariance(
-        self, quantity: str, value: object, size: int, when: Diagnostic, verb: str = "step"
+    def expect_covariance(
+        self, quantity: str, value: object, size: int, context: Diagnostic, method_name: str = "step"
     ) -> np.ndarray:
         """Return a covariance, and check that it is symmetric and without a negative eigenvalue."""
-        P = self.expect(quantity, value, (size, size), when, verb)
+        P = self.expect(quantity, value, (size, size), context, method_name)
         scale = np.max(np.abs(P), initial=0.0)
         if np.max(np.abs(P - P.T), initial=0.0) > 1e-9 * scale:
-            self.add_fault("check.not-symmetric", verb, what=quantity, when=when)
+            self.add_fault("check.not-symmetric", method_name, what=quantity, when=context)
         elif np.linalg.eigvalsh(P)[0] < -1e-9 * scale:
             self.add_fault(
-                "check.eigenvalue", verb, what=quantity, smallest=np.linalg.eigvalsh(P)[0], when=when
+                "check.eigenvalue",
+                method_name,
+                what=quantity,
+                smallest=np.linalg.eigvalsh(P)[0],
+                when=context,
             )
         return P
 
-    def done(self) -> list[Diagnostic]:
-        """Return the faults, at most MOST."""
-        return list(self.faults)[:MOST]
+    def reported_faults(self) -> list[Diagnostic]:
+        """Return the faults, at most MAX_REPORTED."""
+        return list(self.faults)[:MAX_REPORTED]
 
-    def _call(self, verb: str, when: Diagnostic, arguments: tuple[Any, ...]) -> Any:
+    def _call(self, method_name: str, context: Diagnostic, arguments: tuple[Any, ...]) -> Any:
         try:
             with warnings.catch_warnings(), np.errstate(all="ignore"):
                 warnings.simplefilter("ignore")
-                return getattr(self.block, verb)(*arguments)
+                return getattr(self.block, method_name)(*arguments)
         except BaseException as error:
             if from_outside(error):
                 raise
-            line, at = _line(self.kind, error), verb if hasattr(self.kind, verb) else ""
+            line, named_method = (
+                _line(self.block_class, error),
+                method_name if hasattr(self.block_class, method_name) else "",
+            )
             if line:
-                self.add_fault("check.raises-on-line", at, error=error_text(error), line=line, when=when)
+                self.add_fault(
+                    "check.raises-on-line", named_method, error=error_text(error), line=line, when=context
+                )
             else:
-                self.add_fault("check.raises", at, error=error_text(error), when=when)
+                self.add_fault("check.raises", named_method, error=error_text(error), when=context)
             raise GaveUp from error
 
 
-def _line(kind: type, error: BaseException) -> int:
+def _line(block_class: type, error: BaseException) -> int:
     """Return the last line number of the block's file in the traceback of the error; 0 without one."""
-    file = getattr(getattr(kind, "step", None), "__code__", None)
+    code = getattr(getattr(block_class, "step", None), "__code__", None)
     frames = traceback.extract_tb(error.__traceback__)
-    own = [f.lineno for f in frames if file is not None and f.filename == file.co_filename]
-    return own[-1] or 0 if own else 0
+    line_numbers = [f.lineno for f in frames if code is not None and f.filename == code.co_filename]
+    return line_numbers[-1] or 0 if line_numbers else 0
 
 
-def _is_frozen_dataclass(kind: type) -> bool:
-    return dataclasses.is_dataclass(kind) and kind.__dataclass_params__.frozen  # pyright: ignore
+def _is_frozen_dataclass(block_class: type) -> bool:
+    return dataclasses.is_dataclass(block_class) and block_class.__dataclass_params__.frozen  # pyright: ignore
 
 
 def _fields(block: object) -> Any:

@@ -39,14 +39,14 @@ VERBS = {
     "blocks": "List the blocks; check one of your own.",
 }
 
-ROOMS = {  # subpackage → verbs; the other verbs are modules of this package
+VERBS_BY_SUBPACKAGE = {  # subpackage → verbs; the other verbs are modules of this package
     "driving": ("drive", "experiment", "repeat", "replay", "route", "teach"),
     "modelling": ("compare", "forecast", "identify", "report", "runs", "simulate", "study", "sweep", "tune"),
     "page": ("serve", "view"),
     "robot": ("robot",),
 }
 
-WHOLE = 200  # letters: no first sentence is as long
+MAX_HELP_LETTERS = 200  # letters: no first sentence is as long
 
 # what values are called
 METAVARS = N_("TEXT"), N_("INTEGER"), N_("NUMBER"), N_("FLOAT"), N_("FILE"), N_("FOLDER")
@@ -54,15 +54,15 @@ USAGE = (N_("[OPTIONS]"), N_("COMMAND [ARGS]..."))  # of click's first line
 BACKENDS = ("auto", "c", "python", "numpy")
 
 
-def unknown(verb: str, verbs: list[str], ctx: click.Context) -> Exception:
+def unknown_verb_error(verb: str, verbs: list[str], ctx: click.Context) -> Exception:
     """Return the error for an unknown verb, with the nearest name."""
     from baqueano.diagnostics import fault, nearest
     from baqueano.errors import UsageError
 
-    near = nearest(verb, verbs)
-    fix = "" if "meant" in near.figures else f"{ctx.command_path} --help"
+    suggestion = nearest(verb, verbs)
+    fix = "" if "meant" in suggestion.figures else f"{ctx.command_path} --help"
     code = "cli.no-such-verb" if fix else "cli.unknown-verb"
-    return UsageError(fault(code, fix, path=ctx.command_path, found=verb, near=near))
+    return UsageError(fault(code, fix, path=ctx.command_path, found=verb, near=suggestion))
 
 
 class Verbs(click.Group):
@@ -73,21 +73,26 @@ class Verbs(click.Group):
     ) -> tuple[str | None, click.Command | None, list[str]]:
         """Return the typed subcommand. Raise UsageError with the nearest name for an unknown one."""
         if args and args[0] not in self.commands and not args[0].startswith("-"):
-            raise unknown(args[0], list(self.commands), ctx)
+            raise unknown_verb_error(args[0], list(self.commands), ctx)
         return super().resolve_command(ctx, args)
 
     def format_commands(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
         """Write the subcommands, each with the complete first sentence of its help."""
         with formatter.section(_("Commands")):
             formatter.write_dl(
-                [(name, verb.get_short_help_str(WHOLE)) for name, verb in sorted(self.commands.items())]
+                [
+                    (name, verb.get_short_help_str(MAX_HELP_LETTERS))
+                    for name, verb in sorted(self.commands.items())
+                ]
             )
 
 
 def command_of(verb: str) -> click.Command:
     """Import a verb of VERBS, and return its command with help in the current language."""
-    room = next((f"{room}." for room, verbs in ROOMS.items() if verb in verbs), "")
-    command = importlib.import_module(f"baqueano.cli.{room}{verb}").command
+    subpackage = next(
+        (f"{subpackage}." for subpackage, verbs in VERBS_BY_SUBPACKAGE.items() if verb in verbs), ""
+    )
+    command = importlib.import_module(f"baqueano.cli.{subpackage}{verb}").command
     command._help_option = None  # click caches the one of the first call
     return in_language(command)
 
@@ -114,12 +119,12 @@ def in_language(command: click.Command) -> click.Command:
 
 def _metavar(option: click.Option) -> str | None:
     """Return the name of an option's value in the help; None if the help lists the values."""
-    kind = option.type
-    if option.is_flag or option.count or isinstance(kind, click.Choice):
+    value_type = option.type
+    if option.is_flag or option.count or isinstance(value_type, click.Choice):
         return None
-    if isinstance(kind, click.Path):
-        return language.translate("FILE" if kind.file_okay else "FOLDER")
-    return language.translate(kind.name.removesuffix(" range").upper())
+    if isinstance(value_type, click.Path):
+        return language.translate("FILE" if value_type.file_okay else "FOLDER")
+    return language.translate(value_type.name.removesuffix(" range").upper())
 
 
 class _LazyVerbs(click.Group):
@@ -135,7 +140,7 @@ class _LazyVerbs(click.Group):
         self, ctx: click.Context, args: list[str]
     ) -> tuple[str | None, click.Command | None, list[str]]:
         if args and args[0] not in VERBS and not args[0].startswith("-"):
-            raise unknown(args[0], list(VERBS), ctx)
+            raise unknown_verb_error(args[0], list(VERBS), ctx)
         return super().resolve_command(ctx, args)
 
     def format_commands(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
@@ -184,9 +189,9 @@ def baqueano(ctx: click.Context, debug: bool, allow_blocks: bool) -> None:
 
 def main(args: list[str] | None = None) -> None:
     """Run the command line. An error ends it with one paragraph on stderr and an exit code."""
-    from baqueano.cli.terminal import plain_letters
+    from baqueano.cli.terminal import replace_unprintable_letters
 
-    plain_letters(sys.stdout, sys.stderr)
+    replace_unprintable_letters(sys.stdout, sys.stderr)
     args = sys.argv[1:] if args is None else args
     debug = "--debug" in args
     anywhere = [flag for flag in ("--debug", "--allow-blocks") if flag in args]
@@ -210,15 +215,15 @@ def _without_language(args: list[str]) -> tuple[list[str], str]:
     return args, ""
 
 
-def _exit_code(args: list[str], before: list[str]) -> int:
+def _exit_code(args: list[str], leading_args: list[str]) -> int:
     """Run the command, print its error, if any, and return the exit code."""
     from click.exceptions import NoArgsIsHelpError
 
-    from baqueano.cli.terminal import answered, print_message, print_result
+    from baqueano.cli.terminal import print_message, print_result, printed_objects
 
-    answered.clear()
+    printed_objects.clear()
     try:
-        code = in_language(baqueano).main(before + args, prog_name="baqueano", standalone_mode=False)
+        code = in_language(baqueano).main(leading_args + args, prog_name="baqueano", standalone_mode=False)
         return code if isinstance(code, int) else 0
     except NoArgsIsHelpError as error:
         error.show()
@@ -228,16 +233,16 @@ def _exit_code(args: list[str], before: list[str]) -> int:
         import traceback
 
         from baqueano.cli.errors import command_error
-        from baqueano.errors import in_users_file
+        from baqueano.errors import user_code_place
 
-        if isinstance(error, SystemExit) and not in_users_file(error):
+        if isinstance(error, SystemExit) and not user_code_place(error):
             raise
         if isinstance(error, click.Abort) and isinstance(error.__cause__, KeyboardInterrupt):
             error = error.__cause__  # click converts each EOFError and KeyboardInterrupt
-        if "--debug" in before:
+        if "--debug" in leading_args:
             print_message("".join(traceback.format_exception(error)).rstrip("\n"))
-        end = command_error(error, args)
-        print_message(end.paragraph)
-        if "--json" in args and not answered:
-            print_result(json.dumps(end.to_json(), allow_nan=False))
-        return end.code
+        failure = command_error(error, args)
+        print_message(failure.paragraph)
+        if "--json" in args and not printed_objects:
+            print_result(json.dumps(failure.to_json(), allow_nan=False))
+        return failure.code

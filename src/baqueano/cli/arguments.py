@@ -6,7 +6,7 @@
 import shlex
 from dataclasses import dataclass
 
-OPEN = "…"  # in the place of a value that the user chooses
+PLACEHOLDER = "…"  # in the place of a value that the user chooses
 OPTIONS = {  # argument of `identify` → option, and the name of its value
     "free": ("--free", "KEY"),
     "fixed": ("--fix", "KEY"),
@@ -31,5 +31,5 @@ class Option:
 
     def __format__(self, value: str) -> str:
         option, value_name = OPTIONS.get(self.name, (f"--{self.name.replace('_', '-')}", "VALUE"))
-        value_text = value_name if value == OPEN else shlex.quote(value) if value else ""
+        value_text = value_name if value == PLACEHOLDER else shlex.quote(value) if value else ""
         return f"{option} {value_text}".rstrip()

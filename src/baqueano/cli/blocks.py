@@ -15,14 +15,14 @@ if TYPE_CHECKING:
     from baqueano.contracts.values import TableRow
     from baqueano.vehicle_file.file import VehicleFile
 
-WHICH = (
+ESTIMATOR_ADVICE = (
     "Which estimator? augmented_ekf for an identified vehicle with any sensors. Until it is identified, with "
     "wheels: dead_reckoning. In a first course: complementary. To compare with the paper: ekf, or unscented. For your "
     "vehicle: baqueano blocks ls"
 )
 
 
-@click.group(cls=Verbs, help="List the blocks; check one of your own.", epilog=WHICH)
+@click.group(cls=Verbs, help="List the blocks; check one of your own.", epilog=ESTIMATOR_ADVICE)
 def command() -> None: ...
 
 
@@ -30,28 +30,38 @@ def command() -> None: ...
 @options.vehicle
 @options.as_json
 def ls(vehicle: str | None, settings: tuple[str, ...], as_json: bool) -> None:
-    from baqueano.blocks import ROOMS, kinds
+    from baqueano.blocks import BLOCK_TARGETS, kinds
 
-    file = options.load_vehicle(vehicle, settings)
-    answer(RowsResult([{"room": room, "kind": kind} for room in ROOMS for kind in kinds(room)]), as_json)
-    print_message(which_estimator(file))
+    vehicle_file = options.load_vehicle(vehicle, settings)
+    answer(
+        RowsResult([{"room": role, "kind": kind} for role in BLOCK_TARGETS for kind in kinds(role)]),
+        as_json,
+    )
+    print_message(recommend_estimator(vehicle_file))
 
 
-def which_estimator(file: "VehicleFile") -> Diagnostic:
+def recommend_estimator(vehicle_file: "VehicleFile") -> Diagnostic:
     """Return a message with the recommended estimator for the sensors of a vehicle."""
     from baqueano.estimators.readings.velocity_readings import pose_sensors, readings_of
-    from baqueano.vehicle_file.build import DEFAULT_KIND
+    from baqueano.vehicle_file.build import DEFAULT_KINDS
 
-    names, place = file.sensors._fields, pose_sensors(file.sensors)
-    if place:
-        fits = "place"
-    elif any(not reading.is_gyro for reading in readings_of(file.sensors)):
-        fits = "speed"
+    names, pose_sensor_names = vehicle_file.sensors._fields, pose_sensors(vehicle_file.sensors)
+    if pose_sensor_names:
+        case = "place"
+    elif any(not reading.is_gyro for reading in readings_of(vehicle_file.sensors)):
+        case = "speed"
     else:
-        fits = "gyro" if names else "nothing"
+        case = "gyro" if names else "nothing"
     use = ", ".join(f'"{name}"' for name in names)
-    usual = DEFAULT_KIND["estimator"]
-    return note(f"cli.estimator-{fits}", vehicle=file.name, sensors=names, usual=usual, use=use, place=place)
+    usual = DEFAULT_KINDS["estimator"]
+    return note(
+        f"cli.estimator-{case}",
+        vehicle=vehicle_file.name,
+        sensors=names,
+        usual=usual,
+        use=use,
+        place=pose_sensor_names,
+    )
 
 
 @command.command(
@@ -80,7 +90,7 @@ def check(
     print_message(note("cli.block-sound", block=block))
 
 
-WORDS = {  # columns that are words; the others are typed
+TEXT_COLUMNS = {  # columns that are words; the others are typed
     "room": (N_("vehicle"), N_("sensor"), N_("estimator"), N_("guide"), N_("controller"), N_("supervisor")),
 }
 
@@ -100,7 +110,9 @@ class RowsResult:
         """Return the rows in columns; the verdict if the list is empty."""
         if not self.findings:
             return _(self.verdict)
-        cells = [[_(str(v)) if key in WORDS else str(v) for key, v in row.items()] for row in self.findings]
+        cells = [
+            [_(str(v)) if key in TEXT_COLUMNS else str(v) for key, v in row.items()] for row in self.findings
+        ]
         widths = [max(map(len, column)) for column in zip(*cells, strict=True)]
         return "\n".join(
             "  ".join(v.ljust(w) for v, w in zip(row, widths, strict=True)).rstrip() for row in cells

@@ -8,19 +8,19 @@ from pathlib import Path
 import click
 
 from baqueano.cli import options
-from baqueano.cli.terminal import answer, busy, print_message, steps
+from baqueano.cli.terminal import answer, print_message, show_activity, steps
 from baqueano.diagnostics import note
 
 
-def typed_here() -> str:
+def program_name() -> str:
     """Return the command that a user types to start this program: its name, or its path if the shell does not
     find it."""
-    if shutil.which("baqueano") or not (own := Path(sys.argv[0])).is_file():
+    if shutil.which("baqueano") or not (program_path := Path(sys.argv[0])).is_file():
         return "baqueano"
-    return str(own)
+    return str(program_path)
 
 
-def free_folder() -> Path:
+def unused_folder() -> Path:
     """Return the first folder of demo, demo-2, demo-3, … that does not exist, so that earlier demos are kept."""
     names = (Path("demo" if k == 1 else f"demo-{k}") for k in count(1))
     return next(path for path in names if not path.exists())
@@ -66,15 +66,15 @@ def command(
     from baqueano.report.page import save_text
     from baqueano.study.demo import demo
 
-    moves = None if animation is None else picture_file(animation)
-    out = out or free_folder()
+    picture_path = None if animation is None else picture_file(animation)
+    out = out or unused_folder()
     with run_with_page(out, shown, pace) as motion:
         with steps() as begin:
             result = demo(out, seed, backend, begin, motion.show, motion.show_tuning)
         answer(result, as_json)
-        with busy(note("cli.drawing")):
+        with show_activity(note("cli.drawing")):
             page = result.page().save(out / "report.html")
-            if moves is not None:
-                save_text(moves, result.animation(backend))
+            if picture_path is not None:
+                save_text(picture_path, result.animation(backend))
         motion.show_event(note("web.demo-done", verdict=str(result.verdict)))
-    print_message(note("cli.demo", page=page, program=typed_here()))
+    print_message(note("cli.demo", page=page, program=program_name()))

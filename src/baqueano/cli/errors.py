@@ -11,11 +11,11 @@ import click
 from baqueano.cli.arguments import Option
 from baqueano.cli.next_line import next_line
 from baqueano.diagnostics import Diagnostic, fault
-from baqueano.errors import INTERRUPTED, BaqueanoError, cause_of, error_text, from_outside, in_users_file
+from baqueano.errors import INTERRUPTED, BaqueanoError, cause_of, error_text, from_outside, user_code_place
 from baqueano.messages import text
 from baqueano.messages.printable import baqueano_command
 
-NO, USAGE, BAD_FILE = 1, 2, 3
+NEGATIVE_ANSWER, USAGE, BAD_FILE = 1, 2, 3
 
 
 class Interruption(BaqueanoError):
@@ -34,12 +34,12 @@ class CommandError(NamedTuple):
     @property
     def sentence(self) -> str:
         """Return the reason and the command to type next, with arguments in the form in which a user types them."""
-        parts = (
+        texts = (
             text(diagnostic, argument=Option)
             for diagnostic in (self.reason, self.next)
             if diagnostic is not None
         )
-        return (". " if self.reason.fix else " ").join(parts)
+        return (". " if self.reason.fix else " ").join(texts)
 
     @property
     def paragraph(self) -> str:
@@ -48,8 +48,8 @@ class CommandError(NamedTuple):
 
     def to_json(self) -> dict[str, object]:
         """Return the error for --json: code, figures, text, the command to type next, and the exit code."""
-        after = {} if self.next is None else {"next": self.next.to_json()}
-        return self.reason.to_json() | {"text": self.sentence} | after | {"exit_code": self.code}
+        next_entry = {} if self.next is None else {"next": self.next.to_json()}
+        return self.reason.to_json() | {"text": self.sentence} | next_entry | {"exit_code": self.code}
 
 
 def command_error(error: BaseException, args: list[str]) -> CommandError:
@@ -61,26 +61,30 @@ def command_error(error: BaseException, args: list[str]) -> CommandError:
 def _diagnosis(error: BaseException, args: list[str]) -> tuple[Diagnostic, int]:
     match error:
         case BaqueanoError():
-            words = fault("cli.words", words=str(error))
-            return (error.message if isinstance(error.message, Diagnostic) else words), error.exit_code
+            plain_diagnostic = fault("cli.words", words=str(error))
+            return (
+                error.message if isinstance(error.message, Diagnostic) else plain_diagnostic
+            ), error.exit_code
         case click.UsageError():
             path = error.ctx.command_path if error.ctx else "baqueano"
             return fault("cli.usage", f"{path} --help", words=error.format_message().rstrip(".")), USAGE
         case click.ClickException():
             return fault("cli.words", words=error.format_message()), error.exit_code
-        case KeyboardInterrupt() | click.Abort() if from_outside(error) or not in_users_file(error):
+        case KeyboardInterrupt() | click.Abort() if from_outside(error) or not user_code_place(error):
             return fault("cli.interrupted"), INTERRUPTED
         case MemoryError():
-            return fault("cli.memory", error=str(error)), NO
+            return fault("cli.memory", error=str(error)), NEGATIVE_ANSWER
         case _ if type(error).__name__ == "CompileError":  # of the engine, which need not be loaded here
             return fault("cli.not-compiled", "--backend python", error=cause_of(error)), USAGE
         case OSError():
-            place = fault("cli.output") if error.filename is None else error.filename
+            location = fault("cli.output") if error.filename is None else error.filename
             return fault(
-                "cli.system", baqueano_command(*args), place=place, error=error.strerror or str(error)
+                "cli.system", baqueano_command(*args), place=location, error=error.strerror or str(error)
             ), BAD_FILE
-    if place := in_users_file(error):  # outside the guards of the loop
-        ends = "" if isinstance(error, Exception) else "-and-ended"
-        return fault(f"cli.block-raised{ends}", place=place, error=error_text(error)), BAD_FILE
-    last = traceback.extract_tb(error.__traceback__)[-1]
-    return fault("cli.unforeseen", error=error_text(error), file=last.filename, line=last.lineno), NO
+    if location := user_code_place(error):  # outside the guards of the loop
+        suffix = "" if isinstance(error, Exception) else "-and-ended"
+        return fault(f"cli.block-raised{suffix}", place=location, error=error_text(error)), BAD_FILE
+    last_frame = traceback.extract_tb(error.__traceback__)[-1]
+    return fault(
+        "cli.unforeseen", error=error_text(error), file=last_frame.filename, line=last_frame.lineno
+    ), NEGATIVE_ANSWER

@@ -16,56 +16,56 @@ from baqueano.messages.printable import baqueano_command
 
 USAGE, BAD_FILE = 2, 3
 GROUPS = (["runs"], ["study"], ["blocks"], ["robot"])
-NEAR = 0.75  # share of letters that two similar file names have in common
-COMMA = re.compile(r"[-+]?\d+(,\d+(x\d+([.,]\d+)?)?|(\.\d+)?x\d+,\d+)")  # a decimal comma
-TO_ALLOW = ("block.elsewhere", "block.in-run")
-SHOWN = 5  # files of a folder that are named
+MIN_SIMILARITY = 0.75  # share of letters that two similar file names have in common
+DECIMAL_COMMA = re.compile(r"[-+]?\d+(,\d+(x\d+([.,]\d+)?)?|(\.\d+)?x\d+,\d+)")  # a decimal comma
+ALLOWABLE_CODES = ("block.elsewhere", "block.in-run")
+MAX_LISTED_FILES = 5  # files of a folder that are named
 
 
-def next_line(message: Diagnostic, code: int, args: list[str]) -> Diagnostic | None:
+def next_line(diagnostic: Diagnostic, code: int, args: list[str]) -> Diagnostic | None:
     """Return the command to type next; None if the error contains it, or if no command is known for this error.
 
     args: the command line, without `baqueano`.
     """
     if code not in (USAGE, BAD_FILE):
         return None
-    causes = list(_causes(message))
+    causes = list(_causes(diagnostic))
     for cause in causes:
-        if (corrected_args := _put_right(cause, args)) is not None:
+        if (corrected_args := _corrected_args(cause, args)) is not None:
             return fault("next.put-right", baqueano_command(*corrected_args))
-    if any(cause.code in TO_ALLOW for cause in causes):
+    if any(cause.code in ALLOWABLE_CODES for cause in causes):
         return fault("next.allow-blocks", baqueano_command(*args, "--allow-blocks"))
-    missing = [Path(str(cause.figures["missing"])) for cause in causes if "missing" in cause.figures]
-    for path in missing:
-        if (near_path := _nearest(path)) is not None and str(path) in args:
+    missing_paths = [Path(str(cause.figures["missing"])) for cause in causes if "missing" in cause.figures]
+    for path in missing_paths:
+        if (near_path := _nearest_file(path)) is not None and str(path) in args:
             corrected_args = [str(near_path) if Path(arg) == path else arg for arg in args]
             return fault("next.near-file", baqueano_command(*corrected_args), meant=near_path)
-    if code == USAGE and (corrected_args := _with_points(args)) != args:
+    if code == USAGE and (corrected_args := _with_decimal_points(args)) != args:
         return fault("next.decimal-comma", baqueano_command(*corrected_args))
     if any(cause.fix for cause in causes):
         return None
     if code == USAGE:
         return fault("next.options", baqueano_command(*args[: 2 if args[:1] in GROUPS else 1], "--help"))
-    if missing:
-        return _in_place_of(missing[0])
+    if missing_paths:
+        return _alternatives_to(missing_paths[0])
     rooms = {cause.code.partition(".")[0] for cause in causes}
     if "map" in rooms:
         return fault("next.map", baqueano_command("runs", "import", "--help"))
     return fault("next.runs", baqueano_command("runs", "ls")) if "runs" in rooms else None
 
 
-def _causes(message: Diagnostic) -> Iterator[Diagnostic]:
+def _causes(diagnostic: Diagnostic) -> Iterator[Diagnostic]:
     """Yield the message, and all messages in its figures."""
-    yield message
-    for figure in message.figures.values():
+    yield diagnostic
+    for figure in diagnostic.figures.values():
         if isinstance(figure, Diagnostic):
             yield from _causes(figure)
 
 
-def _put_right(cause: Diagnostic, args: list[str]) -> list[str] | None:
+def _corrected_args(cause: Diagnostic, args: list[str]) -> list[str] | None:
     """Return the command with the mistyped word corrected; None if no known word is similar to this word."""
-    mistyped_word, near = str(cause.figures.get("found", "")), cause.figures.get("near")
-    suggestion = near.figures.get("meant") if isinstance(near, Diagnostic) else None
+    mistyped_word, suggestion_note = str(cause.figures.get("found", "")), cause.figures.get("near")
+    suggestion = suggestion_note.figures.get("meant") if isinstance(suggestion_note, Diagnostic) else None
     for k, arg in enumerate(args):
         if (
             mistyped_word
@@ -76,31 +76,40 @@ def _put_right(cause: Diagnostic, args: list[str]) -> list[str] | None:
     return None
 
 
-def _with_points(args: list[str]) -> list[str]:
+def _with_decimal_points(args: list[str]) -> list[str]:
     """Return the command with decimal points in numbers such as 0,3 and KEY=0,3 and 2,5x2, but not after --bound."""
-    before = ["", *args]
+    previous_args = ["", *args]
     return [
-        arg.replace(",", ".") if option != "--bound" and COMMA.fullmatch(arg.rpartition("=")[2]) else arg
-        for option, arg in zip(before, args, strict=False)
+        arg.replace(",", ".")
+        if option != "--bound" and DECIMAL_COMMA.fullmatch(arg.rpartition("=")[2])
+        else arg
+        for option, arg in zip(previous_args, args, strict=False)
     ]
 
 
-def _nearest(missing: Path) -> Path | None:
+def _nearest_file(missing_path: Path) -> Path | None:
     """Return the file in the same folder with the most similar name; None without one."""
-    near = difflib.get_close_matches(missing.name, _files(missing.parent), n=1, cutoff=NEAR)
-    return missing.parent / near[0] if near else None
+    close_names = difflib.get_close_matches(
+        missing_path.name, _file_names(missing_path.parent), n=1, cutoff=MIN_SIMILARITY
+    )
+    return missing_path.parent / close_names[0] if close_names else None
 
 
-def _in_place_of(path: Path) -> Diagnostic:
+def _alternatives_to(path: Path) -> Diagnostic:
     """Return a message with the files of the same type in the folder of a missing path."""
-    alike = [name for name in _files(path.parent) if Path(name).suffix == path.suffix]
+    alike = [name for name in _file_names(path.parent) if Path(name).suffix == path.suffix]
     folder = path.parent.resolve().name
     if not alike:
         return fault("next.no-file", folder=folder, suffix=path.suffix)
-    if len(alike) > SHOWN:
-        return fault("next.files-and-more", folder=folder, files=alike[:SHOWN], more=len(alike) - SHOWN)
+    if len(alike) > MAX_LISTED_FILES:
+        return fault(
+            "next.files-and-more",
+            folder=folder,
+            files=alike[:MAX_LISTED_FILES],
+            more=len(alike) - MAX_LISTED_FILES,
+        )
     return fault("next.files", folder=folder, files=alike)
 
 
-def _files(folder: Path) -> list[str]:
+def _file_names(folder: Path) -> list[str]:
     return sorted(p.name for p in folder.glob("*") if p.is_file() and not p.name.startswith("."))

@@ -10,14 +10,14 @@ from baqueano.errors import UsageError
 
 
 class Number(click.ParamType):
-    """A finite number of `unit` from `low` to `high`; `low` itself is excluded if `above`."""
+    """A finite number of `unit` from `low` to `high`; `low` itself is excluded if `exclude_low`."""
 
     name = "number"
 
-    def __init__(self, unit: str, low: float = 0.0, high: float = math.inf, above: bool = True) -> None:
-        self.low, self.high, self.above = low, high, above
-        upper = f", ≤ {high:g}" if math.isfinite(high) else ""
-        self.range = f"{'>' if above else '≥'} {low:g}{upper} [{unit}]"
+    def __init__(self, unit: str, low: float = 0.0, high: float = math.inf, exclude_low: bool = True) -> None:
+        self.low, self.high, self.exclude_low = low, high, exclude_low
+        upper_text = f", ≤ {high:g}" if math.isfinite(high) else ""
+        self.range = f"{'>' if exclude_low else '≥'} {low:g}{upper_text} [{unit}]"
 
     def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> float:
         """Return the typed number. Raise UsageError for other text and for numbers outside the range."""
@@ -25,8 +25,8 @@ class Number(click.ParamType):
             x = float(value)
         except ValueError:
             x = math.nan
-        enough = x > self.low if self.above else x >= self.low
-        if not (enough and x <= self.high and math.isfinite(x)):
+        is_above_low = x > self.low if self.exclude_low else x >= self.low
+        if not (is_above_low and x <= self.high and math.isfinite(x)):
             raise UsageError(fault("cli.number", option=_name(param), found=value, expected=self.range))
         return x
 
@@ -36,7 +36,7 @@ def _name(param: click.Parameter | None) -> str:
 
 
 seconds = Number("s", high=86_400.0)
-moment = Number("s", above=False)
+moment = Number("s", exclude_low=False)
 speed = Number("m/s", high=100.0)
 length = Number("m", high=10_000.0)
 count = click.IntRange(min=1)

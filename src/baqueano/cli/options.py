@@ -68,18 +68,20 @@ class GroupedCommand(click.Command):
             for option in shown_options
             if (record := option.get_help_record(ctx)) is not None
         }
-        rest = tuple(name for name in records if not any(name in names for names in self.groups.values()))
-        for heading, names in {**self.groups, _("Other options"): rest}.items():
+        ungrouped_names = tuple(
+            name for name in records if not any(name in names for names in self.groups.values())
+        )
+        for heading, names in {**self.groups, _("Other options"): ungrouped_names}.items():
             with formatter.section(_(heading)):
                 formatter.write_dl([records[name] for name in names])
 
 
-def together(*options: Callable[[Any], Any]) -> Callable[[Any], Any]:
+def combine_options(*options: Callable[[Any], Any]) -> Callable[[Any], Any]:
     """Return one decorator that adds several options, in the order in which --help shows them."""
     return lambda command: reduce(lambda f, option: option(f), reversed(options), command)
 
 
-vehicle = together(
+vehicle = combine_options(
     click.option(
         "--vehicle",
         "vehicle",
@@ -116,58 +118,65 @@ def load_vehicle(name: str | None, settings: tuple[str, ...]) -> "VehicleFile":
     if name is None:
         name = str(OWN_FILE) if OWN_FILE.exists() else "small"
         print_message(note("cli.vehicle" if OWN_FILE.exists() else "cli.vehicle-of-garage", name=name))
-    file = load(name)
+    vehicle_file = load(name)
     for setting in settings:
         print_message(note("cli.set", setting=setting))
     if not settings:
-        return file
+        return vehicle_file
     from baqueano.vehicle_file import override
 
-    return override(file, settings)
+    return override(vehicle_file, settings)
 
 
-def is_measured(file: "VehicleFile", robot: str) -> bool:
+def is_measured(vehicle_file: "VehicleFile", robot: str) -> bool:
     """Return True if the model was fitted, or is a garage vehicle in its own simulation."""
-    return not file.is_guess or (file.path is None and robot in ("simulated", "emulated"))
+    return not vehicle_file.is_guess or (vehicle_file.path is None and robot in ("simulated", "emulated"))
 
 
-def advise_to_measure(file: "VehicleFile", robot: str = "simulated") -> None:
+def advise_to_measure(vehicle_file: "VehicleFile", robot: str = "simulated") -> None:
     """Print the commands to type first if the model was not measured.
 
     In a simulation a garage vehicle is its own truth, so it does not need this advice.
     """
-    if is_measured(file, robot):
+    if is_measured(vehicle_file, robot):
         return
-    vehicle_options, robot_options = naming(file), [] if robot == "simulated" else ["--robot", robot]
+    vehicle_options, robot_options = (
+        naming_options(vehicle_file),
+        [] if robot == "simulated" else ["--robot", robot],
+    )
     print_message(
         note(
             "cli.measure-first",
-            vehicle=file.label,
+            vehicle=vehicle_file.label,
             experiment=baqueano_command("experiment", *vehicle_options, *robot_options),
             identify=baqueano_command("identify", "last", *vehicle_options, "--update"),
         )
     )
 
 
-def naming(file: "VehicleFile", folder: str = "runs") -> list[str]:
+def naming_options(vehicle_file: "VehicleFile", folder: str = "runs") -> list[str]:
     """Return the options with which the next command uses the same vehicle and the same folder of runs."""
-    name = file.layers[0].removeprefix("garage: ")
-    if file.path is not None:
-        name = str(file.path.relative_to(here) if file.path.is_relative_to(here := Path.cwd()) else file.path)
+    name = vehicle_file.layers[0].removeprefix("garage: ")
+    if vehicle_file.path is not None:
+        name = str(
+            vehicle_file.path.relative_to(cwd)
+            if vehicle_file.path.is_relative_to(cwd := Path.cwd())
+            else vehicle_file.path
+        )
     vehicle = [] if name == (str(OWN_FILE) if OWN_FILE.exists() else "small") else ["--vehicle", name]
-    return vehicle + _runs_in(folder)
+    return vehicle + _runs_option(folder)
 
 
-def naming_own(folder: str, run: "Run | None" = None) -> list[str]:
-    """Return the options of `naming` if only a run is known, without its vehicle file.
+def own_naming_options(folder: str, run: "Run | None" = None) -> list[str]:
+    """Return the options of `naming_options` if only a run is known, without its vehicle file.
 
     A `run` that contains a vehicle file does not need a vehicle option for a replay.
     """
     vehicle = [] if OWN_FILE.exists() or (run is not None and run.vehicle_text) else ["--vehicle", "FILE"]
-    return vehicle + _runs_in(folder)
+    return vehicle + _runs_option(folder)
 
 
-def _runs_in(folder: str) -> list[str]:
+def _runs_option(folder: str) -> list[str]:
     return [] if folder == "runs" else ["--runs", folder]
 
 
@@ -175,20 +184,20 @@ def advise_to_fit(compared: "Comparison", runs: "list[Run]", named: list[str], f
     """Print the command to type if the errors of an estimator in these runs are larger than it reports."""
     for comparison, run in zip(compared.runs, runs, strict=True):
         if comparison.too_sure:
-            inside = run.path is None or run.path.parent == Path(folder)
-            run_name = run.name if inside else run.path
+            is_in_folder = run.path is None or run.path.parent == Path(folder)
+            run_name = run.name if is_in_folder else run.path
             return print_message(
                 note("cli.next-identify", fix=baqueano_command("identify", run_name, *named, "--update"))
             )
 
 
-def load_truth(robot: str, vehicle: "VehicleFile") -> "VehicleFile":
+def load_truth(robot: str, vehicle_file: "VehicleFile") -> "VehicleFile":
     """Return the vehicle file of the simulated or emulated robot: FILE of "simulated:FILE", or the truth of
-    `vehicle`."""
+    `vehicle_file`."""
     from baqueano.vehicle_file import load
 
     _, _, truth_path = robot.partition(":")
-    return load(truth_path) if truth_path else vehicle.truth
+    return load(truth_path) if truth_path else vehicle_file.truth
 
 
 def run_path(out: Path | None, folder: str, label: str) -> Path:
@@ -219,7 +228,7 @@ def find_route(name: str) -> "Route":
 
     path = route_path(name)
     if not path.is_file():
-        stored_names = sorted(file.stem for file in ROUTES.glob("*.csv"))
+        stored_names = sorted(route_file.stem for route_file in ROUTES.glob("*.csv"))
         stored_routes = (
             note("cli.routes", stored=", ".join(stored_names)) if stored_names else note("cli.no-routes")
         )
@@ -242,17 +251,23 @@ def route_path(name: str) -> Path:
     return Path(name) if Path(name).suffix else ROUTES / f"{name}.csv"
 
 
-def own_block(file: "VehicleFile | None", room: str, kind: str | None) -> str | None:
+def own_block(vehicle_file: "VehicleFile | None", role: str, kind: str | None) -> str | None:
     """Return `kind` of --estimator, --guide or --controller if it can be loaded. Raise FileError if it cannot.
 
-    `file` is None without a vehicle file.
+    `vehicle_file` is None without a vehicle file.
     """
     from baqueano.blocks import resolve
     from baqueano.errors import FileError
 
     if kind is not None:
         try:
-            resolve(room, kind, file.path.parent if file is not None and file.path is not None else None)
+            resolve(
+                role,
+                kind,
+                vehicle_file.path.parent
+                if vehicle_file is not None and vehicle_file.path is not None
+                else None,
+            )
         except FileError as error:
             raise FileError(
                 fault(
@@ -260,7 +275,7 @@ def own_block(file: "VehicleFile | None", room: str, kind: str | None) -> str | 
                     baqueano_command("blocks", "check", kind)
                     if ":" in kind
                     else baqueano_command("blocks", "ls"),
-                    room=room,
+                    room=role,
                     kind=kind,
                     cause=error.diagnostic,
                 )
@@ -307,10 +322,10 @@ def find_runs(names: tuple[str, ...], folder: str) -> "list[Run]":
     return loaded_runs
 
 
-def save_update(vehicle: "VehicleFile", update: bool) -> None:
+def save_update(vehicle_file: "VehicleFile", update: bool) -> None:
     """Save a changed vehicle file to its path, or print the option that saves it."""
     if not update:
         print_message(note("cli.not-kept"))
         return
-    path = vehicle.save(None if vehicle.path is not None else OWN_FILE)
+    path = vehicle_file.save(None if vehicle_file.path is not None else OWN_FILE)
     print_message(note("cli.written", path=path))

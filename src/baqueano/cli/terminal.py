@@ -25,8 +25,8 @@ from baqueano.messages.printable import one_line, printable
 if TYPE_CHECKING:
     from baqueano.contracts.values import JsonObject, TableRow
 
-answered: list[str] = []  # JSON that this command printed; a later error then prints no second object
-EVERY_S = 30.0  # seconds between the progress lines of work without a terminal
+printed_objects: list[str] = []  # JSON that this command printed; a later error then prints no second object
+PROGRESS_PERIOD_S = 30.0  # seconds between the progress lines of work without a terminal
 _LETTERS = {
     "α": "alpha", "β": "beta", "γ": "gamma", "δ": "delta", "η": "eta", "μ": "mu", "ν": "nu", "π": "pi",
     "ρ": "rho", "σ": "sigma", "Σ": "Sigma", "τ": "tau", "φ": "phi", "χ": "chi", "ψ": "psi", "ω": "omega",
@@ -42,7 +42,7 @@ def _spell(error: UnicodeError) -> tuple[str, int]:
     return "".join(_LETTERS.get(c, "?") for c in characters), error.end
 
 
-def plain_letters(*streams: TextIO) -> None:
+def replace_unprintable_letters(*streams: TextIO) -> None:
     """Replace letters that the terminal's encoding does not contain, such as ψ by psi, so that printing does
     not fail."""
     codecs.register_error("baqueano", _spell)
@@ -89,32 +89,32 @@ def answer(
         return
     import json
 
-    reply = {"rows": [_finite(row) for row in [*result.rows(), *(more or [])]], "verdict": result.verdict}
+    reply = {"rows": [_finite_row(row) for row in [*result.rows(), *(more or [])]], "verdict": result.verdict}
     if hasattr(result, "reasons"):
         reply["reasons"] = [
             row_of(reason) if isinstance(reason, Diagnostic) else reason for reason in result.reasons
         ]
-    reply |= {name: list(map(_finite, rows)) for name, rows in beside.items()}
-    answered.append(json.dumps(reply, allow_nan=False))
-    print_result(answered[-1])
+    reply |= {name: list(map(_finite_row, rows)) for name, rows in beside.items()}
+    printed_objects.append(json.dumps(reply, allow_nan=False))
+    print_result(printed_objects[-1])
 
 
-def _finite(row: "TableRow") -> "JsonObject":
+def _finite_row(row: "TableRow") -> "JsonObject":
     """Return a row with Python numbers in place of NumPy's.
     NaN and infinity become null, because JSON does not have them.
     """
     import numpy as np
 
-    def plain(value: object) -> Any:
+    def finite_value(value: object) -> Any:
         if isinstance(value, np.generic):
             value = value.item()
         if isinstance(value, np.ndarray | list | tuple):
-            return [plain(v) for v in value]
+            return [finite_value(v) for v in value]
         if isinstance(value, float) and not np.isfinite(value):
             return None
         return value
 
-    return {name: plain(value) for name, value in row.items()}
+    return {name: finite_value(value) for name, value in row.items()}
 
 
 def is_terminal() -> bool:
@@ -160,15 +160,15 @@ class ProgressLine:
 
     def __init__(self) -> None:
         self.text, self.stopped = "", False
-        self._before: Any = None
+        self._previous_handler: Any = None
 
     def __call__(self, message: Diagnostic | str) -> bool:
         if not self.stopped:
             self.text = text(message)
-        from baqueano.drive.interrupt import ours
+        from baqueano.drive.interrupt import is_default_handler
 
-        if self._before is None and ours():
-            self._before = signal.signal(signal.SIGINT, self._stop)
+        if self._previous_handler is None and is_default_handler():
+            self._previous_handler = signal.signal(signal.SIGINT, self._stop)
         return self.stopped
 
     def _stop(self, number: int, frame: FrameType | None) -> None:
@@ -179,23 +179,24 @@ class ProgressLine:
 
     def done(self) -> None:
         """Restore the previous handler of Ctrl-C."""
-        if self._before is not None:
-            signal.signal(signal.SIGINT, self._before)
+        if self._previous_handler is not None:
+            signal.signal(signal.SIGINT, self._previous_handler)
 
 
 @contextmanager
-def busy(label: Diagnostic | str) -> Iterator[ProgressLine]:
+def show_activity(label: Diagnostic | str) -> Iterator[ProgressLine]:
     """Show a line on stderr for work of unknown duration. Yield say(text).
 
-    On a terminal it counts the seconds, and shows the progress of the work. Otherwise a line is printed every EVERY_S.
+    On a terminal it counts the seconds, and shows the progress of the work. Otherwise a line is printed
+    every PROGRESS_PERIOD_S.
     """
     status, person, label = ProgressLine(), is_terminal(), text(label)
-    start, end_event = time.monotonic(), threading.Event()
+    start_s, end_event = time.monotonic(), threading.Event()
 
     def count() -> None:
-        while not end_event.wait(0.5 if person else EVERY_S):
+        while not end_event.wait(0.5 if person else PROGRESS_PERIOD_S):
             suffix = f"  {status.text}" if status.text else ""
-            line = f"{label}  {time.monotonic() - start:.0f} s{suffix}"
+            line = f"{label}  {time.monotonic() - start_s:.0f} s{suffix}"
             _rewrite(line) if person else print_message(line)
 
     _rewrite(label) if person else print_message(label)
@@ -207,7 +208,7 @@ def busy(label: Diagnostic | str) -> Iterator[ProgressLine]:
         end_event.set()
         counting.join()
         status.done()
-        _rewrite(f"{label}  {time.monotonic() - start:.1f} s\n")
+        _rewrite(f"{label}  {time.monotonic() - start_s:.1f} s\n")
 
 
 @contextmanager
@@ -217,7 +218,7 @@ def steps() -> Iterator[Callable[[Diagnostic | str], ProgressLine]]:
 
         def begin(label: Diagnostic | str) -> ProgressLine:
             step.close()
-            return step.enter_context(busy(label))
+            return step.enter_context(show_activity(label))
 
         yield begin
 
@@ -227,6 +228,6 @@ def _rewrite(line: str) -> None:
     if is_terminal():
         import shutil  # it loads bz2 and lzma, for which --help does not wait
 
-        wide = max(20, shutil.get_terminal_size((100, 24)).columns - 1)
-        visible = one_line(line.removesuffix("\n"))[:wide]
-        click.echo(f"\r{visible:<{wide}}" + "\n" * line.endswith("\n"), nl=False, err=True)
+        width = max(20, shutil.get_terminal_size((100, 24)).columns - 1)
+        visible = one_line(line.removesuffix("\n"))[:width]
+        click.echo(f"\r{visible:<{width}}" + "\n" * line.endswith("\n"), nl=False, err=True)

@@ -18,7 +18,7 @@ from baqueano.compare.corridor import Corridor, corridor_of, corridor_row
 from baqueano.compare.divergence import NoCovariance, diverged_s, no_covariance, until_diverged
 from baqueano.compare.filter_consistency import FilterConsistency, filter_consistency
 from baqueano.compare.laps import DriveLap, laps_of
-from baqueano.compare.table import WIDTH, table
+from baqueano.compare.table import LINE_LETTERS, table
 from baqueano.contracts.result import Result, shorten
 from baqueano.diagnostics import Diagnostic, Severity, Verdict, fault, note
 from baqueano.errors import UsageError, cause_of
@@ -41,7 +41,7 @@ class Path(NamedTuple):
     max_m: float
 
 
-UNKNOWN = Path(float("nan"), float("nan"), float("nan"))
+UNKNOWN_PATH = Path(float("nan"), float("nan"), float("nan"))
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -124,23 +124,23 @@ class RunComparison:
             return (text(note("compare.diverged", t_s=self.diverged_s)),)
         if self.no_covariance is not None:
             return (text(note("compare.no-covariance", **self.no_covariance._asdict())),)
-        own = () if self.corridor is None else (self.corridor.sentence,)
-        return (*self._of_laps(), *own, self.consistency.sentence)
+        corridor_sentences = () if self.corridor is None else (self.corridor.sentence,)
+        return (*self._lap_sentences(), *corridor_sentences, self.consistency.sentence)
 
-    def _of_laps(self) -> tuple[str, ...]:
+    def _lap_sentences(self) -> tuple[str, ...]:
         """Return a sentence about the laps if there were at least two, else an empty tuple."""
         if len(self.laps) < 2:
             return ()
-        first, last, worst = self.laps[0], self.laps[-1], max(self.laps, key=lambda lap: lap.max_m)
-        figures = {"first_cm": first.rms_m, "last_cm": last.rms_m, "most_cm": worst.max_m}
+        first, last, worst_lap = self.laps[0], self.laps[-1], max(self.laps, key=lambda lap: lap.max_m)
+        figures = {"first_cm": first.rms_m, "last_cm": last.rms_m, "most_cm": worst_lap.max_m}
         figures |= {"gap_cm": max(lap.gap_m for lap in self.laps)}
         figures = {name: 100.0 * m for name, m in figures.items()}
-        of = {"laps": len(self.laps), "worst": worst.number, "seconds": last.duration_s}
-        return (text(note("compare.laps", **figures, **of)),)
+        values = {"laps": len(self.laps), "worst": worst_lap.number, "seconds": last.duration_s}
+        return (text(note("compare.laps", **figures, **values)),)
 
 
 NOT_DEFINITE, DIVERGED = "not definite", "diverged"
-ADVICE = {"too sure": "compare.advice-too-sure", "too cautious": "compare.advice-too-cautious"}
+ADVICE_CODES = {"too sure": "compare.advice-too-sure", "too cautious": "compare.advice-too-cautious"}
 
 
 @dataclass(frozen=True, slots=True, eq=False, repr=False)
@@ -200,7 +200,7 @@ class Comparison(Result):
         return tuple(
             note("compare.inconsistent", Severity.WARNING, subject=run.name, how=run.verdict)
             for run in self.runs
-            if run.verdict in (*ADVICE, NOT_DEFINITE, DIVERGED)
+            if run.verdict in (*ADVICE_CODES, NOT_DEFINITE, DIVERGED)
         )
 
     def table(self) -> str:
@@ -208,15 +208,19 @@ class Comparison(Result):
         sentences = [f"{run.name}: {sentence}" for run in self.runs for sentence in run.sentences]
         sentences += [verdict_line(self.verdict, self.reasons), *self._advice()]
         return "\n".join(
-            [table(self), "", *(fill(sentence, WIDTH, subsequent_indent="  ") for sentence in sentences)]
+            [
+                table(self),
+                "",
+                *(fill(sentence, LINE_LETTERS, subsequent_indent="  ") for sentence in sentences),
+            ]
         )
 
     def _advice(self) -> list[str]:
         """Return advice for each kind of inconsistent covariance that occurred."""
         return [
-            text(note(ADVICE[word]))
-            for word in dict.fromkeys(run.verdict for run in self.runs)
-            if word in ADVICE
+            text(note(ADVICE_CODES[verdict]))
+            for verdict in dict.fromkeys(run.verdict for run in self.runs)
+            if verdict in ADVICE_CODES
         ]
 
 
@@ -263,16 +267,16 @@ def compare(
     """
     if not isinstance(alignment, str):
         raise UsageError(fault("compare.not-a-list", kind=type(alignment).__name__))
-    several = [runs] if not isinstance(runs, Sequence) else list(runs)
-    if not several:
+    run_list = [runs] if not isinstance(runs, Sequence) else list(runs)
+    if not run_list:
         raise UsageError(fault("compare.no-runs"))
     if not (over_s > 0.0 and skip_s >= 0.0):
         raise UsageError(fault("compare.times", over_s=over_s, skip_s=skip_s))
     errors.align_trajectory(np.zeros((0, 3)), np.zeros((0, 3)), alignment)
-    cut_runs = [run.cut(skip_s) if skip_s else run for run in several]
-    labels = list(names) if names else [run.name for run in several]
-    if len(labels) != len(several):
-        raise UsageError(fault("compare.names", names=len(labels), runs=len(several)))
+    cut_runs = [run.cut(skip_s) if skip_s else run for run in run_list]
+    labels = list(names) if names else [run.name for run in run_list]
+    if len(labels) != len(run_list):
+        raise UsageError(fault("compare.names", names=len(labels), runs=len(run_list)))
     return Comparison(
         tuple(
             _run_comparison(run, name, cut_runs[0], alignment, over_s)
@@ -293,8 +297,9 @@ def _run_comparison(run: "Run", name: str, first: "Run", alignment: str, over_s:
         figures = _against_truth(run, alignment, over_s)
     return RunComparison(
         name, run.duration_s, **figures,
-        across_true=_across(run.truth, run), across_estimate=_across(run.estimate, run),
-        across_first=_across_run(run, first), pace_true=_pace(run.truth, run), pace_estimate=_pace(run.estimate, run),
+        across_true=_path_distances(run.truth, run), across_estimate=_path_distances(run.estimate, run),
+        across_first=_distances_between_runs(run, first), pace_true=_pace(run.truth, run),
+        pace_estimate=_pace(run.estimate, run),
         **_command_figures(run), consistency=filter_consistency(run, alignment),
         refusals=refusals_of(run.events), laps=laps_of(run), corridor=corridor_of(run), diverged_s=lost_s,
         no_covariance=no_covariance(run))  # fmt: skip
@@ -310,28 +315,28 @@ def _against_truth(run: "Run", alignment: str, over_s: float) -> dict[str, float
         eta = errors.align_trajectory(est.eta, eta_true, alignment)
     except UsageError as error:
         raise UsageError(fault("compare.of-run", run=run.name, cause=cause_of(error))) from error
-    off = errors.absolute(eta, eta_true)
+    pose_errors = errors.absolute(eta, eta_true)
     drift = errors.relative(est.t_ns, eta, eta_true, over_s)
-    finite = off.position_m[np.isfinite(off.position_m)]
+    known_errors = pose_errors.position_m[np.isfinite(pose_errors.position_m)]
     e_nu = est.nu - nu_true
     return {
-        "ate_m": errors.rms(off.position_m),
-        "ate_heading_rad": errors.rms(off.heading_rad),
+        "ate_m": errors.rms(pose_errors.position_m),
+        "ate_heading_rad": errors.rms(pose_errors.heading_rad),
         "rpe_m": errors.rms(drift.position_m),
         "rpe_heading_rad": errors.rms(drift.heading_rad),
         "speed_error_m_s": errors.rms(np.hypot(e_nu[:, 0], e_nu[:, 1])),
         "yaw_rate_error_rad_s": errors.rms(e_nu[:, 2]),
-        "end_error_m": float(finite[-1]) if finite.size else float("nan"),
+        "end_error_m": float(known_errors[-1]) if known_errors.size else float("nan"),
     }
 
 
-def _across(log: Any, run: "Run") -> Path:
+def _path_distances(log: Any, run: "Run") -> Path:
     """Return the distances of a log from the reference path of its run, until the guide finished."""
     ref = run.guide_reference
     if log is None or ref is None or len(ref.t_ns) < 2 or not len(log.t_ns):
-        return UNKNOWN
+        return UNKNOWN_PATH
     if not np.ptp(ref.eta[:, :2], axis=0).any():  # open loop: the run has no reference path
-        return UNKNOWN
+        return UNKNOWN_PATH
     rows = _until_done(log.t_ns, ref)
     return _path(errors.cross_track(log.t_ns[rows], log.eta[rows, :2], ref.t_ns, ref.eta[:, :2]))
 
@@ -340,7 +345,7 @@ def _pace(log: Any, run: "Run") -> "Pace":
     """Compare the forward speed of a log with the reference speed of its run, until the guide finished."""
     ref = run.guide_reference
     if log is None or ref is None or not len(ref.t_ns):
-        return evenness.UNKNOWN
+        return evenness.UNKNOWN_PACE
     k = _until_done(log.t_ns, ref)
     reference_speed = at_times(log.t_ns[k], ref.t_ns, ref.nu[:, :1])[:, 0]
     return evenness.pace(log.t_ns[k], log.nu[k, 0], reference_speed)
@@ -359,23 +364,23 @@ def _command_figures(run: "Run") -> dict[str, float]:
 
 def _until_done(t_ns: np.ndarray, ref: Any) -> np.ndarray:
     """Return a mask (N,): True until the guide finished, or until the last reference if it did not finish."""
-    over = ref.t_ns[ref.done > 0.0]
-    return t_ns <= (over[0] if over.size else ref.t_ns[-1])
+    done_ns = ref.t_ns[ref.done > 0.0]
+    return t_ns <= (done_ns[0] if done_ns.size else ref.t_ns[-1])
 
 
-def _across_run(run: "Run", first: "Run") -> Path:
+def _distances_between_runs(run: "Run", first: "Run") -> Path:
     """Return the distances of the vehicle from the path of another run; the time of each run counts from its
     beginning."""
     if run is first:
-        return UNKNOWN
+        return UNKNOWN_PATH
     a, b = (r.truth if r.truth is not None else r.estimate for r in (run, first))
     if a is None or b is None or len(b.t_ns) < 2 or not len(a.t_ns):
-        return UNKNOWN
+        return UNKNOWN_PATH
     a_ns, b_ns = a.t_ns - a.t_ns[0], b.t_ns - b.t_ns[0]
-    both = a_ns <= b_ns[-1]
-    return _path(errors.cross_track(a_ns[both], a.eta[both, :2], b_ns, b.eta[:, :2]))
+    is_common = a_ns <= b_ns[-1]
+    return _path(errors.cross_track(a_ns[is_common], a.eta[is_common, :2], b_ns, b.eta[:, :2]))
 
 
 def _path(distance: np.ndarray) -> Path:
     d = np.abs(distance[np.isfinite(distance)])
-    return Path(errors.rms(d), float(np.percentile(d, 95)), float(np.max(d))) if d.size else UNKNOWN
+    return Path(errors.rms(d), float(np.percentile(d, 95)), float(np.max(d))) if d.size else UNKNOWN_PATH

@@ -22,10 +22,10 @@ from baqueano.errors import UsageError
 
 FALSE_ALARM = 0.05  # a consistent filter is called inconsistent this often
 # draws and blocks of the bootstrap, and the independent samples that it needs
-DRAWS, BLOCKS, LEAST = 400, 200, 5
-FADED = 0.05  # of |Γ_0|²: a smaller correlation counts as chance
-CLOSE = 1.1  # a variance within this factor of 1 counts as right
-FAR = 1.6  # the verdict is "cannot tell" if the band is wider than this factor on either side
+BOOTSTRAP_DRAWS, MAX_BLOCKS, MIN_SAMPLES = 400, 200, 5
+MIN_CORRELATION = 0.05  # of |Γ_0|²: a smaller correlation counts as chance
+ACCEPTED_RATIO = 1.1  # a variance within this factor of 1 counts as right
+MAX_BAND_RATIO = 1.6  # the verdict is "cannot tell" if the band is wider than this factor on either side
 
 
 class Band(NamedTuple):
@@ -42,11 +42,11 @@ class Band(NamedTuple):
         """Return "too sure", "too cautious", "consistent", "cannot tell" or "not reported"."""
         if not np.isfinite(self.mean):
             return "not reported"
-        if self.mean > max(self.high, CLOSE):
+        if self.mean > max(self.high, ACCEPTED_RATIO):
             return "too sure"
-        if self.mean < min(self.low, 1.0 / CLOSE):
+        if self.mean < min(self.low, 1.0 / ACCEPTED_RATIO):
             return "too cautious"
-        is_narrow = self.high <= FAR * self.mean and self.mean <= FAR * self.low
+        is_narrow = self.high <= MAX_BAND_RATIO * self.mean and self.mean <= MAX_BAND_RATIO * self.low
         return "consistent" if is_narrow else "cannot tell"
 
 
@@ -58,24 +58,26 @@ def whiten(error: np.ndarray, cov: np.ndarray) -> np.ndarray:
 
     An unknown entry, as of a sensor without a reading, is excluded: its w is NaN. A row whose P is singular is NaN.
     """
-    finite, w = (
+    is_finite, w = (
         np.isfinite(error) & np.isfinite(np.diagonal(cov, axis1=1, axis2=2)),
         np.full(error.shape, np.nan),
     )
-    for pattern in np.unique(finite, axis=0):
-        keep = np.flatnonzero(pattern)
-        rows = np.flatnonzero(np.all(finite == pattern, axis=1))
-        rows = rows[np.all(np.isfinite(cov[np.ix_(rows, keep, keep)]), axis=(1, 2))]
-        if not (keep.size and rows.size):
+    for pattern in np.unique(is_finite, axis=0):
+        columns = np.flatnonzero(pattern)
+        rows = np.flatnonzero(np.all(is_finite == pattern, axis=1))
+        rows = rows[np.all(np.isfinite(cov[np.ix_(rows, columns, columns)]), axis=(1, 2))]
+        if not (columns.size and rows.size):
             continue
-        P = cov[np.ix_(rows, keep, keep)]
+        P = cov[np.ix_(rows, columns, columns)]
         scale = np.sqrt(np.maximum(np.diagonal(P, axis1=1, axis2=2), 1e-300))
         R = P / (scale[:, :, None] * scale[:, None, :])  # correlations: metres and radians have equal weight
-        definite = np.linalg.eigvalsh(R)[:, 0] > 1e-12
-        rows = rows[definite]
+        is_definite = np.linalg.eigvalsh(R)[:, 0] > 1e-12
+        rows = rows[is_definite]
         if rows.size:
-            e = error[np.ix_(rows, keep)] / scale[definite]
-            w[np.ix_(rows, keep)] = np.linalg.solve(np.linalg.cholesky(R[definite]), e[..., None])[..., 0]
+            e = error[np.ix_(rows, columns)] / scale[is_definite]
+            w[np.ix_(rows, columns)] = np.linalg.solve(np.linalg.cholesky(R[is_definite]), e[..., None])[
+                ..., 0
+            ]
     return w
 
 
@@ -91,15 +93,15 @@ def band(w: np.ndarray, false_alarm: float = FALSE_ALARM) -> Band:
         return NOT_REPORTED
     entries = np.sum(np.isfinite(w), axis=1).astype(float)
     sums, d = np.nansum(w**2, axis=1), float(np.mean(entries))
-    mean, samples = float(np.sum(sums) / np.sum(entries)), independent(w) / d
+    mean, samples = float(np.sum(sums) / np.sum(entries)), degrees_of_freedom(w) / d
     low, high = _limits(samples * d, false_alarm)
-    if samples >= LEAST and mean > 0.0:
-        least, most = _bootstrap(sums, entries, round(2.0 * len(w) / samples), false_alarm)
-        low, high = min(low, mean / most), max(high, mean / max(least, 1e-300))
+    if samples >= MIN_SAMPLES and mean > 0.0:
+        ratio_low, ratio_high = _bootstrap(sums, entries, round(2.0 * len(w) / samples), false_alarm)
+        low, high = min(low, mean / ratio_high), max(high, mean / max(ratio_low, 1e-300))
     return Band(mean, low, high, int(np.max(entries)), samples)
 
 
-def independent(w: np.ndarray) -> float:
+def degrees_of_freedom(w: np.ndarray) -> float:
     """Return the degrees of freedom f of the sum of squares of errors w (N, d) with mean 0.  (4), (5)"""
     x, count = np.nan_to_num(w), np.maximum(np.sum(np.isfinite(w), axis=0), 1)
     n, power = len(x), float(np.sum(x**2)) / len(x)
@@ -112,33 +114,37 @@ def independent(w: np.ndarray) -> float:
         for second in spectra:
             squares += (np.fft.irfft(np.conj(first) * second, length)[:n] / n) ** 2
     rho, overlap = squares / squares[0], 1.0 - np.arange(n) / n
-    end = int(np.argmax(rho < FADED)) if np.any(rho < FADED) else n
-    fading = squares[0] * (1.0 + 2.0 * float(np.sum(rho[1:end] / overlap[1:end]))) / (n * power**2)
+    end = int(np.argmax(rho < MIN_CORRELATION)) if np.any(rho < MIN_CORRELATION) else n
+    correlated_share = squares[0] * (1.0 + 2.0 * float(np.sum(rho[1:end] / overlap[1:end]))) / (n * power**2)
     bias = (np.sum(x, axis=0) / count) ** 2
-    lacking = 1.0 - np.sum(x**2, axis=0) / count + bias
-    by_chance = (lacking > 1.0 - 1.0 / CLOSE) & (bias > _chi2_of_one(FALSE_ALARM) * lacking)
+    variance_deficit = 1.0 - np.sum(x**2, axis=0) / count + bias
+    is_bias_significant = (variance_deficit > 1.0 - 1.0 / ACCEPTED_RATIO) & (
+        bias > _chi2_of_one(FALSE_ALARM) * variance_deficit
+    )
     share, d = count / n, float(np.sum(count)) / n
-    lasting = np.maximum(bias * (1.0 - end / n) / power, np.where(by_chance, lacking, 0.0) / d)
-    return 1.0 / (fading + float(np.sum((share * lasting) ** 2)))
+    lasting_bias = np.maximum(
+        bias * (1.0 - end / n) / power, np.where(is_bias_significant, variance_deficit, 0.0) / d
+    )
+    return 1.0 / (correlated_share + float(np.sum((share * lasting_bias) ** 2)))
 
 
 def whiteness(innovation: np.ndarray, cov: np.ndarray) -> np.ndarray:
     """Return the lag-1 autocorrelation (m,) of each normalised innovation; 95 % of white ones are within ±1.96/√N."""
     with np.errstate(invalid="ignore"):
         y = innovation / np.sqrt(np.diagonal(cov, axis1=1, axis2=2))
-    out = np.full(y.shape[1], np.nan)
+    correlations = np.full(y.shape[1], np.nan)
     for k, column in enumerate(y.T):
         column = column[np.isfinite(column)]
         if column.size > 2 and (power := float(column @ column)) > 0.0:
-            out[k] = float(column[1:] @ column[:-1]) / power
-    return out
+            correlations[k] = float(column[1:] @ column[:-1]) / power
+    return correlations
 
 
 def _bootstrap(sums: np.ndarray, entries: np.ndarray, length: int, false_alarm: float) -> tuple[float, float]:
     """Return the interval of Σ NEES / Σ d from a bootstrap with blocks of `length` samples."""
     n = len(sums)
-    length = min(max(length, 1, n // BLOCKS), max(n // 4, 1))
-    first = np.random.default_rng(0).integers(0, n, (DRAWS, n // length))
+    length = min(max(length, 1, n // MAX_BLOCKS), max(n // 4, 1))
+    first = np.random.default_rng(0).integers(0, n, (BOOTSTRAP_DRAWS, n // length))
 
     def block_sums(series: np.ndarray) -> np.ndarray:
         total = np.concatenate([[0.0], np.cumsum(np.concatenate([series, series[:length]]))])

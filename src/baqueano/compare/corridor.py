@@ -3,8 +3,8 @@
     position   (p − p̂)ᵀ P_p⁻¹ (p − p̂) ≤ χ²₂,  an ellipse of the area π χ²₂ √det P_p                       (1)
     across     ± 1.96 √(nᵀ P_p n),  n to the left of the heading;   heading   ± 1.96 σ_ψ                   (2)
 
-χ²₂ = 5.991 and 1.96 are the 95 % quantiles. If σ_ψ exceeds LOST_RAD, the heading is unusable and the vehicle is lost.
-From then on the ellipse does not bound a region, so the corridor ends.
+χ²₂ = 5.991 and 1.96 are the 95 % quantiles. If σ_ψ exceeds MAX_HEADING_STD_RAD, the heading is unusable and the vehicle
+is lost. From then on the ellipse does not bound a region, so the corridor ends.
 """
 
 from typing import NamedTuple
@@ -17,9 +17,12 @@ from baqueano.messages import text
 from baqueano.runs.run import Run
 from baqueano.signals import seconds
 
-LOST_RAD = 0.5
+MAX_HEADING_STD_RAD = 0.5
 CHI_SQUARE_95, QUANTILE_95 = 5.991, 1.960
-BACK_M, BACK_RAD = 0.03, 0.15  # a reference this close to its first pose has returned to it
+RETURN_DISTANCE_M, RETURN_ANGLE_RAD = (
+    0.03,
+    0.15,
+)  # a reference this close to its first pose has returned to it
 
 
 class Corridor(NamedTuple):
@@ -46,16 +49,16 @@ class Corridor(NamedTuple):
                 return note("corridor.lost", t_s=self.lost_s)
             return note("corridor.lost-in-lap", t_s=self.lost_s, lap=int(self.lost_s / self.lap_s) + 1)
         laps = round(float(self.t_s[-1]) / self.lap_s) if np.isfinite(self.lap_s) else 0
-        within = self._within(len(self.t_s) - 1)
+        within = self._text_at(len(self.t_s) - 1)
         if laps:
             return note("corridor.after-laps" if laps > 1 else "corridor.after-lap", laps=laps, within=within)
         return note("corridor.after-time", t_s=float(self.t_s[-1]), within=within)
 
     def at(self, k: int) -> str:
         """Return the half-widths at one tick, such as "± 8 cm across, ± 4°"."""
-        return text(self._within(k))
+        return text(self._text_at(k))
 
-    def _within(self, k: int) -> Diagnostic:
+    def _text_at(self, k: int) -> Diagnostic:
         across_m, heading_deg = float(self.across_m[k]), float(np.degrees(self.heading_rad[k]))
         if across_m < 0.995:
             return note("corridor.cm", across_cm=100.0 * across_m, heading_deg=heading_deg)
@@ -67,14 +70,14 @@ def corridor(t_s: np.ndarray, eta: np.ndarray, cov: np.ndarray, lap_s: float = f
     The covariances (N, k, k) begin with the pose.
     """
     sd = np.sqrt(np.maximum(cov[:, 2, 2], 0.0))
-    is_lost = ~(sd <= LOST_RAD)  # NaN is lost too
+    is_lost = ~(sd <= MAX_HEADING_STD_RAD)  # NaN is lost too
     m = int(np.argmax(is_lost)) if is_lost.any() else len(t_s)
     P, psi = cov[:m, :2, :2], eta[:m, 2]
-    to_left = np.stack([-np.sin(psi), np.cos(psi)], axis=1)
-    across = np.sqrt(np.maximum(np.einsum("ki,kij,kj->k", to_left, P, to_left), 0.0))
+    left_directions = np.stack([-np.sin(psi), np.cos(psi)], axis=1)
+    across_std = np.sqrt(np.maximum(np.einsum("ki,kij,kj->k", left_directions, P, left_directions), 0.0))
     area = np.pi * CHI_SQUARE_95 * np.sqrt(np.maximum(np.linalg.det(P), 0.0))
     lost_s = float(t_s[m]) if m < len(t_s) else float("nan")
-    return Corridor(t_s[:m], eta[:m], QUANTILE_95 * across, area, QUANTILE_95 * sd[:m], lost_s, lap_s)
+    return Corridor(t_s[:m], eta[:m], QUANTILE_95 * across_std, area, QUANTILE_95 * sd[:m], lost_s, lap_s)
 
 
 def corridor_of(run: Run) -> Corridor | None:
@@ -102,12 +105,14 @@ def _lap_s(run: Run) -> float:
     ref = run.guide_reference
     if ref is None or len(ref.t_ns) < 2:
         return float("nan")
-    off = ref.eta - ref.eta[0]
-    away = (np.hypot(off[:, 0], off[:, 1]) > BACK_M) | (np.abs(wrap(off[:, 2])) > BACK_RAD)
-    back = np.flatnonzero(away[:-1] & ~away[1:])
-    if not len(back):
+    offsets = ref.eta - ref.eta[0]
+    is_away = (np.hypot(offsets[:, 0], offsets[:, 1]) > RETURN_DISTANCE_M) | (
+        np.abs(wrap(offsets[:, 2])) > RETURN_ANGLE_RAD
+    )
+    return_indices = np.flatnonzero(is_away[:-1] & ~is_away[1:])
+    if not len(return_indices):
         return float("nan")
     # near the first pose from back[0] + 1 to here
-    near = back[0] + 1 + int(np.argmax(np.append(away[back[0] + 1 :], True)))
-    k = back[0] + 1 + int(np.argmin(np.hypot(*off[back[0] + 1 : near, :2].T)))
+    last_near = return_indices[0] + 1 + int(np.argmax(np.append(is_away[return_indices[0] + 1 :], True)))
+    k = return_indices[0] + 1 + int(np.argmin(np.hypot(*offsets[return_indices[0] + 1 : last_near, :2].T)))
     return float(seconds(ref.t_ns[k], ref.t_ns[0]))

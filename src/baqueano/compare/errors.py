@@ -36,19 +36,19 @@ def align_trajectory(eta: np.ndarray, eta_true: np.ndarray, alignment: str = "no
     "rigid" works without a true heading. Raise UsageError for "start" if no true heading is known."""
     if alignment not in ALIGNMENTS:
         raise UsageError(fault("compare.alignment", found=alignment, known=ALIGNMENTS))
-    finite = np.isfinite(eta) & np.isfinite(eta_true)
-    valid = np.all(finite[:, :2], axis=1)
-    if alignment == "none" or not np.any(valid):
+    is_finite = np.isfinite(eta) & np.isfinite(eta_true)
+    is_valid = np.all(is_finite[:, :2], axis=1)
+    if alignment == "none" or not np.any(is_valid):
         return eta
     if alignment == "start":
-        valid &= finite[:, 2]
-        if not np.any(valid):
+        is_valid &= is_finite[:, 2]
+        if not np.any(is_valid):
             raise UsageError(fault("compare.no-first-heading", "--align rigid"))
-        first = int(np.argmax(valid))
+        first = int(np.argmax(is_valid))
         angle = eta_true[first, 2] - eta[first, 2]
         shift = eta_true[first, :2] - _rotate(eta[first : first + 1, :2], angle)[0]
     else:
-        angle, shift = align(eta[valid, :2], eta_true[valid, :2])
+        angle, shift = align(eta[is_valid, :2], eta_true[is_valid, :2])
     return np.column_stack([_rotate(eta[:, :2], angle) + shift, wrap(eta[:, 2] + angle)])
 
 
@@ -58,19 +58,21 @@ def absolute(eta: np.ndarray, eta_true: np.ndarray) -> PoseErrors:
     return PoseErrors(np.hypot(d[:, 0], d[:, 1]), wrap(d[:, 2]))
 
 
-def relative(t_ns: np.ndarray, eta: np.ndarray, eta_true: np.ndarray, over_s: float = 1.0) -> PoseErrors:
-    """Return the errors (M,) of the motion over `over_s`, from each time with a sample `over_s` later.  (2)"""
-    span = round(over_s * NANOSECONDS)
-    later = np.searchsorted(t_ns, t_ns + span)
-    first = np.flatnonzero(later < len(t_ns))
-    later = later[first]
-    on_time = np.abs(t_ns[later] - t_ns[first] - span) < 0.1 * span  # a gap is not a motion over `over_s`
-    first, later = first[on_time], later[on_time]
-    motion, moved_true = (
-        _relative_pose(eta[first], eta[later]),
-        _relative_pose(eta_true[first], eta_true[later]),
+def relative(t_ns: np.ndarray, eta: np.ndarray, eta_true: np.ndarray, span_s: float = 1.0) -> PoseErrors:
+    """Return the errors (M,) of the motion over `span_s`, from each time with a sample `span_s` later.  (2)"""
+    span_ns = round(span_s * NANOSECONDS)
+    later_rows = np.searchsorted(t_ns, t_ns + span_ns)
+    first_rows = np.flatnonzero(later_rows < len(t_ns))
+    later_rows = later_rows[first_rows]
+    is_on_time = (
+        np.abs(t_ns[later_rows] - t_ns[first_rows] - span_ns) < 0.1 * span_ns
+    )  # a gap is not a motion over `over_s`
+    first_rows, later_rows = first_rows[is_on_time], later_rows[is_on_time]
+    motion, true_motion = (
+        _relative_pose(eta[first_rows], eta[later_rows]),
+        _relative_pose(eta_true[first_rows], eta_true[later_rows]),
     )
-    E = _relative_pose(moved_true, motion)
+    E = _relative_pose(true_motion, motion)
     return PoseErrors(np.hypot(E[:, 0], E[:, 1]), E[:, 2])
 
 
@@ -82,38 +84,41 @@ def cross_track(
     """
     if len(ref_xy) < 2:
         raise UsageError(fault("compare.reference-short", points=len(ref_xy)))
-    reach = max(1, round(window_s * NANOSECONDS / max(float(np.median(np.diff(ref_ns))), 1.0)))
-    middle = np.clip(np.searchsorted(ref_ns, t_ns), 0, len(ref_ns) - 1)
-    thin = max(1, reach // 100)  # at most about 200 segments are searched for a position
-    spread = np.arange(-reach, reach + thin, thin)
-    out = np.empty(len(t_ns))
+    reach_rows = max(1, round(window_s * NANOSECONDS / max(float(np.median(np.diff(ref_ns))), 1.0)))
+    centre_rows = np.clip(np.searchsorted(ref_ns, t_ns), 0, len(ref_ns) - 1)
+    stride = max(1, reach_rows // 100)  # at most about 200 segments are searched for a position
+    row_offsets = np.arange(-reach_rows, reach_rows + stride, stride)
+    distances = np.empty(len(t_ns))
     for i in range(0, len(t_ns), 4096):
-        corners = np.clip(middle[i : i + 4096, None] + spread, 0, len(ref_xy) - 1)
-        out[i : i + 4096] = _nearest(xy[i : i + 4096], ref_xy[corners])
-    return out
+        corners = np.clip(centre_rows[i : i + 4096, None] + row_offsets, 0, len(ref_xy) - 1)
+        distances[i : i + 4096] = _signed_distance(xy[i : i + 4096], ref_xy[corners])
+    return distances
 
 
 def rms(x: np.ndarray) -> float:
     """Return the root mean square of the finite values; NaN if all are NaN or x is empty."""
-    finite = x[np.isfinite(x)]
-    return float(np.sqrt(np.mean(finite**2))) if finite.size else float("nan")
+    known = x[np.isfinite(x)]
+    return float(np.sqrt(np.mean(known**2))) if known.size else float("nan")
 
 
-def _nearest(xy: np.ndarray, corners: np.ndarray) -> np.ndarray:
+def _signed_distance(xy: np.ndarray, corners: np.ndarray) -> np.ndarray:
     """Return the signed distance (N,) from xy (N, 2) to the nearest segment between corners (N, s, 2)."""
     a, d = corners[:, :-1], np.diff(corners, axis=1)
     r = xy[:, None] - a
     length2 = np.sum(d * d, axis=2)
-    standing = length2 == 0.0
-    along = np.clip(np.sum(r * d, axis=2) / np.where(standing, 1.0, length2), 0.0, 1.0)
-    off = r - along[..., None] * d
-    distance = np.where(standing, np.inf, np.sum(off * off, axis=2))
-    best = np.argmin(distance, axis=1)
+    has_no_length = length2 == 0.0
+    fraction = np.clip(np.sum(r * d, axis=2) / np.where(has_no_length, 1.0, length2), 0.0, 1.0)
+    offset = r - fraction[..., None] * d
+    squared_distance = np.where(has_no_length, np.inf, np.sum(offset * offset, axis=2))
+    nearest_segment = np.argmin(squared_distance, axis=1)
     rows = np.arange(len(xy))
-    side = np.sign(d[rows, best, 0] * r[rows, best, 1] - d[rows, best, 1] * r[rows, best, 0])
-    gap = np.sqrt(distance[rows, best])
+    side = np.sign(
+        d[rows, nearest_segment, 0] * r[rows, nearest_segment, 1]
+        - d[rows, nearest_segment, 1] * r[rows, nearest_segment, 0]
+    )
+    distance = np.sqrt(squared_distance[rows, nearest_segment])
     to_point = np.hypot(*(xy - corners[:, 0]).T)  # the reference does not move at all in the window
-    return np.where(np.isinf(gap), to_point, gap * np.where(side == 0.0, 1.0, side))
+    return np.where(np.isinf(distance), to_point, distance * np.where(side == 0.0, 1.0, side))
 
 
 def _rotate(xy: np.ndarray, angle: float) -> np.ndarray:

@@ -1,6 +1,6 @@
 """Measure the evenness of a drive, by its commands and by its forward speed against the reference speed.
 
-ν_x is the forward speed, ν_r the reference speed, and e = ν_x − ν_r, all after the first `AFTER_S`:
+ν_x is the forward speed, ν_r the reference speed, and e = ν_x − ν_r, all after the first `START_S`:
 
     error        √ mean e²  /  mean |ν_r|                                                                (1)
     unevenness   √ mean (e − ē)²  /  mean |ν_r|,   ē the mean of e over 1 s, half of it before           (2)
@@ -22,10 +22,10 @@ from baqueano.compare.errors import rms
 from baqueano.signals import NANOSECONDS, seconds
 from baqueano.vehicles.drivetrain import MIXINGS, mix
 
-AFTER_S = 1.0  # a vehicle that begins at rest needs this time to reach its speed
-OVER_S = 1.0  # of the mean in (2)
+START_S = 1.0  # a vehicle that begins at rest needs this time to reach its speed
+MEAN_WINDOW_S = 1.0  # of the mean in (2)
 DEAD_BAND = 0.01  # of the largest command of the drive: the sign of a smaller one does not count
-AT_LIMIT = 1.0 - 1e-9  # of a limit: a command scaled down to it may differ by rounding
+LIMIT_SHARE = 1.0 - 1e-9  # of a limit: a command scaled down to it may differ by rounding
 
 
 class Pace(NamedTuple):
@@ -44,36 +44,36 @@ class Limits(NamedTuple):
     channel: np.ndarray = np.full(1, np.inf)  # (k,) of each channel behind the mix, or (1,) of all
 
 
-UNKNOWN = Pace(float("nan"), float("nan"), float("nan"))
+UNKNOWN_PACE = Pace(float("nan"), float("nan"), float("nan"))
 
 
-def pace(t_ns: np.ndarray, speed: np.ndarray, speed_ref: np.ndarray, after_s: float = AFTER_S) -> Pace:
+def pace(t_ns: np.ndarray, speed: np.ndarray, speed_ref: np.ndarray, after_s: float = START_S) -> Pace:
     """Return (1) and (2) of a forward speed (N,) against the reference speed (N,) at the same times [m/s].
 
     The first `after_s` seconds are ignored. The result is NaN if the reference speed is always 0, because the vehicle
     then does not drive along a route.
     """
     if not len(t_ns):
-        return UNKNOWN
+        return UNKNOWN_PACE
     e = speed - speed_ref
-    late = seconds(t_ns, t_ns[0]) >= after_s
-    finite = late & np.isfinite(e)
-    if not np.any(speed_ref[finite]):
-        return UNKNOWN
-    scale = float(np.mean(np.abs(speed_ref[finite])))
-    return Pace(rms(e[late]), rms(e[late]) / scale, rms(about_mean(t_ns, e)[late]) / scale)
+    is_late = seconds(t_ns, t_ns[0]) >= after_s
+    is_known = is_late & np.isfinite(e)
+    if not np.any(speed_ref[is_known]):
+        return UNKNOWN_PACE
+    scale = float(np.mean(np.abs(speed_ref[is_known])))
+    return Pace(rms(e[is_late]), rms(e[is_late]) / scale, rms(about_mean(t_ns, e)[is_late]) / scale)
 
 
-def about_mean(t_ns: np.ndarray, x: np.ndarray, over_s: float = OVER_S) -> np.ndarray:
-    """Return x (N,) minus its centred mean over `over_s`; NaN if this span is not completely inside the data."""
-    half = round(0.5 * over_s * NANOSECONDS)
-    first, last = np.searchsorted(t_ns, t_ns - half), np.searchsorted(t_ns, t_ns + half, side="right")
-    finite = np.isfinite(x)
-    total = np.concatenate([[0.0], np.cumsum(np.where(finite, x, 0.0))])
-    count = np.concatenate([[0], np.cumsum(finite)])
+def about_mean(t_ns: np.ndarray, x: np.ndarray, window_s: float = MEAN_WINDOW_S) -> np.ndarray:
+    """Return x (N,) minus its centred mean over `window_s`; NaN if this span is not completely inside the data."""
+    half_ns = round(0.5 * window_s * NANOSECONDS)
+    first, last = np.searchsorted(t_ns, t_ns - half_ns), np.searchsorted(t_ns, t_ns + half_ns, side="right")
+    is_finite = np.isfinite(x)
+    total = np.concatenate([[0.0], np.cumsum(np.where(is_finite, x, 0.0))])
+    count = np.concatenate([[0], np.cumsum(is_finite)])
     mean = (total[last] - total[first]) / np.maximum(count[last] - count[first], 1)
-    whole = (t_ns - half >= t_ns[:1]) & (t_ns + half <= t_ns[-1:])
-    return np.where(whole, x - mean, np.nan)
+    is_inside = (t_ns - half_ns >= t_ns[:1]) & (t_ns + half_ns <= t_ns[-1:])
+    return np.where(is_inside, x - mean, np.nan)
 
 
 def sign_changes(t_ns: np.ndarray, forward: np.ndarray) -> float:
@@ -81,12 +81,12 @@ def sign_changes(t_ns: np.ndarray, forward: np.ndarray) -> float:
     A command of at most `DEAD_BAND` times the largest command of the drive counts as zero. So a pause or noise around 0
     is not a change. Forwards, 0, forwards is not a change, but forwards, 0, backwards is a change.
     """
-    finite = np.isfinite(forward)
-    t_ns, forward = t_ns[finite], forward[finite]
+    is_finite = np.isfinite(forward)
+    t_ns, forward = t_ns[is_finite], forward[is_finite]
     if len(t_ns) < 2:
         return float("nan")
-    size = np.abs(forward)
-    sign = np.sign(forward[size > DEAD_BAND * np.max(size)])
+    magnitude = np.abs(forward)
+    sign = np.sign(forward[magnitude > DEAD_BAND * np.max(magnitude)])
     return float(np.count_nonzero(np.diff(sign)) / seconds(t_ns[-1], t_ns[0]))
 
 
@@ -95,17 +95,19 @@ def at_limit(u: np.ndarray, limits: Limits) -> np.ndarray:
     The two wheels are checked too, because a wheel may reach its limit while u_x and u_ψ are within their limits.
     """
     w = np.abs(mix(limits.mixing, u.T)).T
-    full = np.any(_reaches(np.abs(u), limits.command), axis=1) | np.any(_reaches(w, limits.channel), axis=1)
-    return np.where(np.all(np.isfinite(u), axis=1), full.astype(float), np.nan)
+    is_at_limit = np.any(_reaches_limit(np.abs(u), limits.command), axis=1) | np.any(
+        _reaches_limit(w, limits.channel), axis=1
+    )
+    return np.where(np.all(np.isfinite(u), axis=1), is_at_limit.astype(float), np.nan)
 
 
 def share_at_limit(u: np.ndarray, limits: Limits | None) -> float:
     """Return the share of ticks at which a command u (N, n) reaches a limit; NaN without limits for n entries.  (4)"""
     if limits is None or u.shape[1] != len(limits.command):
         return float("nan")
-    full = at_limit(u, limits)
-    finite = full[np.isfinite(full)]
-    return float(np.mean(finite)) if finite.size else float("nan")
+    at_limit_values = at_limit(u, limits)
+    known = at_limit_values[np.isfinite(at_limit_values)]
+    return float(np.mean(known)) if known.size else float("nan")
 
 
 def limits_of(vehicle_text: str) -> Limits | None:
@@ -122,9 +124,9 @@ def limits_of(vehicle_text: str) -> Limits | None:
         channel = np.broadcast_to(np.array(drivetrain.get("limit", [np.inf]), dtype=float), (k,))
     except (tomllib.TOMLDecodeError, RecursionError, KeyError, TypeError, ValueError, AttributeError):
         return None
-    fits = mixing in MIXINGS and (mixing == "none" or n == 3)
-    return Limits(command, mixing, channel) if fits else None
+    is_consistent = mixing in MIXINGS and (mixing == "none" or n == 3)
+    return Limits(command, mixing, channel) if is_consistent else None
 
 
-def _reaches(size: np.ndarray, limit: np.ndarray) -> np.ndarray:
-    return (limit > 0.0) & (size >= AT_LIMIT * limit)
+def _reaches_limit(magnitude: np.ndarray, limit: np.ndarray) -> np.ndarray:
+    return (limit > 0.0) & (magnitude >= LIMIT_SHARE * limit)

@@ -24,7 +24,7 @@ if TYPE_CHECKING:
     from baqueano.contracts.values import JsonObject, TableRow
     from baqueano.runs.run import Run
 
-STATES = {
+STATE_NAMES = {
     "x": "x",
     "y": "y",
     "heading": N_("heading"),
@@ -32,7 +32,11 @@ STATES = {
     "v_y": "v_y",
     "yaw_rate": N_("yaw rate"),
 }
-JOINT = {"nees_pose": N_("the pose"), "nees_velocity": N_("the velocity"), "nis": N_("the innovations")}
+JOINT_FIGURES = {
+    "nees_pose": N_("the pose"),
+    "nees_velocity": N_("the velocity"),
+    "nis": N_("the innovations"),
+}
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -42,7 +46,7 @@ class FilterConsistency:
     nees_pose: Band
     nees_velocity: Band
     nis: Band
-    states: dict[str, Band]  # NEES by name of STATES
+    states: dict[str, Band]  # NEES by name of STATE_NAMES
     channels: tuple[Band, ...]  # NIS of each innovation
     correlations: tuple[float, ...]  # lag-1 autocorrelation of each innovation  (1)
     correlation_limit: float
@@ -64,18 +68,20 @@ class FilterConsistency:
         if band is None:
             return (note("consistency.not-reported"),)
         if verdict == "cannot tell":
-            return (note("consistency.cannot-tell", of=JOINT[name], samples=band.samples),)
+            return (note("consistency.cannot-tell", of=JOINT_FIGURES[name], samples=band.samples),)
         figures = {"mean": band.mean, "low": band.low, "high": band.high, "worst": self._worst(verdict)}
         figure = "NIS" if name == "nis" else "NEES"
-        first = note(f"consistency.{verdict.replace(' ', '-')}", figure=figure, of=JOINT[name], **figures)
+        first = note(
+            f"consistency.{verdict.replace(' ', '-')}", figure=figure, of=JOINT_FIGURES[name], **figures
+        )
         messages = (first, self._few_samples(verdict), self._correlation())
         return tuple(message for message in messages if message is not None)
 
     @property
     def correlation(self) -> float:
         """Return the lag-1 autocorrelation of largest magnitude; NaN without innovations."""
-        finite = [correlation for correlation in self.correlations if np.isfinite(correlation)]
-        return max(finite, key=abs) if finite else float("nan")
+        known_correlations = [correlation for correlation in self.correlations if np.isfinite(correlation)]
+        return max(known_correlations, key=abs) if known_correlations else float("nan")
 
     def row(self) -> "JsonObject":
         """Return a flat row for programs."""
@@ -100,7 +106,7 @@ class FilterConsistency:
         ]  # fmt: skip
 
     def _bands_by_name(self) -> dict[str, Band]:
-        bands = {name: getattr(self, name) for name in JOINT}
+        bands = {name: getattr(self, name) for name in JOINT_FIGURES}
         bands |= {f"nees_{name}": band for name, band in self.states.items()}
         return bands | {f"nis[{k}]": band for k, band in enumerate(self.channels)}
 
@@ -108,34 +114,38 @@ class FilterConsistency:
         """Return the verdict, the name of the joint figure that decides it, and its band; None if not reported."""
         truth = [(name, getattr(self, name)) for name in ("nees_pose", "nees_velocity")]
         bands = [(name, band) for name, band in truth if band.verdict != "not reported"]
-        off = [*bands, ("nis", self.nis)]
-        for word in ("too sure", "too cautious"):
-            for name, band in off if not _all(bands, "consistent") else ():
-                if band.verdict == word:
-                    return word, name, band
+        deciding_bands = [*bands, ("nis", self.nis)]
+        for verdict in ("too sure", "too cautious"):
+            for name, band in deciding_bands if not _all_have_verdict(bands, "consistent") else ():
+                if band.verdict == verdict:
+                    return verdict, name, band
         bands = bands or [("nis", self.nis)]
         if bands[0][1].verdict == "not reported":
             return "not reported", "", None
-        right = [pair for pair in bands if pair[1].verdict == "consistent"]
-        name, band = max(right or bands, key=lambda pair: pair[1].samples)
-        return "consistent" if right else "cannot tell", name, band
+        consistent_bands = [pair for pair in bands if pair[1].verdict == "consistent"]
+        name, band = max(consistent_bands or bands, key=lambda pair: pair[1].samples)
+        return "consistent" if consistent_bands else "cannot tell", name, band
 
     def _worst(self, verdict: str) -> Diagnostic | str:
         """Return the state that deviates most in the direction of the
         verdict; "" without one, or if the truth is not known.
         """
-        off = {
+        deviating_means = {
             name: band.mean for name, band in self.states.items() if band.verdict == verdict != "consistent"
         }
-        if not off:
+        if not deviating_means:
             return ""
-        name = max(off, key=lambda name: abs(np.log(off[name])))
-        return note("consistency.worst", state=STATES[name], nees=off[name])
+        name = max(deviating_means, key=lambda name: abs(np.log(deviating_means[name])))
+        return note("consistency.worst", state=STATE_NAMES[name], nees=deviating_means[name])
 
     def _few_samples(self, verdict: str) -> Diagnostic | None:
         """Return a note if the verdict is "consistent" but a joint NEES has too few samples, else None."""
-        few = [n for n in ("nees_pose", "nees_velocity") if getattr(self, n).verdict == "cannot tell"]
-        return note("consistency.unknown", of=JOINT[few[0]]) if few and verdict == "consistent" else None
+        short_names = [n for n in ("nees_pose", "nees_velocity") if getattr(self, n).verdict == "cannot tell"]
+        return (
+            note("consistency.unknown", of=JOINT_FIGURES[short_names[0]])
+            if short_names and verdict == "consistent"
+            else None
+        )
 
     def _correlation(self) -> Diagnostic | None:
         if not abs(self.correlation) > max(self.correlation_limit, 0.1):
@@ -147,7 +157,7 @@ def filter_consistency(run: "Run", alignment: str = "none") -> FilterConsistency
     """Return the filter consistency of a run. The NEES of the pose is known only for the alignment "none"."""
     log, truth = run.estimate, run.truth
     errors: dict[str, np.ndarray] = {}  # whitened
-    states: dict[str, Band] = dict.fromkeys(STATES, NOT_REPORTED)
+    states: dict[str, Band] = dict.fromkeys(STATE_NAMES, NOT_REPORTED)
     channels: tuple[Band, ...] = ()
     correlations, limit = np.zeros(0), float("nan")
     if log is not None and truth is not None and len(truth.t_ns) > 1:
@@ -159,7 +169,7 @@ def filter_consistency(run: "Run", alignment: str = "none") -> FilterConsistency
         e[:, :3] = e[:, :3] if alignment == "none" else np.nan
         errors["nees_pose"] = consistency.whiten(e[:, :3], log.cov[:, :3, :3])
         errors["nees_velocity"] = consistency.whiten(e[:, 3:], log.cov[:, 3:, 3:])
-        for k, name in enumerate(STATES):
+        for k, name in enumerate(STATE_NAMES):
             error = consistency.whiten(e[:, [k]], log.cov[:, [[k]], [k]])
             states[name] = (
                 consistency.band(error) if np.nanmax(np.abs(error), initial=0.0) > 0.0 else NOT_REPORTED
@@ -173,7 +183,7 @@ def filter_consistency(run: "Run", alignment: str = "none") -> FilterConsistency
         samples = np.max(np.sum(np.isfinite(y), axis=0), initial=0)
         limit = float(1.96 / np.sqrt(samples)) if samples else limit
     names = [name for name, w in errors.items() if np.isfinite(w).any()]
-    bands = dict.fromkeys(JOINT, NOT_REPORTED)
+    bands = dict.fromkeys(JOINT_FIGURES, NOT_REPORTED)
     bands |= {name: consistency.band(errors[name], FALSE_ALARM / len(names)) for name in names}
     return FilterConsistency(
         **bands, states=states, channels=channels, correlations=tuple(correlations.tolist()),
@@ -181,5 +191,5 @@ def filter_consistency(run: "Run", alignment: str = "none") -> FilterConsistency
     )  # fmt: skip
 
 
-def _all(bands: list[tuple[str, Band]], word: str) -> bool:
-    return bool(bands) and all(band.verdict == word for _, band in bands)
+def _all_have_verdict(bands: list[tuple[str, Band]], verdict: str) -> bool:
+    return bool(bands) and all(band.verdict == verdict for _, band in bands)

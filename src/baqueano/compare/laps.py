@@ -21,8 +21,8 @@ if TYPE_CHECKING:
     from baqueano.contracts.values import JsonObject
     from baqueano.runs.run import Run
 
-NEAR_M, NEAR_RAD = 0.02, 0.3
-LEAST_M = 0.3  # of a lap
+MAX_END_DISTANCE_M, MAX_END_ANGLE_RAD = 0.02, 0.3
+MIN_LAP_M = 0.3  # of a lap
 
 
 class DriveLap(NamedTuple):
@@ -66,35 +66,37 @@ def laps_of(run: "Run") -> tuple[DriveLap, ...]:
     ref, log = run.guide_reference, run.truth if run.truth is not None else run.estimate
     if ref is None or log is None or len(ref.t_ns) < 3 or len(log.t_ns) < 2:
         return ()
-    at = _passages(ref.eta, bool(ref.done[-1] > 0.0))
-    if len(at) < 2:  # it does not come back
+    end_indices = _end_passages(ref.eta, bool(ref.done[-1] > 0.0))
+    if len(end_indices) < 2:  # it does not come back
         return ()
-    at = at if at[0] == 0 else [0, *at]
-    across = errors.cross_track(log.t_ns, log.eta[:, :2], ref.t_ns, ref.eta[:, :2])
-    ends = poses_at(ref.t_ns[at], log.t_ns, log.eta)
+    end_indices = end_indices if end_indices[0] == 0 else [0, *end_indices]
+    cross_track_m = errors.cross_track(log.t_ns, log.eta[:, :2], ref.t_ns, ref.eta[:, :2])
+    end_poses = poses_at(ref.t_ns[end_indices], log.t_ns, log.eta)
     laps = []
-    for k, (a, b) in enumerate(zip(ref.t_ns[at][:-1], ref.t_ns[at][1:], strict=True)):
-        d = np.abs(across[(log.t_ns >= a) & (log.t_ns <= b)])
+    for k, (a, b) in enumerate(zip(ref.t_ns[end_indices][:-1], ref.t_ns[end_indices][1:], strict=True)):
+        d = np.abs(cross_track_m[(log.t_ns >= a) & (log.t_ns <= b)])
         d = d[np.isfinite(d)]
-        gap = ends[k + 1] - ends[k]
-        most = float(np.max(d)) if d.size else float("nan")
-        times = float(seconds(a, run.t_ns[0])), float(seconds(b, a))
-        closure = float(np.hypot(gap[0], gap[1])), float(wrap(gap[2]))
-        laps.append(DriveLap(k + 1, *times, errors.rms(d), most, *closure))
+        closure_gap = end_poses[k + 1] - end_poses[k]
+        max_distance = float(np.max(d)) if d.size else float("nan")
+        begin_and_duration = float(seconds(a, run.t_ns[0])), float(seconds(b, a))
+        closure = float(np.hypot(closure_gap[0], closure_gap[1])), float(wrap(closure_gap[2]))
+        laps.append(DriveLap(k + 1, *begin_and_duration, errors.rms(d), max_distance, *closure))
     return tuple(laps)
 
 
-def _passages(eta: np.ndarray, complete: bool) -> list[int]:
+def _end_passages(eta: np.ndarray, is_complete: bool) -> list[int]:
     """Return the indices at which the reference poses (N, 3) pass the end of the route.  (1)"""
-    end = eta[-1] if complete else eta[0]
-    away = np.hypot(eta[:, 0] - end[0], eta[:, 1] - end[1])
+    end = eta[-1] if is_complete else eta[0]
+    distances = np.hypot(eta[:, 0] - end[0], eta[:, 1] - end[1])
     step = np.hypot(*np.diff(eta[:, :2], axis=0).T)
-    near = (away < max(NEAR_M, 2.0 * float(np.max(step)))) & (np.abs(wrap(eta[:, 2] - end[2])) < NEAR_RAD)
+    is_near = (distances < max(MAX_END_DISTANCE_M, 2.0 * float(np.max(step)))) & (
+        np.abs(wrap(eta[:, 2] - end[2])) < MAX_END_ANGLE_RAD
+    )
     s = np.append(0.0, np.cumsum(step))
-    edges = np.flatnonzero(np.diff(np.concatenate([[False], near, [False]]).astype(int)))
+    edges = np.flatnonzero(np.diff(np.concatenate([[False], is_near, [False]]).astype(int)))
     passages: list[int] = []
     for a, b in edges.reshape(-1, 2):
-        k = int(a + np.argmin(away[a:b]))
-        if not passages or s[k] - s[passages[-1]] > LEAST_M:
+        k = int(a + np.argmin(distances[a:b]))
+        if not passages or s[k] - s[passages[-1]] > MIN_LAP_M:
             passages.append(k)
     return passages

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
-from baqueano.compare.filter_consistency import JOINT, STATES
+from baqueano.compare.filter_consistency import JOINT_FIGURES, STATE_NAMES
 from baqueano.messages.language import mark as N_
 from baqueano.messages.language import number
 from baqueano.messages.language import translate as _
@@ -18,10 +18,10 @@ if TYPE_CHECKING:
     from baqueano.compare.consistency import Band
     from baqueano.contracts.values import JsonObject
 
-WIDTH = 80  # letters of a line
-COLUMN, LEAST_COLUMN = 18, 8  # letters of a run's column
-DEGREES = 180.0 / np.pi
-ALIGNED = {
+LINE_LETTERS = 80  # letters of a line
+COLUMN_LETTERS, MIN_COLUMN_LETTERS = 18, 8  # letters of a run's column
+DEGREES_PER_RAD = 180.0 / np.pi
+ALIGNMENT_TITLES = {
     "none": N_("estimate − truth, rms"),
     "start": N_("estimate − truth, rms, aligned at the start"),
     "rigid": N_("estimate − truth, rms, aligned rigidly"),
@@ -33,38 +33,49 @@ class TableLine(NamedTuple):
 
     label: str
     unit: str
-    of: "Callable[[RunComparison], Any]"
-    error: bool = False  # a smaller one is better
+    value_of: "Callable[[RunComparison], Any]"
+    is_error: bool = False  # a smaller one is better
 
 
 def table(comparison: "Comparison") -> str:
     """Return the table in blocks of columns. A block contains the figures that at least one of its runs has."""
     sections = [
-        (title, [(line.label, line.unit, [_cell(line.of(run)) for run in comparison.runs]) for line in lines])
+        (
+            title,
+            [
+                (line.label, line.unit, [_cell(line.value_of(run)) for run in comparison.runs])
+                for line in lines
+            ],
+        )
         for title, lines in _sections(comparison)
     ]
     rows = [row for _, lines in sections for row in lines if any(cell != "-" for cell in row[2])]
     label_width = max((len(label) for label, _, _ in rows), default=0) + 2
     unit = max((len(unit) for _, unit, _ in rows), default=0)
-    heads = [wrap(run.name, COLUMN) or [""] for run in comparison.runs]
-    wide = [
-        max(LEAST_COLUMN, *map(len, head), *(len(cells[k]) for _, _, cells in rows))
+    heads = [wrap(run.name, COLUMN_LETTERS) or [""] for run in comparison.runs]
+    column_widths = [
+        max(MIN_COLUMN_LETTERS, *map(len, head), *(len(cells[k]) for _, _, cells in rows))
         for k, head in enumerate(heads)
     ]
 
-    def line(label: str, its_unit: str, cells: Sequence[str], part: Sequence[int]) -> str:
-        columns = "".join(f"  {cell:>{wide[k]}}" for k, cell in zip(part, cells, strict=True))
+    def line(label: str, its_unit: str, cells: Sequence[str], columns_shown: Sequence[int]) -> str:
+        columns = "".join(
+            f"  {cell:>{column_widths[k]}}" for k, cell in zip(columns_shown, cells, strict=True)
+        )
         return f"{label:{label_width}} {its_unit:{unit}}{columns}".rstrip()
 
     blocks = []
-    for part in _parts(wide, WIDTH - label_width - 1 - unit):
-        high = max(len(heads[k]) for k in part)
-        top = [[""] * (high - len(heads[k])) + heads[k] for k in part]
-        lines = [line("", "", [head[row] for head in top], part) for row in range(high)]
-        for title, its in sections:
-            lines_of = [(f"  {a}" if title else a, b, [cells[k] for k in part]) for a, b, cells in its]
+    for columns_shown in _column_ranges(column_widths, LINE_LETTERS - label_width - 1 - unit):
+        high = max(len(heads[k]) for k in columns_shown)
+        top = [[""] * (high - len(heads[k])) + heads[k] for k in columns_shown]
+        lines = [line("", "", [head[row] for head in top], columns_shown) for row in range(high)]
+        for title, section_lines in sections:
+            lines_of = [
+                (f"  {a}" if title else a, b, [cells[k] for k in columns_shown])
+                for a, b, cells in section_lines
+            ]
             lines_of = [row for row in lines_of if any(cell != "-" for cell in row[2])]
-            lines += [title] * bool(title and lines_of) + [line(*row, part) for row in lines_of]
+            lines += [title] * bool(title and lines_of) + [line(*row, columns_shown) for row in lines_of]
         blocks.append("\n".join(lines))
     return "\n\n".join(blocks)
 
@@ -77,39 +88,44 @@ def sections_of(comparison: "Comparison") -> "list[JsonObject]":
     for title, lines in _sections(comparison):
         rows: list[JsonObject] = []
         for line in lines:
-            values = [line.of(run) for run in comparison.runs]
+            values = [line.value_of(run) for run in comparison.runs]
             cells = [_cell(value) for value in values]
             if any(cell != "-" for cell in cells):
                 rows.append(
-                    {"label": line.label, "unit": line.unit, "cells": cells, "best": _best(line, values)}
+                    {
+                        "label": line.label,
+                        "unit": line.unit,
+                        "cells": cells,
+                        "best": _best_column(line, values),
+                    }
                 )
         if rows:
             sections.append({"title": title, "rows": rows})
     return sections
 
 
-def _best(line: TableLine, values: Sequence[Any]) -> int | None:
+def _best_column(line: TableLine, values: Sequence[Any]) -> int | None:
     """Return the column of the smallest error; None if `line` is not an error or several errors are the smallest."""
-    numbers = [value if isinstance(value, float) and np.isfinite(value) else None for value in values]
-    by_value = sorted((value, k) for k, value in enumerate(numbers) if value is not None)
-    if not line.error or len(by_value) < 2 or by_value[0][0] == by_value[1][0]:
+    known_values = [value if isinstance(value, float) and np.isfinite(value) else None for value in values]
+    by_value = sorted((value, k) for k, value in enumerate(known_values) if value is not None)
+    if not line.is_error or len(by_value) < 2 or by_value[0][0] == by_value[1][0]:
         return None
     return by_value[0][1]
 
 
-def _parts(wide: Sequence[int], room: int) -> Iterator[range]:
-    """Yield ranges of columns that fit side by side in the width `room`."""
+def _column_ranges(column_widths: Sequence[int], width: int) -> Iterator[range]:
+    """Yield ranges of columns that fit side by side in the width `width`."""
     first = 0
-    while first < len(wide):
+    while first < len(column_widths):
         last = first + 1
-        while last < len(wide) and sum(w + 2 for w in wide[first : last + 1]) <= room:
+        while last < len(column_widths) and sum(w + 2 for w in column_widths[first : last + 1]) <= width:
             last += 1
         yield range(first, last)
         first = last
 
 
 def _sections(comparison: "Comparison") -> Iterator[tuple[str, Sequence[TableLine]]]:
-    over = _("over {over_s:g} s", over_s=comparison.over_s)
+    span_text = _("over {over_s:g} s", over_s=comparison.over_s)
     yield (
         "",
         [
@@ -118,31 +134,34 @@ def _sections(comparison: "Comparison") -> Iterator[tuple[str, Sequence[TableLin
         ],
     )
     yield (
-        _(ALIGNED[comparison.alignment]),
+        _(ALIGNMENT_TITLES[comparison.alignment]),
         [
             TableLine(_("position (ATE)"), "m", lambda j: j.ate_m, True),
             TableLine(_("position, at the end"), "m", lambda j: j.end_error_m, True),
-            TableLine(_("heading"), "°", lambda j: j.ate_heading_rad * DEGREES, True),
-            TableLine(_("drift {over} (RPE)", over=over), "m", lambda j: j.rpe_m, True),
+            TableLine(_("heading"), "°", lambda j: j.ate_heading_rad * DEGREES_PER_RAD, True),
+            TableLine(_("drift {over} (RPE)", over=span_text), "m", lambda j: j.rpe_m, True),
             TableLine(
-                _("drift of the heading {over}", over=over), "°", lambda j: j.rpe_heading_rad * DEGREES, True
+                _("drift of the heading {over}", over=span_text),
+                "°",
+                lambda j: j.rpe_heading_rad * DEGREES_PER_RAD,
+                True,
             ),
             TableLine(_("speed"), "m/s", lambda j: j.speed_error_m_s, True),
             TableLine(_("yaw rate"), "rad/s", lambda j: j.yaw_rate_error_rad_s, True),
         ],
     )
     if comparison.of_drives:
-        yield from _of_the_vehicle()
-    yield from _of_the_filter(comparison)
+        yield from _vehicle_sections()
+    yield from _filter_sections(comparison)
 
 
-def _of_the_vehicle() -> Iterator[tuple[str, Sequence[TableLine]]]:
+def _vehicle_sections() -> Iterator[tuple[str, Sequence[TableLine]]]:
     """Yield the sections on path, speed and command of the vehicle. A replay does not have these sections."""
-    for title, kind in (
+    for title, path_kind in (
         (_("true cross-track error of the vehicle"), "true"),
         (_("the same, as estimated"), "estimate"),
     ):
-        yield title, [*_distances(f"across_{kind}"), *_paces(f"pace_{kind}")]
+        yield title, [*_distances(f"across_{path_kind}"), *_paces(f"pace_{path_kind}")]
     yield _("cross-track distance to the path of the first run"), _distances("across_first")
     yield (
         _("command"),
@@ -169,19 +188,19 @@ def _paces(name: str) -> list[TableLine]:
     ]
 
 
-def _of_the_filter(comparison: "Comparison") -> Iterator[tuple[str, Sequence[TableLine]]]:
+def _filter_sections(comparison: "Comparison") -> Iterator[tuple[str, Sequence[TableLine]]]:
     channels = max((len(run.consistency.channels) for run in comparison.runs), default=0)
     yield (
         _("NEES, 1 if consistent"),
         [
             *(
                 TableLine(_(k.removeprefix("nees_")), "", lambda j, k=k: _band(getattr(j.consistency, k)))
-                for k in JOINT
+                for k in JOINT_FIGURES
                 if k != "nis"
             ),
             *(
-                TableLine(_(word), "", lambda j, k=k: _band(j.consistency.states[k]))
-                for k, word in STATES.items()
+                TableLine(_(state_title), "", lambda j, k=k: _band(j.consistency.states[k]))
+                for k, state_title in STATE_NAMES.items()
             ),
         ],
     )
@@ -190,7 +209,7 @@ def _of_the_filter(comparison: "Comparison") -> Iterator[tuple[str, Sequence[Tab
         [
             TableLine(_("all innovations"), "", lambda j: _band(j.consistency.nis)),
             *(
-                TableLine(_("innovation {k}", k=k), "", lambda j, k=k: _of_channel(j, k))
+                TableLine(_("innovation {k}", k=k), "", lambda j, k=k: _channel_text(j, k))
                 for k in range(channels)
             ),
             TableLine(_("correlation at lag 1"), "", lambda j: j.consistency.correlation),
@@ -208,17 +227,17 @@ def _refusal_text(run: "RunComparison", name: str) -> str:
     return _("{refused} of {arrived}", **refusals[0]._asdict()) if refusals else "-"
 
 
-def _of_channel(run: "RunComparison", k: int) -> str:
+def _channel_text(run: "RunComparison", k: int) -> str:
     channels = run.consistency.channels
     return _band(channels[k]) if k < len(channels) else "-"
 
 
 def _band(band: "Band") -> str:
-    mean, low, high = (_short(x) for x in (band.mean, band.low, band.high))
+    mean, low, high = (_nees_text(x) for x in (band.mean, band.low, band.high))
     return _("{mean} [{low}, {high}]", mean=mean, low=low, high=high) if np.isfinite(band.mean) else "-"
 
 
-def _short(x: float) -> str:
+def _nees_text(x: float) -> str:
     """Return a NEES as text with about three digits."""
     return f"{number(x):{'.2f' if abs(x) < 10.0 else '.1f' if abs(x) < 100.0 else '.3g'}}"
 

@@ -9,7 +9,7 @@ from collections.abc import Iterator
 from baqueano.contracts.values import Tree
 
 INF = float("inf")
-NEUTRAL: dict[str, object] = {
+DEFAULTS: dict[str, object] = {
     # of a vehicle
     "nu_dot": None,  # its acceleration (3,); without one a command is a velocity
     "turning_arm_m": None,  # lever arm by which a force turns it
@@ -40,7 +40,7 @@ NEUTRAL: dict[str, object] = {
 
 def of(block: object, name: str) -> Tree:
     """Return the optional attribute `name` of a block, or its default; KeyError for a name without a default."""
-    return getattr(block, name, NEUTRAL[name])
+    return getattr(block, name, DEFAULTS[name])
 
 
 def nested_blocks(block: object) -> Iterator[Tree]:

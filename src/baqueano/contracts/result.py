@@ -20,7 +20,7 @@ if TYPE_CHECKING:
 
     from baqueano.contracts.values import TableRow
 
-LINES, LETTERS = 12, 110  # of a short print
+MAX_LINES, MAX_LETTERS = 12, 110  # of a short print
 
 
 class Tabular(Protocol):
@@ -36,7 +36,7 @@ class Tabular(Protocol):
 
 
 class Result:
-    """A result as the user sees it: `print(result)` prints at most LINES lines, `result.table()` returns all lines.
+    """A result as the user sees it: `print(result)` prints at most MAX_LINES lines, `result.table()` returns all lines.
 
     Examples
     --------
@@ -57,7 +57,7 @@ class Result:
 
     def __repr__(self) -> str:
         lines = self.table().splitlines()
-        return shorten([], lines, []) if len(lines) > LINES else in_lines(map(_cut, lines))
+        return shorten([], lines, []) if len(lines) > MAX_LINES else in_lines(map(_shorten_line, lines))
 
     def _repr_html_(self: Tabular) -> str:
         """Return the card that a notebook shows."""
@@ -83,8 +83,10 @@ class Result:
         return pandas().DataFrame(self.rows())
 
 
-def shorten(head: Sequence[str], rows: Sequence[str], tail: Sequence[str], lines: int = LINES) -> str:
-    """Return a text of at most `lines` lines: `head`, as many `rows` as fit, how many more exist, and `tail`.
+def shorten(
+    head: Sequence[str], rows: Sequence[str], tail: Sequence[str], line_count: int = MAX_LINES
+) -> str:
+    """Return a text of at most `line_count` lines: `head`, as many `rows` as fit, how many more exist, and `tail`.
 
     >>> print(shorten(["gains"], ["a 1", "b 2", "c 3", "d 4"], ["USABLE"], lines=4))
     gains
@@ -92,14 +94,14 @@ def shorten(head: Sequence[str], rows: Sequence[str], tail: Sequence[str], lines
     3 more lines: .table()
     USABLE
     """
-    room = max(1, lines - len(head) - len(tail))
-    if len(rows) > room:
-        rows = [*rows[: room - 1], text(note("front.more", lines=len(rows) - room + 1))]
-    return in_lines(map(_cut, [*head, *rows, *tail]))
+    row_count = max(1, line_count - len(head) - len(tail))
+    if len(rows) > row_count:
+        rows = [*rows[: row_count - 1], text(note("front.more", lines=len(rows) - row_count + 1))]
+    return in_lines(map(_shorten_line, [*head, *rows, *tail]))
 
 
-def _cut(line: str) -> str:
-    return line if len(line) <= LETTERS else f"{line[: LETTERS - 2]} …"
+def _shorten_line(line: str) -> str:
+    return line if len(line) <= MAX_LETTERS else f"{line[: MAX_LETTERS - 2]} …"
 
 
 def pandas() -> Any:

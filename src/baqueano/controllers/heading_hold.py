@@ -3,15 +3,15 @@
     e = ψ_r − ψ:   u_ψ = s (K_ψ e + K_i ∫e dt − K_r r),   |u_ψ| ≤ bound                                   (1)
     τ ṙ = k u_ψ − r, with a total delay T                                   the model                     (2)
     K_r = (τp + 2ωτ − 1)/k,  K_ψ = (ω²τ + 2ω τp)/k,  K_i = ω² τp/k                                        (3)
-                                 two poles at ω = 1/(SLOWER T), one at p = max(ω, 1/τ − 2ω)
+                                 two poles at ω = 1/(BANDWIDTH_MARGIN T), one at p = max(ω, 1/τ − 2ω)
 
 ψ, r: heading and yaw rate; u_ψ: turning command. With this p no gain is negative, and (1) tolerates a k up to 3.3 times
 as large, and any smaller k. The integral removes the effect of unequal wheels. A car turns in proportion to its speed
 v, so s = v₀ v / (v² + (v₀/4)²); else s is 1. `heading_gains` finds k, τ and T for a vehicle file. ψ_r is the heading at
-the first tick with |r| < QUIET_RAD_S after the turn, at the latest SETTLED (τ + T) after its end. Before that tick,
-only −K_r r acts.
+the first tick with |r| < MAX_QUIET_RAD_S after the turn, at the latest SETTLING_CONSTANTS (τ + T) after its end. Before
+that tick, only −K_r r acts.
 
-If an estimator has refused the IMU for LEFT_OUT_S, r and ψ follow the gyro: its innovation is added.
+If an estimator has refused the IMU for MIN_LEFT_OUT_S, r and ψ follow the gyro: its innovation is added.
 """
 
 from dataclasses import dataclass
@@ -24,12 +24,12 @@ from baqueano.contracts.values import Tree
 from baqueano.geometry import wrap
 from baqueano.signals import Command, Estimate, Reference, seconds
 
-SLOWER = 6.0
-AUTHORITY = 0.25  # of the limit of the turn
-OF_SPEED = 0.5  # share of the speed command: no wheel stops or turns backward for the correction
-QUIET_RAD_S = 0.05
-SETTLED = 3.0
-LEFT_OUT_S = 0.05  # longer than any spike
+BANDWIDTH_MARGIN = 6.0
+MAX_TURN_SHARE = 0.25  # of the limit of the turn
+MAX_SPEED_SHARE = 0.5  # share of the speed command: no wheel stops or turns backward for the correction
+MAX_QUIET_RAD_S = 0.05
+SETTLING_CONSTANTS = 3.0
+MIN_LEFT_OUT_S = 0.05  # longer than any spike
 
 
 class Gains(NamedTuple):
@@ -56,11 +56,11 @@ class HeadingHoldState(NamedTuple):
     hand: Tree
     t_ns: int  # of the last tick, -1 before the first
     out_s: float  # duration for which the IMU has been refused
-    ahead: float = 0.0  # sign of the requested speed, 0 without a reference heading
+    forward_sign: float = 0.0  # sign of the requested speed, 0 without a reference heading
     since_ns: int = 0  # time of the first request of this speed without a turn
     psi: float = nan  # ψ_r [rad], NaN until it is set
     sum: float = 0.0  # ∫e dt [rad s]
-    left_out_rad: float = 0.0  # integral of the refused innovations [rad]
+    missing_angle: float = 0.0  # integral of the refused innovations [rad]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -113,52 +113,54 @@ class HeadingHold:
         hand, command = self.hand.step(state.hand, reference, estimate)
         u, t_ns = command.u, estimate.t_ns
         dt_s = seconds(t_ns, state.t_ns) if state.t_ns >= 0 else 0.0
-        left_out = self._left_out(estimate)
-        out_s = state.out_s + dt_s if left_out else 0.0
-        left_out = left_out if out_s > LEFT_OUT_S else 0.0
-        v, r = float(estimate.nu[0]), float(estimate.nu[2]) + left_out
-        ahead = copysign(1.0, u[0]) if u[0] and not u[-1] else 0.0
-        if not ahead or not isfinite(v + r + float(estimate.eta[2])):
+        missing_rate = self._missing_yaw_rate(estimate)
+        out_s = state.out_s + dt_s if missing_rate else 0.0
+        missing_rate = missing_rate if out_s > MIN_LEFT_OUT_S else 0.0
+        v, r = float(estimate.nu[0]), float(estimate.nu[2]) + missing_rate
+        forward_sign = copysign(1.0, u[0]) if u[0] and not u[-1] else 0.0
+        if not forward_sign or not isfinite(v + r + float(estimate.eta[2])):
             return HeadingHoldState(hand, t_ns, out_s), command
-        if ahead != state.ahead:
-            state = HeadingHoldState(hand, t_ns, out_s, ahead, t_ns)
-        left_out_rad = state.left_out_rad + left_out * dt_s
-        psi, psi_r = float(estimate.eta[2]) + left_out_rad, state.psi
-        quiet = abs(r) < QUIET_RAD_S or seconds(t_ns, state.since_ns) >= self.gains.wait_s
-        psi_r = psi if isnan(psi_r) and quiet else psi_r
+        if forward_sign != state.forward_sign:
+            state = HeadingHoldState(hand, t_ns, out_s, forward_sign, t_ns)
+        missing_angle = state.missing_angle + missing_rate * dt_s
+        psi, psi_r = float(estimate.eta[2]) + missing_angle, state.psi
+        is_quiet = abs(r) < MAX_QUIET_RAD_S or seconds(t_ns, state.since_ns) >= self.gains.wait_s
+        psi_r = psi if isnan(psi_r) and is_quiet else psi_r
         e = 0.0 if isnan(psi_r) else float(wrap(psi_r - psi))
         u = u.copy()
         u[-1], sum_e = self._turn(e, state.sum, r, dt_s, v, abs(float(u[0])))
-        after = HeadingHoldState(hand, t_ns, out_s, ahead, state.since_ns, psi_r, sum_e, left_out_rad)
-        return after, command._replace(u=u)
+        next_state = HeadingHoldState(
+            hand, t_ns, out_s, forward_sign, state.since_ns, psi_r, sum_e, missing_angle
+        )
+        return next_state, command._replace(u=u)
 
     def _turn(
         self, e: float, sum_e: float, r: float, dt_s: float, v: float, speed: float
     ) -> tuple[float, float]:
         """Return u_ψ and ∫e dt [rad s]; the integral does not grow while u_ψ is at its bound.  (1)"""
-        K, bound = self.gains, min(AUTHORITY * self.limit, self.of_speed * speed)
+        K, bound = self.gains, min(MAX_TURN_SHARE * self.limit, self.of_speed * speed)
         s = K.speed_m_s * v / (v * v + (0.25 * K.speed_m_s) ** 2) if K.speed_m_s else 1.0
-        more = sum_e + e * dt_s
-        turn = s * (K.psi * e + K.integral * more - K.rate * r)
+        integral = sum_e + e * dt_s
+        turn = s * (K.psi * e + K.integral * integral - K.rate * r)
         if abs(turn) > bound and turn * s * e > 0.0:
-            more = sum_e
-        return min(max(turn, -bound), bound), more
+            integral = sum_e
+        return min(max(turn, -bound), bound), integral
 
-    def _left_out(self, estimate: Estimate) -> float:
+    def _missing_yaw_rate(self, estimate: Estimate) -> float:
         """Return the gyro's yaw rate minus the estimate [rad/s] if the estimator refused the IMU; else 0."""
         y, S = estimate.innovation, estimate.innovation_cov
         if self.gyro is None or y is None or S is None:
             return 0.0
         y, S = y[self.gyro.rows], S[self.gyro.rows, self.gyro.rows]
-        far = isfinite(sum(y.tolist())) and y @ np.linalg.solve(S, y) > self.gyro.gate
-        return float(y[-1]) / self.gyro.scale if far else 0.0
+        is_rejected = isfinite(sum(y.tolist())) and y @ np.linalg.solve(S, y) > self.gyro.gate
+        return float(y[-1]) / self.gyro.scale if is_rejected else 0.0
 
 
 def place_poles(k: float, tau_s: float, late_s: float) -> Gains:
     """Return the gains of (3) for the model (2) with gain `k`, time constant `tau_s` and total delay `late_s`."""
-    omega = 1.0 / (SLOWER * late_s)
+    omega = 1.0 / (BANDWIDTH_MARGIN * late_s)
     tp = max(omega * tau_s, 1.0 - 2.0 * omega * tau_s)
     return Gains(
         (omega**2 * tau_s + 2.0 * omega * tp) / k, omega**2 * tp / k, (tp + 2.0 * omega * tau_s - 1.0) / k,
-        SETTLED * (tau_s + late_s),
+        SETTLING_CONSTANTS * (tau_s + late_s),
     )  # fmt: skip

@@ -4,7 +4,7 @@
 
 v_f, ω_f: speed and yaw rate of the reference without jumps; e_x, e_y, e_χ: errors ahead, beside and of the course. An
 error fades over a distance, not over a time: with k_χ² = 4 k_y it is critically damped and fades over 2 / k_χ metres.
-The law approaches a far path at an angle of at most STEEPEST_RAD. At rest it does not correct an error beside the
+The law approaches a far path at an angle of at most MAX_APPROACH_RAD. At rest it does not correct an error beside the
 vehicle. The error after a turn on the spot remains until the vehicle moves on.
 
 Source: Kanayama, Kimura, Miyazaki and Noguchi, ICRA 1990. Prediction and command: model_following.py.
@@ -15,7 +15,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from baqueano.contracts.values import Tree
-from baqueano.controllers.model_following import STEEPEST_RAD, ModelFollower, Tracking
+from baqueano.controllers.model_following import MAX_APPROACH_RAD, ModelFollower, Tracking
 from baqueano.parameter import document, parameter
 
 
@@ -42,11 +42,11 @@ class Kanayama(ModelFollower):
     k_y: float = parameter("1/m²", "curvature per cross-track error e_y", low=0.0, high=1e3, default=20.0)
     k_chi: float = parameter("1/m", "curvature per course error e_χ", low=0.0, high=1e3, default=8.0)
 
-    def velocity_law(self, memory: np.ndarray, now: Tracking) -> tuple[np.ndarray, Tree]:
+    def velocity_law(self, memory: np.ndarray, tracking: Tracking) -> tuple[np.ndarray, Tree]:
         """Return the unchanged memory, and the requested velocity (v, ω) [m/s, rad/s].  (1)"""
-        (e_x, e_y, _), (v_f, _, omega_f) = now.e, now.nu_f
-        steepest = self.k_chi * np.sin(STEEPEST_RAD)
-        lateral = np.clip(self.k_y * e_y, -steepest, steepest)
+        (e_x, e_y, _), (v_f, _, omega_f) = tracking.e, tracking.nu_f
+        max_correction = self.k_chi * np.sin(MAX_APPROACH_RAD)
+        lateral = np.clip(self.k_y * e_y, -max_correction, max_correction)
         # v_f is negative backward, but the damping of the course must keep its sign.
-        turn = v_f * lateral + np.abs(v_f) * self.k_chi * np.sin(now.e_chi)
-        return memory, (v_f * np.cos(now.e_chi) + self.k_x * e_x, omega_f + turn)
+        turn = v_f * lateral + np.abs(v_f) * self.k_chi * np.sin(tracking.e_chi)
+        return memory, (v_f * np.cos(tracking.e_chi) + self.k_x * e_x, omega_f + turn)

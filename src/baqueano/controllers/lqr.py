@@ -7,8 +7,9 @@
 
 e: error; ν_f: velocity of the reference without jumps; δν: its correction; P: cost matrix; K: gain. One step of (3) a
 tick propagates the Riccati equation forward, without future references. An error of e_max has the same cost as a change
-of velocity of δν_max (Bryson's rule). The angle of approach to a far path is at most STEEPEST_RAD. At rest an error
-beside the vehicle cannot be corrected, so (2) is evaluated at SLOWEST_M_S. Prediction and command: model_following.py.
+of velocity of δν_max (Bryson's rule). The angle of approach to a far path is at most MAX_APPROACH_RAD. At rest an error
+beside the vehicle cannot be corrected, so (2) is evaluated at MIN_SPEED_M_S. Prediction and command:
+model_following.py.
 
 Source: Anderson and Moore, Optimal Control, 1990; forward propagation: Prach, Tekinalp and Bernstein, IEEE Control
 Systems, 2015.
@@ -19,13 +20,13 @@ from dataclasses import dataclass
 import numpy as np
 
 from baqueano.contracts.values import Tree, Value
-from baqueano.controllers.model_following import STEEPEST_RAD, ModelFollower, Tracking
+from baqueano.controllers.model_following import MAX_APPROACH_RAD, ModelFollower, Tracking
 from baqueano.geometry import compose, map_from_body, pose_error
 from baqueano.parameter import document, parameter
 from baqueano.symbolic import jacobian
 
-SLOWEST_M_S = 0.05
-BEGIN_S = 10.0  # of (3) before the first tick, at SLOWEST_M_S
+MIN_SPEED_M_S = 0.05
+INITIAL_HORIZON_S = 10.0  # of (3) before the first tick, at MIN_SPEED_M_S
 
 
 @document
@@ -65,22 +66,22 @@ class Lqr(ModelFollower):
 
     def memory(self) -> np.ndarray:
         """Return the start value of P (3, 3): the solution of (3) for a slow vehicle."""
-        A, B = _linear(np.array([SLOWEST_M_S, 0.0, 0.0]), 1.0 / self.rate_hz)
+        A, B = _linear(np.array([MIN_SPEED_M_S, 0.0, 0.0]), 1.0 / self.rate_hz)
         P = np.diag(1.0 / self.e_max**2)
-        for _ in range(round(BEGIN_S * self.rate_hz)):
+        for _ in range(round(INITIAL_HORIZON_S * self.rate_hz)):
             P = self.riccati(P, A, B)[0]
         return P
 
-    def velocity_law(self, memory: np.ndarray, now: Tracking) -> tuple[np.ndarray, Tree]:
+    def velocity_law(self, memory: np.ndarray, tracking: Tracking) -> tuple[np.ndarray, Tree]:
         """Return P (3, 3) one tick later, and the requested velocity (v, ω) [m/s, rad/s].  (4)"""
-        v_f, _, omega_f = now.nu_f
-        slow = np.where(now.ahead < 0.0, -SLOWEST_M_S, SLOWEST_M_S)
-        v = np.where(np.abs(v_f) < SLOWEST_M_S, slow, v_f)
-        P, K = self.riccati(memory, *_linear(np.array([v, 0.0, omega_f]), now.dt_s))
-        steepest = np.abs(K[1, 2]) * STEEPEST_RAD
-        lateral = np.clip(K[1, 1] * now.e[1], -steepest, steepest)
-        omega = omega_f - K[1, 0] * now.e[0] - lateral - K[1, 2] * now.e_chi
-        return P, (v_f - K[0] @ np.array([now.e[0], now.e[1], now.e_chi]), omega)
+        v_f, _, omega_f = tracking.nu_f
+        min_speed = np.where(tracking.forward_sign < 0.0, -MIN_SPEED_M_S, MIN_SPEED_M_S)
+        v = np.where(np.abs(v_f) < MIN_SPEED_M_S, min_speed, v_f)
+        P, K = self.riccati(memory, *_linear(np.array([v, 0.0, omega_f]), tracking.dt_s))
+        max_correction = np.abs(K[1, 2]) * MAX_APPROACH_RAD
+        lateral = np.clip(K[1, 1] * tracking.e[1], -max_correction, max_correction)
+        omega = omega_f - K[1, 0] * tracking.e[0] - lateral - K[1, 2] * tracking.e_chi
+        return P, (v_f - K[0] @ np.array([tracking.e[0], tracking.e[1], tracking.e_chi]), omega)
 
     def riccati(self, P: np.ndarray, A: np.ndarray, B: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Return P (3, 3) one step later, and K (2, 3), for A (3, 3) and B (3, 2).  (3)"""
@@ -92,11 +93,11 @@ class Lqr(ModelFollower):
 
 def _linear(nu_f: np.ndarray, dt_s: Value) -> tuple[np.ndarray, np.ndarray]:
     """Return A (3, 3) and B (3, 2) of the error over a tick, for a reference with the velocity ν_f (3,).  (2)"""
-    A = jacobian(lambda e: _after(e, np.zeros(2), nu_f, dt_s))(np.zeros(3))
-    return A, jacobian(lambda change: _after(np.zeros(3), change, nu_f, dt_s))(np.zeros(2))
+    A = jacobian(lambda e: _next_error(e, np.zeros(2), nu_f, dt_s))(np.zeros(3))
+    return A, jacobian(lambda change: _next_error(np.zeros(3), change, nu_f, dt_s))(np.zeros(2))
 
 
-def _after(e: np.ndarray, change: np.ndarray, nu_f: np.ndarray, dt_s: Value) -> np.ndarray:
+def _next_error(e: np.ndarray, change: np.ndarray, nu_f: np.ndarray, dt_s: Value) -> np.ndarray:
     """Return the error of the pose (3,) one tick later, after the change of velocity δν (2,).  (1)"""
     nu = nu_f + np.array([change[0], 0.0, change[1]])
     return pose_error(compose(e, _motion(nu_f, dt_s)), _motion(nu, dt_s))
@@ -104,5 +105,5 @@ def _after(e: np.ndarray, change: np.ndarray, nu_f: np.ndarray, dt_s: Value) -> 
 
 def _motion(nu: np.ndarray, dt_s: Value) -> np.ndarray:
     """Return the pose (3,) after a tick with the velocity ν (3,), from the origin."""
-    way = nu * dt_s
-    return map_from_body(0.5 * way[2]) @ way
+    displacement = nu * dt_s
+    return map_from_body(0.5 * displacement[2]) @ displacement

@@ -28,16 +28,16 @@ from baqueano.parameter import INF, document, parameter
 from baqueano.signals import Command, Estimate, Reference, seconds
 from baqueano.symbolic import jacobian
 from baqueano.vehicles.bounds import check_bounds
-from baqueano.vehicles.effort import steady
+from baqueano.vehicles.effort import constant_effort
 from baqueano.vehicles.state import DynamicVehicle
 
 SMOOTHING_S = 0.08  # λ: a corner of 1.5 rad/s costs a tenth of full command
-FASTEST = np.array([1.0, 1.0, 20.0])  # acceleration of ν_f: a start does not take the whole command
-SHARE = 0.5  # of the reference speed: the most that the integral may add
-REACH_M = 0.3  # limit of e_x: a larger error does not increase the requested speed
-STEEPEST_RAD = 1.0  # largest angle between course and path when a law approaches from far
-SLOW_M_S = 0.02  # below this speed the course is the heading
-DAMPING = 1e-6  # of the Newton step if an effort has no effect, as the servo of a car at rest
+MAX_ACCELERATION = np.array([1.0, 1.0, 20.0])  # acceleration of ν_f: a start does not take the whole command
+MAX_INTEGRAL_SHARE = 0.5  # of the reference speed: the most that the integral may add
+MAX_ALONG_ERROR_M = 0.3  # limit of e_x: a larger error does not increase the requested speed
+MAX_APPROACH_RAD = 1.0  # largest angle between course and path when a law approaches from far
+MIN_COURSE_SPEED_M_S = 0.02  # below this speed the course is the heading
+NEWTON_DAMPING = 1e-6  # of the Newton step if an effort has no effect, as the servo of a car at rest
 
 
 class FollowerState(NamedTuple):
@@ -70,14 +70,14 @@ class Tracking(NamedTuple):
     Attributes
     ----------
     e : ndarray (3,) [m, m, rad]
-        Error of the pose in the body frame; |e_x| is at most REACH_M.
+        Error of the pose in the body frame; |e_x| is at most MAX_ALONG_ERROR_M.
     e_chi : float [rad]
         Error of the course.
     nu_f : ndarray (3,) [m/s, m/s, rad/s]
         Velocity of the reference without jumps, in the body frame.
     kappa : float [1/m]
         Curvature of the reference.
-    ahead : float
+    forward_sign : float
         Direction of the reference: 1 forward, −1 backward, 0 at rest, with a smooth transition.
     dt_s : float
         Time since the last tick.
@@ -93,7 +93,7 @@ class Tracking(NamedTuple):
     e_chi: float
     nu_f: np.ndarray
     kappa: float
-    ahead: float
+    forward_sign: float
     dt_s: Value
 
 
@@ -147,7 +147,7 @@ class ModelFollower:
         """Return the memory of the law before the first tick; empty for most laws."""
         return np.zeros(0)
 
-    def velocity_law(self, memory: np.ndarray, now: Tracking) -> tuple[np.ndarray, Tree]:
+    def velocity_law(self, memory: np.ndarray, tracking: Tracking) -> tuple[np.ndarray, Tree]:
         """Return the memory of the law, and the requested velocity (v, ω) [m/s, rad/s].  (4)"""
         raise MissingMethod(fault("follower.no-law", block=type(self).__name__))
 
@@ -162,18 +162,21 @@ class ModelFollower:
         eta_r, nu_r, eta, nu = reference.eta, reference.nu, estimate.eta, estimate.nu
         dt_s = np.where(state.t_ns >= 0, seconds(estimate.t_ns, state.t_ns), 1.0 / self.rate_hz)
         nu_b = np.where(state.t_ns >= 0, state.nu, nu)  # it starts at the velocity of the vehicle
-        nu_f_dot = np.clip((nu_r - nu_b) / SMOOTHING_S, -FASTEST, FASTEST)
+        nu_f_dot = np.clip((nu_r - nu_b) / SMOOTHING_S, -MAX_ACCELERATION, MAX_ACCELERATION)
         nu_f = nu_b + nu_f_dot * np.minimum(dt_s, SMOOTHING_S)  # (3)
-        way = 0.25 * self.late_s * (nu + 2.0 * nu_f + nu_r)
-        eta_p = eta + map_from_body(eta[2] + 0.5 * way[2]) @ way  # (1)
+        displacement = 0.25 * self.late_s * (nu + 2.0 * nu_f + nu_r)
+        eta_p = eta + map_from_body(eta[2] + 0.5 * displacement[2]) @ displacement  # (1)
         e = pose_error(eta_r, eta_p)
         e_chi = wrap(eta_r[2] + slip(nu_r) - eta_p[2] - slip(nu))  # (2)
-        e_x, most = np.clip(e[0], -REACH_M, REACH_M), SHARE * np.abs(nu_f[0])
-        v_i = np.clip(state.v_i + self.k_i * e_x * dt_s, -most, most)
-        kappa = nu_r[2] * nu_r[0] / (nu_r[0] ** 2 + SLOW_M_S**2)
-        ahead = nu_f[0] / np.hypot(nu_f[0], SLOW_M_S)
-        now = Tracking(np.array([e_x, e[1], e[2]]), e_chi, nu_f, kappa, ahead, dt_s)
-        law, (v_w, omega_w) = self.velocity_law(state.law, now)
+        e_x, max_integral = (
+            np.clip(e[0], -MAX_ALONG_ERROR_M, MAX_ALONG_ERROR_M),
+            MAX_INTEGRAL_SHARE * np.abs(nu_f[0]),
+        )
+        v_i = np.clip(state.v_i + self.k_i * e_x * dt_s, -max_integral, max_integral)
+        kappa = nu_r[2] * nu_r[0] / (nu_r[0] ** 2 + MIN_COURSE_SPEED_M_S**2)
+        forward_sign = nu_f[0] / np.hypot(nu_f[0], MIN_COURSE_SPEED_M_S)
+        tracking = Tracking(np.array([e_x, e[1], e[2]]), e_chi, nu_f, kappa, forward_sign, dt_s)
+        law, (v_w, omega_w) = self.velocity_law(state.law, tracking)
         effort = self._effort(state.effort, np.array([v_w + v_i, nu[1], omega_w]), nu_f_dot[::2])
         drivetrain = self.vehicle.drivetrain
         u = drivetrain.turn_first(np.clip(drivetrain.inverse(effort), -self.limit, self.limit))
@@ -189,12 +192,12 @@ class ModelFollower:
         """Return ε (n,): the model at (v_w, ν_y, ω_w) then has the acceleration `nu_dot` (2,) over one tick.  (5)"""
         dt_s = 1.0 / self.rate_hz
 
-        def after(effort: np.ndarray) -> np.ndarray:
-            return self.vehicle.advance(np.zeros(3), nu, steady(effort), dt_s)[1][::2]
+        def acceleration_after(effort: np.ndarray) -> np.ndarray:
+            return self.vehicle.advance(np.zeros(3), nu, constant_effort(effort), dt_s)[1][::2]
 
-        B = jacobian(after)(effort)
-        missing = nu[::2] + nu_dot * dt_s - after(effort)
-        effort = effort + B.T @ np.linalg.solve(B @ B.T + DAMPING * np.eye(2), missing)
+        B = jacobian(acceleration_after)(effort)
+        remainder = nu[::2] + nu_dot * dt_s - acceleration_after(effort)
+        effort = effort + B.T @ np.linalg.solve(B @ B.T + NEWTON_DAMPING * np.eye(2), remainder)
         return np.clip(effort, -self.limit, self.limit)
 
 
@@ -203,14 +206,15 @@ def slip(nu: np.ndarray) -> Value:
 
     It is 0 at rest.  (2)
     """
-    return np.arctan(nu[1] * nu[0] / (nu[0] * nu[0] + SLOW_M_S**2))
+    return np.arctan(nu[1] * nu[0] / (nu[0] * nu[0] + MIN_COURSE_SPEED_M_S**2))
 
 
-def point_ahead(now: Tracking, way_m: Value) -> tuple[Value, Value]:
-    """Return x and y [m], in the body frame, of the point of the path `way_m` after the reference.
+def point_ahead(tracking: Tracking, distance_m: Value) -> tuple[Value, Value]:
+    """Return x and y [m], in the body frame, of the point of the path `distance_m` after the reference.
 
-    The path continues from the reference with the curvature of the reference. It bends by at most 1 rad over `way_m`.
+    The path continues from the reference with the curvature of the reference. It bends by at most 1 rad over
+    `distance_m`.
     """
-    bend = np.clip(now.kappa * way_m, -1.0, 1.0)
-    chord_m, chord = way_m * (1.0 - bend**2 / 24.0), now.e_chi + 0.5 * bend
-    return now.e[0] + chord_m * np.cos(chord), now.e[1] + chord_m * np.sin(chord)
+    angle = np.clip(tracking.kappa * distance_m, -1.0, 1.0)
+    chord_m, chord = distance_m * (1.0 - angle**2 / 24.0), tracking.e_chi + 0.5 * angle
+    return tracking.e[0] + chord_m * np.cos(chord), tracking.e[1] + chord_m * np.sin(chord)

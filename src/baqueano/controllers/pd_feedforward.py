@@ -43,7 +43,7 @@ class PdFeedforward(ModelFollower):
         "m", "distance L within which the vehicle joins the path", low=0.01, high=10.0, default=0.25
     )
 
-    def velocity_law(self, memory: np.ndarray, now: Tracking) -> tuple[np.ndarray, Tree]:
+    def velocity_law(self, memory: np.ndarray, tracking: Tracking) -> tuple[np.ndarray, Tree]:
         """Return the unchanged memory, and the requested velocity (v, ω) [m/s, rad/s].  (1)"""
-        turn = now.e_chi + now.ahead * np.arctan(now.e[1] / self.join_m)
-        return memory, (now.nu_f[0] + self.k_x * now.e[0], now.nu_f[2] + self.k_chi * turn)
+        turn = tracking.e_chi + tracking.forward_sign * np.arctan(tracking.e[1] / self.join_m)
+        return memory, (tracking.nu_f[0] + self.k_x * tracking.e[0], tracking.nu_f[2] + self.k_chi * turn)

@@ -42,11 +42,13 @@ class PurePursuit(ModelFollower):
     look_ahead_m: float = parameter("m", "distance L to the point, at rest", low=0.01, high=10.0, default=0.1)
     look_ahead_s: float = parameter("s", "increase of L per m/s", low=0.0, high=10.0, default=0.3)
 
-    def velocity_law(self, memory: np.ndarray, now: Tracking) -> tuple[np.ndarray, Tree]:
+    def velocity_law(self, memory: np.ndarray, tracking: Tracking) -> tuple[np.ndarray, Tree]:
         """Return the unchanged memory, and the requested velocity (v, ω) [m/s, rad/s].  (1)"""
-        v_f = now.nu_f[0]
+        v_f = tracking.nu_f[0]
         L = self.look_ahead_m + self.look_ahead_s * np.abs(v_f)
-        nearer = now._replace(e=np.array([np.clip(now.e[0], -0.5 * L, 0.5 * L), now.e[1], now.e[2]]))
-        x, y = point_ahead(nearer, now.ahead * L)
-        bend = 2.0 * y / np.maximum(x * x + y * y, 0.25 * L * L) - now.kappa
-        return memory, (v_f + self.k_x * now.e[0], now.nu_f[2] + v_f * bend)
+        limited = tracking._replace(
+            e=np.array([np.clip(tracking.e[0], -0.5 * L, 0.5 * L), tracking.e[1], tracking.e[2]])
+        )
+        x, y = point_ahead(limited, tracking.forward_sign * L)
+        curvature = 2.0 * y / np.maximum(x * x + y * y, 0.25 * L * L) - tracking.kappa
+        return memory, (v_f + self.k_x * tracking.e[0], tracking.nu_f[2] + v_f * curvature)

@@ -51,10 +51,12 @@ class Stanley(ModelFollower):
     )
     steepest_rad: float = parameter("rad", "largest δ", low=0.01, high=1.5, default=0.8)
 
-    def velocity_law(self, memory: np.ndarray, now: Tracking) -> tuple[np.ndarray, Tree]:
+    def velocity_law(self, memory: np.ndarray, tracking: Tracking) -> tuple[np.ndarray, Tree]:
         """Return the unchanged memory, and the requested velocity (v, ω) [m/s, rad/s].  (1)"""
-        (e_x, e_y, _), (v_f, _, omega_f) = now.e, now.nu_f
-        y_f = e_y + now.ahead * self.axle_m * np.sin(now.e_chi)
-        delta = now.e_chi + now.ahead * np.arctan(self.k * y_f / (self.soft_m_s + np.abs(v_f)))
+        (e_x, e_y, _), (v_f, _, omega_f) = tracking.e, tracking.nu_f
+        y_f = e_y + tracking.forward_sign * self.axle_m * np.sin(tracking.e_chi)
+        delta = tracking.e_chi + tracking.forward_sign * np.arctan(
+            self.k * y_f / (self.soft_m_s + np.abs(v_f))
+        )
         delta = np.clip(delta, -self.steepest_rad, self.steepest_rad)
         return memory, (v_f + self.k_x * e_x, omega_f + np.abs(v_f) * np.sin(delta) / self.axle_m)

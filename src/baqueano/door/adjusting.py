@@ -15,7 +15,7 @@ import numpy as np
 from baqueano.contracts import optional
 from baqueano.contracts.values import Tree
 from baqueano.diagnostics import Diagnostic, Severity, fault, note
-from baqueano.door.frames.descriptions import numbers_in
+from baqueano.door.frames.descriptions import adjustable_names
 from baqueano.drive.budget import BudgetedBlock
 from baqueano.drive.observers import LastLine, Observer
 from baqueano.errors import Invalid
@@ -51,21 +51,21 @@ class Adjustable:
 
         Raise Invalid if the path or the value is not allowed.
         """
-        own = getattr(self.block, "block", self.block)
-        room, _, name = path.partition(".")
-        paths = [f"{ROOM}.{name}" for name in numbers_in(own)]
-        if room != ROOM or path not in paths:
+        inner_block = getattr(self.block, "block", self.block)
+        role, _, name = path.partition(".")
+        paths = [f"{ROOM}.{name}" for name in adjustable_names(inner_block)]
+        if role != ROOM or path not in paths:
             raise Invalid(fault("door.not-settable", path=repr(path), known=paths))
-        before = np.asarray(getattr(own, name))
+        old_value = np.asarray(getattr(inner_block, name))
         try:
-            now = np.asarray(value, dtype=float)
+            new_value = np.asarray(value, dtype=float)
         except (TypeError, ValueError, OverflowError):
-            now = np.array(np.nan)
-        if now.shape != before.shape or not np.all(np.isfinite(now)):
+            new_value = np.array(np.nan)
+        if new_value.shape != old_value.shape or not np.all(np.isfinite(new_value)):
             raise Invalid(fault("door.not-a-number", name=path, found=repr(value)[:80]))
-        new_block = replace(own, **{name: float(now) if now.ndim == 0 else now})
+        new_block = replace(inner_block, **{name: float(new_value) if new_value.ndim == 0 else new_value})
         self.block = BudgetedBlock(new_block) if isinstance(self.block, BudgetedBlock) else new_block
-        return note("door.set", path=path, before=str(before.tolist()), now=str(now.tolist()))
+        return note("door.set", path=path, before=str(old_value.tolist()), now=str(new_value.tolist()))
 
 
 class Adjusting(Observer):
@@ -92,15 +92,15 @@ class Adjusting(Observer):
     def events(self) -> list[LastLine]:
         lines: list[LastLine] = []
         while self._blocks:
-            room, kind = self._blocks.popitem()
-            lines.append((SWAP, str(Severity.INFO), note("door.swapped", room=room, kind=kind)))
+            role, kind = self._blocks.popitem()
+            lines.append((SWAP, str(Severity.INFO), note("door.swapped", room=role, kind=kind)))
         for path, value in self._operator.changes():
             try:
-                message, level = self._change(path, value), Severity.INFO
+                diagnostic, level = self._change(path, value), Severity.INFO
             except Invalid as error:
-                message, level = error.diagnostic, Severity.WARNING
-            self._tell({"is": "event", "level": str(level), "said": message})
-            lines.append((SOURCE, str(level), message))
+                diagnostic, level = error.diagnostic, Severity.WARNING
+            self._tell({"is": "event", "level": str(level), "said": diagnostic})
+            lines.append((SOURCE, str(level), diagnostic))
         return lines
 
     def _change(self, path: str, value: object) -> Diagnostic:
@@ -117,5 +117,5 @@ class Adjusting(Observer):
         if not 0.0 <= pace <= 1.0:
             raise Invalid(fault("door.guide-pace", found=repr(value)[:80]))
         self._set_pace(WHO, pace)
-        before, self._pace = self._pace, pace
-        return note("door.set", path=path, before=str(before), now=str(pace))
+        old_pace, self._pace = self._pace, pace
+        return note("door.set", path=path, before=str(old_pace), now=str(pace))

@@ -12,9 +12,9 @@ from baqueano.door.wire import encode
 from baqueano.errors import Invalid
 from baqueano.runs.folder import is_name
 
-CHUNK = 48 << 10  # bytes of a run in one message
-FRESH_S = 0.2  # the list of runs is not read again within this time
-MOST_FETCHES = 8  # transfers at the same time
+CHUNK_BYTES = 48 << 10  # bytes of a run in one message
+LIST_LIFETIME_S = 0.2  # the list of runs is not read again within this time
+MAX_FETCHES = 8  # transfers at the same time
 WAIT_S = 0.01
 
 
@@ -26,22 +26,22 @@ class RunFiles:
         self._open_run: str | None = None  # the run that is being written
         self._list = b""
         self._looked_s = float("-inf")
-        self._fetches = threading.BoundedSemaphore(MOST_FETCHES)
+        self._fetches = threading.BoundedSemaphore(MAX_FETCHES)
 
-    def invalidate(self, written: str | None) -> None:
-        """Read the folder again at the next request; `written` names the run that is being written."""
-        self._open_run, self._looked_s = written, float("-inf")
+    def invalidate(self, written_run: str | None) -> None:
+        """Read the folder again at the next request; `written_run` names the run that is being written."""
+        self._open_run, self._looked_s = written_run, float("-inf")
 
     def list(self) -> bytes:
-        """Return the names of the complete runs as an encoded message, which is at most FRESH_S old."""
-        if time.monotonic() - self._looked_s > FRESH_S:
+        """Return the names of the complete runs as an encoded message, which is at most LIST_LIFETIME_S old."""
+        if time.monotonic() - self._looked_s > LIST_LIFETIME_S:
             paths = (p.name for p in self.folder.glob("*.mcap") if not p.is_symlink())
             names = sorted(name for name in paths if is_name(name) and name != self._open_run)
             self._list, self._looked_s = encode({"is": "runs", "runs": names}), time.monotonic()
         return self._list
 
-    def fetch(self, guest: Guest, name: str, stays: Callable[[Guest], bool]) -> None:
-        """Send a run in chunks to a guest while `stays` returns True for it; the last chunk has `left` 0.
+    def fetch(self, guest: Guest, name: str, is_connected: Callable[[Guest], bool]) -> None:
+        """Send a run in chunks to a guest while `is_connected` returns True for it; the last chunk has `left` 0.
 
         A thread sends each chunk once few bytes wait for the guest. Raise Invalid if the run does not exist or too many
         transfers are under way.
@@ -50,23 +50,23 @@ class RunFiles:
         if not is_name(name) or path.is_symlink() or not path.is_file():
             raise Invalid(fault("door.no-run", run=repr(name)))
         if not self._fetches.acquire(blocking=False):
-            raise Invalid(fault("door.many-fetches", most=MOST_FETCHES))
+            raise Invalid(fault("door.many-fetches", most=MAX_FETCHES))
         try:
-            file = path.open("rb")
+            run_file = path.open("rb")
         except OSError:
             self._fetches.release()
             raise
 
         def pieces() -> None:
-            with file:
-                remaining, last = path.stat().st_size, False
-                while not last and stays(guest):
-                    if guest.waiting > 4 * CHUNK:
+            with run_file:
+                remaining, is_last = path.stat().st_size, False
+                while not is_last and is_connected(guest):
+                    if guest.waiting > 4 * CHUNK_BYTES:
                         time.sleep(WAIT_S)
                         continue
-                    data = file.read(min(CHUNK, remaining))
+                    data = run_file.read(min(CHUNK_BYTES, remaining))
                     remaining = remaining - len(data) if data else 0
-                    last = remaining == 0
+                    is_last = remaining == 0
                     guest.enqueue(
                         {
                             "is": "file",

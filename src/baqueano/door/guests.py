@@ -1,8 +1,8 @@
 """One connection to the door: received bytes are cut into lines, and messages are sent completely and in order.
 
-lines     at most BACKLOG lines wait, with LONG bytes in total, and one mission; further lines are dropped,
+lines     at most MAX_BACKLOG lines wait, with LONG_BYTES bytes in total, and one mission; further lines are dropped,
           except a stop                                                                                          (1)
-messages  at most PENDING bytes wait; a guest for which more bytes wait is disconnected                          (2)
+messages  at most MAX_PENDING_BYTES bytes wait; a guest for which more bytes wait is disconnected                (2)
 frame     a frame is sent only if no other message waits, so that each frame is recent                           (3)
 """
 
@@ -18,19 +18,19 @@ from baqueano.door.wire import encode
 if TYPE_CHECKING:
     from baqueano.contracts.values import JsonObject
 
-LONG = 64 << 10  # bytes; a longer line can only be a mission
-LONGEST = 64 << 20  # largest number of bytes of a line: an hour of commands
-PENDING = 1 << 20  # bytes that wait for a guest that does not read
-PIECE = 16 << 10  # bytes that are read at once
-BACKLOG = 256  # most lines that wait
-STOP = re.compile(rb'"do"\s*:\s*"stop"')  # each stop contains this; a line that contains it is read at once
+LONG_BYTES = 64 << 10  # bytes; a longer line can only be a mission
+MAX_BYTES = 64 << 20  # largest number of bytes of a line: an hour of commands
+MAX_PENDING_BYTES = 1 << 20  # bytes that wait for a guest that does not read
+READ_BYTES = 16 << 10  # bytes that are read at once
+MAX_BACKLOG = 256  # most lines that wait
+STOP_PATTERN = re.compile(rb'"do"\s*:\s*"stop"')  # in each stop; a line that contains it is read at once
 
 
 class Guest:
     """A connection. Only the door's thread may use its lines; any thread may call `enqueue`."""
 
-    def __init__(self, line: socket.socket) -> None:
-        self.line = line
+    def __init__(self, connection: socket.socket) -> None:
+        self.line = connection
         self.lines: deque[bytes] = deque()
         self.dropped = 0  # lines dropped since the last refusal
         self.answered = -1  # number of the last answered line, counted over all guests
@@ -40,7 +40,9 @@ class Guest:
         self.drive, self.shown = -1, 0  # the drive that was described to it; rows of it that were sent
         self._coming = bytearray()  # the begin of a line
         self._backlog = 0  # bytes of the waiting lines, without the mission
-        self._mission = False  # a line longer than LONG waits, after which heartbeats must not be dropped
+        self._mission = (
+            False  # a line longer than LONG_BYTES waits, after which heartbeats must not be dropped
+        )
         self._going: deque[bytes] = deque()
         self._sent_bytes, self._waiting = 0, 0  # bytes sent of the first message; bytes of all messages
         self._lock = threading.Lock()
@@ -53,7 +55,7 @@ class Guest:
     @property
     def is_overloaded(self) -> bool:
         """Return True if too many bytes wait to be sent to the guest.  (2)"""
-        return self._waiting > PENDING
+        return self._waiting > MAX_PENDING_BYTES
 
     @property
     def waiting(self) -> int:
@@ -81,22 +83,26 @@ class Guest:
         Raise OSError if the connection has ended.
         """
         try:
-            data = self.line.recv(PIECE)
+            data = self.line.recv(READ_BYTES)
         except BlockingIOError:
             return
         if not data:
             raise ConnectionResetError
-        head, newline, rest = data.partition(b"\n")
+        head, newline, remainder = data.partition(b"\n")
         self._coming += head
         if not newline:
             return
-        first, (middle, more, tail) = bytes(self._coming), rest.rpartition(b"\n")
+        first_part, (middle_part, separator, tail) = bytes(self._coming), remainder.rpartition(b"\n")
         self._coming = bytearray(tail)
-        if len(self.lines) >= BACKLOG and not STOP.search(first) and not STOP.search(middle):
-            self.dropped += 1 + (middle.count(b"\n") + 1 if more else 0)
+        if (
+            len(self.lines) >= MAX_BACKLOG
+            and not STOP_PATTERN.search(first_part)
+            and not STOP_PATTERN.search(middle_part)
+        ):
+            self.dropped += 1 + (middle_part.count(b"\n") + 1 if separator else 0)
             return
-        for line in [first, *(middle.split(b"\n") if more else [])]:
-            if STOP.search(line):
+        for line in [first_part, *(middle_part.split(b"\n") if separator else [])]:
+            if STOP_PATTERN.search(line):
                 yield line
             elif self._has_room(line):
                 self.lines.append(line)
@@ -111,12 +117,12 @@ class Guest:
         return line
 
     def _has_room(self, line: bytes) -> bool:
-        if len(self.lines) >= BACKLOG:
+        if len(self.lines) >= MAX_BACKLOG:
             return False
-        return self._backlog < LONG if len(line) <= LONG else not self._mission
+        return self._backlog < LONG_BYTES if len(line) <= LONG_BYTES else not self._mission
 
     def _count(self, line: bytes, sign: int) -> None:
-        if len(line) > LONG:
+        if len(line) > LONG_BYTES:
             self._mission = sign > 0
         else:
             self._backlog += sign * len(line)
@@ -125,11 +131,11 @@ class Guest:
         """Send as many waiting bytes as the socket accepts. Raise OSError if the connection has ended."""
         with self._lock:
             while self._going:
-                first = self._going[0]
+                first_line = self._going[0]
                 try:
-                    self._sent_bytes += self.line.send(memoryview(first)[self._sent_bytes :])
+                    self._sent_bytes += self.line.send(memoryview(first_line)[self._sent_bytes :])
                 except BlockingIOError:
                     return
-                if self._sent_bytes >= len(first):
+                if self._sent_bytes >= len(first_line):
                     self._going.popleft()
-                    self._waiting, self._sent_bytes = self._waiting - len(first), 0
+                    self._waiting, self._sent_bytes = self._waiting - len(first_line), 0

@@ -19,8 +19,8 @@ import numpy as np
 from baqueano.diagnostics import Diagnostic, Severity, StopReason, note, stop
 from baqueano.errors import SafetyStop
 
-STOP = "baqueano robot stop"
-MOST_CHANGES = 64  # most changes of gains that wait for the next tick
+STOP_COMMAND = "baqueano robot stop"
+MAX_CHANGES = 64  # most changes of gains that wait for the next tick
 SILENCE_S = 0.4  # 0.5 s is guaranteed; the loop and the firmware need the rest
 
 
@@ -40,7 +40,7 @@ class Operator:
         self._stop: Diagnostic | None = None
         self._quit, self.clear_requested = False, False  # the last: a client has requested to clear a stop
         self._marks = 0
-        self._changes: deque[tuple[str, object]] = deque(maxlen=MOST_CHANGES)
+        self._changes: deque[tuple[str, object]] = deque(maxlen=MAX_CHANGES)
         self._busy = False  # a mission is driven or waits
 
     # called by the door
@@ -56,7 +56,7 @@ class Operator:
         Raise SafetyStop while another client is the holder.
         """
         with self._lock:
-            self._nobody_but(guest)
+            self._check_only_holder(guest)
             self._holder = guest
             self._silence_s = SILENCE_S if silence_s is None else silence_s
         self.sign_of_life(guest)
@@ -95,8 +95,8 @@ class Operator:
             if (
                 self._busy and self._holder is None
             ):  # its holder has disconnected: heartbeats of a new holder must not keep it alive
-                raise SafetyStop(note("door.mission", Severity.ERROR, STOP))
-            self._nobody_but(guest)
+                raise SafetyStop(note("door.mission", Severity.ERROR, STOP_COMMAND))
+            self._check_only_holder(guest)
 
     def queue_mission(
         self,
@@ -153,8 +153,8 @@ class Operator:
     def command(self, n: int) -> np.ndarray:
         """Return the present command (n,) of the holder, zeros if it is too old or has another length.  (2)"""
         u = self._u
-        fresh = u is not None and len(u) == n and self._now_ns() - self._u_ns <= self._silence_s * 1e9
-        return u.copy() if fresh and u is not None else np.zeros(n)
+        is_fresh = u is not None and len(u) == n and self._now_ns() - self._u_ns <= self._silence_s * 1e9
+        return u.copy() if is_fresh and u is not None else np.zeros(n)
 
     @property
     def done(self) -> bool:
@@ -178,10 +178,10 @@ class Operator:
         """Return the gains set since the last call, as (path, value)."""
         return [self._changes.popleft() for _ in range(len(self._changes))]
 
-    def marks(self) -> int:
+    def pop_mark_count(self) -> int:
         """Return the number of marks by the holder since the last call."""
-        marks, self._marks = self._marks, 0
-        return marks
+        mark_count, self._marks = self._marks, 0
+        return mark_count
 
     def forget(self, reason: Diagnostic | None) -> None:
         """Clear the command, the requests to end or to clear, and the stop for `reason`; another stop remains."""
@@ -193,9 +193,9 @@ class Operator:
         """Record that the mission has ended, so that another may be requested."""
         self._busy = False
 
-    def _nobody_but(self, client: object) -> None:
+    def _check_only_holder(self, client: object) -> None:
         if self._holder is None or self._holder is client:
             return
         if self._busy:
-            raise SafetyStop(note("door.somebody", Severity.ERROR, STOP))
+            raise SafetyStop(note("door.somebody", Severity.ERROR, STOP_COMMAND))
         raise SafetyStop(note("door.somebody-waits", Severity.ERROR))

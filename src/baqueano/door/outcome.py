@@ -3,7 +3,7 @@
 from collections.abc import Callable
 
 from baqueano.diagnostics import Diagnostic, Severity, note
-from baqueano.errors import BaqueanoError, error_text, from_outside, in_users_file
+from baqueano.errors import BaqueanoError, error_text, from_outside, user_code_place
 
 
 def outcome_of(drive: Callable[[], Diagnostic | None]) -> tuple[Diagnostic | None, int]:
@@ -18,6 +18,6 @@ def outcome_of(drive: Callable[[], Diagnostic | None]) -> tuple[Diagnostic | Non
     except BaseException as error:
         if from_outside(error):
             raise
-        if place := in_users_file(error):
-            return note("block.raised-outside", Severity.ERROR, place=place, error=error_text(error)), 1
+        if location := user_code_place(error):
+            return note("block.raised-outside", Severity.ERROR, place=location, error=error_text(error)), 1
         return note("service.unforeseen", Severity.ERROR, error=error_text(error)), 1

@@ -9,38 +9,38 @@ from typing import BinaryIO
 
 from baqueano.errors import RobotUnreachable
 
-PIECE = 1 << 16
+READ_BYTES = 1 << 16
 
 
-def attach(path: Path, coming: BinaryIO, going: BinaryIO) -> None:
+def attach(path: Path, source: BinaryIO, sink: BinaryIO) -> None:
     """Join a pair of pipes to the socket `path` of the service until one side ends.
 
     Raise RobotUnreachable if no service listens there.
     """
-    from baqueano.door.remote import nobody_there  # it loads numpy, which the page does not need
+    from baqueano.door.remote import not_reachable  # it loads numpy, which the page does not need
 
     line = socket.socket(socket.AF_UNIX)
     try:
         line.connect(str(path))
     except OSError as error:
-        from baqueano.door.remote import nobody_there  # it reads runs, which a page process does not
+        from baqueano.door.remote import not_reachable  # it reads runs, which a page process does not
 
-        raise RobotUnreachable(nobody_there(path, error)) from error
-    join(line, coming, going)
+        raise RobotUnreachable(not_reachable(path, error)) from error
+    join(line, source, sink)
 
 
-def join(line: socket.socket, coming: BinaryIO, going: BinaryIO) -> None:
+def join(connection: socket.socket, source: BinaryIO, sink: BinaryIO) -> None:
     """Forward the bytes in both directions until one side ends."""
 
-    def back() -> None:
+    def forward_answers() -> None:
         with suppress(OSError, ValueError):
-            while data := line.recv(PIECE):
-                going.write(data)
-                going.flush()
+            while data := connection.recv(READ_BYTES):
+                sink.write(data)
+                sink.flush()
 
-    backwards = threading.Thread(target=back, name="pipe", daemon=True)
+    backwards = threading.Thread(target=forward_answers, name="pipe", daemon=True)
     backwards.start()
-    with line, suppress(OSError):
-        while data := os.read(coming.fileno(), PIECE):
-            line.sendall(data)
-        line.shutdown(socket.SHUT_RDWR)
+    with connection, suppress(OSError):
+        while data := os.read(source.fileno(), READ_BYTES):
+            connection.sendall(data)
+        connection.shutdown(socket.SHUT_RDWR)

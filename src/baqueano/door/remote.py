@@ -1,7 +1,7 @@
 """Drive the vehicle from the laptop: send a mission by ssh, then heartbeats, and receive its run.
 
   ssh HOST baqueano robot attach       joins the two ends; only ssh listens on the network
-  a heartbeat every BEAT_S             the vehicle stops SILENCE_S after the last one (operator.py)
+  a heartbeat every BEAT_PERIOD_S      the vehicle stops SILENCE_S after the last one (operator.py)
 
 HOST is an address for ssh, also user@name:port; "here" is the vehicle itself, and a path is the socket of its service.
 """
@@ -23,51 +23,51 @@ from uuid import uuid4
 from baqueano.diagnostics import Diagnostic, Severity, StopReason, fault, note
 from baqueano.diagnostics import stop as because
 from baqueano.door import SOCKET, VERSION
-from baqueano.door.ssh import there
+from baqueano.door.ssh import host_args
 from baqueano.door.states import DoorState
 from baqueano.door.wire import decode, encode
-from baqueano.errors import AnswerNo, FileError, RobotUnreachable, SafetyStop, UsageError, of_code
+from baqueano.errors import AnswerNo, FileError, RobotUnreachable, SafetyStop, UsageError, error_of_exit_code
 from baqueano.messages import text
 from baqueano.messages.printable import baqueano_command, printable
 from baqueano.runs import Run, read_run
-from baqueano.runs.appearing import appearing
+from baqueano.runs.appearing import write_then_appear
 from baqueano.runs.folder import is_name
 
 if TYPE_CHECKING:
     from baqueano.contracts.values import JsonObject, TableRow
     from baqueano.drive.mission import Mission
 
-BEAT_S = 0.1
-HAND_S = 0.02  # between set-points of a person who drives
-PING_S = 0.5
-GREETING_S = 15.0  # ssh exchanges keys, and a Pi starts Python
+BEAT_PERIOD_S = 0.1
+SET_POINT_PERIOD_S = 0.02  # between set-points of a person who drives
+PING_PERIOD_S = 0.5
+GREETING_TIMEOUT_S = 15.0  # ssh exchanges keys, and a Pi starts Python
 # from an acknowledged stop to STOPPED; the motors are off earlier, and the run is closed first
-STOP_S = 10.0
-LONGEST_LINE = 1 << 20  # bytes of a message; a piece of a run has 64 kB
-LONGEST_RUN = 4 << 30  # bytes: two days of driving
-WAITING = 256  # most messages that wait for the reader; further states are dropped, others wait outside
-ATTACH = "exec baqueano robot attach"
+STOP_TIMEOUT_S = 10.0
+MAX_LINE_BYTES = 1 << 20  # bytes of a message; a piece of a run has 64 kB
+MAX_RUN_BYTES = 4 << 30  # bytes: two days of driving
+MAX_WAITING = 256  # messages that wait for the reader; further states are dropped, others wait outside
+ATTACH_COMMAND = "exec baqueano robot attach"
 
 
 class Remote:
     """A connection to a vehicle."""
 
-    def __init__(self, to: BinaryIO, source: BinaryIO, name: str) -> None:
+    def __init__(self, sink: BinaryIO, source: BinaryIO, name: str) -> None:
         self.name, self.inbox = name, queue.SimpleQueue()
         self.state: JsonObject = {}
         self.acknowledged = ""  # the last acknowledged message
         self.on_message: Callable[[JsonObject], object] = lambda message: None  # receives each message
         self.link_ms, self._pinged_s = float("nan"), float("-inf")
-        self._to, self._of, self._lock = to, source, threading.Lock()
-        self._hearing = threading.Thread(target=self._hear, name="vehicle", daemon=True)
+        self._sink, self._source, self._lock = sink, source, threading.Lock()
+        self._hearing = threading.Thread(target=self._read_messages, name="vehicle", daemon=True)
         self._hearing.start()
 
     def send(self, **words: Any) -> None:
         """Send a message to the vehicle. Raise RobotUnreachable if the connection does not accept it."""
         with self._lock:
             try:
-                self._to.write(encode(words))
-                self._to.flush()
+                self._sink.write(encode(words))
+                self._sink.flush()
             except (OSError, ValueError) as error:
                 raise RobotUnreachable(fault("remote.gone", host=self.name, error=error)) from error
 
@@ -76,10 +76,10 @@ class Remote:
 
         Raise RobotUnreachable if no such message arrives within `within_s`, or if the connection ends.
         """
-        end = time.monotonic() + within_s
+        end_s = time.monotonic() + within_s
         while True:
             try:
-                message = self.inbox.get(timeout=max(0.0, end - time.monotonic()))
+                message = self.inbox.get(timeout=max(0.0, end_s - time.monotonic()))
             except queue.Empty:
                 raise RobotUnreachable(fault("remote.silent", host=self.name, within_s=within_s)) from None
             if message is None:
@@ -96,14 +96,14 @@ class Remote:
             if message["is"] in kinds:
                 return message
             if message["is"] == "no":
-                raise of_code(int(message.get("code", 1)), message.get("about") or message["why"])
+                raise error_of_exit_code(int(message.get("code", 1)), message.get("about") or message["why"])
 
-    def wait(self, true: Callable[[], bool], within_s: float) -> bool:
-        """Receive states and acknowledgements until `true` returns True; return False after `within_s`."""
-        end = time.monotonic() + within_s
-        while not true():
+    def wait(self, condition: Callable[[], bool], within_s: float) -> bool:
+        """Receive states and acknowledgements until `condition` returns True; return False after `within_s`."""
+        end_s = time.monotonic() + within_s
+        while not condition():
             try:
-                self.receive(("state", "heard"), end - time.monotonic())
+                self.receive(("state", "heard"), end_s - time.monotonic())
             except RobotUnreachable:
                 if not self._hearing.is_alive():
                     raise
@@ -138,7 +138,7 @@ class Remote:
             self.fetch(outcome["run"], path)
         reason, code = outcome["why"], int(outcome.get("code", 0))
         if outcome["run"] is None or code:
-            raise of_code(code or SafetyStop.exit_code, reason or "")
+            raise error_of_exit_code(code or SafetyStop.exit_code, reason or "")
         return read_run(path)
 
     def _await_end(
@@ -161,10 +161,10 @@ class Remote:
                     self.send(do="hand", u=[float(x) for x in hand()])
                 else:
                     self.send(do="beat")
-                for word in words():
-                    self.send(**word)
+                for request in words():
+                    self.send(**request)
                 self._ping()
-                message = self._next(BEAT_S if hand is None or ending else HAND_S)
+                message = self._next_message(BEAT_PERIOD_S if hand is None or ending else SET_POINT_PERIOD_S)
                 on_state(self.state | {"link_ms": self.link_ms})
                 if message is None:
                     progress(time.monotonic() - start_s)
@@ -181,9 +181,9 @@ class Remote:
     def _check_version(self) -> None:
         """Raise UsageError if the vehicle uses another version of the protocol, which this program cannot read."""
         if (robot_version := self.state.get("door", 1)) != VERSION:
-            figures = {"host": self.name, "theirs": str(robot_version), "ours": VERSION}
+            values = {"host": self.name, "theirs": str(robot_version), "ours": VERSION}
             fix = baqueano_command("robot", "setup", self.name)
-            raise UsageError(note("door.version-of-robot", Severity.ERROR, fix, **figures))
+            raise UsageError(note("door.version-of-robot", Severity.ERROR, fix, **values))
 
     def _drop_old_messages(self) -> None:
         """Drop the received messages, which belong to other drives, and store the newest state."""
@@ -197,11 +197,11 @@ class Remote:
 
     def _ping(self) -> None:
         """Send a ping if one is due."""
-        if time.monotonic() - self._pinged_s >= PING_S:
+        if time.monotonic() - self._pinged_s >= PING_PERIOD_S:
             self._pinged_s = time.monotonic()
             self.send(do="ping", token=self._pinged_s)
 
-    def _next(self, within_s: float) -> "JsonObject | None":
+    def _next_message(self, within_s: float) -> "JsonObject | None":
         try:
             message = self.receive(("event", "done", "pong"), within_s)
             if message["is"] != "pong":
@@ -223,16 +223,16 @@ class Remote:
         if not is_name(run):
             raise FileError(fault("remote.run-name", host=self.name, run=run))
         path.parent.mkdir(parents=True, exist_ok=True)
-        with appearing(path) as file:
+        with write_then_appear(path) as run_file:
             self.send(do="fetch", run=run)
             for piece in self._pieces(run, shutil.disk_usage(path.parent).free):
-                file.write(piece)
+                run_file.write(piece)
         return path
 
-    def _pieces(self, run: str, most: int) -> Iterator[bytes]:
+    def _pieces(self, run: str, max_bytes: int) -> Iterator[bytes]:
         """Yield a run in pieces.
 
-        Raise FileError if it has more than `most` bytes, RobotUnreachable if its pieces are not consistent.
+        Raise FileError if it has more than `max_bytes` bytes, RobotUnreachable if its pieces are not consistent.
         """
         size, received_bytes = None, 0
         while size is None or received_bytes < size:
@@ -243,15 +243,15 @@ class Remote:
                 piece, message["left"] = b"", -1
             received_bytes += len(piece)
             size = received_bytes + message["left"] if size is None else size
-            if size > min(most, LONGEST_RUN):
+            if size > min(max_bytes, MAX_RUN_BYTES):
                 raise FileError(
                     fault(
                         "remote.run-too-long",
                         run=run,
                         host=self.name,
                         size_mb=size / 1000000.0,
-                        free_mb=most / 1000000.0,
-                        longest_gb=LONGEST_RUN >> 30,
+                        free_mb=max_bytes / 1000000.0,
+                        longest_gb=MAX_RUN_BYTES >> 30,
                     )
                 )
             if received_bytes + message["left"] != size or size < 0 or (received_bytes < size and not piece):
@@ -263,14 +263,14 @@ class Remote:
         self.send(do="runs")
         return self.receive(("runs",), 10.0)["runs"]
 
-    def _hear(self) -> None:
+    def _read_messages(self) -> None:
         with suppress(OSError, ValueError):
-            while (line := self._of.readline(LONGEST_LINE)).endswith(b"\n"):
+            while (line := self._source.readline(MAX_LINE_BYTES)).endswith(b"\n"):
                 if (message := decode(line)) is None:
                     continue
-                while message["is"] != "state" and self.inbox.qsize() >= WAITING:  # the reader is busy
-                    time.sleep(HAND_S)
-                if self.inbox.qsize() < WAITING:
+                while message["is"] != "state" and self.inbox.qsize() >= MAX_WAITING:  # the reader is busy
+                    time.sleep(SET_POINT_PERIOD_S)
+                if self.inbox.qsize() < MAX_WAITING:
                     self.inbox.put(message)
         self.inbox.put(None)
 
@@ -280,14 +280,14 @@ def connect(host: str, **first: Any) -> Iterator[Remote]:
     """Connect to the vehicle at HOST: an address for ssh, "here", or the path of its service's socket.
 
     The message `first`, if given, is sent before any message is received. Raise RobotUnreachable, with the message of
-    ssh, if the vehicle does not answer within GREETING_S.
+    ssh, if the vehicle does not answer within GREETING_TIMEOUT_S.
 
     >>> with connect("here") as robot:
     ...     print(robot.state["state"], robot.runs())
     READY ['0001-experiment.mcap']
     """
     if host == "here" or ("/" in host and not host.startswith("-")):
-        with _near(SOCKET if host == "here" else Path(host), first) as remote:
+        with _local_remote(SOCKET if host == "here" else Path(host), first) as remote:
             yield remote
         return
     command = _ssh(host)
@@ -312,50 +312,50 @@ def connect(host: str, **first: Any) -> Iterator[Remote]:
 
 
 @contextmanager
-def _near(path: Path, first: "JsonObject") -> Iterator[Remote]:
+def _local_remote(path: Path, first: "JsonObject") -> Iterator[Remote]:
     if not hasattr(socket, "AF_UNIX"):
         raise UsageError(fault("remote.no-sockets", path=path))
-    line = socket.socket(socket.AF_UNIX)
+    connection = socket.socket(socket.AF_UNIX)
     try:
-        line.connect(str(path))
+        connection.connect(str(path))
     except OSError as error:
-        line.close()
-        raise RobotUnreachable(nobody_there(path, error)) from error
-    with line, line.makefile("wb") as to, line.makefile("rb") as of:
-        remote = Remote(to, of, str(path))  # pyright: ignore[reportArgumentType]
+        connection.close()
+        raise RobotUnreachable(not_reachable(path, error)) from error
+    with connection, connection.makefile("wb") as sink, connection.makefile("rb") as source:
+        remote = Remote(sink, source, str(path))  # pyright: ignore[reportArgumentType]
         try:
             _greet(remote, first)
             yield remote
         finally:  # otherwise its thread would wait for a message without end
             with suppress(OSError):
-                to.close()  # a message that is no longer accepted is dropped
+                sink.close()  # a message that is no longer accepted is dropped
             with suppress(OSError):
-                line.shutdown(socket.SHUT_RDWR)
+                connection.shutdown(socket.SHUT_RDWR)
 
 
 def stop(host: str, reason: Diagnostic) -> "JsonObject":
     """Stop the vehicle at HOST, and return its state once it is STOPPED.
 
-    Raise AnswerNo if it acknowledged the stop but was not STOPPED within STOP_S. That can happen while a drive is being
-    prepared: it then ends later, before the vehicle moves. Raise RobotUnreachable if the vehicle did not acknowledge
-    the stop.
+    Raise AnswerNo if it acknowledged the stop but was not STOPPED within STOP_TIMEOUT_S. That can happen while a
+    drive is being prepared: it then ends later, before the vehicle moves. Raise RobotUnreachable if the vehicle did
+    not acknowledge the stop.
     """
     with connect(host, do="stop", why=reason) as remote:
-        if not remote.wait(lambda: remote.acknowledged == "stop" or _is_stopped(remote), GREETING_S):
+        if not remote.wait(lambda: remote.acknowledged == "stop" or _is_stopped(remote), GREETING_TIMEOUT_S):
             raise RobotUnreachable(fault("remote.stop-not-heard", host=host))
-        if not remote.wait(lambda: _is_stopped(remote), STOP_S):
+        if not remote.wait(lambda: _is_stopped(remote), STOP_TIMEOUT_S):
             raise AnswerNo(
                 fault(
                     "remote.stop-not-seen",
                     host=host,
-                    within_s=STOP_S,
+                    within_s=STOP_TIMEOUT_S,
                     state=remote.state.get("state", "none"),
                 )
             )
         return remote.state
 
 
-def nobody_there(path: Path, error: OSError) -> Diagnostic:
+def not_reachable(path: Path, error: OSError) -> Diagnostic:
     """Return the diagnostic for a socket at which no service listens."""
     return fault("door.nobody", "systemctl status baqueano", path=path, error=error.strerror)
 
@@ -367,7 +367,7 @@ def _is_stopped(remote: Remote) -> bool:
 def _greet(remote: Remote, first: "JsonObject") -> None:
     if first:
         remote.send(**first)
-    remote.receive(("state", "heard"), GREETING_S)
+    remote.receive(("state", "heard"), GREETING_TIMEOUT_S)
 
 
 def _greet_ssh(remote: Remote, ssh: Any, first: "JsonObject") -> None:
@@ -375,7 +375,7 @@ def _greet_ssh(remote: Remote, ssh: Any, first: "JsonObject") -> None:
         _greet(remote, first)
     except RobotUnreachable as error:
         ssh.kill()
-        output = printable(ssh.stderr.read(LONGEST_LINE).decode(errors="replace").strip())
+        output = printable(ssh.stderr.read(MAX_LINE_BYTES).decode(errors="replace").strip())
         raise RobotUnreachable(
             fault(
                 "remote.unreachable",
@@ -389,4 +389,4 @@ def _greet_ssh(remote: Remote, ssh: Any, first: "JsonObject") -> None:
 def _ssh(host: str) -> list[str]:
     """Return the ssh command to the service at HOST, with options that end it if the network is lost."""
     options = ("BatchMode=yes", "ConnectTimeout=8", "ServerAliveInterval=1", "ServerAliveCountMax=3")
-    return ["ssh", "-T", *(x for option in options for x in ("-o", option)), *there(host), ATTACH]
+    return ["ssh", "-T", *(x for option in options for x in ("-o", option)), *host_args(host), ATTACH_COMMAND]

@@ -1,7 +1,7 @@
 """Run a command at a vehicle, and end it once its user is lost: by Ctrl-C, a lost connection, or a dead laptop.
 
   ssh ends      only the command's stdin ends: without a terminal no signal arrives                             (1)
-  Wi-Fi ends    sshd may wait for hours, so a heartbeat is written to the command's stdin each BEAT_S           (2)
+  Wi-Fi ends    sshd may wait for hours, so a heartbeat is written to the command's stdin each BEAT_PERIOD_S   (2)
   HUP, TERM     the terminal has hung up, or the machine is switched off                                        (3)
 
 (1) applies only to a pipe or a socket, because /dev/null, a file or a terminal cannot be closed from the other end. (2)
@@ -24,31 +24,31 @@ from types import FrameType
 from baqueano.door.ssh import answer, print_streams
 from baqueano.messages.language import translate as _
 
-BEAT_S = 0.5
-SILENCE_S = 2.0  # Wi-Fi is sometimes interrupted for half a second
-LOOK_S = 0.1
-ENDING_S = 15.0  # time for the other end to clean up
+BEAT_PERIOD_S = 0.5
+MAX_SILENCE_S = 2.0  # Wi-Fi is sometimes interrupted for half a second
+POLL_PERIOD_S = 0.1
+ENDING_TIMEOUT_S = 15.0  # time for the other end to clean up
 STDIN = 0
 
 
 def answer_of(command: list[str]) -> tuple[bytes, int]:
     """Run a program, and return its stdout and its exit code; show its stderr as it arrives.
 
-    During this time heartbeats are written to its stdin. Ctrl-C ends them and waits up to ENDING_S for the program, so
-    that its last messages are shown. A second Ctrl-C ends the wait.
+    During this time heartbeats are written to its stdin. Ctrl-C ends them and waits up to ENDING_TIMEOUT_S for the
+    program, so that its last messages are shown. A second Ctrl-C ends the wait.
     """
     program = subprocess.Popen(
         command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=subprocess.PIPE, bufsize=0,
-        preexec_fn=_deaf_to_ctrl_c if os.name == "posix" else None,
+        preexec_fn=_ignore_ctrl_c if os.name == "posix" else None,
     )  # fmt: skip
     assert program.stdin is not None
     assert program.stdout is not None
     assert program.stderr is not None
-    over, beats = threading.Event(), program.stdin
+    is_over, beats = threading.Event(), program.stdin
 
     def beat() -> None:
         with suppress(OSError):
-            while not over.wait(BEAT_S):
+            while not is_over.wait(BEAT_PERIOD_S):
                 beats.write(b"\n")
 
     beating = threading.Thread(target=beat, name="sign of life", daemon=True)
@@ -57,20 +57,20 @@ def answer_of(command: list[str]) -> tuple[bytes, int]:
         try:
             return answer(program.stdout), program.wait()
         except KeyboardInterrupt:
-            over.set()
+            is_over.set()
             beating.join()
             beats.close()
             with suppress(subprocess.TimeoutExpired):
-                program.wait(ENDING_S)
+                program.wait(ENDING_TIMEOUT_S)
             raise
         finally:
-            over.set()
+            is_over.set()
             beating.join()
             program.kill()
             program.wait()
 
 
-def _deaf_to_ctrl_c() -> None:
+def _ignore_ctrl_c() -> None:
     """Ignore Ctrl-C in the child process; otherwise ssh ends at once, and the remote command cannot clean up."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
 
@@ -81,47 +81,49 @@ def interrupt_on_hangup(notify: Callable[[str], object]) -> Iterator[None]:
     if threading.current_thread() is not threading.main_thread() or not hasattr(signal, "SIGHUP"):
         yield
         return
-    over = threading.Event()
+    is_over = threading.Event()
 
     def interrupt(number: int, frame: FrameType | None) -> None:
-        for each in before:
-            signal.signal(each, signal.SIG_IGN)
+        for signal_number in previous_handlers:
+            signal.signal(signal_number, signal.SIG_IGN)
         raise KeyboardInterrupt
 
-    def look() -> None:
-        if _silent(over):
+    def poll() -> None:
+        if _is_silent(is_over):
             notify(_("the connection to the user was lost: this command ends"))
             signal.pthread_kill(threading.main_thread().ident or 0, signal.SIGHUP)
 
-    before = {number: signal.signal(number, interrupt) for number in (signal.SIGHUP, signal.SIGTERM)}
-    looking = threading.Thread(target=look, name="who asked", daemon=True)
+    previous_handlers = {
+        number: signal.signal(number, interrupt) for number in (signal.SIGHUP, signal.SIGTERM)
+    }
+    looking = threading.Thread(target=poll, name="who asked", daemon=True)
     looking.start()
     try:
         yield
     finally:
-        over.set()
+        is_over.set()
         looking.join()
-        for number, handler in before.items():
+        for number, handler in previous_handlers.items():
             signal.signal(number, handler)
 
 
-def _silent(over: threading.Event) -> bool:
-    """Wait until stdin or its heartbeats end, and return True; return False if `over` is set first.  (1), (2)
+def _is_silent(is_over: threading.Event) -> bool:
+    """Wait until stdin or its heartbeats end, and return True; return False if `is_over` is set first.  (1), (2)
 
     Return False at once if stdin cannot be closed from its other end.
     """
     try:
-        kind = os.fstat(STDIN).st_mode
+        mode = os.fstat(STDIN).st_mode
     except OSError:
         return False
-    if not stat.S_ISFIFO(kind) and not stat.S_ISSOCK(kind):
+    if not stat.S_ISFIFO(mode) and not stat.S_ISSOCK(mode):
         return False
     last_beat_s = float("inf")
-    while not over.is_set():
-        if select.select([STDIN], [], [], LOOK_S)[0]:
+    while not is_over.is_set():
+        if select.select([STDIN], [], [], POLL_PERIOD_S)[0]:
             if not os.read(STDIN, 4096):
                 return True
             last_beat_s = time.monotonic()
-        elif time.monotonic() - last_beat_s > SILENCE_S:
+        elif time.monotonic() - last_beat_s > MAX_SILENCE_S:
             return True
     return False

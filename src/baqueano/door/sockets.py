@@ -29,8 +29,8 @@ from typing import TYPE_CHECKING
 from baqueano.diagnostics import Diagnostic, Severity, StopReason, fault, note, stop
 from baqueano.door import VERSION
 from baqueano.door.files import RunFiles
-from baqueano.door.frames.rows import A_TURN, MOST_HZ, RING, Frames
-from baqueano.door.guests import LONG, LONGEST, Guest
+from baqueano.door.frames.rows import MAX_FRAME_RATE_HZ, RING_TICKS, TICKS_PER_TURN, Frames
+from baqueano.door.guests import LONG_BYTES, MAX_BYTES, Guest
 from baqueano.door.wire import encode
 from baqueano.errors import BaqueanoError, Invalid, RobotUnreachable, UsageError, error_text
 from baqueano.messages import text
@@ -39,27 +39,27 @@ if TYPE_CHECKING:
     from baqueano.contracts.values import JsonObject
     from baqueano.door.operator import Operator
 
-MOST_GUESTS = 32
-FOR_STOPS = 4  # extra connections, for SHORT_S each, so that a stop is accepted when all places are occupied
+MAX_GUESTS = 32
+STOP_CONNECTIONS = 4  # extra connections, for SHORT_S each, for a stop when all places are occupied
 SHORT_S, STOPPED_S = 1.0, 15.0  # time of an extra connection before a stop, and after it, to report STOPPED
-SHARE = 128  # most lines answered in a turn, of all guests together
-TURN_S = 0.002  # time limit of a turn; then stops and messages of the loop are handled first
+MAX_LINES = 128  # most lines answered in a turn, of all guests together
+MAX_TURN_S = 0.002  # time limit of a turn; then stops and messages of the loop are handled first
 LONGEST_ID, LOOK_S = 64, 5.0  # most letters of an id; longest wait, as a message to send wakes the door
-SWITCH_S = 5e-4  # the door and a computing loop wait at most this time for each other, not 5 ms
-BREATH_S = 0.001  # pause after a turn with many lines, so that the loop's thread runs
-SENT_AHEAD = 16 << 10  # bytes buffered by the system for a slow reader; more would delay its frames
-HIDDEN_S = 0.3  # silence of a page that drives, which stops the vehicle
-Word = Callable[[object, "JsonObject"], "JsonObject | None"]  # client and request → answer
+SWITCH_INTERVAL_S = 5e-4  # the door and a computing loop wait at most this time for each other, not 5 ms
+TURN_PAUSE_S = 0.001  # pause after a turn with many lines, so that the loop's thread runs
+SEND_BUFFER_BYTES = 16 << 10  # bytes buffered by the system for a slow reader; more would delay its frames
+MAX_HIDDEN_S = 0.3  # silence of a page that drives, which stops the vehicle
+Handler = Callable[[object, "JsonObject"], "JsonObject | None"]  # client and request → answer
 
 
 class Door:
     """A thread that serves clients at the socket `path`, if any. `words` has the handlers of further messages."""
 
     def __init__(
-        self, path: Path | None, operator: "Operator", folder: Path, words: Mapping[str, Word] | None = None
-    ) -> None:
+        self, path: Path | None, operator: "Operator", folder: Path, handlers: Mapping[str, Handler] | None = None,
+    ) -> None:  # fmt: skip
         self.path, self.operator, self.frames = path, operator, Frames()
-        self._words, self._files = dict(words or {}), RunFiles(folder, self._ring)
+        self._handlers, self._files = dict(handlers or {}), RunFiles(folder, self._ring)
         self._guests: set[Guest] = set()
         self._until: dict[Guest, float] = {}  # end of the connection of guests in extra places
         self._state: JsonObject = {}  # the last state sent
@@ -71,11 +71,11 @@ class Door:
         self._listener = None if path is None else _listening(path)
         self._bell, self._ear = socket.socketpair()
         self._selector = selectors.DefaultSelector()
-        for end in (self._bell, self._ear):
-            end.setblocking(False)
-        for end in (self._ear, *([] if self._listener is None else [self._listener])):
-            self._selector.register(end, selectors.EVENT_READ)
-        sys.setswitchinterval(SWITCH_S)
+        for socket_end in (self._bell, self._ear):
+            socket_end.setblocking(False)
+        for socket_end in (self._ear, *([] if self._listener is None else [self._listener])):
+            self._selector.register(socket_end, selectors.EVENT_READ)
+        sys.setswitchinterval(SWITCH_INTERVAL_S)
         self._thread = threading.Thread(target=self._work, name="door", daemon=True)
         self._thread.start()
 
@@ -84,9 +84,9 @@ class Door:
         self._outbox.append(message)
         self._ring()
 
-    def welcome(self, line: socket.socket) -> None:
+    def welcome(self, connection: socket.socket) -> None:
         """Add a connected socket as a client."""
-        self._coming.append(line)
+        self._coming.append(connection)
         self._ring()
 
     def close(self) -> None:
@@ -96,8 +96,8 @@ class Door:
         self._thread.join()
         for guest in list(self._guests):
             self._leave(guest)
-        for end in (self._bell, self._ear):
-            end.close()
+        for socket_end in (self._bell, self._ear):
+            socket_end.close()
         if self._listener is not None and self.path is not None:
             self._listener.close()
             self.path.unlink(missing_ok=True)
@@ -119,7 +119,7 @@ class Door:
                     with suppress(OSError):
                         self._ear.recv(4096)
                 else:
-                    self._hear(key.data)
+                    self._receive_from(key.data)
             while self._coming:
                 self._seat(self._coming.popleft())
             self._answer_all()
@@ -132,19 +132,19 @@ class Door:
 
     def _patience(self) -> float:
         """Return the time [s] for which the door may wait for an event."""
-        if self._busy >= SHARE // 2:
-            time.sleep(BREATH_S)
+        if self._busy >= MAX_LINES // 2:
+            time.sleep(TURN_PAUSE_S)
         if self._behind or self._coming or self._outbox or any(guest.lines for guest in self._guests):
             return 0.0
         fastest = max((guest.hz for guest in self._guests), default=0.0)
         if fastest <= 0.0:
             return SHORT_S if self._until else LOOK_S
-        now = time.monotonic()
-        return max(0.0, (int(now * fastest) + 1) / fastest - now)
+        now_s = time.monotonic()
+        return max(0.0, (int(now_s * fastest) + 1) / fastest - now_s)
 
     def _tell_all(self) -> bool:
         """Queue the outgoing messages for all guests; return True if there were any."""
-        before = len(self._outbox)
+        outbox_size = len(self._outbox)
         while self._outbox:
             message = self._outbox.popleft()
             if message["is"] in ("state", "done"):
@@ -156,30 +156,30 @@ class Door:
             line = encode(message)
             for guest in self._guests:
                 guest.send_line(line)
-        return before > 0
+        return outbox_size > 0
 
     def _accept(self) -> None:
         assert self._listener is not None
         with suppress(OSError):
             self._seat(self._listener.accept()[0])
 
-    def _seat(self, line: socket.socket) -> None:
-        line.setblocking(False)
+    def _seat(self, connection: socket.socket) -> None:
+        connection.setblocking(False)
         with suppress(OSError):
-            line.setsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF, SENT_AHEAD)
-        guest = Guest(line)
-        if len(self._guests) - len(self._until) >= MOST_GUESTS:
-            if len(self._until) >= FOR_STOPS:
+            connection.setsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF, SEND_BUFFER_BYTES)
+        guest = Guest(connection)
+        if len(self._guests) - len(self._until) >= MAX_GUESTS:
+            if len(self._until) >= STOP_CONNECTIONS:
                 self._leave(min(self._until, key=self._until.__getitem__))
             self._until[guest] = time.monotonic() + SHORT_S
         elif self._state:
             guest.enqueue(self._state)
         self._guests.add(guest)
-        self._selector.register(line, selectors.EVENT_READ, guest)
+        self._selector.register(connection, selectors.EVENT_READ, guest)
 
     def _turn_away(self, guest: Guest) -> None:
         """Refuse and disconnect a guest that connected when all places were occupied; only its stops are accepted."""
-        self._refuse(guest, note("door.full", Severity.ERROR, most=MOST_GUESTS), 1)
+        self._refuse(guest, note("door.full", Severity.ERROR, most=MAX_GUESTS), 1)
         self._last_words(guest)
 
     def _last_words(self, guest: Guest) -> None:
@@ -187,49 +187,49 @@ class Door:
             guest.send()
         self._leave(guest)
 
-    def _hear(self, guest: Guest) -> None:
+    def _receive_from(self, guest: Guest) -> None:
         """Read the received bytes, and handle the stops in them."""
         if guest not in self._guests:
             return
         try:
             for line in guest.receive():
                 self._answer(guest, line)
-            if guest.coming > LONG:
+            if guest.coming > LONG_BYTES:
                 self._may_be_long(guest)
         except OSError:
             self._leave(guest)
 
     def _may_be_long(self, guest: Guest) -> None:
-        """Refuse a line longer than LONG, except one mission at a time, up to LONGEST, that would be accepted."""
+        """Refuse a line longer than LONG_BYTES, except one mission at a time, up to MAX_BYTES, if it is accepted."""
         try:
             self.operator.check_admission(guest)
-            busy = any(peer.coming > LONG for peer in self._guests if peer is not guest)
-            if busy or guest.coming > LONGEST:
-                raise Invalid(fault("door.too-long", most_kb=LONG >> 10))
+            is_busy = any(peer.coming > LONG_BYTES for peer in self._guests if peer is not guest)
+            if is_busy or guest.coming > MAX_BYTES:
+                raise Invalid(fault("door.too-long", most_kb=LONG_BYTES >> 10))
         except (BaqueanoError, Invalid) as error:
             self._refuse(guest, error.diagnostic, getattr(error, "exit_code", 2))
             self._last_words(guest)
 
     def _answer_all(self) -> None:
-        """Answer the waiting lines of all guests in turn, at most SHARE lines or TURN_S."""
+        """Answer the waiting lines of all guests in turn, at most MAX_LINES lines or MAX_TURN_S."""
         for guest in [peer for peer in self._until if peer.lines]:
             self._turn_away(guest)
-        self._busy, end_s = 0, time.monotonic() + TURN_S
-        busy = deque(sorted((peer for peer in self._guests if peer.lines), key=lambda peer: peer.answered))
-        while busy and self._busy < SHARE and (time.monotonic() < end_s or not self._busy):
-            guest = busy.popleft()
+        self._busy, end_s = 0, time.monotonic() + MAX_TURN_S
+        queue = deque(sorted((peer for peer in self._guests if peer.lines), key=lambda peer: peer.answered))
+        while queue and self._busy < MAX_LINES and (time.monotonic() < end_s or not self._busy):
+            guest = queue.popleft()
             self._busy, guest.answered = self._busy + 1, self._number
             self._number += 1
             self._answer(guest, guest.next())
             if guest.lines:
-                busy.append(guest)
+                queue.append(guest)
             elif guest.dropped:
                 self._refuse(guest, note("door.too-many", Severity.ERROR, dropped=guest.dropped), 1)
                 guest.dropped = 0
 
     def _answer(self, guest: Guest, line: bytes) -> None:
         try:
-            if len(line) > LONG:  # decoding blocks every thread, so check first if it would be refused
+            if len(line) > LONG_BYTES:  # decoding blocks every thread, so check first if it would be refused
                 self.operator.check_admission(guest)
             request = json.loads(line)
             self._do(guest, request, request["do"])
@@ -244,8 +244,8 @@ class Door:
         """Send a refusal; its sentence `why` is for clients of another version, which cannot read diagnostics."""
         guest.enqueue({"is": "no", "why": text(about), "about": about, "code": code})
 
-    def _do(self, guest: Guest, request: "JsonObject", word: str) -> None:
-        words: dict[str, Callable[[], object]] = {
+    def _do(self, guest: Guest, request: "JsonObject", verb: str) -> None:
+        actions: dict[str, Callable[[], object]] = {
             "mission": lambda: self._ask(guest, request),
             "hand": lambda: self.operator.set_command(guest, request["u"]),
             "beat": lambda: self.operator.sign_of_life(guest),
@@ -259,13 +259,13 @@ class Door:
             "watch": lambda: self._watch(guest, request),
             "set": lambda: self._set(guest, request),
         }
-        if word in self._words:
-            if (answer := self._words[word](guest, request)) is not None:
+        if verb in self._handlers:
+            if (answer := self._handlers[verb](guest, request)) is not None:
                 guest.enqueue(answer)
-        elif word in words:
-            words[word]()
+        elif verb in actions:
+            actions[verb]()
         else:
-            raise Invalid(fault("door.unknown-word", found=repr(word), known=[*words, *self._words]))
+            raise Invalid(fault("door.unknown-word", found=repr(verb), known=[*actions, *self._handlers]))
 
     def _ask(self, guest: Guest, request: "JsonObject") -> None:
         """Queue a mission. Raise UsageError if it is of another version of the protocol."""
@@ -274,7 +274,7 @@ class Door:
             raise UsageError(note("door.version", Severity.ERROR, fix, theirs=str(version), ours=VERSION))
         name, attended = str(request.get("id", ""))[:LONGEST_ID], bool(request.get("attended", True))
         mission = str(request["mission"]) if "mission" in request else json.dumps(request)
-        silence_s = HIDDEN_S if request.get("by") == "page" else None
+        silence_s = MAX_HIDDEN_S if request.get("by") == "page" else None
         self.operator.queue_mission(guest, mission, attended, name, silence_s)
 
     def _set(self, guest: Guest, request: "JsonObject") -> None:
@@ -288,9 +288,9 @@ class Door:
             self._until[guest] = time.monotonic() + STOPPED_S
 
     def _watch(self, guest: Guest, request: "JsonObject") -> None:
-        """Begin to send frames of the next ticks to a guest, at `hz`, at most MOST_HZ; 0 ends this."""
+        """Begin to send frames of the next ticks to a guest, at `hz`, at most MAX_FRAME_RATE_HZ; 0 ends this."""
         hz, names = float(request["hz"]), request.get("fields")
-        guest.hz, guest.drive = (min(hz, MOST_HZ) if hz > 0.0 else 0.0), -1
+        guest.hz, guest.drive = (min(hz, MAX_FRAME_RATE_HZ) if hz > 0.0 else 0.0), -1
         guest.names = None if names is None else tuple(map(str, names))
         drive, _ = self.frames.drive()
         if drive is not None and not any(peer.hz > 0.0 for peer in self._guests if peer is not guest):
@@ -299,7 +299,7 @@ class Door:
 
     def _introduce(self, guest: Guest) -> None:
         """Send a guest the description and the columns of the present drive, once per drive."""
-        drive, words = self.frames.drive()
+        drive, descriptions = self.frames.drive()
         if drive is None or drive.number == guest.drive or guest.hz <= 0.0:
             return
         guest.shown = drive.tick_count if guest.drive < 0 else 0
@@ -308,7 +308,7 @@ class Door:
         guest.columns = (
             None if guest.names is None else tuple(names.index(n) for n in guest.names if n in names)
         )
-        for message in words:
+        for message in descriptions:
             if message["is"] == "fields" and guest.columns is not None:
                 selection = {
                     name: [message[name][c] for c in guest.columns] for name in ("names", "units", "kinds")
@@ -322,14 +322,14 @@ class Door:
         (drive, _), frames_by_columns, self._behind = self.frames.drive(), {}, False
         if drive is None or not watching:
             return
-        self._behind = drive.make(RING if at_once else A_TURN)
-        now = time.monotonic()
+        self._behind = drive.make(RING_TICKS if at_once else TICKS_PER_TURN)
+        now_s = time.monotonic()
         for guest in watching:
             self._introduce(guest)
-            reads = guest.waiting <= SENT_AHEAD if at_once else not guest.has_output
-            if not reads or (int(now * guest.hz) == guest.turn and not at_once):
+            reads = guest.waiting <= SEND_BUFFER_BYTES if at_once else not guest.has_output
+            if not reads or (int(now_s * guest.hz) == guest.turn and not at_once):
                 continue
-            guest.turn = int(now * guest.hz)
+            guest.turn = int(now_s * guest.hz)
             key = (guest.shown, guest.columns)
             if key not in frames_by_columns:
                 frames_by_columns[key] = drive.frame(guest.shown, guest.columns)
@@ -382,11 +382,11 @@ def _listening(path: Path) -> socket.socket:
         probe.close()
     listener = socket.socket(socket.AF_UNIX)
     path.parent.mkdir(parents=True, exist_ok=True)
-    before = os.umask(0o117)
+    previous_mask = os.umask(0o117)
     try:
         listener.bind(str(path))
     finally:
-        os.umask(before)
+        os.umask(previous_mask)
     listener.listen(8)
     listener.setblocking(False)
     return listener

@@ -17,11 +17,11 @@ from baqueano.diagnostics import fault
 from baqueano.errors import RobotUnreachable, UsageError
 from baqueano.messages.printable import one_line, printable
 
-LONGEST = 16 << 20  # most bytes of an answer
-LAST_S = 1.0  # time to show the last output of a program that has ended
+MAX_ANSWER_BYTES = 16 << 20  # most bytes of an answer
+LAST_OUTPUT_S = 1.0  # time to show the last output of a program that has ended
 
 
-def there(host: str) -> list[str]:
+def host_args(host: str) -> list[str]:
     """Return the arguments of ssh for `host`, "user@name" or "user@name:port".
 
     Raise UsageError if it does not have this form.
@@ -47,55 +47,59 @@ def ssh(host: str, command: str, *options: str) -> list[str]:
     if host.startswith(("/", "COM")):
         raise UsageError(fault("ssh.not-a-host", host=host))
     return [
-        "ssh", "-T", "-o", "ConnectTimeout=8", "-o", "ServerAliveInterval=5", *options, *there(host), command
+        "ssh", "-T", "-o", "ConnectTimeout=8", "-o", "ServerAliveInterval=5", *options, *host_args(host), command
     ]  # fmt: skip
 
 
-def run(command: list[str], given: bytes = b"", answers: bool = True) -> tuple[bytes, int]:
+def run(command: list[str], input_bytes: bytes = b"", return_output: bool = True) -> tuple[bytes, int]:
     """Run a program, and return its stdout and its exit code; show its stderr as it arrives.
 
-    If `answers` is False, stdout is also shown, and b"" is returned. `given` is sent to its stdin; if it is empty, the
-    program reads the stdin of this program.
+    If `return_output` is False, stdout is also shown, and b"" is returned. `input_bytes` is sent to its stdin; if it
+    is empty, the program reads the stdin of this program.
     """
-    with tempfile.TemporaryFile() as file:
-        file.write(given)
-        file.seek(0)
+    with tempfile.TemporaryFile() as input_file:
+        input_file.write(input_bytes)
+        input_file.seek(0)
         program = subprocess.Popen(
-            command, stdin=file if given else None, stdout=subprocess.PIPE, stderr=subprocess.PIPE, bufsize=0
+            command,
+            stdin=input_file if input_bytes else None,
+            stdout=subprocess.PIPE,
+            stderr=subprocess.PIPE,
+            bufsize=0,
         )
-        out, err = _pipe(program.stdout), _pipe(program.stderr)
-        with program, print_streams((err, sys.stderr), *([] if answers else [(out, sys.stdout)])):
+        output, errors = _pipe(program.stdout), _pipe(program.stderr)
+        with program, print_streams((errors, sys.stderr), *([] if return_output else [(output, sys.stdout)])):
             try:
-                return answer(out) if answers else b"", program.wait()
+                return answer(output) if return_output else b"", program.wait()
             except BaseException:
                 program.kill()
                 raise
 
 
 def answer(stream: IO[bytes]) -> bytes:
-    """Return all bytes of a stream. Raise RobotUnreachable if the stream has more than LONGEST bytes."""
+    """Return all bytes of a stream. Raise RobotUnreachable if the stream has more than MAX_ANSWER_BYTES bytes."""
     output = bytearray()
     while data := os.read(stream.fileno(), 1 << 16):
         output += data
-        if len(output) > LONGEST:
-            raise RobotUnreachable(fault("ssh.too-much", most_mb=LONGEST >> 20))
+        if len(output) > MAX_ANSWER_BYTES:
+            raise RobotUnreachable(fault("ssh.too-much", most_mb=MAX_ANSWER_BYTES >> 20))
     return bytes(output)
 
 
 @contextmanager
 def print_streams(*streams: tuple[IO[bytes], TextIO]) -> Iterator[None]:
     """Show the text of each source stream at its target, in printable form (printable.py), while the body runs."""
-    threads = [threading.Thread(target=_show, args=each, daemon=True) for each in streams]
+    threads = [threading.Thread(target=_show, args=stream_pair, daemon=True) for stream_pair in streams]
     for thread in threads:
         thread.start()
     try:
         yield
     finally:
         for thread in threads:
-            thread.join(LAST_S)
+            thread.join(LAST_OUTPUT_S)
 
 
-def _show(source: IO[bytes], to: TextIO) -> None:
+def _show(source: IO[bytes], sink: TextIO) -> None:
     """Show the text of a stream as it arrives, because a password prompt ends without a newline.
 
     A raw terminal of ssh needs \\r.
@@ -108,8 +112,8 @@ def _show(source: IO[bytes], to: TextIO) -> None:
             return
         text = printable(decoder.decode(data, final=not data).replace("\r", ""))
         with suppress(OSError, ValueError):  # a lost terminal does not end the work
-            to.write(text.replace("\n", "\r\n") if to.isatty() else text)
-            to.flush()
+            sink.write(text.replace("\n", "\r\n") if sink.isatty() else text)
+            sink.flush()
         if not data:
             return
 

@@ -24,7 +24,7 @@ class DoorState(StrEnum):
     STOPPED = "STOPPED"
 
 
-NEXT = {
+NEXT_STATE = {
     (DoorState.DISARMED, "ready"): DoorState.READY,
     (DoorState.READY, "not ready"): DoorState.DISARMED,
     (DoorState.READY, "mission"): DoorState.MISSION,
@@ -43,18 +43,18 @@ class Machine:
         self.state = DoorState.DISARMED
         self.reason: Diagnostic | None = stop(StopReason.NOT_CHECKED)
 
-    def go(self, event: str, reason: Diagnostic | None = None) -> None:
+    def transition(self, event: str, reason: Diagnostic | None = None) -> None:
         """Change to the state that follows an event.
 
         A second stop does not replace the reason of the first. Raise SafetyStop if the present state does not allow the
         event.
         """
-        target = NEXT.get((self.state, event))
+        target = NEXT_STATE.get((self.state, event))
         if target is None:
-            figures = {"state": self.state, "advice": self.advice}
+            values = {"state": self.state, "advice": self.advice}
             if self.reason is None:
-                raise SafetyStop(fault("door.state", **figures))
-            raise SafetyStop(fault("door.state-because", **figures, cause=self.reason), self.reason)
+                raise SafetyStop(fault("door.state", **values))
+            raise SafetyStop(fault("door.state-because", **values, cause=self.reason), self.reason)
         if self.state is not DoorState.STOPPED or event != "stop":
             self.reason = reason
         self.state = target

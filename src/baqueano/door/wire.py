@@ -9,8 +9,8 @@ from baqueano.messages.printable import words
 if TYPE_CHECKING:
     from baqueano.contracts.values import JsonObject
 
-DATA = ("why", "said", "about", "imu_bus", "degraded")  # fields that may be diagnostics
-FIELDS: dict[str, "JsonObject"] = {  # the required fields of a message; others are shown, or ignored
+DIAGNOSTIC_FIELDS = ("why", "said", "about", "imu_bus", "degraded")  # fields that may be diagnostics
+REQUIRED_FIELDS: dict[str, "JsonObject"] = {  # the required fields of a message; others are shown, or ignored
     "state": {"state": str}, "event": {"said": Diagnostic}, "done": {"run": str | None, "why": Diagnostic | None},
     "runs": {"runs": list}, "file": {"data": str, "left": int}, "no": {"why": str}, "pong": {}, "heard": {"do": str},
     "vehicle": {"name": str}, "fields": {"names": list}, "route": {"x": list, "y": list}, "frame": {"x": list},
@@ -20,22 +20,26 @@ FIELDS: dict[str, "JsonObject"] = {  # the required fields of a message; others 
 
 def encode(message: "JsonObject") -> bytes:
     """Return a message as a line of JSON. A field that is NaN becomes null, because JSON does not have NaN."""
-    plain = {k: None if isinstance(v, float) and v != v else v for k, v in message.items()}
-    return json.dumps(plain, default=_data).encode() + b"\n"
+    finite_message = {k: None if isinstance(v, float) and v != v else v for k, v in message.items()}
+    return json.dumps(finite_message, default=_plain_data).encode() + b"\n"
 
 
 def decode(line: bytes) -> "JsonObject | None":
     """Return the message in a line, with its texts printable and on one line each; None if the line is invalid."""
     try:
         message = words(json.loads(line))
-        message |= {k: Diagnostic.of_json(message[k]) for k in DATA if isinstance(message.get(k), dict)}
-        right = all(isinstance(message[name], kind) for name, kind in FIELDS[message["is"]].items())
-        return message if right and isinstance(message.get("code", 0), int) else None
+        message |= {
+            k: Diagnostic.of_json(message[k]) for k in DIAGNOSTIC_FIELDS if isinstance(message.get(k), dict)
+        }
+        is_valid = all(
+            isinstance(message[name], kind) for name, kind in REQUIRED_FIELDS[message["is"]].items()
+        )
+        return message if is_valid and isinstance(message.get("code", 0), int) else None
     except (ValueError, KeyError, TypeError, AttributeError, RecursionError):
         return None
 
 
-def _data(value: object) -> Any:
+def _plain_data(value: object) -> Any:
     if isinstance(value, Diagnostic):
         return value.to_json()
     raise TypeError(f"{type(value).__name__} does not go through the door")

@@ -1,6 +1,6 @@
 """Drive blocks through a world and return the run: by first_drive, experiment, teach, repeat or replay."""
 
-from baqueano.drive.first_drive import FirstDrive, estimate_first_drive, first_drive, rough
+from baqueano.drive.first_drive import FirstDrive, estimate_first_drive, first_drive, with_rough_gains
 from baqueano.drive.session import drive, stop_of
 from baqueano.drive.smoothing import smooth_run
 from baqueano.drive.verbs import TeachResult, experiment, repeat, replay, route_of, teach

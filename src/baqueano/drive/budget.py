@@ -18,12 +18,12 @@ from baqueano.errors import FromOutside
 from baqueano.messages.language import translate as _
 
 BUDGET_S = 0.1  # ten ticks: a third of the firmware's dead-man time
-AGAIN_S = 0.02  # between further alarms, for a block that swallows the first alarm
+ALARM_PERIOD_S = 0.02  # between further alarms, for a block that swallows the first alarm
 PREPARE_S = 60.0  # to trace, compile and try the blocks before the vehicle moves
 Value = TypeVar("Value")
 
 
-class TooLong(FromOutside):
+class BudgetExceeded(FromOutside):
     """The alarm, of a class that an `except Exception` in a block does not catch."""
 
 
@@ -56,18 +56,18 @@ def within(seconds: float, call: Callable[..., Value], *inputs: object) -> Value
 
     def ring(number: int, frame: FrameType | None) -> None:
         if running:
-            raise TooLong
+            raise BudgetExceeded
 
-    before = signal.signal(signal.SIGALRM, ring)
+    previous_handler = signal.signal(signal.SIGALRM, ring)
     try:
         try:
-            signal.setitimer(signal.ITIMER_REAL, seconds, AGAIN_S)
+            signal.setitimer(signal.ITIMER_REAL, seconds, ALARM_PERIOD_S)
             return call(*inputs)
         finally:
             running = False  # an alarm from here on is too late; one before this line is held below
-    except TooLong as alarm:
+    except BudgetExceeded as alarm:
         text = _("it took longer than {ms:.0f} ms", ms=1e3 * seconds)
         raise TimeoutError(text).with_traceback(alarm.__traceback__) from None
     finally:
         signal.setitimer(signal.ITIMER_REAL, 0.0)
-        signal.signal(signal.SIGALRM, before)
+        signal.signal(signal.SIGALRM, previous_handler)

@@ -6,9 +6,9 @@
   s_v = s₀ ∫ z_v / s₀ dt / L                 L measured along the path, driven forward                   (4)
 
 z_ω is the reading of the gyro, and s₀ its scale in the vehicle file. c is the cosine of its tilt, b its zero at rest
-in the same run. σ_w is the random walk of b, σ_z the noise of a sample, δ the sampling interval, σ_mark = 2° [assumed].
-(1) is refused if k = 0. k is certain if the scale is wrong by less than WRONG and |k| < 1 / (2 WRONG). Derivation:
-docs/derivations/repeat_and_drift.md.
+in the same run. σ_w is the random walk of b, σ_z the noise of a sample, δ the sampling interval, σ_mark = 2°
+[assumed]. (1) is refused if k = 0. k is certain if the scale is wrong by less than MAX_TURN_ERROR and |k| < 1 / (2
+MAX_TURN_ERROR). Derivation: docs/derivations/repeat_and_drift.md.
 """
 
 from dataclasses import dataclass
@@ -28,10 +28,10 @@ from baqueano.runs import Channel, Run
 from baqueano.signals import Motion, seconds
 from baqueano.vehicle_file.file import VehicleFile
 
-MARK_RAD = np.radians(2.0)
-WRONG = 0.1
-MOST_TURNS = 4  # most turns between two marks
-REST_S, LEAST_S = 1.0, 1.0  # time without a command before it counts as rest; least duration of rest
+MARK_STD_RAD = np.radians(2.0)
+MAX_TURN_ERROR = 0.1
+MAX_TURNS = 4  # most turns between two marks
+REST_S, MIN_REST_S = 1.0, 1.0  # time without a command before it counts as rest; least duration of rest
 
 
 @dataclass(frozen=True, repr=False)
@@ -52,9 +52,9 @@ class Closure(Result):
         rows: list[TableRow] = [
             {"name": f"sensors.{self.gyro}.gyro_scale", "value": self.scale, "sd": self.sd}
         ]
-        further = {path: value for path, value in self.values.items() if not path.endswith("gyro_scale")}
+        other_values = {path: value for path, value in self.values.items() if not path.endswith("gyro_scale")}
         return rows + [
-            {"name": path, "value": str(value), "sd": float("nan")} for path, value in further.items()
+            {"name": path, "value": str(value), "sd": float("nan")} for path, value in other_values.items()
         ]
 
     def table(self) -> str:
@@ -83,14 +83,14 @@ class Closure(Result):
         ]
         lines += [
             "       "
-            + _("type: {fix}, or write it into the vehicle file", fix=f"--set {path}={_text(value)}")
+            + _("type: {fix}, or write it into the vehicle file", fix=f"--set {path}={_compact_text(value)}")
             for path, value in self.values.items()
         ]
         return "\n".join(lines)
 
 
-def closure(run: Run, file: VehicleFile, length_m: float | None = None) -> Closure:
-    """Return the scales from the marks of `run`, for the vehicle of `file`.
+def closure(run: Run, vehicle_file: VehicleFile, length_m: float | None = None) -> Closure:
+    """Return the scales from the marks of `run`, for the vehicle of `vehicle_file`.
 
     The scales of speed sensors need `length_m`, the length of the path between the first and the last mark. Raise
     AnswerNo if a mark, the IMU or a rest is missing, or if the turns between the marks are not whole or cancel.
@@ -98,60 +98,72 @@ def closure(run: Run, file: VehicleFile, length_m: float | None = None) -> Closu
     marks = marks_of(run)
     if len(marks) < 2:
         raise AnswerNo(fault("marks.too-few", name=run.name, marks=len(marks)))
-    name = next((n for n, s in file.sensors._asdict().items() if has_field(s, "gyro_scale")), None)
+    name = next((n for n, s in vehicle_file.sensors._asdict().items() if has_field(s, "gyro_scale")), None)
     if name is None or name not in run.sensors:
         raise AnswerNo(fault("marks.no-gyro", name=run.name))
-    sensor, channel = getattr(file.sensors, name), run.sensors[name]
-    bias, bias_sd = _at_rest(run, channel)
+    sensor, channel = getattr(vehicle_file.sensors, name), run.sensors[name]
+    bias, bias_std = _bias_at_rest(run, channel)
     cosine = _gain(sensor) / sensor.gyro_scale
     raw = [_integral(channel, -1, bias, a, b) / cosine for a, b in pairwise(marks)]
-    turns = sum(_whole(x / sensor.gyro_scale, run.name) for x in raw)
+    turns = sum(_turn_count(x / sensor.gyro_scale, run.name) for x in raw)
     if turns == 0:
         raise AnswerNo(fault("marks.no-turn", name=run.name))
     scale = sum(raw) / (2.0 * np.pi * turns)  # (1)
-    sd = _deviation(sensor, bias_sd, seconds(marks[-1], marks[0])) / (
+    std = _turn_std(sensor, bias_std, seconds(marks[-1], marks[0])) / (
         2.0 * np.pi * cosine * abs(turns)
     )  # (2)
     path = f"sensors.{name}.gyro_scale"
-    values: dict[str, object] = {path: _round(scale), f"{path}_std": float(f"{sd / scale:.2g}")}
-    distances = _distances(run, file, marks[0], marks[-1]) if length_m else {}
+    values: dict[str, object] = {path: _rounded(scale), f"{path}_std": float(f"{std / scale:.2g}")}
+    distances = _distances(run, vehicle_file, marks[0], marks[-1]) if length_m else {}
     for wheels, metres in distances.items():
-        path, before = _speed_scale(wheels, getattr(file.sensors, wheels))
-        after = np.asarray(before) * metres / (length_m or metres)  # (4)
-        values[path] = _round(float(after)) if after.ndim == 0 else [_round(x) for x in after.tolist()]
+        path, old_scale = _speed_scale(wheels, getattr(vehicle_file.sensors, wheels))
+        new_scale = np.asarray(old_scale) * metres / (length_m or metres)  # (4)
+        values[path] = (
+            _rounded(float(new_scale)) if new_scale.ndim == 0 else [_rounded(x) for x in new_scale.tolist()]
+        )
     turn_rad = sum(raw) / sensor.gyro_scale
-    return Closure(name, turns, float(turn_rad), float(scale), sd, values, distances, length_m)
+    return Closure(name, turns, float(turn_rad), float(scale), std, values, distances, length_m)
 
 
-def _deviation(sensor: Tree, bias_sd: float, t_s: float) -> float:
+def _turn_std(sensor: Tree, bias_std: float, t_s: float) -> float:
     """Return the standard deviation [rad] of the turn after `t_s` seconds, the root of (2)."""
     walk, noise = sensor.gyro_bias_walk**2 * t_s**3 / 3.0, sensor.gyro_noise_std**2 * t_s / sensor.rate_hz
-    return float(np.sqrt(MARK_RAD**2 + (bias_sd * t_s) ** 2 + walk + noise))
+    return float(np.sqrt(MARK_STD_RAD**2 + (bias_std * t_s) ** 2 + walk + noise))
 
 
-def _whole(turned_rad: float, name: str) -> int:
-    """Return the number k of turns between two marks. Raise AnswerNo if k is not nearly whole, or over MOST_TURNS."""
+def _turn_count(turned_rad: float, name: str) -> int:
+    """Return the number k of turns between two marks. Raise AnswerNo if k is not nearly whole, or over MAX_TURNS."""
     turns = round(turned_rad / (2.0 * np.pi))
     residual_rad = abs(turned_rad - 2.0 * np.pi * turns)
-    if abs(turns) > MOST_TURNS or residual_rad > max(2.0 * np.pi * WRONG * abs(turns), 3.0 * MARK_RAD):
-        figures = {"turned_deg": np.degrees(turned_rad), "within_percent": 100 * WRONG, "most": MOST_TURNS}
+    if abs(turns) > MAX_TURNS or residual_rad > max(
+        2.0 * np.pi * MAX_TURN_ERROR * abs(turns), 3.0 * MARK_STD_RAD
+    ):
+        figures = {
+            "turned_deg": np.degrees(turned_rad),
+            "within_percent": 100 * MAX_TURN_ERROR,
+            "most": MAX_TURNS,
+        }
         raise AnswerNo(fault("marks.no-whole-turn", subject=name, **figures))
     return turns
 
 
-def _at_rest(run: Run, channel: Channel) -> tuple[float, float]:
+def _bias_at_rest(run: Run, channel: Channel) -> tuple[float, float]:
     """Return the gyro's zero while the vehicle was at rest, and its standard deviation [rad/s].
 
     Raise AnswerNo if the rest was too short.
     """
     in_motion = np.any(run.applied != 0.0, axis=1)  # an unknown command (NaN) counts as motion
-    last = np.maximum.accumulate(np.where(in_motion, run.t_ns, run.t_ns[0] - round(REST_S * 1e9)))
+    last_motion_ns = np.maximum.accumulate(np.where(in_motion, run.t_ns, run.t_ns[0] - round(REST_S * 1e9)))
     tick = np.clip(np.searchsorted(run.t_ns, channel.t_ns), 0, len(run.t_ns) - 1)
-    at_rest = ~in_motion[tick] & (seconds(channel.t_ns, last[tick]) >= REST_S) & np.isfinite(channel.z[:, -1])
+    at_rest = (
+        ~in_motion[tick]
+        & (seconds(channel.t_ns, last_motion_ns[tick]) >= REST_S)
+        & np.isfinite(channel.z[:, -1])
+    )
     z = channel.z[at_rest, -1]
-    between_s = float(np.median(seconds(np.diff(channel.t_ns)))) if len(channel.t_ns) > 1 else 1.0
-    if len(z) * between_s < LEAST_S:
-        raise AnswerNo(fault("marks.stood-too-short", name=run.name, stood_s=len(z) * between_s))
+    period_s = float(np.median(seconds(np.diff(channel.t_ns)))) if len(channel.t_ns) > 1 else 1.0
+    if len(z) * period_s < MIN_REST_S:
+        raise AnswerNo(fault("marks.stood-too-short", name=run.name, stood_s=len(z) * period_s))
     return float(np.mean(z)), float(np.std(z) / np.sqrt(len(z)))
 
 
@@ -159,10 +171,10 @@ def _integral(channel: Channel, column: int, bias: float, from_ns: int, to_ns: i
     """Return ∫ (z − b) dt of a column of `channel` between two times [ns], by the trapezoidal rule."""
     finite = np.isfinite(channel.z[:, column])
     t_s = seconds(channel.t_ns[finite], channel.t_ns[0])
-    ends = [seconds(t, channel.t_ns[0]) for t in (from_ns, to_ns)]
+    end_times_s = [seconds(t, channel.t_ns[0]) for t in (from_ns, to_ns)]
     z = channel.z[finite, column] - bias
-    inside = (t_s > ends[0]) & (t_s < ends[1])
-    t = np.concatenate([ends[:1], t_s[inside], ends[1:]])
+    is_between = (t_s > end_times_s[0]) & (t_s < end_times_s[1])
+    t = np.concatenate([end_times_s[:1], t_s[is_between], end_times_s[1:]])
     heights = np.interp(t, t_s, z)
     return float(np.sum(0.5 * (heights[1:] + heights[:-1]) * np.diff(t)))
 
@@ -181,20 +193,22 @@ def _speed_scale(name: str, sensor: Sensor) -> tuple[str, Value]:
     return f"sensors.{name}.{field}", getattr(sensor, field)
 
 
-def _distances(run: Run, file: VehicleFile, from_ns: int, to_ns: int) -> dict[str, float]:
+def _distances(run: Run, vehicle_file: VehicleFile, from_ns: int, to_ns: int) -> dict[str, float]:
     """Return the distance [m] between two times [ns] by each speed sensor, with its scale in the vehicle file."""
     distances = {}
-    for name, sensor in file.sensors._asdict().items():
+    for name, sensor in vehicle_file.sensors._asdict().items():
         if name in run.sensors and (has_field(sensor, "radius_scale") or has_field(sensor, "scale")):
             scales = np.atleast_1d(_speed_scale(name, sensor)[1])
-            each = [_integral(run.sensors[name], k, 0.0, from_ns, to_ns) / s for k, s in enumerate(scales)]
-            distances[name] = float(np.mean(each))
+            channel_distances = [
+                _integral(run.sensors[name], k, 0.0, from_ns, to_ns) / s for k, s in enumerate(scales)
+            ]
+            distances[name] = float(np.mean(channel_distances))
     return distances
 
 
-def _round(value: float) -> float:
+def _rounded(value: float) -> float:
     return float(f"{value:.5g}")
 
 
-def _text(value: object) -> str:
+def _compact_text(value: object) -> str:
     return str(value).replace(" ", "")

@@ -22,8 +22,8 @@ import numpy as np
 from baqueano.contracts.result import Result
 from baqueano.contracts.values import TableRow
 from baqueano.controllers import CarefulController
-from baqueano.diagnostics import Diagnostic, fault, merge
-from baqueano.drive.first_drive_pulses import GROWTH, SIGNIFICANT, STEP, Careful
+from baqueano.diagnostics import Diagnostic, fault, merge_diagnostics
+from baqueano.drive.first_drive_pulses import GROWTH, MIN_SIGMA, STEP, Careful
 from baqueano.drive.session import drive
 from baqueano.errors import AnswerNo, UsageError
 from baqueano.estimators import Inertial
@@ -36,10 +36,10 @@ from baqueano.parameter import all_parameters
 from baqueano.runs import Run
 from baqueano.signals import seconds
 from baqueano.vehicle_file.file import VehicleFile
-from baqueano.vehicles.freedoms import steers
+from baqueano.vehicles.freedoms import is_steered
 
-SURE = 3.0  # standard deviations by which the sum of a wheel's speeds must exceed 0
-AFTER_S = 0.5  # time after a pulse in which its motion is measured
+MIN_SIGNIFICANCE = 3.0  # standard deviations by which the sum of a wheel's speeds must exceed 0
+RESPONSE_S = 0.5  # time after a pulse in which its motion is measured
 
 
 class Pulse(NamedTuple):
@@ -98,7 +98,7 @@ class FirstDrive(Result):
     @property
     def moving_pulses(self) -> int:
         """Return the number of pulses that moved the vehicle."""
-        return sum(p.significance > SIGNIFICANT for p in self.pulses)
+        return sum(p.significance > MIN_SIGMA for p in self.pulses)
 
     def rows(self) -> list["TableRow"]:
         """Return one flat row per pulse."""
@@ -107,7 +107,7 @@ class FirstDrive(Result):
                 "command": " ".join(f"{x:g}" for x in p.u),
                 "v_m_s": p.v,
                 "turn_rad": p.turn,
-                "moved": p.significance > SIGNIFICANT,
+                "moved": p.significance > MIN_SIGMA,
             }
             for p in self.pulses
         ]
@@ -180,19 +180,19 @@ def directions(vehicle_file: VehicleFile) -> np.ndarray:
     limit = np.asarray(vehicle_file.command.limit, dtype=float)
     if not np.all(np.isfinite(limit)) or not np.any(limit > 0.0):
         raise UsageError(fault("first-drive.limit", vehicle=vehicle_file.name, limit=str(limit.tolist())))
-    if steers(vehicle_file.vehicle):
+    if is_steered(vehicle_file.vehicle):
         servo = 0.5 * limit[1]
-        some = [[limit[0], s] for s in (0.0, servo, -servo)]
-        return np.array([[sign * t, s] for t, s in some for sign in (1.0, -1.0)])
-    if two_wheels(vehicle_file):
-        full = min(2.0 * limit[0], 2.0 * limit[2], float(np.min(vehicle_file.vehicle.drivetrain.limit)))
-        wheels = np.array([[full, 0.0], [-full, 0.0], [0.0, full], [0.0, -full]])
+        throttle_and_servo = [[limit[0], s] for s in (0.0, servo, -servo)]
+        return np.array([[sign * t, s] for t, s in throttle_and_servo for sign in (1.0, -1.0)])
+    if is_two_wheeled(vehicle_file):
+        full_level = min(2.0 * limit[0], 2.0 * limit[2], float(np.min(vehicle_file.vehicle.drivetrain.limit)))
+        wheels = np.array([[full_level, 0.0], [-full_level, 0.0], [0.0, full_level], [0.0, -full_level]])
         return np.array([vehicle_file.vehicle.drivetrain.unmix(w) for w in wheels])
-    each = [j for j in reversed(range(len(limit))) if limit[j] > 0.0]
-    return np.array([sign * limit * (np.arange(len(limit)) == j) for j in each for sign in (1.0, -1.0)])
+    channels = [j for j in reversed(range(len(limit))) if limit[j] > 0.0]
+    return np.array([sign * limit * (np.arange(len(limit)) == j) for j in channels for sign in (1.0, -1.0)])
 
 
-def two_wheels(vehicle_file: VehicleFile) -> bool:
+def is_two_wheeled(vehicle_file: VehicleFile) -> bool:
     """Return True if the commands are mixed to a left and a right wheel, and the limits permit both to move."""
     limit = vehicle_file.command.limit
     return vehicle_file.vehicle.drivetrain.mixing == "two_wheels" and min(limit[0], limit[2]) > 0.0
@@ -200,99 +200,108 @@ def two_wheels(vehicle_file: VehicleFile) -> bool:
 
 def estimate_first_drive(run: Run, vehicle_file: VehicleFile) -> FirstDrive:
     """Estimate gains, dead zones and wiring of a first drive from commands and IMU."""
-    ways = directions(vehicle_file)
+    commands = directions(vehicle_file)
     pulses = pulses_of(run)
-    at = np.array([_first_moved(pulses, way) for way in ways])
+    onset_levels = np.array([_onset_level_of(pulses, command) for command in commands])
     standstill = tuple(
-        _nothing_moved(_way_words(way, vehicle_file), max(_levels(pulses, way), default=0.0))
-        for way, level in zip(ways, at, strict=True)
+        _no_motion_reason(_command_text(command, vehicle_file), max(_levels(pulses, command), default=0.0))
+        for command, level in zip(commands, onset_levels, strict=True)
         if not np.isfinite(level)
     )
-    fits = [_gains(run, pulses, file) for file in (with_dead_zones(vehicle_file, ways, at), vehicle_file)]
-    late = fits[1][1] < fits[0][1]
-    along, about = fits[late][0]
-    wiring = _wiring(pulses, ways) if two_wheels(vehicle_file) else ()
-    return FirstDrive(run, pulses, wiring, standstill, along, about, at, late)
+    fits = [
+        _model_gains(run, pulses, model_file)
+        for model_file in (with_dead_zones(vehicle_file, commands, onset_levels), vehicle_file)
+    ]
+    is_late = fits[1][1] < fits[0][1]
+    gain_along, gain_about = fits[is_late][0]
+    wiring = _wiring(pulses, commands) if is_two_wheeled(vehicle_file) else ()
+    return FirstDrive(run, pulses, wiring, standstill, gain_along, gain_about, onset_levels, is_late)
 
 
 def pulses_of(run: Run) -> tuple[Pulse, ...]:
     """Return the pulses of a careful run and their motion, in order. Raise UsageError for a run without estimates."""
-    on = np.any(run.applied != 0.0, axis=1).astype(int)
-    begin, end = np.flatnonzero(np.diff(on, prepend=0) == 1), np.flatnonzero(np.diff(on, append=0) == -1)
-    log, out = run.estimate, []
+    is_on = np.any(run.applied != 0.0, axis=1).astype(int)
+    begins = np.flatnonzero(np.diff(is_on, prepend=0) == 1)
+    ends = np.flatnonzero(np.diff(is_on, append=0) == -1)
+    log, pulses = run.estimate, []
     if log is None or log.cov is None:
         raise UsageError(fault("first-drive.no-estimates", name=run.name))
-    for a, b in zip(begin, end, strict=True):
-        last = int(np.searchsorted(log.t_ns, run.t_ns[b] + round(AFTER_S * 1e9)))
-        rows = slice(a, min(last, len(log.t_ns)))
+    for a, b in zip(begins, ends, strict=True):
+        end_index = int(np.searchsorted(log.t_ns, run.t_ns[b] + round(RESPONSE_S * 1e9)))
+        rows = slice(a, min(end_index, len(log.t_ns)))
         nu, var = log.nu[rows], np.maximum(np.diagonal(log.cov[rows], axis1=1, axis2=2), 1e-18)
         turns = log.eta[rows, 2] - log.eta[max(a - 1, 0), 2]
         v_significance = float(np.max(np.abs(nu[:, 0]) / np.sqrt(var[:, 3])))
         significance = max(v_significance, float(np.max(np.abs(turns) / np.sqrt(var[:, 2]))))
-        out.append(Pulse(run.applied[a], _largest(nu[:, 0]), _largest(turns), v_significance, significance))
-    return tuple(out)
+        pulses.append(Pulse(run.applied[a], _peak(nu[:, 0]), _peak(turns), v_significance, significance))
+    return tuple(pulses)
 
 
-def with_dead_zones(vehicle_file: VehicleFile, ways: np.ndarray, duties: np.ndarray) -> VehicleFile:
-    """Return the file with dead zones from `duties` (D,), the levels of first motion in the directions `ways` (D, n).
+def with_dead_zones(vehicle_file: VehicleFile, commands: np.ndarray, duties: np.ndarray) -> VehicleFile:
+    """Return the file with dead zones from `duties` (D,), the levels of first motion along `commands` (D, n).
 
     A dead zone is set to the midpoint below its level, see `onset_level`. Dead zones that are 0 in the file stay 0.
     """
     drivetrain, changes = vehicle_file.vehicle.drivetrain, {}
-    channel = np.array([drivetrain.mix(way) for way in ways])  # (D, k)
+    channel = np.array([drivetrain.mix(command) for command in commands])  # (D, k)
     for name, sign in (("dead_zone_forward", 1.0), ("dead_zone_backward", -1.0)):
-        now = np.broadcast_to(getattr(drivetrain, name), channel.shape[1])
-        size = np.where(sign * channel > 1e-9, sign * channel, np.nan) * onset_level(duties)[:, None]
-        onset = [np.min(c[np.isfinite(c)], initial=np.inf) for c in size.T]
-        new = [x if n > 0.0 and np.isfinite(x) else n for n, x in zip(now, onset, strict=True)]
-        if np.any(now > 0.0):
-            changes[f"model.drivetrain.{name}"] = [float(x) for x in new]
+        old_zones = np.broadcast_to(getattr(drivetrain, name), channel.shape[1])
+        onsets = np.where(sign * channel > 1e-9, sign * channel, np.nan) * onset_level(duties)[:, None]
+        onset = [np.min(c[np.isfinite(c)], initial=np.inf) for c in onsets.T]
+        new_zones = [x if n > 0.0 and np.isfinite(x) else n for n, x in zip(old_zones, onset, strict=True)]
+        if np.any(old_zones > 0.0):
+            changes[f"model.drivetrain.{name}"] = [float(x) for x in new_zones]
     return vehicle_file.with_values(changes) if changes else vehicle_file
 
 
 def onset_level(level: np.ndarray) -> np.ndarray:
     """Return the midpoint (D,) between each level of first motion and the previous level, without motion."""
-    before = np.maximum(level - STEP, 0.0)
-    before = np.where(GROWTH * before > STEP, level / (1.0 + GROWTH), before)
-    return 0.5 * (before + level)
+    previous_level = np.maximum(level - STEP, 0.0)
+    previous_level = np.where(GROWTH * previous_level > STEP, level / (1.0 + GROWTH), previous_level)
+    return 0.5 * (previous_level + level)
 
 
-def rough(first: FirstDrive, vehicle_file: VehicleFile) -> VehicleFile:
-    """Return the file with the rough gains and, if `first.late` is False, dead zones, as initial values for a fit.
+def with_rough_gains(result: FirstDrive, vehicle_file: VehicleFile) -> VehicleFile:
+    """Return the file with the rough gains and, if `result.late` is False, dead zones, as initial values for a fit.
 
     Raise AnswerNo if the wiring is wrong or a direction did not move the vehicle.
     """
-    if (reason := merge([*first.wiring, *first.still])) is not None:
-        raise AnswerNo(reason)
-    file = vehicle_file
-    if not first.late:
-        file = with_dead_zones(file, directions(file), first.moves_at)
-    along, about, changes = _or_one(first.gain_along), _or_one(first.gain_about), {}
-    for path, p in all_parameters(file.vehicle, "model"):
+    if (fault_note := merge_diagnostics([*result.wiring, *result.still])) is not None:
+        raise AnswerNo(fault_note)
+    changed = vehicle_file
+    if not result.late:
+        changed = with_dead_zones(changed, directions(changed), result.moves_at)
+    k_x, k_z, changes = _or_one(result.gain_along), _or_one(result.gain_about), {}
+    for path, p in all_parameters(changed.vehicle, "model"):
         if p.role == "gain":
-            now = np.asarray(file.value(path), float)
-            rows = (
-                np.array([along, along, about])[:, None] if p.axes else 1.0 if p.unit[:3] == "rad" else along
-            )
-            changes[path] = (now * rows).tolist()
-    return file.with_values(changes) if changes else file
+            old_values = np.asarray(changed.value(path), float)
+            factors = np.array([k_x, k_x, k_z])[:, None] if p.axes else 1.0 if p.unit[:3] == "rad" else k_x
+            changes[path] = (old_values * factors).tolist()
+    return changed.with_values(changes) if changes else changed
 
 
-def _gains(run: Run, pulses: tuple[Pulse, ...], file: VehicleFile) -> tuple[tuple[float, float], float]:
+def _model_gains(
+    run: Run, pulses: tuple[Pulse, ...], vehicle_file: VehicleFile
+) -> tuple[tuple[float, float], float]:
     """Return the gains (1), and the sum of the relative squared residuals of v and Δψ over all pulses."""
     from baqueano.simulate import simulate  # only a laptop needs it: a robot only drives
 
-    model = simulate(file, np.clip(run.applied, -file.command.limit, file.command.limit), noise=False)
+    model = simulate(
+        vehicle_file,
+        np.clip(run.applied, -vehicle_file.command.limit, vehicle_file.command.limit),
+        noise=False,
+    )
     truth = model.truth
     assert truth is not None
-    on = np.any(run.applied != 0.0, axis=1).astype(int)
-    begin, end = np.flatnonzero(np.diff(on, prepend=0) == 1), np.flatnonzero(np.diff(on, append=0) == -1)
+    is_on = np.any(run.applied != 0.0, axis=1).astype(int)
+    begins = np.flatnonzero(np.diff(is_on, prepend=0) == 1)
+    ends = np.flatnonzero(np.diff(is_on, append=0) == -1)
     psi = np.unwrap(truth.eta[:, 2])
     simulated = []
-    for a, b in zip(begin, end, strict=True):
-        rows = slice(a, b + round(AFTER_S / max(seconds(run.t_ns[1], run.t_ns[0]), 1e-6)))
-        simulated.append([_largest(truth.nu[rows, 0]), _largest(psi[rows] - psi[max(a - 1, 0)])])
-    significant, gains, residual = np.array([p.significance > SIGNIFICANT for p in pulses], bool), [], 0.0
+    for a, b in zip(begins, ends, strict=True):
+        rows = slice(a, b + round(RESPONSE_S / max(seconds(run.t_ns[1], run.t_ns[0]), 1e-6)))
+        simulated.append([_peak(truth.nu[rows, 0]), _peak(psi[rows] - psi[max(a - 1, 0)])])
+    significant, gains, residual = np.array([p.significance > MIN_SIGMA for p in pulses], bool), [], 0.0
     for x, y in zip(
         np.reshape(simulated, (-1, 2)).T, ([p.v for p in pulses], [p.turn for p in pulses]), strict=True
     ):
@@ -304,63 +313,63 @@ def _gains(run: Run, pulses: tuple[Pulse, ...], file: VehicleFile) -> tuple[tupl
     return (gains[0], gains[1]), residual
 
 
-def _wiring(pulses: tuple[Pulse, ...], ways: np.ndarray) -> tuple[Diagnostic, ...]:
+def _wiring(pulses: tuple[Pulse, ...], commands: np.ndarray) -> tuple[Diagnostic, ...]:
     """Return the wiring faults of (2).
 
     If the measured speeds are not significant, only the gyro is used.
     """
-    turn, both, var = np.zeros(2), np.zeros(2), np.zeros(2)
+    turn, speed_turn, var = np.zeros(2), np.zeros(2), np.zeros(2)
     for p in pulses:
-        for wheel, forward in enumerate((ways[0], ways[2])):
-            if p.significance > SIGNIFICANT and _along(p.u, forward):
+        for wheel, forward in enumerate((commands[0], commands[2])):
+            if p.significance > MIN_SIGMA and _is_parallel(p.u, forward):
                 side = (-1.0, 1.0)[wheel]
                 turn[wheel] += p.turn * np.sign(p.u @ forward) * side
-                both[wheel] += p.v * p.turn * side  # v times turn: the large pulses count most
+                speed_turn[wheel] += p.v * p.turn * side  # v times turn: the large pulses count most
                 var[wheel] += (p.turn * p.v / max(p.v_significance, 1e-9)) ** 2
     if not np.all(turn != 0.0):
         return ()
-    if np.any(np.abs(both) < SURE * np.sqrt(var)):
+    if np.any(np.abs(speed_turn) < MIN_SIGNIFICANCE * np.sqrt(var)):
         wrong = [side for side, x in zip(("left", "right"), turn, strict=True) if x < 0.0]
         return tuple(fault(f"wiring.turns-wrong-{side}") for side in wrong)
-    own = both > 0.0  # the commanded wheel is the wheel that turned
-    if own.any() and not own.all():
+    is_own_wheel = speed_turn > 0.0  # the commanded wheel is the wheel that turned
+    if is_own_wheel.any() and not is_own_wheel.all():
         return (fault("wiring.answers-as-one"),)
-    swap = [] if own.all() else [fault("wiring.swapped")]
-    names, ahead = (("left", "right"), turn) if own.all() else (("right", "left"), -turn)
-    backwards = [name for name, x in zip(names, ahead, strict=True) if x < 0.0]
+    swap = [] if is_own_wheel.all() else [fault("wiring.swapped")]
+    names, forward_turn = (("left", "right"), turn) if is_own_wheel.all() else (("right", "left"), -turn)
+    backwards = [name for name, x in zip(names, forward_turn, strict=True) if x < 0.0]
     return (*swap, *(fault(f"wiring.backwards-{name}") for name in backwards))
 
 
-def _first_moved(pulses: tuple[Pulse, ...], way: np.ndarray) -> float:
-    """Return the smallest part of the command `way` (n,) that moved the vehicle, NaN if it never moved."""
-    return min(_levels([p for p in pulses if p.significance > SIGNIFICANT], way), default=float("nan"))
+def _onset_level_of(pulses: tuple[Pulse, ...], command: np.ndarray) -> float:
+    """Return the smallest part of the command `command` (n,) that moved the vehicle, NaN if it never moved."""
+    return min(_levels([p for p in pulses if p.significance > MIN_SIGMA], command), default=float("nan"))
 
 
-def _levels(pulses: Sequence[Pulse], way: np.ndarray) -> list[float]:
-    """Return the parts of the command `way` (n,) that were tried, in order."""
-    return [float(p.u @ way / (way @ way)) for p in pulses if p.u @ way > 0.0 and _along(p.u, way)]
+def _levels(pulses: Sequence[Pulse], d: np.ndarray) -> list[float]:
+    """Return the parts of the command `d` (n,) that were tried, in order."""
+    return [float(p.u @ d / (d @ d)) for p in pulses if p.u @ d > 0.0 and _is_parallel(p.u, d)]
 
 
-def _nothing_moved(command: str, level: float) -> Diagnostic:
+def _no_motion_reason(command: str, level: float) -> Diagnostic:
     if level > 1.0 - 1e-6:
         return fault("first-drive.nothing-moved", command=command)
     return fault("first-drive.ended-early", command=command, tried_percent=100.0 * level)
 
 
-def _along(u: np.ndarray, way: np.ndarray) -> bool:
+def _is_parallel(u: np.ndarray, d: np.ndarray) -> bool:
     """Return True if the two commands are parallel."""
-    return bool(abs(abs(u @ way) - np.linalg.norm(u) * np.linalg.norm(way)) < 1e-6 * (u @ u + way @ way))
+    return bool(abs(abs(u @ d) - np.linalg.norm(u) * np.linalg.norm(d)) < 1e-6 * (u @ u + d @ d))
 
 
-def _way_words(way: np.ndarray, vehicle_file: VehicleFile) -> str:
-    if two_wheels(vehicle_file):
-        w = vehicle_file.vehicle.drivetrain.mix(way)
+def _command_text(command: np.ndarray, vehicle_file: VehicleFile) -> str:
+    if is_two_wheeled(vehicle_file):
+        w = vehicle_file.vehicle.drivetrain.mix(command)
         return WHEELS["left" if w[0] else "right", "forward" if w.sum() > 0.0 else "backward"]
     names = vehicle_file.command.names
-    return ", ".join(f"{name} = {x:g}" for name, x in zip(names, way, strict=True) if x)
+    return ", ".join(f"{name} = {x:g}" for name, x in zip(names, command, strict=True) if x)
 
 
-def _largest(x: np.ndarray) -> float:
+def _peak(x: np.ndarray) -> float:
     """Return the entry of the largest magnitude, with its sign."""
     return float(x[np.argmax(np.abs(x))])
 

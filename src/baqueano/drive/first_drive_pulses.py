@@ -2,15 +2,15 @@
 
 `Careful` sends one pulse after the other, each of PULSE_S and in one direction, as small as possible:
 
-  level ← level + max(STEP, GROWTH level)          while |v| and |Δψ| do not exceed SIGNIFICANT sd      (1)
+  level ← level + max(STEP, GROWTH level)          while |v| and |Δψ| do not exceed MIN_SIGMA sd      (1)
 
 A pulse ends at once if |v| or |ω| exceeds its limit. A direction is finished after a pulse that ended in this way,
-after ENOUGH pulses that moved the vehicle, or at full command. The next pulse uses the unfinished direction with the
-lowest level, so that forward and backward, left and right alternate around one spot. A direction that leads back to the
-spot has priority. A direction that leads away waits until all directions with an unknown effect are tried. Levels are
-parts of [command] limit. There are two directions per channel; for a car, the throttle with the wheel straight, left
-and right. `CarefulGuide` and `CarefulController` step the same `Careful` on the estimates of `Inertial`, so both stop
-together.
+after MAX_MOVING_PULSES pulses that moved the vehicle, or at full command. The next pulse uses the unfinished
+direction with the lowest level, so that forward and backward, left and right alternate around one spot. A direction
+that leads back to the spot has priority. A direction that leads away waits until all directions with an unknown
+effect are tried. Levels are parts of [command] limit. There are two directions per channel; for a car, the throttle
+with the wheel straight, left and right. `CarefulGuide` and `CarefulController` step the same `Careful` on the
+estimates of `Inertial`, so both stop together.
 """
 
 from dataclasses import dataclass
@@ -22,9 +22,9 @@ from baqueano.signals import Estimate, seconds
 
 PULSE_S, PAUSE_S, FIRST_S = 0.25, 0.8, 2.0
 STEP, GROWTH = 0.04, 0.12  # growth of a level, as in (1)
-SIGNIFICANT = 6.0  # standard deviations
-ENOUGH = 10  # pulses in one direction that moved the vehicle
-BACK_M = 0.05  # distance from the spot above which the path back has priority
+MIN_SIGMA = 6.0  # standard deviations
+MAX_MOVING_PULSES = 10  # pulses in one direction that moved the vehicle
+RETURN_DISTANCE_M = 0.05  # distance from the spot above which the path back has priority
 
 
 class Pulses(NamedTuple):
@@ -32,15 +32,15 @@ class Pulses(NamedTuple):
 
     begun_ns: int  # -1 before the first tick
     since_ns: int  # begin of the pulse or the pause
-    now: int  # the direction of the pulse; -1 in a pause
-    last: int  # the direction of the last pulse; -1 before the first
+    active: int  # the direction of the pulse; -1 in a pause
+    previous: int  # the direction of the last pulse; -1 before the first
     level: np.ndarray  # (D,) level of the next pulse
-    moved: np.ndarray  # (D,) number of pulses that moved the vehicle
-    gone: np.ndarray  # (D, 2) last displacement [m] by each direction, along and across the heading
-    done: np.ndarray  # (D,) bool
+    moved_count: np.ndarray  # (D,) number of pulses that moved the vehicle
+    displacement: np.ndarray  # (D, 2) last displacement [m] by each direction, along and across the heading
+    is_done: np.ndarray  # (D,) bool
     start_pose: np.ndarray  # (3,) pose at the begin of the pulse
     significance: float  # largest v or Δψ of this pulse in standard deviations
-    cut: bool  # the pulse reached a limit
+    is_cut: bool  # the pulse reached a limit
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -50,14 +50,14 @@ class Careful:
     directions: np.ndarray  # (D, n) commands at full level
     speed_m_s: float = 0.2
     turn_rad_s: float = 2.5
-    longest_s: float = 120.0
-    far_m: float = 0.3  # the drive ends if the estimated distance exceeds it by more than its deviation
+    max_duration_s: float = 120.0
+    max_distance_m: float = 0.3  # the drive ends if the estimated distance exceeds it by more than its std
 
     def init(self) -> Pulses:
         """Return the state before the first tick."""
         d = len(self.directions)
-        start = np.full(d, STEP), np.zeros(d), np.zeros((d, 2)), np.zeros(d, bool), np.zeros(3)
-        return Pulses(-1, -1, -1, -1, *start, 0.0, False)
+        initial_values = np.full(d, STEP), np.zeros(d), np.zeros((d, 2)), np.zeros(d, bool), np.zeros(3)
+        return Pulses(-1, -1, -1, -1, *initial_values, 0.0, False)
 
     def advance(self, state: Pulses, estimate: Estimate) -> tuple[Pulses, np.ndarray, bool]:
         """Return the new state, the command (n,) of this tick, and True once the pulses are over."""
@@ -66,15 +66,15 @@ class Careful:
             state = state._replace(begun_ns=t_ns, since_ns=t_ns)
         state = self._observe(state, estimate)
         span = seconds(t_ns, state.since_ns)
-        if state.now >= 0 and (span >= PULSE_S or state.cut):
-            state = state._replace(now=-1, last=state.now, since_ns=t_ns)
-        elif state.now < 0 and span >= (FIRST_S if state.last < 0 else PAUSE_S):
-            state = self._next(self._evaluate(state, estimate), estimate)
-        over = bool(state.done.all()) or seconds(t_ns, state.begun_ns) >= self.longest_s
-        far = np.hypot(*estimate.eta[:2]) > self.far_m + np.sqrt(estimate.cov[0, 0])
-        over = bool(over or far) and state.now < 0
-        u = none if state.now < 0 or over else state.level[state.now] * self.directions[state.now]
-        return state, u, over
+        if state.active >= 0 and (span >= PULSE_S or state.is_cut):
+            state = state._replace(active=-1, previous=state.active, since_ns=t_ns)
+        elif state.active < 0 and span >= (FIRST_S if state.previous < 0 else PAUSE_S):
+            state = self._begin_pulse(self._evaluate(state, estimate), estimate)
+        is_over = bool(state.is_done.all()) or seconds(t_ns, state.begun_ns) >= self.max_duration_s
+        is_far = np.hypot(*estimate.eta[:2]) > self.max_distance_m + np.sqrt(estimate.cov[0, 0])
+        is_over = bool(is_over or is_far) and state.active < 0
+        u = none if state.active < 0 or is_over else state.level[state.active] * self.directions[state.active]
+        return state, u, is_over
 
     def _observe(self, state: Pulses, estimate: Estimate) -> Pulses:
         """Return the state with `significance` and `cut` updated by an estimate, from the first pulse on."""
@@ -82,42 +82,46 @@ class Careful:
         sd_v, sd_psi, sd_omega = np.sqrt(np.diagonal(estimate.cov)[[3, 2, 5]])
         turn = abs(estimate.eta[2] - state.start_pose[2])
         significance = max(v / max(sd_v, 1e-9), turn / max(sd_psi, 1e-9)) if sd_v > 0.0 else 0.0
-        cut = v > max(self.speed_m_s, SIGNIFICANT * sd_v) or omega > self.turn_rad_s + SIGNIFICANT * sd_omega
-        if state.now < 0 and state.last < 0:
+        cut = v > max(self.speed_m_s, MIN_SIGMA * sd_v) or omega > self.turn_rad_s + MIN_SIGMA * sd_omega
+        if state.active < 0 and state.previous < 0:
             return state
         return state._replace(
-            significance=max(state.significance, float(significance)), cut=state.cut or bool(cut)
+            significance=max(state.significance, float(significance)), is_cut=state.is_cut or bool(cut)
         )
 
     def _evaluate(self, state: Pulses, estimate: Estimate) -> Pulses:
         """Return the state updated by the result of the last pulse."""
-        k = state.last
+        k = state.previous
         if k < 0:
             return state
-        level, count, shifts, done = (x.copy() for x in (state.level, state.moved, state.gone, state.done))
+        level, count, shifts, is_done = (
+            x.copy() for x in (state.level, state.moved_count, state.displacement, state.is_done)
+        )
         shift = estimate.eta[:2] - state.start_pose[:2]
         c, s = np.cos(state.start_pose[2]), np.sin(state.start_pose[2])
-        if state.significance > SIGNIFICANT:
+        if state.significance > MIN_SIGMA:
             count[k] += 1.0
             shifts[k] = c * shift[0] + s * shift[1], -s * shift[0] + c * shift[1]
-        done[k] |= state.cut or count[k] >= ENOUGH or level[k] >= 1.0
-        if not done[k]:
+        is_done[k] |= state.is_cut or count[k] >= MAX_MOVING_PULSES or level[k] >= 1.0
+        if not is_done[k]:
             level[k] = min(1.0, level[k] + max(STEP, GROWTH * level[k]))
-        return state._replace(level=level, moved=count, gone=shifts, done=done)
+        return state._replace(level=level, moved_count=count, displacement=shifts, is_done=is_done)
 
-    def _next(self, state: Pulses, estimate: Estimate) -> Pulses:
+    def _begin_pulse(self, state: Pulses, estimate: Estimate) -> Pulses:
         """Return the state with the next pulse begun, unless all directions are finished."""
         psi = estimate.eta[2]
         position = np.array([np.cos(psi) * estimate.eta[0] + np.sin(psi) * estimate.eta[1],
                          np.cos(psi) * estimate.eta[1] - np.sin(psi) * estimate.eta[0]])  # fmt: skip
-        if state.done.all():
+        if state.is_done.all():
             return state
-        order = np.where(state.done, np.inf, state.level)
-        closer = np.hypot(*position) - np.hypot(*(position + state.gone).T)
-        if np.hypot(*position) > BACK_M and np.max(closer) > 0.2 * np.hypot(*position):
+        order = np.where(state.is_done, np.inf, state.level)
+        closer = np.hypot(*position) - np.hypot(*(position + state.displacement).T)
+        if np.hypot(*position) > RETURN_DISTANCE_M and np.max(closer) > 0.2 * np.hypot(*position):
             order = -closer
-        elif np.hypot(*position) > BACK_M and not state.done[closer >= 0.0].all():
+        elif np.hypot(*position) > RETURN_DISTANCE_M and not state.is_done[closer >= 0.0].all():
             order = np.where(closer < 0.0, np.inf, order)
         k = int(np.argmin(order))
-        at = estimate.eta.copy()
-        return state._replace(now=k, since_ns=estimate.t_ns, start_pose=at, significance=0.0, cut=False)
+        start_pose = estimate.eta.copy()
+        return state._replace(
+            active=k, since_ns=estimate.t_ns, start_pose=start_pose, significance=0.0, is_cut=False
+        )

@@ -5,7 +5,7 @@ The filter predicts every measurement and the variance of its error:
   NIS = mean over the last WINDOW_S of min(yᵀ S⁻¹ y / m, FAR²)                                           (1)
 
 y are the innovations with their covariance S, m the number of values that arrived in a tick. A filter that fits its
-vehicle has NIS = 1. Above TOO_LARGE the innovations are √2 times as large as predicted: the vehicle no longer fits the
+vehicle has NIS = 1. Above MAX_NIS the innovations are √2 times as large as predicted: the vehicle no longer fits the
 identified model. It is worn, loaded, on another floor, or its IMU is loose. This is reported once a run; only the
 supervisor stops the motors. The monitor (monitor/) reports which channel of which sensor disagrees, and for how long.
 The report at the end states if the run left the envelope of the fit, and the number of refused readings per channel.
@@ -17,14 +17,14 @@ from typing import Any
 
 import numpy as np
 
-from baqueano.diagnostics import Diagnostic, Severity, merge, note
-from baqueano.monitor import REFUSED, Finding, Notice, Watching, refusal_event
+from baqueano.diagnostics import Diagnostic, Severity, merge_diagnostics, note
+from baqueano.monitor import REFUSED_SOURCE, Finding, Notice, Watching, refusal_event
 from baqueano.signals import Estimate, Tick, seconds
 from baqueano.vehicle_file.envelope import Envelope, Watch
 
 WINDOW_S = 5.0
-TOO_LARGE = 2.0
-FAR = 5.0  # standard deviations: the limit for a single wild measurement
+MAX_NIS = 2.0
+OUTLIER_SIGMA = 5.0  # standard deviations: the limit for a single wild measurement
 SOURCE = "model"
 SENSORS_SOURCE = "sensors"
 Line = tuple[str, str, Diagnostic]  # source, level, message of an event
@@ -32,7 +32,7 @@ Line = tuple[str, str, Diagnostic]  # source, level, message of an event
 
 def degraded_note(degraded: tuple[Finding, ...]) -> Diagnostic | None:
     """Return the degraded sensors of a tick as one message, None if no sensor is degraded."""
-    return merge(finding.diagnostic for finding in degraded)
+    return merge_diagnostics(finding.diagnostic for finding in degraded)
 
 
 class Health:
@@ -55,7 +55,7 @@ class Health:
         self.count(tick)
         notices: list[Notice] = [] if self._sensors is None else self._sensors.update(tick, estimate)
         if (
-            self._sensors is not None and self._sensors.suspect
+            self._sensors is not None and self._sensors.is_suspect
         ):  # readings of a broken sensor do not show if the model fits
             self._forget()
         misfit = self.check(tick.t_ns, estimate)
@@ -72,15 +72,15 @@ class Health:
     def last_lines(self) -> list[Line]:
         """Return the events at the end of the run: signals outside the envelope, and refused readings."""
         counts = () if self._sensors is None else self._sensors.refusals
-        beyond = [(SOURCE, "warning", message) for message in self.beyond()]
-        return [*beyond, *([(REFUSED, "info", refusal_event(counts))] if counts else [])]
+        envelope_lines = [(SOURCE, "warning", message) for message in self.envelope_notes()]
+        return [*envelope_lines, *([(REFUSED_SOURCE, "info", refusal_event(counts))] if counts else [])]
 
-    def beyond(self) -> tuple[Diagnostic, ...]:
+    def envelope_notes(self) -> tuple[Diagnostic, ...]:
         """Return a message for each command and measurement that left the envelope."""
         return self._watch.flags(note("envelope.this-run"))
 
     def count(self, tick: Tick) -> None:
-        """Record the commands and measurements of a tick for `beyond`."""
+        """Record the commands and measurements of a tick for `envelope_notes`."""
         self._watch.update(tick)
 
     def check(self, t_ns: int, estimate: Any) -> Diagnostic | None:
@@ -94,14 +94,14 @@ class Health:
             return None
         if square is None:
             return None
-        self._window.append((t_ns, min(square, FAR**2)))
+        self._window.append((t_ns, min(square, OUTLIER_SIGMA**2)))
         self._sum += self._window[-1][1]
         if seconds(t_ns, self._window[0][0]) < WINDOW_S:
             return None
         while seconds(t_ns, self._window[0][0]) >= WINDOW_S:
             self._sum -= self._window.popleft()[1]
         nis = self._sum / max(1, len(self._window))
-        if nis <= TOO_LARGE:
+        if nis <= MAX_NIS:
             return None
         self.reported = True
         fix = "baqueano identify last"
@@ -114,11 +114,11 @@ def normalised_square(y: list[float], S: list[list[float]]) -> float | None:
     `y` and `S` are overwritten. For three numbers NumPy would take five times as long.
     """
     finite, total = [k for k, value in enumerate(y) if isfinite(value)], 0.0
-    for at, k in enumerate(finite, 1):
+    for row, k in enumerate(finite, 1):
         total += y[k] * y[k] / S[k][k]
-        for i in finite[at:]:
-            part = S[i][k] / S[k][k]
-            y[i] -= part * y[k]
-            for j in finite[at:]:
-                S[i][j] -= part * S[k][j]
+        for i in finite[row:]:
+            factor = S[i][k] / S[k][k]
+            y[i] -= factor * y[k]
+            for j in finite[row:]:
+                S[i][j] -= factor * S[k][j]
     return total / len(finite) if finite else None

@@ -11,7 +11,7 @@ from types import FrameType
 def between_ticks(ticking: Iterable[int]) -> Iterator[Iterable[int]]:
     """Yield the ticks of `ticking`: after Ctrl-C they raise KeyboardInterrupt in place of the next tick.
 
-    Ctrl-C is not changed if `ours` returns False.
+    Ctrl-C is not changed if `is_default_handler` returns False.
     """
     interrupted = False
 
@@ -26,17 +26,17 @@ def between_ticks(ticking: Iterable[int]) -> Iterator[Iterable[int]]:
             if interrupted:
                 raise KeyboardInterrupt
 
-    if not ours():
+    if not is_default_handler():
         yield ticking
         return
-    before = signal.signal(signal.SIGINT, request_end)
+    previous_handler = signal.signal(signal.SIGINT, request_end)
     try:
         yield ticks()
     finally:
-        signal.signal(signal.SIGINT, before)
+        signal.signal(signal.SIGINT, previous_handler)
 
 
-def ours() -> bool:
+def is_default_handler() -> bool:
     """Return True in the main thread of a program with Python's default handler of Ctrl-C."""
     main = threading.current_thread() is threading.main_thread()
     return main and signal.getsignal(signal.SIGINT) is signal.default_int_handler

@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from baqueano.blocks import read
+from baqueano.blocks import read_module
 from baqueano.contracts.values import JsonObject
 from baqueano.diagnostics import fault
 from baqueano.drive.first_drive import careful_drive
@@ -26,7 +26,7 @@ from baqueano.vehicle_file.file import VehicleFile
 
 KINDS = ("experiment", "first drive", "drive", "teach", "repeat")
 FORMAT = 1
-MOST_LAPS = 10**9
+MAX_LAPS = 10**9
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -82,12 +82,12 @@ class Mission:
     def of_json(cls, text: str) -> "Mission":
         """Return the mission in this JSON, the inverse of `json`. Raise UsageError for any other text."""
         try:
-            document = json.loads(text, parse_constant=_finite, parse_float=_finite)
+            document = json.loads(text, parse_constant=_finite_float, parse_float=_finite_float)
             if document.pop("format") != FORMAT:
                 raise UsageError(fault("mission.version"))
             route, u = document.pop("route"), document.pop("u")
             for name, value in document.items():
-                _check(name, value)
+                _check_field(name, value)
             document["start"] = tuple(map(float, document.get("start", ())))
             return cls(
                 **document,
@@ -113,16 +113,16 @@ def pack(mission: Mission, vehicle_file: VehicleFile) -> Mission:
     home = Path() if vehicle_file.path is None else vehicle_file.path.parent
 
     def pack_kind(kind: str) -> str:
-        file, colon, name = kind.partition(".py:")
+        stem, colon, name = kind.partition(".py:")
         if not colon:
             return kind
-        path = home / f"{file}.py"
+        path = home / f"{stem}.py"
         text = path.read_text(encoding="utf-8")
         if texts.setdefault(path.name, text) != text:
             raise FileError(fault("mission.two-files", name=path.name))
         return f"{path.name}:{name}"
 
-    blocks, vehicle = {room: pack_kind(kind) for room, kind in mission.blocks.items()}, vehicle_file.text
+    blocks, vehicle = {role: pack_kind(kind) for role, kind in mission.blocks.items()}, vehicle_file.text
     for kind in _kinds(vehicle_file.data):
         vehicle = vehicle.replace(f'"{kind}"', f'"{pack_kind(kind)}"')
     return replace(mission, vehicle=vehicle, blocks=blocks, texts=texts)
@@ -169,7 +169,7 @@ def unpack(mission: Mission, folder: Path) -> VehicleFile:
             raise UsageError(fault("mission.file-name", name=repr(name)))
         (folder / name).write_text(text, encoding="utf-8")
     for name in mission.texts:  # executes the user's code before a block is created
-        read(name, folder)
+        read_module(name, folder)
     path = folder / "vehicle.toml"
     path.write_text(mission.vehicle, encoding="utf-8")
     return load(path)
@@ -182,7 +182,7 @@ def _kinds(data: JsonObject) -> list[str]:
     return [str(table["kind"]) for table in tables if "kind" in table]
 
 
-def _finite(number: str) -> float:
+def _finite_float(number: str) -> float:
     """Return a number in JSON as a float. Raise ValueError for NaN, Infinity and numbers that do not fit a double."""
     value = float(number)
     if not abs(value) < float("inf"):
@@ -190,15 +190,15 @@ def _finite(number: str) -> float:
     return value
 
 
-def _check(name: str, value: object) -> None:
+def _check_field(name: str, value: object) -> None:
     """Raise ValueError if a field of a mission has the wrong type, or if the number of laps is out of range."""
-    of_texts = isinstance(value, dict) and all(isinstance(text, str) for text in value.values())
-    right = {
-        "laps": isinstance(value, int) and not isinstance(value, bool) and 0 <= value <= MOST_LAPS,
-        "hold": isinstance(value, bool), "blocks": of_texts, "texts": of_texts,
+    is_text_dict = isinstance(value, dict) and all(isinstance(text, str) for text in value.values())
+    is_valid = {
+        "laps": isinstance(value, int) and not isinstance(value, bool) and 0 <= value <= MAX_LAPS,
+        "hold": isinstance(value, bool), "blocks": is_text_dict, "texts": is_text_dict,
         "start": isinstance(value, list), "precautions": isinstance(value, dict),
     }  # fmt: skip
-    if not right.get(name, isinstance(value, str)):
+    if not is_valid.get(name, isinstance(value, str)):
         raise ValueError(f"{name} = {value!r:.80}")
 
 

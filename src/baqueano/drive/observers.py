@@ -32,7 +32,7 @@ class Observer:
         """Return the reason to stop the vehicle at `t_ns`, or None if it may continue."""
         return None
 
-    def marks(self) -> int:
+    def pop_mark_count(self) -> int:
         """Return how often a person has reported since the last tick that the vehicle is on the mark."""
         return 0
 
@@ -43,7 +43,7 @@ class Observer:
     def on_event(self, t_ns: int, source: str, event: Diagnostic | str) -> None:
         """Receive an event of the run, once it is written."""
 
-    def look(self, record: Record) -> None:
+    def on_record(self, record: Record) -> None:
         """Receive the record of a tick, once it is written."""
 
     def progress(self, done_s: float) -> None:

@@ -18,7 +18,7 @@ STOP_SOURCE = "loop"
 HARDWARE_SOURCE, CLOCK_SOURCE, LINE_SOURCE, UNO_SOURCE = "hardware", "clock", "line", "uno"
 IMU_SOURCE = "imu"
 MARK_SOURCE, SHAKE_SOURCE = "mark", "shake"
-PROGRESS_EVERY = 50  # ticks
+PROGRESS_PERIOD_TICKS = 50  # ticks
 
 
 @dataclass
@@ -31,17 +31,17 @@ class Recording:
     observers: Sequence[Observer]
     begun_ns: int
     diagnostics: dict[str, Callable[[Tree], Diagnostic | None]] = field(default_factory=dict)  # by room
-    ticks: int = 0
-    logged: bool = True  # the disk accepts the run
+    tick_count: int = 0
+    is_logging: bool = True  # the disk accepts the run
 
     def __post_init__(self) -> None:
         self.last_ns = self.begun_ns
 
     def begin(self, notes: Iterable[Diagnostic | str]) -> None:
         """Write the messages that are known before the first tick."""
-        for message in notes:
-            grave = isinstance(message, Diagnostic) and message.severity == Severity.WARNING
-            self.sink.event(self.begun_ns, "warning" if grave else "info", "drive", message)
+        for diagnostic in notes:
+            is_warning = isinstance(diagnostic, Diagnostic) and diagnostic.severity == Severity.WARNING
+            self.sink.event(self.begun_ns, "warning" if is_warning else "info", "drive", diagnostic)
 
     def tick(self, record: Record) -> None:
         """Write a record of the loop, and all data and events that belong to the tick of this record."""
@@ -56,14 +56,14 @@ class Recording:
             self._event(event_ns, "warning", SHAKE_SOURCE if is_fault else HARDWARE_SOURCE, cause)
         for source, level, cause in self.health.lines(record.tick, record.estimate):
             self._event(t_ns, level, source, cause)
-        for room in tuple(self.diagnostics):
-            self._ask(room, record)
-        for _ in range(sum(observer.marks() for observer in self.observers)):
+        for role in tuple(self.diagnostics):
+            self._write_diagnostic(role, record)
+        for _ in range(sum(observer.pop_mark_count() for observer in self.observers)):
             self._event(t_ns, "info", MARK_SOURCE, note("drive.on-mark"))
         for source, level, message in [line for observer in self.observers for line in observer.events()]:
             self._event(t_ns, level, source, message)
         self._show(record)
-        self.ticks, self.last_ns = self.ticks + 1, t_ns
+        self.tick_count, self.last_ns = self.tick_count + 1, t_ns
 
     def record_stop(self, t_ns: int, reason: Diagnostic) -> None:
         """Write the reason why the motors are stopped from now on."""
@@ -75,18 +75,20 @@ class Recording:
         for source, level, message in (*self.health.last_lines(), *lines):
             self.sink.event(self.last_ns, level, source, message)
 
-    def _ask(self, room: str, record: Record) -> None:
+    def _write_diagnostic(self, role: str, record: Record) -> None:
         """Write the diagnostic that a block returns for its state; a block that raises an error is not called again."""
-        state, t_ns = getattr(record.states, room, None), record.tick.t_ns
+        state, t_ns = getattr(record.states, role, None), record.tick.t_ns
         if state is None:  # it was replaced after a fault
             return
         try:
-            message = self.diagnostics[room](state)
+            diagnostic = self.diagnostics[role](state)
         except Exception as error:
-            del self.diagnostics[room]
-            message = note("drive.says-failed", Severity.WARNING, room=room, error=error_text(error))
-        if message is not None:
-            self._event(t_ns, "warning" if message.severity == Severity.WARNING else "info", room, message)
+            del self.diagnostics[role]
+            diagnostic = note("drive.says-failed", Severity.WARNING, room=role, error=error_text(error))
+        if diagnostic is not None:
+            self._event(
+                t_ns, "warning" if diagnostic.severity == Severity.WARNING else "info", role, diagnostic
+            )
 
     def _event(self, t_ns: int, level: str, source: str, message: Diagnostic | str) -> None:
         self.sink.event(t_ns, level, source, message)
@@ -95,41 +97,45 @@ class Recording:
 
     def _show(self, record: Record) -> None:
         failure, shown_record = self.sink.failure, record._replace(degraded=self.health.degraded_sensors)
-        full = self.logged and failure is not None
-        if full and failure is not None:
-            self.logged = False
+        is_newly_full = self.is_logging and failure is not None
+        if is_newly_full and failure is not None:
+            self.is_logging = False
             disk = note("drive.disk-full", Severity.ERROR, error=failure.strerror or str(failure))
             for observer in self.observers:
                 observer.on_disk_full(disk)
         for observer in self.observers:
-            observer.look(shown_record)
-            if self.ticks % PROGRESS_EVERY == 0:
+            observer.on_record(shown_record)
+            if self.tick_count % PROGRESS_PERIOD_TICKS == 0:
                 observer.progress(seconds(record.tick.t_ns, self.begun_ns))
 
 
-def messages_of_blocks(blocks: Blocks) -> dict[str, Callable[[Tree], Diagnostic | None]]:
+def diagnostics_of_blocks(blocks: Blocks) -> dict[str, Callable[[Tree], Diagnostic | None]]:
     """Return, for each room whose block has diagnostics, a function from the block's state to a diagnostic or None."""
-    sayings = {room: tuple(_sayings(block)) for room, block in blocks._asdict().items()}
-    return {room: partial(_first, diagnose) for room, diagnose in sayings.items() if diagnose}
+    functions = {role: tuple(_diagnostic_functions(block)) for role, block in blocks._asdict().items()}
+    return {role: partial(_first_diagnostic, diagnose) for role, diagnose in functions.items() if diagnose}
 
 
-def _sayings(block: Tree) -> Iterator[Callable[[Tree], Diagnostic | None]]:
+def _diagnostic_functions(block: Tree) -> Iterator[Callable[[Tree], Diagnostic | None]]:
     """Yield the `diagnostic` functions of a block and of the blocks inside it, as functions of the outer state."""
     if (
         inner := getattr(block, "block", None)
     ) is not None:  # timed, compiled: with the state of the one inside
-        yield from _sayings(inner)
+        yield from _diagnostic_functions(inner)
         return
-    if (own := optional.of(block, "diagnostic")) is not None:
-        yield own
+    if (diagnostic := optional.of(block, "diagnostic")) is not None:
+        yield diagnostic
     for name in optional.of(block, "goes_around"):
-        for diagnose in _sayings(getattr(block, name)):
-            yield partial(_of_part, diagnose, name)
+        for diagnose in _diagnostic_functions(getattr(block, name)):
+            yield partial(_diagnose_part, diagnose, name)
 
 
-def _of_part(diagnose: Callable[[Tree], Diagnostic | None], name: str, state: Tree) -> Diagnostic | None:
+def _diagnose_part(
+    diagnose: Callable[[Tree], Diagnostic | None], name: str, state: Tree
+) -> Diagnostic | None:
     return diagnose(getattr(state, name))
 
 
-def _first(sayings: Sequence[Callable[[Tree], Diagnostic | None]], state: Tree) -> Diagnostic | None:
-    return next((diagnostic for diagnose in sayings if (diagnostic := diagnose(state)) is not None), None)
+def _first_diagnostic(
+    functions: Sequence[Callable[[Tree], Diagnostic | None]], state: Tree
+) -> Diagnostic | None:
+    return next((diagnostic for diagnose in functions if (diagnostic := diagnose(state)) is not None), None)

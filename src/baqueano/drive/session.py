@@ -18,7 +18,7 @@ from baqueano.drive.budget import PREPARE_S, BudgetedBlock, within
 from baqueano.drive.health import Health
 from baqueano.drive.interrupt import between_ticks
 from baqueano.drive.observers import Observer, Watchdog
-from baqueano.drive.recording import MARK_SOURCE, STOP_SOURCE, Recording, messages_of_blocks
+from baqueano.drive.recording import MARK_SOURCE, STOP_SOURCE, Recording, diagnostics_of_blocks
 from baqueano.errors import SafetyStop, UsageError, error_text, from_outside
 from baqueano.loop import Blocks
 from baqueano.monitor import Watching
@@ -66,7 +66,7 @@ class Conditions:
         world = self.world or self._simulated_world(vehicle_file)
         if self.world is not None and self.shake is not None:
             raise UsageError(fault("shake.of-another-world", world=type(self.world).__name__))
-        _same_commands(vehicle_file, world)
+        _check_command_count(vehicle_file, world)
         return world
 
     def _simulated_world(self, vehicle_file: VehicleFile) -> World:
@@ -82,9 +82,9 @@ class Conditions:
 
     def metadata(self, kind: str, blocks: Blocks) -> dict[str, str]:
         """Return the metadata of a run about these conditions: kind, seed, start and backend."""
-        start = " ".join(map(repr, self.start.tolist()))
+        start_text = " ".join(map(repr, self.start.tolist()))
         backend = blocks.estimator.backend if isinstance(blocks.estimator, CompiledBlock) else "numpy"
-        return {"kind": kind, "seed": str(self.seed), "start": start, "backend": backend}
+        return {"kind": kind, "seed": str(self.seed), "start": start_text, "backend": backend}
 
 
 def texts_of_own(blocks: Blocks, vehicle_file: VehicleFile) -> tuple[dict[str, str], list[Diagnostic]]:
@@ -92,31 +92,31 @@ def texts_of_own(blocks: Blocks, vehicle_file: VehicleFile) -> tuple[dict[str, s
 
     The key "controller" contains the class and its numbers, "controller.text" the source text.
     """
-    rooms = {**blocks._asdict(), "vehicle": vehicle_file.vehicle, **vehicle_file.sensors._asdict()}
-    own = {
-        room: part
-        for room in rooms
-        for part in optional.nested_blocks(rooms[room])
+    blocks_by_role = {**blocks._asdict(), "vehicle": vehicle_file.vehicle, **vehicle_file.sensors._asdict()}
+    own_blocks = {
+        role: part
+        for role in blocks_by_role
+        for part in optional.nested_blocks(blocks_by_role[role])
         if not is_ours(type(part))
     }
-    texts = {room: source_text(type(block)) for room, block in own.items()}
+    texts = {role: source_text(type(block)) for role, block in own_blocks.items()}
     text_notes = [
-        note("drive.text-unknown", room=room, block=type(own[room]).__name__)
-        for room in own
-        if not texts[room]
+        note("drive.text-unknown", room=role, block=type(own_blocks[role]).__name__)
+        for role in own_blocks
+        if not texts[role]
     ]
-    names = {room: numbers_of(block) for room, block in own.items()}
-    return names | {f"{room}.text": text for room, text in texts.items() if text}, text_notes
+    names = {role: parameters_text(block) for role, block in own_blocks.items()}
+    return names | {f"{role}.text": text for role, text in texts.items() if text}, text_notes
 
 
-def numbers_of(block: object) -> str:
+def parameters_text(block: object) -> str:
     """Return the class of a block and its numeric parameters as text: "MyController(k_x=3.0)"."""
     names = [f.name for f in fields(block)] if is_dataclass(block) else []
     values = {name: getattr(block, name) for name in names}
-    numbers = ", ".join(
+    parameters = ", ".join(
         f"{name}={value!r}" for name, value in values.items() if isinstance(value, int | float)
     )
-    return f"{type(block).__name__}({numbers})"
+    return f"{type(block).__name__}({parameters})"
 
 
 def drive(
@@ -174,19 +174,21 @@ def drive(
     """
     settings = Conditions(**conditions)
     world = settings.world_of(vehicle_file)
-    own, text_notes = texts_of_own(blocks, vehicle_file)
+    own_texts, text_notes = texts_of_own(blocks, vehicle_file)
     blocks, sensors, notes = _prepare(blocks, vehicle_file, settings, live)
     for observer in observers:
         blocks = observer.begin(blocks)
     blocks = blocks._replace(supervisor=Watchdog(blocks.supervisor, observers)) if observers else blocks
-    metadata = settings.metadata(kind, blocks) | own
+    metadata = settings.metadata(kind, blocks) | own_texts
     health = Health(vehicle_file.envelope, sensors)
     ticking = settings.clock_of(vehicle_file)
 
     def perform(sink: RunSink) -> None:
-        recording = Recording(sink, world, health, observers, _first_ns(ticking), messages_of_blocks(blocks))
-        start, elsewhere = initial_pose_for(blocks.estimator, settings.start)
-        recording.begin([*world.notes, *text_notes, *notes, *([] if elsewhere is None else [elsewhere])])
+        recording = Recording(
+            sink, world, health, observers, _first_ns(ticking), diagnostics_of_blocks(blocks)
+        )
+        start, origin_note = initial_pose_for(blocks.estimator, settings.start)
+        recording.begin([*world.notes, *text_notes, *notes, *([] if origin_note is None else [origin_note])])
         _run(blocks, ticking, start, recording)
 
     if path is None:
@@ -284,7 +286,7 @@ def sensor_monitor(
 
 
 def compiled_or_unchanged(
-    room: str, block: object, state: Tree, inputs: tuple[Any, ...], backend: str
+    role: str, block: object, state: Tree, inputs: tuple[Any, ...], backend: str
 ) -> tuple[Any, Diagnostic | None]:
     """Return the block compiled, or unchanged with the reason if it cannot be compiled."""
     if optional.of(block, "as_written"):
@@ -294,7 +296,7 @@ def compiled_or_unchanged(
         quick.step(state, *inputs)
     except TraceError as error:
         return block, note(
-            "drive.not-compiled", room=room, block=type(block).__name__, error=error.diagnostic
+            "drive.not-compiled", room=role, block=type(block).__name__, error=error.diagnostic
         )
     except BaseException as error:  # the loop meets it again, stops, and names the block
         if from_outside(error):
@@ -313,8 +315,8 @@ def initial_pose_for(estimator: Estimator, start: np.ndarray) -> tuple[np.ndarra
 
     The part is None if init() does not accept a start; the diagnostic reports this if the start is not zero.
     """
-    if takes := len(inspect.signature(estimator.init).parameters):
-        return start if takes > 1 else start[:3], None
+    if argument_count := len(inspect.signature(estimator.init).parameters):
+        return start if argument_count > 1 else start[:3], None
     block_name = type(estimator.block if isinstance(estimator, CompiledBlock) else estimator).__name__
     position = str(np.round(start, 3).tolist())
     return None, note("drive.own-origin", block=block_name, start=position) if np.any(start != 0.0) else None
@@ -346,7 +348,7 @@ def _first_ns(ticking: Iterable[int]) -> int:
     return int(ticking[0]) if isinstance(ticking, list) and ticking else 0
 
 
-def _same_commands(vehicle_file: VehicleFile, world: World) -> None:
+def _check_command_count(vehicle_file: VehicleFile, world: World) -> None:
     own_commands, world_commands = vehicle_file.vehicle.commands, world.commands
     if own_commands != world_commands:
         raise UsageError(

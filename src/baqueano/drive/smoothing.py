@@ -9,7 +9,7 @@ from baqueano.contracts.blocks import Estimator
 from baqueano.diagnostics import fault
 from baqueano.drive.session import initial_pose_for
 from baqueano.errors import UsageError
-from baqueano.estimators.pauses import split
+from baqueano.estimators.pauses import rows_of_ticks
 from baqueano.estimators.smoother import can_be_smoothed, smooth
 from baqueano.runs import EstimateLog, Run
 from baqueano.signals import Slot, Tick, sensor_slots, silent
@@ -34,12 +34,12 @@ def smooth_run(
     block_name = type(estimator).__name__
     if not can_be_smoothed(estimator, belief, quiet):
         raise UsageError(fault("smooth.not-kalman", who=block_name))
-    rows, at = split(_ticks(run, sizes), vehicle_file.rate_hz)
+    rows, tick_rows = rows_of_ticks(_ticks(run, sizes), vehicle_file.rate_hz)
     try:
         mean, cov = smooth(estimator, belief, rows, backend)
     except TraceError as error:
         raise UsageError(fault("smooth.not-compiled", who=block_name, cause=error.diagnostic)) from error
-    log = EstimateLog(run.t_ns, mean[at, :3], mean[at, 3:6], cov[at, :6, :6])
+    log = EstimateLog(run.t_ns, mean[tick_rows, :3], mean[tick_rows, 3:6], cov[tick_rows, :6, :6])
     return replace(run, estimate=log, metadata=run.metadata | {"smoothed": "Rauch-Tung-Striebel"})
 
 
@@ -53,8 +53,8 @@ def _ticks(run: Run, sizes: dict[str, int]) -> Tick:
     for name, m in sizes.items():
         columns: Any = (np.zeros(n), np.zeros((n, m)), np.zeros(n))
         if name in run.sensors:
-            every = [getattr(tick.sensors, name) for tick in ticks]
-            columns = (np.array([slot[i] for slot in every], dtype=float) for i in range(3))
+            slots_of_sensor = [getattr(tick.sensors, name) for tick in ticks]
+            columns = (np.array([slot[i] for slot in slots_of_sensor], dtype=float) for i in range(3))
         slots[name] = Slot(*columns)
     fields: Any = (run.t_ns, run.applied, sensor_slots(tuple(sizes))(**slots))
     return Tick(*fields)

@@ -11,7 +11,7 @@ from baqueano.contracts.result import Result
 from baqueano.contracts.values import TableRow
 from baqueano.controllers import Hand, Schedule
 from baqueano.diagnostics import fault
-from baqueano.drive.by_hand.heading_gains import holding
+from baqueano.drive.by_hand.heading_gains import with_heading_hold
 from baqueano.drive.safety.precautions import Precautions
 from baqueano.drive.safety.route_check import warnings_of
 from baqueano.drive.session import drive
@@ -167,7 +167,7 @@ def lesson(
     hand = None
     if callable(driver):
         guide, hand = Idle(float("inf")), Hand(driver)
-        hand = holding(hand, vehicle_file) if hold else hand
+        hand = with_heading_hold(hand, vehicle_file) if hold else hand
     elif isinstance(driver, list | tuple):
         u = commands_of(driver, n, rate_hz)
         guide, hand = Idle(len(u) / rate_hz), Schedule.at_rate(u, rate_hz)
@@ -233,8 +233,10 @@ def repeat(
     care, options = Precautions.of(options)
     options = {"eta": route.eta[0], "backend": "auto"} | options
     if care.check:
-        measured = not vehicle_file.is_guess or (vehicle_file.path is None and options.get("world") is None)
-        conditions = {"measured": measured, "anyway": care.anyway, "backend": options["backend"]}
+        is_measured = not vehicle_file.is_guess or (
+            vehicle_file.path is None and options.get("world") is None
+        )
+        conditions = {"measured": is_measured, "anyway": care.anyway, "backend": options["backend"]}
         warnings_of(route, vehicle_file, care.room, **conditions)
     blocks = Blocks(
         vehicle_file.estimator(estimator),
@@ -242,9 +244,11 @@ def repeat(
         vehicle_file.controller(controller),
         vehicle_file.supervisor(),
     )
-    led = care.around(blocks.guide, route, vehicle_file, np.asarray(options["eta"]), blocks.estimator)
+    full_guide = care.guide_of(
+        blocks.guide, route, vehicle_file, np.asarray(options["eta"]), blocks.estimator
+    )
     options["observers"] = (*care.observers(vehicle_file, route), *options.get("observers", ()))
-    return drive(blocks._replace(guide=led), vehicle_file, "repeat", **options)
+    return drive(blocks._replace(guide=full_guide), vehicle_file, "repeat", **options)
 
 
 def replay(
@@ -292,12 +296,12 @@ def replay(
     >>> np.array_equal(replay(run, small).estimate.eta, run.estimate.eta)
     True
     """
-    file = vehicle_of(run, allow_blocks) if vehicle_file is None else vehicle_file
-    world = ReplayedWorld(run, file.sensors)
+    vehicle_file = vehicle_of(run, allow_blocks) if vehicle_file is None else vehicle_file
+    world = ReplayedWorld(run, vehicle_file.sensors)
     options = {"backend": run.metadata.get("backend", "auto"), "eta": initial_pose(run)} | options
     with permit_blocks(allow_blocks):
-        replay_blocks = blocks_of(run, file, estimator, guide, controller) if blocks is None else blocks
-    return drive(replay_blocks, file, "replay", world=world, ticking=world.times, **options)
+        blocks = blocks or blocks_of(run, vehicle_file, estimator, guide, controller)
+    return drive(blocks, vehicle_file, "replay", world=world, ticking=world.times, **options)
 
 
 def vehicle_of(run: Run, allow_blocks: bool = False) -> VehicleFile:
@@ -330,14 +334,14 @@ def blocks_of(
     if controller is not None:
         follower = vehicle_file.controller(controller)
     elif run.metadata.get("kind") == "repeat":
-        follower = _with_gains(vehicle_file)
+        follower = _controller_with_gains(vehicle_file)
     if follower is None:
         u = run.applied if run.requested is None else np.where(np.isfinite(run.requested), run.requested, 0.0)
         follower = Schedule(run.t_ns - run.t_ns[0], u)
     return Blocks(vehicle_file.estimator(estimator), leader, follower, vehicle_file.supervisor())
 
 
-def _with_gains(vehicle_file: VehicleFile) -> Controller | None:
+def _controller_with_gains(vehicle_file: VehicleFile) -> Controller | None:
     """Return the controller of the file, None if the file lacks its gains."""
     try:
         return vehicle_file.controller()
@@ -376,15 +380,15 @@ def route_of(run: Run, closed: bool | None = False) -> Route:
     if log is None or len(log.t_ns) < 2:
         raise AnswerNo(fault("route.no-estimates", name=run.name))
     speed, turn = np.hypot(log.nu[:, 0], log.nu[:, 1]), np.abs(log.nu[:, 2])
-    moving = np.flatnonzero(((speed > STILL_M_S) | (turn > STILL_RAD_S)) & np.isfinite(speed + turn))
-    if len(moving) < 2:
+    moving_indices = np.flatnonzero(((speed > STILL_M_S) | (turn > STILL_RAD_S)) & np.isfinite(speed + turn))
+    if len(moving_indices) < 2:
         raise AnswerNo(fault("route.no-motion", name=run.name))
-    first, last = max(moving[0] - 1, 0), moving[-1]
+    first, last = max(moving_indices[0] - 1, 0), moving_indices[-1]
     t_s = seconds(log.t_ns[first : last + 1], log.t_ns[first])
-    keep = np.unique(np.searchsorted(t_s, np.append(np.arange(0.0, t_s[-1], 1.0 / ROUTE_RATE_HZ), t_s[-1])))
-    eta = log.eta[first : last + 1][keep].copy()
+    rows = np.unique(np.searchsorted(t_s, np.append(np.arange(0.0, t_s[-1], 1.0 / ROUTE_RATE_HZ), t_s[-1])))
+    eta = log.eta[first : last + 1][rows].copy()
     eta[:, 2] = np.unwrap(eta[:, 2])
-    route = Route(t_s[keep], eta, log.nu[first : last + 1][keep], False)
+    route = Route(t_s[rows], eta, log.nu[first : last + 1][rows], False)
     gap_m, gap_rad = end_gap(route)
     returned = gap_m <= CLOSE_M and gap_rad <= CLOSE_RAD
     if closed and not returned:

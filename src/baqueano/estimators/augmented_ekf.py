@@ -8,8 +8,8 @@ Two different parameters describe the error of the model (σ_d, T) and the noise
 wrongly, d_ψ explains the difference, and the gyro determines the yaw rate. A model that was identified with a gyro has
 the scale error of that gyro. Then the innovations do not show κ, and κ acts only on the path of the pose.
 
-At rest (no command for REST_S, predicted speed below STILL) the filter sets ν and d to 0. A refused reading ends the
-rest, because a person may carry the vehicle.
+At rest (no command for MIN_REST_S, predicted speed below MAX_REST_NU) the filter sets ν and d to 0. A refused reading
+ends the rest, because a person may carry the vehicle.
 
 Sources: Jazwinski 1970, section 8.4; Schmidt 1966 for κ; Skog et al. 2010 for the detection of rest.
 """
@@ -24,13 +24,18 @@ from baqueano.contracts.blocks import SensorBlocks
 from baqueano.contracts.optional import is_dynamic
 from baqueano.contracts.values import Value
 from baqueano.estimators.augmented.correction import correct_tick
-from baqueano.estimators.augmented.motion import ahead, slow_part, velocity_error, wheel_velocity_cov
-from baqueano.estimators.augmented.state import BIASES, FORWARD, SCALES, layout, start_std
+from baqueano.estimators.augmented.motion import (
+    mean_disturbance_after,
+    predict_row,
+    velocity_error,
+    wheel_velocity_cov,
+)
+from baqueano.estimators.augmented.state import BIAS_INDEX, FORWARD_STATES, SCALE_INDEX, layout, start_std
 from baqueano.estimators.covariance import block_diagonal, mirror_upper
 from baqueano.estimators.kalman import Gaussian
-from baqueano.estimators.pauses import effort_of, either, in_rows, row_of, rows_before, tree_where
-from baqueano.estimators.readings.doubt import update_doubt
-from baqueano.estimators.readings.place_gate import PlaceDoubt, no_doubt
+from baqueano.estimators.pauses import branch, effort_of, row_of, rows_before, step_in_rows, tree_where
+from baqueano.estimators.readings.doubt import update_inconsistency
+from baqueano.estimators.readings.place_gate import PoseMemory, empty_memory
 from baqueano.estimators.readings.sensor_numbers import check_use
 from baqueano.parameter import document, parameter
 from baqueano.signals import Estimate, Tick
@@ -39,8 +44,8 @@ from baqueano.vehicles.bounds import check_bounds
 from baqueano.vehicles.drivetrain import DrivetrainState
 from baqueano.vehicles.state import DynamicVehicle
 
-REST_S = 0.5  # without a command; by then a vehicle is at rest, if its predicted speed is also small
-STILL = np.array([0.01, 0.01, 0.03])  # m/s, m/s, rad/s
+MIN_REST_S = 0.5  # without a command; by then a vehicle is at rest, if its predicted speed is also small
+MAX_REST_NU = np.array([0.01, 0.01, 0.03])  # m/s, m/s, rad/s
 AT_REST_STD = np.array([1e-3, 1e-3, 1e-3, 1e-2, 1e-2])  # of ν and d at rest
 
 
@@ -50,11 +55,11 @@ class AugmentedBelief(NamedTuple):
     t_ns: int  # of the last tick; -1 before the first
     mean: np.ndarray  # (n,) of (1); biases and scales are differences from those of the vehicle file
     cov: np.ndarray  # (n, n)
-    slow: np.ndarray  # (2,) d̄ of motion.py: the part of d that does not fade
+    mean_disturbance: np.ndarray  # (2,) d̄ of motion.py: the part of d that does not fade
     model_nu: np.ndarray  # (3,) ν of the model, computed only from the commands
-    gap: np.ndarray  # (m,) the last innovation of each number
-    doubt: np.ndarray  # (2, 2) of speed and yaw rate: size and duration, see doubt.py
-    place_doubt: PlaceDoubt  # of the sensors that measure the pose
+    last_innovations: np.ndarray  # (m,) the last innovation of each number
+    inconsistency: np.ndarray  # (2, 2) of speed and yaw rate: size and duration, see doubt.py
+    pose_memory: PoseMemory  # of the sensors that measure the pose
     quiet_s: Value  # time since the last command, or since the last number that was refused
     drivetrain: DrivetrainState
 
@@ -123,24 +128,39 @@ class AugmentedEkf:
 
     def __post_init__(self) -> None:
         check_bounds(self)
-        check_use(self.sensors, (*self.use, *self.speed_from), by_number=True)
+        check_use(self.sensors, (*self.use, *self.speed_from), allow_channels=True)
 
     def init(self, eta: np.ndarray | None = None, nu: np.ndarray | None = None) -> AugmentedBelief:
         """Return the belief at `eta` (3,) with `nu` (3,); the default is at rest at the origin."""
         eta, nu = (np.zeros(3) if x is None else np.array(x, dtype=float) for x in (eta, nu))
-        its = layout(self)
-        mean, gap = np.concatenate([eta, nu, np.zeros(its.size - 6)]), np.zeros(len(its.moving))
-        doubt, place_doubt = np.zeros((2, 2)), no_doubt(its.places, len(gap))
+        states = layout(self)
+        mean, no_innovations = (
+            np.concatenate([eta, nu, np.zeros(states.size - 6)]),
+            np.zeros(len(states.moving_mask)),
+        )
+        no_inconsistency, pose_memory = (
+            np.zeros((2, 2)),
+            empty_memory(states.pose_groups, len(no_innovations)),
+        )
         drivetrain = self.vehicle.drivetrain.init()
         return AugmentedBelief(
-            -1, mean, np.diag(start_std(self) ** 2), np.zeros(2), nu, gap, doubt, place_doubt, 0.0, drivetrain
+            -1,
+            mean,
+            np.diag(start_std(self) ** 2),
+            np.zeros(2),
+            nu,
+            no_innovations,
+            no_inconsistency,
+            pose_memory,
+            0.0,
+            drivetrain,
         )
 
     def step(self, belief: AugmentedBelief, tick: Tick) -> tuple[AugmentedBelief, Estimate]:
         """Predict, then correct with the measurements that arrived. A tick that is not newer is ignored."""
-        return in_rows(self, belief, tick)
+        return step_in_rows(self, belief, tick)
 
-    def pause(self, belief: AugmentedBelief, tick: Tick) -> Sequence[Tick]:
+    def rows_before(self, belief: AugmentedBelief, tick: Tick) -> Sequence[Tick]:
         """Return the rows without measurements that fill a pause before this tick: see pauses.py."""
         return rows_before(belief.t_ns, tick, self.rate_hz)
 
@@ -148,63 +168,80 @@ class AugmentedEkf:
         """Return belief and estimate after a row of any duration; they are finite and positive definite."""
         row = row_of(belief.t_ns, tick, self.rate_hz)
         drivetrain, effort = effort_of(self.vehicle.drivetrain, belief, row)
-        x = ahead(self, Gaussian(belief.mean, belief.cov), belief.slow, effort, row)
+        x = predict_row(self, Gaussian(belief.mean, belief.cov), belief.mean_disturbance, effort, row)
         gain = (x.mean[3] - belief.mean[3]) / row.moved_s
         nu_dot = None  # of a dynamic model it follows from the state
         if not is_dynamic(self.vehicle):
             nu_dot = self.vehicle.advance(belief.mean[:3], belief.mean[3:6], effort, row.moved_s)[2]
         quiet_s = np.where(np.sum(np.abs(row.u)) > 0.0, 0.0, belief.quiet_s + row.dt_s)
-        at_rest = (quiet_s >= REST_S) & np.all(np.abs(x.mean[3:6]) < STILL)
+        at_rest = (quiet_s >= MIN_REST_S) & np.all(np.abs(x.mean[3:6]) < MAX_REST_NU)
         model_nu = self.vehicle.advance(belief.mean[:3], belief.model_nu, effort, row.moved_s)[1]
         model_nu = np.where(at_rest, 0.0, model_nu)
-        before = belief.gap, belief.place_doubt
+        previous = belief.last_innovations, belief.pose_memory
 
         def correct(x: Gaussian, at_rest: bool) -> Value:
-            if not np.any(layout(self).moving[:, FORWARD[0]]):
+            if not np.any(layout(self).moving_mask[:, FORWARD_STATES[0]]):
                 x = x._replace(mean=np.concatenate([x.mean[:3], model_nu[:1], x.mean[4:]]))
-            return correct_tick(self, x, before, effort, nu_dot, tick, at_rest, row.dt_s)
+            return correct_tick(self, x, previous, effort, nu_dot, tick, at_rest, row.dt_s)
 
-        x, innovations = either(at_rest, lambda: correct(_at_rest(x), True), lambda: correct(x, False))
-        quiet_s = np.where(innovations.refused > 0.0, 0.0, quiet_s)
-        exceeds = np.abs(x.mean[6:SCALES]) > self.gate_sigma * self.disturbance_std
-        against = np.where(exceeds, np.abs(x.mean[[3, 5]] - model_nu[[0, 2]]), 0.0)
-        update = update_doubt(belief.doubt, layout(self).slope, innovations, against, x.mean[2], row.dt_s)
-        x = x._replace(cov=x.cov + block_diagonal([update.of_pose, np.zeros((len(x.mean) - 3,) * 2)]))
-        gap, place_doubt = innovations[:2]
-        slow = slow_part(belief.slow, x.mean[6:SCALES], row.dt_s)
-        after = AugmentedBelief(
-            tick.t_ns, x.mean, x.cov, slow, model_nu, gap, update.doubt, place_doubt, quiet_s, drivetrain
+        x, innovations = branch(at_rest, lambda: correct(_rest_state(x), True), lambda: correct(x, False))
+        quiet_s = np.where(innovations.rejected_count > 0.0, 0.0, quiet_s)
+        is_exceeded = np.abs(x.mean[6:SCALE_INDEX]) > self.gate_sigma * self.disturbance_std
+        model_error = np.where(is_exceeded, np.abs(x.mean[[3, 5]] - model_nu[[0, 2]]), 0.0)
+        update = update_inconsistency(
+            belief.inconsistency, layout(self).rest_jacobian, innovations, model_error, x.mean[2], row.dt_s
         )
-        after = tree_where(row.new, after, belief)
-        pose_and_velocity, of_nu = (
-            _pose_and_velocity(after.mean),
-            update.of_nu + wheel_velocity_cov(self, after.mean[3], gain),
+        x = x._replace(cov=x.cov + block_diagonal([update.pose_cov, np.zeros((len(x.mean) - 3,) * 2)]))
+        last_innovations, pose_memory = innovations[:2]
+        mean_disturbance = mean_disturbance_after(belief.mean_disturbance, x.mean[6:SCALE_INDEX], row.dt_s)
+        next_belief = AugmentedBelief(
+            tick.t_ns,
+            x.mean,
+            x.cov,
+            mean_disturbance,
+            model_nu,
+            last_innovations,
+            update.inconsistency,
+            pose_memory,
+            quiet_s,
+            drivetrain,
         )
-        out = jacobian(_pose_and_velocity)(after.mean)
-        cov = mirror_upper(out @ after.cov @ out.T) + block_diagonal([np.zeros((3, 3)), of_nu])
-        return after, Estimate(
+        next_belief = tree_where(row.is_new, next_belief, belief)
+        pose_and_velocity, nu_cov = (
+            _pose_and_velocity(next_belief.mean),
+            update.nu_cov + wheel_velocity_cov(self, next_belief.mean[3], gain),
+        )
+        output_jacobian = jacobian(_pose_and_velocity)(next_belief.mean)
+        cov = mirror_upper(output_jacobian @ next_belief.cov @ output_jacobian.T) + block_diagonal(
+            [np.zeros((3, 3)), nu_cov]
+        )
+        return next_belief, Estimate(
             tick.t_ns,
             pose_and_velocity[:3],
             pose_and_velocity[3:],
             cov,
-            *(innovations[3:] if len(innovations.gap) else ()),
+            *(innovations[3:] if len(innovations.latest) else ()),
         )
 
     @property
     def process_noise_cov(self) -> np.ndarray:
         """Return R (6, 6) of (ν, ν̇) per tick: about the same disturbance, for a filter with only white noise."""
         dt_s, d = 1.0 / self.rate_hz, self.disturbance_std[[0, 0, 1]]
-        fading = 1.0 - np.exp(-2.0 * dt_s / self.disturbance_fade_s[[0, 0, 1]])
-        return np.diag(np.concatenate([self.velocity_walk_std**2 * dt_s, np.maximum(d**2 * fading, 1e-9)]))
+        fading_share = 1.0 - np.exp(-2.0 * dt_s / self.disturbance_fade_s[[0, 0, 1]])
+        return np.diag(
+            np.concatenate([self.velocity_walk_std**2 * dt_s, np.maximum(d**2 * fading_share, 1e-9)])
+        )
 
 
-def _at_rest(x: Gaussian) -> Gaussian:
+def _rest_state(x: Gaussian) -> Gaussian:
     """Return the state with ν = 0 and d = 0, each with the standard deviation AT_REST_STD."""
-    keep, rest = np.ones(len(x.mean)), np.zeros(len(x.mean))
-    keep[3:SCALES], rest[3:SCALES] = 0.0, AT_REST_STD**2
-    return Gaussian(x.mean * keep, x.cov * keep[:, None] * keep[None, :] + np.diag(rest))
+    kept_mask, rest_variance = np.ones(len(x.mean)), np.zeros(len(x.mean))
+    kept_mask[3:SCALE_INDEX], rest_variance[3:SCALE_INDEX] = 0.0, AT_REST_STD**2
+    return Gaussian(
+        x.mean * kept_mask, x.cov * kept_mask[:, None] * kept_mask[None, :] + np.diag(rest_variance)
+    )
 
 
 def _pose_and_velocity(x: np.ndarray) -> np.ndarray:
     """Return η and (1 + K) ν, (6,): the pose, and the velocity with the scale errors K."""
-    return np.concatenate([x[:3], x[3:6] + velocity_error(x[SCALES:BIASES], x[3:6])])
+    return np.concatenate([x[:3], x[3:6] + velocity_error(x[SCALE_INDEX:BIAS_INDEX], x[3:6])])

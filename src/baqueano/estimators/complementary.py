@@ -22,8 +22,8 @@ from baqueano.contracts.blocks import SensorBlocks
 from baqueano.contracts.values import Value
 from baqueano.estimators.covariance import block_diagonal, mirror_upper
 from baqueano.estimators.kalman import boxplus
-from baqueano.estimators.pauses import in_rows, row_of, rows_before, tree_where
-from baqueano.estimators.readings.velocity_readings import Reading, readings_of, velocity
+from baqueano.estimators.pauses import row_of, rows_before, step_in_rows, tree_where
+from baqueano.estimators.readings.velocity_readings import Reading, measured_velocity, readings_of
 from baqueano.geometry import map_from_body
 from baqueano.parameter import document, parameter
 from baqueano.signals import Estimate, Tick
@@ -93,9 +93,9 @@ class Complementary:
 
     def step(self, belief: ComplementaryBelief, tick: Tick) -> tuple[ComplementaryBelief, Estimate]:
         """Return belief and estimate after a tick. A tick that is not newer is ignored."""
-        return in_rows(self, belief, tick)
+        return step_in_rows(self, belief, tick)
 
-    def pause(self, belief: ComplementaryBelief, tick: Tick) -> Sequence[Tick]:
+    def rows_before(self, belief: ComplementaryBelief, tick: Tick) -> Sequence[Tick]:
         """Return the rows without measurements that fill a pause before this tick: see pauses.py."""
         return rows_before(belief.t_ns, tick, self.rate_hz)
 
@@ -104,10 +104,10 @@ class Complementary:
         row = row_of(belief.t_ns, tick, self.rate_hz)
         eta, dt_s = belief.eta, row.moved_s
         model, motion = self.vehicle.step(belief.model, row.u, dt_s, np.zeros(3))
-        quick = belief.nu + (motion.nu - belief.model.nu) + np.array([0.0, 0.0, belief.bias])
-        measured = velocity(self.readings, self.sensors, tick.sensors, quick)
-        omega = measured[2] - belief.bias
-        v = quick[0] + (1.0 - np.exp(-dt_s / self.blend_time_s)) * (measured[0] - quick[0])
+        predicted_nu = belief.nu + (motion.nu - belief.model.nu) + np.array([0.0, 0.0, belief.bias])
+        measured_nu = measured_velocity(self.readings, self.sensors, tick.sensors, predicted_nu)
+        omega = measured_nu[2] - belief.bias
+        v = predicted_nu[0] + (1.0 - np.exp(-dt_s / self.blend_time_s)) * (measured_nu[0] - predicted_nu[0])
         rest_s = np.where(np.sum(np.abs(row.u)) > 0.0, 0.0, belief.rest_s + dt_s)
         learnt = np.where((rest_s > 1.0) & (np.abs(omega) < 0.1), 1.0 - np.exp(-dt_s / self.rest_time_s), 0.0)
         nu = self.vehicle.init(eta, np.array([v, 0.0, omega])).nu  # a car's ν_y follows from its turning
@@ -116,6 +116,6 @@ class Complementary:
         cov = mirror_upper(F @ belief.cov @ F.T + (2.0 * self.blend_time_s * row.dt_s) * (J @ V @ J.T))
         eta, bias = boxplus(eta, J @ (dt_s * nu)), belief.bias + learnt * omega
         belief = tree_where(
-            row.new, ComplementaryBelief(tick.t_ns, eta, nu, cov, bias, rest_s, model), belief
+            row.is_new, ComplementaryBelief(tick.t_ns, eta, nu, cov, bias, rest_s, model), belief
         )
         return belief, Estimate(tick.t_ns, belief.eta, belief.nu, block_diagonal([belief.cov, V]))

@@ -16,7 +16,7 @@ from baqueano.diagnostics import fault
 from baqueano.errors import Invalid
 from baqueano.messages.language import translate as _
 
-ROUNDING = 1e-14  # of a variance
+ROUNDING_SHARE = 1e-14  # of a variance
 
 
 def covariance(matrix: Value, size: int, name: str) -> np.ndarray:
@@ -28,9 +28,9 @@ def covariance(matrix: Value, size: int, name: str) -> np.ndarray:
         i, j = np.argwhere(~np.isfinite(P))[0]
         raise Invalid(fault("cov.not-finite", name=name, i=i, j=j, found=P[i, j]))
     scale = np.max(np.abs(P), initial=0.0)
-    gap = np.abs(P - P.T)
-    if np.max(gap) > 1e-9 * scale:
-        i, j = np.unravel_index(np.argmax(np.triu(gap)), P.shape)
+    asymmetry = np.abs(P - P.T)
+    if np.max(asymmetry) > 1e-9 * scale:
+        i, j = np.unravel_index(np.argmax(np.triu(asymmetry)), P.shape)
         raise Invalid(
             fault("cov.not-symmetric", name=name, i=i, j=j, one=P[i, j], other=P[j, i], offer=_offer(P))
         )
@@ -69,9 +69,11 @@ def block_diagonal(blocks: list[np.ndarray]) -> np.ndarray:
     sizes = [len(block) for block in blocks]
     rows = []
     for i, block in enumerate(blocks):
-        before, right = sum(sizes[:i]), sum(sizes[i + 1 :])
+        left_width, right_width = sum(sizes[:i]), sum(sizes[i + 1 :])
         rows.append(
-            np.concatenate([np.zeros((sizes[i], before)), block, np.zeros((sizes[i], right))], axis=1)
+            np.concatenate(
+                [np.zeros((sizes[i], left_width)), block, np.zeros((sizes[i], right_width))], axis=1
+            )
         )
     return np.concatenate(rows)
 
@@ -81,13 +83,15 @@ def root(P: np.ndarray) -> np.ndarray:
     n = len(P)
     L: list[list[Value]] = [[0.0] * n for _ in range(n)]
     for j in range(n):
-        free = P[j, j] - sum(x * x for x in L[j][:j])  # the variance that the previous entries do not explain
-        certain = free <= ROUNDING * P[j, j]
-        divisor = np.sqrt(np.where(certain, 1.0, free))
-        L[j][j] = np.where(certain, 0.0, divisor)
+        unexplained = P[j, j] - sum(
+            x * x for x in L[j][:j]
+        )  # the variance that the previous entries do not explain
+        is_certain = unexplained <= ROUNDING_SHARE * P[j, j]
+        divisor = np.sqrt(np.where(is_certain, 1.0, unexplained))
+        L[j][j] = np.where(is_certain, 0.0, divisor)
         for i in range(j + 1, n):
             rest_cov = P[i, j] - sum(x * y for x, y in zip(L[i][:j], L[j][:j], strict=True))
-            L[i][j] = np.where(certain, 0.0, rest_cov / divisor)
+            L[i][j] = np.where(is_certain, 0.0, rest_cov / divisor)
     return np.array(L)
 
 
@@ -103,8 +107,8 @@ def _worst_pair(P: np.ndarray) -> tuple[int, int]:
     if np.min(d) < 0.0:
         i = int(np.argmin(d))
         return i, i
-    excess = np.triu(np.abs(P) - np.sqrt(np.outer(d, d)), 1)
-    i, j = np.unravel_index(np.argmax(excess), P.shape)
+    excesses = np.triu(np.abs(P) - np.sqrt(np.outer(d, d)), 1)
+    i, j = np.unravel_index(np.argmax(excesses), P.shape)
     return int(i), int(j)
 
 

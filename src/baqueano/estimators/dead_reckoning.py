@@ -24,17 +24,17 @@ from baqueano.contracts.blocks import SensorBlocks
 from baqueano.contracts.values import Value
 from baqueano.estimators.covariance import block_diagonal, covariance, mirror_upper
 from baqueano.estimators.kalman import boxplus
-from baqueano.estimators.pauses import effort_of, in_rows, row_of, rows_before, tree_where, unmoved_cov
+from baqueano.estimators.pauses import effort_of, row_of, rows_before, step_in_rows, tree_where, unmoved_cov
 from baqueano.estimators.readings.sensor_numbers import (
-    UncertainNumber,
+    UncertainParameter,
     age_s,
     has_measurement,
     scale_std,
-    uncertain,
+    uncertain_parameters,
 )
 from baqueano.estimators.readings.velocity_readings import (
-    SIDEWAYS,
-    TURNING,
+    SIDEWAYS_INDEX,
+    TURNING_INDEX,
     Reading,
     readings_of,
     replace_velocity,
@@ -75,7 +75,7 @@ class DeadReckoning:
         Sensors that are read; if empty, all sensors that measure a velocity.
     readings : tuple of Reading
         Computed from the sensors; not an argument.
-    gyro_bias : tuple of UncertainNumber
+    gyro_bias : tuple of UncertainParameter
         Computed from the gyro that is read first; not an argument.
 
     References
@@ -107,7 +107,7 @@ class DeadReckoning:
         default=(1e-3, 1e-3, 1e-3, 1e-2, 1e-2, 1e-2), shape=(6,),
     )  # fmt: skip
     readings: tuple[Reading, ...] = field(init=False)
-    gyro_bias: tuple[UncertainNumber, ...] = field(init=False)
+    gyro_bias: tuple[UncertainParameter, ...] = field(init=False)
 
     def __post_init__(self) -> None:
         check_bounds(self)
@@ -115,7 +115,9 @@ class DeadReckoning:
         object.__setattr__(self, "process_noise_cov", cov)
         readings = readings_of(self.sensors, self.use)
         gyro = [r for r in readings if r.is_gyro][:1]
-        uncertainties = [bias for r in gyro for bias in uncertain(self.sensors, r.name, r.rows, np.zeros(3))]
+        uncertainties = [
+            bias for r in gyro for bias in uncertain_parameters(self.sensors, r.name, r.rows, np.zeros(3))
+        ]
         object.__setattr__(self, "readings", readings)
         object.__setattr__(self, "gyro_bias", tuple(bias for bias in uncertainties if bias.walk))
 
@@ -123,7 +125,7 @@ class DeadReckoning:
         """Return the belief at `eta` (3,) with `nu` (3,); the default is at rest at the origin."""
         start = [np.zeros(3) if x is None else np.array(x, dtype=float) for x in (eta, nu)]
         speed, turning = scale_std(self.sensors, {r.name: r.rows for r in self.readings})
-        bias = [bias.of(self.sensors, bias.std) for bias in self.gyro_bias]
+        bias = [bias.value_at(self.sensors, bias.std) for bias in self.gyro_bias]
         errors = np.array([*(bias or [0.0]), turning, speed])
         cov = np.diag(np.concatenate([self.initial_std, errors]) ** 2)
         return DeadReckoningBelief(
@@ -132,9 +134,9 @@ class DeadReckoning:
 
     def step(self, belief: DeadReckoningBelief, tick: Tick) -> tuple[DeadReckoningBelief, Estimate]:
         """Predict one tick, then use the readings that arrived. A tick that is not newer is ignored."""
-        return in_rows(self, belief, tick)
+        return step_in_rows(self, belief, tick)
 
-    def pause(self, belief: DeadReckoningBelief, tick: Tick) -> Sequence[Tick]:
+    def rows_before(self, belief: DeadReckoningBelief, tick: Tick) -> Sequence[Tick]:
         """Return the rows without measurements that fill a pause before this tick: see pauses.py."""
         return rows_before(belief.t_ns, tick, self.rate_hz)
 
@@ -145,22 +147,26 @@ class DeadReckoning:
         noise = [self.process_noise_cov[:3, :3] * (row.dt_s * self.rate_hz)]
         noise += [getattr(self.sensors, r.name).cov[list(r.rows)][:, list(r.rows)] for r in self.readings]
         mean_and_noise = np.concatenate([belief.mean, np.zeros(sum(len(Q) for Q in noise))])
-        ages_s, since_s = self._times(belief, tick, row.moved_s)
-        before = effort, row.moved_s, tick.sensors, ages_s, belief.since_s
-        F, mean = jacobian(self._travel)(mean_and_noise, *before), self._travel(mean_and_noise, *before)
-        walk = sum((bias.of(self.sensors, bias.walk) ** 2 * row.dt_s for bias in self.gyro_bias), 0.0)
+        ages_s, since_s = self._reading_times(belief, tick, row.moved_s)
+        arguments = effort, row.moved_s, tick.sensors, ages_s, belief.since_s
+        F, mean = jacobian(self._travel)(mean_and_noise, *arguments), self._travel(mean_and_noise, *arguments)
+        walk = sum((bias.value_at(self.sensors, bias.walk) ** 2 * row.dt_s for bias in self.gyro_bias), 0.0)
         walk = np.diag(np.array([walk, 0.0, 0.0]))
-        more = block_diagonal([unmoved_cov(row, belief.mean, belief.cov), np.zeros((3, 3)), walk])
-        cov = mirror_upper(F @ block_diagonal([belief.cov, *noise]) @ F.T + more)
-        belief = tree_where(row.new, DeadReckoningBelief(tick.t_ns, mean, cov, since_s, drivetrain), belief)
+        added_cov = block_diagonal([unmoved_cov(row, belief.mean, belief.cov), np.zeros((3, 3)), walk])
+        cov = mirror_upper(F @ block_diagonal([belief.cov, *noise]) @ F.T + added_cov)
+        belief = tree_where(
+            row.is_new, DeadReckoningBelief(tick.t_ns, mean, cov, since_s, drivetrain), belief
+        )
         return belief, Estimate(tick.t_ns, belief.mean[:3], belief.mean[3:6], belief.cov[:6, :6])
 
-    def _times(self, belief: DeadReckoningBelief, tick: Tick, dt_s: Value) -> tuple[np.ndarray, np.ndarray]:
+    def _reading_times(
+        self, belief: DeadReckoningBelief, tick: Tick, dt_s: Value
+    ) -> tuple[np.ndarray, np.ndarray]:
         """Return d and t (3,) [s] of ν after this row. A reading of ν_ψ counts for ν_y too, as in a car."""
         ages_s, since_s = [0.0, 0.0, 0.0], [t + dt_s for t in belief.since_s]
         for reading in self.readings:
             sensor, slot = getattr(self.sensors, reading.name), getattr(tick.sensors, reading.name)
-            for i in {*reading.of, *(SIDEWAYS for k in reading.of if k == TURNING)}:
+            for i in {*reading.entries, *(SIDEWAYS_INDEX for k in reading.entries if k == TURNING_INDEX)}:
                 ages_s[i] = age_s(sensor, slot)
                 since_s[i] = np.where(has_measurement(sensor, slot), 0.0, since_s[i])
         return np.array(ages_s), np.array(since_s)
@@ -178,9 +184,9 @@ class DeadReckoning:
 
         `x` (9 + 3 + m,) stacks the previous state, the process noise w and the noise n of each reading.
         """
-        eta, before, n = x[:3], x[3:6], x[12:]
+        eta, previous_nu, n = x[:3], x[3:6], x[12:]
         effort = Effort(*((1.0 + x[8]) * e for e in effort))
-        nu = model_nu = self.vehicle.advance(eta, before, effort, dt_s)[1] + x[9:12]
+        nu = model_nu = self.vehicle.advance(eta, previous_nu, effort, dt_s)[1] + x[9:12]
         for reading in self.readings:
             sensor, slot, m = (
                 getattr(self.sensors, reading.name),
@@ -190,5 +196,9 @@ class DeadReckoning:
             bias, scale = (x[6], x[7]) if reading.is_gyro else (0.0, x[8])
             nu, n = replace_velocity(reading, sensor, slot, nu, bias - n[:m], scale), n[m:]
         nu = self.vehicle.init(eta, nu).nu
-        way = 0.5 * dt_s * (before + nu) + ages_s * (nu - before) + 0.5 * since_s * (nu - model_nu)
-        return np.concatenate([boxplus(eta, map_from_body(eta[2] + 0.5 * way[2]) @ way), nu, x[6:9]])
+        displacement = (
+            0.5 * dt_s * (previous_nu + nu) + ages_s * (nu - previous_nu) + 0.5 * since_s * (nu - model_nu)
+        )
+        return np.concatenate(
+            [boxplus(eta, map_from_body(eta[2] + 0.5 * displacement[2]) @ displacement), nu, x[6:9]]
+        )

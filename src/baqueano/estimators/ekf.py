@@ -30,10 +30,10 @@ from baqueano.estimators.kalman import Gaussian, boxplus, correct, predict
 from baqueano.estimators.pauses import (
     FilterRow,
     effort_of,
-    in_rows,
     limit_covariance,
     row_of,
     rows_before,
+    step_in_rows,
     tree_where,
     unmoved_cov,
 )
@@ -156,7 +156,7 @@ class Ekf:
         """Return the belief at `eta` (3,) with `nu` (3,); the default is at rest at the origin."""
         start = [np.zeros(3) if x is None else np.array(x, dtype=float) for x in (eta, nu)]
         effort = np.zeros(self.vehicle.commands)
-        nu_dot = self.vehicle.nu_dot(start[1], effort, start[0][2]) if self._dynamic else np.zeros(3)
+        nu_dot = self.vehicle.nu_dot(start[1], effort, start[0][2]) if self._is_dynamic else np.zeros(3)
         mean = np.concatenate([*start, nu_dot])
         return Belief(-1, mean, np.diag(self.initial_std**2), effort, self.vehicle.drivetrain.init())
 
@@ -165,9 +165,9 @@ class Ekf:
 
         A tick that is not newer than the last tick is ignored. A tick after a pause is split into rows.
         """
-        return in_rows(self, belief, tick)
+        return step_in_rows(self, belief, tick)
 
-    def pause(self, belief: Belief, tick: Tick) -> Sequence[Tick]:
+    def rows_before(self, belief: Belief, tick: Tick) -> Sequence[Tick]:
         """Return the rows without measurements that fill a pause before this tick: see pauses.py."""
         return rows_before(belief.t_ns, tick, self.rate_hz)
 
@@ -183,24 +183,24 @@ class Ekf:
         for name in self.use:
             mean, cov, *innovation = self._correct(name, mean, cov, getattr(tick.sensors, name))
             y, s, w = [*y, innovation[0]], [*s, innovation[1]], [*w, innovation[2]]
-        after = Belief(tick.t_ns, mean, cov, effort.last, drivetrain)
-        belief = tree_where(row.new, after, belief)
+        next_belief = Belief(tick.t_ns, mean, cov, effort.last, drivetrain)
+        belief = tree_where(row.is_new, next_belief, belief)
         innovations = (np.concatenate(y), block_diagonal(s), np.concatenate(w)) if y else ()
         mean, cov = belief.mean, belief.cov
         return belief, Estimate(tick.t_ns, mean[:3], mean[3:6], cov[:6, :6], *innovations)
 
     @property
-    def _dynamic(self) -> bool:
+    def _is_dynamic(self) -> bool:
         return is_dynamic(self.vehicle)
 
     def _predict(self, belief: Belief, effort: Effort, row: FilterRow) -> tuple[np.ndarray, np.ndarray]:
         """Return mean (9,) and covariance (9, 9) one row later.  (1, 8, 9)"""
-        g = self._move_paper if self.mode == "paper" and self._dynamic else self._move
-        before = Gaussian(belief.mean, belief.cov)
-        ahead = predict(before, lambda x: g(x, belief.effort, effort, row.moved_s), np.zeros((9, 9)))
+        g = self._move_paper if self.mode == "paper" and self._is_dynamic else self._move
+        previous = Gaussian(belief.mean, belief.cov)
+        predicted = predict(previous, lambda x: g(x, belief.effort, effort, row.moved_s), np.zeros((9, 9)))
         R = self.process_noise_cov * (row.dt_s * self.rate_hz)
-        unsure = unmoved_cov(row, ahead.mean, belief.cov + block_diagonal([np.zeros((3, 3)), R]))  # (8)
-        return ahead.mean, limit_covariance(ahead.cov + block_diagonal([unsure, R]))  # (9)
+        unmoved = unmoved_cov(row, predicted.mean, belief.cov + block_diagonal([np.zeros((3, 3)), R]))  # (8)
+        return predicted.mean, limit_covariance(predicted.cov + block_diagonal([unmoved, R]))  # (9)
 
     def _move_paper(self, mean: np.ndarray, previous: np.ndarray, effort: Effort, dt_s: float) -> np.ndarray:
         """Return g(u, μ) (9,), the mean after a tick as printed in the paper.  (4)"""
@@ -213,7 +213,7 @@ class Ekf:
         """Return g(u, μ) (9,), the mean after a tick in the default mode.  (5, 6)"""
         eta, nu, nu_dot = mean[:3], mean[3:6], mean[6:]
         eta_next, nu_next, nu_dot_next = self.vehicle.advance(eta, nu, effort, dt_s)
-        if not self._dynamic:
+        if not self._is_dynamic:
             return _state(eta_next, nu_next, nu_dot_next)
         a_d = nu_dot - self.vehicle.nu_dot(nu, previous, eta[2])
         eta_next = eta_next + map_from_body(eta_next[2]) @ (0.5 * dt_s**2 * a_d)
@@ -226,15 +226,17 @@ class Ekf:
         sensor = getattr(self.sensors, name)
         old_s = self._age_s(sensor, slot)
         z_bar, H, Q = self._h(mean, sensor, old_s), jacobian(self._h)(mean, sensor, old_s), sensor.cov
-        came = has_measurement(sensor, slot)
-        y = difference(sensor, np.where(came, slot.z, z_bar), z_bar)
+        has_reading = has_measurement(sensor, slot)
+        y = difference(sensor, np.where(has_reading, slot.z, z_bar), z_bar)
         update = correct(cov, y, H, Q)
         limit = INF if self.mode == "paper" else gate(self.gate_sigma, len(y))
-        take = came if limit == INF else came & (np.sum(update.e**2) <= limit)
-        mean = np.where(take, boxplus(mean, update.move), mean)
+        is_accepted = has_reading if limit == INF else has_reading & (np.sum(update.e**2) <= limit)
+        mean = np.where(is_accepted, boxplus(mean, update.move), mean)
         S = mirror_upper(H @ cov @ H.T + Q)
-        y, w = (np.where(came, x, np.nan) for x in (y, np.where(take, 1.0, 0.0) * np.ones(len(y))))
-        return mean, np.where(take, update.cov, cov), y, S, w
+        y, w = (
+            np.where(has_reading, x, np.nan) for x in (y, np.where(is_accepted, 1.0, 0.0) * np.ones(len(y)))
+        )
+        return mean, np.where(is_accepted, update.cov, cov), y, S, w
 
     def _age_s(self, sensor: Sensor, slot: Slot) -> Value:
         """Return the age [s] of the measurement; None if it is always 0, or in mode "paper"."""
@@ -248,8 +250,8 @@ class Ekf:
         eta, nu, nu_dot = mean[:3], mean[3:6], mean[6:]
         if old_s is not None:
             turn = old_s * nu[2]
-            way = map_from_body(eta[2] - 0.5 * turn) @ (old_s * nu)
-            eta = np.array([eta[0] - way[0], eta[1] - way[1], eta[2] - turn])
+            displacement = map_from_body(eta[2] - 0.5 * turn) @ (old_s * nu)
+            eta = np.array([eta[0] - displacement[0], eta[1] - displacement[1], eta[2] - turn])
             nu = nu - old_s * nu_dot
         return sensor.h(Motion(eta, nu, nu_dot, self.vehicle.gravity(eta[2])))
 

@@ -1,8 +1,8 @@
 """Dead reckoning with the IMU only, with zero-velocity updates: for a vehicle without a model.
 
 The vehicle is assumed to be at rest with speed 0 before its first command, and when the command has been zero for
-CALM_S. The biases b and the noise σ of the channels are computed from readings at rest. While the vehicle drives, with
-v the speed, ψ the heading, s the distance, δ the tick:
+MIN_REST_S. The biases b and the noise σ of the channels are computed from readings at rest. While the vehicle drives,
+with v the speed, ψ the heading, s the distance, δ the tick:
 
     v ← v + (a_x − b_x) δ,   ψ ← ψ + (ω − b_ω) δ,   s ← s + v δ along ψ                                   (1)
     var v = σ_x² δ² k + σ_x² (k δ)² / n_rest,   the same for ψ with σ_ω                                   (2)
@@ -21,7 +21,7 @@ import numpy as np
 from baqueano.contracts.values import Value
 from baqueano.signals import Estimate, Tick, seconds
 
-CALM_S = 0.6  # without a command; after this time a small vehicle is at rest
+MIN_REST_S = 0.6  # without a command; after this time a small vehicle is at rest
 
 
 class InertialBelief(NamedTuple):
@@ -29,14 +29,14 @@ class InertialBelief(NamedTuple):
 
     t_ns: int  # -1 before the first tick
     since_ns: int  # when the last command ended
-    rest: float  # samples at rest
+    rest_count: float  # samples at rest
     mean: np.ndarray  # (3,) mean of the samples at rest
-    spread: np.ndarray  # (3,) sum of their squared deviations
+    squared_deviations: np.ndarray  # (3,) sum of their squared deviations
     eta: np.ndarray  # (3,)
     v: float
     omega: float
-    moving: float  # ticks since the last rest
-    roamed: float  # Σ k³/12 of (3)
+    moving_ticks: float  # ticks since the last rest
+    displacement_sum: float  # Σ k³/12 of (3)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -75,36 +75,50 @@ class Inertial:
         dt_s = 0.0 if s.t_ns < 0 else float(seconds(tick.t_ns, s.t_ns))
         since_ns = tick.t_ns if s.since_ns < 0 or np.any(tick.u != 0.0) else s.since_ns
         slot = getattr(tick.sensors, self.sensor)
-        calm = (
-            seconds(tick.t_ns, since_ns) >= CALM_S
-            or s.rest == 0.0
-            or (s.moving == 0.0 and not np.any(tick.u))
+        is_at_rest = (
+            seconds(tick.t_ns, since_ns) >= MIN_REST_S
+            or s.rest_count == 0.0
+            or (s.moving_ticks == 0.0 and not np.any(tick.u))
         )
-        rest, mean, spread, v, omega = s.rest, s.mean, s.spread, s.v, s.omega
+        rest_count, mean, squared_deviations, v, omega = (
+            s.rest_count,
+            s.mean,
+            s.squared_deviations,
+            s.v,
+            s.omega,
+        )
         z = np.asarray(slot.z, dtype=float)
-        if slot.has > 0.5 and calm:
-            rest, off = rest + 1.0, z - mean
-            mean = mean + off / rest
-            spread = spread + off * (z - mean)
+        if slot.has > 0.5 and is_at_rest:
+            rest_count, deviation = rest_count + 1.0, z - mean
+            mean = mean + deviation / rest_count
+            squared_deviations = squared_deviations + deviation * (z - mean)
         if slot.has > 0.5:
             omega = float(z[2] - mean[2])
-        v = 0.0 if calm else v + float(z[0] - mean[0]) * dt_s * float(slot.has > 0.5)
-        turn = 0.0 if calm else omega * dt_s
+        v = 0.0 if is_at_rest else v + float(z[0] - mean[0]) * dt_s * float(slot.has > 0.5)
+        turn = 0.0 if is_at_rest else omega * dt_s
         psi = s.eta[2] + turn
-        ahead = -0.5 * s.v * s.moving * dt_s if calm else v * dt_s
-        eta = np.array([s.eta[0] + ahead * np.cos(psi), s.eta[1] + ahead * np.sin(psi), psi])
-        moving, wander = (0.0, s.roamed + s.moving**3 / 12.0) if calm else (s.moving + 1.0, s.roamed)
-        state = InertialBelief(tick.t_ns, since_ns, rest, mean, spread, eta, v, omega, moving, wander)
+        distance = -0.5 * s.v * s.moving_ticks * dt_s if is_at_rest else v * dt_s
+        eta = np.array([s.eta[0] + distance * np.cos(psi), s.eta[1] + distance * np.sin(psi), psi])
+        moving_ticks, wander = (
+            (0.0, s.displacement_sum + s.moving_ticks**3 / 12.0)
+            if is_at_rest
+            else (s.moving_ticks + 1.0, s.displacement_sum)
+        )
+        state = InertialBelief(
+            tick.t_ns, since_ns, rest_count, mean, squared_deviations, eta, v, omega, moving_ticks, wander
+        )
         return state, Estimate(tick.t_ns, eta, np.array([v, 0.0, omega]), _cov(state, dt_s))
 
 
 def _cov(s: InertialBelief, dt_s: float) -> Value:
     """Return the covariance (6, 6), diagonal, with (2) and (3); zeros before three samples at rest."""
     cov = np.zeros((6, 6))
-    if s.rest > 2.0:
-        var = s.spread / (s.rest - 1.0)
-        growth = dt_s * dt_s * (s.moving + s.moving * s.moving / s.rest)
+    if s.rest_count > 2.0:
+        var = s.squared_deviations / (s.rest_count - 1.0)
+        growth = dt_s * dt_s * (s.moving_ticks + s.moving_ticks * s.moving_ticks / s.rest_count)
         cov[2, 2], cov[3, 3], cov[5, 5] = var[2] * growth, var[0] * growth, var[2]
-        way = s.roamed + s.moving**3 / 3.0 + s.moving**4 / (4.0 * s.rest)
-        cov[0, 0] = cov[1, 1] = var[0] * dt_s**4 * way
+        displacement_sum = (
+            s.displacement_sum + s.moving_ticks**3 / 3.0 + s.moving_ticks**4 / (4.0 * s.rest_count)
+        )
+        cov[0, 0] = cov[1, 1] = var[0] * dt_s**4 * displacement_sum
     return cov

@@ -25,7 +25,7 @@ from baqueano.estimators.covariance import mirror_upper
 from baqueano.geometry import wrap
 from baqueano.symbolic import jacobian
 
-HEADING = 2  # the entry of a state that is an angle: (x, y, ψ, …)
+HEADING_INDEX = 2  # the entry of a state that is an angle: (x, y, ψ, …)
 
 
 class Gaussian(NamedTuple):
@@ -75,12 +75,12 @@ def correct(
         PH = P @ H[c]
         cross = H[c] @ PH
         s.append(cross + q[c])
-        gap = y[c] - H[c] @ move
-        e.append(gap / np.sqrt(s[c]))
+        remainder = y[c] - H[c] @ move
+        e.append(remainder / np.sqrt(s[c]))
         w = 1.0 if weight is None else weight(c, e[c], s[c])
         K = PH * (w / s[c])
         K = K if E is None else E[c] * K
-        move = move + K * gap
+        move = move + K * remainder
         D = P - K[:, None] * PH[None, :]
         noise = q[c] * K if weight is None else PH * (1.0 - cross * (w / s[c]))  # (q_c + s (1/w − 1)) K
         noise = noise if weight is None or E is None else E[c] * noise
@@ -98,20 +98,20 @@ def independent(y: np.ndarray, H: np.ndarray, Q: np.ndarray) -> tuple[np.ndarray
     for k in range(m):
         q.append(remainder[k][k])
         for i in range(k + 1, m):
-            part = remainder[i][k] / q[k]
-            if isinstance(part, float) and part == 0.0:
+            factor = remainder[i][k] / q[k]
+            if isinstance(factor, float) and factor == 0.0:
                 continue
-            values[i] = values[i] - part * values[k]
-            rows[i] = rows[i] - part * rows[k]
+            values[i] = values[i] - factor * values[k]
+            rows[i] = rows[i] - factor * rows[k]
             for j in range(k + 1, m):
-                remainder[i][j] = remainder[i][j] - part * remainder[k][j]
+                remainder[i][j] = remainder[i][j] - factor * remainder[k][j]
     return np.array(values), np.stack(rows), np.array(q)
 
 
 def boxplus(mean: np.ndarray, move: np.ndarray) -> np.ndarray:
     """Return x ⊞ Δ: mean + move (n,) with the heading wrapped, for a state that begins with a pose."""
     x = mean + move
-    return np.concatenate([x[:HEADING], np.array([wrap(x[HEADING])]), x[HEADING + 1 :]])
+    return np.concatenate([x[:HEADING_INDEX], np.array([wrap(x[HEADING_INDEX])]), x[HEADING_INDEX + 1 :]])
 
 
 def log_likelihood(correction: Correction) -> Value:

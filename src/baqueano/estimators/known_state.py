@@ -56,7 +56,7 @@ class StateOfWorld:
 
     Parameters
     ----------
-    now : callable
+    motion_now : callable
         Function without arguments that returns the Motion of the vehicle at the last tick.
 
     Examples
@@ -69,7 +69,7 @@ class StateOfWorld:
 
     as_written: ClassVar[bool] = True
 
-    now: Callable[[], Motion]
+    motion_now: Callable[[], Motion]
 
     def init(self) -> tuple[()]:
         """Return an empty belief; this estimator does not need a memory."""
@@ -77,5 +77,5 @@ class StateOfWorld:
 
     def step(self, belief: tuple[()], tick: Tick) -> tuple[tuple[()], Estimate]:
         """Return the state of the world, with a covariance of zero."""
-        motion = self.now()
+        motion = self.motion_now()
         return belief, Estimate(tick.t_ns, motion.eta, motion.nu, np.zeros((6, 6)))

@@ -1,11 +1,11 @@
 """Split a pause between two ticks into rows: over half a second, a fixed-step integrator of a stiff model diverges.
 
-    dt ≤ longest          one row, the tick itself                                                        (1)
-    dt ≤ HELD_S           equal rows of about a period: silent rows, then the tick with its measurements  (2)
-    dt > HELD_S           silent rows over HELD_S − longest, then the tick: the prediction stops there    (3)
+    dt ≤ longest           one row, the tick itself                                                       (1)
+    dt ≤ MAX_PREDICTION_S  equal rows of about a period: silent rows, then the tick with its measurements  (2)
+    dt > MAX_PREDICTION_S  silent rows over MAX_PREDICTION_S − longest, then the tick: the prediction stops there    (3)
 
-dt is the time since the previous tick. The time `longest` is ROW_S, or 1.25 periods of the ticks if that is longer. So
-jitter of the clock does not split a tick. A silent row is a tick without measurements. A delay line contains one
+dt is the time since the previous tick. The time `longest` is MAX_ROW_S, or 1.25 periods of the ticks if that is longer.
+So jitter of the clock does not split a tick. A silent row is a tick without measurements. A delay line contains one
 command per period, so a pause does not shorten a delay.
 """
 
@@ -20,25 +20,25 @@ from baqueano.contracts.values import Tree, Value
 from baqueano.signals import NANOSECONDS, Slot, Tick, seconds
 from baqueano.vehicles.drivetrain import Drivetrain, DrivetrainState
 from baqueano.vehicles.effort import Effort
-from baqueano.vehicles.rk4 import ROW_S
+from baqueano.vehicles.rk4 import MAX_ROW_S
 
-ROW_NS = round(ROW_S * NANOSECONDS)
-HELD_S = 1.0  # longest prediction without a tick; after it the position is too uncertain to predict
-JITTER = 1.25  # periods
+MAX_ROW_NS = round(MAX_ROW_S * NANOSECONDS)
+MAX_PREDICTION_S = 1.0  # longest prediction without a tick; after it the position is too uncertain to predict
+JITTER_PERIODS = 1.25  # periods
 # m², rad²: beyond it a pose is unknown, and a double would lose the smaller variances of the matrix
-FARTHEST = 1e6
-WHOLE = (int, np.integer)  # types of a time that is known: not in a trace
-TRUTH = (bool, np.bool_)  # types of a condition that is known: not in a trace
+MAX_POSE_VARIANCE = 1e6
+INTEGER_TYPES = (int, np.integer)  # types of a time that is known: not in a trace
+BOOLEAN_TYPES = (bool, np.bool_)  # types of a condition that is known: not in a trace
 
 
-def longest_s(rate_hz: float) -> float:
+def max_row_s(rate_hz: float) -> float:
     """Return the longest row [s] of a filter with ticks at `rate_hz`.  (1)"""
-    return min(max(ROW_S, JITTER / rate_hz), HELD_S)
+    return min(max(MAX_ROW_S, JITTER_PERIODS / rate_hz), MAX_PREDICTION_S)
 
 
 def silent_times(since_ns: int, t_ns: int, rate_hz: float) -> list[int]:
     """Return the times [ns] of the silent rows between two ticks; empty after a short pause.  (1)-(3)"""
-    longest_ns, held_ns = round(longest_s(rate_hz) * NANOSECONDS), round(HELD_S * NANOSECONDS)
+    longest_ns, held_ns = round(max_row_s(rate_hz) * NANOSECONDS), round(MAX_PREDICTION_S * NANOSECONDS)
     pause_ns = t_ns - since_ns
     if since_ns < 0 or pause_ns <= longest_ns:
         return []
@@ -50,29 +50,33 @@ def silent_times(since_ns: int, t_ns: int, rate_hz: float) -> list[int]:
 
 def silent_rows(since_ns: int, tick: Tick, rate_hz: float) -> list[Tick]:
     """Return the silent rows between `since_ns` and a tick; each has the command of the tick.  (1)-(3)"""
-    quiet = type(tick.sensors)(*(Slot(0.0, np.zeros_like(slot.z)) for slot in tick.sensors))
-    return [Tick(t_ns, tick.u, quiet) for t_ns in silent_times(int(since_ns), int(tick.t_ns), rate_hz)]
+    silent_slots = type(tick.sensors)(*(Slot(0.0, np.zeros_like(slot.z)) for slot in tick.sensors))
+    return [Tick(t_ns, tick.u, silent_slots) for t_ns in silent_times(int(since_ns), int(tick.t_ns), rate_hz)]
 
 
 def limit_covariance(cov: np.ndarray) -> np.ndarray:
-    """Return the covariance (n, n) with each deviation of x, y, ψ halved whose variance exceeds FARTHEST.
+    """Return the covariance (n, n) with each deviation of x, y, ψ halved whose variance exceeds MAX_POSE_VARIANCE.
     Rounding of a larger variance would make the other entries inaccurate.
     """
-    far = np.diag(cov)[:3] > FARTHEST
-    D = np.concatenate([np.where(far, 0.5, 1.0), np.ones(cov.shape[0] - 3)])
-    return np.where(np.sum(np.where(far, 1.0, 0.0)) > 0.0, cov * np.outer(D, D), cov)
+    is_too_large = np.diag(cov)[:3] > MAX_POSE_VARIANCE
+    D = np.concatenate([np.where(is_too_large, 0.5, 1.0), np.ones(cov.shape[0] - 3)])
+    return np.where(np.sum(np.where(is_too_large, 1.0, 0.0)) > 0.0, cov * np.outer(D, D), cov)
 
 
-def split(ticks: Tick, rate_hz: float) -> tuple[Tick, np.ndarray]:
+def rows_of_ticks(ticks: Tick, rate_hz: float) -> tuple[Tick, np.ndarray]:
     """Return the rows of N ticks, whose leaves begin with an axis N, and the index (N,) of each tick's row.  (1)-(3)"""
     t_ns = np.asarray(ticks.t_ns)
-    gaps = [silent_times(int(a), int(b), rate_hz) for a, b in pairwise(t_ns)]
-    counts = np.array([1] * min(len(t_ns), 1) + [len(gap) + 1 for gap in gaps], dtype=np.int64)
-    at = np.cumsum(counts) - 1
-    times = np.repeat(t_ns, counts)
-    times[np.setdiff1d(np.arange(len(times)), at)] = [t for gap in gaps for t in gap]
-    has_reading = np.zeros(len(times))
-    has_reading[at] = 1.0
+    silent_times_of_gaps = [silent_times(int(a), int(b), rate_hz) for a, b in pairwise(t_ns)]
+    counts = np.array(
+        [1] * min(len(t_ns), 1) + [len(gap_times) + 1 for gap_times in silent_times_of_gaps], dtype=np.int64
+    )
+    tick_indices = np.cumsum(counts) - 1
+    row_times = np.repeat(t_ns, counts)
+    row_times[np.setdiff1d(np.arange(len(row_times)), tick_indices)] = [
+        t for gap_times in silent_times_of_gaps for t in gap_times
+    ]
+    has_reading = np.zeros(len(row_times))
+    has_reading[tick_indices] = 1.0
 
     def repeat(x: Value) -> Value:
         return np.repeat(np.broadcast_to(x, (len(t_ns), *np.shape(x)[1:])), counts, axis=0)
@@ -85,14 +89,14 @@ def split(ticks: Tick, rate_hz: float) -> tuple[Tick, np.ndarray]:
         )
         for slot in ticks.sensors
     )
-    columns: Value = (times, repeat(ticks.u), type(ticks.sensors)(*slots))
-    return Tick(*columns), at
+    columns: Value = (row_times, repeat(ticks.u), type(ticks.sensors)(*slots))
+    return Tick(*columns), tick_indices
 
 
 class FilterRow(NamedTuple):
     """A row of the filter: its duration and its command."""
 
-    new: Value  # True if the row is newer than the last row; else it is ignored
+    is_new: Value  # True if the row is newer than the last row; else it is ignored
     dt_s: Value  # its length; a nominal period for the first row
     moved_s: Value  # the part of it that is predicted: at most the longest row
     u: np.ndarray  # (n,) the command; 0 for an entry that is not finite
@@ -100,10 +104,10 @@ class FilterRow(NamedTuple):
 
 def row_of(since_ns: Value, tick: Tick, rate_hz: float) -> FilterRow:
     """Return duration and command of the row that ends with this tick."""
-    new = tick.t_ns > since_ns
-    dt_s = np.where(new & (since_ns >= 0), seconds(tick.t_ns, since_ns), 1.0 / rate_hz)
+    is_new = tick.t_ns > since_ns
+    dt_s = np.where(is_new & (since_ns >= 0), seconds(tick.t_ns, since_ns), 1.0 / rate_hz)
     u = np.where(np.isfinite(tick.u), tick.u, 0.0)
-    return FilterRow(new, dt_s, np.minimum(dt_s, longest_s(rate_hz)), u)
+    return FilterRow(is_new, dt_s, np.minimum(dt_s, max_row_s(rate_hz)), u)
 
 
 def effort_of(motors: Drivetrain, belief: Tree, row: FilterRow) -> tuple[DrivetrainState, Effort]:
@@ -111,8 +115,8 @@ def effort_of(motors: Drivetrain, belief: Tree, row: FilterRow) -> tuple[Drivetr
     A vehicle that moves before its first tick already had a command, which is unknown. The command of the first tick is
     used instead.
     """
-    begins = (belief.t_ns < 0) & (np.sum(np.abs(belief.mean[3:6])) > 0.0)
-    state = either(begins, lambda: motors.steady_state(row.u), lambda: belief.drivetrain)
+    is_first_while_moving = (belief.t_ns < 0) & (np.sum(np.abs(belief.mean[3:6])) > 0.0)
+    state = branch(is_first_while_moving, lambda: motors.steady_state(row.u), lambda: belief.drivetrain)
     return motors.step(state, row.u, row.moved_s)
 
 
@@ -121,24 +125,35 @@ def unmoved_cov(row: FilterRow, mean: np.ndarray, cov: np.ndarray) -> np.ndarray
 
     The mean (η, ν, …) is not predicted in that part.
     """
-    way = (row.dt_s - row.moved_s) ** 2 * (mean[3:6] ** 2 + np.diag(cov)[3:6])
-    return np.diag(np.minimum(np.array([way[0] + way[1], way[0] + way[1], way[2]]), FARTHEST))
+    squared_displacement = (row.dt_s - row.moved_s) ** 2 * (mean[3:6] ** 2 + np.diag(cov)[3:6])
+    return np.diag(
+        np.minimum(
+            np.array(
+                [
+                    squared_displacement[0] + squared_displacement[1],
+                    squared_displacement[0] + squared_displacement[1],
+                    squared_displacement[2],
+                ]
+            ),
+            MAX_POSE_VARIANCE,
+        )
+    )
 
 
-def in_rows(block: Tree, belief: Tree, tick: Tick) -> Tree:
-    """Return the result of `block.row` for a tick, after the silent rows of `block.pause` before it.
+def step_in_rows(block: Tree, belief: Tree, tick: Tick) -> Tree:
+    """Return the result of `block.row` for a tick, after the silent rows of `block.rows_before` before it.
 
     While a step is traced the times are not known, and the tick is one row.
     """
-    if isinstance(tick.t_ns, WHOLE) and isinstance(belief.t_ns, WHOLE):
-        for silent in block.pause(belief, tick):
-            belief, _ = block.row(belief, silent)
+    if isinstance(tick.t_ns, INTEGER_TYPES) and isinstance(belief.t_ns, INTEGER_TYPES):
+        for silent_tick in block.rows_before(belief, tick):
+            belief, _ = block.row(belief, silent_tick)
     return block.row(belief, tick)
 
 
 def rows_before(since_ns: Value, tick: Tick, rate_hz: float) -> Sequence[Tick]:
     """Return the silent rows before a tick; empty if the tick follows without a pause."""
-    return () if tick.t_ns - since_ns <= ROW_NS else silent_rows(since_ns, tick, rate_hz)
+    return () if tick.t_ns - since_ns <= MAX_ROW_NS else silent_rows(since_ns, tick, rate_hz)
 
 
 def tree_where(condition: Value, a: Tree, b: Tree) -> Tree:
@@ -149,9 +164,9 @@ def tree_where(condition: Value, a: Tree, b: Tree) -> Tree:
     return leaf[()] if isinstance(leaf, np.ndarray) else leaf
 
 
-def either(condition: Value, yes: Callable[[], Tree], no: Callable[[], Tree]) -> Tree:
-    """Return yes() if the condition is true, else no(). While a step is traced, compute both and return
+def branch(condition: Value, if_true: Callable[[], Tree], if_false: Callable[[], Tree]) -> Tree:
+    """Return if_true() if the condition is true, else if_false(). While a step is traced, compute both and return
     `tree_where`."""
-    if isinstance(condition, TRUTH):
-        return yes() if condition else no()
-    return tree_where(condition, yes(), no())
+    if isinstance(condition, BOOLEAN_TYPES):
+        return if_true() if condition else if_false()
+    return tree_where(condition, if_true(), if_false())

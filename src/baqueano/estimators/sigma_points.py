@@ -21,19 +21,19 @@ from baqueano.estimators.covariance import root
 from baqueano.estimators.kalman import Gaussian, boxplus
 
 
-class Spread(NamedTuple):
+class SigmaSpread(NamedTuple):
     """The moments of a function at the sigma points."""
 
     mean: np.ndarray  # m (m,)
-    odd: np.ndarray  # o (m, n)
-    even: np.ndarray  # ē (m, n)
+    odd_part: np.ndarray  # o (m, n)
+    even_part: np.ndarray  # ē (m, n)
     root: np.ndarray  # L (n, n)
 
 
-def spread(f: Callable[[np.ndarray], np.ndarray], x: Gaussian) -> Spread:
+def propagate(f: Callable[[np.ndarray], np.ndarray], x: Gaussian) -> SigmaSpread:
     """Return mean, odd part and even part of `f` at the sigma points of x, and L.  (1, 2)"""
     L, n = root(x.cov), len(x.mean)
     steps = [np.sqrt(float(n)) * L[:, i] for i in range(n)]
     p, q = (np.stack([f(boxplus(x.mean, sign * step)) for step in steps], axis=1) for sign in (1.0, -1.0))
     m = np.sum(p + q, axis=1) / (2.0 * n)
-    return Spread(m, (p - q) / (2.0 * np.sqrt(n)), (0.5 * (p + q) - m[:, None]) / np.sqrt(n), L)
+    return SigmaSpread(m, (p - q) / (2.0 * np.sqrt(n)), (0.5 * (p + q) - m[:, None]) / np.sqrt(n), L)

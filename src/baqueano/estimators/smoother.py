@@ -21,12 +21,12 @@ from baqueano.contracts import optional
 from baqueano.contracts.blocks import Estimator
 from baqueano.contracts.values import Tree
 from baqueano.estimators.covariance import mirror_upper
-from baqueano.estimators.kalman import HEADING, boxplus
+from baqueano.estimators.kalman import HEADING_INDEX, boxplus
 from baqueano.geometry import wrap
 from baqueano.signals import Slot, Tick
 from baqueano.symbolic import jacobian, scan
 
-CERTAIN = 1e-13  # of the largest eigenvalue of the correlations
+MIN_EIGENVALUE_SHARE = 1e-13  # of the largest eigenvalue of the correlations
 
 
 class ForwardPass(NamedTuple):
@@ -34,8 +34,8 @@ class ForwardPass(NamedTuple):
 
     mean: np.ndarray  # (N, n) after the row
     cov: np.ndarray  # (N, n, n)
-    ahead: np.ndarray  # (N, n) mean that was predicted for the row
-    ahead_cov: np.ndarray  # (N, n, n)
+    predicted_mean: np.ndarray  # (N, n) mean that was predicted for the row
+    predicted_cov: np.ndarray  # (N, n, n)
     G: np.ndarray  # (N, n, n) of that prediction
 
 
@@ -58,51 +58,51 @@ def smooth(
 
     Raise TraceError for an estimator that cannot be compiled.
     """
-    return backward(forward(estimator, belief, ticks, backend))
+    return smooth_backward(run_forward(estimator, belief, ticks, backend))
 
 
-def forward(estimator: Estimator, belief: Tree, ticks: Tick, backend: str = "auto") -> ForwardPass:
+def run_forward(estimator: Estimator, belief: Tree, ticks: Tick, backend: str = "auto") -> ForwardPass:
     """Run the filter and return the state and the prediction of each row."""
     row = optional.of(estimator, "row") or estimator.step
 
     def step(belief: Tree, tick: Tick) -> tuple[Tree, ForwardPass]:
-        quiet = Tick(
+        silent_tick = Tick(
             tick.t_ns, tick.u, type(tick.sensors)(*(Slot(0.0, 0.0 * slot.z) for slot in tick.sensors))
         )
 
-        def ahead(mean: np.ndarray) -> np.ndarray:
-            return row(belief._replace(mean=mean), quiet)[0].mean
+        def predicted_mean(mean: np.ndarray) -> np.ndarray:
+            return row(belief._replace(mean=mean), silent_tick)[0].mean
 
-        predicted, after = row(belief, quiet)[0], row(belief, tick)[0]
-        G = jacobian(ahead)(belief.mean)
-        return after, ForwardPass(after.mean, after.cov, predicted.mean, predicted.cov, G)
+        prediction, next_belief = row(belief, silent_tick)[0], row(belief, tick)[0]
+        G = jacobian(predicted_mean)(belief.mean)
+        return next_belief, ForwardPass(next_belief.mean, next_belief.cov, prediction.mean, prediction.cov, G)
 
     first = Tick(1, ticks.u[0], type(ticks.sensors)(*(Slot(0.0, 0.0 * s.z[0]) for s in ticks.sensors)))
     return scan(step, belief, first, backend=backend).run(ticks)[1]
 
 
-def backward(passed: ForwardPass) -> tuple[np.ndarray, np.ndarray]:
+def smooth_backward(forward_pass: ForwardPass) -> tuple[np.ndarray, np.ndarray]:
     """Return the smoothed mean (N, n) and covariance (N, n, n) of each row.  (1, 2)"""
-    mean, cov, G = passed.mean.copy(), passed.cov.copy(), passed.G[1:]
-    P, P_bar = passed.cov[:-1], passed.ahead_cov[1:]
+    mean, cov, G = forward_pass.mean.copy(), forward_pass.cov.copy(), forward_pass.G[1:]
+    P, P_bar = forward_pass.cov[:-1], forward_pass.predicted_cov[1:]
     GP = G @ P
     C = np.swapaxes(_inverse(P_bar) @ GP, 1, 2)
     remainder, R = np.eye(mean.shape[1]) - C @ G, P_bar - GP @ np.swapaxes(G, 1, 2)
     own_cov = remainder @ P @ np.swapaxes(remainder, 1, 2) + C @ R @ np.swapaxes(C, 1, 2)
     for k in reversed(range(len(C))):
-        gap = mean[k + 1] - passed.ahead[k + 1]
-        gap[HEADING] = wrap(gap[HEADING])
-        mean[k] = boxplus(mean[k], C[k] @ gap)
+        correction = mean[k + 1] - forward_pass.predicted_mean[k + 1]
+        correction[HEADING_INDEX] = wrap(correction[HEADING_INDEX])
+        mean[k] = boxplus(mean[k], C[k] @ correction)
         cov[k] = mirror_upper(own_cov[k] + C[k] @ cov[k + 1] @ C[k].T)
     return mean, cov
 
 
 def _inverse(P: np.ndarray) -> np.ndarray:
     """Return the inverses of covariances (N, n, n); directions with almost zero variance are excluded."""
-    sd = np.sqrt(np.maximum(np.einsum("kii->ki", P), 0.0))
-    scale = np.where(sd > 0.0, 1.0 / np.where(sd > 0.0, sd, 1.0), 0.0)
+    std = np.sqrt(np.maximum(np.einsum("kii->ki", P), 0.0))
+    scale = np.where(std > 0.0, 1.0 / np.where(std > 0.0, std, 1.0), 0.0)
     values, vectors = np.linalg.eigh(P * scale[:, :, None] * scale[:, None, :])
-    positive = values > CERTAIN * values[:, -1:]
-    inverse = np.where(positive, 1.0 / np.where(positive, values, 1.0), 0.0)
-    half = vectors * scale[:, :, None]
-    return (half * inverse[:, None, :]) @ np.swapaxes(half, 1, 2)
+    is_positive = values > MIN_EIGENVALUE_SHARE * values[:, -1:]
+    inverse = np.where(is_positive, 1.0 / np.where(is_positive, values, 1.0), 0.0)
+    scaled_vectors = vectors * scale[:, :, None]
+    return (scaled_vectors * inverse[:, None, :]) @ np.swapaxes(scaled_vectors, 1, 2)

@@ -29,15 +29,15 @@ from baqueano.estimators.kalman import Gaussian, boxplus, correct
 from baqueano.estimators.pauses import (
     FilterRow,
     effort_of,
-    in_rows,
     row_of,
     rows_before,
+    step_in_rows,
     tree_where,
     unmoved_cov,
 )
 from baqueano.estimators.readings.gate import gate
 from baqueano.estimators.readings.sensor_numbers import age_s, check_use, has_measurement
-from baqueano.estimators.sigma_points import spread
+from baqueano.estimators.sigma_points import propagate
 from baqueano.geometry import map_from_body, wrap
 from baqueano.parameter import document, parameter
 from baqueano.sensors.sampling import difference
@@ -123,9 +123,9 @@ class Unscented:
 
     def step(self, belief: UnscentedBelief, tick: Tick) -> tuple[UnscentedBelief, Estimate]:
         """Predict, then correct with the measurements that arrived. A tick that is not newer is ignored."""
-        return in_rows(self, belief, tick)
+        return step_in_rows(self, belief, tick)
 
-    def pause(self, belief: UnscentedBelief, tick: Tick) -> Sequence[Tick]:
+    def rows_before(self, belief: UnscentedBelief, tick: Tick) -> Sequence[Tick]:
         """Return the rows without measurements that fill a pause before this tick: see pauses.py."""
         return rows_before(belief.t_ns, tick, self.rate_hz)
 
@@ -137,7 +137,7 @@ class Unscented:
         for name in self.use:
             x, innovation, S, weight = self._correct(name, x, getattr(tick.sensors, name))
             y, s, w = [*y, innovation], [*s, S], [*w, weight]
-        belief = tree_where(row.new, UnscentedBelief(tick.t_ns, *x, effort.last, drivetrain), belief)
+        belief = tree_where(row.is_new, UnscentedBelief(tick.t_ns, *x, effort.last, drivetrain), belief)
         innovations = (np.concatenate(y), block_diagonal(s), np.concatenate(w)) if y else ()
         return belief, Estimate(
             tick.t_ns, belief.mean[:3], belief.mean[3:6], belief.cov[:6, :6], *innovations
@@ -156,13 +156,14 @@ class Unscented:
             return np.concatenate([eta, nu, f(nu, effort.last, eta[2]) + fade * a_d])
 
         centre = g(belief.mean)
-        spread_points = spread(lambda x: _difference(g(x), centre), Gaussian(belief.mean, belief.cov))
+        spread_points = propagate(lambda x: _difference(g(x), centre), Gaussian(belief.mean, belief.cov))
         noise = [
             unmoved_cov(row, belief.mean, belief.cov),
             self.process_noise_cov * (row.dt_s * self.rate_hz),
         ]
         cov = mirror_upper(
-            spread_points.odd @ spread_points.odd.T + spread_points.even @ spread_points.even.T
+            spread_points.odd_part @ spread_points.odd_part.T
+            + spread_points.even_part @ spread_points.even_part.T
         )
         return Gaussian(boxplus(centre, spread_points.mean), cov + block_diagonal(noise))
 
@@ -175,22 +176,30 @@ class Unscented:
 
         def h(x: np.ndarray) -> np.ndarray:
             eta, nu, nu_dot = x[:3], x[3:6], x[6:]
-            way = map_from_body(eta[2] - 0.5 * old_s * nu[2]) @ (-old_s * nu)
-            return sensor.h(Motion(eta + way, nu - old_s * nu_dot, nu_dot, self.vehicle.gravity(eta[2])))
+            displacement = map_from_body(eta[2] - 0.5 * old_s * nu[2]) @ (-old_s * nu)
+            return sensor.h(
+                Motion(eta + displacement, nu - old_s * nu_dot, nu_dot, self.vehicle.gravity(eta[2]))
+            )
 
         centre = h(x.mean)
-        spread_points = spread(lambda x: difference(sensor, h(x), centre), x)
-        came = has_measurement(sensor, slot)
+        spread_points = propagate(lambda x: difference(sensor, h(x), centre), x)
+        has_reading = has_measurement(sensor, slot)
         y = np.where(
-            came, difference(sensor, np.where(came, slot.z, centre), centre) - spread_points.mean, 0.0
+            has_reading,
+            difference(sensor, np.where(has_reading, slot.z, centre), centre) - spread_points.mean,
+            0.0,
         )
-        Q = mirror_upper(sensor.cov + spread_points.even @ spread_points.even.T)
-        update = correct(np.eye(9), y, spread_points.odd, Q)
-        take = came & (np.sum(update.e**2) <= gate(self.gate_sigma, len(y)))
-        mean = np.where(take, boxplus(x.mean, spread_points.root @ update.move), x.mean)
-        cov = np.where(take, mirror_upper(spread_points.root @ update.cov @ spread_points.root.T), x.cov)
-        y, w = (np.where(came, x, np.nan) for x in (y, np.where(take, 1.0, 0.0) * np.ones(len(y))))
-        return Gaussian(mean, cov), y, mirror_upper(spread_points.odd @ spread_points.odd.T + Q), w
+        Q = mirror_upper(sensor.cov + spread_points.even_part @ spread_points.even_part.T)
+        update = correct(np.eye(9), y, spread_points.odd_part, Q)
+        is_accepted = has_reading & (np.sum(update.e**2) <= gate(self.gate_sigma, len(y)))
+        mean = np.where(is_accepted, boxplus(x.mean, spread_points.root @ update.move), x.mean)
+        cov = np.where(
+            is_accepted, mirror_upper(spread_points.root @ update.cov @ spread_points.root.T), x.cov
+        )
+        y, w = (
+            np.where(has_reading, x, np.nan) for x in (y, np.where(is_accepted, 1.0, 0.0) * np.ones(len(y)))
+        )
+        return Gaussian(mean, cov), y, mirror_upper(spread_points.odd_part @ spread_points.odd_part.T + Q), w
 
 
 def _difference(x: np.ndarray, y: np.ndarray) -> np.ndarray:

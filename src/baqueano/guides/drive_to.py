@@ -6,8 +6,9 @@
 
 σ is the distance along the path, a the acceleration, κ the curvature, η_r and ν_r the reference. v_0 is the speed of
 the first estimate, v_j the speed of the route at the goal. ν_r has the sign of v_j: a route that is driven backward is
-reached backward. The guide is done at once if the vehicle is within NEAR_M and NEAR_RAD of the first goal. For a
-vehicle beside a route, the best goal is at a distance along the route that depends on R. So (1) compares several goals.
+reached backward. The guide is done at once if the vehicle is within MAX_GOAL_DISTANCE_M and MAX_GOAL_ANGLE_RAD of the
+first goal. For a vehicle beside a route, the best goal is at a distance along the route that depends on R. So (1)
+compares several goals.
 """
 
 from dataclasses import dataclass
@@ -17,16 +18,16 @@ import numpy as np
 
 from baqueano.contracts.values import Tree, Value
 from baqueano.geometry import wrap
-from baqueano.guides.dubins import DubinsWay, pose_at, shorter, shortest
+from baqueano.guides.dubins import DubinsPath, pose_at, shorter_path, shortest_dubins_path
 from baqueano.guides.route import Route
 from baqueano.parameter import document, parameter
 from baqueano.signals import Estimate, Reference, seconds
 from baqueano.vehicles.bounds import check_bounds
 
-NEAR_M, NEAR_RAD = 0.01, np.radians(2.0)
-SLOWEST_M_S = 0.02  # least speed of σ, so that the reference arrives
-GOALS = 9
-REACH_M = 1.0  # length of the route, from its start, on which the vehicle may join it
+MAX_GOAL_DISTANCE_M, MAX_GOAL_ANGLE_RAD = 0.01, np.radians(2.0)
+MIN_SPEED_M_S = 0.02  # least speed of σ, so that the reference arrives
+GOAL_COUNT = 9
+JOIN_LENGTH_M = 1.0  # length of the route, from its start, on which the vehicle may join it
 
 
 class DriveToState(NamedTuple):
@@ -34,7 +35,7 @@ class DriveToState(NamedTuple):
 
     t_ns: int  # -1 before the first tick
     start: Value  # (3,)
-    way: DubinsWay
+    path: DubinsPath
     goal: Value  # (3,): time of the route [s], its speed [m/s], its direction
     sigma_m: float
     v_m_s: float
@@ -78,60 +79,66 @@ class DriveTo:
         check_bounds(self)
 
     @classmethod
-    def join(cls, route: Route, reach_m: float = REACH_M, **limits: float) -> "DriveTo":
+    def join(cls, route: Route, reach_m: float = JOIN_LENGTH_M, **limits: float) -> "DriveTo":
         """Return the guide to a route: the goals are poses in its first `reach_m`, at most its first half."""
         s = np.append(0.0, np.cumsum(np.hypot(*np.diff(route.eta[:, :2], axis=0).T)))
-        distances = np.linspace(0.0, min(reach_m, 0.5 * s[-1]), GOALS)
-        at = np.unique(np.searchsorted(s, distances - 1e-12))
-        return cls(route.eta[at], route.t_s[at], route.nu[at, 0], **limits)
+        distances = np.linspace(0.0, min(reach_m, 0.5 * s[-1]), GOAL_COUNT)
+        indices = np.unique(np.searchsorted(s, distances - 1e-12))
+        return cls(route.eta[indices], route.t_s[indices], route.nu[indices, 0], **limits)
 
     def init(self) -> DriveToState:
         """Return the state before the first tick."""
-        nowhere = DubinsWay(0.0, np.zeros(3), np.zeros(2))
-        return DriveToState(-1, np.zeros(3), nowhere, np.zeros(3), 0.0, 0.0)
+        empty_path = DubinsPath(0.0, np.zeros(3), np.zeros(2))
+        return DriveToState(-1, np.zeros(3), empty_path, np.zeros(3), 0.0, 0.0)
 
     def step(self, state: Tree, estimate: Estimate) -> tuple[Tree, Reference]:
         """Return the state, and the reference pose and velocity on the path.  (3)"""
-        began = state.t_ns >= 0
-        start = np.where(began, state.start, estimate.eta)
-        plan, goal = self._nearest(estimate.eta)
-        way = DubinsWay(*(np.where(began, a, b) for a, b in zip(state.way, plan, strict=True)))
-        goal = np.where(began, state.goal, goal)
-        dt_s = np.where(began, seconds(estimate.t_ns, state.t_ns), 0.0)
-        ahead = goal[2]
+        has_begun = state.t_ns >= 0
+        start = np.where(has_begun, state.start, estimate.eta)
+        new_path, goal = self._nearest_goal(estimate.eta)
+        path = DubinsPath(*(np.where(has_begun, a, b) for a, b in zip(state.path, new_path, strict=True)))
+        goal = np.where(has_begun, state.goal, goal)
+        dt_s = np.where(has_begun, seconds(estimate.t_ns, state.t_ns), 0.0)
+        forward_sign = goal[2]
         v = (
-            np.where(began, state.v_m_s, np.maximum(ahead * estimate.nu[0], 0.0))
+            np.where(has_begun, state.v_m_s, np.maximum(forward_sign * estimate.nu[0], 0.0))
             + self.acceleration_m_s2 * dt_s
         )
-        rest_m = np.maximum(way.length_m - state.sigma_m, 0.0)
+        rest_m = np.maximum(path.length_m - state.sigma_m, 0.0)
         v = np.minimum(
             np.minimum(v, self.speed_m_s), np.sqrt(goal[1] ** 2 + 2.0 * self.acceleration_m_s2 * rest_m)
         )
-        sigma_m = np.minimum(state.sigma_m + np.maximum(v, SLOWEST_M_S) * dt_s, way.length_m)
-        is_over: Value = np.where(sigma_m >= way.length_m, 1.0, 0.0)
-        back = 0.5 * np.pi * (1.0 - ahead)  # of the body against its course
-        course = np.array([start[0], start[1], start[2] - back])
-        pose, kappa = pose_at(course, way, sigma_m, self.radius_m)
-        eta = np.array([pose[0], pose[1], wrap(pose[2] + back)])
+        sigma_m = np.minimum(state.sigma_m + np.maximum(v, MIN_SPEED_M_S) * dt_s, path.length_m)
+        is_over: Value = np.where(sigma_m >= path.length_m, 1.0, 0.0)
+        heading_offset = 0.5 * np.pi * (1.0 - forward_sign)  # of the body against its course
+        course = np.array([start[0], start[1], start[2] - heading_offset])
+        pose, kappa = pose_at(course, path, sigma_m, self.radius_m)
+        eta = np.array([pose[0], pose[1], wrap(pose[2] + heading_offset)])
         v_r = np.where(is_over > 0.0, 0.0, v)
-        nu = np.array([ahead * v_r, 0.0 * v_r, kappa * v_r])
-        now = DriveToState(estimate.t_ns, start, way, goal, sigma_m, v)
-        return now, Reference(estimate.t_ns, eta, nu, is_over)
+        nu = np.array([forward_sign * v_r, 0.0 * v_r, kappa * v_r])
+        next_state = DriveToState(estimate.t_ns, start, path, goal, sigma_m, v)
+        return next_state, Reference(estimate.t_ns, eta, nu, is_over)
 
-    def _nearest(self, eta: Value) -> tuple[DubinsWay, Value]:
+    def _nearest_goal(self, eta: Value) -> tuple[DubinsPath, Value]:
         """Return the path to the nearest goal, and time, speed and direction of the route at that goal.  (1)"""
-        ahead = np.where(self.v_m_s < 0.0, -1.0, 1.0)
-        back = 0.5 * np.pi * (1.0 - ahead)
+        forward_signs = np.where(self.v_m_s < 0.0, -1.0, 1.0)
+        heading_offsets = 0.5 * np.pi * (1.0 - forward_signs)
         x, y, psi = self.goals.T
-        ways = shortest((eta[0], eta[1], eta[2] - back), (x, y, psi - back), self.radius_m)
-        off = eta - self.goals[0]
-        at_goal = (np.hypot(off[0], off[1]) < NEAR_M) & (np.abs(wrap(off[2])) < NEAR_RAD)
-        best = DubinsWay(*(field[..., 0] for field in ways))
-        best = best._replace(length_m=np.where(at_goal, 0.0, best.length_m))
-        goal = np.array([self.tau_s[0], np.abs(self.v_m_s[0]), ahead[0]])
+        paths = shortest_dubins_path(
+            (eta[0], eta[1], eta[2] - heading_offsets), (x, y, psi - heading_offsets), self.radius_m
+        )
+        offset = eta - self.goals[0]
+        is_at_goal = (np.hypot(offset[0], offset[1]) < MAX_GOAL_DISTANCE_M) & (
+            np.abs(wrap(offset[2])) < MAX_GOAL_ANGLE_RAD
+        )
+        shortest_path = DubinsPath(*(field[..., 0] for field in paths))
+        shortest_path = shortest_path._replace(length_m=np.where(is_at_goal, 0.0, shortest_path.length_m))
+        goal = np.array([self.tau_s[0], np.abs(self.v_m_s[0]), forward_signs[0]])
         for k in range(1, len(self.goals)):
-            way = DubinsWay(*(field[..., k] for field in ways))
-            less = way.length_m < best.length_m
-            goal = np.where(less, np.array([self.tau_s[k], np.abs(self.v_m_s[k]), ahead[k]]), goal)
-            best = shorter(way, best)
-        return best, goal
+            path = DubinsPath(*(field[..., k] for field in paths))
+            is_shorter = path.length_m < shortest_path.length_m
+            goal = np.where(
+                is_shorter, np.array([self.tau_s[k], np.abs(self.v_m_s[k]), forward_signs[k]]), goal
+            )
+            shortest_path = shorter_path(path, shortest_path)
+        return shortest_path, goal

@@ -18,13 +18,13 @@ import numpy as np
 
 from baqueano.contracts.values import Value
 
-TURN = 2.0 * np.pi
-ROUND_OFF = 1e-9  # an angle below zero by less than this is 0, not a full turn
-FAR_M = 1e9  # length of a word that does not exist
+FULL_TURN = 2.0 * np.pi
+ROUNDING_RAD = 1e-9  # an angle below zero by less than this is 0, not a full turn
+MISSING_LENGTH_M = 1e9  # length of a word that does not exist
 WORDS = ((1.0, 1.0), (1.0, -1.0), (-1.0, -1.0), (-1.0, 1.0))  # first and last arc; 1 turns left
 
 
-class DubinsWay(NamedTuple):
+class DubinsPath(NamedTuple):
     """A path of two arcs and the line between them."""
 
     length_m: Value
@@ -32,61 +32,63 @@ class DubinsWay(NamedTuple):
     turns: Value  # (2,) of the arcs: 1 left, −1 right
 
 
-def shortest(start: Value, goal: Value, radius_m: float) -> DubinsWay:
+def shortest_dubins_path(start: Value, goal: Value, radius_m: float) -> DubinsPath:
     """Return the shortest path from the pose `start` (3,) to the pose `goal` (3,).  (1), (2)
 
     `goal` may also be (3, k), the x, y and ψ of k goals; the result then contains the path to each goal.
     """
     dx, dy = (goal[0] - start[0]) / radius_m, (goal[1] - start[1]) / radius_m
-    D, towards = np.sqrt(dx * dx + dy * dy), np.arctan2(dy, dx)
-    best = None
+    D, bearing = np.sqrt(dx * dx + dy * dy), np.arctan2(dy, dx)
+    shortest_path = None
     for first, last in WORDS:
-        t, p, q, exists = _word(D, first * (start[2] - towards), first * (goal[2] - towards), first == last)
-        length_m = np.where(exists, radius_m * (t + p + q), FAR_M)
+        t, p, q, exists = _solve_word(
+            D, first * (start[2] - bearing), first * (goal[2] - bearing), first == last
+        )
+        length_m = np.where(exists, radius_m * (t + p + q), MISSING_LENGTH_M)
         arcs_m = radius_m * np.array([t, p, q])
-        this = DubinsWay(length_m, arcs_m, np.array([first + 0.0 * t, last + 0.0 * t]))
-        best = this if best is None else shorter(this, best)
-    assert best is not None
-    return best
+        path = DubinsPath(length_m, arcs_m, np.array([first + 0.0 * t, last + 0.0 * t]))
+        shortest_path = path if shortest_path is None else shorter_path(path, shortest_path)
+    assert shortest_path is not None
+    return shortest_path
 
 
-def shorter(one: DubinsWay, other: DubinsWay) -> DubinsWay:
-    """Return the shorter of two paths, `other` if both are equally long."""
-    less = one.length_m < other.length_m
-    return DubinsWay(*(np.where(less, a, b) for a, b in zip(one, other, strict=True)))
+def shorter_path(first: DubinsPath, second: DubinsPath) -> DubinsPath:
+    """Return the shorter of two paths, `second` if both are equally long."""
+    is_shorter = first.length_m < second.length_m
+    return DubinsPath(*(np.where(is_shorter, a, b) for a, b in zip(first, second, strict=True)))
 
 
-def pose_at(start: Value, way: DubinsWay, sigma_m: Value, radius_m: float) -> tuple[Value, Value]:
+def pose_at(start: Value, path: DubinsPath, sigma_m: Value, radius_m: float) -> tuple[Value, Value]:
     """Return pose (3,) and curvature [1/m] after `sigma_m` of a path from `start`; the heading is continuous."""
     x, y, psi = start[0], start[1], start[2]
     left_m, kappa = sigma_m, 0.0 * sigma_m
-    for k, turn in enumerate((way.turns[0], 0.0, way.turns[1])):
-        ds = np.clip(left_m, 0.0, way.arcs_m[k])
-        bend = turn / radius_m
-        middle = psi + 0.5 * bend * ds
-        half = 0.5 * bend * ds
-        straight = np.abs(half) < ROUND_OFF
-        chord = np.where(straight, ds, ds * np.sin(half) / np.where(straight, 1.0, half))
-        x, y, psi = x + chord * np.cos(middle), y + chord * np.sin(middle), psi + bend * ds
-        kappa = np.where(left_m > 0.0, bend, kappa)
-        left_m = left_m - way.arcs_m[k]
+    for k, turn in enumerate((path.turns[0], 0.0, path.turns[1])):
+        ds = np.clip(left_m, 0.0, path.arcs_m[k])
+        curvature = turn / radius_m
+        mean_heading = psi + 0.5 * curvature * ds
+        half_angle = 0.5 * curvature * ds
+        is_straight = np.abs(half_angle) < ROUNDING_RAD
+        chord = np.where(is_straight, ds, ds * np.sin(half_angle) / np.where(is_straight, 1.0, half_angle))
+        x, y, psi = x + chord * np.cos(mean_heading), y + chord * np.sin(mean_heading), psi + curvature * ds
+        kappa = np.where(left_m > 0.0, curvature, kappa)
+        left_m = left_m - path.arcs_m[k]
     return np.array([x, y, psi]), kappa
 
 
-def _word(D: Value, alpha: Value, beta: Value, same: bool) -> tuple[Value, Value, Value, Value]:
-    """Return t, p, q of LSL if `same`, else of LSR, and True if this word exists.  (1)"""
+def _solve_word(D: Value, alpha: Value, beta: Value, is_same_side: bool) -> tuple[Value, Value, Value, Value]:
+    """Return t, p, q of LSL if `is_same_side`, else of LSR, and True if this word exists.  (1)"""
     sa, sb, ca, cb = np.sin(alpha), np.sin(beta), np.cos(alpha), np.cos(beta)
-    if same:
+    if is_same_side:
         square = 2.0 + D * D - 2.0 * np.cos(alpha - beta) + 2.0 * D * (sa - sb)
         p = np.sqrt(np.maximum(square, 0.0))
         chi = np.arctan2(cb - ca, D + sa - sb)
-        return _turn(chi - alpha), p, _turn(beta - chi), square >= -ROUND_OFF
+        return _positive_angle(chi - alpha), p, _positive_angle(beta - chi), square >= -ROUNDING_RAD
     square = D * D - 2.0 + 2.0 * np.cos(alpha - beta) + 2.0 * D * (sa + sb)
     p = np.sqrt(np.maximum(square, 0.0))
     chi = np.arctan2(-ca - cb, D + sa + sb) + np.arctan2(2.0, p)
-    return _turn(chi - alpha), p, _turn(chi - beta), square >= 0.0
+    return _positive_angle(chi - alpha), p, _positive_angle(chi - beta), square >= 0.0
 
 
-def _turn(angle: Value) -> Value:
+def _positive_angle(angle: Value) -> Value:
     """Return an angle in the range 0 to 2π."""
-    return angle + ROUND_OFF - TURN * np.floor((angle + ROUND_OFF) / TURN)
+    return angle + ROUNDING_RAD - FULL_TURN * np.floor((angle + ROUNDING_RAD) / FULL_TURN)

@@ -38,5 +38,5 @@ class CarefulGuide:
 
     def step(self, state: Tree, estimate: Estimate) -> tuple[Tree, Reference]:
         """Return the state, and the pose of the vehicle, at rest."""
-        state, _, over = self.pulses.advance(state, estimate)
-        return state, Reference(estimate.t_ns, estimate.eta, np.zeros(3), float(over))
+        state, _, is_over = self.pulses.advance(state, estimate)
+        return state, Reference(estimate.t_ns, estimate.eta, np.zeros(3), float(is_over))

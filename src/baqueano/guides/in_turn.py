@@ -24,7 +24,7 @@ class InTurnState(NamedTuple):
 
     first: Tree
     second: Tree
-    over: float  # 1.0 after the first guide is done
+    is_first_over: float  # 1.0 after the first guide is done
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -76,13 +76,17 @@ class InTurn:
 
     def step(self, state: Tree, estimate: Estimate) -> tuple[Tree, Reference]:
         """Return the state, and the reference of the present guide: first, then second.  (1)"""
-        first, led = self.first.step(state.first, estimate)
-        over: Value = np.where((state.over > 0.0) | (led.done > 0.0), 1.0, 0.0)
-        entry = _either(state.over > 0.0, state.second, self._entry(first, estimate))
-        second, then = self.second.step(entry, estimate)
-        reference = _either(over > 0.0, then, led._replace(done=0.0 * led.done))
-        first_state = _either(state.over > 0.0, state.first, first)
-        return InTurnState(first_state, _either(over > 0.0, second, state.second), over), reference
+        first, first_reference = self.first.step(state.first, estimate)
+        is_first_over: Value = np.where((state.is_first_over > 0.0) | (first_reference.done > 0.0), 1.0, 0.0)
+        entry = _select(state.is_first_over > 0.0, state.second, self._entry(first, estimate))
+        second, second_reference = self.second.step(entry, estimate)
+        reference = _select(
+            is_first_over > 0.0, second_reference, first_reference._replace(done=0.0 * first_reference.done)
+        )
+        first_state = _select(state.is_first_over > 0.0, state.first, first)
+        return InTurnState(
+            first_state, _select(is_first_over > 0.0, second, state.second), is_first_over
+        ), reference
 
     def _entry(self, first: Tree, estimate: Estimate) -> Tree:
         """Return the state at which the second guide begins.  (2)"""
@@ -92,15 +96,15 @@ class InTurn:
         entry_at = optional.of(self.second, "entry_state")
         if entry_at is not None:
             return entry_at(estimate.t_ns, tau_s)
-        before = estimate._replace(t_ns=estimate.t_ns - np.rint(tau_s * NANOSECONDS))
-        return self.second.step(self.second.init(), before)[0]
+        shifted_estimate = estimate._replace(t_ns=estimate.t_ns - np.rint(tau_s * NANOSECONDS))
+        return self.second.step(self.second.init(), shifted_estimate)[0]
 
 
-def _either(condition: Value, a: Tree, b: Tree) -> Tree:
+def _select(condition: Value, a: Tree, b: Tree) -> Tree:
     """Return `a` if the condition is true, else `b`, number by number; both trees have the same shape."""
     if isinstance(a, tuple):
-        parts = [_either(condition, x, y) for x, y in zip(a, b, strict=True)]
-        return tuple(parts) if type(a) is tuple else type(a)(*parts)
+        branches = [_select(condition, x, y) for x, y in zip(a, b, strict=True)]
+        return tuple(branches) if type(a) is tuple else type(a)(*branches)
     if isinstance(a, dict):
-        return {name: _either(condition, a[name], b[name]) for name in a}
+        return {name: _select(condition, a[name], b[name]) for name in a}
     return a if a is None else np.where(condition, a, b)

@@ -24,13 +24,13 @@ from baqueano.guides.route import Route
 from baqueano.parameter import document, parameter
 from baqueano.signals import NANOSECONDS, Estimate, Reference, seconds
 
-BEFORE = -1
+BEFORE_START = -1
 
 
 class RepeatState(NamedTuple):
     """State of a repeated route: the time at which it started."""
 
-    start_ns: int  # BEFORE until the first tick; may be below 0 after the vehicle joined the route
+    start_ns: int  # BEFORE_START until the first tick; may be below 0 after the vehicle joined the route
 
 
 @document
@@ -87,7 +87,7 @@ class Repeat:
 
     def init(self) -> RepeatState:
         """Return the state before the first tick."""
-        return RepeatState(BEFORE)
+        return RepeatState(BEFORE_START)
 
     def entry_state(self, t_ns: Value, tau_s: Value) -> Tree:
         """Return the state of a vehicle that joins the route at the time `tau_s` of the route."""
@@ -95,7 +95,7 @@ class Repeat:
 
     def step(self, state: RepeatState, estimate: Estimate) -> tuple[RepeatState, Reference]:
         """Return the state, and the reference: the teacher's pose and velocity at this time of the lap.  (1)"""
-        start_ns: Value = np.where(state.start_ns == BEFORE, estimate.t_ns, state.start_ns)
+        start_ns: Value = np.where(state.start_ns == BEFORE_START, estimate.t_ns, state.start_ns)
         t = seconds(estimate.t_ns, start_ns)
         period = self.t_s[-1]
         laps = self.laps if self.closed else 1
@@ -112,8 +112,8 @@ def with_laps(guide: Guide, laps: int) -> Guide:
     A guide without an attribute `laps`, or already with this number, is returned unchanged. The fields of a dataclass
     are checked again. A plain class must read self.laps in its step. Raise UsageError if `laps` cannot be set.
     """
-    before = optional.of(guide, "laps")
-    if before is None or before == laps:
+    present_laps = optional.of(guide, "laps")
+    if present_laps is None or present_laps == laps:
         return guide
     try:
         if is_dataclass(type(guide)):
@@ -121,8 +121,8 @@ def with_laps(guide: Guide, laps: int) -> Guide:
         guide_of_laps: Tree = copy(guide)
         guide_of_laps.laps = laps
     except (AttributeError, TypeError, ValueError) as error:
-        kind = type(guide).__name__
+        class_name = type(guide).__name__
         raise UsageError(
-            fault("route.laps-kept", kind=kind, before=before, laps=laps, cause=error)
+            fault("route.laps-kept", kind=class_name, before=present_laps, laps=laps, cause=error)
         ) from error
     return guide_of_laps

@@ -10,7 +10,7 @@
 τ: time of the teacher; s: distance along the route; T: duration of a lap; η: pose; η_r, ν_r: reference. τ is continuous
 and (1) searches only near τ, so the crossing of an eight is not a short cut. slack = slack_m + slack_s |v| allows for
 delay and lag. If the vehicle is blocked, the reference stops wait_m + slack ahead of it. In (1) a radian of heading
-counts as HEADING_M. Source: the virtual target of Aicardi et al., IEEE Robotics and Automation Magazine, 1995.
+counts as HEADING_WEIGHT_M. Source: the virtual target of Aicardi et al., IEEE Robotics and Automation Magazine, 1995.
 """
 
 from dataclasses import dataclass
@@ -24,8 +24,8 @@ from baqueano.guides.repeat import Repeat
 from baqueano.parameter import document, parameter
 from baqueano.signals import Estimate, Reference, seconds
 
-HEADING_M = 0.1
-FAR = 1e9
+HEADING_WEIGHT_M = 0.1
+FAR_AWAY = 1e9
 
 
 class ProgressState(NamedTuple):
@@ -75,7 +75,7 @@ class RepeatByProgress(Repeat):
     def step(self, state: Tree, estimate: Estimate) -> tuple[Tree, Reference]:
         """Return the state, and the reference at the teacher's time τ.  (4)"""
         period, laps = self.t_s[-1], self.laps if self.closed else 1
-        end = laps * period if laps > 0 else FAR
+        end = laps * period if laps > 0 else FAR_AWAY
         phase = state.tau_s - period * np.floor(state.tau_s / period)
         dt_s = np.where(state.t_ns >= 0, seconds(estimate.t_ns, state.t_ns), 0.0)
         pace = self._pace(phase, estimate)
@@ -83,37 +83,39 @@ class RepeatByProgress(Repeat):
         is_over: Value = np.where(tau_s >= end, 1.0, 0.0)
         phase = np.where(is_over > 0.0, period, tau_s - period * np.floor(tau_s / period))
         eta = [np.interp(phase, self.t_s, self.eta[:, i]) for i in range(3)]
-        forward = np.where(is_over > 0.0, 0.0, np.maximum(pace, 0.0))
-        nu = forward * np.array([np.interp(phase, self.t_s, self.nu[:, i]) for i in range(3)])
+        forward_pace = np.where(is_over > 0.0, 0.0, np.maximum(pace, 0.0))
+        nu = forward_pace * np.array([np.interp(phase, self.t_s, self.nu[:, i]) for i in range(3)])
         reference = Reference(estimate.t_ns, np.array([eta[0], eta[1], wrap(eta[2])]), nu, is_over)
         return ProgressState(estimate.t_ns, tau_s), reference
 
     def _pace(self, phase: Value, estimate: Estimate) -> Value:
         """Return τ̇ at the time `phase` [s] of a lap.  (1)-(3)"""
-        s, (behind_s, front) = self._way(), self._window()
-        eta, at, exists = self.eta, s, 1.0
+        s, (behind_s, front) = self._distances(), self._window()
+        eta, distances, is_on_route = self.eta, s, 1.0
         if behind_s + front + 2 < len(s):
-            number = np.arange(len(s), dtype=float)
-            k = np.floor(np.interp(phase, self.t_s, number)) + np.arange(-behind_s, front + 2)
+            indices = np.arange(len(s), dtype=float)
+            k = np.floor(np.interp(phase, self.t_s, indices)) + np.arange(-behind_s, front + 2)
             if self.closed:
                 k = k - (len(s) - 1) * np.floor(k / (len(s) - 1))  # the last point equals the first one
-            exists = np.where((k >= 0.0) & (k <= len(s) - 1.0), 1.0, 0.0)
-            eta = np.stack([np.interp(k, number, column) for column in self.eta.T], axis=1)
-            at = np.interp(k, number, s)
-        behind = np.interp(phase, self.t_s, s) - at  # (k,) d, if the vehicle is at each of these points
+            is_on_route = np.where((k >= 0.0) & (k <= len(s) - 1.0), 1.0, 0.0)
+            eta = np.stack([np.interp(k, indices, column) for column in self.eta.T], axis=1)
+            distances = np.interp(k, indices, s)
+        lag_m = np.interp(phase, self.t_s, s) - distances  # (k,) d, if the vehicle is at each of these points
         if self.closed:
-            behind = behind - s[-1] * np.floor(behind / s[-1] + 0.5)
-        off = (eta[:, 0] - estimate.eta[0]) ** 2 + (eta[:, 1] - estimate.eta[1]) ** 2
-        off = off + (HEADING_M * wrap(eta[:, 2] - estimate.eta[2])) ** 2
-        off = np.where((np.abs(behind) <= self.reach_m) & (exists > 0.0), off, FAR)
-        nearest = off <= np.min(off)
-        d = np.sum(np.where(nearest, behind, 0.0)) / np.sum(np.where(nearest, 1.0, 0.0))
-        slack = self.slack_m + self.slack_s * np.abs(np.interp(phase, self.t_s, self.nu[:, 0]))
-        late = 1.0 - np.maximum(d - slack, 0.0) / self.wait_m
-        early = np.maximum(-d - slack, 0.0) / self.wait_m
-        return np.clip(late + early, -1.0, self.fastest)
+            lag_m = lag_m - s[-1] * np.floor(lag_m / s[-1] + 0.5)
+        squared_distances = (eta[:, 0] - estimate.eta[0]) ** 2 + (eta[:, 1] - estimate.eta[1]) ** 2
+        squared_distances = squared_distances + (HEADING_WEIGHT_M * wrap(eta[:, 2] - estimate.eta[2])) ** 2
+        squared_distances = np.where(
+            (np.abs(lag_m) <= self.reach_m) & (is_on_route > 0.0), squared_distances, FAR_AWAY
+        )
+        is_nearest = squared_distances <= np.min(squared_distances)
+        d = np.sum(np.where(is_nearest, lag_m, 0.0)) / np.sum(np.where(is_nearest, 1.0, 0.0))
+        tolerance_m = self.slack_m + self.slack_s * np.abs(np.interp(phase, self.t_s, self.nu[:, 0]))
+        waiting_pace = 1.0 - np.maximum(d - tolerance_m, 0.0) / self.wait_m
+        catching_pace = np.maximum(-d - tolerance_m, 0.0) / self.wait_m
+        return np.clip(waiting_pace + catching_pace, -1.0, self.fastest)
 
-    def _way(self) -> np.ndarray:
+    def _distances(self) -> np.ndarray:
         """Return the distance s (m,) [m] of each point of the route."""
         steps = np.hypot(np.diff(self.eta[:, 0]), np.diff(self.eta[:, 1]))
         return np.concatenate([[0.0], np.cumsum(steps)])
@@ -122,9 +124,9 @@ class RepeatByProgress(Repeat):
         """Return the largest number of points within `reach_m` of any point: behind that point, and in front of it.
         The compiled step searches only these points.
         """
-        s, reach = self._way(), self.reach_m + 1e-9
-        round_about = np.concatenate([s - s[-1], s[1:], s[1:] + s[-1]]) if self.closed else s
-        first = np.searchsorted(round_about, round_about - reach, side="left")
-        last = np.searchsorted(round_about, round_about + reach, side="right")
-        number = np.arange(len(round_about))
-        return int(np.max(number - first)), int(np.max(last - number)) - 1
+        s, reach_m = self._distances(), self.reach_m + 1e-9
+        wrapped_distances = np.concatenate([s - s[-1], s[1:], s[1:] + s[-1]]) if self.closed else s
+        first = np.searchsorted(wrapped_distances, wrapped_distances - reach_m, side="left")
+        last = np.searchsorted(wrapped_distances, wrapped_distances + reach_m, side="right")
+        indices = np.arange(len(wrapped_distances))
+        return int(np.max(indices - first)), int(np.max(last - indices)) - 1

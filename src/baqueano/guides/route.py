@@ -15,8 +15,8 @@ from baqueano.geometry import map_from_body, wrap
 if TYPE_CHECKING:
     from baqueano.contracts.values import TableRow
 
-ON_THE_SPOT_RAD = 0.5
-SHORTEST = 1e-3  # least part of its time step that a sample keeps
+MIN_SPOT_TURN_RAD = 0.5
+MIN_STEP_SHARE = 1e-3  # least part of its time step that a sample keeps
 
 
 class Route(NamedTuple):
@@ -47,14 +47,14 @@ class Route(NamedTuple):
     def __repr__(self) -> str:
         with np.errstate(over="ignore"):  # a file that was not driven may contain any numbers
             length_m = float(np.sum(np.hypot(*np.diff(self.eta[:, :2], axis=0).T)))
-        kind = "closed" if self.closed else "open"
-        return f"Route({len(self.t_s)} poses, {self.t_s[-1]:.1f} s, {length_m:.2f} m, {kind})"
+        ends = "closed" if self.closed else "open"
+        return f"Route({len(self.t_s)} poses, {self.t_s[-1]:.1f} s, {length_m:.2f} m, {ends})"
 
     def rows(self) -> list["TableRow"]:
         """Return one flat dict per pose."""
         names = ("t_s", "x_m", "y_m", "psi_rad", "v_x_m_s", "v_y_m_s", "yaw_rate_rad_s")
-        numbers = np.column_stack([self.t_s, self.eta, self.nu])
-        return [dict(zip(names, map(float, row), strict=True)) for row in numbers]
+        columns = np.column_stack([self.t_s, self.eta, self.nu])
+        return [dict(zip(names, map(float, row), strict=True)) for row in columns]
 
     def table(self) -> str:
         """Return one line: number of poses, duration, length, and "closed" or "open"."""
@@ -89,8 +89,8 @@ def route_of_curve(
 
 def from_start(eta: np.ndarray) -> np.ndarray:
     """Return poses (m, 3) in the frame of the first pose: the route then starts at the origin, along x."""
-    back = map_from_body(eta[0, 2])[:2, :2]
-    return np.column_stack([(eta[:, :2] - eta[0, :2]) @ back, eta[:, 2] - eta[0, 2]])
+    start_from_map = map_from_body(eta[0, 2])[:2, :2]
+    return np.column_stack([(eta[:, :2] - eta[0, :2]) @ start_from_map, eta[:, 2] - eta[0, 2]])
 
 
 def move_route(route: Route, start: np.ndarray) -> Route:
@@ -103,8 +103,8 @@ def closed_up(route: Route) -> Route:
     """Return the closed route whose end is equal to its start.
     The driver returned to the mark, so the difference between the two poses is drift. It is removed linearly over time.
     """
-    turns = 2.0 * np.pi * np.round((route.eta[-1, 2] - route.eta[0, 2]) / (2.0 * np.pi))
-    gap = route.eta[-1] - route.eta[0] - np.array([0.0, 0.0, turns])
+    turn_rad = 2.0 * np.pi * np.round((route.eta[-1, 2] - route.eta[0, 2]) / (2.0 * np.pi))
+    gap = route.eta[-1] - route.eta[0] - np.array([0.0, 0.0, turn_rad])
     share = (route.t_s - route.t_s[0]) / (route.t_s[-1] - route.t_s[0])
     return route._replace(eta=route.eta - np.outer(share, gap), closed=True)
 
@@ -118,12 +118,16 @@ def run_through(route: Route) -> Route:
     """
     speed = np.abs(route.nu[:, 0])
     v = min(speed[-1], float(np.median(speed)))
-    slow = int(np.argmax(speed >= v))  # number of samples before the vehicle reached v
-    if slow == 0 or np.ptp(route.eta[: slow + 1, 2]) > ON_THE_SPOT_RAD:
+    slow_count = int(np.argmax(speed >= v))  # number of samples before the vehicle reached v
+    if slow_count == 0 or np.ptp(route.eta[: slow_count + 1, 2]) > MIN_SPOT_TURN_RAD:
         return route
     dt_s, nu = np.diff(route.t_s), route.nu.copy()
-    dt_s[:slow] *= np.maximum(0.5 * (speed[:slow] + speed[1 : slow + 1]) / v, SHORTEST)
-    nu[:slow] = nu[-1] + np.linspace(0.0, 1.0, slow, endpoint=False)[:, None] * (nu[slow] - nu[-1])
+    dt_s[:slow_count] *= np.maximum(
+        0.5 * (speed[:slow_count] + speed[1 : slow_count + 1]) / v, MIN_STEP_SHARE
+    )
+    nu[:slow_count] = nu[-1] + np.linspace(0.0, 1.0, slow_count, endpoint=False)[:, None] * (
+        nu[slow_count] - nu[-1]
+    )
     return route._replace(t_s=np.append(0.0, np.cumsum(dt_s)), nu=nu)
 
 

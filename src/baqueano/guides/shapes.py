@@ -25,8 +25,8 @@ from baqueano.vehicles.bounds import check_bounds
 
 __all__ = ["SinuousCircle", "circle", "clothoid", "eight", "line", "rectangle", "sinuous_circle", "slalom"]
 
-POINTS = 1441  # of a drawn route, four per degree of a circle
-SHAPES = ("sinuous-circle", "circle", "eight", "rectangle", "line", "slalom", "clothoid")  # of `shape`
+POINT_COUNT = 1441  # of a drawn route, four per degree of a circle
+SHAPE_NAMES = ("sinuous-circle", "circle", "eight", "rectangle", "line", "slalom", "clothoid")  # of `shape`
 
 
 @lru_cache(maxsize=32)
@@ -59,12 +59,14 @@ def sinuous_circle(radius_m: float, amplitude_m: float, waves: int, speed_m_s: f
     >>> print(route.eta.shape, f"{route.t_s[-1]:.1f} s, {route.eta[-1, 2] / np.pi:.1f} π")
     (1441, 3) 20.8 s, 2.0 π
     """
-    th = np.linspace(0.0, 2.0 * np.pi, POINTS)
+    th = np.linspace(0.0, 2.0 * np.pi, POINT_COUNT)
     r = radius_m + amplitude_m * np.sin(waves * th)
     r1, r2 = amplitude_m * waves * np.cos(waves * th), -amplitude_m * waves**2 * np.sin(waves * th)
-    out, along = np.column_stack([np.sin(th), -np.cos(th)]), np.column_stack([np.cos(th), np.sin(th)])
+    outward, tangent = np.column_stack([np.sin(th), -np.cos(th)]), np.column_stack([np.cos(th), np.sin(th)])
     r, r1, r2 = r[:, None], r1[:, None], r2[:, None]
-    return route_of_curve(r * out, r1 * out + r * along, (r2 - r) * out + 2.0 * r1 * along, th, speed_m_s)
+    return route_of_curve(
+        r * outward, r1 * outward + r * tangent, (r2 - r) * outward + 2.0 * r1 * tangent, th, speed_m_s
+    )
 
 
 def circle(radius_m: float, speed_m_s: float) -> Route:
@@ -114,7 +116,7 @@ def eight(half_length_m: float, speed_m_s: float) -> Route:
     >>> eight(0.6, 0.2)
     Route(1441 poses, 18.3 s, 3.66 m, closed)
     """
-    th = np.linspace(0.0, 2.0 * np.pi, POINTS)
+    th = np.linspace(0.0, 2.0 * np.pi, POINT_COUNT)
     s, c = np.sin(th), np.cos(th)
     p, p1 = np.column_stack([s, s * c]), np.column_stack([c, c**2 - s**2])
     p2 = np.column_stack([-s, -4.0 * s * c])
@@ -203,7 +205,7 @@ def line(length_m: float, speed_m_s: float) -> Route:
     >>> line(2.0, 0.2)
     Route(201 poses, 10.0 s, 2.00 m, open)
     """
-    return _of_curvature(np.zeros(_points(length_m)), length_m, speed_m_s)
+    return _route_of_curvature(np.zeros(_points(length_m)), length_m, speed_m_s)
 
 
 def slalom(length_m: float, width_m: float, waves: int, speed_m_s: float) -> Route:
@@ -234,11 +236,14 @@ def slalom(length_m: float, width_m: float, waves: int, speed_m_s: float) -> Rou
     >>> slalom(2.0, 0.3, 3, 0.2)
     Route(1441 poses, 13.9 s, 2.78 m, open)
     """
-    x = np.linspace(0.0, length_m, POINTS)
+    x = np.linspace(0.0, length_m, POINT_COUNT)
     k, a = 2.0 * np.pi * waves / length_m, 0.5 * width_m
-    unit, none = np.ones(POINTS), np.zeros(POINTS)
+    unit, no_turn = np.ones(POINT_COUNT), np.zeros(POINT_COUNT)
     p = np.column_stack([x, a * (1.0 - np.cos(k * x))])
-    p1, p2 = np.column_stack([unit, a * k * np.sin(k * x)]), np.column_stack([none, a * k**2 * np.cos(k * x)])
+    p1, p2 = (
+        np.column_stack([unit, a * k * np.sin(k * x)]),
+        np.column_stack([no_turn, a * k**2 * np.cos(k * x)]),
+    )
     return route_of_curve(p, p1, p2, x, speed_m_s, closed=False)
 
 
@@ -269,8 +274,10 @@ def clothoid(length_m: float, turn_rad: float, speed_m_s: float) -> Route:
     >>> print(route.eta[-1].round(2))
     [0.6  0.6  1.57]
     """
-    part = np.linspace(0.0, 1.0, _points(length_m))
-    return _of_curvature(2.0 * turn_rad / length_m * (1.0 - np.abs(2.0 * part - 1.0)), length_m, speed_m_s)
+    fraction = np.linspace(0.0, 1.0, _points(length_m))
+    return _route_of_curvature(
+        2.0 * turn_rad / length_m * (1.0 - np.abs(2.0 * fraction - 1.0)), length_m, speed_m_s
+    )
 
 
 def _points(length_m: float) -> int:
@@ -280,20 +287,20 @@ def _points(length_m: float) -> int:
     return max(3, round(100.0 * length_m) + 1)
 
 
-def _of_curvature(kappa: np.ndarray, length_m: float, speed_m_s: float) -> Route:
+def _route_of_curvature(kappa: np.ndarray, length_m: float, speed_m_s: float) -> Route:
     """Return the open route with the curvatures (m,) [1/m] at even distances along it, by the midpoint rule."""
     s = np.linspace(0.0, length_m, len(kappa))
     psi = np.append(0.0, np.cumsum(0.5 * (kappa[1:] + kappa[:-1]) * np.diff(s)))
-    middle = 0.5 * (psi[1:] + psi[:-1])
-    step = np.diff(s)[:, None] * np.column_stack([np.cos(middle), np.sin(middle)])
+    mean_heading = 0.5 * (psi[1:] + psi[:-1])
+    step = np.diff(s)[:, None] * np.column_stack([np.cos(mean_heading), np.sin(mean_heading)])
     xy = np.vstack([np.zeros((1, 2)), np.cumsum(step, axis=0)])
     nu = np.column_stack([np.full_like(s, speed_m_s), np.zeros_like(s), kappa * speed_m_s])
     return Route(s / speed_m_s, np.column_stack([xy, psi]), nu, False)
 
 
 def shape(name: str, size_m: float, speed_m_s: float) -> Route:
-    """Return the route of a name in SHAPES; `size_m` is the radius of a circle or half the length of another shape.
-    Raise Invalid for another name.
+    """Return the route of a name in SHAPE_NAMES; `size_m` is the radius of a circle or half the length of another
+    shape. Raise Invalid for another name.
     """
     match name:
         case "sinuous-circle":
@@ -310,7 +317,7 @@ def shape(name: str, size_m: float, speed_m_s: float) -> Route:
             return slalom(2 * size_m, 0.3 * size_m, 3, speed_m_s)
         case "clothoid":
             return clothoid(2 * size_m, 0.5 * np.pi, speed_m_s)
-    raise Invalid(fault("shape.unknown", found=repr(name), known=SHAPES))
+    raise Invalid(fault("shape.unknown", found=repr(name), known=SHAPE_NAMES))
 
 
 @document

@@ -57,13 +57,15 @@ def with_cost_advice(
 
 
 def by_other_cost(
-    runs: Sequence[Run], file: "VehicleFile", *, options: FitOptions, **how: Any
+    runs: Sequence[Run], vehicle_file: "VehicleFile", *, options: FitOptions, **how: Any
 ) -> Callable[[str], Fit]:
     """Return a function that fits the runs by a given cost, without diagnostics.
 
     All other `options` and the arguments `how` of `identify` are unchanged.
     """
-    return lambda cost: identify(runs, file, options=replace(options, cost=cost, diagnose=False), **how)
+    return lambda cost: identify(
+        runs, vehicle_file, options=replace(options, cost=cost, diagnose=False), **how
+    )
 
 
 def more_error(simulation: Validation, innovations: Validation) -> float:

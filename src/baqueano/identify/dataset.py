@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING
 
 from baqueano.diagnostics import Diagnostic, Severity, fault, note
 from baqueano.errors import UsageError
-from baqueano.identify.data.added_channels import CHANNEL, TRUTH, with_truth
+from baqueano.identify.data.added_channels import BATTERY_CHANNEL, TRUTH, with_truth
 from baqueano.identify.data.hand_measurements import with_tape
 from baqueano.identify.data.record import FittedBlocks
 from baqueano.identify.data.rest import with_gyro_at_rest
@@ -22,8 +22,8 @@ if TYPE_CHECKING:
     from baqueano.vehicle_file import VehicleFile
 
 # channels that do not measure motion: added_channels.py, `runs noise`
-NO_MOTION = CHANNEL, "imu_temperature"
-BY_SIZE = {1: "odometer", 2: "wheels", 3: "imu"}
+NON_MOTION_CHANNELS = BATTERY_CHANNEL, "imu_temperature"
+KIND_BY_SIZE = {1: "odometer", 2: "wheels", 3: "imu"}
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -32,7 +32,7 @@ class Dataset:
 
     Parameters
     ----------
-    file : VehicleFile
+    vehicle_file : VehicleFile
         The vehicle file. Its gyro bias is the value measured at rest if a drive cannot show it.
     blocks : FittedBlocks
         The model, and the sensors that are used.
@@ -52,7 +52,7 @@ class Dataset:
     True
     """
 
-    file: "VehicleFile"
+    vehicle_file: "VehicleFile"
     blocks: FittedBlocks
     runs: tuple[Run, ...]
     channels: dict[str, list[int]]
@@ -67,7 +67,7 @@ class Dataset:
 
 def dataset(
     runs: Sequence[Run],
-    file: "VehicleFile",
+    vehicle_file: "VehicleFile",
     use: Sequence[str] | None = None,
     options: FitOptions = FitOptions(),  # noqa: B008  it is frozen
 ) -> Dataset:
@@ -77,7 +77,7 @@ def dataset(
     ----------
     runs : sequence of Run
         One or more.
-    file : VehicleFile
+    vehicle_file : VehicleFile
         The vehicle that drove them.
     use : sequence of str, optional
         Sensors, or channels as "imu[2]"; default: all sensors that every run has.
@@ -101,13 +101,13 @@ def dataset(
     {'imu': [2]}
     """
     runs, note = list(runs), None
-    same_commands(file, runs)
-    if options.biases and has_offset(file.vehicle):
-        file, note = with_gyro_at_rest(file, runs)
-    blocks, runs, channels = sensors_of(file, runs, use)
+    check_command_count(vehicle_file, runs)
+    if options.biases and has_offset(vehicle_file.vehicle):
+        vehicle_file, note = with_gyro_at_rest(vehicle_file, runs)
+    blocks, runs, channels = sensors_of(vehicle_file, runs, use)
     runs, blocks = with_tape(runs, blocks, options.measured)
-    runs, findings = clean(runs, file, blocks.sensors._asdict())
-    return Dataset(file, blocks, tuple(runs), channels, findings, note)
+    runs, findings = clean(runs, vehicle_file, blocks.sensors._asdict())
+    return Dataset(vehicle_file, blocks, tuple(runs), channels, findings, note)
 
 
 def parameters_of(
@@ -144,12 +144,12 @@ def parameters_of(
     ['model.mass_kg']
     """
     parameters = free_parameters(data.blocks, free, (*options.fixed, *options.per_run), options.bounds)
-    return unknowns(data.blocks, parameters, data.runs, data.channels, data.file.rate_hz, options)
+    return unknowns(data.blocks, parameters, data.runs, data.channels, data.vehicle_file.rate_hz, options)
 
 
-def same_commands(file: "VehicleFile", runs: Sequence[Run]) -> None:
+def check_command_count(vehicle_file: "VehicleFile", runs: Sequence[Run]) -> None:
     """Raise UsageError if a run has another number of commands than the vehicle."""
-    n = file.vehicle.commands
+    n = vehicle_file.vehicle.commands
     for run in runs:
         if run.applied.shape[1] != n:
             raise UsageError(
@@ -158,27 +158,27 @@ def same_commands(file: "VehicleFile", runs: Sequence[Run]) -> None:
                     "--vehicle FILE",
                     run=run.name,
                     commands=run.applied.shape[1],
-                    vehicle=file.name,
+                    vehicle=vehicle_file.name,
                     expected=n,
                 )
             )
 
 
 def sensors_of(
-    file: "VehicleFile", runs: list[Run], use: Sequence[str] | None
+    vehicle_file: "VehicleFile", runs: list[Run], use: Sequence[str] | None
 ) -> tuple[FittedBlocks, list[Run], dict[str, list[int]]]:
     """Return the blocks with the sensors in use, the runs, and the channels of partly used sensors. If `use` names
     the truth, the truth becomes a sensor. Raise UsageError for an unknown sensor, or if none is in all runs."""
     if not runs:
         raise UsageError(fault("runs.none"))
-    names_of_file = file.sensors._fields
+    names_of_file = vehicle_file.sensors._fields
     if use is None:
         use = [
             name for name in names_of_file if all(name in r.sensors and len(r.sensors[name].z) for r in runs)
         ]
         if not use:
-            raise _nothing_in_common(names_of_file, runs)
-    sensors, only = file.sensors, _channels(use)
+            raise _no_common_sensor(names_of_file, runs)
+    sensors, channels = vehicle_file.sensors, _channels_by_sensor(use)
     names = list(dict.fromkeys(channel.partition("[")[0] for channel in use))
     if TRUTH in names:
         runs, sensors = with_truth(runs, sensors)
@@ -186,50 +186,50 @@ def sensors_of(
         if name not in sensors._fields:
             raise UsageError(fault("use.unknown", sensor=name, known=names_of_file))
         size = getattr(sensors, name).size
-        if name in only and max(only[name]) >= size:
-            raise UsageError(fault("use.no-channel", sensor=name, entry=max(only[name]), last=size - 1))
-    return FittedBlocks(file.vehicle, chosen_sensors(sensors, names)), runs, only
+        if name in channels and max(channels[name]) >= size:
+            raise UsageError(fault("use.no-channel", sensor=name, entry=max(channels[name]), last=size - 1))
+    return FittedBlocks(vehicle_file.vehicle, chosen_sensors(sensors, names)), runs, channels
 
 
-def _nothing_in_common(names: Sequence[str], runs: list[Run]) -> UsageError:
+def _no_common_sensor(names: Sequence[str], runs: list[Run]) -> UsageError:
     """Return the error for runs without a common sensor: none of the file's sensors `names` has readings in every
     run."""
-    read = [{name for name, channel in run.sensors.items() if len(channel.z)} for run in runs]
-    name = max(names, key=lambda name: sum(name in has for has in read), default="")
-    without = [run.name for run, has in zip(runs, read, strict=True) if name not in has]
-    if len(without) < len(runs):
-        empty = all(
+    sensors_read = [{name for name, channel in run.sensors.items() if len(channel.z)} for run in runs]
+    name = max(names, key=lambda name: sum(name in has for has in sensors_read), default="")
+    runs_without = [run.name for run, has in zip(runs, sensors_read, strict=True) if name not in has]
+    if len(runs_without) < len(runs):
+        is_recorded = all(
             name in run.sensors for run in runs
         )  # the channel is recorded, but has no reading in some run
-        code = "use.read-in-some" if empty else "use.not-in-all"
-        return UsageError(fault(code, runs=without, sensor=name))
-    return UsageError(fault("use.nothing-common", read=sorted(set().union(*read)), known=names))
+        code = "use.read-in-some" if is_recorded else "use.not-in-all"
+        return UsageError(fault(code, runs=runs_without, sensor=name))
+    return UsageError(fault("use.nothing-common", read=sorted(set().union(*sensors_read)), known=names))
 
 
-def _channels(use: Sequence[str]) -> dict[str, list[int]]:
+def _channels_by_sensor(use: Sequence[str]) -> dict[str, list[int]]:
     """Return sensor → channels from entries such as "imu[2]", without sensors that are also named whole."""
-    only: dict[str, list[int]] = {}
+    channels: dict[str, list[int]] = {}
     for channel in use:
         name, bracket, entry = channel.partition("[")
         if bracket and name not in use:
             if not entry.rstrip("]").isdigit():
                 raise UsageError(fault("use.unreadable", found=channel))
-            only.setdefault(name, []).append(int(entry.rstrip("]")))
-    return only
+            channels.setdefault(name, []).append(int(entry.rstrip("]")))
+    return channels
 
 
-def unused_sensors(runs: Sequence[Run], file: "VehicleFile") -> list[Diagnostic]:
+def unused_sensors(runs: Sequence[Run], vehicle_file: "VehicleFile") -> list[Diagnostic]:
     """Return a note for each sensor of motion in the runs that the vehicle file lacks, with the table to add."""
-    read: dict[str, Channel] = {}
+    channels: dict[str, Channel] = {}
     for run in runs:
-        read |= {name: channel for name, channel in run.sensors.items() if len(channel.z)}
+        channels |= {name: channel for name, channel in run.sensors.items() if len(channel.z)}
     return [
-        note("use.not-in-file", sensor=name, vehicle=file.name, kind=_kind(name, channel))
-        for name, channel in read.items()
-        if name not in file.sensors._fields and name not in NO_MOTION
+        note("use.not-in-file", sensor=name, vehicle=vehicle_file.name, kind=_kind(name, channel))
+        for name, channel in channels.items()
+        if name not in vehicle_file.sensors._fields and name not in NON_MOTION_CHANNELS
     ]
 
 
 def _kind(name: str, channel: Channel) -> str:
     """Return the likely kind of a sensor, by its name, else by its number of channels."""
-    return name if name in KINDS else BY_SIZE.get(channel.z.shape[1], "…")
+    return name if name in KINDS else KIND_BY_SIZE.get(channel.z.shape[1], "…")

@@ -20,10 +20,10 @@ import numpy as np
 from baqueano.diagnostics import fault, note
 from baqueano.errors import UsageError
 from baqueano.identify import imu_only
-from baqueano.identify.covariance.scale_uncertainty import covariance_by_zeros
+from baqueano.identify.covariance.scale_uncertainty import covariance_of_zeros
 from baqueano.identify.data.record import first_rows
 from baqueano.identify.dataset import Dataset, dataset, parameters_of
-from baqueano.identify.estimation.delay import PATH, best_search_of_all, bounds_of, duty_step
+from baqueano.identify.estimation.delay import DUTY_STEP_PATH, best_search_of_all, bounds_of, duty_step
 from baqueano.identify.estimation.least_squares import Minimiser, minimise
 from baqueano.identify.estimation.search import Search, Task, search
 from baqueano.identify.identifiability.identifiable import FinishedFit, fix_unidentifiable
@@ -31,7 +31,7 @@ from baqueano.identify.options import FitOptions
 from baqueano.identify.parameters.free import has_offset
 from baqueano.identify.parameters.setup import Parameters, given_sigma
 from baqueano.identify.prediction_error_fit import fit_by_innovations, fit_by_simulation
-from baqueano.identify.residuals.noise_level import sigma_of_few, smallest_spread
+from baqueano.identify.residuals.noise_level import min_sigma, sigma_of_rare_channels
 from baqueano.identify.residuals.simulation import Residuals
 from baqueano.identify.result.fit_result import Fit
 from baqueano.runs.run import Run
@@ -39,7 +39,10 @@ from baqueano.runs.run import Run
 if TYPE_CHECKING:
     from baqueano.vehicle_file import VehicleFile
 
-PART, ENOUGH = 4, 1000  # 1/PART of the rows of a run, at least ENOUGH, for a first search without a compiler
+FIRST_SEARCH_PART, MIN_FIRST_ROWS = (
+    4,
+    1000,
+)  # 1/PART of the rows of a run, at least ENOUGH, for a first search without a compiler
 
 
 def identify(
@@ -98,10 +101,10 @@ def identify(
     0.61 kg, USABLE
     """
     runs = [runs] if isinstance(runs, Run) else list(runs)
-    own = residuals is not Residuals
-    if own and options.gyro_leads:
+    is_custom = residuals is not Residuals
+    if is_custom and options.gyro_leads:
         raise UsageError(fault("imu-only.others", others=["residuals"]))
-    if not own and imu_only.gyro_leads(vehicle_file, runs, use, free, options):
+    if not is_custom and imu_only.gyro_leads(vehicle_file, runs, use, free, options):
         settings = {"options": options, "solver": solver, "progress": progress}
         return imu_only.fit_imu_only(runs, vehicle_file, free, use, **settings)
     data = dataset(runs, vehicle_file, use, options)
@@ -111,7 +114,7 @@ def identify(
     steps = None if end.stopped else duty_step(parameters.blocks, end.problem, end.solution.theta)
     if steps is None:
         return conclude(data, parameters, task, end, options)
-    stepped_file = vehicle_file.with_values({PATH: 1.0 / steps})
+    stepped_file = vehicle_file.with_values({DUTY_STEP_PATH: 1.0 / steps})
     fit = identify(
         runs,
         stepped_file,
@@ -168,9 +171,9 @@ def solve(
     """
     sensors = parameters.blocks.sensors
     task = Task(
-        problem, parameters.first, parameters.low, parameters.high, smallest_spread(sensors, problem.z, problem.has),
+        problem, parameters.first, parameters.low, parameters.high, min_sigma(sensors, problem.z, problem.has),
         None if options.sigma is None else given_sigma(options.sigma, sensors),
-        options.speed_noise, progress, sigma_of_few(sensors, problem.has), again, solver,
+        options.speed_noise, progress, sigma_of_rare_channels(sensors, problem.has), again, solver,
     )  # fmt: skip
     return best_search_of_all(task, _begin(task, parameters))
 
@@ -212,17 +215,17 @@ def conclude(
     'USABLE'
     """
     result, identifiability, info = fix_unidentifiable(task, result, parameters.free)
-    whole = task._replace(low=parameters.low, high=parameters.high, problem=result.problem)
-    result = bounds_of(whole, result)
+    full_task = task._replace(low=parameters.low, high=parameters.high, problem=result.problem)
+    result = bounds_of(full_task, result)
     end = FinishedFit(
-        data.file, parameters.blocks, whole, list(parameters.requested), list(parameters.frozen), result,
+        data.vehicle_file, parameters.blocks, full_task, list(parameters.requested), list(parameters.frozen), result,
         identifiability, info, data.note, data.findings, options.diagnose,
     )  # fmt: skip
-    if options.biases and has_offset(data.file.vehicle):
-        by_zero = covariance_by_zeros(
-            result.problem, result.solution.theta, identifiability.mask, info.bread, data.file
+    if options.biases and has_offset(data.vehicle_file.vehicle):
+        zero_cov = covariance_of_zeros(
+            result.problem, result.solution.theta, identifiability.mask, info.bread, data.vehicle_file
         )
-        end = end._replace(systematic=by_zero)
+        end = end._replace(systematic=zero_cov)
     return fit_by_innovations(end) if options.cost == "innovations" else fit_by_simulation(end)
 
 
@@ -232,9 +235,11 @@ def _begin(task: Task, parameters: Parameters) -> np.ndarray:
     if task.problem.scan.backend == "c":
         return task.first
     records = task.problem.records
-    rows = [max(ENOUGH, len(record.dt_s) // PART) for record in records]
-    if all(len(record.dt_s) <= n for record, n in zip(records, rows, strict=True)):
+    row_counts = [max(MIN_FIRST_ROWS, len(record.dt_s) // FIRST_SEARCH_PART) for record in records]
+    if all(len(record.dt_s) <= n for record, n in zip(records, row_counts, strict=True)):
         return task.first
-    first = [first_rows(record, n) for record, n in zip(records, rows, strict=True)]
-    part = type(task.problem)(parameters.blocks, task.problem.shape, first, task.problem.scan.backend)
-    return search(task._replace(problem=part), task.first, rough=True).solution.theta
+    first_records = [first_rows(record, n) for record, n in zip(records, row_counts, strict=True)]
+    short_problem = type(task.problem)(
+        parameters.blocks, task.problem.shape, first_records, task.problem.scan.backend
+    )
+    return search(task._replace(problem=short_problem), task.first, rough=True).solution.theta

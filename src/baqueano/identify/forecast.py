@@ -31,7 +31,7 @@ from baqueano.messages.language import translate as _
 from baqueano.runs.run import Run
 from baqueano.signals import NANOSECONDS, seconds, sensor_slots
 from baqueano.simulate.closed_loop import close_loop, closed_loop, start_of, ticks_of
-from baqueano.simulate.open_loop import times
+from baqueano.simulate.open_loop import tick_times
 from baqueano.simulate.system import Input, begin
 from baqueano.symbolic import scan
 from baqueano.symbolic.scan import Scan
@@ -40,15 +40,17 @@ if TYPE_CHECKING:
     from baqueano.contracts.values import TableRow, Tree
     from baqueano.guides.route import Route
 
-AHEAD_S = 10.0
+HORIZON_S = 10.0
 STEP_S = 1.0  # between the beginnings of windows
-DRIVEN = 0.5  # least part of the ticks of a window with a command
-LOST_RAD = 0.5  # standard deviation of the heading, from which on (2) does not give the position
-PACE = 0.25  # 1/s: speed over radius of the default lap
-FOLLOWED = 0.1  # of the size of a lap: with a larger root mean square error a vehicle does not drive the lap
+MIN_DRIVEN_SHARE = 0.5  # least part of the ticks of a window with a command
+MAX_HEADING_STD_RAD = 0.5  # standard deviation of the heading, from which on (2) does not give the position
+LAP_RATE = 0.25  # 1/s: speed over radius of the default lap
+MAX_LAP_ERROR = (
+    0.1  # of the size of a lap: with a larger root mean square error a vehicle does not drive the lap
+)
 
 
-class Ahead(NamedTuple):
+class DriveForecast(NamedTuple):
     """One drive, and the standard deviations of the pose at its end."""
 
     drive: Diagnostic
@@ -60,7 +62,7 @@ class Ahead(NamedTuple):
     @property
     def message(self) -> Diagnostic:
         """Return the drive and its errors as a message."""
-        code = "forecast.lost" if self.heading_rad > LOST_RAD else "forecast.off"
+        code = "forecast.lost" if self.heading_rad > MAX_HEADING_STD_RAD else "forecast.off"
         details = {"drive": self.drive, "duration_s": self.duration_s, "way_m": self.way_m}
         degrees = float(np.degrees(self.heading_rad))
         heading = f"{number(degrees):.2g}" if degrees < 10.0 else f"{number(degrees):.0f}"
@@ -85,7 +87,7 @@ class Forecast(Result):
     0.02
     """
 
-    ahead: tuple[Ahead, ...]
+    ahead: tuple[DriveForecast, ...]
     notes: tuple[Diagnostic | str, ...]
 
     def rows(self) -> list["TableRow"]:
@@ -110,7 +112,7 @@ class _ModelDrive(NamedTuple):
 
     t_s: np.ndarray  # (N,)
     eta: np.ndarray  # (N, 3)
-    slopes: np.ndarray  # (N, 3, p)
+    derivatives: np.ndarray  # (N, 3, p)
     u: np.ndarray  # (N, n)
 
 
@@ -158,7 +160,7 @@ def forecast(fit: "Fit", runs: Run | Sequence[Run], route: "Route | None" = None
     theta = np.array([value(fit.blocks, path) for path in paths])
     kernel = _kernel(fit, paths, theta)
     drives = [_drive(kernel, theta, record.dt_s, record.u) for record in (record_of(r, {}) for r in runs)]
-    ahead: list[Ahead] = [_as_the_runs(drives, cov)]
+    forecasts: list[DriveForecast] = [_forecast_windows(drives, cov)]
     notes: list[Diagnostic | str] = []
     lap, reason = _lap(fit, paths, theta, _route_of(drives) if route is None else route)
     if lap is None:
@@ -166,14 +168,14 @@ def forecast(fit: "Fit", runs: Run | Sequence[Run], route: "Route | None" = None
     else:
         title = note("forecast.lap") if route else note("forecast.lap-of-circle")
         title = note("forecast.lap-of", name=name) if name else title
-        ahead.append(_whole(title, _drive(kernel, theta, *lap), cov))
-        notes += _beyond(fit, lap[1])
-    if not np.isfinite([ahead[1:] for ahead in ahead]).all():
+        forecasts.append(_forecast_drive(title, _drive(kernel, theta, *lap), cov))
+        notes += _outside_envelope(fit, lap[1])
+    if not np.isfinite([forecasts[1:] for forecasts in forecasts]).all():
         raise UsageError(fault("forecast.ran-away"))
     if fit.unobservable:
         notes.append(note("forecast.unseen-exact"))
     notes.append(note("forecast.more-errors"))
-    return Forecast(tuple(ahead), tuple(message for message in notes if message))
+    return Forecast(tuple(forecasts), tuple(message for message in notes if message))
 
 
 def _kernel(fit: "Fit", paths: tuple[str, ...], theta: np.ndarray) -> Scan:
@@ -196,78 +198,90 @@ def _drive(kernel: Any, theta: np.ndarray, dt_s: np.ndarray, u: np.ndarray) -> _
     return _ModelDrive(np.cumsum(dt_s), np.asarray(eta), np.asarray(slopes), u)
 
 
-def _as_the_runs(drives: Sequence[_ModelDrive], cov: np.ndarray) -> Ahead:
+def _forecast_windows(drives: Sequence[_ModelDrive], cov: np.ndarray) -> DriveForecast:
     """Return the root mean square of the errors over the windows of the runs.  (3)"""
     longest_s = max(float(drive.t_s[-1] - drive.t_s[0]) for drive in drives)
-    ahead_s = min(AHEAD_S, 0.999 * longest_s)
-    squares, ways = [], []
+    ahead_s = min(HORIZON_S, 0.999 * longest_s)
+    squares, distances_m = [], []
     for drive in drives:
         a = np.unique(np.searchsorted(drive.t_s, np.arange(drive.t_s[0], drive.t_s[-1] - ahead_s, STEP_S)))
         b = np.minimum(np.searchsorted(drive.t_s, drive.t_s[a] + ahead_s), len(drive.t_s) - 1)
         moving_ticks = np.concatenate([[0], np.cumsum(np.any(drive.u != 0.0, axis=1))])
-        way = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(drive.eta[:, :2], axis=0).T))])
+        distance_m = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(drive.eta[:, :2], axis=0).T))])
         for i, j in zip(a, b, strict=True):
-            if moving_ticks[j] - moving_ticks[i] >= DRIVEN * (j - i):
-                squares.append(_squares(drive, i, j, cov))
-                ways.append(way[j] - way[i])
+            if moving_ticks[j] - moving_ticks[i] >= MIN_DRIVEN_SHARE * (j - i):
+                squares.append(_variances(drive, i, j, cov))
+                distances_m.append(distance_m[j] - distance_m[i])
     if not squares:  # hardly driven: use the whole longest run
-        return _whole(note("forecast.longest-again"), max(drives, key=lambda drive: len(drive.u)), cov)
+        return _forecast_drive(
+            note("forecast.longest-again"), max(drives, key=lambda drive: len(drive.u)), cov
+        )
     position2, heading2 = np.mean(squares, axis=0).tolist()
-    return Ahead(note("forecast.as-the-runs"), ahead_s, float(np.mean(ways)), position2**0.5, heading2**0.5)
+    return DriveForecast(
+        note("forecast.as-the-runs"), ahead_s, float(np.mean(distances_m)), position2**0.5, heading2**0.5
+    )
 
 
-def _whole(drive: Diagnostic, model_drive: _ModelDrive, cov: np.ndarray) -> Ahead:
-    position2, heading2 = _squares(model_drive, 0, len(model_drive.u) - 1, cov)
-    way = float(np.sum(np.hypot(*np.diff(model_drive.eta[:, :2], axis=0).T)))
-    return Ahead(drive, float(model_drive.t_s[-1]), way, position2**0.5, heading2**0.5)
+def _forecast_drive(drive: Diagnostic, model_drive: _ModelDrive, cov: np.ndarray) -> DriveForecast:
+    position2, heading2 = _variances(model_drive, 0, len(model_drive.u) - 1, cov)
+    distance_m = float(np.sum(np.hypot(*np.diff(model_drive.eta[:, :2], axis=0).T)))
+    return DriveForecast(drive, float(model_drive.t_s[-1]), distance_m, position2**0.5, heading2**0.5)
 
 
-def _squares(drive: _ModelDrive, i: int, j: int, cov: np.ndarray) -> tuple[float, float]:
+def _variances(drive: _ModelDrive, i: int, j: int, cov: np.ndarray) -> tuple[float, float]:
     """Return the variances of position and heading of the pose at row j, relative to the pose at row i.  (2)"""
     J = map_from_body(drive.eta[i, 2])
-    change = drive.slopes[j] - drive.slopes[i]
-    way = drive.eta[j] - drive.eta[i]
-    rotation = np.outer(np.array([way[1], -way[0], 0.0]), drive.slopes[i, 2])  # ∂(Jᵀ way)/∂ψ_i, in the map
-    slope = J.T @ (change + rotation)
-    square = np.einsum("ip,pq,iq->i", slope, cov, slope)
-    return float(max(square[0] + square[1], 0.0)), float(max(square[2], 0.0))
+    derivative_change = drive.derivatives[j] - drive.derivatives[i]
+    displacement = drive.eta[j] - drive.eta[i]
+    rotation = np.outer(
+        np.array([displacement[1], -displacement[0], 0.0]), drive.derivatives[i, 2]
+    )  # ∂(Jᵀ way)/∂ψ_i, in the map
+    jacobian = J.T @ (derivative_change + rotation)
+    variances = np.einsum("ip,pq,iq->i", jacobian, cov, jacobian)
+    return float(max(variances[0] + variances[1], 0.0)), float(max(variances[2], 0.0))
 
 
 def _route_of(drives: Sequence[_ModelDrive]) -> Any:
     """Return a lap at the median speed of the runs while they move."""
-    speed = np.concatenate(
+    speeds_m_s = np.concatenate(
         [
             np.hypot(*np.diff(drive.eta[:, :2], axis=0).T) / np.maximum(np.diff(drive.t_s), 1e-9)
             for drive in drives
         ]
     )
-    fast = float(np.median(speed[speed > 0.1 * np.quantile(speed, 0.95)])) if np.any(speed > 0.0) else PACE
-    fast = float(f"{fast:.1g}")
-    size_m = fast / PACE
-    return sinuous_circle(size_m, 0.1 * size_m, 6, fast)
+    lap_speed_m_s = (
+        float(np.median(speeds_m_s[speeds_m_s > 0.1 * np.quantile(speeds_m_s, 0.95)]))
+        if np.any(speeds_m_s > 0.0)
+        else LAP_RATE
+    )
+    lap_speed_m_s = float(f"{lap_speed_m_s:.1g}")
+    size_m = lap_speed_m_s / LAP_RATE
+    return sinuous_circle(size_m, 0.1 * size_m, 6, lap_speed_m_s)
 
 
 def _lap(
     fit: Fit, paths: tuple[str, ...], theta: np.ndarray, route: "Route"
 ) -> tuple[tuple[np.ndarray, np.ndarray] | None, Diagnostic | str]:
     """Return steps (N,) and commands (N, n) of a lap that the model drives, or None and the reason."""
-    file = fit.vehicle_file
+    vehicle_file = fit.vehicle_file
     of_controller = (f"controller.vehicle.{path.removeprefix('model.')}" for path in paths)
     try:
-        system = close_loop(file, route, perfect=True, controller=file.controller("pd_feedforward"))
+        system = close_loop(
+            vehicle_file, route, perfect=True, controller=vehicle_file.controller("pd_feedforward")
+        )
         kernel = closed_loop(
-            system, file.rate_hz, noise=False, backend=fit.backend, output=_command_and_pose,
+            system, vehicle_file.rate_hz, noise=False, backend=fit.backend, output=_command_and_pose,
             paths=(*paths, *of_controller),
         )  # fmt: skip
-        t_ns = times(ticks_of(system, file.rate_hz), file.rate_hz)
+        t_ns = tick_times(ticks_of(system, vehicle_file.rate_hz), vehicle_file.rate_hz)
         start = begin(system, start_of(system))
     except (BaqueanoError, ValueError, AttributeError, TypeError) as error:  # a custom vehicle
         return None, note("forecast.no-controller", error=str(error))
     _, (u, eta, reference) = kernel.run(Input(t_ns, None), np.tile(theta, 2), carry=start)
     size_m = 0.5 * float(np.max(np.ptp(np.asarray(route.eta)[:, :2], axis=0)))
-    off = float(np.sqrt(np.mean(np.sum((eta[:, :2] - reference[:, :2]) ** 2, axis=1))))
-    if not off < FOLLOWED * size_m:
-        return None, note("forecast.strays", far=_length(off))
+    rms_error_m = float(np.sqrt(np.mean(np.sum((eta[:, :2] - reference[:, :2]) ** 2, axis=1))))
+    if not rms_error_m < MAX_LAP_ERROR * size_m:
+        return None, note("forecast.strays", far=_length(rms_error_m))
     return (seconds(np.diff(t_ns, prepend=0)), np.asarray(u)), ""
 
 
@@ -275,7 +289,7 @@ def _command_and_pose(outputs: "Tree") -> tuple[np.ndarray, np.ndarray, np.ndarr
     return outputs.record.tick.u, outputs.truth.eta, outputs.record.reference.eta
 
 
-def _beyond(fit: "Fit", u: np.ndarray) -> tuple[Diagnostic, ...]:
+def _outside_envelope(fit: "Fit", u: np.ndarray) -> tuple[Diagnostic, ...]:
     """Return a message if the lap contains commands outside the range of the fit, else an empty tuple."""
     t_ns = np.arange(1, len(u) + 1) * NANOSECONDS
     flags = fit.envelope.flags(Run(_("The lap"), None, t_ns, u))

@@ -24,8 +24,8 @@ from baqueano.contracts.optional import has_field
 from baqueano.diagnostics import fault, note
 from baqueano.errors import UsageError
 from baqueano.identify.covariance.information import Information, information
-from baqueano.identify.covariance.jackknife import jackknife, with_blocks
-from baqueano.identify.covariance.scale_uncertainty import scales_of, with_systematic, zero_of
+from baqueano.identify.covariance.jackknife import jackknife, with_jackknife
+from baqueano.identify.covariance.scale_uncertainty import scale_stds, with_systematic_errors, zero_std
 from baqueano.identify.data.record import FittedBlocks
 from baqueano.identify.dataset import dataset
 from baqueano.identify.estimation.delay import best_search_of_all, bounds_of
@@ -44,7 +44,7 @@ from baqueano.identify.parameters.free import (
 )
 from baqueano.identify.parameters.setup import unknowns
 from baqueano.identify.residuals.gyro_aided import GyroAidedResiduals, can_be_gyro_aided
-from baqueano.identify.residuals.noise_level import smallest_spread, spread
+from baqueano.identify.residuals.noise_level import min_sigma, robust_sigma
 from baqueano.identify.result.assemble import fit_of
 from baqueano.identify.result.fit_result import Fit
 from baqueano.runs.run import Run
@@ -52,11 +52,13 @@ from baqueano.runs.run import Run
 if TYPE_CHECKING:
     from baqueano.vehicle_file import VehicleFile
 
-LEVER = "lever_arm_m[0]"
+LEVER_ARM = "lever_arm_m[0]"
 # options that are allowed if the gyro leads
-GOES_WITH = "fixed", "bounds", "start", "gyro_leads", "backend"
-FOLLOWED = 8  # rounds of updates of the leading yaw rate, at most
-STILL = 0.1  # standard deviations: the search is settled if a round moves all parameters together by less
+ALLOWED_OPTIONS = "fixed", "bounds", "start", "gyro_leads", "backend"
+MAX_ROUNDS = 8  # rounds of updates of the leading yaw rate, at most
+SETTLED_SIGMA = (
+    0.1  # standard deviations: the search is settled if a round moves all parameters together by less
+)
 
 
 def fit_imu_only(
@@ -80,28 +82,31 @@ def fit_imu_only(
     """
     if names := _other_options(options):
         raise UsageError(fault("imu-only.others", others=names))
-    imu = _imu(vehicle_file, use)
-    scales = scales_of(vehicle_file, imu, tolerance or {})
+    imu = _imu_name(vehicle_file, use)
+    scales = scale_stds(vehicle_file, imu, tolerance or {})
     data = dataset([runs] if isinstance(runs, Run) else runs, vehicle_file, (imu,), options)
     if not can_be_gyro_aided(data.blocks):
-        kind = type(data.file.vehicle).__name__
-        raise UsageError(fault("imu-only.no-dynamics", vehicle=data.file.name, kind=kind))
-    zero = zero_of(data.file, imu) if has_offset(data.file.vehicle) else 0.0
+        kind = type(data.vehicle_file.vehicle).__name__
+        raise UsageError(fault("imu-only.no-dynamics", vehicle=data.vehicle_file.name, kind=kind))
+    zero_rad_s = zero_std(data.vehicle_file, imu) if has_offset(data.vehicle_file.vehicle) else 0.0
     requested = _requested_parameters(data.blocks, free, options, imu)
-    parameters = unknowns(data.blocks, requested, data.runs, data.channels, data.file.rate_hz, options)
+    parameters = unknowns(
+        data.blocks, requested, data.runs, data.channels, data.vehicle_file.rate_hz, options
+    )
     blocks = parameters.blocks
     problem = GyroAidedResiduals(blocks, parameters.shape, parameters.records, options.backend)
-    floor = smallest_spread(blocks.sensors, problem.z, problem.has)
+    floor = min_sigma(blocks.sensors, problem.z, problem.has)
     begin = parameters.first, parameters.low, parameters.high
     task = Task(problem, *begin, floor, None, by_speed=True, progress=progress, minimise=solver)
-    within, result = _settle(task)
-    result, identifiability, info = fix_unidentifiable(within, result, parameters.free)
+    bounded_task, result = _settle(task)
+    result, identifiability, info = fix_unidentifiable(bounded_task, result, parameters.free)
     result = bounds_of(task, result)
-    info = _with_all_errors(result, identifiability, info, (scales, zero))
+    info = _with_all_errors(result, identifiability, info, (scales, zero_rad_s))
     residuals = result.problem.misfits(result.solution.theta)
-    result = result._replace(sigma=spread(residuals, result.problem.has, floor))
+    result = result._replace(sigma=robust_sigma(residuals, result.problem.has, floor))
     end = FinishedFit(
-        data.file, blocks, task._replace(problem=result.problem), list(parameters.requested), list(parameters.frozen),
+        data.vehicle_file, blocks, task._replace(problem=result.problem), list(parameters.requested),
+        list(parameters.frozen),
         result, identifiability, info, data.note, data.findings,
     )  # fmt: skip
     errors = fit_of(
@@ -113,31 +118,31 @@ def fit_imu_only(
 
 def _settle(task: Task) -> tuple[Task, Search]:
     """Search for the leading yaw rate and the delay in turn, at most FOLLOWED times. Return the task and the search."""
-    within, end = best_search_of_all(task, task.first)
-    for _ in range(FOLLOWED):
-        end = _follow_gyro(within, end)
-        task, within = (part._replace(problem=end.problem) for part in (task, within))
+    bounded_task, end = best_search_of_all(task, task.first)
+    for _ in range(MAX_ROUNDS):
+        end = _follow_gyro(bounded_task, end)
+        task, bounded_task = (part._replace(problem=end.problem) for part in (task, bounded_task))
         if end.stopped or DELAY not in task.problem.shape.shared:
             break
-        before, count = end.solution.theta, end.evaluations
-        within, end = best_search_of_all(task, before)
+        previous_theta, count = end.solution.theta, end.evaluations
+        bounded_task, end = best_search_of_all(task, previous_theta)
         count += end.evaluations
         end = end._replace(evaluations=count)
-        if _is_settled(before, end):
+        if _is_settled(previous_theta, end):
             break
-    return within, end
+    return bounded_task, end
 
 
 def _follow_gyro(task: Task, end: Search) -> Search:
     """Repeat the search, aided by the yaw rate from gyro and model, until it settles: at most FOLLOWED times."""
     problem, count = end.problem, end.evaluations
     assert isinstance(problem, GyroAidedResiduals)
-    for _ in range(FOLLOWED):
-        before = end.solution.theta
-        problem = problem.following(before)
-        end = search(task._replace(problem=problem), before, None, end)
+    for _ in range(MAX_ROUNDS):
+        previous_theta = end.solution.theta
+        problem = problem.following(previous_theta)
+        end = search(task._replace(problem=problem), previous_theta, None, end)
         count += end.evaluations
-        if end.stopped or _is_settled(before, end):
+        if end.stopped or _is_settled(previous_theta, end):
             break
     return end._replace(evaluations=count)
 
@@ -146,7 +151,7 @@ def _is_settled(previous: np.ndarray, end: Search) -> bool:
     """Return True if a search moved all parameters together by less than STILL standard deviations from `previous`
     (p,)."""
     step = end.solution.theta - previous
-    return float(step @ information(end.problem, end.solution.theta).bread @ step) < STILL**2
+    return float(step @ information(end.problem, end.solution.theta).bread @ step) < SETTLED_SIGMA**2
 
 
 def _with_all_errors(
@@ -163,12 +168,12 @@ def _with_all_errors(
     )
     assert isinstance(problem, GyroAidedResiduals)
     cov = jackknife(problem, theta, identifiable, info.bread)
-    info = info if cov is None else with_blocks(info, identifiable, cov)
-    return with_systematic(info, lambda *columns: problem.slope(theta, *columns), *unknown_columns)
+    info = info if cov is None else with_jackknife(info, identifiable, cov)
+    return with_systematic_errors(info, lambda *columns: problem.slope(theta, *columns), *unknown_columns)
 
 
 def gyro_leads(
-    file: "VehicleFile", runs: Sequence[Run], use: Sequence[str] | None, free: Sequence[str] | None,
+    vehicle_file: "VehicleFile", runs: Sequence[Run], use: Sequence[str] | None, free: Sequence[str] | None,
     options: FitOptions,
 ) -> bool:  # fmt: skip
     """Return True if the gyro leads the fit. The option `gyro_leads` decides if it is set.
@@ -177,48 +182,50 @@ def gyro_leads(
     """
     if options.gyro_leads is not None:
         return options.gyro_leads
-    return not _other_options(options) and imu_is_all(file, runs, use, free)
+    return not _other_options(options) and is_imu_only(vehicle_file, runs, use, free)
 
 
 def _other_options(options: FitOptions) -> list[str]:
     """Return the names of changed options that are not allowed if the gyro leads."""
-    return [name for name in options.non_defaults if name not in GOES_WITH]
+    return [name for name in options.non_defaults if name not in ALLOWED_OPTIONS]
 
 
-def imu_is_all(
-    file: "VehicleFile", runs: Sequence[Run], use: Sequence[str] | None, free: Sequence[str] | None
+def is_imu_only(
+    vehicle_file: "VehicleFile", runs: Sequence[Run], use: Sequence[str] | None, free: Sequence[str] | None
 ) -> bool:
     """Return True for a car with an IMU as its only sensor, and no requested parameter of a sensor."""
-    sensors = file.sensors._asdict()
+    sensors = vehicle_file.sensors._asdict()
     names = (
         [name for name in sensors if all(name in run.sensors for run in runs)] if use is None else list(use)
     )
-    one_imu = len(names) == 1 and has_field(sensors.get(names[0]), "gyro_scale")
+    has_one_imu = len(names) == 1 and has_field(sensors.get(names[0]), "gyro_scale")
     return (
-        one_imu
-        and has_offset(file.vehicle)
+        has_one_imu
+        and has_offset(vehicle_file.vehicle)
         and not any(p.lstrip("+").startswith("sensors.") for p in free or ())
     )
 
 
-def _imu(file: "VehicleFile", use: Sequence[str] | None) -> str:
+def _imu_name(vehicle_file: "VehicleFile", use: Sequence[str] | None) -> str:
     """Return the name of the IMU. Raise UsageError if `use` names another sensor, or if the IMU is ambiguous or
     missing."""
-    names = [name for name, sensor in file.sensors._asdict().items() if has_field(sensor, "gyro_scale")]
+    names = [
+        name for name, sensor in vehicle_file.sensors._asdict().items() if has_field(sensor, "gyro_scale")
+    ]
     if use is None and len(names) == 1:
         return names[0]
     if use is not None and len(use) == 1 and use[0] in names:
         return use[0]
     if use is not None:
-        raise UsageError(fault("imu-only.not-an-imu", vehicle=file.name, known=names, use=list(use)))
-    raise UsageError(fault("imu-only.which-imu", vehicle=file.name, known=names))
+        raise UsageError(fault("imu-only.not-an-imu", vehicle=vehicle_file.name, known=names, use=list(use)))
+    raise UsageError(fault("imu-only.which-imu", vehicle=vehicle_file.name, known=names))
 
 
 def _requested_parameters(
     blocks: FittedBlocks, free: Sequence[str] | None, options: FitOptions, imu: str
 ) -> list[Free]:
     """Return the requested free parameters, and the position of the IMU along the vehicle if it is not fixed."""
-    lever = f"sensors.{imu}.{LEVER}"
+    lever = f"sensors.{imu}.{LEVER_ARM}"
     is_fixed = any(lever == path or lever.startswith(f"{path}[") for path in options.fixed)
     if has_offset(blocks.model):
         free = requested_paths(free, lambda: [*default_free(blocks), DELAY])
@@ -233,12 +240,18 @@ def _with_notes(fit: Fit, imu: str, scales: np.ndarray) -> Fit:
     """Return the fit with notes on the scales that no run can show, and on its range of motion."""
     sensor = getattr(fit.blocks.sensors, imu)
     gyro, accel = (100.0 * float(scales[k]) for k in (2, 1))
-    turn = "baqueano runs calibrate RUN --update"
-    never = (
-        note("identifiability.gyro-scale", fix=turn, subject=imu, at=float(sensor.gyro_scale), percent=gyro),
+    calibration_command = "baqueano runs calibrate RUN --update"
+    scale_notes = (
+        note(
+            "identifiability.gyro-scale",
+            fix=calibration_command,
+            subject=imu,
+            at=float(sensor.gyro_scale),
+            percent=gyro,
+        ),
         note(
             "identifiability.accelerometer-scale", subject=imu, at=float(sensor.accel_scale[1]), percent=accel
         ),
     )
     fitted_to = note("fit.envelope", ranges=fit.envelope.sentence)
-    return replace(fit, never=(*fit.never, *never), notes=(*fit.notes, fitted_to))
+    return replace(fit, never=(*fit.never, *scale_notes), notes=(*fit.notes, fitted_to))

@@ -1,7 +1,7 @@
 """Do the same work on each run of a fit, on all cores if that is faster.
 
 Kernels and long NumPy calls release the GIL, so threads speed them up. Many short NumPy calls do not: two threads
-exchange the lock all the time, and take longer than one. So within one run only a single long call runs `ahead` in a
+exchange the lock all the time, and take longer than one. So within one run only a single long call runs `prefetch` in a
 thread. Work inside a thread must not start other work in the threads: all could wait for each other.
 """
 
@@ -15,21 +15,21 @@ from typing import Any, TypeVar
 import numpy as np
 
 R = TypeVar("R")
-ENOUGH = 4_000  # rows in all, from which on threads are faster
-AT_ONCE = 200_000  # operations of a product that runs on one core
+MIN_ROWS = 4_000  # rows in all, from which on threads are faster
+CACHED_OPERATIONS = 200_000  # operations of a product that runs on one core
 
 
 def parallel_map(work: Callable[..., R], *lists: Sequence[Any], rows: int) -> list[R]:
     """Return the results of `work` for the first entries of the lists, for the second entries, and so on. `rows` is
     the total number of data rows."""
-    if len(lists[0]) < 2 or rows < ENOUGH:
+    if len(lists[0]) < 2 or rows < MIN_ROWS:
         return list(map(work, *lists))
     return list(_pool().map(work, *lists))
 
 
-def ahead(work: Callable[[], R], *, rows: int) -> Callable[[], R]:
+def prefetch(work: Callable[[], R], *, rows: int) -> Callable[[], R]:
     """Start `work`, one long call, on another core if that is faster. Return a function that waits for its result."""
-    if rows < ENOUGH:
+    if rows < MIN_ROWS:
         return work
     running = Event()
 
@@ -47,7 +47,7 @@ def in_cache(n: int, operations: int) -> Iterator[slice]:
 
     NumPy's library uses its own threads for larger products; these wait for each other and keep a core busy.
     """
-    step = max(1, AT_ONCE // max(operations, 1))
+    step = max(1, CACHED_OPERATIONS // max(operations, 1))
     return (slice(first, min(first + step, n)) for first in range(0, n, step))
 
 
@@ -63,8 +63,8 @@ def inner(x: np.ndarray, y: np.ndarray, weight: np.ndarray | None = None) -> np.
     three times slower with few columns.
     """
     out = np.zeros((x.shape[1], y.shape[1]))
-    for at in in_cache(len(x), out.size):
-        out += (x[at].copy() if weight is None else x[at] * weight[at, None]).T @ y[at]
+    for rows in in_cache(len(x), out.size):
+        out += (x[rows].copy() if weight is None else x[rows] * weight[rows, None]).T @ y[rows]
     return out
 
 

@@ -28,7 +28,7 @@ from baqueano.identify.covariance.quantiles import QUANTILE_95
 from baqueano.identify.fit import identify
 from baqueano.identify.options import FitOptions
 from baqueano.identify.parameters.free import substitute
-from baqueano.identify.result.verdict import short
+from baqueano.identify.result.verdict import without_model_prefix
 from baqueano.messages import text
 from baqueano.messages.language import number
 from baqueano.messages.language import translate as _
@@ -42,7 +42,7 @@ if TYPE_CHECKING:
     from baqueano.vehicle_file import VehicleFile
 
 ALPHA = 0.01  # probability of reporting a change when nothing changed
-FEWEST = 3  # runs; a drift needs more, the scatter needs FEWEST + 2
+MIN_RUNS = 3  # runs; a drift needs more, the scatter needs FEWEST + 2
 WALKS = np.array([0.0, *np.geomspace(0.05, 50.0, 25)])  # q in typical standard errors
 EPOCH_NS = 10**18  # stamps above it are dates
 
@@ -104,12 +104,12 @@ class ParameterHistory(Result):
     @property
     def vehicle_file(self) -> "VehicleFile":
         """Return the file with the parameters after the last run."""
-        value, sd = self.followed[-1], self.followed_sd[-1]
-        measured = np.isfinite(value) & np.isfinite(sd)
-        paths = [name for name, k in zip(self.names, measured, strict=True) if k]
-        blocks = substitute(self.last.blocks, paths, [float(x) for x in value[measured]])
-        cov = np.where(np.outer(measured, measured), self.cov, np.nan)
-        return replace(self.last, estimate=value, sd=sd, cov=cov, blocks=blocks, runs=self.runs).vehicle_file
+        value, std = self.followed[-1], self.followed_sd[-1]
+        is_measured = np.isfinite(value) & np.isfinite(std)
+        paths = [name for name, k in zip(self.names, is_measured, strict=True) if k]
+        blocks = substitute(self.last.blocks, paths, [float(x) for x in value[is_measured]])
+        cov = np.where(np.outer(is_measured, is_measured), self.cov, np.nan)
+        return replace(self.last, estimate=value, sd=std, cov=cov, blocks=blocks, runs=self.runs).vehicle_file
 
     def rows(self) -> list["TableRow"]:
         """Return one flat row per run and parameter."""
@@ -128,9 +128,9 @@ class ParameterHistory(Result):
 
     def table(self) -> str:
         """Return a table as text: the first run, the last run, and the present estimate."""
-        wide = max(map(len, (*map(short, self.names), _("parameter"))))
+        width = max(map(len, (*map(without_model_prefix, self.names), _("parameter"))))
         lines = [
-            f"{_('parameter'):{wide}}  {self.runs[0]:>22} {self.runs[-1]:>22} {_('now'):>22}  {_('unit')}"
+            f"{_('parameter'):{width}}  {self.runs[0]:>22} {self.runs[-1]:>22} {_('now'):>22}  {_('unit')}"
         ]
         for i, name in enumerate(self.names):
             cells = [
@@ -138,7 +138,9 @@ class ParameterHistory(Result):
                 _with_error(self.single[-1, i], self.single_sd[-1, i]),
                 _with_error(self.followed[-1, i], self.followed_sd[-1, i]),
             ]
-            lines.append(f"{short(name):{wide}}  {' '.join(f'{c:>22}' for c in cells)}  {self.units[i]}")
+            lines.append(
+                f"{without_model_prefix(name):{width}}  {' '.join(f'{c:>22}' for c in cells)}  {self.units[i]}"
+            )
         return "\n".join([*lines, *self._sentences()])
 
     def _sentences(self) -> list[str]:
@@ -192,24 +194,24 @@ def parameter_history(
         raise UsageError(fault("over-time.few-runs", count=len(runs)))
     if all(len(run.t_ns) and run.t_ns[0] > EPOCH_NS for run in runs):
         runs = sorted(runs, key=lambda run: int(run.t_ns[0]))
-    fits, refusals = [], []
+    fits, refused = [], []
     for run in runs:
         if progress is not None:
             progress(_("fitting {run}, {duration_s:.0f} s", run=run.name, duration_s=run.duration_s))
         fit = identify(run, vehicle_file, free, use=use, options=options)
-        refusals += [run.name] if fit.verdict == Verdict.REFUSED else []
+        refused += [run.name] if fit.verdict == Verdict.REFUSED else []
         fits.append(fit)
-    good = [fit for fit in fits if fit.verdict != Verdict.REFUSED]
-    if len(good) < 2:
+    accepted_fits = [fit for fit in fits if fit.verdict != Verdict.REFUSED]
+    if len(accepted_fits) < 2:
         raise UsageError(
             fault(
                 "over-time.few-fits",
-                baqueano_command("identify", refusals[0]),
-                good=len(good),
+                baqueano_command("identify", refused[0]),
+                good=len(accepted_fits),
                 count=len(fits),
             )
         )
-    return track_parameters(fits, tuple(refusals), [_when(run) for run in runs])
+    return track_parameters(fits, tuple(refused), [_date_of(run) for run in runs])
 
 
 def track_parameters(
@@ -223,8 +225,8 @@ def track_parameters(
     for k, fit in enumerate(fits):
         if fit.runs[0] not in refused:
             single[k], single_sd[k], covs[k] = fit.estimate, fit.sd, fit.cov
-    walk = np.array([_most_likely_walk(single[:, i], single_sd[:, i]) for i in range(p)])
-    filtered, cov, smooth = _smooth(single, covs, walk)
+    walk = np.array([_likeliest_walk(single[:, i], single_sd[:, i]) for i in range(p)])
+    filtered, cov, smoothed = _smooth(single, covs, walk)
     changes = [
         change
         for i in range(p)
@@ -235,7 +237,7 @@ def track_parameters(
     last = [fit for fit in fits if fit.runs[0] not in refused][-1]
     dates = tuple(when) or ("",) * len(fits)
     return ParameterHistory(
-        first.names, first.units, runs, dates, single, single_sd, *filtered, cov, *smooth, walk,
+        first.names, first.units, runs, dates, single, single_sd, *filtered, cov, *smoothed, walk,
         tuple(changes), refused, last,
     )  # fmt: skip
 
@@ -247,13 +249,13 @@ def _smooth(
     errors are (K, p) each, NaN before the first estimate of a parameter."""
     K, p = single.shape
     typical = np.nanmedian(np.sqrt(np.einsum("kii->ki", covs)), axis=0, keepdims=True)[0]
-    wide = 1e6 * np.where(np.isfinite(typical) & (typical > 0.0), typical, 1.0)
-    x, P = np.zeros(p), np.diag(wide**2)
+    prior_std = 1e6 * np.where(np.isfinite(typical) & (typical > 0.0), typical, 1.0)
+    x, P = np.zeros(p), np.diag(prior_std**2)
     Q = np.diag(np.where(np.isfinite(walk), walk, 0.0) ** 2)
     states = []
     for k in range(K):
-        before = x, P if k == 0 else P + Q
-        x, P = before
+        predicted = x, P if k == 0 else P + Q
+        x, P = predicted
         measured = np.flatnonzero(np.isfinite(single[k]) & np.isfinite(np.diagonal(covs[k])))
         if len(measured):
             H = np.eye(p)[measured]
@@ -262,28 +264,34 @@ def _smooth(
             x = x + gain @ (single[k, measured] - x[measured])
             remainder = np.eye(p) - gain @ H
             P = remainder @ P @ remainder.T + gain @ covs[k][np.ix_(measured, measured)] @ gain.T  # Joseph
-        states.append((before, (x, P)))
-    back = [states[-1][1]]
+        states.append((predicted, (x, P)))
+    smoothed_states = [states[-1][1]]
     for k in range(K - 2, -1, -1):
-        (x_ahead, P_ahead), (x, P) = states[k + 1][0], states[k][1]
-        G = np.linalg.solve(P_ahead, P).T
-        x_s, P_s = back[0]
-        back.insert(0, (x + G @ (x_s - x_ahead), P + G @ (P_s - P_ahead) @ G.T))
+        (x_bar, P_bar), (x, P) = states[k + 1][0], states[k][1]
+        G = np.linalg.solve(P_bar, P).T
+        x_s, P_s = smoothed_states[0]
+        smoothed_states.insert(0, (x + G @ (x_s - x_bar), P + G @ (P_s - P_bar) @ G.T))
     has_begun = np.maximum.accumulate(np.isfinite(single), axis=0)
-    ever = np.tile(np.isfinite(single).any(axis=0), (K, 1))
-    return _columns([s[1] for s in states], has_begun), states[-1][1][1], _columns(back, ever)
+    is_ever_measured = np.tile(np.isfinite(single).any(axis=0), (K, 1))
+    return (
+        _columns([s[1] for s in states], has_begun),
+        states[-1][1][1],
+        _columns(smoothed_states, is_ever_measured),
+    )
 
 
-def _columns(states: list[tuple[np.ndarray, np.ndarray]], names: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def _columns(
+    states: list[tuple[np.ndarray, np.ndarray]], is_known: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
     x = np.array([state[0] for state in states])
-    sd = np.sqrt(np.maximum(np.array([np.diagonal(state[1]) for state in states]), 0.0))
-    return np.where(names, x, np.nan), np.where(names, sd, np.nan)
+    std = np.sqrt(np.maximum(np.array([np.diagonal(state[1]) for state in states]), 0.0))
+    return np.where(is_known, x, np.nan), np.where(is_known, std, np.nan)
 
 
-def _most_likely_walk(estimate: np.ndarray, sd: np.ndarray) -> float:
+def _likeliest_walk(estimate: np.ndarray, std: np.ndarray) -> float:
     """Return q of one parameter under (1), from a grid of multiples of its median error; 0 if not significant."""
-    measured = np.isfinite(estimate) & np.isfinite(sd)
-    y, s = estimate[measured], sd[measured]
+    is_measured = np.isfinite(estimate) & np.isfinite(std)
+    y, s = estimate[is_measured], std[is_measured]
     if len(y) < 2:
         return 0.0
     typical = float(np.median(s))
@@ -296,56 +304,56 @@ def _most_likely_walk(estimate: np.ndarray, sd: np.ndarray) -> float:
             cost += 0.5 * (np.log(S) + (z - x) ** 2 / S)
             x, P = x + P / S * (z - x), P * r**2 / S
         costs.append(cost)
-    best = int(np.argmin(costs))
-    return float(WALKS[best] * typical) if costs[0] - costs[best] > 0.5 * QUANTILE_95**2 else 0.0
+    best_index = int(np.argmin(costs))
+    return float(WALKS[best_index] * typical) if costs[0] - costs[best_index] > 0.5 * QUANTILE_95**2 else 0.0
 
 
 def _change(
-    name: str, unit: str, runs: tuple[str, ...], estimate: np.ndarray, sd: np.ndarray, tests: int
+    name: str, unit: str, runs: tuple[str, ...], estimate: np.ndarray, std: np.ndarray, test_count: int
 ) -> ParameterChange | None:
     """Return the step or drift of one parameter, or None if it did not change.  (2)"""
-    at = np.flatnonzero(np.isfinite(estimate) & np.isfinite(sd))
-    y, variance = estimate[at], sd[at] ** 2
-    if len(at) < 2:
+    measured_runs = np.flatnonzero(np.isfinite(estimate) & np.isfinite(std))
+    y, variance = estimate[measured_runs], std[measured_runs] ** 2
+    if len(measured_runs) < 2:
         return None
     variance = variance + _scatter(y, variance) ** 2
     weight = 1.0 / variance
     steps = []
-    for k in range(1, len(at)):
+    for k in range(1, len(measured_runs)):
         before, after = (np.sum(weight[s] * y[s]) / np.sum(weight[s]) for s in (slice(k), slice(k, None)))
         v_before, v_after = 1.0 / weight[:k].sum(), 1.0 / weight[k:].sum()
         z = (after - before) / np.sqrt(v_before + v_after)
         residuals = np.concatenate([y[:k] - before, y[k:] - after])
         steps.append((z, before, v_before, after, v_after, float(np.sum(weight * residuals**2)), k))
-    best = max(steps, key=lambda step: abs(step[0]))
-    if not abs(best[0]) > _limit(ALPHA / (tests * len(steps))):
+    best_step = max(steps, key=lambda step: abs(step[0]))
+    if not abs(best_step[0]) > _limit(ALPHA / (test_count * len(steps))):
         return None
-    line, line_cost = _line(np.arange(len(at), dtype=float), y, weight)
-    if len(at) > FEWEST and line_cost < best[5]:
-        ends = (line[0], line[0] + line[1] * (len(at) - 1))
+    line, line_cost = _fit_line(np.arange(len(measured_runs), dtype=float), y, weight)
+    if len(measured_runs) > MIN_RUNS and line_cost < best_step[5]:
+        ends = (line[0], line[0] + line[1] * (len(measured_runs) - 1))
         z = float(line[1] / line[2])
-        first, last = runs[at[0]], runs[at[-1]]
-        return ParameterChange(name, unit, "drift", (first, last), *_pair(ends, variance), z)
-    z, before, v_before, after, v_after, _, k = best
-    between = (runs[at[k - 1]], runs[at[k]])
+        first, last = runs[measured_runs[0]], runs[measured_runs[-1]]
+        return ParameterChange(name, unit, "drift", (first, last), *_ends_with_errors(ends, variance), z)
+    z, before, v_before, after, v_after, _, k = best_step
+    between = (runs[measured_runs[k - 1]], runs[measured_runs[k]])
     return ParameterChange(
         name, unit, "step", between, float(before), float(np.sqrt(v_before)), float(after), float(np.sqrt(v_after)),
         float(z),
     )  # fmt: skip
 
 
-def _pair(ends: tuple[float, float], variance: np.ndarray) -> tuple[float, float, float, float]:
+def _ends_with_errors(ends: tuple[float, float], variance: np.ndarray) -> tuple[float, float, float, float]:
     return float(ends[0]), float(np.sqrt(variance[0])), float(ends[1]), float(np.sqrt(variance[-1]))
 
 
-def _line(t: np.ndarray, y: np.ndarray, weight: np.ndarray) -> tuple[tuple[float, float, float], float]:
+def _fit_line(t: np.ndarray, y: np.ndarray, weight: np.ndarray) -> tuple[tuple[float, float, float], float]:
     """Return offset, slope and its standard error of a weighted straight line, and the weighted sum of squares."""
     mean = np.sum(weight * t) / weight.sum()
-    spread = np.sum(weight * (t - mean) ** 2)
-    slope = float(np.sum(weight * (t - mean) * y) / spread)
+    moment = np.sum(weight * (t - mean) ** 2)
+    slope = float(np.sum(weight * (t - mean) * y) / moment)
     level = float(np.sum(weight * y) / weight.sum())
     residuals = y - level - slope * (t - mean)
-    return (level - slope * mean, slope, float(1.0 / np.sqrt(spread))), float(np.sum(weight * residuals**2))
+    return (level - slope * mean, slope, float(1.0 / np.sqrt(moment))), float(np.sum(weight * residuals**2))
 
 
 def _scatter(y: np.ndarray, variance: np.ndarray) -> float:
@@ -353,10 +361,10 @@ def _scatter(y: np.ndarray, variance: np.ndarray) -> float:
 
     A step affects only one of the differences, so it hardly changes s.
     """
-    if len(y) < FEWEST + 2:
+    if len(y) < MIN_RUNS + 2:
         return 0.0
-    beyond = np.median(np.diff(y) ** 2 / 0.4549) - np.median(variance[1:] + variance[:-1])
-    return float(np.sqrt(max(0.5 * beyond, 0.0)))
+    excess = np.median(np.diff(y) ** 2 / 0.4549) - np.median(variance[1:] + variance[:-1])
+    return float(np.sqrt(max(0.5 * excess, 0.0)))
 
 
 def _limit(alpha: float) -> float:
@@ -366,7 +374,7 @@ def _limit(alpha: float) -> float:
     return NormalDist().inv_cdf(1.0 - 0.5 * alpha)
 
 
-def _when(run: "Run") -> str:
+def _date_of(run: "Run") -> str:
     if not len(run.t_ns) or run.t_ns[0] < EPOCH_NS:
         return ""
     return datetime.fromtimestamp(float(run.t_ns[0]) * 1e-9, UTC).strftime("%Y-%m-%d %H:%M")

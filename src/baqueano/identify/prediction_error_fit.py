@@ -17,9 +17,9 @@ import numpy as np
 from baqueano.contracts.optional import has_field, is_dynamic
 from baqueano.diagnostics import Diagnostic, Severity, note
 from baqueano.identify.covariance.information import Information, covariance_of
-from baqueano.identify.data.segments import without
+from baqueano.identify.data.segments import eliminate
 from baqueano.identify.estimation.least_squares import Solution
-from baqueano.identify.estimation.prediction_error import MaximumLikelihood, Prediction, most_likely
+from baqueano.identify.estimation.prediction_error import MaximumLikelihood, Prediction, maximum_likelihood
 from baqueano.identify.identifiability.identifiable import FinishedFit
 from baqueano.identify.parameters.free import FLOOR, free_parameter, value
 from baqueano.identify.residuals.block_arrow import Evaluation, dense
@@ -48,15 +48,15 @@ def fit_by_simulation(first: FinishedFit) -> Fit:
     """Return the Fit by the first cost. If autocorrelation and size of the residuals are the only findings, the
     second cost tests if process noise explains them. The test needs a dynamic model without free clocks."""
     basis, model = verdict_basis(first), first.blocks.model
-    moves = (
+    can_have_floor = (
         is_dynamic(model) and has_field(model, "process_noise_std") and not first.task.problem.shape.clocks
     )
-    if first.search.stopped or not moves or not only_autocorrelated(basis):
+    if first.search.stopped or not can_have_floor or not only_autocorrelated(basis):
         return fit_of(first, basis)
     second = search_prediction_error(first)
     if not second.end.search.solution.converged:
         return fit_of(first, basis)
-    fit = fit_of(first._replace(floor=second.choice.explains), basis)
+    fit = fit_of(first._replace(is_explained_by_floor=second.choice.explains), basis)
     reason = second.choice.reason
     if second.choice.cost == "innovations":
         reason = note("cost.try-innovations", fix="--cost innovations", cause=reason)
@@ -94,19 +94,21 @@ def _covariance(second: PredictionErrorFit, fit: Fit) -> np.ndarray:
     p, floor, count = len(fit.names), second.likely.noise.floor, len(second.end.identifiability.mask)
     k, std = len(floor), np.sqrt(floor)
     cov = np.full((p + k, p + k), np.nan)
-    inside = np.r_[
+    entries = np.r_[
         second.end.identifiability.mask,
         floor > 0.0,
         np.ones(len(second.info.bread) - count - k, bool),
     ]
-    inside = np.flatnonzero(inside & (np.diagonal(second.info.bread) > 0.0))
-    all_of = covariance_of(second.info, inside)
+    entries = np.flatnonzero(entries & (np.diagonal(second.info.bread) > 0.0))
+    entry_cov = covariance_of(second.info, entries)
     shared_entries = np.array(second.end.in_theta)
-    places = np.r_[shared_entries, np.full(count - len(shared_entries), -1), p + np.arange(k)]
+    positions = np.r_[shared_entries, np.full(count - len(shared_entries), -1), p + np.arange(k)]
     scale = np.r_[np.ones(count), 1.0 / np.maximum(2.0 * std, 1e-300)]
-    of = [n for n, i in enumerate(inside) if i < count + k and places[i] >= 0]
-    at = places[inside[of]]
-    cov[np.ix_(at, at)] = all_of[np.ix_(of, of)] * np.outer(scale[inside[of]], scale[inside[of]])
+    kept = [n for n, i in enumerate(entries) if i < count + k and positions[i] >= 0]
+    rows = positions[entries[kept]]
+    cov[np.ix_(rows, rows)] = entry_cov[np.ix_(kept, kept)] * np.outer(
+        scale[entries[kept]], scale[entries[kept]]
+    )
     cov[:p, :p] = fit.cov
     return cov
 
@@ -117,15 +119,15 @@ def search_prediction_error(first: FinishedFit) -> PredictionErrorFit:
     prediction = Prediction(problem, first.blocks)
     is_fixed = np.zeros(problem.size, bool)
     is_fixed[: len(first.identifiability.mask)] = ~first.identifiability.mask
-    likely = most_likely(prediction, theta, task.low, task.high, is_fixed, task.floor, task.progress)
+    likely = maximum_likelihood(prediction, theta, task.low, task.high, is_fixed, task.floor, task.progress)
     choice = choose_objective(
-        likely, prediction.axes, _compare_objectives(first, prediction, likely), _times(first, likely)
+        likely, prediction.axes, _compare_objectives(first, prediction, likely), _noise_ratios(first, likely)
     )
-    with_noise, info = _of_parameters(likely, first)
-    optimum, at, p = likely.solution, likely.solution.evaluation, problem.size
-    at = Evaluation(at.cost, at.gradient[:p], dense(at.hessian)[:p, :p])
+    with_noise, info = _informations(likely, first)
+    optimum, evaluation, p = likely.solution, likely.solution.evaluation, problem.size
+    evaluation = Evaluation(evaluation.cost, evaluation.gradient[:p], dense(evaluation.hessian)[:p, :p])
     solution = Solution(
-        likely.theta, at, optimum.converged, optimum.decrement, optimum.evaluations, optimum.bound[:p]
+        likely.theta, evaluation, optimum.converged, optimum.decrement, optimum.evaluations, optimum.bound[:p]
     )
     evaluations = first.search.evaluations + likely.evaluations
     search = first.search._replace(
@@ -137,7 +139,12 @@ def search_prediction_error(first: FinishedFit) -> PredictionErrorFit:
     if choice.contradicted:
         findings = (*findings, replace(choice.reason, severity=Severity.WARNING))
     second = first._replace(
-        blocks=blocks, search=search, info=info, floor=choice.explains, filtered=True, findings=findings
+        blocks=blocks,
+        search=search,
+        info=info,
+        is_explained_by_floor=choice.explains,
+        is_filtered=True,
+        findings=findings,
     )
     return PredictionErrorFit(second, likely, choice, prediction.axes, with_noise)
 
@@ -149,19 +156,19 @@ def _compare_objectives(
     problem, ends = first.task.problem, first.search.solution
     mask = first.identifiability.mask
     identifiable = np.flatnonzero(mask & (ends.bound[: len(mask)] == 0))
-    noise = problem.size + np.flatnonzero(_free(likely))
+    noise = problem.size + np.flatnonzero(_is_inside_bounds(likely))
     free = np.flatnonzero(mask & (likely.solution.bound[: len(mask)] == 0))
     return leave_one_out(
         problem, ends.theta, identifiable, prediction, likely.solution.theta, np.r_[free, noise]
     )
 
 
-def _free(likely: MaximumLikelihood) -> np.ndarray:
+def _is_inside_bounds(likely: MaximumLikelihood) -> np.ndarray:
     """Return a mask (k + m,), True for the noise entries that are not at a bound."""
     return likely.solution.bound[len(likely.theta) :] == 0
 
 
-def _of_parameters(likely: MaximumLikelihood, first: FinishedFit) -> tuple[Information, Information]:
+def _informations(likely: MaximumLikelihood, first: FinishedFit) -> tuple[Information, Information]:
     """Return the information on the identifiable θ with the noise, and the information on the identifiable θ only.
 
     The starts of segments are eliminated from both. The noise is eliminated from the second: it is unknown too, and
@@ -171,20 +178,22 @@ def _of_parameters(likely: MaximumLikelihood, first: FinishedFit) -> tuple[Infor
     n, noise = len(info.bread) - layout.size, layout.size + np.arange(len(info.bread) - layout.size)
     order = np.r_[np.arange(count), noise, np.arange(count, layout.size)]
     A, B = info.bread[np.ix_(order, order)], info.meat[np.ix_(order, order)]
-    starts = [layout.of_starts(k) for k in range(len(layout.runs))] if count < layout.size else []
-    A, B = without(A, B, count + n, [slice(at.start + n, at.stop + n) for at in starts])
-    both = info._replace(bread=A, meat=B)
-    free = np.r_[np.arange(count), count + np.flatnonzero(_free(likely))]
-    A, B = without(A[np.ix_(free, free)], B[np.ix_(free, free)], count, [slice(count, len(free))])
-    return both, info._replace(bread=A, meat=B, channels=info.channels[:, :count])
+    starts = [layout.start_slice(k) for k in range(len(layout.runs))] if count < layout.size else []
+    A, B = eliminate(A, B, count + n, [slice(at.start + n, at.stop + n) for at in starts])
+    with_noise = info._replace(bread=A, meat=B)
+    free = np.r_[np.arange(count), count + np.flatnonzero(_is_inside_bounds(likely))]
+    A, B = eliminate(A[np.ix_(free, free)], B[np.ix_(free, free)], count, [slice(count, len(free))])
+    return with_noise, info._replace(
+        bread=A, meat=B, information_by_channel=info.information_by_channel[:, :count]
+    )
 
 
-def _times(first: FinishedFit, likely: MaximumLikelihood) -> np.ndarray:
+def _noise_ratios(first: FinishedFit, likely: MaximumLikelihood) -> np.ndarray:
     """Return the sensor noise (m,) without the floor's part, relative to the noise in the file, or 0 if the file
     does not contain it."""
-    of_file = sigma_of_file(first.blocks)
+    file_sigma = sigma_of_file(first.blocks)
     estimate = first.task.problem.sigma * np.exp(likely.noise.sensors)
-    return np.where(of_file > 0.0, estimate / np.where(of_file > 0.0, of_file, 1.0), 0.0)
+    return np.where(file_sigma > 0.0, estimate / np.where(file_sigma > 0.0, file_sigma, 1.0), 0.0)
 
 
 def _sensors(second: PredictionErrorFit) -> Diagnostic:

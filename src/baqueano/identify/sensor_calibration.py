@@ -21,7 +21,7 @@ from baqueano.contracts.result import Result
 from baqueano.diagnostics import Diagnostic, Severity, Verdict, fault, note
 from baqueano.errors import UsageError
 from baqueano.identify.covariance.clusters import batch_covariance, regress
-from baqueano.identify.covariance.quantiles import students
+from baqueano.identify.covariance.quantiles import student_quantile
 from baqueano.messages import verdict_line
 from baqueano.messages.language import mark as N_
 from baqueano.messages.language import number
@@ -35,13 +35,10 @@ if TYPE_CHECKING:
     from baqueano.runs.run import Run
     from baqueano.vehicle_file import VehicleFile
 
-WINDOW_S = 2.0
-STEP_S = 0.1  # between the beginnings of windows
+WINDOW_S, STEP_S, GAP_S = 2.0, 0.1, 0.25  # of windows: length, step, and the longest gap between measurements
 BATCH_S, BATCHES = 5.0, 8  # the longest batch, and the least number of them
-GAP_S = 0.25  # a window with a longer gap between measurements is excluded
-LARGEST_S, GRID_S = 0.5, 0.01  # largest clock offset, and step of the grid
-LOOSE = 0.02  # of a scale: a larger half interval gives a warning
-CLOCK_LOOSE_S = 0.02
+MAX_OFFSET_S, GRID_S = 0.5, 0.01  # largest clock offset, and step of the grid
+MAX_HALF_INTERVAL, MAX_CLOCK_HALF_S = 0.02, 0.02  # of a scale: a larger half interval gives a warning
 
 
 class CalibratedNumber(NamedTuple):
@@ -50,7 +47,7 @@ class CalibratedNumber(NamedTuple):
     name: str  # a path of the vehicle file, or clock.truth, mark.…
     value: float
     sd: float
-    half: float  # of the 95 % interval
+    half_width: float  # of the 95 % interval
     unit: str
     in_file: float | None  # value in the vehicle file
     words: str  # description
@@ -74,12 +71,13 @@ class Calibration(Result):
         """Return the reasons why the verdict is not USABLE."""
         out = []
         for item in self.numbers:
-            if item.name.endswith("scale") and not item.half < LOOSE * item.value:
+            if item.name.endswith("scale") and not item.half_width < MAX_HALF_INTERVAL * item.value:
                 code = "calibration.turn-more" if "gyro" in item.name else "calibration.drive-further"
-                out.append(note(code, Severity.WARNING, "", item.name, percent=100 * item.half / item.value))
-            if item.name == "clock.truth" and not item.half < CLOCK_LOOSE_S:
-                out.append(note("calibration.loose-clock", Severity.WARNING, half_ms=1e3 * item.half))
-            if item.name == "clock.truth" and abs(item.value) > LARGEST_S - GRID_S:
+                percent = 100 * item.half_width / item.value
+                out.append(note(code, Severity.WARNING, "", item.name, percent=percent))
+            if item.name == "clock.truth" and not item.half_width < MAX_CLOCK_HALF_S:
+                out.append(note("calibration.loose-clock", Severity.WARNING, half_ms=1e3 * item.half_width))
+            if item.name == "clock.truth" and abs(item.value) > MAX_OFFSET_S - GRID_S:
                 out.append(note("calibration.clock-at-end", Severity.WARNING, offset_s=item.value))
         return tuple(out)
 
@@ -90,37 +88,34 @@ class Calibration(Result):
 
     def rows(self) -> list["TableRow"]:
         """Return one flat row per number."""
-        return [
-            {
-                "name": entry.name, "value": entry.value, "sd": entry.sd, "low": entry.value - entry.half,
-                "high": entry.value + entry.half, "unit": entry.unit, "in_file": entry.in_file, "text": entry.words,
-            }
-            for entry in self.numbers
-        ]  # fmt: skip
+        return [{
+            "name": entry.name, "value": entry.value, "sd": entry.sd, "low": entry.value - entry.half_width,
+            "high": entry.value + entry.half_width, "unit": entry.unit, "in_file": entry.in_file, "text": entry.words,
+        } for entry in self.numbers]  # fmt: skip
 
     def table(self) -> str:
         """Return the table as text."""
-        wide = max(len(entry.name) for entry in self.numbers)
-        lines = [f"{'':{wide}}  {_('value'):>10}   {'± 95 %':>8}  {_('file'):>8}  {_('unit')}"]
+        width = max(len(entry.name) for entry in self.numbers)
+        lines = [f"{'':{width}}  {_('value'):>10}   {'± 95 %':>8}  {_('file'):>8}  {_('unit')}"]
         for entry in self.numbers:
-            was = "" if entry.in_file is None else f"{number(entry.in_file):.4g}"
-            values = f"{number(entry.value):>10.4f} ± {number(entry.half):>8.2g}  {was:>8}"
-            lines.append(f"{entry.name:{wide}}  {values}  {entry.unit}  {entry.words}")
+            value_in_file = "" if entry.in_file is None else f"{number(entry.in_file):.4g}"
+            values = f"{number(entry.value):>10.4f} ± {number(entry.half_width):>8.2g}  {value_in_file:>8}"
+            lines.append(f"{entry.name:{width}}  {values}  {entry.unit}  {entry.words}")
         return "\n".join([*lines, verdict_line(self.verdict, self.reasons, _(self.all_told))])
 
-    def mount(self, file: "VehicleFile") -> tuple[dict[str, float], dict[str, float]]:
+    def mount(self, vehicle_file: "VehicleFile") -> tuple[dict[str, float], dict[str, float]]:
         """Return position, angle and clock offset of the mark, and the half widths of their 95 % intervals. The keys
         are the keys of a map (runs/maps/mount.py). Raise UsageError if the run shows none of them."""
-        origin = getattr(file.vehicle, "rear_axle_m", 0.0)  # of a car, ahead of the axle without slip
+        origin = getattr(vehicle_file.vehicle, "rear_axle_m", 0.0)  # of a car, ahead of the axle without slip
         names = {"clock.truth": "shift_s", "mark.x_m": "lever_arm_m[0]", "mark.y_m": "lever_arm_m[1]",
                  "mark.heading_rad": "heading_rad"}  # fmt: skip
-        usable = [entry for entry in self.numbers if entry.name in names and np.isfinite(entry.half)]
+        usable = [entry for entry in self.numbers if entry.name in names and np.isfinite(entry.half_width)]
         if not usable:
             raise UsageError(fault("truth.no-mark", run=self.run))
         values = {names[entry.name]: entry.value - origin * (entry.name == "mark.x_m") for entry in usable}
-        return values, {names[entry.name]: entry.half for entry in usable}
+        return values, {names[entry.name]: entry.half_width for entry in usable}
 
-    def updated_file(self, file: "VehicleFile") -> "VehicleFile":
+    def updated_file(self, vehicle_file: "VehicleFile") -> "VehicleFile":
         """Return the file with the scales of the sensors and their errors, the bias of the gyro, and their origin."""
         from baqueano.vehicle_file import Provenance
         from baqueano.vehicle_file.file import today
@@ -129,15 +124,15 @@ class Calibration(Result):
         values = {entry.name: entry.value for entry in own_numbers}
         origins = {entry.name: Provenance(self.run, today(), entry.sd, self.verdict) for entry in own_numbers}
         for entry in own_numbers:
-            if (path := scale_std_path(file, entry.name)) is not None:
+            if (path := scale_std_path(vehicle_file, entry.name)) is not None:
                 values[path] = entry.sd / entry.value
-        return file.with_values(values, origins)
+        return vehicle_file.with_values(values, origins)
 
 
-def scale_std_path(file: "VehicleFile", path: str) -> str | None:
+def scale_std_path(vehicle_file: "VehicleFile", path: str) -> str | None:
     """Return the key of a scale's standard deviation ("sensors.imu.gyro_scale_std"), or None without one."""
     owner, _, field = path.rpartition(".")
-    field_of_block = dict(parameters(get(file, owner)))[field]
+    field_of_block = dict(parameters(get(vehicle_file, owner)))[field]
     return f"{owner}.{field_of_block.std}" if field_of_block.std and not field_of_block.walk else None
 
 
@@ -187,46 +182,48 @@ class WindowRegression(NamedTuple):
     freedom: int
 
 
-def calibrate(run: "Run", file: "VehicleFile") -> Calibration:
+def calibrate(run: "Run", vehicle_file: "VehicleFile") -> Calibration:
     """Return scale and bias of the gyro, scale of the odometer, position of the mark, and clock offset of the truth.
 
-    `file` names the sensors. Raise UsageError if the run is too short, lacks a pose of a truth, or lacks both
+    `vehicle_file` names the sensors. Raise UsageError if the run is too short, lacks a pose of a truth, or lacks both
     sensors.
     """
-    gyro = channel_of(run, file, "gyro_scale", -1)
-    odometer = channel_of(run, file, "scale", 0)
+    gyro = channel_of(run, vehicle_file, "gyro_scale", -1)
+    odometer = channel_of(run, vehicle_file, "scale", 0)
     if gyro is None and odometer is None:
-        raise UsageError(fault("truth.no-sensor", "--vehicle FILE", run=run.name, vehicle=file.name))
+        raise UsageError(fault("truth.no-sensor", "--vehicle FILE", run=run.name, vehicle=vehicle_file.name))
     frames = _frames(run)
-    numbers, residuals, offset = [], {}, None
+    calibrated, residuals, offset = [], {}, None
     if gyro is not None:
         name, signal = gyro
         windows = _windows(run, frames, signal)
-        answer = _best(lambda o: _turn_equations(windows, signal, o), windows)
-        offset = answer.offset_s
-        numbers += _clock(answer) + _gyro(answer, name, file)
-        residuals["heading_rad"] = answer.rms
+        fit = _best_regression(lambda o: _turn_equations(windows, signal, o), windows)
+        offset = fit.offset_s
+        calibrated += _clock_offset(fit) + _gyro(fit, name, vehicle_file)
+        residuals["heading_rad"] = fit.rms
     if odometer is not None:
         name, signal = odometer
         windows = _windows(run, frames, signal)
-        answer = _best(lambda o: _motion_equations(windows, signal, o), windows, offset)
-        numbers += (_clock(answer) if offset is None else []) + _odometer(answer, name, file)
-        residuals["way_m"] = answer.rms
-    return Calibration(run.name, tuple(numbers), residuals)
+        fit = _best_regression(lambda o: _motion_equations(windows, signal, o), windows, offset)
+        calibrated += (_clock_offset(fit) if offset is None else []) + _odometer(fit, name, vehicle_file)
+        residuals["way_m"] = fit.rms
+    return Calibration(run.name, tuple(calibrated), residuals)
 
 
-def channel_of(run: "Run", file: "VehicleFile", field: str, entry: int) -> tuple[str, TruthSignal] | None:
+def channel_of(
+    run: "Run", vehicle_file: "VehicleFile", field: str, entry: int
+) -> tuple[str, TruthSignal] | None:
     """Return the first sensor of the run whose block has `field`, and its channel `entry`, or None. Samples of an
     IMU that repeat the previous sample in all entries are excluded: a driver repeats them, not the chip."""
-    for name, block in file.sensors._asdict().items():
+    for name, block in vehicle_file.sensors._asdict().items():
         channel = run.sensors.get(name)
         if not has_field(block, field) or channel is None or np.isfinite(channel.z[:, entry]).sum() < 10:
             continue
-        good = np.isfinite(channel.z[:, entry])
-        good[1:] &= np.diff(channel.t_ns) > 0
+        is_finite = np.isfinite(channel.z[:, entry])
+        is_finite[1:] &= np.diff(channel.t_ns) > 0
         if channel.z.shape[1] >= 3:
-            good[1:] &= np.any(channel.z[1:] != channel.z[:-1], axis=1)
-        t_s, z = seconds(channel.t_ns[good], run.t_ns[0]), channel.z[good, entry]
+            is_finite[1:] &= np.any(channel.z[1:] != channel.z[:-1], axis=1)
+        t_s, z = seconds(channel.t_ns[is_finite], run.t_ns[0]), channel.z[is_finite, entry]
         sums = np.concatenate([[0.0], np.cumsum(0.5 * (z[1:] + z[:-1]) * np.diff(t_s))])
         return name, TruthSignal(t_s, z, sums)
     return None
@@ -248,17 +245,17 @@ def _frames(run: "Run") -> tuple[np.ndarray, np.ndarray]:
         )
     if run.truth is None or not np.isfinite(run.truth.eta).all(axis=1).any():
         raise UsageError(fault("truth.none", "baqueano runs import MAP.toml FILE", run=run.name))
-    good = np.asarray(np.isfinite(run.truth.eta).all(axis=1))
-    good[1:] &= np.diff(run.truth.t_ns) > 0
-    eta = run.truth.eta[good].copy()
+    is_finite = np.asarray(np.isfinite(run.truth.eta).all(axis=1))
+    is_finite[1:] &= np.diff(run.truth.t_ns) > 0
+    eta = run.truth.eta[is_finite].copy()
     eta[:, 2] = np.unwrap(eta[:, 2])
-    return seconds(run.truth.t_ns[good], run.t_ns[0]), eta
+    return seconds(run.truth.t_ns[is_finite], run.t_ns[0]), eta
 
 
 def _windows(run: "Run", frames: tuple[np.ndarray, np.ndarray], signal: TruthSignal) -> Windows:
     """Return all windows without a long gap in truth or sensor at any offset. Raise UsageError for too few."""
     t_s, eta = frames
-    begin, end = max(t_s[0], signal.t_s[0] + LARGEST_S), min(t_s[-1], signal.t_s[-1] - LARGEST_S)
+    begin, end = max(t_s[0], signal.t_s[0] + MAX_OFFSET_S), min(t_s[-1], signal.t_s[-1] - MAX_OFFSET_S)
     if not end - begin >= BATCHES * WINDOW_S:
         raise UsageError(
             fault(
@@ -271,11 +268,11 @@ def _windows(run: "Run", frames: tuple[np.ndarray, np.ndarray], signal: TruthSig
         )
     a = np.unique(np.searchsorted(t_s, np.arange(begin, end - WINDOW_S, STEP_S)))
     b = np.minimum(np.searchsorted(t_s, t_s[a] + WINDOW_S), len(t_s) - 1)
-    silent = _silences(t_s, 0.0) + _silences(signal.t_s, LARGEST_S)
-    good = (t_s[b] - t_s[a] < 1.5 * WINDOW_S) & (t_s[b] <= end)
+    silent = _silences(t_s, 0.0) + _silences(signal.t_s, MAX_OFFSET_S)
+    is_valid = (t_s[b] - t_s[a] < 1.5 * WINDOW_S) & (t_s[b] <= end)
     for first, last in silent:
-        good &= (t_s[b] <= first) | (t_s[a] >= last)
-    a, b = a[good], b[good]
+        is_valid &= (t_s[b] <= first) | (t_s[a] >= last)
+    a, b = a[is_valid], b[is_valid]
     batch_s = min(BATCH_S, (end - begin) / BATCHES)
     batch = np.unique(((t_s[a] - begin) / batch_s).astype(int), return_inverse=True)[1]
     if len(a) == 0 or batch.max() + 1 < BATCHES:
@@ -293,8 +290,8 @@ def _silences(t_s: np.ndarray, wider_s: float) -> list[tuple[float, float]]:
 def _turn_equations(w: Windows, gyro: TruthSignal, offset_s: float) -> Equations:
     """Return (1): y (N,), derivatives (N, 2) by (a, −c), and their change per second of offset (N, 2)."""
     t = w.t_s + offset_s
-    slopes = np.stack([w.of(gyro.until(t)), w.of(w.t_s)], axis=1)
-    return w.of(w.eta[:, 2]), slopes, np.stack([w.of(gyro.interpolate(t)), np.zeros(len(w.a))], axis=1)
+    jacobian = np.stack([w.of(gyro.until(t)), w.of(w.t_s)], axis=1)
+    return w.of(w.eta[:, 2]), jacobian, np.stack([w.of(gyro.interpolate(t)), np.zeros(len(w.a))], axis=1)
 
 
 def _motion_equations(w: Windows, odometer: TruthSignal, offset_s: float) -> Equations:
@@ -311,90 +308,91 @@ def _motion_equations(w: Windows, odometer: TruthSignal, offset_s: float) -> Equ
 
     t = w.t_s + offset_s
     lever = np.stack([np.stack([w.of(c), w.of(s)], axis=1), np.stack([-w.of(s), w.of(c)], axis=1)], axis=2)
-    slopes = np.concatenate([both(way(odometer.interpolate(t))), lever], axis=2)
+    jacobian = np.concatenate([both(way(odometer.interpolate(t))), lever], axis=2)
     h = 0.5 * GRID_S
     faster = (way(odometer.interpolate(t + h)) - way(odometer.interpolate(t - h))) / (2.0 * h)
     change = np.concatenate([both(faster), np.zeros((len(w.a), 2, 2))], axis=2)
-    return w.of(w.eta[:, :2]).ravel(), slopes.reshape(-1, 4), change.reshape(-1, 4)
+    return w.of(w.eta[:, :2]).ravel(), jacobian.reshape(-1, 4), change.reshape(-1, 4)
 
 
-def _best(
+def _best_regression(
     equations: Callable[[float], Equations], w: Windows, offset_s: float | None = None
 ) -> WindowRegression:
     """Return the regression at the offset of least residual, or at `offset_s` if it is given."""
-    free = offset_s is None
+    is_offset_free = offset_s is None
     if offset_s is None:
-        grid = np.arange(-LARGEST_S, LARGEST_S + 0.5 * GRID_S, GRID_S)
-        offset_s = float(grid[np.argmin([_spread(*equations(o)[:2]) for o in grid])])
-    for _round in range(20 if free else 0):
-        y, slopes, change = equations(offset_s)
-        x, weights = regress(slopes, y)
-        step = regress(np.column_stack([slopes, change @ x]), y)[0][-1]
-        offset_s = float(np.clip(offset_s + np.clip(step, -GRID_S, GRID_S), -LARGEST_S, LARGEST_S))
+        grid = np.arange(-MAX_OFFSET_S, MAX_OFFSET_S + 0.5 * GRID_S, GRID_S)
+        offset_s = float(grid[np.argmin([_residual_std(*equations(o)[:2]) for o in grid])])
+    for _round in range(20 if is_offset_free else 0):
+        y, jacobian, change = equations(offset_s)
+        x, weights = regress(jacobian, y)
+        step = regress(np.column_stack([jacobian, change @ x]), y)[0][-1]
+        offset_s = float(np.clip(offset_s + np.clip(step, -GRID_S, GRID_S), -MAX_OFFSET_S, MAX_OFFSET_S))
         if abs(step) < 1e-6:
             break
-    y, slopes, change = equations(offset_s)
-    x, weights = regress(slopes, y)
-    J = np.column_stack([slopes, change @ x]) if free else slopes
-    residuals = y - slopes @ x
+    y, jacobian, change = equations(offset_s)
+    x, weights = regress(jacobian, y)
+    J = np.column_stack([jacobian, change @ x]) if is_offset_free else jacobian
+    residuals = y - jacobian @ x
     batch = np.repeat(w.batch, len(y) // len(w.batch))
     cov = batch_covariance(J, residuals, weights, batch)
     freedom = max(5, int(w.batch.max()) + 1 - J.shape[1])
     return WindowRegression(x, offset_s, cov, float(np.sqrt(np.mean(residuals**2))), freedom)
 
 
-def _spread(y: np.ndarray, slopes: np.ndarray) -> float:
-    x, _ = regress(slopes, y, iterations=3)
-    return float(np.mean(np.abs(y - slopes @ x)))
+def _residual_std(y: np.ndarray, jacobian: np.ndarray) -> float:
+    x, _ = regress(jacobian, y, iterations=3)
+    return float(np.mean(np.abs(y - jacobian @ x)))
 
 
 def _number(
-    answer: WindowRegression,
+    fit: WindowRegression,
     name: str,
-    of: Callable[[np.ndarray], float],
+    f: Callable[[np.ndarray], float],
     unit: str,
-    was: float | None,
-    words: str,
+    in_file: float | None,
+    remark: str,
 ) -> CalibratedNumber:
-    """Return a calibrated number with its error bar: `of` is its function of coefficients and offset (p + 1,)."""
-    x = np.array([*answer.x, answer.offset_s])
+    """Return a calibrated number with its error bar: `f` is its function of coefficients and offset (p + 1,)."""
+    x = np.array([*fit.x, fit.offset_s])
     steps = 1e-6 * np.eye(len(x)) * np.maximum(np.abs(x), 1e-3)
-    slope = np.array([(of(x + h) - of(x - h)) / (2.0 * h.sum()) for h in steps])[: len(answer.cov)]
-    sd = float(np.sqrt(slope @ answer.cov @ slope)) if np.isfinite(answer.cov).all() else np.inf
-    return CalibratedNumber(name, float(of(x)), sd, students(0.975, answer.freedom) * sd, unit, was, words)
+    gradient = np.array([(f(x + h) - f(x - h)) / (2.0 * h.sum()) for h in steps])[: len(fit.cov)]
+    std = float(np.sqrt(gradient @ fit.cov @ gradient)) if np.isfinite(fit.cov).all() else np.inf
+    half_width = student_quantile(0.975, fit.freedom) * std
+    return CalibratedNumber(name, float(f(x)), std, half_width, unit, in_file, remark)
 
 
-def _clock(answer: WindowRegression) -> list[CalibratedNumber]:
-    words = _("to be added to the truth's timestamps")
-    return [_number(answer, "clock.truth", lambda x: x[-1], "s", None, words)]
+def _clock_offset(regression: WindowRegression) -> list[CalibratedNumber]:
+    remark = _("to be added to the truth's timestamps")
+    return [_number(regression, "clock.truth", lambda x: x[-1], "s", None, remark)]
 
 
-def _gyro(answer: WindowRegression, name: str, file: "VehicleFile") -> list[CalibratedNumber]:
-    block, path = getattr(file.sensors, name), f"sensors.{name}.gyro"
-    words = _("the truth turns {ratio:.4f} times as much as the gyro", ratio=float(answer.x[0]))
+def _gyro(fit: WindowRegression, name: str, vehicle_file: "VehicleFile") -> list[CalibratedNumber]:
+    block, path = getattr(vehicle_file.sensors, name), f"sensors.{name}.gyro"
+    remark = _("the truth turns {ratio:.4f} times as much as the gyro", ratio=float(fit.x[0]))
     return [
-        _number(answer, f"{path}_scale", lambda x: 1.0 / x[0], "1", float(block.gyro_scale), words),
-        _number(answer, f"{path}_bias", lambda x: -x[1] / x[0], "rad/s", float(block.gyro_bias), ""),
+        _number(fit, f"{path}_scale", lambda x: 1.0 / x[0], "1", float(block.gyro_scale), remark),
+        _number(fit, f"{path}_bias", lambda x: -x[1] / x[0], "rad/s", float(block.gyro_bias), ""),
     ]
 
 
-def _odometer(answer: WindowRegression, name: str, file: "VehicleFile") -> list[CalibratedNumber]:
+def _odometer(fit: WindowRegression, name: str, vehicle_file: "VehicleFile") -> list[CalibratedNumber]:
     """Return the odometer's scale, and the mark's position and heading in body axes, with x along the rolling
     direction."""
-    scale, path = float(getattr(file.sensors, name).scale), f"sensors.{name}.scale"
-    words = _("the truth moves {ratio:.4f} × the odometer", ratio=float(np.hypot(*answer.x[:2])))
+    scale, path = float(getattr(vehicle_file.sensors, name).scale), f"sensors.{name}.scale"
+    remark = _("the truth moves {ratio:.4f} × the odometer", ratio=float(np.hypot(*fit.x[:2])))
 
     def rotate(x: np.ndarray, lx: float, ly: float) -> float:
         return float((x[0] * lx + x[1] * ly) / np.hypot(x[0], x[1]))
 
-    ahead, sideways = (
+    forward, sideways = (
         _("the mark ahead of the axle that does not slip"),
         _("the mark to the left of that axle's middle"),
     )
     heading = _("heading of the mark, to the left of the rolling direction of the wheels")
     return [
-        _number(answer, path, lambda x: 1.0 / float(np.hypot(x[0], x[1])), "1", scale, words),
-        _number(answer, "mark.x_m", lambda x: rotate(x, x[2], x[3]), "m", None, ahead),
-        _number(answer, "mark.y_m", lambda x: rotate(x, x[3], -x[2]), "m", None, sideways),
-        _number(answer, "mark.heading_rad", lambda x: -float(np.arctan2(x[1], x[0])), "rad", None, heading),
+        _number(fit, path, lambda x: 1.0 / float(np.hypot(x[0], x[1])), "1", scale, remark),
+        _number(fit, "mark.x_m", lambda x: rotate(x, x[2], x[3]), "m", None, forward),
+        _number(fit, "mark.y_m", lambda x: rotate(x, x[3], -x[2]), "m", None, sideways),
+        _number(fit, "mark.heading_rad", lambda x: -float(np.arctan2(x[1], x[0])), "rad", None, heading),
     ]

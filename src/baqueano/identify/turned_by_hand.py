@@ -21,7 +21,7 @@ from baqueano.contracts.values import JsonObject
 from baqueano.diagnostics import fault
 from baqueano.errors import UsageError
 from baqueano.geometry import TAU
-from baqueano.identify.covariance.quantiles import QUANTILE_95, students
+from baqueano.identify.covariance.quantiles import QUANTILE_95, student_quantile
 from baqueano.identify.data.hand_measurements import ANGLE_STD_RAD
 from baqueano.identify.data.record import range_of
 from baqueano.identify.sensor_calibration import GAP_S, CalibratedNumber, Calibration, TruthSignal, channel_of
@@ -33,11 +33,14 @@ from baqueano.runs.run import Run
 if TYPE_CHECKING:
     from baqueano.vehicle_file import VehicleFile
 
-REST_S, PIECE_S = 2.0, 0.5  # the shortest rest, and the windows that are tested for rest
-QUIETEST, LOUDER = 0.05, 3.0  # quantile of the windows' scatter; up to LOUDER times it is a rest
-SLOWEST = 0.02  # rad/s: a mean that differs by more from the mean of the first rest is a turn
-TOLERANCE = 0.06  # of a scale: twice the tolerance of a data sheet
-OFF_MARK = 4.0  # standard errors of the hand
+MIN_REST_S, PIECE_S = 2.0, 0.5  # the shortest rest, and the windows that are tested for rest
+QUIET_QUANTILE, MAX_SCATTER_RATIO = (
+    0.05,
+    3.0,
+)  # quantile of the windows' scatter; up to LOUDER times it is a rest
+MIN_TURN_RAD_S = 0.02  # rad/s: a mean that differs by more from the mean of the first rest is a turn
+SCALE_TOLERANCE = 0.06  # of a scale: twice the tolerance of a data sheet
+MARK_SIGMA = 4.0  # standard errors of the hand
 
 
 class Rest(NamedTuple):
@@ -54,56 +57,56 @@ class Rest(NamedTuple):
         return 0.5 * (self.begin_s + self.end_s)
 
 
-def by_hand(run: Run, file: "VehicleFile", turns: float | None = None) -> Calibration:
+def by_hand(run: Run, vehicle_file: "VehicleFile", turns: float | None = None) -> Calibration:
     """Calibrate the gyro of `run`, in which the vehicle was turned by hand between rests on a mark.
 
     `turns` is the number of whole turns between two rests, in either direction; None: the nearest whole number.
     Raise UsageError if the run lacks a gyro, two rests or whole turns, or if the gyro has a gap or was saturated.
     """
-    channel = channel_of(run, file, "gyro_scale", -1)
+    channel = channel_of(run, vehicle_file, "gyro_scale", -1)
     if channel is None:
-        raise UsageError(fault("turns.no-gyro", "--vehicle FILE", run=run.name, vehicle=file.name))
+        raise UsageError(fault("turns.no-gyro", "--vehicle FILE", run=run.name, vehicle=vehicle_file.name))
     name, gyro = channel
-    block = getattr(file.sensors, name)
+    block = getattr(vehicle_file.sensors, name)
     rests = _rests(gyro)
     if len(rests) < 2:
-        raise UsageError(fault("turns.few-rests", run=run.name, rests=len(rests), rest_s=REST_S))
+        raise UsageError(fault("turns.few-rests", run=run.name, rests=len(rests), rest_s=MIN_REST_S))
     _whole_record(run.name, gyro, range_of(block))
     angle, variance = _angles(gyro, rests)
-    whole, rests_used = _whole(run.name, rests, angle / float(block.gyro_scale), turns)
-    scale, sd, freedom = _regression(angle[rests_used], whole, _covariance(rests_used, variance))
-    half = sd * (QUANTILE_95 if freedom is None else students(0.975, freedom))
+    whole_turns, rests_used = _whole_turns(run.name, rests, angle / float(block.gyro_scale), turns)
+    scale, std, freedom = _regression(angle[rests_used], whole_turns, _covariance(rests_used, variance))
+    half_width = std * (QUANTILE_95 if freedom is None else student_quantile(0.975, freedom))
     sentence = _(
         "{turns:g} turns by hand, between {rests} rests on a mark",
-        turns=float(np.abs(np.diff(whole)).sum()),
+        turns=float(np.abs(np.diff(whole_turns)).sum()),
         rests=len(rests_used),
     )
     path, means = f"sensors.{name}.gyro", np.array([rest.mean for rest in rests])
     spread = float(np.ptp(means)) / np.sqrt(12.0)
-    bias_sd = float(np.hypot(np.sqrt(np.mean([rest.sd**2 for rest in rests]) / len(rests)), spread))
+    bias_std = float(np.hypot(np.sqrt(np.mean([rest.sd**2 for rest in rests]) / len(rests)), spread))
     return Calibration(
         run.name,
         (
-            CalibratedNumber(f"{path}_scale", scale, sd, half, "1", float(block.gyro_scale), sentence),
-            CalibratedNumber(f"{path}_bias", float(means.mean()), bias_sd, QUANTILE_95 * bias_sd, "rad/s",
+            CalibratedNumber(f"{path}_scale", scale, std, half_width, "1", float(block.gyro_scale), sentence),
+            CalibratedNumber(f"{path}_bias", float(means.mean()), bias_std, QUANTILE_95 * bias_std, "rad/s",
                   float(block.gyro_bias), _("at rest, {times} times", times=len(rests))),
         ),
-        {"heading_rad": float(np.std(angle[rests_used] / scale - TAU * whole))},
+        {"heading_rad": float(np.std(angle[rests_used] / scale - TAU * whole_turns))},
         N_("the turns determine everything"),
     )  # fmt: skip
 
 
 def _whole_record(name: str, gyro: TruthSignal, limit: np.ndarray | None) -> None:
     """Raise UsageError if the record of a turn has a gap or is saturated."""
-    gap = np.diff(gyro.t_s)
-    if gap.max() > GAP_S:
-        at_s = float(gyro.t_s[np.argmax(gap)])
+    steps_s = np.diff(gyro.t_s)
+    if steps_s.max() > GAP_S:
+        at_s = float(gyro.t_s[np.argmax(steps_s)])
         raise UsageError(
             fault(
                 "turns.silent",
                 baqueano_command("runs", "cut", name, "--to", f"{at_s:.1f}"),
                 run=name,
-                gap_s=gap.max(),
+                gap_s=steps_s.max(),
                 at_s=at_s,
             )
         )
@@ -127,43 +130,45 @@ def turned_by_hand(run: Run) -> bool:
 def _rests(gyro: TruthSignal) -> list[Rest]:
     """Return the rests: joined windows with a scatter close to the scatter of the quietest windows."""
     t_s, z = gyro.t_s, gyro.z
-    piece = ((t_s - t_s[0]) // PIECE_S).astype(int)
-    ends = np.flatnonzero(np.diff(piece, append=piece[-1] + 1)) + 1
-    parts = [slice(a, b) for a, b in zip([0, *ends[:-1]], ends, strict=True) if b - a >= 3]
-    if not parts:
+    window_number = ((t_s - t_s[0]) // PIECE_S).astype(int)
+    ends = np.flatnonzero(np.diff(window_number, append=window_number[-1] + 1)) + 1
+    windows = [slice(a, b) for a, b in zip([0, *ends[:-1]], ends, strict=True) if b - a >= 3]
+    if not windows:
         return []
-    scatter = np.array([np.std(z[part], ddof=1) for part in parts])
+    scatter = np.array([np.std(z[window], ddof=1) for window in windows])
     changes = np.abs(np.diff(z))
     step = float(np.min(changes[changes > 0.0])) if np.any(changes > 0.0) else 0.0  # of the converter
-    quiet = scatter <= max(LOUDER * float(np.quantile(scatter, QUIETEST)), step)
-    mean = np.array([np.mean(z[part]) for part in parts])
-    if not quiet.any():
+    is_quiet = scatter <= max(MAX_SCATTER_RATIO * float(np.quantile(scatter, QUIET_QUANTILE)), step)
+    mean = np.array([np.mean(z[window]) for window in windows])
+    if not is_quiet.any():
         return []
-    quiet &= np.abs(mean - mean[np.argmax(quiet)]) < SLOWEST
-    out, edges = [], np.flatnonzero(np.diff(np.concatenate([[False], quiet, [False]]).astype(int)))
+    is_quiet &= np.abs(mean - mean[np.argmax(is_quiet)]) < MIN_TURN_RAD_S
+    rests, edges = [], np.flatnonzero(np.diff(np.concatenate([[False], is_quiet, [False]]).astype(int)))
     for a, b in zip(edges[::2], edges[1::2], strict=True):
-        inside = slice(parts[a].start, parts[b - 1].stop)
-        if t_s[inside][-1] - t_s[inside][0] >= 0.9 * REST_S:
-            sd = float(np.std(mean[a:b], ddof=1) / np.sqrt(b - a))
-            out.append(Rest(float(t_s[inside][0]), float(t_s[inside][-1]), float(np.mean(z[inside])), sd))
-    return out
+        rest_rows = slice(windows[a].start, windows[b - 1].stop)
+        if t_s[rest_rows][-1] - t_s[rest_rows][0] >= 0.9 * MIN_REST_S:
+            std = float(np.std(mean[a:b], ddof=1) / np.sqrt(b - a))
+            rests.append(
+                Rest(float(t_s[rest_rows][0]), float(t_s[rest_rows][-1]), float(np.mean(z[rest_rows])), std)
+            )
+    return rests
 
 
 def _angles(gyro: TruthSignal, rests: list[Rest]) -> tuple[np.ndarray, np.ndarray]:
     """Return G (K,) of (1) from middle to middle of the rests, the first 0, and q (K − 1,) of (2)."""
-    at, b = np.array([rest.middle_s for rest in rests]), np.array([rest.mean for rest in rests])
-    T = np.diff(at)
-    turns_between = np.diff(gyro.until(at)) - 0.5 * (b[1:] + b[:-1]) * T
+    middles_s, rates = np.array([rest.middle_s for rest in rests]), np.array([rest.mean for rest in rests])
+    T = np.diff(middles_s)
+    turns_between = np.diff(gyro.until(middles_s)) - 0.5 * (rates[1:] + rates[:-1]) * T
     var = 0.25 * np.array([x.sd**2 + y.sd**2 for x, y in pairwise(rests)])
-    return np.concatenate([[0.0], np.cumsum(turns_between)]), T**2 * (var + np.diff(b) ** 2 / 12.0)
+    return np.concatenate([[0.0], np.cumsum(turns_between)]), T**2 * (var + np.diff(rates) ** 2 / 12.0)
 
 
-def _whole(
+def _whole_turns(
     name: str, rests: list[Rest], angle: np.ndarray, turns: float | None
 ) -> tuple[np.ndarray, list[int]]:
     """Return the whole turns N of the rests on the mark, from the first on, and the indices of these rests. Raise
     UsageError without a whole turn, or if the number of turns is ambiguous."""
-    whole, rests_used, off = [0.0], [0], fault("turns.not-turned", run=name)
+    turns_at_marks, rests_used, problem = [0.0], [0], fault("turns.not-turned", run=name)
     for k in range(1, len(rests)):
         turn_count = (angle[k] - angle[rests_used[-1]]) / TAU
         n = (
@@ -171,22 +176,24 @@ def _whole(
             if turns is None or abs(turn_count) < 0.5
             else float(np.copysign(abs(turns), turn_count))
         )
-        most = TOLERANCE * max(abs(turn_count), abs(n)) + OFF_MARK * np.sqrt(2.0) * ANGLE_STD_RAD / TAU
-        between: JsonObject = {
+        tolerance = (
+            SCALE_TOLERANCE * max(abs(turn_count), abs(n)) + MARK_SIGMA * np.sqrt(2.0) * ANGLE_STD_RAD / TAU
+        )
+        details: JsonObject = {
             "run": name,
             "from_s": rests[rests_used[-1]].middle_s,
             "to_s": rests[k].middle_s,
         }
-        if turns is None and abs(turn_count) > 0.5 and most > 0.5:
-            raise UsageError(fault("turns.ambiguous", f"--turns {abs(n):.0f}", turns=turn_count, **between))
-        if abs(turn_count - n) < most:
-            whole.append(whole[-1] + n)
+        if turns is None and abs(turn_count) > 0.5 and tolerance > 0.5:
+            raise UsageError(fault("turns.ambiguous", f"--turns {abs(n):.0f}", turns=turn_count, **details))
+        if abs(turn_count - n) < tolerance:
+            turns_at_marks.append(turns_at_marks[-1] + n)
             rests_used.append(k)
         else:
-            off = fault("turns.not-whole", turns=turn_count, expected=abs(n), **between)
-    if not np.ptp(whole) > 0.0:
-        raise UsageError(off)
-    return np.array(whole), rests_used
+            problem = fault("turns.not-whole", turns=turn_count, expected=abs(n), **details)
+    if not np.ptp(turns_at_marks) > 0.0:
+        raise UsageError(problem)
+    return np.array(turns_at_marks), rests_used
 
 
 def _covariance(rests_used: list[int], variance: np.ndarray) -> np.ndarray:
@@ -195,24 +202,24 @@ def _covariance(rests_used: list[int], variance: np.ndarray) -> np.ndarray:
     return (L * variance) @ L.T
 
 
-def _regression(angle: np.ndarray, whole: np.ndarray, of_bias: np.ndarray) -> tuple[float, float, int | None]:
+def _regression(
+    angle: np.ndarray, whole_turns: np.ndarray, bias_cov: np.ndarray
+) -> tuple[float, float, int | None]:
     """Return the scale, its standard error, and the degrees of freedom if the error comes from the scatter of the
     rests, else None.  (1), (2)"""
-    X = np.column_stack([np.ones(len(whole)), TAU * whole])
-    scale, freedom = float(np.polyfit(TAU * whole, angle, 1)[0]), len(whole) - 2
-    cov = (scale * ANGLE_STD_RAD) ** 2 * np.eye(len(whole)) + of_bias
+    X = np.column_stack([np.ones(len(whole_turns)), TAU * whole_turns])
+    scale, freedom = float(np.polyfit(TAU * whole_turns, angle, 1)[0]), len(whole_turns) - 2
+    cov = (scale * ANGLE_STD_RAD) ** 2 * np.eye(len(whole_turns)) + bias_cov
     weights = np.linalg.solve(cov, X)
     x = np.linalg.solve(X.T @ weights, weights.T @ angle)
     residuals = angle - X @ x
-    sd = float(np.sqrt(np.linalg.inv(X.T @ weights)[1, 1]))
-    if freedom > 0 and (chi2 := float(residuals @ np.linalg.solve(cov, residuals))) > _once_in_a_hundred(
-        freedom
-    ):
-        return float(x[1]), sd * (chi2 / freedom) ** 0.5, freedom
-    return float(x[1]), sd, None
+    std = float(np.sqrt(np.linalg.inv(X.T @ weights)[1, 1]))
+    if freedom > 0 and (chi2 := float(residuals @ np.linalg.solve(cov, residuals))) > _chi_square_99(freedom):
+        return float(x[1]), std * (chi2 / freedom) ** 0.5, freedom
+    return float(x[1]), std, None
 
 
-def _once_in_a_hundred(freedom: int) -> float:
+def _chi_square_99(freedom: int) -> float:
     """Return the 99 % quantile of χ², by Wilson and Hilferty."""
-    part = 2.0 / (9.0 * freedom)
-    return freedom * (1.0 - part + 2.3263 * part**0.5) ** 3
+    term = 2.0 / (9.0 * freedom)
+    return freedom * (1.0 - term + 2.3263 * term**0.5) ** 3

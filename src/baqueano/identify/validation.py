@@ -25,17 +25,17 @@ from baqueano.contracts.result import Result
 from baqueano.contracts.values import JsonObject, TableRow
 from baqueano.diagnostics import Diagnostic, Severity, Verdict, fault, note
 from baqueano.errors import UsageError
-from baqueano.identify.covariance.quantiles import students
-from baqueano.identify.data.added_channels import MOUNT
+from baqueano.identify.covariance.quantiles import student_quantile
+from baqueano.identify.data.added_channels import MOUNT_PREFIX
 from baqueano.identify.data.hand_measurements import KINDS
 from baqueano.identify.data.rest import begins_at_rest
 from baqueano.identify.fit import identify
 from baqueano.identify.options import FitOptions
-from baqueano.identify.parameters.setup import POSE_S
+from baqueano.identify.parameters.setup import POSE_SEGMENT_S
 from baqueano.identify.result.fit_result import ChannelFit, Fit, is_requested
 from baqueano.identify.result.ratios import percent, times
-from baqueano.identify.selection.held_out import BLOCK_S, SHORT_S, pieces_of
-from baqueano.identify.selection.held_out import LEAST as ENOUGH_PIECES
+from baqueano.identify.selection.held_out import BLOCK_S, SHORT_BLOCK_S, pieces_of
+from baqueano.identify.selection.held_out import MIN_SIGNS as ENOUGH_PIECES
 from baqueano.messages import text, verdict_line
 from baqueano.messages.language import number, shown_unit
 from baqueano.messages.language import translate as _
@@ -43,16 +43,16 @@ from baqueano.runs.run import Run
 from baqueano.sensors.sampling import measures_pose
 from baqueano.vehicle_file.units import channel_unit
 
-WORSE = 2.0  # of error² to noise²: above it more than half of the error is the model's
-CHANCE = 0.01  # probability of a warning on one channel of one run, for a model that is right
-CLIPPED = 10.0  # times the noise, at which an error is clipped: one spike is not an error of the model
-LEAST = 10  # readings of a block that is counted
+MAX_SQUARE_RATIO = 2.0  # of error² to noise²: above it more than half of the error is the model's
+FALSE_ALARM_RATE = 0.01  # probability of a warning on one channel of one run, for a model that is right
+CLIP_RATIO = 10.0  # times the noise, at which an error is clipped: one spike is not an error of the model
+MIN_BLOCK_READINGS = 10  # readings of a block that is counted
 # Of 30 drives of SHORT_S * ENOUGH_PIECES, 7 had too few segments of motion. Drives of this duration had enough.
-ADVISED_S = 1.5 * SHORT_S * ENOUGH_PIECES
-ENOUGH = 6  # blocks on both sides; with fewer blocks of BLOCK_S, they have SHORT_S
+ADVISED_S = 1.5 * SHORT_BLOCK_S * ENOUGH_PIECES
+MIN_BLOCKS = 6  # blocks on both sides; with fewer blocks of BLOCK_S, they have SHORT_S
 
 
-class Figure(NamedTuple):
+class ChannelMetrics(NamedTuple):
     """Figures of one channel of one held-out run."""
 
     run: str
@@ -73,7 +73,7 @@ class Figure(NamedTuple):
 class Validation(Result):
     """All channels of all held-out runs."""
 
-    figures: tuple[Figure, ...]
+    figures: tuple[ChannelMetrics, ...]
     channels: tuple[ChannelFit, ...]
     messages: tuple[Diagnostic, ...]  # evidence against the model, and reasons why a test is not possible
     outside: tuple[Diagnostic, ...]  # runs that leave the envelope of the fit
@@ -98,7 +98,7 @@ class Validation(Result):
 
     def rows(self) -> list[TableRow]:
         """Return one flat row per run and channel."""
-        return [figure._asdict() | {"times": figure.times} for figure in self.figures]
+        return [metrics._asdict() | {"times": metrics.times} for metrics in self.figures]
 
     def table(self) -> str:
         """Return the table as text."""
@@ -107,8 +107,10 @@ class Validation(Result):
             f"{_('own runs'):>10}"
         ]
         for f in self.figures:
-            parts = f"{times(f.times):>9} {percent(f.explained):>10} {percent(f.on_own_runs):>10}"
-            lines.append(f"{f.run:20} {f.channel:14} {number(f.error):>10.3g} {shown_unit(f.unit):6} {parts}")
+            ratio_text = f"{times(f.times):>9} {percent(f.explained):>10} {percent(f.on_own_runs):>10}"
+            lines.append(
+                f"{f.run:20} {f.channel:14} {number(f.error):>10.3g} {shown_unit(f.unit):6} {ratio_text}"
+            )
         return "\n".join(
             [*lines, *(_("note: {note}", note=text(message)) for message in self.outside), self.sentence]
         )
@@ -134,139 +136,177 @@ def validate(fit: Fit, runs: Run | Sequence[Run]) -> Validation:
         raise UsageError(fault("runs.fitted-to", "--held-out RUN", run=runs_of_fit[0]))
     use = _channels_used(fit)
     sigma = {name: noise for name, noise in fit.sigma.items() if any(u.split("[")[0] == name for u in use)}
-    own = [name for name in fit.own_names if is_requested(name)]
-    clocks = [name.removeprefix("clock.") for name in own if name.startswith("clock.")]
-    per_run = [name for name in (*own, *fit.names) if name in own or name.startswith(MOUNT)]
+    run_parameters = [name for name in fit.own_names if is_requested(name)]
+    clocks = [name.removeprefix("clock.") for name in run_parameters if name.startswith("clock.")]
+    per_run = [
+        name
+        for name in (*run_parameters, *fit.names)
+        if name in run_parameters or name.startswith(MOUNT_PREFIX)
+    ]
     per_run = [name for name in per_run if not name.startswith("clock.")]
     options = FitOptions(per_run=per_run, clocks=clocks, sigma=sigma, diagnose=False, backend=fit.backend)
     channels: list[ChannelFit] = []
-    file, rest = fit.vehicle_file, [begins_at_rest(run, fit.blocks.sensors) for run in runs]
-    for run, run_at_rest in zip(runs, rest, strict=True):
-        channels += identify(run, file, (), use=use, options=replace(options, at_rest=run_at_rest)).channels
-    figures, messages = [], _too_few(fit, runs)
+    vehicle_file, begins_at_rest_flags = (
+        fit.vehicle_file,
+        [begins_at_rest(run, fit.blocks.sensors) for run in runs],
+    )
+    for run, run_at_rest in zip(runs, begins_at_rest_flags, strict=True):
+        channels += identify(
+            run, vehicle_file, (), use=use, options=replace(options, at_rest=run_at_rest)
+        ).channels
+    metrics, messages = [], _too_few(fit, runs)
     for c in channels:
         if np.isfinite(c.measured - c.predicted).any() and np.isfinite(c.explained):
-            own = [
+            run_parameters = [
                 channel for channel in fit.channels if (channel.sensor, channel.entry) == (c.sensor, c.entry)
             ]
-            figure, of_channel = _figure(c, own, channel_unit(file, c.sensor, c.entry))
-            figures.append(figure)
-            messages += of_channel
-    outside = tuple(flag for run in runs for flag in fit.envelope.flags(run))
-    return Validation(tuple(figures), tuple(channels), tuple(messages), outside, _basis(fit, runs, rest))
+            channel_metrics, channel_findings = _channel_metrics(
+                c, run_parameters, channel_unit(vehicle_file, c.sensor, c.entry)
+            )
+            metrics.append(channel_metrics)
+            messages += channel_findings
+    flags = tuple(flag for run in runs for flag in fit.envelope.flags(run))
+    return Validation(
+        tuple(metrics), tuple(channels), tuple(messages), flags, _basis(fit, runs, begins_at_rest_flags)
+    )
 
 
 def _too_few(fit: Fit, runs: Sequence[Run]) -> list[Diagnostic]:
     """Return the reasons why no test of the model is possible, for each command that moved in the fit."""
-    out = []
+    reasons = []
     for k in fit.envelope.moved_commands:
         count, name = pieces_of(runs, k), fit.envelope.names[k]
         if not count:
-            out.append(note("validation.still", Severity.UNKNOWN, subject=name, needed_s=ADVISED_S))
+            reasons.append(note("validation.still", Severity.UNKNOWN, subject=name, needed_s=ADVISED_S))
         elif count < ENOUGH_PIECES:
             details = {"pieces": count, "least": ENOUGH_PIECES, "needed_s": ADVISED_S}
-            out.append(note("validation.too-few", Severity.UNKNOWN, subject=name, **details))
-    return out
+            reasons.append(note("validation.too-few", Severity.UNKNOWN, subject=name, **details))
+    return reasons
 
 
-def _basis(fit: Fit, runs: Sequence[Run], rest: Sequence[bool]) -> Diagnostic:
+def _basis(fit: Fit, runs: Sequence[Run], at_rest: Sequence[bool]) -> Diagnostic:
     """Return a note on the horizon, the start and the amount of motion of the test."""
     has_pose = any(measures_pose(sensor) for sensor in fit.blocks.sensors)  # then runs are cut into segments
-    spans = [min(run.duration_s, POSE_S) if has_pose else run.duration_s for run in runs]
-    least, most = f"{number(min(spans)):.3g}", f"{number(max(spans)):.3g}"
-    if all(rest) and not has_pose:
-        start = note("validation.from-standstill")
-    elif any(rest):
-        start = note("validation.some-from-velocity", count=rest.count(False), of=len(rest))
+    spans = [min(run.duration_s, POSE_SEGMENT_S) if has_pose else run.duration_s for run in runs]
+    shortest, longest = f"{number(min(spans)):.3g}", f"{number(max(spans)):.3g}"
+    if all(at_rest) and not has_pose:
+        start_note = note("validation.from-standstill")
+    elif any(at_rest):
+        start_note = note("validation.some-from-velocity", count=at_rest.count(False), of=len(at_rest))
     else:
-        start = note("validation.from-velocity")
+        start_note = note("validation.from-velocity")
     count = min((pieces_of(runs, k) for k in fit.envelope.moved_commands), default=0.0)
-    span = least if least == most else f"{least} … {most}"
-    return note("validation.basis", span_s=span, start=start, pieces=count)
+    span = shortest if shortest == longest else f"{shortest} … {longest}"
+    return note("validation.basis", span_s=span, start=start_note, pieces=count)
 
 
 def _channels_used(fit: Fit) -> tuple[str, ...]:
     """Return the sensors of the fit, in the form of `use`, without hand measurements."""
     entries_used = dict.fromkeys((c.sensor, c.entry) for c in fit.channels if np.isfinite(c.explained))
     sensors = [name for name in fit.sigma if name not in KINDS]
-    whole = [name for name in sensors if all((name, k) in entries_used for k in range(len(fit.sigma[name])))]
-    return (*whole, *(f"{name}[{k}]" for name, k in entries_used if name in sensors and name not in whole))
+    whole_sensors = [
+        name for name in sensors if all((name, k) in entries_used for k in range(len(fit.sigma[name])))
+    ]
+    return (
+        *whole_sensors,
+        *(f"{name}[{k}]" for name, k in entries_used if name in sensors and name not in whole_sensors),
+    )
 
 
-def _figure(c: ChannelFit, own: Sequence[ChannelFit], unit: str) -> tuple[Figure, list[Diagnostic]]:
-    """Return the figures of one channel of a held-out run and of the `own` runs, and the evidence against the model."""
-    own, e = [channel for channel in own if np.isfinite(channel.explained)], c.measured - c.predicted
-    part = 1.0 - float(np.nanmean(e**2) / max(np.nanvar(c.measured), 1e-300))
-    figure = Figure(c.run, f"{c.sensor}[{c.entry}]", float(np.sqrt(np.nanmean(e**2))), part, np.nan, unit)
-    if not own:
-        return figure, []
-    errors, own_errors = _channel_errors(c, own)
-    samples = [np.isfinite(channel.measured).sum() for channel in own]
-    share = float(np.average([channel.explained for channel in own], weights=samples))
+def _channel_metrics(
+    c: ChannelFit, own_channels: Sequence[ChannelFit], unit: str
+) -> tuple[ChannelMetrics, list[Diagnostic]]:
+    """Return the figures of one channel of a held-out run and of the `own_channels` runs, and the evidence against the
+    model."""
+    own_channels, e = (
+        [channel for channel in own_channels if np.isfinite(channel.explained)],
+        c.measured - c.predicted,
+    )
+    explained = 1.0 - float(np.nanmean(e**2) / max(np.nanvar(c.measured), 1e-300))
+    metrics = ChannelMetrics(
+        c.run, f"{c.sensor}[{c.entry}]", float(np.sqrt(np.nanmean(e**2))), explained, np.nan, unit
+    )
+    if not own_channels:
+        return metrics, []
+    errors, own_errors = _channel_errors(c, own_channels)
+    samples = [np.isfinite(channel.measured).sum() for channel in own_channels]
+    share = float(np.average([channel.explained for channel in own_channels], weights=samples))
     square, white = (
         np.average([getattr(error, k) for error in own_errors], weights=samples)
         for k in _ChannelError._fields[:2]
     )
     noise = float(np.sqrt(square + max(0.0, errors.white - white)))
-    figure = figure._replace(on_own_runs=share, noise=noise)
-    if below := _worse_than_none(figure, c, noise**2 if share > 0.0 else errors.white):
-        return figure, [below]
-    return figure, _against(figure, errors, np.concatenate([error.g for error in own_errors]))
+    metrics = metrics._replace(on_own_runs=share, noise=noise)
+    if worse_finding := _worse_than_mean(metrics, c, noise**2 if share > 0.0 else errors.white):
+        return metrics, [worse_finding]
+    return metrics, _evidence_against(metrics, errors, np.concatenate([error.g for error in own_errors]))
 
 
-def _worse_than_none(figure: Figure, c: ChannelFit, noise2: float) -> Diagnostic | None:
+def _worse_than_mean(metrics: ChannelMetrics, c: ChannelFit, noise2: float) -> Diagnostic | None:
     """Return a finding on a channel whose explained part is significantly below 0, or None.  (5)"""
     finite = np.isfinite(c.measured - c.predicted)
-    blocks = max(1.0, float(np.ptp(c.t_s[finite])) / SHORT_S)
+    blocks = max(1.0, float(np.ptp(c.t_s[finite])) / SHORT_BLOCK_S)
     total = float(np.var(c.measured[finite]))
-    excess = -figure.explained * total
-    chance = students(1.0 - 0.5 * CHANCE, np.inf) ** 2 * min(noise2, total) / blocks
+    excess = -metrics.explained * total
+    chance = student_quantile(1.0 - 0.5 * FALSE_ALARM_RATE, np.inf) ** 2 * min(noise2, total) / blocks
     if not excess > chance:
         return None
-    return _about("validation.worse-than-mean", Severity.ERROR, figure, explained=100 * figure.explained)
+    return _channel_finding(
+        "validation.worse-than-mean", Severity.ERROR, metrics, explained=100 * metrics.explained
+    )
 
 
-def _about(code: str, severity: Severity, figure: Figure, **figures: float | Diagnostic) -> Diagnostic:
+def _channel_finding(
+    code: str, severity: Severity, metrics: ChannelMetrics, **figures: float | Diagnostic
+) -> Diagnostic:
     """Return a finding on one channel of one held-out run."""
-    details: JsonObject = {"run": figure.run, "error": figure.error, "unit": figure.unit} | figures
-    return note(code, severity, subject=figure.channel, **details)
+    details: JsonObject = {"run": metrics.run, "error": metrics.error, "unit": metrics.unit} | figures
+    return note(code, severity, subject=metrics.channel, **details)
 
 
-def _against(figure: Figure, errors: _ChannelError, own: np.ndarray) -> list[Diagnostic]:
+def _evidence_against(
+    metrics: ChannelMetrics, errors: _ChannelError, own_squares: np.ndarray
+) -> list[Diagnostic]:
     """Return the evidence against the model in one channel of a run, at most one finding.  (3), (4)"""
-    noise2, freedom, alpha = figure.noise**2, len(errors.g) + len(own) - 2, 0.5 * CHANCE
+    noise2, freedom, alpha = metrics.noise**2, len(errors.g) + len(own_squares) - 2, 0.5 * FALSE_ALARM_RATE
     details = {
-        "times": figure.times, "explained": 100 * max(figure.explained, 0.0), "of_own": 100 * figure.on_own_runs,
+        "times": metrics.times, "explained": 100 * max(metrics.explained, 0.0), "of_own": 100 * metrics.on_own_runs,
     }  # fmt: skip
-    worse = _about("validation.off", Severity.WARNING, figure, **details)
-    if errors.square > WORSE * noise2 and (freedom < 1 or not min(len(errors.g), len(own))):
-        return [_about("validation.off-perhaps", Severity.WARNING, figure, off=worse)]
-    if errors.square > WORSE * noise2:
-        s = np.sqrt((len(errors.g) * np.var(errors.g) + len(own) * np.var(own)) / freedom)
-        chance = students(1.0 - alpha, freedom) * s * np.sqrt(1.0 / len(errors.g) + 1.0 / len(own))
-        if errors.g.mean() - own.mean() > chance:
-            return [worse]
-    if len(errors.g) < 2 or len(own) < 2:
+    finding = _channel_finding("validation.off", Severity.WARNING, metrics, **details)
+    if errors.square > MAX_SQUARE_RATIO * noise2 and (
+        freedom < 1 or not min(len(errors.g), len(own_squares))
+    ):
+        return [_channel_finding("validation.off-perhaps", Severity.WARNING, metrics, off=finding)]
+    if errors.square > MAX_SQUARE_RATIO * noise2:
+        s = np.sqrt((len(errors.g) * np.var(errors.g) + len(own_squares) * np.var(own_squares)) / freedom)
+        chance = (
+            student_quantile(1.0 - alpha, freedom) * s * np.sqrt(1.0 / len(errors.g) + 1.0 / len(own_squares))
+        )
+        if errors.g.mean() - own_squares.mean() > chance:
+            return [finding]
+    if len(errors.g) < 2 or len(own_squares) < 2:
         return []
     k = int(np.argmax(errors.g))
-    chance = students(1.0 - alpha / len(errors.g), len(own) - 1) * np.std(own, ddof=1)
-    chance *= np.sqrt(1.0 + 1.0 / len(own))
-    if errors.g[k] > max(own.mean() + chance, own.max(), np.log(WORSE * noise2)):
+    chance = student_quantile(1.0 - alpha / len(errors.g), len(own_squares) - 1) * np.std(own_squares, ddof=1)
+    chance *= np.sqrt(1.0 + 1.0 / len(own_squares))
+    if errors.g[k] > max(own_squares.mean() + chance, own_squares.max(), np.log(MAX_SQUARE_RATIO * noise2)):
         here_off, begin_s = float(np.exp(0.5 * errors.g[k])), float(errors.t_s[k])
         span = {"here": here_off, "from_s": begin_s, "to_s": begin_s + errors.block_s}
-        return [_about("validation.off-once", Severity.WARNING, figure, **span)]
+        return [_channel_finding("validation.off-once", Severity.WARNING, metrics, **span)]
     return []
 
 
-def _channel_errors(c: ChannelFit, own: Sequence[ChannelFit]) -> tuple[_ChannelError, list[_ChannelError]]:
-    """Return the residuals of a channel and of its `own` runs, in blocks of BLOCK_S. If there are fewer than ENOUGH
-    blocks, use blocks of SHORT_S if this gives more blocks."""
-    every = np.concatenate([channel.measured - channel.predicted for channel in own])
-    spread, trials = float(np.sqrt(np.nanmean(every**2))), []
-    for block_s in (BLOCK_S, SHORT_S):
-        errors, *own_errors = (_channel_error(channel, spread, block_s) for channel in (c, *own))
+def _channel_errors(
+    c: ChannelFit, own_channels: Sequence[ChannelFit]
+) -> tuple[_ChannelError, list[_ChannelError]]:
+    """Return the residuals of a channel and of its `own_channels` runs, in blocks of BLOCK_S. If there are fewer than
+    ENOUGH blocks, use blocks of SHORT_S if this gives more blocks."""
+    own_residuals = np.concatenate([channel.measured - channel.predicted for channel in own_channels])
+    spread, trials = float(np.sqrt(np.nanmean(own_residuals**2))), []
+    for block_s in (BLOCK_S, SHORT_BLOCK_S):
+        errors, *own_errors = (_channel_error(channel, spread, block_s) for channel in (c, *own_channels))
         trials.append(
-            (min(len(errors.g), sum(len(error.g) for error in own_errors), ENOUGH), errors, own_errors)
+            (min(len(errors.g), sum(len(error.g) for error in own_errors), MIN_BLOCKS), errors, own_errors)
         )
     _, errors, own_errors = max(trials, key=lambda trial: trial[0])
     return errors, own_errors
@@ -275,10 +315,10 @@ def _channel_errors(c: ChannelFit, own: Sequence[ChannelFit]) -> tuple[_ChannelE
 def _channel_error(c: ChannelFit, spread: float, block_s: float) -> _ChannelError:
     """Return the residuals of a channel in blocks of `block_s`, clipped at CLIPPED times `spread`."""
     e, finite = c.measured - c.predicted, np.isfinite(c.measured - c.predicted)
-    e, t = np.clip(e[finite], -CLIPPED * spread, CLIPPED * spread), c.t_s[finite]
+    e, t = np.clip(e[finite], -CLIP_RATIO * spread, CLIP_RATIO * spread), c.t_s[finite]
     block = ((t - t[0]) // block_s).astype(int) if len(t) else np.zeros(0, int)
-    numbers, counts = np.unique(block, return_counts=True)
-    blocks = [b for b, n in zip(numbers, counts, strict=True) if n >= LEAST]
+    block_numbers, counts = np.unique(block, return_counts=True)
+    blocks = [b for b, n in zip(block_numbers, counts, strict=True) if n >= MIN_BLOCK_READINGS]
     g = [float(np.log(max(np.mean(e[block == b] ** 2), 1e-300))) for b in blocks]
     white = 0.5 * float(np.mean(np.diff(e) ** 2)) if len(e) > 1 else 0.0
     begins = [float(t[0] + b * block_s) for b in blocks]

@@ -6,7 +6,7 @@ agreement.py checks each channel, witness.py decides between sensor and model, f
 from baqueano.monitor.agreement import Agreement
 from baqueano.monitor.findings import Finding
 from baqueano.monitor.memory import DEGRADED_S, EVENT_S
-from baqueano.monitor.refusals import REFUSED, Refusals, refusal_event, refusals_of
+from baqueano.monitor.refusals import REFUSED_SOURCE, Refusals, refusal_event, refusals_of
 from baqueano.monitor.watching import Notice, Watching
 
 __all__ = ["Finding", "Refusals", "refusals_of"]

@@ -2,15 +2,16 @@
 
 A reading z disagrees if it is not finite, if it is at the end of its range, or if
 
-    |r| > SIGMA √(H P Hᵀ + Q + p),   r = z − h(x̂) − b                                                     (1)
-    |y| > SIGMA √S                                                                                        (2)
+    |r| > GATE_SIGMA √(H P Hᵀ + Q + p),   r = z − h(x̂) − b                                                     (1)
+    |y| > GATE_SIGMA √S                                                                                        (2)
 
 x̂, P: state and covariance of the model, from the commands only (an estimator that follows a wrong sensor agrees with
 it). h, H: measurement function and Jacobian. Q: noise. b, p: bias at rest and its variance. y, S: innovation of the
 estimator and its covariance. Readings change the doubt in [0, DEGRADED_S]. δ: time, s: expected signal, σ: root in (1):
 
-    doubt ← doubt + δ while it disagrees;   doubt − δ (SLOW + (FAST − SLOW) i) while it agrees            (3)
-    i = s²/(s² + (SIGMA σ)²),   s = h(x̂) − h(rest)                                                        (4)
+    doubt ← doubt + δ while it disagrees
+    doubt ← doubt − δ (SLOW_RATE + (FAST_RATE − SLOW_RATE) i) while it agrees                             (3)
+    i = s²/(s² + (GATE_SIGMA σ)²),   s = h(x̂) − h(rest)                                                   (4)
 
 For i = 0 a stuck sensor also agrees. Method: Gertler 1998 (analytical redundancy). witness.py decides which is wrong.
 """
@@ -21,23 +22,23 @@ import numpy as np
 
 from baqueano.contracts.optional import is_dynamic
 from baqueano.contracts.values import Value
-from baqueano.estimators.augmented.correction import WITHIN, predict_measurement
-from baqueano.estimators.augmented_ekf import REST_S, STILL, AugmentedBelief, AugmentedEkf
+from baqueano.estimators.augmented.correction import USABLE_RANGE, predict_measurement
+from baqueano.estimators.augmented_ekf import MAX_REST_NU, MIN_REST_S, AugmentedBelief, AugmentedEkf
 from baqueano.estimators.covariance import block_diagonal, mirror_upper
 from baqueano.estimators.pauses import row_of, tree_where
-from baqueano.monitor.memory import DEGRADED_S, FROZEN_S, Memory, MonitorState, stuck
-from baqueano.monitor.numbers import ChannelProperties, numbers_of
+from baqueano.monitor.memory import DEGRADED_S, FROZEN_S, Memory, MonitorState, is_stuck
+from baqueano.monitor.numbers import ChannelProperties, channels_of
 from baqueano.monitor.witness import log_odds
 from baqueano.sensors.sampling import difference
 from baqueano.signals import Motion, Tick
 from baqueano.symbolic import jacobian
 
-SIGMA = 4.0
-SLOW, FAST = 0.5, 2.0  # of (3)
-STEP_S = 0.1  # longest time that one reading counts for: five readings of a slow sensor make an event
-TINY = 1e-300
-BEFORE_REST = 5.0  # factor on the std of a bias in the file, before a rest: the file may be old
-LARGEST = 20.0  # limit of the evidence
+GATE_SIGMA = 4.0
+SLOW_RATE, FAST_RATE = 0.5, 2.0  # of (3)
+MAX_STEP_S = 0.1  # longest time that one reading counts for: five readings of a slow sensor make an event
+MIN_VARIANCE = 1e-300
+FILE_BIAS_FACTOR = 5.0  # factor on the std of a bias in the file, before a rest: the file may be old
+MAX_EVIDENCE = 20.0  # limit of the evidence
 MEMORY_S = 2.0  # time constant of the ratio and of the evidence
 
 
@@ -49,74 +50,98 @@ class Agreement:
     entries: tuple[int, ...] | None = None  # index of the number of each innovation; None: not known
 
     @property
-    def numbers(self) -> ChannelProperties:
+    def channels(self) -> ChannelProperties:
         """Return the properties of the channels of all sensors."""
-        return numbers_of(self.model)
+        return channels_of(self.model)
 
     def init(self, eta: np.ndarray | None = None, nu: np.ndarray | None = None) -> MonitorState:
         """Return the initial state, in which every doubt is 0."""
-        zero = np.zeros(len(self.numbers.names))
+        zero = np.zeros(len(self.channels.names))
         rows = Memory(*[zero] * len(Memory._fields))
-        rows = rows._replace(bias_var=(BEFORE_REST * self.numbers.bias_std) ** 2)
+        rows = rows._replace(bias_var=(FILE_BIAS_FACTOR * self.channels.bias_std) ** 2)
         return MonitorState(self.model.init(eta, nu), np.stack(rows))
 
     def step(
         self, state: MonitorState, tick: Tick, y: np.ndarray | None, S: np.ndarray | None
     ) -> tuple[MonitorState, np.ndarray]:
         """Return the state and the doubt (m,) [s] after a tick; y, S are innovation and covariance of the estimator."""
-        its, before, was = self.numbers, state.model, Memory(*state.memory)
-        row = row_of(before.t_ns, tick, self.model.rate_hz)
-        model, _ = self.model.row(before, tick)
-        expected, H, K = self._expectation(before, model, row, tick)
-        slots = [getattr(tick.sensors, name) for name in its.sensors]
+        channels, previous, memory = self.channels, state.model, Memory(*state.memory)
+        row = row_of(previous.t_ns, tick, self.model.rate_hz)
+        model, _ = self.model.row(previous, tick)
+        expected, H, K = self._expectation(previous, model, row, tick)
+        slots = [getattr(tick.sensors, name) for name in channels.sensors]
         z = np.concatenate([slot.z for slot in slots])
-        has = (
+        is_arrived = (
             np.concatenate([np.where(slot.has > 0.0, 1.0, 0.0) * np.ones(len(slot.z)) for slot in slots])
             > 0.0
         )
-        unusable = has & ~(np.isfinite(z) & (np.abs(z) < WITHIN * its.limit))
-        good, z = has & ~unusable, np.where(np.isfinite(z), z, 0.0)
-        at_rest = (model.quiet_s >= REST_S) & np.all(np.abs(model.mean[3:6]) < STILL)
+        is_unusable = is_arrived & ~(np.isfinite(z) & (np.abs(z) < USABLE_RANGE * channels.limit))
+        is_good, z = is_arrived & ~is_unusable, np.where(np.isfinite(z), z, 0.0)
+        at_rest = (model.quiet_s >= MIN_REST_S) & np.all(np.abs(model.mean[3:6]) < MAX_REST_NU)
 
-        silent_s = was.silent_s + row.dt_s
-        dt_s = np.where(has, np.minimum(silent_s, STEP_S), 0.0)
-        same = has & (z == was.last)
-        same_s = np.where(same, was.same_s + silent_s, np.where(has, 0.0, was.same_s))
-        longest_s = np.where(has & ~same, np.maximum(was.longest_s, was.same_s), was.longest_s)
-        is_constant = its.inertial & stuck(was._replace(same_s=same_s, longest_s=longest_s)) & ~at_rest
+        silent_s = memory.silent_s + row.dt_s
+        dt_s = np.where(is_arrived, np.minimum(silent_s, MAX_STEP_S), 0.0)
+        is_unchanged = is_arrived & (z == memory.last_reading)
+        unchanged_s = np.where(
+            is_unchanged, memory.unchanged_s + silent_s, np.where(is_arrived, 0.0, memory.unchanged_s)
+        )
+        longest_s = np.where(
+            is_arrived & ~is_unchanged,
+            np.maximum(memory.longest_unchanged_s, memory.unchanged_s),
+            memory.longest_unchanged_s,
+        )
+        is_constant = (
+            channels.is_inertial
+            & is_stuck(memory._replace(unchanged_s=unchanged_s, longest_unchanged_s=longest_s))
+            & ~at_rest
+        )
 
         C = mirror_upper(H @ model.cov @ H.T)
-        p = was.bias_var + its.walk**2 * row.dt_s
-        N = block_diagonal([getattr(self.model.sensors, name).cov for name in its.sensors]) + np.diag(p)
-        r = np.where(good, self._difference(z, expected) - was.bias, 0.0)
+        p = memory.bias_var + channels.walk**2 * row.dt_s
+        N = block_diagonal([getattr(self.model.sensors, name).cov for name in channels.sensors]) + np.diag(p)
+        r = np.where(is_good, self._difference(z, expected) - memory.bias, 0.0)
         variance = np.diag(C) + np.diag(N)
-        far = good & ~its.pose & (r**2 > SIGMA**2 * variance)
-        suspect = unusable | far | is_constant
-        off = has & (suspect | (self._is_refused(y, S) & _only_suspect(suspect | (was.doubt_s > 0.0))))
-        s = expected - its.rest
-        signal_share = s**2 / (s**2 + SIGMA**2 * variance + TINY)
-        fading = np.where(its.inertial & (same_s >= FROZEN_S), 0.0, SLOW + (FAST - SLOW) * signal_share)
-        doubt_s = np.clip(was.doubt_s + dt_s * np.where(off, 1.0, -fading), 0.0, DEGRADED_S)
+        is_outlier = is_good & ~channels.is_pose & (r**2 > GATE_SIGMA**2 * variance)
+        is_suspect = is_unusable | is_outlier | is_constant
+        is_off = is_arrived & (
+            is_suspect | (self._is_refused(y, S) & _is_only_suspect(is_suspect | (memory.doubt_s > 0.0)))
+        )
+        s = expected - channels.rest
+        signal_share = s**2 / (s**2 + GATE_SIGMA**2 * variance + MIN_VARIANCE)
+        fading = np.where(
+            channels.is_inertial & (unchanged_s >= FROZEN_S),
+            0.0,
+            SLOW_RATE + (FAST_RATE - SLOW_RATE) * signal_share,
+        )
+        doubt_s = np.clip(memory.doubt_s + dt_s * np.where(is_off, 1.0, -fading), 0.0, DEGRADED_S)
 
         G = mirror_upper(K @ model.cov[3:6, 3:6] @ K.T)
-        G = np.where(its.inertial & ~its.turning, np.diag(r), G * r / (np.diag(G) + TINY))
-        usable = np.where(good & ~its.pose & ~(its.inertial & (same_s >= FROZEN_S)), 1.0, 0.0)
-        memory_factor = np.exp(-dt_s / MEMORY_S)
-        evidence = was.evidence * memory_factor + np.where(far, dt_s, 0.0) * log_odds(
-            r, C + N, G, usable, its.groups
+        G = np.where(
+            channels.is_inertial & ~channels.measures_turn, np.diag(r), G * r / (np.diag(G) + MIN_VARIANCE)
         )
-        evidence = np.where(doubt_s > 0.0, np.clip(evidence, -LARGEST, LARGEST), 0.0)
+        usable = np.where(
+            is_good & ~channels.is_pose & ~(channels.is_inertial & (unchanged_s >= FROZEN_S)), 1.0, 0.0
+        )
+        memory_factor = np.exp(-dt_s / MEMORY_S)
+        evidence = memory.evidence * memory_factor + np.where(is_outlier, dt_s, 0.0) * log_odds(
+            r, C + N, G, usable, channels.groups
+        )
+        evidence = np.where(doubt_s > 0.0, np.clip(evidence, -MAX_EVIDENCE, MAX_EVIDENCE), 0.0)
 
-        gain = np.where(at_rest & good & ~off & (its.bias_std > 0.0), p / (p + np.diag(N) + TINY), 0.0)
-        shown_s = np.where(good, dt_s, 0.0)
-        after = Memory(
-            doubt_s, evidence, np.where(has, 0.0, silent_s), np.where(has, z, was.last), same_s, longest_s,
-            was.changes + np.where(has & ~same, 1.0, 0.0), np.where(has, np.where(unusable, 1.0, 0.0), was.broken),
-            was.bias + gain * r, p * (1.0 - gain), np.where(has, expected + was.bias, was.expected),
-            memory_factor * was.ss + shown_s * s * s, memory_factor * was.sz + shown_s * s * (s + r),
-            memory_factor * was.zz + shown_s * (s + r) * (s + r),
+        gain = np.where(
+            at_rest & is_good & ~is_off & (channels.bias_std > 0.0), p / (p + np.diag(N) + MIN_VARIANCE), 0.0
+        )
+        shown_s = np.where(is_good, dt_s, 0.0)
+        new_memory = Memory(
+            doubt_s, evidence, np.where(is_arrived, 0.0, silent_s), np.where(is_arrived, z, memory.last_reading),
+            unchanged_s, longest_s,
+            memory.change_count + np.where(is_arrived & ~is_unchanged, 1.0, 0.0), np.where(is_arrived,
+            np.where(is_unusable, 1.0, 0.0), memory.is_broken),
+            memory.bias + gain * r, p * (1.0 - gain), np.where(is_arrived, expected + memory.bias, memory.expected),
+            memory_factor * memory.ss + shown_s * s * s, memory_factor * memory.sz + shown_s * s * (s + r),
+            memory_factor * memory.zz + shown_s * (s + r) * (s + r),
         )  # fmt: skip
-        state = tree_where(row.new, MonitorState(model, np.stack(after)), state)
+        state = tree_where(row.is_new, MonitorState(model, np.stack(new_memory)), state)
         return state, state.memory[0]
 
     def _expectation(
@@ -125,11 +150,13 @@ class Agreement:
         """Return h (m,) of the model, ∂h/∂x (m, n), and ∂h/∂ν (m, 3) with constant ν̇."""
         vehicle = self.model.vehicle
         _, effort = vehicle.drivetrain.step(previous.drivetrain, row.u, row.moved_s)
-        eta, nu, nu_dot, constant = model.mean[:3], model.mean[3:6], None, np.zeros(3)
+        eta, nu, nu_dot, constant_nu_dot = model.mean[:3], model.mean[3:6], None, np.zeros(3)
         if not is_dynamic(vehicle):
-            nu_dot = constant = vehicle.advance(previous.mean[:3], previous.mean[3:6], effort, row.moved_s)[2]
-        values, slopes, kinematic = [], [], []
-        for name in self.numbers.sensors:
+            nu_dot = constant_nu_dot = vehicle.advance(
+                previous.mean[:3], previous.mean[3:6], effort, row.moved_s
+            )[2]
+        values, jacobians, velocity_jacobians = [], [], []
+        for name in self.channels.sensors:
             sensor = getattr(self.model.sensors, name)
 
             def h(mean: np.ndarray, name: str = name) -> np.ndarray:
@@ -138,32 +165,34 @@ class Agreement:
                 )
 
             values.append(h(model.mean))
-            slopes.append(jacobian(h)(model.mean))
-            kinematic.append(
-                jacobian(lambda nu, sensor=sensor: sensor.h(Motion(eta, nu, constant, np.zeros(2))))(nu)
+            jacobians.append(jacobian(h)(model.mean))
+            velocity_jacobians.append(
+                jacobian(lambda nu, sensor=sensor: sensor.h(Motion(eta, nu, constant_nu_dot, np.zeros(2))))(
+                    nu
+                )
             )
-        return np.concatenate(values), np.concatenate(slopes), np.concatenate(kinematic)
+        return np.concatenate(values), np.concatenate(jacobians), np.concatenate(velocity_jacobians)
 
     def _difference(self, z: np.ndarray, expected: np.ndarray) -> np.ndarray:
         """Return z − expected (m,) with wrapped angles."""
-        out, k = [], 0
-        for name in self.numbers.sensors:
+        differences, k = [], 0
+        for name in self.channels.sensors:
             sensor = getattr(self.model.sensors, name)
-            out.append(difference(sensor, z[k : k + sensor.size], expected[k : k + sensor.size]))
+            differences.append(difference(sensor, z[k : k + sensor.size], expected[k : k + sensor.size]))
             k += sensor.size
-        return np.concatenate(out)
+        return np.concatenate(differences)
 
     def _is_refused(self, y: Value, S: Value) -> Value:
         """Return a mask (m,): True if the innovation of the estimator is too large.  (2)"""
-        far = [np.zeros(()) > 0.0] * len(self.numbers.names)
+        is_outlier = [np.zeros(()) > 0.0] * len(self.channels.names)
         if self.entries is None or y is None or S is None:
-            return np.array(far)
+            return np.array(is_outlier)
         for k, c in enumerate(self.entries):
-            far[c] = np.where(np.isfinite(y[k]), y[k], 0.0) ** 2 > SIGMA**2 * S[k, k]
-        return np.array(far)
+            is_outlier[c] = np.where(np.isfinite(y[k]), y[k], 0.0) ** 2 > GATE_SIGMA**2 * S[k, k]
+        return np.array(is_outlier)
 
 
-def _only_suspect(suspect: np.ndarray) -> np.ndarray:
+def _is_only_suspect(suspect: np.ndarray) -> np.ndarray:
     """Return a mask (m,): True if no other channel is suspect.
 
     An estimator that follows a wrong channel refuses the correct channels, so (2) counts only without another suspect.

@@ -5,16 +5,16 @@ from dataclasses import dataclass
 import numpy as np
 
 from baqueano.diagnostics import Diagnostic, Severity, note
-from baqueano.monitor.memory import DEGRADED_S, FROZEN_S, Memory, stuck
+from baqueano.monitor.memory import DEGRADED_S, FROZEN_S, Memory, is_stuck
 from baqueano.monitor.numbers import ChannelProperties
 
 NO_NUMBER, AT_ITS_END, FROZEN, ZERO, SLIPS, SCALED, AWAY = (
     "no-number", "at-its-end", "frozen", "zero", "slips", "scaled", "away",
 )  # fmt: skip
 SENSOR, MODEL, UNKNOWN = "sensor", "model", "unknown"
-SURE = 3.0  # log odds: 20 to 1
+MIN_LOG_ODDS = 3.0  # log odds: 20 to 1
 # ratio below which a reading is zero; part of the signal that one factor explains
-NOTHING, PROPORTIONAL = 0.15, 0.7
+MIN_RATIO, MIN_EXPLAINED = 0.15, 0.7
 
 
 @dataclass(frozen=True, slots=True)
@@ -63,42 +63,51 @@ class Finding:
     @property
     def diagnostic(self) -> Diagnostic:
         """Return the finding as a message for the user."""
-        off = note(f"sensor.off-{self.off}", fix="baqueano identify last" if self.off == MODEL else "")
-        figures = {"reading": self.reading, "expected": self.expected, "ratio": self.ratio, "off": off}
-        message = note(f"sensor.{self.looks}", subject=self.name, **figures)
+        cause = note(f"sensor.off-{self.off}", fix="baqueano identify last" if self.off == MODEL else "")
+        values = {"reading": self.reading, "expected": self.expected, "ratio": self.ratio, "off": cause}
+        symptom = note(f"sensor.{self.looks}", subject=self.name, **values)
         return (
-            note("sensor.degraded", Severity.WARNING, subject=self.name, cause=message)
+            note("sensor.degraded", Severity.WARNING, subject=self.name, cause=symptom)
             if self.is_degraded
-            else message
+            else symptom
         )
 
 
-def finding(numbers: ChannelProperties, c: int, memory: Memory, t_ns: int, doubt_s: float) -> Finding:
+def finding_of(channels: ChannelProperties, c: int, memory: Memory, t_ns: int, doubt_s: float) -> Finding:
     """Return the finding for channel `c` from the memory of the monitor."""
-    z, h, rest = float(memory.last[c]), float(memory.expected[c]), float(numbers.rest[c])
+    z, h, rest_reading = float(memory.last_reading[c]), float(memory.expected[c]), float(channels.rest[c])
     ss, sz, zz = (float(x[c]) for x in (memory.ss, memory.sz, memory.zz))
     ratio = sz / ss if ss > 0.0 else float("nan")
-    looks = _looks(numbers, c, memory, ratio, ss, sz, zz)
+    symptom = _symptom_of(channels, c, memory, ratio, ss, sz, zz)
     evidence = float(memory.evidence[c])
-    certain = bool(looks in (NO_NUMBER, AT_ITS_END) or (numbers.inertial[c] and stuck(memory)[c]))
-    off = SENSOR if certain or evidence > SURE else MODEL if evidence < -SURE else UNKNOWN
-    if looks == AWAY and off == SENSOR and numbers.forward[c] and abs(z - rest) > abs(h - rest):
-        looks = SLIPS
-    return Finding(numbers.names[c], t_ns, doubt_s, looks, off, z, h, ratio)
+    is_certain = bool(symptom in (NO_NUMBER, AT_ITS_END) or (channels.is_inertial[c] and is_stuck(memory)[c]))
+    wrong_part = (
+        SENSOR if is_certain or evidence > MIN_LOG_ODDS else MODEL if evidence < -MIN_LOG_ODDS else UNKNOWN
+    )
+    if (
+        symptom == AWAY
+        and wrong_part == SENSOR
+        and channels.measures_speed[c]
+        and abs(z - rest_reading) > abs(h - rest_reading)
+    ):
+        symptom = SLIPS
+    return Finding(channels.names[c], t_ns, doubt_s, symptom, wrong_part, z, h, ratio)
 
 
-def _looks(
+def _symptom_of(
     n: ChannelProperties, c: int, memory: Memory, ratio: float, ss: float, sz: float, zz: float
 ) -> str:
     """Return the symptom of channel `c`: NO_NUMBER, AT_ITS_END, FROZEN, ZERO, SCALED or AWAY."""
-    if memory.broken[c] > 0.0:
-        return AT_ITS_END if np.abs(memory.last[c]) > 0.0 and np.isfinite(n.limit[c]) else NO_NUMBER
-    is_constant = memory.same_s[c] >= FROZEN_S
-    near_zero = abs(memory.last[c]) <= n.noise[c] or abs(memory.last[c] - n.rest[c]) <= n.noise[c]
+    if memory.is_broken[c] > 0.0:
+        return AT_ITS_END if np.abs(memory.last_reading[c]) > 0.0 and np.isfinite(n.limit[c]) else NO_NUMBER
+    is_constant = memory.unchanged_s[c] >= FROZEN_S
+    near_zero = (
+        abs(memory.last_reading[c]) <= n.noise[c] or abs(memory.last_reading[c] - n.rest[c]) <= n.noise[c]
+    )
     if is_constant:
         return ZERO if near_zero else FROZEN
-    if n.pose[c] or not ss > 0.0:
+    if n.is_pose[c] or not ss > 0.0:
         return AWAY
-    if abs(ratio) < NOTHING and near_zero:
+    if abs(ratio) < MIN_RATIO and near_zero:
         return ZERO
-    return SCALED if sz * sz >= PROPORTIONAL * ss * zz and abs(ratio - 1.0) > NOTHING else AWAY
+    return SCALED if sz * sz >= MIN_EXPLAINED * ss * zz and abs(ratio - 1.0) > MIN_RATIO else AWAY

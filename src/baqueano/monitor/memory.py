@@ -8,8 +8,8 @@ from baqueano.estimators.augmented_ekf import AugmentedBelief
 
 EVENT_S, DEGRADED_S = 0.5, 2.0  # of sustained disagreement
 FROZEN_S = 0.3  # duration of exactly the same number
-LONGER = 3.0  # factor on the longest earlier run of the same number
-ALIVE = 50  # changes of a reading before a constant one is suspect
+MIN_LENGTHENING = 3.0  # factor on the longest earlier run of the same number
+MIN_CHANGES = 50  # changes of a reading before a constant one is suspect
 
 
 class Memory(NamedTuple):
@@ -18,11 +18,11 @@ class Memory(NamedTuple):
     doubt_s: np.ndarray
     evidence: np.ndarray  # log odds: above 0 the sensor is off, below 0 the model
     silent_s: np.ndarray  # since the last reading
-    last: np.ndarray  # reading
-    same_s: np.ndarray  # since the reading changed
-    longest_s: np.ndarray  # longest earlier time without a change
-    changes: np.ndarray  # count of changes
-    broken: np.ndarray  # 1: the last reading was not finite or at the end of its range
+    last_reading: np.ndarray  # reading
+    unchanged_s: np.ndarray  # since the reading changed
+    longest_unchanged_s: np.ndarray  # longest earlier time without a change
+    change_count: np.ndarray  # count of changes
+    is_broken: np.ndarray  # 1: the last reading was not finite or at the end of its range
     bias: np.ndarray  # learned at rest
     bias_var: np.ndarray
     expected: np.ndarray  # h(x̂) + b
@@ -38,9 +38,11 @@ class MonitorState(NamedTuple):
     memory: np.ndarray  # (14, m): a Memory
 
 
-def stuck(memory: Memory) -> np.ndarray:
+def is_stuck(memory: Memory) -> np.ndarray:
     """Return a mask (m,): True if a reading stays exactly equal for far longer than before. Noise would prevent this.
 
-    A reading that has changed fewer than ALIVE times does not count.
+    A reading that has changed fewer than MIN_CHANGES times does not count.
     """
-    return (memory.same_s >= FROZEN_S + LONGER * memory.longest_s) & (memory.changes >= ALIVE)
+    return (memory.unchanged_s >= FROZEN_S + MIN_LENGTHENING * memory.longest_unchanged_s) & (
+        memory.change_count >= MIN_CHANGES
+    )

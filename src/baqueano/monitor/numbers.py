@@ -8,7 +8,12 @@ import numpy as np
 from baqueano.contracts import optional
 from baqueano.contracts.blocks import SensorBlocks
 from baqueano.estimators.augmented_ekf import AugmentedEkf
-from baqueano.estimators.readings.sensor_numbers import REST, STEP, slopes, uncertain
+from baqueano.estimators.readings.sensor_numbers import (
+    PARAMETER_STEP,
+    REST_MOTION,
+    measurement_jacobian,
+    uncertain_parameters,
+)
 from baqueano.symbolic import get, put
 
 
@@ -17,10 +22,10 @@ class ChannelProperties(NamedTuple):
 
     sensors: tuple[str, ...]
     names: tuple[str, ...]  # "imu[2]"
-    pose: np.ndarray  # (m,) bool: it measures the pose, and is not compared with the model
-    turning: np.ndarray  # (m,) bool: it measures the yaw rate
-    forward: np.ndarray  # (m,) bool: it measures the speed
-    inertial: np.ndarray  # (m,) bool: it has a bias that walks
+    is_pose: np.ndarray  # (m,) bool: it measures the pose, and is not compared with the model
+    measures_turn: np.ndarray  # (m,) bool: it measures the yaw rate
+    measures_speed: np.ndarray  # (m,) bool: it measures the speed
+    is_inertial: np.ndarray  # (m,) bool: it has a bias that walks
     groups: tuple[tuple[int, ...], ...]  # of each number the numbers that fail together with it, itself first
     bias_std: np.ndarray  # (m,) by the file
     walk: np.ndarray  # (m,) of the bias in 1 s
@@ -30,41 +35,50 @@ class ChannelProperties(NamedTuple):
 
 
 @lru_cache(maxsize=64)
-def numbers_of(model: AugmentedEkf) -> ChannelProperties:
+def channels_of(model: AugmentedEkf) -> ChannelProperties:
     """Return the properties of all channels of the sensors of a `model`."""
     sensors = model.sensors
-    each = [(name, i) for name in sensors._fields for i in range(getattr(sensors, name).size)]
-    slope = np.concatenate([slopes(getattr(sensors, name)) for name in sensors._fields])
-    at_rest = np.concatenate([slopes(getattr(sensors, name), np.zeros(9)) for name in sensors._fields])
-    biases = np.array([_bias(sensors, name, i) for name, i in each])
+    channels = [(name, i) for name in sensors._fields for i in range(getattr(sensors, name).size)]
+    jacobian = np.concatenate([measurement_jacobian(getattr(sensors, name)) for name in sensors._fields])
+    at_rest = np.concatenate(
+        [measurement_jacobian(getattr(sensors, name), np.zeros(9)) for name in sensors._fields]
+    )
+    biases = np.array([_bias(sensors, name, i) for name, i in channels])
     inertial = biases[:, 1] >= 0.0
     # a gyro fails independently; the other numbers of one sensor, as accelerometers or wheels, fail together
-    kinds = [(name, k if inertial[k] and at_rest[k, 5] else -1) for k, (name, _) in enumerate(each)]
+    kinds = [(name, k if inertial[k] and at_rest[k, 5] else -1) for k, (name, _) in enumerate(channels)]
     groups = tuple(
         (k, *(j for j, kind_j in enumerate(kinds) if kind_j == kind and j != k))
         for k, kind in enumerate(kinds)
     )
     return ChannelProperties(
-        sensors._fields, tuple(f"{name}[{i}]" for name, i in each),
-        np.any(slope[:, :3] != 0.0, axis=1), at_rest[:, 5] != 0.0, at_rest[:, 3] != 0.0, inertial, groups,
+        sensors._fields, tuple(f"{name}[{i}]" for name, i in channels),
+        np.any(jacobian[:, :3] != 0.0, axis=1), at_rest[:, 5] != 0.0, at_rest[:, 3] != 0.0, inertial, groups,
         biases[:, 0], np.maximum(biases[:, 1], 0.0),
-        np.concatenate([sensor.h(REST) for sensor in sensors]),
+        np.concatenate([sensor.h(REST_MOTION) for sensor in sensors]),
         np.concatenate([optional.of(sensor, "limit") * np.ones(sensor.size) for sensor in sensors]),
         np.concatenate([np.sqrt(np.diag(sensor.cov)) for sensor in sensors]),
     )  # fmt: skip
 
 
-def _bias(sensors: SensorBlocks, name: str, number: int) -> tuple[float, float]:
+def _bias(sensors: SensorBlocks, name: str, channel: int) -> tuple[float, float]:
     """Return standard deviation and random walk of the bias of a channel; (0, −1) without a bias that walks."""
     sensor = getattr(sensors, name)
-    biases = [bias for bias in uncertain(sensors, name, (number,), np.zeros(3)) if bias.walk]
-    slope = [
-        (put(sensor, bias.path, get(sensor, bias.path) + STEP).h(REST) - sensor.h(REST))[number] / STEP
+    biases = [bias for bias in uncertain_parameters(sensors, name, (channel,), np.zeros(3)) if bias.walk]
+    derivative = [
+        (
+            put(sensor, bias.path, get(sensor, bias.path) + PARAMETER_STEP).h(REST_MOTION)
+            - sensor.h(REST_MOTION)
+        )[channel]
+        / PARAMETER_STEP
         for bias in biases
     ]
     std, walk = (
         np.sqrt(
-            sum((s * float(bias.of(sensors, path(bias)))) ** 2 for s, bias in zip(slope, biases, strict=True))
+            sum(
+                (s * float(bias.value_at(sensors, path(bias)))) ** 2
+                for s, bias in zip(derivative, biases, strict=True)
+            )
         )
         for path in (lambda bias: bias.std, lambda bias: bias.walk)
     )

@@ -6,7 +6,7 @@ from typing import Any, NamedTuple
 from baqueano.contracts.values import Tree
 from baqueano.diagnostics import Diagnostic, note
 
-REFUSED = "refused"  # source of the event
+REFUSED_SOURCE = "refused"  # source of the event
 OF_REFUSED, OF_ARRIVED = ".refused", ".arrived"  # endings of the figures of a number
 
 
@@ -35,10 +35,10 @@ class Refusals(NamedTuple):
 
 def refusal_event(counts: Sequence[Refusals]) -> Diagnostic:
     """Return the message with the counts of all channels."""
-    figures: dict[str, Any] = {count.name + OF_REFUSED: count.refused for count in counts}
-    figures |= {count.name + OF_ARRIVED: count.arrived for count in counts}
-    each = [f"{count.name}: {count.refused}/{count.arrived}" for count in counts]
-    return note("estimator.refused", each=each, **figures)
+    values: dict[str, Any] = {count.name + OF_REFUSED: count.refused for count in counts}
+    values |= {count.name + OF_ARRIVED: count.arrived for count in counts}
+    texts = [f"{count.name}: {count.refused}/{count.arrived}" for count in counts]
+    return note("estimator.refused", each=texts, **values)
 
 
 def refusals_of(events: Iterable[Tree]) -> tuple[Refusals, ...]:
@@ -59,11 +59,16 @@ def refusals_of(events: Iterable[Tree]) -> tuple[Refusals, ...]:
     >>> refusals_of(bq.simulate(bq.load("small"), np.zeros((10, 3))).events)
     ()
     """
-    refusals = [e.diagnostic.figures for e in events if e.source == REFUSED and e.diagnostic is not None]
-    names = [
-        (figures, key.removesuffix(OF_REFUSED))
-        for figures in refusals
-        for key in figures
+    refusals = [
+        e.diagnostic.figures for e in events if e.source == REFUSED_SOURCE and e.diagnostic is not None
+    ]
+    entries = [
+        (values, key.removesuffix(OF_REFUSED))
+        for values in refusals
+        for key in values
         if key.endswith(OF_REFUSED)
     ]
-    return tuple(Refusals(name, of[name + OF_REFUSED], of[name + OF_ARRIVED]) for of, name in names)
+    return tuple(
+        Refusals(name, values_of_event[name + OF_REFUSED], values_of_event[name + OF_ARRIVED])
+        for values_of_event, name in entries
+    )

@@ -10,9 +10,9 @@ from baqueano.contracts.values import Tree
 from baqueano.diagnostics import Diagnostic, Severity, note
 from baqueano.errors import error_text, from_outside
 from baqueano.estimators.augmented_ekf import AugmentedEkf
-from baqueano.estimators.readings.sensor_numbers import rows_of, split
+from baqueano.estimators.readings.sensor_numbers import rows_of, split_use
 from baqueano.monitor.agreement import Agreement
-from baqueano.monitor.findings import MODEL, Finding, finding
+from baqueano.monitor.findings import MODEL, Finding, finding_of
 from baqueano.monitor.memory import DEGRADED_S, EVENT_S, Memory
 from baqueano.monitor.refusals import Refusals
 from baqueano.signals import Estimate, Tick, seconds
@@ -35,9 +35,9 @@ class Watching:
 
     def __init__(self, model: AugmentedEkf, estimator: Estimator, tick: Tick, estimate: Estimate) -> None:
         m = 0 if estimate.innovation is None else len(estimate.innovation)
-        self._at = innovations_of(estimator, model.sensors, m)
-        self._model, agreement = model, Agreement(model, self._at)
-        self.numbers = agreement.numbers
+        self._channel_indices = innovations_of(estimator, model.sensors, m)
+        self._model, agreement = model, Agreement(model, self._channel_indices)
+        self.channels = agreement.channels
         self._block = compile_block(agreement)
         self._block.step(agreement.init(), tick, estimate.innovation, estimate.innovation_cov)
         self._innovations = m
@@ -49,7 +49,7 @@ class Watching:
         self._since_ns: dict[int, int] = {}  # start of the disagreement of each number
         self._findings: dict[int, Finding] = {}
         self._arrivals, self._refusals = ([0] * self._innovations for _ in range(2))
-        self._counts = self._has_failed = False
+        self._has_weights = self._has_failed = False
 
     @property
     def degraded_sensors(self) -> tuple[Finding, ...]:
@@ -61,17 +61,19 @@ class Watching:
         )
 
     @property
-    def suspect(self) -> bool:
+    def is_suspect(self) -> bool:
         """Return True if a sensor disagrees and the monitor has not decided against the model."""
         return any(sensor_finding.off != MODEL for sensor_finding in self._findings.values())
 
     @property
     def refusals(self) -> tuple[Refusals, ...]:
         """Return the counts of refusals until now; empty for an estimator that does not report weights."""
-        if not self._counts:
+        if not self._has_weights:
             return ()
-        at = range(len(self._arrivals)) if self._at is None else self._at
-        names = [f"innovation[{c}]" if self._at is None else self.numbers.names[c] for c in at]
+        indices = range(len(self._arrivals)) if self._channel_indices is None else self._channel_indices
+        names = [
+            f"innovation[{c}]" if self._channel_indices is None else self.channels.names[c] for c in indices
+        ]
         return tuple(
             Refusals(name, no, n) for name, no, n in zip(names, self._refusals, self._arrivals, strict=True)
         )
@@ -82,7 +84,7 @@ class Watching:
         After an error of the monitor, return one notice with this error, and then none until `begin`.
         """
         if estimate.weight is not None:
-            self._counts = True
+            self._has_weights = True
             for k, weight in enumerate(estimate.weight.tolist()):
                 self._arrivals[k] += weight == weight
                 self._refusals[k] += weight < 0.5
@@ -90,7 +92,7 @@ class Watching:
             return []
         y, S = estimate.innovation, estimate.innovation_cov
         try:
-            for silent in self._model.pause(self._state.model, tick):
+            for silent in self._model.rows_before(self._state.model, tick):
                 nothing = None if y is None else np.full(len(y), np.nan)
                 self._state, _ = self._block.step(self._state, silent, nothing, S)
             self._state, doubt = self._block.step(self._state, tick, y, S)
@@ -111,10 +113,10 @@ class Watching:
                 if d < EVENT_S:
                     continue
                 self._since_ns[c] = t_ns - round(1e9 * d)
-                self._findings[c] = finding(self.numbers, c, memory, t_ns, d)
+                self._findings[c] = finding_of(self.channels, c, memory, t_ns, d)
                 notices.append(Notice(self._findings[c].diagnostic, self._findings[c]))
             elif d >= DEGRADED_S and not self._findings[c].is_degraded:
-                self._findings[c] = finding(self.numbers, c, memory, t_ns, d)
+                self._findings[c] = finding_of(self.channels, c, memory, t_ns, d)
                 notices.append(Notice(self._findings[c].diagnostic, self._findings[c]))
             elif d <= 0.0:
                 lasted_s = seconds(t_ns, self._since_ns.pop(c))
@@ -128,7 +130,7 @@ def innovations_of(estimator: Estimator, sensors: SensorBlocks, m: int) -> tuple
     names = [(name, i) for name in sensors._fields for i in range(getattr(sensors, name).size)]
     uses = getattr(getattr(estimator, "block", estimator), "use", sensors._fields)
     try:
-        at = tuple(names.index((split(use)[0], i)) for use in uses for i in rows_of(sensors, use))
+        indices = tuple(names.index((split_use(use)[0], i)) for use in uses for i in rows_of(sensors, use))
     except (AttributeError, TypeError, ValueError):
         return None
-    return at if len(at) == m and m else None
+    return indices if len(indices) == m and m else None

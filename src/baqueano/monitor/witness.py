@@ -21,7 +21,7 @@ from baqueano.contracts.blocks import Sensor
 from baqueano.contracts.values import Value
 
 INDEPENDENT_HZ = 5.0
-MOST = 10.0  # largest log odds of one reading
+MAX_LOG_ODDS = 10.0  # largest log odds of one reading
 
 
 def log_odds(
@@ -39,15 +39,15 @@ def log_odds(
     q = np.sum(r * arrived * w)
     odds = []
     for c, group in enumerate(groups):
-        off, sets = [], [(c,), group] if len(group) > 1 else [(c,)]
-        for some in sets:
-            k = list(some)
-            off.append(q - _quadratic(W[k][:, k], w[k]) + np.sum(arrived[k]))
+        misfits, sets = [], [(c,), group] if len(group) > 1 else [(c,)]
+        for channel_set in sets:
+            k = list(channel_set)
+            misfits.append(q - _quadratic(W[k][:, k], w[k]) + np.sum(arrived[k]))
         k = list(group)
-        wide = arrived[:, None] * G[:, k]
-        model = q - _quadratic(np.eye(len(k)) + wide.T @ W @ wide, wide.T @ w)
-        sensor: Sensor = off[0] if len(off) == 1 else np.minimum(off[0], off[1])
-        odds.append(INDEPENDENT_HZ * np.clip(0.5 * (model - sensor), -MOST, MOST))
+        cause = arrived[:, None] * G[:, k]
+        model = q - _quadratic(np.eye(len(k)) + cause.T @ W @ cause, cause.T @ w)
+        sensor: Sensor = misfits[0] if len(misfits) == 1 else np.minimum(misfits[0], misfits[1])
+        odds.append(INDEPENDENT_HZ * np.clip(0.5 * (model - sensor), -MAX_LOG_ODDS, MAX_LOG_ODDS))
     return np.array(odds)
 
 

@@ -19,11 +19,11 @@ from baqueano.vehicle_file.garage import names
 BLOCKS = ("my_estimator.py", "my_guide.py", "my_controller.py")
 NOTEBOOK = "first_evening.ipynb"
 # for each vehicle of the garage, the values that a user would guess
-GUESSED = Path(__file__).parent / "guesses"
-TRUTH = "simulated.toml"
-OFF = 0.15  # standard deviation of ln(true value / guess) in a simulation
-FOUND_BY_A_FIT = ("fitted", "gain", "term")  # roles of parameters
-GUESSES = """{text}
+GUESS_FOLDER = Path(__file__).parent / "guesses"
+TRUTH_FILE = "simulated.toml"
+GUESS_ERROR_STD = 0.15  # standard deviation of ln(true value / guess) in a simulation
+FITTED_ROLES = ("fitted", "gain", "term")  # roles of parameters
+GUESS_TEMPLATE = """{text}
 
 # {advice}
 [provenance.model]
@@ -63,31 +63,37 @@ def new(folder: str | Path, vehicle: str | Path = "small") -> Path:
     folder = Path(folder)
     if folder.exists() and any(folder.iterdir()):
         raise UsageError(fault("cli.folder-not-empty", baqueano_command("new", f"{folder}-2"), folder=folder))
-    file = guess_of(vehicle)
+    vehicle_file = guess_of(vehicle)
     folder.mkdir(parents=True, exist_ok=True)
-    if file.is_guess and file.simulation.truth not in names():
-        others_than(file).save(folder / TRUTH)
-        file = with_truth(file)
-    file.save(folder / "vehicle.toml")
+    if vehicle_file.is_guess and vehicle_file.simulation.truth not in names():
+        with_other_truth(vehicle_file).save(folder / TRUTH_FILE)
+        vehicle_file = with_truth(vehicle_file)
+    vehicle_file.save(folder / "vehicle.toml")
     for block in BLOCKS:
         text = files("baqueano.project").joinpath(block).read_text(encoding="utf-8")
-        about = text.split('"""')[1]
-        (folder / block).write_text(text.replace(about, _(about), 1), encoding="utf-8", newline="\n")
+        description = text.split('"""')[1]
+        (folder / block).write_text(
+            text.replace(description, _(description), 1), encoding="utf-8", newline="\n"
+        )
     (folder / NOTEBOOK).write_text(notebook(folder.name), encoding="utf-8", newline="\n")
     return folder
 
 
-def with_truth(file: VehicleFile) -> VehicleFile:
-    """Return the file with the vehicle of the file TRUTH, in the same folder, as the truth of its simulation."""
-    text = file.text if "[simulation]" in file.text else f"{file.text}\n[simulation]\n"
+def with_truth(vehicle_file: VehicleFile) -> VehicleFile:
+    """Return the file with the vehicle of the file TRUTH_FILE, in the same folder, as the truth of its simulation."""
+    text = (
+        vehicle_file.text if "[simulation]" in vehicle_file.text else f"{vehicle_file.text}\n[simulation]\n"
+    )
     text = re.sub(r"^truth *=.*\n", "", text, flags=re.MULTILINE)
     text = text.replace(
-        "[simulation]\n", f'[simulation]\ntruth = "{TRUTH}"   # {_("a fit should find its numbers")}\n', 1
+        "[simulation]\n",
+        f'[simulation]\ntruth = "{TRUTH_FILE}"   # {_("a fit should find its numbers")}\n',
+        1,
     )
-    return parse(text, file.label, file.path, file.layers, file.on_disk)
+    return parse(text, vehicle_file.label, vehicle_file.path, vehicle_file.layers, vehicle_file.on_disk)
 
 
-def others_than(file: VehicleFile) -> VehicleFile:
+def with_other_truth(vehicle_file: VehicleFile) -> VehicleFile:
     """Return a vehicle in which each number that a fit finds is the guess times exp N(0, OFF²), within its bounds.
 
     >>> mine = load("small")
@@ -95,21 +101,21 @@ def others_than(file: VehicleFile) -> VehicleFile:
     >>> bool(np.all(other.value("model.friction.linear") != mine.value("model.friction.linear")))
     True
     """
-    draw, truth = np.random.default_rng(zlib.crc32(file.name.encode())), file.truth
+    random, truth = np.random.default_rng(zlib.crc32(vehicle_file.name.encode())), vehicle_file.truth
     values: dict[str, object] = {}
     for key, p in all_parameters(truth.vehicle, "model"):
-        if p.role in FOUND_BY_A_FIT:
+        if p.role in FITTED_ROLES:
             guess = np.asarray(truth.value(key), float)
-            value = (guess * np.exp(OFF * draw.standard_normal(guess.shape))).round(6)
+            value = (guess * np.exp(GUESS_ERROR_STD * random.standard_normal(guess.shape))).round(6)
             values[key] = np.clip(value, p.low, p.high).tolist()
     return truth.with_values(values)
 
 
-def localise(file: VehicleFile) -> VehicleFile:
+def localise(vehicle_file: VehicleFile) -> VehicleFile:
     """Return a file of guesses with its comments and its `about` in the current language."""
-    text = re.sub(r"# (.*)", lambda comment: f"# {_(comment[1])}", file.text)
+    text = re.sub(r"# (.*)", lambda comment: f"# {_(comment[1])}", vehicle_file.text)
     text = re.sub(r'^about = "(.*)"', lambda about: f'about = "{_(about[1])}"', text, flags=re.MULTILINE)
-    return parse(text, file.label, file.path, file.layers, file.on_disk)
+    return parse(text, vehicle_file.label, vehicle_file.path, vehicle_file.layers, vehicle_file.on_disk)
 
 
 def guess_of(vehicle: str | Path = "small") -> VehicleFile:
@@ -122,13 +128,13 @@ def guess_of(vehicle: str | Path = "small") -> VehicleFile:
     >>> guess.is_guess, guess.truth.path is None, guess.value("model.drivetrain.gain").tolist()
     (True, True, [1.0, 1.0])
     """
-    file = load(vehicle)
-    if file.path is None:
-        return localise(load(GUESSED / file.label))
-    if not file.is_guess or "model" in file.provenance:
-        return file
+    vehicle_file = load(vehicle)
+    if vehicle_file.path is None:
+        return localise(load(GUESS_FOLDER / vehicle_file.label))
+    if not vehicle_file.is_guess or "model" in vehicle_file.provenance:
+        return vehicle_file
     advice = _(
         "The vehicle is not measured yet. `baqueano identify last --update` writes measured values below."
     )
-    text = GUESSES.format(text=file.text.rstrip("\n"), name=file.name, advice=advice)
-    return parse(text, file.label, file.path, file.layers, file.on_disk)
+    text = GUESS_TEMPLATE.format(text=vehicle_file.text.rstrip("\n"), name=vehicle_file.name, advice=advice)
+    return parse(text, vehicle_file.label, vehicle_file.path, vehicle_file.layers, vehicle_file.on_disk)

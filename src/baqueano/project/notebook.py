@@ -77,16 +77,20 @@ mine  # mine.to_pandas() is a data frame; it needs: pip install pandas"""),
 
 def notebook(name: str) -> str:
     """Return the text (JSON) of the notebook of the project `name`, in the current language."""
-    numbers = count(1)
+    cell_numbers = count(1)
     cells = []
     for text in CELLS:
         source = _(text).replace("{name}", name)
-        cell = {"id": f"cell-{next(numbers)}", "metadata": {}, "source": source.splitlines(keepends=True)}
+        cell = {
+            "id": f"cell-{next(cell_numbers)}",
+            "metadata": {},
+            "source": source.splitlines(keepends=True),
+        }
         if text.startswith("#"):
             cells.append({"cell_type": "markdown"} | cell)
         else:
             cells.append({"cell_type": "code", "execution_count": None, "outputs": []} | cell)
     kernel = {"display_name": "Python 3", "language": "python", "name": "python3"}
     metadata = {"kernelspec": kernel, "language_info": {"name": "python"}}
-    whole = {"cells": cells, "metadata": metadata, "nbformat": 4, "nbformat_minor": 5}
-    return json.dumps(whole, ensure_ascii=False, indent=1) + "\n"
+    document = {"cells": cells, "metadata": metadata, "nbformat": 4, "nbformat_minor": 5}
+    return json.dumps(document, ensure_ascii=False, indent=1) + "\n"

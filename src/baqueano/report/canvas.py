@@ -18,10 +18,10 @@ from baqueano.errors import UsageError
 
 WIDTHS_MM = {"column": 88.0, "page": 181.0}  # of a journal of two columns
 MM = 1.0 / 25.4
-NARROW = 0.7  # of the width that a figure was drawn for: below it letters and lines are smaller
-SMALLER = 0.8
-LOW = 0.5  # a narrow figure over time keeps more of its height than of its width
-LONGEST = 28  # letters of a title or a label of a narrow figure
+NARROW_FACTOR = 0.7  # of the width that a figure was drawn for: below it letters and lines are smaller
+TEXT_FACTOR = 0.8
+HEIGHT_EXPONENT = 0.5  # a narrow figure over time keeps more of its height than of its width
+MAX_LABEL_LETTERS = 28  # letters of a title or a label of a narrow figure
 
 
 class CommaFormatter(ScalarFormatter):
@@ -51,7 +51,7 @@ class Canvas(Figure):
         return buffer.getvalue()
 
 
-def at_width(figure: Figure, width: str | float | None) -> Figure:
+def resized(figure: Figure, width: str | float | None) -> Figure:
     """Resize a figure to `width`, "column", "page" or millimetres, with legible text, and return it.
 
     Raise UsageError for another width.
@@ -59,11 +59,11 @@ def at_width(figure: Figure, width: str | float | None) -> Figure:
     if width is None:
         return figure
     width_in, height_in = figure.get_size_inches()
-    part = width_mm(width) * MM / width_in
+    factor = width_mm(width) * MM / width_in
     square = any(axes.get_aspect() != "auto" for axes in figure.axes)
-    figure.set_size_inches(part * width_in, height_in * (part if square else part**LOW))
-    if part < NARROW:
-        _smaller(figure)
+    figure.set_size_inches(factor * width_in, height_in * (factor if square else factor**HEIGHT_EXPONENT))
+    if factor < NARROW_FACTOR:
+        _shrink_text(figure)
     return figure
 
 
@@ -78,18 +78,18 @@ def width_mm(width: str | float) -> float:
     return float(width)
 
 
-def _smaller(figure: Figure) -> None:
+def _shrink_text(figure: Figure) -> None:
     """Reduce text and lines, and break long labels."""
     specs = [axes.get_subplotspec() for axes in figure.axes]
     columns = max((spec.get_gridspec().ncols for spec in specs if spec is not None), default=1)
     for text in figure.findobj(Text):
         assert isinstance(text, Text)
-        text.set_fontsize(SMALLER * float(text.get_fontsize()))
+        text.set_fontsize(TEXT_FACTOR * float(text.get_fontsize()))
         if text.get_rotation() == 0.0:
-            text.set_text(fill(text.get_text(), LONGEST // columns + 4))
+            text.set_text(fill(text.get_text(), MAX_LABEL_LETTERS // columns + 4))
     for line in figure.findobj(Line2D):
         assert isinstance(line, Line2D)
-        line.set_linewidth(SMALLER * line.get_linewidth())
+        line.set_linewidth(TEXT_FACTOR * line.get_linewidth())
     for axes in figure.axes:
         for axis in (axes.xaxis, axes.yaxis):
             size = min((float(label.get_fontsize()) for label in axis.get_ticklabels()), default=8.0)

@@ -34,7 +34,7 @@ if TYPE_CHECKING:
     from baqueano.contracts.values import TableRow
 
 SHOWN, SENTENCES, COLUMNS = 12, 5, 8  # rows, sentences and columns; the rest is unfolded
-WHOLE = note("front.whole")
+DETAILS_LABEL = note("front.whole")
 COLOURS = {"good": "#1f7a3a", "warn": "#a86400", "bad": "#b3261e", "plain": "#33567f"}
 STYLE = """
 .baqueano { font: 13.5px/1.5 system-ui, "Segoe UI", Roboto, Arial, sans-serif; max-width: 54rem; }
@@ -69,26 +69,32 @@ def html_of(result: Tabular) -> str:
     badge = f'<span class="verdict" style="background: {colour}">{html.escape(_(card.verdict))}</span>'
     paragraphs = "".join(f"<p>{html.escape(line)}</p>" for line in card.lines)
     open_tag = "" if card.rows or card.lines else " open"
-    whole = f"<details{open_tag}><summary>{text(WHOLE)}</summary><pre>{details}</pre></details>"
+    details_html = (
+        f"<details{open_tag}><summary>{text(DETAILS_LABEL)}</summary><pre>{details}</pre></details>"
+    )
     head = f'<span class="name">{html.escape(card.title)}</span>{badge if card.verdict else ""}'
-    return f'<div class="baqueano"><style>{STYLE}</style>{head}{_table(card.rows)}{paragraphs}{whole}</div>'
+    return f'<div class="baqueano"><style>{STYLE}</style>{head}{_table(card.rows)}{paragraphs}{details_html}</div>'
 
 
 def _table(rows: "Sequence[TableRow]") -> str:
     if not rows:
         return ""
     rows_shown = [{key: cell(value, key) for key, value in row.items()} for row in rows[:SHOWN]]
-    numbers = {key for key in rows[0] if any(isinstance(row[key], int | float) for row in rows)}
+    number_keys = {key for key in rows[0] if any(isinstance(row[key], int | float) for row in rows)}
 
     def line(tag: str, values: dict[str, str]) -> str:
-        marks = {key: ' class="number"' if key in numbers else "" for key in values}
-        cells = "".join(f"<{tag}{marks[key]}>{html.escape(value)}</{tag}>" for key, value in values.items())
+        attributes = {key: ' class="number"' if key in number_keys else "" for key in values}
+        cells = "".join(
+            f"<{tag}{attributes[key]}>{html.escape(value)}</{tag}>" for key, value in values.items()
+        )
         return f"<tr>{cells}</tr>"
 
-    more = len(rows) - SHOWN
-    rest = f"<p>{html.escape(text(note('front.rows-more', rows=more)))}</p>" if more > 0 else ""
+    hidden_count = len(rows) - SHOWN
+    more_html = (
+        f"<p>{html.escape(text(note('front.rows-more', rows=hidden_count)))}</p>" if hidden_count > 0 else ""
+    )
     heads = {key: _(key.replace("_", " ")) for key in rows[0]}
-    return f"<table>{line('th', heads)}{''.join(line('td', row) for row in rows_shown)}</table>{rest}"
+    return f"<table>{line('th', heads)}{''.join(line('td', row) for row in rows_shown)}</table>{more_html}"
 
 
 @singledispatch
@@ -102,7 +108,7 @@ def card_of(result: Tabular) -> Card:
 
 
 @card_of.register(Fit)
-def _of_fit(result: Fit) -> Card:
+def _fit_card(result: Fit) -> Card:
     title = text(note("front.card-fit", vehicle=result.file.name, runs=result.runs))
     return Card(
         title, result.verdict, [row_of(row) for row in result.rows()], verdict_lines(result)[:SENTENCES]
@@ -110,7 +116,7 @@ def _of_fit(result: Fit) -> Card:
 
 
 @card_of.register(Run)
-def _of_run(result: Run) -> Card:
+def _run_card(result: Run) -> Card:
     kind = result.metadata.get("kind", "run")
     title = text(note("front.card-run", run=result.name, kind=_(kind), duration_s=result.duration_s))
     names = {"topic": "topic", "count": "count", "rate_hz": "rate [Hz]", "gaps": "gaps"}
@@ -120,7 +126,7 @@ def _of_run(result: Run) -> Card:
 
 
 @card_of.register(Comparison)
-def _of_comparison(result: Comparison) -> Card:
+def _comparison_card(result: Comparison) -> Card:
     rows = [
         {
             "run": run.name, "time [s]": run.duration_s, "across its path [cm rms]": 100.0 * run.across_true.rms_m,
@@ -136,7 +142,7 @@ def _of_comparison(result: Comparison) -> Card:
 
 
 @card_of.register(TuneResult)
-def _of_tuned(result: TuneResult) -> Card:
+def _tune_card(result: TuneResult) -> Card:
     rows = [
         {"gain": gain.name, "value": gain.value, "unit": shown_unit(gain.unit), "in the file": gain.before,
          "cost at × 0.8 [%]": 100.0 * (gain.cost_less - 1.0), "at × 1.25 [%]": 100.0 * (gain.cost_more - 1.0)}
@@ -147,7 +153,7 @@ def _of_tuned(result: TuneResult) -> Card:
 
 
 @card_of.register(CheckedBlock)
-def _of_check(result: CheckedBlock) -> Card:
+def _check_card(result: CheckedBlock) -> Card:
     title = text(note("front.card-check", block=result.block, room=result.room))
     return Card(
         title,
@@ -158,33 +164,33 @@ def _of_check(result: CheckedBlock) -> Card:
 
 
 @card_of.register(Forecast)
-def _of_forecast(result: Forecast) -> Card:
+def _forecast_card(result: Forecast) -> Card:
     return Card(text(note("front.card-forecast")), "", (), result.sentences)
 
 
 @card_of.register(CorridorAhead)
-def _of_corridor(result: CorridorAhead) -> Card:
+def _corridor_card(result: CorridorAhead) -> Card:
     return Card(text(note("front.card-forecast")), result.verdict, (), result.table().splitlines())
 
 
 @card_of.register(Route)
-def _of_route(result: Route) -> Card:
+def _route_card(result: Route) -> Card:
     return Card(text(note("front.card-route")), "", (), (repr(result),))
 
 
 @card_of.register(TeachResult)
-def _of_taught(result: TeachResult) -> Card:
+def _teach_card(result: TeachResult) -> Card:
     run = card_of(result.run)
     return Card(text(note("front.card-route")), "", run.rows, (repr(result.route), *run.lines))
 
 
 @card_of.register(VehicleFile)
-def _of_vehicle(result: VehicleFile) -> Card:
+def _vehicle_card(result: VehicleFile) -> Card:
     return Card(text(note("front.card-vehicle", vehicle=result.name)), "", result.rows(), (repr(result),))
 
 
 @card_of.register(ImportedRun)
-def _of_import(result: ImportedRun) -> Card:
+def _import_card(result: ImportedRun) -> Card:
     run = card_of(result.run)
     return Card(
         run.title,
@@ -195,14 +201,14 @@ def _of_import(result: ImportedRun) -> Card:
 
 
 @card_of.register(FirstDrive)
-def _of_first_drive(result: FirstDrive) -> Card:
+def _first_drive_card(result: FirstDrive) -> Card:
     return Card(
         text(note("front.card-first-drive", run=result.run.name)), "", (), result.table().splitlines()
     )
 
 
 @card_of.register(Closure)
-def _of_closure(result: Closure) -> Card:
+def _closure_card(result: Closure) -> Card:
     rows = [row for row in result.rows() if row["sd"] == row["sd"]]
     return Card(
         text(note("front.card-closure")), "", rows, [line.strip() for line in result.table().splitlines()]
@@ -210,9 +216,9 @@ def _of_closure(result: Closure) -> Card:
 
 
 @card_of.register(Calibration)
-def _of_calibration(result: Calibration) -> Card:
+def _calibration_card(result: Calibration) -> Card:
     rows = [
-        {"name": value.name, "value": value.value, "± 95 %": value.half, "unit": value.unit}
+        {"name": value.name, "value": value.value, "± 95 %": value.half_width, "unit": value.unit}
         for value in result.numbers
     ]
     return Card(
@@ -221,7 +227,7 @@ def _of_calibration(result: Calibration) -> Card:
 
 
 @card_of.register(Validation)
-def _of_validation(result: Validation) -> Card:
+def _validation_card(result: Validation) -> Card:
     rows = [
         {"run": figure.run, "channel": figure.channel, "error": figure.error, "unit": shown_unit(figure.unit),
          "explained": f"{100.0 * figure.explained:.1f} %"}
@@ -231,7 +237,7 @@ def _of_validation(result: Validation) -> Card:
 
 
 @card_of.register(ParameterHistory)
-def _of_history(result: ParameterHistory) -> Card:
+def _history_card(result: ParameterHistory) -> Card:
     title = text(note("front.card-history", vehicle=result.last.file.name, runs=len(result.runs)))
     rows = [
         {"parameter": change.name.removeprefix("model."), "before": change.before, "after": change.after,

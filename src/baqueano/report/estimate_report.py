@@ -15,10 +15,10 @@ from baqueano.runs import Run
 from baqueano.runs.interpolated import at_times, poses_at
 from baqueano.signals import seconds
 
-PLACES = 400  # of the corridor, along a path
+MAX_CORRIDOR_POINTS = 400  # of the corridor, along a path
 
 
-def beside_each_other(comparison: Comparison) -> list[Section]:
+def comparison_section(comparison: Comparison) -> list[Section]:
     """Return the section that compares two estimates of one drive, with a column for each estimate."""
     rows = [run.row() for run in comparison.runs]
     columns = {
@@ -40,7 +40,7 @@ def sentence_of_path(comparison: RunComparison, alignment: str) -> str:
     sentence = f"{comparison.sentences[0]} " if np.isfinite(comparison.diverged_s) else ""
     corridor = comparison.corridor
     if corridor is not None and not sentence:
-        lap = " " + _("in the last lap") if _laps(corridor) > 1 else ""
+        lap = " " + _("in the last lap") if _lap_count(corridor) > 1 else ""
         sentence = (
             _(
                 "Shaded: where the vehicle may be{lap}, to the left and right of its estimated path.",
@@ -56,7 +56,7 @@ def sentence_of_path(comparison: RunComparison, alignment: str) -> str:
     return sentence + alignment_sentence
 
 
-def _laps(corridor: Corridor) -> float:
+def _lap_count(corridor: Corridor) -> float:
     """Return the length of a corridor in laps, 0 if the length of a lap is unknown."""
     return (
         float(corridor.t_s[-1]) / corridor.lap_s if np.isfinite(corridor.lap_s) and len(corridor.t_s) else 0.0
@@ -78,18 +78,20 @@ def paths(run: Run, alignment: str = "none", beside: Run | None = None) -> list[
         eta, corridor = _aligned_path(run, alignment), corridor_of(run)
         lines["estimate"] = eta[:, :2]
         if corridor is not None and len(corridor.t_s) > 1:
-            last = len(corridor.t_s) - 1
-            begin = (
+            last_index = len(corridor.t_s) - 1
+            begin_index = (
                 int(np.searchsorted(corridor.t_s, corridor.t_s[-1] - corridor.lap_s))
-                if _laps(corridor) > 1.0
+                if _lap_count(corridor) > 1.0
                 else 0
             )
-            places = np.linspace(begin, last, min(PLACES, last + 1 - begin)).astype(int)
-            to_left = np.stack([-np.sin(eta[places, 2]), np.cos(eta[places, 2])], axis=1)
-            half = corridor.across_m[places, None] * to_left
-            band = np.stack([eta[places, :2] + half, eta[places, :2] - half], axis=1)
-            turn = map_from_body(eta[last, 2] - corridor.eta[last, 2])[:2, :2]
-            end = figures.ellipse(eta[last, :2], turn @ run.estimate.cov[last, :2, :2] @ turn.T)
+            indices = np.linspace(
+                begin_index, last_index, min(MAX_CORRIDOR_POINTS, last_index + 1 - begin_index)
+            ).astype(int)
+            to_left = np.stack([-np.sin(eta[indices, 2]), np.cos(eta[indices, 2])], axis=1)
+            edge_offset = corridor.across_m[indices, None] * to_left
+            band = np.stack([eta[indices, :2] + edge_offset, eta[indices, :2] - edge_offset], axis=1)
+            turn = map_from_body(eta[last_index, 2] - corridor.eta[last_index, 2])[:2, :2]
+            end = figures.ellipse(eta[last_index, :2], turn @ run.estimate.cov[last_index, :2, :2] @ turn.T)
     if beside is not None and beside.estimate is not None:
         second_run = until_diverged(beside)
         assert second_run.estimate is not None
@@ -119,20 +121,23 @@ def errors(run: Run, alignment: str = "none", beside: Run | None = None) -> list
     """
     if run.estimate is None or run.truth is None or len(run.truth.t_ns) < 2:
         return []
-    t, off = _off(run, run, alignment)
+    t, error = _errors_against_truth(run, run, alignment)
     band = 2.0 * np.sqrt(np.maximum(np.einsum("kii->ki", run.estimate.cov[:, :4, :4]), 0.0))
     second_errors = {}
     if beside is not None and beside.estimate is not None:
-        second_errors[beside.name] = _off(until_diverged(beside), run, alignment)
+        second_errors[beside.name] = _errors_against_truth(until_diverged(beside), run, alignment)
     panels = []
     for k, label in enumerate(
         (_("x error [m]"), _("y error [m]"), _("heading error [°]"), _("ν_x error [m/s]"))
     ):
         scale = 180.0 / np.pi if k == 2 else 1.0
-        if np.isfinite(off[:, k]).any():
-            curves = {"±2σ": (t, scale * band[:, k]), "estimate": (t, scale * off[:, k])}
+        if np.isfinite(error[:, k]).any():
+            curves = {"±2σ": (t, scale * band[:, k]), "estimate": (t, scale * error[:, k])}
             panels.append(
-                (label, curves | {n: (at, scale * e[:, k]) for n, (at, e) in second_errors.items()})
+                (
+                    label,
+                    curves | {n: (t_second, scale * e[:, k]) for n, (t_second, e) in second_errors.items()},
+                )
             )
     drawing = draw(
         figures.over_time(panels),
@@ -141,15 +146,15 @@ def errors(run: Run, alignment: str = "none", beside: Run | None = None) -> list
     return [Section(_("Errors against the truth"), "", [drawing])]
 
 
-def _off(run: Run, truth_of: Run, alignment: str) -> tuple[np.ndarray, np.ndarray]:
+def _errors_against_truth(run: Run, truth_of: Run, alignment: str) -> tuple[np.ndarray, np.ndarray]:
     """Return times [s], and the errors (N, 4) of x, y, ψ, ν_x: estimate minus truth, with the heading wrapped."""
     log, truth = run.estimate, truth_of.truth
     assert log is not None
     assert truth is not None
-    off = _aligned_path(run, alignment) - poses_at(log.t_ns, truth.t_ns, truth.eta)
-    off[:, 2] = wrap(off[:, 2])
+    error = _aligned_path(run, alignment) - poses_at(log.t_ns, truth.t_ns, truth.eta)
+    error[:, 2] = wrap(error[:, 2])
     nu_true = at_times(log.t_ns, truth.t_ns, truth.nu)
-    return seconds(log.t_ns, run.t_ns[0]), np.column_stack([off, log.nu[:, 0] - nu_true[:, 0]])
+    return seconds(log.t_ns, run.t_ns[0]), np.column_stack([error, log.nu[:, 0] - nu_true[:, 0]])
 
 
 def consistency_sections(corridor: FilterConsistency, run: Run) -> list[Section]:
@@ -162,10 +167,10 @@ def consistency_sections(corridor: FilterConsistency, run: Run) -> list[Section]
     parts: list[Table | Drawing] = [Table(rows, caption)]
     if log is not None and log.innovation is not None and log.innovation_cov is not None:
         t, two = seconds(log.t_ns, run.t_ns[0]), np.full(len(log.t_ns), 2.0)
-        sd = np.sqrt(np.diagonal(log.innovation_cov, axis1=1, axis2=2))
+        std = np.sqrt(np.diagonal(log.innovation_cov, axis1=1, axis2=2))
         panels = [
             (_("innovation {k}", k=k), {"±2σ": (t, two), "residual": (t, y)})
-            for k, y in enumerate((log.innovation / sd).T) if np.isfinite(y).any()
+            for k, y in enumerate((log.innovation / std).T) if np.isfinite(y).any()
         ]  # fmt: skip
         remark = _(
             "Innovations over time, in standard deviations: with a correct covariance 95 % are in the band."

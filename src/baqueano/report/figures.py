@@ -17,25 +17,32 @@ if TYPE_CHECKING:
     from baqueano.contracts.values import JsonObject
 
 MEASURED, MODEL, TRUTH, REFERENCE, ALARM = "#3b6fb6", "#238b45", "#1d2128", "#a3a9b2", "#c2410c"
-BESIDE = "#7c3aed"  # the estimate of another run
-MOST_POINTS = 1600
+SECOND_COLOUR = "#7c3aed"  # the estimate of another run
+MAX_POINTS = 1600
 CHI_SQUARE_95 = 5.991  # of two degrees of freedom
-WIDE = 100.0  # %: an interval that reaches further is cut off in the figure of estimates
-ABOVE: "JsonObject" = {"loc": "lower left", "bbox_to_anchor": (0.0, 1.0), "ncols": 4, "borderaxespad": 0.2}
+MAX_PERCENT = 100.0  # %: an interval that reaches further is cut off in the figure of estimates
+LEGEND_ABOVE: "JsonObject" = {
+    "loc": "lower left",
+    "bbox_to_anchor": (0.0, 1.0),
+    "ncols": 4,
+    "borderaxespad": 0.2,
+}
 
 
 def decimate(t: np.ndarray, y: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return at most about MOST_POINTS points that keep every peak: the minimum and the maximum of each span."""
-    if len(t) <= MOST_POINTS:
+    """Return at most about MAX_POINTS points that keep every peak: the minimum and the maximum of each span."""
+    if len(t) <= MAX_POINTS:
         return t, y
-    width = -(-2 * len(t) // MOST_POINTS)
+    width = -(-2 * len(t) // MAX_POINTS)
     rows = len(t) // width * width
-    spans, first = y[:rows].reshape(-1, width), np.arange(0, rows, width)
-    gap = np.isnan(spans)
-    least = first + np.argmin(np.where(gap, np.inf, spans), axis=1)
-    greatest = first + np.argmax(np.where(gap, -np.inf, spans), axis=1)
-    keep = np.unique(np.concatenate([least, greatest, first[gap.all(axis=1)], np.arange(rows, len(t))]))
-    return t[keep], y[keep]
+    spans, span_starts = y[:rows].reshape(-1, width), np.arange(0, rows, width)
+    is_missing = np.isnan(spans)
+    minima = span_starts + np.argmin(np.where(is_missing, np.inf, spans), axis=1)
+    maxima = span_starts + np.argmax(np.where(is_missing, -np.inf, spans), axis=1)
+    rows_kept = np.unique(
+        np.concatenate([minima, maxima, span_starts[is_missing.all(axis=1)], np.arange(rows, len(t))])
+    )
+    return t[rows_kept], y[rows_kept]
 
 
 def most_motion(t_s: np.ndarray, y: np.ndarray, span_s: float) -> slice:
@@ -49,19 +56,19 @@ def most_motion(t_s: np.ndarray, y: np.ndarray, span_s: float) -> slice:
     if over_s <= 0.0 or y.size == 0:
         return slice(0, len(t_s))
     starts = t_s[0] + np.arange(int(over_s) + 1)
-    first, last = np.searchsorted(t_s, starts), np.searchsorted(t_s, starts + span_s, side="right")
+    begin_rows, end_rows = np.searchsorted(t_s, starts), np.searchsorted(t_s, starts + span_s, side="right")
     finite = np.isfinite(y)
     y = np.clip(y, *np.nanpercentile(y, (1.0, 99.0), axis=0))
     y = np.where(finite, y - np.nanmean(y, axis=0), 0.0)
 
     def total(x: np.ndarray) -> np.ndarray:
         upto = np.concatenate([np.zeros((1, x.shape[1])), np.cumsum(x, axis=0)])
-        return upto[last] - upto[first]
+        return upto[end_rows] - upto[begin_rows]
 
-    whole = np.sum(y**2, axis=0)
-    varies = total(y**2) - total(y) ** 2 / np.maximum(total(finite), 1)
-    most = int(np.argmax(np.sum(varies / np.where(whole > 0.0, whole, 1.0), axis=1)))
-    return slice(int(first[most]), int(last[most]))
+    total_power = np.sum(y**2, axis=0)
+    span_power = total(y**2) - total(y) ** 2 / np.maximum(total(finite), 1)
+    best_span = int(np.argmax(np.sum(span_power / np.where(total_power > 0.0, total_power, 1.0), axis=1)))
+    return slice(int(begin_rows[best_span]), int(end_rows[best_span]))
 
 
 @with_style
@@ -75,7 +82,7 @@ def channels(t_s: np.ndarray, measured: np.ndarray, model: np.ndarray, names: Se
         axis.plot(*decimate(t_s, measured[:, k]), color=MEASURED, lw=0.8, alpha=0.75, label=_("measured"))
         axis.plot(*decimate(t_s, model[:, k]), color=MODEL, lw=1.4, label=_("model"))
         axis.set_ylabel(names[k])
-    axes[0, 0].legend(**ABOVE)
+    axes[0, 0].legend(**LEGEND_ABOVE)
     axes[-1, 0].set_xlabel(_("time [s]"))
     return figure
 
@@ -98,8 +105,8 @@ def residuals(residual: np.ndarray, names: Sequence[str], lags: int = 60) -> "Fi
         rho = autocorrelation(r, lags)
         right.bar(np.arange(1, len(rho) + 1), rho, width=0.8, color=MEASURED)
         right.axhspan(-1.96 / np.sqrt(len(r)), 1.96 / np.sqrt(len(r)), color=REFERENCE, alpha=0.35)
-        most = 1.0 if np.abs(rho).max(initial=0.0) > 0.5 else 0.5
-        right.set_ylim(-most, most)
+        axis_limit = 1.0 if np.abs(rho).max(initial=0.0) > 0.5 else 0.5
+        right.set_ylim(-axis_limit, axis_limit)
     axes[0, 0].set_title(_("residual / σ"))
     axes[0, 1].set_title(_("autocorrelation"))
     return figure
@@ -120,19 +127,19 @@ def estimates(
     estimate. An entry that is not finite, or relative to 0, is not drawn."""
     base = value if truth is None else truth
     scale = np.where(np.abs(base) > 0, np.abs(base), np.nan)
-    centre, half = 100 * (value - base) / scale, 100 * 1.96 * sd / scale
-    finite = np.isfinite(centre) & np.isfinite(half)
+    centre, half_width = 100 * (value - base) / scale, 100 * 1.96 * sd / scale
+    finite = np.isfinite(centre) & np.isfinite(half_width)
     labels = [name for name, k in zip(names, finite, strict=True) if k]
     figure, axis = panel((9.2, 0.32 * len(labels) + 1.1))
     rows = np.arange(len(labels))[::-1]
-    axis.errorbar(centre[finite], rows, xerr=half[finite], fmt="o", ms=4, color=MODEL, capsize=3)
+    axis.errorbar(centre[finite], rows, xerr=half_width[finite], fmt="o", ms=4, color=MODEL, capsize=3)
     axis.axvline(0, color=TRUTH, lw=1)
-    reach = np.abs(centre[finite]) + half[finite]
-    if np.any(reach > WIDE):  # a very wide interval would hide the widths of the others
-        most = 1.05 * max(float(np.max(reach[reach <= WIDE], initial=0.0)), 10.0)
-        axis.set_xlim(-most, most)
-        for row in rows[reach > most]:
-            axis.annotate(_("beyond"), (most, row), ha="right", va="bottom", fontsize=7, color=ALARM)
+    reach = np.abs(centre[finite]) + half_width[finite]
+    if np.any(reach > MAX_PERCENT):  # a very wide interval would hide the widths of the others
+        axis_limit = 1.05 * max(float(np.max(reach[reach <= MAX_PERCENT], initial=0.0)), 10.0)
+        axis.set_xlim(-axis_limit, axis_limit)
+        for row in rows[reach > axis_limit]:
+            axis.annotate(_("beyond"), (axis_limit, row), ha="right", va="bottom", fontsize=7, color=ALARM)
     axis.set_yticks(rows, labels)
     axis.set_xlabel(_("interval [% of the estimate]") if truth is None else _("estimate − truth [%]"))
     return figure
@@ -171,7 +178,7 @@ def paths(
     if end is not None:
         axis.plot(*end.T, color=MODEL, lw=0.9, ls=(0, (4, 3)), label=_("95 % at its end"))
     for name, xy in lines.items():
-        axis.plot(xy[:, 0], xy[:, 1], label=_(name), **style.get(name, {"color": BESIDE, "lw": 1.3}))
+        axis.plot(xy[:, 0], xy[:, 1], label=_(name), **style.get(name, {"color": SECOND_COLOUR, "lw": 1.3}))
     axis.set_aspect("equal", adjustable="datalim")
     axis.set_xlabel("x [m]")
     axis.set_ylabel("y [m]")
@@ -187,9 +194,14 @@ def _band_patch(band: np.ndarray) -> Any:
     from matplotlib.patches import PathPatch
     from matplotlib.path import Path
 
-    left, right = band[:, 0], band[:, 1]
-    first, second = (left[:-1], right[:-1], right[1:]), (left[:-1], right[1:], left[1:])
-    corners = np.concatenate([np.stack(points, axis=1) for points in (first, second)])  # (2 M − 2, 3, 2)
+    left_edge, right_edge = band[:, 0], band[:, 1]
+    first_triangles, second_triangles = (
+        (left_edge[:-1], right_edge[:-1], right_edge[1:]),
+        (left_edge[:-1], right_edge[1:], left_edge[1:]),
+    )
+    corners = np.concatenate(
+        [np.stack(points, axis=1) for points in (first_triangles, second_triangles)]
+    )  # (2 M − 2, 3, 2)
     a, b = corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]
     clockwise = a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0] < 0.0
     corners[clockwise] = corners[clockwise, ::-1]
@@ -201,10 +213,10 @@ def _band_patch(band: np.ndarray) -> Any:
 
 def ellipse(centre: np.ndarray, cov: np.ndarray) -> np.ndarray:
     """Return 73 points (73, 2) of the curve that contains 95 % of a plane normal distribution."""
-    size, axes = np.linalg.eigh(cov)
+    eigenvalues, axes = np.linalg.eigh(cov)
     turn = np.linspace(0, 2 * np.pi, 73)
     circle = np.stack([np.cos(turn), np.sin(turn)])
-    return centre + (axes @ (np.sqrt(CHI_SQUARE_95 * np.clip(size, 0, None))[:, None] * circle)).T
+    return centre + (axes @ (np.sqrt(CHI_SQUARE_95 * np.clip(eigenvalues, 0, None))[:, None] * circle)).T
 
 
 @with_style
@@ -222,12 +234,12 @@ def over_time(
             _curve(axis, name, t, y)
         axis.set_ylabel(label)
         if len(lines) > 1 and axis is axes[0, 0]:
-            axis.legend(**ABOVE)
+            axis.legend(**LEGEND_ABOVE)
     axes[-1, 0].set_xlabel(_("time [s]"))
     return figure
 
 
-COLOURS = {
+CURVE_COLOURS = {
     "measured": MEASURED,
     "applied": MEASURED,
     "sent": MEASURED,
@@ -237,7 +249,7 @@ COLOURS = {
     "reference": REFERENCE,
     "requested": REFERENCE,
 }
-THICK = {"requested": 2.6, "reference": 2.0, "truth": 1.8}
+LINE_WIDTHS = {"requested": 2.6, "reference": 2.0, "truth": 1.8}
 
 
 def _curve(axis: Any, name: str, t: np.ndarray, y: np.ndarray) -> None:
@@ -255,4 +267,6 @@ def _curve(axis: Any, name: str, t: np.ndarray, y: np.ndarray) -> None:
     if name == "±2σ":
         axis.fill_between(t, -y, y, color=MODEL, alpha=0.15, lw=0, label=name)
     else:
-        axis.plot(t, y, color=COLOURS.get(name, BESIDE), lw=THICK.get(name, 1.1), label=_(name))
+        axis.plot(
+            t, y, color=CURVE_COLOURS.get(name, SECOND_COLOUR), lw=LINE_WIDTHS.get(name, 1.1), label=_(name)
+        )

@@ -5,9 +5,9 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from baqueano.diagnostics import Verdict, by_weight, fault
+from baqueano.diagnostics import Verdict, fault, most_severe_first
 from baqueano.errors import UsageError
-from baqueano.identify.result.fit_result import Fit, marks, round_to_error
+from baqueano.identify.result.fit_result import Fit, round_to_error, row_remarks
 from baqueano.identify.result.ratios import percent
 from baqueano.messages import texts, with_full_stop
 from baqueano.messages.language import mark as N_
@@ -23,14 +23,14 @@ if TYPE_CHECKING:
     from baqueano.contracts.values import JsonObject, TableRow
     from baqueano.identify.validation import Validation
 
-CHANNELS = {
+CHANNEL_LABELS = {
     "imu": ("a_x [m/s²]", "a_y [m/s²]", "ω_z [rad/s]"),
     "odometer": (N_("odometer [m/s]"),),
     "truth": (N_("true v_x [m/s]"), N_("true v_y [m/s]"), N_("true ω_z [rad/s]")),
 }
-DRAWN = 6  # runs of a fit to many
-HEADLINES = 4  # channels: more do not fit into one row
-SHOWN_S = 20.0  # of the data, in the figure: the span with most motion
+MAX_DRAWN_RUNS = 6  # runs of a fit to many
+MAX_HEADLINES = 4  # channels: more do not fit into one row
+MAX_SPAN_S = 20.0  # of the data, in the figure: the span with most motion
 
 
 def page_of_fit(
@@ -56,7 +56,7 @@ def page_of_fit(
                 f"{number(c.sigma):.3g}",
                 _("the model explains {part}", part=percent(c.explained)),
             )
-            for c in _few(_of_worst(fit.channels))
+            for c in _headline_channels(_worst_channels(fit.channels))
         ],
         sections=[
             _next_step(fit, held_out),
@@ -66,9 +66,9 @@ def page_of_fit(
                 else []
             ),
             *sections_of_fit(fit, truth, reasons=False),
-            *_of_unseen(held_out),
+            *_held_out_section(held_out),
         ],
-        reproduce=baqueano_command("identify", *(fit.runs if len(fit.runs) <= DRAWN else ["RUNS"])),
+        reproduce=baqueano_command("identify", *(fit.runs if len(fit.runs) <= MAX_DRAWN_RUNS else ["RUNS"])),
     )
 
 
@@ -78,12 +78,12 @@ def sections_of_fit(fit: Fit, truth: np.ndarray | None = None, reasons: bool = T
     `truth` (p,) is drawn beside the estimates. With `reasons`, the reasons of the verdict are listed too.
     """
     messages = (*(fit.reasons if reasons else ()), *fit.unobservable, *fit.never, *fit.notes)
-    messages = "\n".join(f"• {message}" for message in texts(by_weight(messages)))
+    messages = "\n".join(f"• {message}" for message in texts(most_severe_first(messages)))
     rows = [row_of(row) for row in fit.rows()]
     if truth is not None:
         rows = [{**row, "truth": float(t)} for row, t in zip(rows, truth, strict=True)]
     identifiable = np.isfinite(fit.sd) & np.isfinite(fit.estimate)
-    names = [short(n) for n, k in zip(fit.names, identifiable, strict=True) if k]
+    names = [without_model_prefix(n) for n, k in zip(fit.names, identifiable, strict=True) if k]
     parts: list[Table | Drawing] = [Table(rows)]
     if identifiable.any():
         true_values = None if truth is None else truth[identifiable]
@@ -96,8 +96,8 @@ def sections_of_fit(fit: Fit, truth: np.ndarray | None = None, reasons: bool = T
                 ),
             )
         )
-    sections = [Section(_("Parameters"), messages, parts), *_runs(fit)]
-    sections += [_of_run(fit, run) for run in _runs_to_draw(fit.channels)]
+    sections = [Section(_("Parameters"), messages, parts), *_runs_section(fit)]
+    sections += [_run_section(fit, run) for run in _runs_to_draw(fit.channels)]
     if identifiable.sum() > 1:
         matrix = fit.correlation[np.ix_(identifiable, identifiable)]
         messages = _("Red or blue off the diagonal: only the combination of these parameters is known.")
@@ -111,46 +111,46 @@ def row_of(row: "TableRow") -> "JsonObject":
     sd = row["sd"]
     value = None if row["estimate"] is None else round_to_error(row["estimate"], sd)
     return {
-        "parameter": short(row["name"]),
+        "parameter": without_model_prefix(row["name"]),
         "estimate": value,
         "± sd": None if sd is None else float(f"{sd:.2g}"),
         "unit": shown_unit(row["unit"]),
         "start": row["start"],
-        "note": marks(row),
+        "note": row_remarks(row),
     }
 
 
 def _next_step(fit: Fit, held_out: "Validation | None") -> Section:
     """Return a section with the meaning of the verdict for the reader, and the next step."""
-    reasons_ = [with_full_stop(reason) for reason in texts(by_weight(fit.reasons))]
-    reasons_ = [f"• {reason}" for reason in reasons_] if len(reasons_) > 1 else reasons_
+    sentences = [with_full_stop(reason) for reason in texts(most_severe_first(fit.reasons))]
+    sentences = [f"• {reason}" for reason in sentences] if len(sentences) > 1 else sentences
     if held_out is not None:
-        reasons_ += [
+        sentences += [
             _("On held-out runs: {sentence}", sentence=with_full_stop(held_out.sentence)),
             *(f"{message}." for message in texts(held_out.outside)),
         ]
     needs = [message.figures["needs"] for message in fit.unobservable if "needs" in message.figures]
     if fit.verdict == Verdict.REFUSED:
-        reasons_.append(_("Next: check the data below. The vehicle file stays as it is."))
+        sentences.append(_("Next: check the data below. The vehicle file stays as it is."))
     elif needs:
-        reasons_.append(_("Next: drive again. {needs}.", needs=". ".join(dict.fromkeys(texts(needs)))))
+        sentences.append(_("Next: drive again. {needs}.", needs=". ".join(dict.fromkeys(texts(needs)))))
     elif held_out is not None and held_out.verdict == Verdict.REFUSED:
-        reasons_.append(_("Next: check the held-out runs below. The vehicle file stays as it is."))
+        sentences.append(_("Next: check the held-out runs below. The vehicle file stays as it is."))
     elif held_out is None:
-        reasons_.append(_("Next: test it with a run that the fit does not use: add --held-out RUN."))
+        sentences.append(_("Next: test it with a run that the fit does not use: add --held-out RUN."))
     else:
-        reasons_.append(_("Next: baqueano tune, then teach and repeat."))
-    return Section(_("Verdict and next step"), "\n".join(reasons_), [])
+        sentences.append(_("Next: baqueano tune, then teach and repeat."))
+    return Section(_("Verdict and next step"), "\n".join(sentences), [])
 
 
-def _of_unseen(held_out: "Validation | None") -> list[Section]:
+def _held_out_section(held_out: "Validation | None") -> list[Section]:
     """Return the section with the table and the figures of runs that were not used in the fit."""
     if held_out is None:
         return []
     caption = _("Sensors and model of a held-out run; the model uses only its commands.")
     drawings = []
     for run in _runs_to_draw(held_out.channels):
-        drawing, channels_shown = where_most_moves(_channels_of(held_out.channels, run))
+        drawing, channels_shown = draw_most_motion(_channels_of(held_out.channels, run))
         drawings.append(draw(drawing, f"{run}, {channels_shown}. {caption}"))
     return [Section(_("Held-out runs"), held_out.sentence, [Table(held_out.rows()), *drawings])]
 
@@ -160,40 +160,40 @@ def _channels_of(channels: Any, run: str) -> list[Any]:
     return [c for c in channels if c.run == run and np.isfinite(c.explained)]
 
 
-def _least(channels: Any) -> dict[str, float]:
+def _lowest_explained(channels: Any) -> dict[str, float]:
     """Return run → explained share of its worst channel, in the order of the runs."""
-    least: dict[str, float] = {}
+    lowest: dict[str, float] = {}
     for c in channels:
         if np.isfinite(c.explained):
-            least[c.run] = min(least.get(c.run, np.inf), c.explained)
-    return least
+            lowest[c.run] = min(lowest.get(c.run, np.inf), c.explained)
+    return lowest
 
 
-def _of_worst(channels: object) -> list[Any]:
+def _worst_channels(channels: object) -> list[Any]:
     """Return the channels of the run that the model explains worst; [] without runs."""
-    least = _least(channels)
-    return _channels_of(channels, min(least, key=lambda run: least[run])) if least else []
+    lowest = _lowest_explained(channels)
+    return _channels_of(channels, min(lowest, key=lambda run: lowest[run])) if lowest else []
 
 
-def _few(channels: list[Any]) -> list[Any]:
-    """Return the HEADLINES channels that the model explains worst, in their order."""
-    least = np.argsort([c.explained for c in channels], kind="stable")[:HEADLINES]
-    return [channels[k] for k in sorted(least)]
+def _headline_channels(channels: list[Any]) -> list[Any]:
+    """Return the MAX_HEADLINES channels that the model explains worst, in their order."""
+    worst_indices = np.argsort([c.explained for c in channels], kind="stable")[:MAX_HEADLINES]
+    return [channels[k] for k in sorted(worst_indices)]
 
 
 def _runs_to_draw(channels: object) -> list[str]:
-    """Return the runs to draw in their order: at most DRAWN runs, those that the model explains worst."""
-    least = _least(channels)
-    worst = sorted(least, key=lambda run: least[run])[:DRAWN]
-    return [run for run in least if run in worst]
+    """Return the runs to draw in their order: at most MAX_DRAWN_RUNS runs, those that the model explains worst."""
+    lowest = _lowest_explained(channels)
+    worst = sorted(lowest, key=lambda run: lowest[run])[:MAX_DRAWN_RUNS]
+    return [run for run in lowest if run in worst]
 
 
-def _runs(fit: Fit) -> list[Section]:
+def _runs_section(fit: Fit) -> list[Section]:
     """Return the section with a row for each run; [] for a single run.
 
     The caption names the run that the model explains worst.
     """
-    worst = _of_worst(fit.channels)
+    worst = _worst_channels(fit.channels)
     if len(fit.runs) < 2 or not worst:
         return []
     caption, run_names = (
@@ -223,21 +223,24 @@ def _run_names(runs: Any) -> str:
     """Return the names of the runs of a fit, abbreviated if there are many."""
     return (
         ", ".join(runs)
-        if len(runs) <= DRAWN
+        if len(runs) <= MAX_DRAWN_RUNS
         else _("{count} runs, {first} to {last}", count=len(runs), first=runs[0], last=runs[-1])
     )
 
 
-def _of_run(fit: Fit, run: str) -> Section:
+def _run_section(fit: Fit, run: str) -> Section:
     channels = _channels_of(fit.channels, run)
-    few, channels_shown = where_most_moves(channels)
+    data_drawing, channels_shown = draw_most_motion(channels)
     residual = np.stack([(c.measured - c.predicted) / c.sigma for c in channels], axis=1)
     over_time = figures.over_time([
         (label(c), {"±2σ": (c.t_s, np.full(len(c.t_s), 2.0)), "residual": (c.t_s, r)})
         for c, r in zip(channels, residual.T, strict=True)
     ], height_in=1.4)  # fmt: skip
     parts: list[Table | Drawing] = [
-        draw(few, _("Sensors and model, {shown}. The model uses only the commands.", shown=channels_shown)),
+        draw(
+            data_drawing,
+            _("Sensors and model, {shown}. The model uses only the commands.", shown=channels_shown),
+        ),
         draw(
             over_time,
             _("Residuals over time, in standard deviations: if they are white, 95 % are in the band."),
@@ -253,8 +256,8 @@ def _of_run(fit: Fit, run: str) -> Section:
     return Section(_("Data and model: {run}", run=run), "", parts)
 
 
-def where_most_moves(channels: list[Any]) -> tuple[Any, str]:
-    """Return the drawing of data and model of one run over the SHOWN_S seconds with most motion.
+def draw_most_motion(channels: list[Any]) -> tuple[Any, str]:
+    """Return the drawing of data and model of one run over the MAX_SPAN_S seconds with most motion.
 
     Return also this span as text: "20 s from 14 s".
     """
@@ -262,9 +265,9 @@ def where_most_moves(channels: list[Any]) -> tuple[Any, str]:
     measured, predicted = (
         np.stack([getattr(c, k) for c in channels], axis=1) for k in ("measured", "predicted")
     )
-    part = figures.most_motion(t_s, measured, SHOWN_S)
-    t = t_s[part]
-    drawing = figures.channels(t, measured[part], predicted[part], [label(c) for c in channels])
+    rows = figures.most_motion(t_s, measured, MAX_SPAN_S)
+    t = t_s[rows]
+    drawing = figures.channels(t, measured[rows], predicted[rows], [label(c) for c in channels])
     if len(t) == len(t_s):
         return drawing, _("all {span_s:.0f} s", span_s=t[-1] - t[0])
     return drawing, _(
@@ -274,11 +277,11 @@ def where_most_moves(channels: list[Any]) -> tuple[Any, str]:
 
 def label(channel: Any) -> str:
     """Return the label of a channel, "a_x [m/s²]" for the first channel of an IMU."""
-    entries = CHANNELS.get(channel.sensor, ())
+    entries = CHANNEL_LABELS.get(channel.sensor, ())
     return _(entries[channel.entry]) if channel.entry < len(entries) else f"{channel.sensor}[{channel.entry}]"
 
 
-def short(name: str) -> str:
+def without_model_prefix(name: str) -> str:
     """Return a dotted path without the prefix "model."."""
     return name.removeprefix("model.")
 

@@ -20,7 +20,7 @@ if TYPE_CHECKING:
 
     Target: TypeAlias = Axes | Figure | SubFigure | None
 
-INSTALL = "pip install matplotlib jinja2"
+INSTALL_COMMAND = "pip install matplotlib jinja2"
 
 STYLE: dict[Any, Any] = {
     "svg.fonttype": "none",
@@ -53,7 +53,7 @@ Drawn = TypeVar("Drawn")
 
 
 @contextmanager
-def onto(target: "Target") -> Iterator[None]:
+def draw_onto(target: "Target") -> Iterator[None]:
     """Draw on the user's axes, figure or subfigure, in their style. For None, draw on a new figure of this package."""
     token = _TARGET.set(target)
     try:
@@ -78,7 +78,7 @@ def with_style(draw: Callable[P, Drawn]) -> Callable[P, Drawn]:
 def panels(
     rows: int, columns: int, size_in: tuple[float, float], sharex: bool = False
 ) -> tuple["Figure", np.ndarray]:
-    """Return a figure of `size_in` [in] and its axes (rows, columns), or the axes that `onto` set.
+    """Return a figure of `size_in` [in] and its axes (rows, columns), or the axes that `draw_onto` set.
 
     Raise UsageError if matplotlib is missing, or if axes are given for a drawing of several panels.
     """
@@ -94,17 +94,17 @@ def panels(
         return target.figure, np.array([[target]])  # pyright: ignore[reportReturnType]
     figure = Canvas(figsize=size_in) if target is None else target
     axes = figure.subplots(rows, columns, squeeze=False, sharex=sharex)
-    _comma(axes)
+    _use_decimal_comma(axes)
     return figure, axes  # pyright: ignore[reportReturnType]
 
 
-def _comma(axes: np.ndarray) -> None:
+def _use_decimal_comma(axes: np.ndarray) -> None:
     """Format the numbers at the axes with the decimal comma of the current language."""
     if current() == "en":
         return
     from baqueano.report.canvas import CommaFormatter
 
-    for axis in (axis for each in axes.flat for axis in (each.xaxis, each.yaxis)):
+    for axis in (axis for axes_pair in axes.flat for axis in (axes_pair.xaxis, axes_pair.yaxis)):
         axis.set_major_formatter(CommaFormatter())
 
 
@@ -120,7 +120,7 @@ def matplotlib() -> ModuleType:
         import matplotlib
     except ImportError as error:
         raise UsageError(
-            fault("front.missing", INSTALL, package="matplotlib", what=N_("a figure"))
+            fault("front.missing", INSTALL_COMMAND, package="matplotlib", what=N_("a figure"))
         ) from error
     return matplotlib
 
@@ -130,5 +130,7 @@ def jinja2() -> ModuleType:
     try:
         import jinja2
     except ImportError as error:
-        raise UsageError(fault("front.missing", INSTALL, package="jinja2", what=N_("a report"))) from error
+        raise UsageError(
+            fault("front.missing", INSTALL_COMMAND, package="jinja2", what=N_("a report"))
+        ) from error
     return jinja2

@@ -11,10 +11,10 @@ from baqueano.diagnostics import Verdict
 from baqueano.messages.language import number
 from baqueano.messages.language import translate as _
 from baqueano.messages.printable import baqueano_command
-from baqueano.monitor import REFUSED, Refusals
+from baqueano.monitor import REFUSED_SOURCE, Refusals
 from baqueano.report import figures
 from baqueano.report.estimate_report import (
-    beside_each_other,
+    comparison_section,
     consistency_sections,
     errors,
     paths,
@@ -43,20 +43,20 @@ def page_of_run(run: Run, alignment: str = "none", beside: Run | None = None) ->
 
     The run `beside` is of another estimator on the same drive: its estimate is drawn and assessed too.
     """
-    both = compare([run] if beside is None else [run, beside], alignment=alignment)
-    run_figures = both.runs[0]
-    row, drove = run_figures.row(), both.of_drives
+    comparison = compare([run] if beside is None else [run, beside], alignment=alignment)
+    run_figures = comparison.runs[0]
+    row, drove = run_figures.row(), comparison.of_drives
     run = until_diverged(run)
     drawings = paths(run, alignment, beside)
     sections = [Section(_("Path"), sentence_of_path(run_figures, alignment), drawings)] if drawings else []
-    sections += beside_each_other(both) if beside is not None else []
-    sections += driving(run, row) if drove else []
+    sections += comparison_section(comparison) if beside is not None else []
+    sections += driving_sections(run, row) if drove else []
     sections += errors(run, alignment, beside)
     sections += consistency_sections(run_figures.consistency, run)
     sections += refused_section(run_figures.refusals)
     sections += [Section(_("Measurements"), "", [sensors_of(run)])] if run.sensors else []
     contents = show(run)
-    sections.append(Section(_("Content of the run"), "", [Table(contents.rows()), *_events(run)]))
+    sections.append(Section(_("Content of the run"), "", [Table(contents.rows()), *_events_table(run)]))
     kind = run.metadata.get("kind", "run")
     return Page(
         title=run.name,
@@ -73,18 +73,18 @@ def page_of_run(run: Run, alignment: str = "none", beside: Run | None = None) ->
     )
 
 
-def headlines(judged: dict, drove: bool = True) -> list[Headline]:
+def headlines(row: dict, with_vehicle: bool = True) -> list[Headline]:
     """Return the known figures of a comparison as headlines.
 
-    The figures of the vehicle are included only if it `drove` by the assessed estimate.
+    The figures of the vehicle are included only `with_vehicle`, if it drove by the assessed estimate.
     """
-    by, source = ("pace_true", _("true"))
-    if not np.isfinite(judged["pace_true_error"]):
-        by, source = ("pace_estimate", _("by the estimate"))
+    prefix, source = ("pace_true", _("true"))
+    if not np.isfinite(row["pace_true_error"]):
+        prefix, source = ("pace_estimate", _("by the estimate"))
     of_vehicle = (
         ("across_true_rms_m", _("across the path, true value"), _("rms"), 100, "cm"),
         (
-            f"{by}_error",
+            f"{prefix}_error",
             _("error of the speed from its reference"),
             _("rms, relative to the requested mean; {whose}", whose=source),
             100,
@@ -99,16 +99,16 @@ def headlines(judged: dict, drove: bool = True) -> list[Headline]:
         (
             "nees_velocity",
             _("NEES of the velocity"),
-            _("{verdict}; 1 is ideal", verdict=_(judged["nees_velocity_is"])),
+            _("{verdict}; 1 is ideal", verdict=_(row["nees_velocity_is"])),
             1,
             "",
         ),
-        ("nis", "NIS", _("{verdict}; 1 is ideal", verdict=_(judged["nis_is"])), 1, ""),
+        ("nis", "NIS", _("{verdict}; 1 is ideal", verdict=_(row["nis_is"])), 1, ""),
     )
     return [
-        Headline(label, f"{number(judged[key] * scale):.3g} {unit}".strip(), note)
-        for key, label, note, scale, unit in (*(of_vehicle if drove else ()), *of_estimate)
-        if judged.get(key) is not None and np.isfinite(judged[key])
+        Headline(label, f"{number(row[key] * scale):.3g} {unit}".strip(), note)
+        for key, label, note, scale, unit in (*(of_vehicle if with_vehicle else ()), *of_estimate)
+        if row.get(key) is not None and np.isfinite(row[key])
     ]
 
 
@@ -137,14 +137,14 @@ def sensors_of(run: Run) -> Drawing:
     return draw(figures.over_time(panels), _("Measurements of the sensors."))
 
 
-def driving(run: Run, judged: dict) -> list[Section]:
+def driving_sections(run: Run, row: dict) -> list[Section]:
     """Return the sections on the forward speed against its reference, and on the commands with their limits."""
-    drawing = speed(run)
-    pace_drawings = [] if drawing is None else [Section(_("Speed"), "", [drawing, *_paces(judged)])]
-    return [*pace_drawings, commands(run)]
+    drawing = speed_drawing(run)
+    pace_drawings = [] if drawing is None else [Section(_("Speed"), "", [drawing, *_pace_table(row)])]
+    return [*pace_drawings, commands_section(run)]
 
 
-def speed(run: Run) -> Drawing | None:
+def speed_drawing(run: Run) -> Drawing | None:
     """Return the drawing of the forward speed against its reference; None for a run without speeds."""
     curves = {}
     for name, log in (("truth", run.truth), ("estimate", run.estimate), ("reference", run.guide_reference)):
@@ -157,7 +157,7 @@ def speed(run: Run) -> Drawing | None:
     )
 
 
-def _paces(row: dict) -> list[Table | Drawing]:
+def _pace_table(row: dict) -> list[Table | Drawing]:
     """Return the table of the speed errors against the reference, without the first second."""
     rows = [
         {
@@ -185,21 +185,26 @@ class _CommandCurve(NamedTuple):
     limit: float  # inf: unlimited, or unknown
 
 
-def commands(run: Run) -> Section:
+def commands_section(run: Run) -> Section:
     """Return the section with each command, and each wheel after the mixing, with its limit."""
     t = seconds(run.t_ns, run.t_ns[0])
     panels, rows = [], []
-    for name, curves, command, limit in _channels(run):
-        full = np.abs(command) >= evenness.AT_LIMIT * limit
-        curves_shown = {which: (t, u) for which, u in curves.items()}
+    for name, curves, command, limit in _command_curves(run):
+        is_at_limit = np.abs(command) >= evenness.LIMIT_SHARE * limit
+        curves_shown = {curve_name: (t, u) for curve_name, u in curves.items()}
         curves_shown |= {"limit": (t, np.full(len(t), limit))} if np.isfinite(limit) else {}
         panels.append(
-            (name, curves_shown | ({"at its limit": (t[full], command[full])} if full.any() else {}))
+            (
+                name,
+                curves_shown
+                | ({"at its limit": (t[is_at_limit], command[is_at_limit])} if is_at_limit.any() else {}),
+            )
         )
-        size = np.abs(command[np.isfinite(command)])
+        magnitude = np.abs(command[np.isfinite(command)])
         rows.append({
-            "command": name, "largest": float(size.max(initial=0.0)), "limit": limit if np.isfinite(limit) else None,
-            _("at its limit [% of ticks]"): 100.0 * float(np.mean(full)) if np.isfinite(limit) else None,
+            "command": name, "largest": float(magnitude.max(initial=0.0)),
+            "limit": limit if np.isfinite(limit) else None,
+            _("at its limit [% of ticks]"): 100.0 * float(np.mean(is_at_limit)) if np.isfinite(limit) else None,
         })  # fmt: skip
     drawing = draw(
         figures.over_time(panels),
@@ -208,18 +213,18 @@ def commands(run: Run) -> Section:
     return Section(_("Commands"), "", [drawing, Table(rows)])
 
 
-def _channels(run: Run) -> list[_CommandCurve]:
+def _command_curves(run: Run) -> list[_CommandCurve]:
     """Return the curves of the commands that this vehicle uses, then the curves of its two wheels."""
     limits, (names, unit) = evenness.limits_of(run.vehicle_text), _command_names(run)
     commands_sent = run.applied if run.sent is None else run.sent
     n = commands_sent.shape[1]
     if limits is None or len(limits.command) != n:
         limits, names = evenness.Limits(np.full(n, np.inf)), [f"u[{k}]" for k in range(n)]
-    drawings = []
+    command_curves = []
     for k in range(n):
         if limits.command[k] > 0.0 or run.applied[:, k].any():
             curves = {} if run.requested is None else {"requested": run.requested[:, k]}
-            drawings.append(
+            command_curves.append(
                 _CommandCurve(
                     names[k] + unit,
                     curves | {"applied": run.applied[:, k]},
@@ -234,8 +239,8 @@ def _channels(run: Run) -> list[_CommandCurve]:
             limits.channel,
             strict=True,
         ):
-            drawings.append(_CommandCurve(name + unit, {"sent": w}, w, float(limit)))
-    return drawings
+            command_curves.append(_CommandCurve(name + unit, {"sent": w}, w, float(limit)))
+    return command_curves
 
 
 def _command_names(run: Run) -> tuple[list[str], str]:
@@ -247,10 +252,10 @@ def _command_names(run: Run) -> tuple[list[str], str]:
         return [], ""
 
 
-def _events(run: Run) -> list[Table | Drawing]:
+def _events_table(run: Run) -> list[Table | Drawing]:
     rows = [
         {"t [s]": float(seconds(e.t_ns, run.t_ns[0])), "level": e.level, "by": e.source, "what": e.sentence}
         for e in run.events
-        if e.source != REFUSED
+        if e.source != REFUSED_SOURCE
     ]
     return [Table(rows, _("Events of the run."))] if rows else []

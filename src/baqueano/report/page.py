@@ -139,10 +139,8 @@ class Page:
 
     def _repr_html_(self) -> str:
         """Return the page in a frame as HTML, for a notebook."""
-        whole = html.escape(self.html(), quote=True)
-        return (
-            f'<iframe srcdoc="{whole}" style="width: 100%; height: 640px; border: 1px solid #8884"></iframe>'
-        )
+        document = html.escape(self.html(), quote=True)
+        return f'<iframe srcdoc="{document}" style="width: 100%; height: 640px; border: 1px solid #8884"></iframe>'
 
     def drawings(self) -> dict[str, Drawing]:
         """Return the figures in their order, with names that are valid file names, such as "01-path"."""
@@ -169,14 +167,14 @@ class Page:
             raise UsageError(
                 fault("front.format-unknown", found=file_format, near=nearest(file_format, FORMATS))
             )
-        from baqueano.report.canvas import at_width
+        from baqueano.report.canvas import resized
 
         folder = Path(folder)
         folder.mkdir(parents=True, exist_ok=True)
         paths = []
         for name, drawing in self.drawings().items():
             paths.append(folder / f"{name}.{file_format}")
-            at_width(drawing.figure, width).savefig(paths[-1], dpi=DPI)
+            resized(drawing.figure, width).savefig(paths[-1], dpi=DPI)
         return paths
 
     def save(self, path: str | Path) -> Path:
@@ -227,5 +225,5 @@ def _svg(figure: "Figure", shape: str, caption: str) -> str:
     with mpl.rc_context({"svg.hashsalt": f"baqueano {shape}"}):
         figure.savefig(buffer, format="svg", metadata={"Date": None, "Creator": None})
     svg = buffer.getvalue()
-    marks = f'class="{shape}" role="img" aria-label="{html.escape(caption)}"'
-    return svg[svg.index("<svg") :].replace("<svg", f"<svg {marks}", 1)
+    attributes = f'class="{shape}" role="img" aria-label="{html.escape(caption)}"'
+    return svg[svg.index("<svg") :].replace("<svg", f"<svg {attributes}", 1)

@@ -23,9 +23,9 @@ from baqueano.messages.language import translate as _
 from baqueano.report import figures
 from baqueano.report.drift_report import curves, with_curves
 from baqueano.report.figures import MEASURED, MODEL, REFERENCE, TRUTH
-from baqueano.report.fit_report import label, short, where_most_moves
-from baqueano.report.lab import onto, panel, panels, with_style
-from baqueano.report.of_run import commands, errors, paths, sensors_of, speed
+from baqueano.report.fit_report import draw_most_motion, label, without_model_prefix
+from baqueano.report.lab import draw_onto, panel, panels, with_style
+from baqueano.report.of_run import commands_section, errors, paths, sensors_of, speed_drawing
 from baqueano.report.page import Drawing, Table
 from baqueano.runs import Run
 from baqueano.runs.importing.recordings import ImportedRun
@@ -53,13 +53,13 @@ def plot(
     name = type(result).__name__.lower()
     if kind and kind not in drawings:
         raise UsageError(fault("front.plot-unknown", found=kind, result=name, near=nearest(kind, drawings)))
-    with onto(target):
+    with draw_onto(target):
         for draw in [drawings[kind]] if kind else drawings.values():
             figure = draw()
             if figure is not None:
-                from baqueano.report.canvas import at_width
+                from baqueano.report.canvas import resized
 
-                return at_width(figure, width)
+                return resized(figure, width)
     raise UsageError(fault("front.nothing-to-draw", result=name, kind=f": {kind}" if kind else ""))
 
 
@@ -70,25 +70,29 @@ def drawings_of(result: Tabular) -> dict[str, Draw]:
 
 
 @drawings_of.register(Run)
-def _of_run(result: Run) -> dict[str, Draw]:
+def _run_drawings(result: Run) -> dict[str, Draw]:
     makers: dict[str, Callable[[], Sequence[Table | Drawing | None]]] = {
         "path": lambda: paths(result),
         "errors": lambda: [part for section in errors(result) for part in section.parts],
-        "speed": lambda: [speed(result)],
-        "commands": lambda: commands(result).parts,
+        "speed": lambda: [speed_drawing(result)],
+        "commands": lambda: commands_section(result).parts,
         "sensors": lambda: [sensors_of(result)] if result.sensors else [],
     }
-    return {name: partial(_first, draw) for name, draw in makers.items()}
+    return {name: partial(_first_figure, draw) for name, draw in makers.items()}
 
 
-def _first(draw: Callable[[], Sequence[Table | Drawing | None]]) -> "Figure | None":
+def _first_figure(draw: Callable[[], Sequence[Table | Drawing | None]]) -> "Figure | None":
     return next((part.figure for part in draw() if isinstance(part, Drawing)), None)
 
 
 @drawings_of.register(Fit)
-def _of_fit(result: Fit) -> dict[str, Draw]:
+def _fit_drawings(result: Fit) -> dict[str, Draw]:
     identifiable = np.isfinite(result.sd) & np.isfinite(result.estimate)
-    names = [short(name) for name, keep in zip(result.names, identifiable, strict=True) if keep]
+    names = [
+        without_model_prefix(name)
+        for name, is_kept in zip(result.names, identifiable, strict=True)
+        if is_kept
+    ]
     channels = [
         channel
         for channel in result.channels
@@ -98,17 +102,17 @@ def _of_fit(result: Fit) -> dict[str, Draw]:
         return {}
     return {
         "estimates": lambda: figures.estimates(names, result.estimate[identifiable], result.sd[identifiable]),
-        **_of_channels(channels),
+        **_channel_drawings(channels),
         "correlation": lambda: figures.correlation(
             names, result.correlation[np.ix_(identifiable, identifiable)]
         ),
     }
 
 
-def _of_channels(channels: "Sequence[ChannelFit]") -> dict[str, Draw]:
+def _channel_drawings(channels: "Sequence[ChannelFit]") -> dict[str, Draw]:
     """Return the drawings of the channels of one run: data beside the model, and residuals."""
     return {
-        "data": lambda: where_most_moves(list(channels))[0],
+        "data": lambda: draw_most_motion(list(channels))[0],
         "residuals": lambda: figures.residuals(
             np.stack(
                 [(channel.measured - channel.predicted) / channel.sigma for channel in channels], axis=1
@@ -119,81 +123,88 @@ def _of_channels(channels: "Sequence[ChannelFit]") -> dict[str, Draw]:
 
 
 @drawings_of.register(Validation)
-def _of_validation(result: Validation) -> dict[str, Draw]:
+def _validation_drawings(result: Validation) -> dict[str, Draw]:
     finite = [channel for channel in result.channels if np.isfinite(channel.explained)]
-    return _of_channels([channel for channel in finite if channel.run == finite[0].run]) if finite else {}
+    return (
+        _channel_drawings([channel for channel in finite if channel.run == finite[0].run]) if finite else {}
+    )
 
 
 @drawings_of.register(TeachResult)
 @drawings_of.register(ImportedRun)
 @drawings_of.register(FirstDrive)
-def _of_its_run(result: TeachResult | ImportedRun | FirstDrive) -> dict[str, Draw]:
-    return _of_run(result.run)
+def _drawings_of_its_run(result: TeachResult | ImportedRun | FirstDrive) -> dict[str, Draw]:
+    return _run_drawings(result.run)
 
 
 @drawings_of.register(Route)
-def _of_route(result: Route) -> dict[str, Draw]:
-    return {"path": lambda: way(result)}
+def _route_drawings(result: Route) -> dict[str, Draw]:
+    return {"path": lambda: plot_route(result)}
 
 
 @drawings_of.register(Calibration)
-def _of_calibration(result: Calibration) -> dict[str, Draw]:
-    finite = [value for value in result.numbers if np.isfinite(value.half) and value.value != 0.0]
-    values, half = (np.array([getattr(value, name) for value in finite]) for name in ("value", "half"))
+def _calibration_drawings(result: Calibration) -> dict[str, Draw]:
+    finite = [value for value in result.numbers if np.isfinite(value.half_width) and value.value != 0.0]
+    values, half_width = (
+        np.array([getattr(value, name) for value in finite]) for name in ("value", "half_width")
+    )
     names = [value.name for value in finite]
-    return {"estimates": lambda: figures.estimates(names, values, half / 1.96)} if finite else {}
+    return {"estimates": lambda: figures.estimates(names, values, half_width / 1.96)} if finite else {}
 
 
 @drawings_of.register(Closure)
-def _of_closure(result: Closure) -> dict[str, Draw]:
-    names, scale, sd = [f"{result.gyro}.gyro_scale"], np.array([result.scale]), np.array([result.sd])
-    return {"estimates": lambda: figures.estimates(names, scale, sd)}
+def _closure_drawings(result: Closure) -> dict[str, Draw]:
+    names, scale, std = [f"{result.gyro}.gyro_scale"], np.array([result.scale]), np.array([result.sd])
+    return {"estimates": lambda: figures.estimates(names, scale, std)}
 
 
 @drawings_of.register(ParameterHistory)
-def _of_history(result: ParameterHistory) -> dict[str, Draw]:
+def _history_drawings(result: ParameterHistory) -> dict[str, Draw]:
     entries = with_curves(result)
     return {"parameters": lambda: curves(result, entries)} if entries else {}
 
 
 @drawings_of.register(Comparison)
-def _of_comparison(result: Comparison) -> dict[str, Draw]:
-    return {"runs": lambda: comparison(result)}
+def _comparison_drawings(result: Comparison) -> dict[str, Draw]:
+    return {"runs": lambda: plot_comparison(result)}
 
 
 @drawings_of.register(TuneResult)
-def _of_tuned(result: TuneResult) -> dict[str, Draw]:
-    return {"search": lambda: search(result), "cost": lambda: cost_around(result)}
+def _tune_drawings(result: TuneResult) -> dict[str, Draw]:
+    return {"search": lambda: plot_search(result), "cost": lambda: plot_cost_around(result)}
 
 
 @drawings_of.register(CorridorAhead)
-def _of_corridor(result: CorridorAhead) -> dict[str, Draw]:
-    return {"path": partial(_first, lambda: paths(result.run)), "corridor": lambda: corridor(result)}
+def _corridor_drawings(result: CorridorAhead) -> dict[str, Draw]:
+    return {
+        "path": partial(_first_figure, lambda: paths(result.run)),
+        "corridor": lambda: plot_corridor(result),
+    }
 
 
 @drawings_of.register(Forecast)
-def _of_forecast(result: Forecast) -> dict[str, Draw]:
-    return {"drives": lambda: drives(result)}
+def _forecast_drawings(result: Forecast) -> dict[str, Draw]:
+    return {"drives": lambda: plot_drives(result)}
 
 
 @drawings_of.register(Ensemble)
-def _of_many(result: Ensemble) -> dict[str, Draw]:
-    return {"path": lambda: cloud(result)}
+def _ensemble_drawings(result: Ensemble) -> dict[str, Draw]:
+    return {"path": lambda: plot_ensemble(result)}
 
 
 @with_style
-def comparison(result: Comparison) -> "Figure":
+def plot_comparison(result: Comparison) -> "Figure":
     """Draw the errors of each run, and the consistency of its estimator: 1 is ideal, the bar is the expected range."""
     runs = result.runs
     figure, axes = panels(2, 1, (7.2, 0.7 * len(runs) + 2.6))
     upper, lower = axes[:, 0]
     rows = np.arange(len(runs))[::-1]
-    marks = (
+    series = (
         (_("across its path"), [run.across_true.rms_m for run in runs], TRUTH, "s"),
         ("by the estimate", [run.across_estimate.rms_m for run in runs], MODEL, "o"),
         ("position off", [run.ate_m for run in runs], MEASURED, "D"),
     )
-    for name, metres, colour, marker in marks:
+    for name, metres, colour, marker in series:
         if np.isfinite(metres).any():
             upper.plot(100.0 * np.array(metres), rows, marker, ms=5, color=colour, label=_(name))
     upper.set_xlim(left=0.0)
@@ -201,27 +212,29 @@ def comparison(result: Comparison) -> "Figure":
     for k, (name, values, colour) in enumerate(
         (("nees_velocity", _("NEES of the velocity"), MODEL), ("nis", "NIS", MEASURED))
     ):
-        at, bands = rows + 0.15 - 0.3 * k, [getattr(run.consistency, name) for run in runs]
-        lower.hlines(at, [b.low for b in bands], [b.high for b in bands], color=REFERENCE, lw=5, zorder=1)
-        lower.plot([b.mean for b in bands], at, "o", ms=5, color=colour, label=values)
+        heights, bands = rows + 0.15 - 0.3 * k, [getattr(run.consistency, name) for run in runs]
+        lower.hlines(
+            heights, [b.low for b in bands], [b.high for b in bands], color=REFERENCE, lw=5, zorder=1
+        )
+        lower.plot([b.mean for b in bands], heights, "o", ms=5, color=colour, label=values)
     lower.axvline(1.0, color=TRUTH, lw=1)
     lower.set_xscale("log")
     lower.set_xlabel(_("error² / claimed variance"))
     for ax in (upper, lower):
         ax.set_yticks(rows, [run.name for run in runs])
         ax.set_ylim(-0.6, len(runs) - 0.4)
-        ax.legend(**(figures.ABOVE | {"ncols": 2}))
+        ax.legend(**(figures.LEGEND_ABOVE | {"ncols": 2}))
     return figure
 
 
 @with_style
-def search(result: TuneResult) -> "Figure":
+def plot_search(result: TuneResult) -> "Figure":
     """Draw the lowest cost so far along each descent of the tuning."""
     figure, axes = panel((7.2, 3.6))
     for k, descent in enumerate(result.descents):
         costs = np.minimum.accumulate(descent.costs)
-        best = {"color": MODEL, "lw": 2.0, "zorder": 3} if k == 0 else {"color": REFERENCE, "lw": 1.0}
-        axes.plot(np.arange(1, len(costs) + 1), costs, label=_("best start") if k == 0 else "", **best)
+        style = {"color": MODEL, "lw": 2.0, "zorder": 3} if k == 0 else {"color": REFERENCE, "lw": 1.0}
+        axes.plot(np.arange(1, len(costs) + 1), costs, label=_("best start") if k == 0 else "", **style)
     if np.isfinite(result.cost_before):
         axes.axhline(result.cost_before, color=MEASURED, lw=1, ls="--", label=_("gains of the file"))
     axes.set_yscale("log")
@@ -232,7 +245,7 @@ def search(result: TuneResult) -> "Figure":
 
 
 @with_style
-def cost_around(result: TuneResult) -> "Figure":
+def plot_cost_around(result: TuneResult) -> "Figure":
     """Draw the cost around the optimum, with one gain at a time decreased and increased."""
     figure, axes = panel((7.2, 3.6))
     rows = [np.where(np.isfinite(row), row, np.nan) for row in result.around]
@@ -249,7 +262,7 @@ def cost_around(result: TuneResult) -> "Figure":
 
 
 @with_style
-def corridor(result: CorridorAhead) -> "Figure":
+def plot_corridor(result: CorridorAhead) -> "Figure":
     """Draw the half-width of the 95 % corridor across the path over time."""
     figure, axes = panel((7.2, 3.0))
     corridor_ = result.corridor
@@ -263,7 +276,7 @@ def corridor(result: CorridorAhead) -> "Figure":
 
 
 @with_style
-def way(result: Route) -> "Figure":
+def plot_route(result: Route) -> "Figure":
     """Draw the path of a route and its start pose."""
     figure, axes = panel((7.2, 6.2))
     axes.plot(result.eta[:, 0], result.eta[:, 1], color=REFERENCE, lw=1.6)
@@ -276,7 +289,7 @@ def way(result: Route) -> "Figure":
 
 
 @with_style
-def drives(result: Forecast) -> "Figure":
+def plot_drives(result: Forecast) -> "Figure":
     """Draw the standard deviation of the final position of each drive."""
     figure, axes = panel((7.2, 0.5 * len(result.ahead) + 0.9))
     rows = np.arange(len(result.ahead))[::-1]
@@ -292,10 +305,10 @@ def drives(result: Forecast) -> "Figure":
 
 
 @with_style
-def cloud(result: Ensemble) -> "Figure":
-    """Draw the end position of each vehicle, and the path of each; of many vehicles only about MOST paths."""
+def plot_ensemble(result: Ensemble) -> "Figure":
+    """Draw the end position of each vehicle, and the path of each; of many vehicles only about MAX_PATHS paths."""
     figure, axes = panel((7.2, 6.2))
-    sample = result.eta[:: max(1, len(result.eta) // MOST)]
+    sample = result.eta[:: max(1, len(result.eta) // MAX_PATHS)]
     axes.plot(sample[:, :, 0].T, sample[:, :, 1].T, color=MODEL, lw=0.8, alpha=0.25)
     axes.plot(result.eta[:, -1, 0], result.eta[:, -1, 1], ".", ms=2, color=TRUTH, label=_("at the end"))
     axes.set_aspect("equal", adjustable="datalim")
@@ -305,4 +318,4 @@ def cloud(result: Ensemble) -> "Figure":
     return figure
 
 
-MOST = 200  # paths that are drawn
+MAX_PATHS = 200  # paths that are drawn

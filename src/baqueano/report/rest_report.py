@@ -14,37 +14,39 @@ from baqueano.report.page import Headline, Page, Section, Table, draw
 COLOURS = ("#3b6fb6", "#238b45", "#c2410c", "#7c3aed", "#a16207", "#0e7490")
 
 
-def page_of_rest(rest: Any) -> Page:
+def page_of_rest(result: Any) -> Page:
     """Return the page of `at_rest`."""
-    sensors = list(dict.fromkeys(c.sensor for c in rest.channels))
-    sections = [Section(_("Figures"), "\n".join(texts(rest.findings)), [Table(rest.rows())])]
+    sensors = list(dict.fromkeys(c.sensor for c in result.channels))
+    sections = [Section(_("Figures"), "\n".join(texts(result.findings)), [Table(result.rows())])]
     for sensor in sensors:
-        channels = [c for c in rest.channels if c.sensor == sensor]
+        channels = [c for c in result.channels if c.sensor == sensor]
         caption = _(
             "Overlapping Allan deviation with its 95 % interval; dashed: the coefficients that explain it."
         )
         sections.append(
-            Section(_("Allan deviation: {sensor}", sensor=sensor), "", [draw(_curves(channels), caption)])
+            Section(
+                _("Allan deviation: {sensor}", sensor=sensor), "", [draw(_allan_figure(channels), caption)]
+            )
         )
     return Page(
-        title=_("{run} at rest", run=rest.run),
-        subtitle=_("{duration_s:.0f} s without a command", duration_s=rest.duration_s),
-        verdict=rest.verdict,
+        title=_("{run} at rest", run=result.run),
+        subtitle=_("{duration_s:.0f} s without a command", duration_s=result.duration_s),
+        verdict=result.verdict,
         headlines=[
             Headline(
                 f"{c.sensor}[{c.entry}]",
                 f"{number(c.sd):.3g}",
-                _("bias {mean:.3g} ± {mean_sd:.1g}", mean=c.mean, mean_sd=c.mean_sd),
+                _("bias {mean:.3g} ± {mean_sd:.1g}", mean=c.mean, mean_sd=c.mean_std),
             )
-            for c in rest.channels[:4]
+            for c in result.channels[:4]
         ],
         sections=sections,
-        reproduce=baqueano_command("runs", "noise", rest.run),
+        reproduce=baqueano_command("runs", "noise", result.run),
     )
 
 
 @with_style
-def _curves(channels: list[Any]) -> Any:
+def _allan_figure(channels: list[Any]) -> Any:
     figure, axis = panel((9.2, 4.2))
     for c, colour in zip(channels, COLOURS * len(channels), strict=False):
         tau = c.curve.tau_s

@@ -20,17 +20,17 @@ from baqueano.symbolic import get
 if TYPE_CHECKING:
     from baqueano.contracts.values import TableRow
 
-AXIS = ("x", "y", r"\psi")
+AXIS_SYMBOLS = ("x", "y", r"\psi")
 
 
 def csv_text(rows: list["TableRow"]) -> str:
     """Return rows as CSV (RFC 4180); the cell of an unknown value is empty."""
-    out = io.StringIO()
-    writer = csv.DictWriter(out, list(rows[0]) if rows else [], lineterminator="\n")
+    buffer = io.StringIO()
+    writer = csv.DictWriter(buffer, list(rows[0]) if rows else [], lineterminator="\n")
     writer.writeheader()
     for row in rows:
         writer.writerow({key: "" if _is_nan(value) else value for key, value in row.items()})
-    return out.getvalue()
+    return buffer.getvalue()
 
 
 def latex_text(rows: list["TableRow"], caption: str = "", blocks: object = None) -> str:
@@ -45,8 +45,8 @@ def latex_text(rows: list["TableRow"], caption: str = "", blocks: object = None)
         r"    \midrule",
     ]
     for row in rows:
-        value, sd = row["estimate"], row["sd"]
-        cells = (r"\multicolumn{2}{c}{not observable}",) if value is None else with_error(value, sd)
+        value, std = row["estimate"], row["sd"]
+        cells = (r"\multicolumn{2}{c}{not observable}",) if value is None else with_error(value, std)
         lines.append(f"    {symbol(row['name'], blocks)} & {' & '.join(cells)} & {_unit(row['unit'])} \\\\")
     comments = [f"% {symbol(row['name'], blocks)}: {row['name']}" for row in rows]
     return "\n".join([*lines, r"    \bottomrule", r"  \end{tabular}", r"\end{table}", *comments, ""])
@@ -66,7 +66,7 @@ def symbol(path: str, blocks: object = None) -> str:
     if not isinstance(p.symbol, str):
         return f"${p.symbol[index[0] if index else 0]}$"
     if p.axes and len(index) == 1:
-        return _under(p.symbol, AXIS[index[0]])
+        return _under(p.symbol, AXIS_SYMBOLS[index[0]])
     return _under(p.symbol, "".join(str(i + 1) for i in index)) if index else f"${p.symbol}$"
 
 
@@ -75,14 +75,14 @@ def _under(letter: str, index: str) -> str:
     return f"${letter[:-1]},{index}}}$" if letter.endswith("}") else f"${letter}_{{{index}}}$"
 
 
-def with_error(value: float, sd: float | None) -> tuple[str, str]:
+def with_error(value: float, std: float | None) -> tuple[str, str]:
     """Return a value and its standard error, to two digits of the error."""
-    if sd is None or not np.isfinite(sd) or sd <= 0.0:
+    if std is None or not np.isfinite(std) or std <= 0.0:
         return f"${value:.5g}$", "--"
-    digits = max(0, 1 - int(np.floor(np.log10(sd))))
+    digits = max(0, 1 - int(np.floor(np.log10(std))))
     if digits > 6 or abs(value) >= 1e6:
-        return _power(f"{value:.6g}"), _power(f"{sd:.2g}")
-    return f"${value:.{digits}f}$", f"${sd:.{digits}f}$"
+        return _power(f"{value:.6g}"), _power(f"{std:.2g}")
+    return f"${value:.{digits}f}$", f"${std:.{digits}f}$"
 
 
 def suffix_of(path: Path) -> str:

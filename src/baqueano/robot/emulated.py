@@ -20,7 +20,7 @@ if TYPE_CHECKING:
     from baqueano.contracts.values import JsonObject
     from baqueano.vehicle_file.file import VehicleFile
 
-TREE = Path(baqueano.__file__).resolve().parents[2]
+REPOSITORY = Path(baqueano.__file__).resolve().parents[2]
 
 
 @contextmanager
@@ -39,10 +39,10 @@ def emulate_vehicle(
     >>> print(f"{run.applied[-1, 2]:.1f} reached the motors, {run.truth.nu[-1, 2]:.0f} rad/s")
     0.6 reached the motors, 4 rad/s
     """
-    if not (TREE / "tests" / "emulated" / "robot.py").is_file():
+    if not (REPOSITORY / "tests" / "emulated" / "robot.py").is_file():
         raise UsageError(fault("emulated.no-source"))
-    if str(TREE) not in sys.path:
-        sys.path.append(str(TREE))
+    if str(REPOSITORY) not in sys.path:
+        sys.path.append(str(REPOSITORY))
     rig = importlib.import_module("tests.emulated.rig")
     if lacking := rig.missing():
         raise UsageError(fault("emulated.no-packages", f"sudo apt-get install {' '.join(lacking)}"))

@@ -11,7 +11,7 @@ from baqueano.errors import UsageError
 from baqueano.geometry import wrap
 from baqueano.guides.route import Route, from_start, move_route
 from baqueano.messages.printable import baqueano_command
-from baqueano.routes.path import CLOSE_M, CLOSE_RAD, NAME, way
+from baqueano.routes.path import MAX_END_GAP_M, MAX_END_GAP_RAD, NAME_PLACEHOLDER, distances_along
 
 
 def cut(route: Route, from_m: float = 0.0, to_m: float | None = None) -> Route:
@@ -39,14 +39,14 @@ def cut(route: Route, from_m: float = 0.0, to_m: float | None = None) -> Route:
     >>> cut(bq.guides.shapes.circle(0.5, 0.2), 0.0, 1.0)
     Route(460 poses, 5.0 s, 1.00 m, open)
     """
-    s = way(route.eta[:, :2])
+    s = distances_along(route.eta[:, :2])
     to_m = float(s[-1]) if to_m is None else to_m
     if not 0.0 <= from_m < to_m <= s[-1] + 1e-9:
         raise UsageError(fault("route.cut", from_m=from_m, to_m=to_m, length_m=float(s[-1])))
     first = max(int(np.searchsorted(s, from_m, side="right")) - 1, 0)
     last = min(int(np.searchsorted(s, to_m)), len(s) - 1)
-    keep = slice(first, max(last, first + 1) + 1)
-    return Route(route.t_s[keep] - route.t_s[first], route.eta[keep], route.nu[keep], False)
+    kept_slice = slice(first, max(last, first + 1) + 1)
+    return Route(route.t_s[kept_slice] - route.t_s[first], route.eta[kept_slice], route.nu[kept_slice], False)
 
 
 def join(first: Route, second: Route) -> Route:
@@ -77,7 +77,7 @@ def join(first: Route, second: Route) -> Route:
         raise UsageError(
             fault(
                 "route.join-reverses",
-                baqueano_command("route", "reverse", NAME),
+                baqueano_command("route", "reverse", NAME_PLACEHOLDER),
                 first_m_s=float(first.nu[-1, 0]),
                 second_m_s=float(second.nu[0, 0]),
             )
@@ -157,7 +157,9 @@ def scale(route: Route, factor: float) -> Route:
 
 
 def meets(route: Route) -> bool:
-    """Return True if a route longer than 4 CLOSE_M ends within CLOSE_M and CLOSE_RAD of its start."""
-    gap = route.eta[-1] - route.eta[0]
-    near = np.hypot(gap[0], gap[1]) <= CLOSE_M and abs(float(wrap(gap[2]))) <= CLOSE_RAD
-    return bool(near and way(route.eta[:, :2])[-1] > 4.0 * CLOSE_M)
+    """Return True if a route longer than 4 MAX_END_GAP_M ends within MAX_END_GAP_M and MAX_END_GAP_RAD of its start."""
+    end_gap = route.eta[-1] - route.eta[0]
+    is_close = (
+        np.hypot(end_gap[0], end_gap[1]) <= MAX_END_GAP_M and abs(float(wrap(end_gap[2]))) <= MAX_END_GAP_RAD
+    )
+    return bool(is_close and distances_along(route.eta[:, :2])[-1] > 4.0 * MAX_END_GAP_M)

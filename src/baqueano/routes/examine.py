@@ -4,9 +4,9 @@
     share = max |u| / limit of the command that the model needs for ν and ν̇ of the route                   (2)
     free = half a side of the room − radius of the body − the largest |x| or |y| of the route             (3)
 
-u is the command, ν the velocity. The route's acceleration is averaged over SMOOTH_S, because at a corner of a drawn
-route the yaw rate jumps. A vehicle with too little acceleration is behind its reference for a moment: a warning. A
-vehicle with too little speed remains behind: the route is refused.
+u is the command, ν the velocity. The route's acceleration is averaged over MEAN_WINDOW_S, because at a corner of a
+drawn route the yaw rate jumps. A vehicle with too little acceleration is behind its reference for a moment: a warning.
+A vehicle with too little speed remains behind: the route is refused.
 """
 
 from dataclasses import dataclass
@@ -21,25 +21,27 @@ from baqueano.messages import verdict_line
 from baqueano.messages.language import number
 from baqueano.messages.language import translate as _
 from baqueano.messages.printable import baqueano_command, in_lines
-from baqueano.routes.capability import FASTEST_M_S, Capability
-from baqueano.routes.gaps import unknown_places
-from baqueano.routes.path import NAME, way
+from baqueano.routes.capability import MAX_SPEED_M_S, Capability
+from baqueano.routes.gaps import route_gaps
+from baqueano.routes.path import NAME_PLACEHOLDER, distances_along
 
 if TYPE_CHECKING:
     from baqueano.contracts.values import JsonObject, TableRow
     from baqueano.vehicle_file import VehicleFile
 
-SMOOTH_S = 0.3  # time over which an acceleration is averaged
-POSES = 600  # number of poses of a route that are judged
-OVER = 1.05  # share of the command up to which a route passes
-BRIEF_S = 0.3  # the controller compensates a shorter lack of command
+MEAN_WINDOW_S = 0.3  # time over which an acceleration is averaged
+MAX_POSES = 600  # number of poses of a route that are judged
+MAX_SHARE = 1.05  # share of the command up to which a route passes
+MIN_LACK_S = 0.3  # the controller compensates a shorter lack of command
 
 
 class Walls(Protocol):
-    """Protocol of a room: the `free` distances from the middle of the room, and the pose `start` in the room."""
+    """Protocol of a room: the `free_half_width_m` distances from the middle of the room, and the pose `start` in the
+    room.
+    """
 
     @property
-    def free(self) -> np.ndarray:
+    def free_half_width_m(self) -> np.ndarray:
         """Return the largest distance (2,) [m] of the body's origin from the middle of the room, along x and y."""
         ...
 
@@ -92,8 +94,8 @@ class RouteReport(Result):
     @property
     def verdict(self) -> Verdict:
         """Return USABLE, or REFUSED if a finding is an error."""
-        wrong = any(finding.severity == Severity.ERROR for finding in self.findings)
-        return Verdict.REFUSED if wrong else Verdict.USABLE
+        has_error = any(finding.severity == Severity.ERROR for finding in self.findings)
+        return Verdict.REFUSED if has_error else Verdict.USABLE
 
     def rows(self) -> list["TableRow"]:
         """Return one flat dict with all figures."""
@@ -159,26 +161,26 @@ def examine(
     >>> print(examine(bq.guides.shapes.eight(0.6, 0.2), bq.load("small")).verdict)
     USABLE
     """
-    s = way(route.eta[:, :2])
+    s = distances_along(route.eta[:, :2])
     speed, turn = np.abs(route.nu[:, 0]), np.abs(route.nu[:, 2])
     with np.errstate(divide="ignore", invalid="ignore"):
         radius = np.where(turn > 1e-9, speed / turn, np.inf)
-    findings, share = unknown_places(route, s), float("nan")
+    findings, share = route_gaps(route, s), float("nan")
     if vehicle_file is not None and not findings:
-        share, needs = _needs(route, s, Capability(vehicle_file, backend))
-        findings = needs
+        share, share_findings = _share_findings(route, s, Capability(vehicle_file, backend))
+        findings = share_findings
     free_m = float("nan")
     if room is not None and np.isfinite(s[-1]):
         xy = move_route(route._replace(eta=from_start(route.eta)), np.array(room.start)).eta[:, :2]
-        free = np.min(room.free - np.abs(xy), axis=1)
-        free_m, at = float(np.min(free)), int(np.argmin(free))
+        distances = np.min(room.free_half_width_m - np.abs(xy), axis=1)
+        free_m, index = float(np.min(distances)), int(np.argmin(distances))
         if free_m < 0.0:
             findings = [
                 *findings,
                 fault(
                     "route.through-wall",
-                    baqueano_command("route", "scale", NAME, "0.8"),
-                    at_m=float(s[at]),
+                    baqueano_command("route", "scale", NAME_PLACEHOLDER, "0.8"),
+                    at_m=float(s[index]),
                     beyond_m=-free_m,
                 ),
             ]
@@ -188,37 +190,37 @@ def examine(
     )  # fmt: skip
 
 
-def _needs(route: Route, s: np.ndarray, can: Capability) -> tuple[float, list[Diagnostic]]:
+def _share_findings(route: Route, s: np.ndarray, capability: Capability) -> tuple[float, list[Diagnostic]]:
     """Return the largest share of the command, and a finding if the vehicle cannot follow the route.  (1), (2)"""
-    t_s = np.linspace(0.0, route.t_s[-1], min(POSES, max(len(route.t_s), 2)))
-    v, r = (_smooth(t_s, np.interp(t_s, route.t_s, route.nu[:, k])) for k in (0, 2))
-    steady = can.share(v, r)
-    lasting = _least_over(can.share(v, r, np.gradient(v, t_s), np.gradient(r, t_s)), t_s)
-    share, slower = float(np.max(lasting)), baqueano_command("route", "faster", NAME)
-    too_fast = bool(np.any(_least_over(steady, t_s) > OVER))
-    if not too_fast and share <= OVER:
+    t_s = np.linspace(0.0, route.t_s[-1], min(MAX_POSES, max(len(route.t_s), 2)))
+    v, r = (_moving_mean(t_s, np.interp(t_s, route.t_s, route.nu[:, k])) for k in (0, 2))
+    steady_share = capability.share(v, r)
+    lasting_share = _least_over(capability.share(v, r, np.gradient(v, t_s), np.gradient(r, t_s)), t_s)
+    share, advice = float(np.max(lasting_share)), baqueano_command("route", "faster", NAME_PLACEHOLDER)
+    is_too_fast = bool(np.any(_least_over(steady_share, t_s) > MAX_SHARE))
+    if not is_too_fast and share <= MAX_SHARE:
         return share, []
-    k = int(np.argmax(steady if too_fast else lasting))
+    k = int(np.argmax(steady_share if is_too_fast else lasting_share))
     figures: JsonObject = {"at_m": float(np.interp(t_s[k], route.t_s, s)), "share": share}
-    if not too_fast:
-        return share, [note("route.accelerates-too-fast", Severity.WARNING, slower, **figures)]
-    straight = float(can.fastest_speed(np.zeros(1), np.full(1, FASTEST_M_S))[0])
-    if abs(v[k]) > straight:
-        needs: JsonObject = {"needs_m_s": float(abs(v[k])), "has_m_s": straight}
-        return share, [fault("route.speed-too-high", slower, **needs, **figures)]
-    has = float(can.fastest_turn(v[k : k + 1])[0])
-    needs = {"needs_rad_s": float(abs(r[k])), "has_rad_s": has, "speed_m_s": float(v[k])}
-    return share, [fault("route.turns-too-fast", slower, **needs, **figures)]
+    if not is_too_fast:
+        return share, [note("route.accelerates-too-fast", Severity.WARNING, advice, **figures)]
+    max_speed = float(capability.fastest_speed(np.zeros(1), np.full(1, MAX_SPEED_M_S))[0])
+    if abs(v[k]) > max_speed:
+        limits: JsonObject = {"needs_m_s": float(abs(v[k])), "has_m_s": max_speed}
+        return share, [fault("route.speed-too-high", advice, **limits, **figures)]
+    max_turn = float(capability.fastest_turn(v[k : k + 1])[0])
+    limits = {"needs_rad_s": float(abs(r[k])), "has_rad_s": max_turn, "speed_m_s": float(v[k])}
+    return share, [fault("route.turns-too-fast", advice, **limits, **figures)]
 
 
-def _smooth(t_s: np.ndarray, x: np.ndarray) -> np.ndarray:
-    """Return the moving mean (m,) of x (m,) over SMOOTH_S."""
-    n = max(1, round(SMOOTH_S / max(t_s[1] - t_s[0], 1e-9)))
+def _moving_mean(t_s: np.ndarray, x: np.ndarray) -> np.ndarray:
+    """Return the moving mean (m,) of x (m,) over MEAN_WINDOW_S."""
+    n = max(1, round(MEAN_WINDOW_S / max(t_s[1] - t_s[0], 1e-9)))
     return np.convolve(np.pad(x, (n // 2, n - 1 - n // 2), mode="edge"), np.ones(n) / n, mode="valid")
 
 
 def _least_over(share: np.ndarray, t_s: np.ndarray) -> np.ndarray:
-    """Return the least share (m,) in the BRIEF_S after each time: the share that lasts at least BRIEF_S."""
-    n = max(1, round(BRIEF_S / max(t_s[1] - t_s[0], 1e-9)))
+    """Return the least share (m,) in the MIN_LACK_S after each time: the share that lasts at least MIN_LACK_S."""
+    n = max(1, round(MIN_LACK_S / max(t_s[1] - t_s[0], 1e-9)))
     padded_share = np.pad(share, (0, n - 1), mode="edge")
     return np.min(np.lib.stride_tricks.sliding_window_view(padded_share, n), axis=1)

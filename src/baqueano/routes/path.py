@@ -15,11 +15,11 @@ from baqueano.errors import UsageError
 from baqueano.guides.route import Route
 from baqueano.messages.printable import baqueano_command
 
-NAME = "NAME"  # placeholder for the name of a route in a command line
+NAME_PLACEHOLDER = "NAME"  # placeholder for the name of a route in a command line
 STEP_M = 1e-3  # a shorter step is a stop
 GRID_M = 0.01  # distance between the points of a new path
-BACK_M_S = 0.02  # speed from which a vehicle drives backward
-CLOSE_M, CLOSE_RAD = 0.3, np.radians(45.0)  # a start and an end that are closer count as one
+MIN_SPEED_M_S = 0.02  # speed from which a vehicle drives backward
+MAX_END_GAP_M, MAX_END_GAP_RAD = 0.3, np.radians(45.0)  # a start and an end that are closer count as one
 
 
 class RoutePath(NamedTuple):
@@ -43,59 +43,61 @@ class RoutePath(NamedTuple):
     kappa: np.ndarray
 
 
-def way(xy: np.ndarray) -> np.ndarray:
+def distances_along(xy: np.ndarray) -> np.ndarray:
     """Return the distance s (m,) [m] from the first point along points (m, 2).  (1)"""
     return np.append(0.0, np.cumsum(np.hypot(*np.diff(xy, axis=0).T)))
 
 
-def moving(route: Route) -> np.ndarray:
+def moving_indices(route: Route) -> np.ndarray:
     """Return the indices of samples about STEP_M or more apart: without stops, but with the last sample.
 
     Raise UsageError if fewer than four samples remain: the vehicle was at rest, or turned on the spot.
     """
-    s = way(route.eta[:, :2])
+    s = distances_along(route.eta[:, :2])
     cell = np.floor(s / STEP_M)
-    keep = np.flatnonzero(np.diff(cell, prepend=-1.0) > 0.0)
-    if keep[-1] != len(s) - 1:
-        keep = np.append(keep[:-1] if s[-1] - s[keep[-1]] < STEP_M and len(keep) > 1 else keep, len(s) - 1)
-    if len(keep) < 4:
+    indices = np.flatnonzero(np.diff(cell, prepend=-1.0) > 0.0)
+    if indices[-1] != len(s) - 1:
+        indices = np.append(
+            indices[:-1] if s[-1] - s[indices[-1]] < STEP_M and len(indices) > 1 else indices, len(s) - 1
+        )
+    if len(indices) < 4:
         raise UsageError(fault("route.no-way", length_m=float(s[-1])))
-    return keep
+    return indices
 
 
 def direction(route: Route) -> float:
     """Return 1 for a route that is driven forward, −1 for backward. UsageError, with the place, if it is both."""
     speed = route.nu[:, 0]
-    back, ahead = speed < -BACK_M_S, speed > BACK_M_S
-    if np.any(back) and np.any(ahead):
-        turns = np.flatnonzero(np.diff(np.sign(speed[back | ahead])))
-        first = np.flatnonzero(back | ahead)[turns[0] + 1]
-        at_m = float(way(route.eta[:, :2])[first])
+    is_backward, is_forward = speed < -MIN_SPEED_M_S, speed > MIN_SPEED_M_S
+    if np.any(is_backward) and np.any(is_forward):
+        changes = np.flatnonzero(np.diff(np.sign(speed[is_backward | is_forward])))
+        first = np.flatnonzero(is_backward | is_forward)[changes[0] + 1]
+        at_m = float(distances_along(route.eta[:, :2])[first])
         raise UsageError(
             fault(
                 "route.both-ways",
-                baqueano_command("route", "cut", NAME, "--to", f"{at_m:.2f}"),
+                baqueano_command("route", "cut", NAME_PLACEHOLDER, "--to", f"{at_m:.2f}"),
                 at_m=at_m,
-                count=len(turns),
+                count=len(changes),
             )
         )
-    return -1.0 if np.any(back) else 1.0
+    return -1.0 if np.any(is_backward) else 1.0
 
 
-def route_along(path: RoutePath, speed: np.ndarray, ahead: float, closed: bool) -> Route:
-    """Return the route along a path with the speeds (m,) > 0 [m/s]; `ahead` −1 drives it backward."""
+def route_along(path: RoutePath, speed: np.ndarray, forward_sign: float, closed: bool) -> Route:
+    """Return the route along a path with the speeds (m,) > 0 [m/s]; `forward_sign` −1 drives it backward."""
     rate = 0.5 * (speed[1:] + speed[:-1])
     t_s = np.append(0.0, np.cumsum(np.diff(path.s) / rate))
-    psi = path.course if ahead > 0.0 else path.course + np.pi
-    nu = np.column_stack([ahead * speed, np.zeros_like(speed), path.kappa * speed])
+    psi = path.course if forward_sign > 0.0 else path.course + np.pi
+    nu = np.column_stack([forward_sign * speed, np.zeros_like(speed), path.kappa * speed])
     return Route(t_s, np.column_stack([path.xy, psi]), nu, closed)
 
 
 def path_of(route: Route) -> RoutePath:
     """Return the path of a route as it was taught; its curvature is computed from the headings.  (1)"""
-    keep = moving(route)
-    xy = route.eta[keep, :2]
-    s = way(xy)
-    psi = np.unwrap(route.eta[keep, 2]) + (np.pi if direction(route) < 0.0 else 0.0)
+    indices = moving_indices(route)
+    xy = route.eta[indices, :2]
+    s = distances_along(xy)
+    psi = np.unwrap(route.eta[indices, 2]) + (np.pi if direction(route) < 0.0 else 0.0)
     kappa = np.gradient(psi, s)
     return RoutePath(s, xy, psi, kappa)

@@ -7,9 +7,9 @@ import numpy as np
 from baqueano.diagnostics import fault
 from baqueano.errors import UsageError
 from baqueano.guides.route import Route
-from baqueano.routes.path import GRID_M, STEP_M, RoutePath, route_along, way
+from baqueano.routes.path import GRID_M, STEP_M, RoutePath, distances_along, route_along
 
-JUMP_M = 20.0  # between two points
+MAX_LEG_M = 20.0  # between two points
 
 
 def through_points(xy: np.ndarray, speed_m_s: float, closed: bool = False, corner_m: float = 0.1) -> Route:
@@ -44,30 +44,30 @@ def through_points(xy: np.ndarray, speed_m_s: float, closed: bool = False, corne
     points = np.atleast_2d(np.array(xy, dtype=float))
     if points.ndim != 2 or points.shape[1:] != (2,) or len(points) < 2:
         raise UsageError(fault("route.points", found=str(np.shape(xy))))
-    wrong = ~np.isfinite(points).all(axis=1)
-    if wrong.any():
-        raise UsageError(fault("route.point-not-finite", number=int(np.argmax(wrong)) + 1))
+    is_wrong = ~np.isfinite(points).all(axis=1)
+    if is_wrong.any():
+        raise UsageError(fault("route.point-not-finite", number=int(np.argmax(is_wrong)) + 1))
     if not (np.isfinite(speed_m_s) and speed_m_s > 0.0):
         raise UsageError(fault("route.speed", found=speed_m_s))
     corners = np.vstack([points, points[:1]]) if closed else points
     legs = np.hypot(*np.diff(corners, axis=0).T)
-    for wrong, code in ((legs < STEP_M, "route.points-same"), (legs > JUMP_M, "route.points-far")):
-        if wrong.any():
-            k = int(np.argmax(wrong))
+    for is_wrong, code in ((legs < STEP_M, "route.points-same"), (legs > MAX_LEG_M, "route.points-far")):
+        if is_wrong.any():
+            k = int(np.argmax(is_wrong))
             raise UsageError(fault(code, first=k + 1, second=k + 2, distance_m=float(legs[k])))
-    fine = np.concatenate(list(_round_corners(corners, legs, closed, corner_m)))
-    s = way(fine)
-    keep = np.append(True, np.diff(s) > 1e-9)
+    rounded = np.concatenate(list(_round_corners(corners, legs, closed, corner_m)))
+    s = distances_along(rounded)
+    kept_mask = np.append(True, np.diff(s) > 1e-9)
     grid = np.linspace(0.0, s[-1], max(4, round(s[-1] / GRID_M) + 1))
-    line = np.column_stack([np.interp(grid, s[keep], column[keep]) for column in fine.T])
+    line = np.column_stack([np.interp(grid, s[kept_mask], column[kept_mask]) for column in rounded.T])
     step = np.roll(line[:-1], -1, axis=0) - line[:-1] if closed else np.diff(line, axis=0)
     heading = np.unwrap(np.arctan2(step[:, 1], step[:, 0]))
-    between = 0.5 * (grid[1:] + grid[:-1])
+    midpoints = 0.5 * (grid[1:] + grid[:-1])
     if closed:
         turn = 2.0 * np.pi * np.round((heading[-1] - heading[0]) / (2.0 * np.pi))
         heading = np.concatenate([[heading[-1] - turn], heading, [heading[0] + turn]])
-        between = np.concatenate([[between[-1] - grid[-1]], between, [between[0] + grid[-1]]])
-    course = np.interp(grid, between, heading)
+        midpoints = np.concatenate([[midpoints[-1] - grid[-1]], midpoints, [midpoints[0] + grid[-1]]])
+    course = np.interp(grid, midpoints, heading)
     path = RoutePath(grid, line, course, np.gradient(course, grid))
     return route_along(path, np.full(len(grid), float(speed_m_s)), 1.0, closed)
 
@@ -83,11 +83,11 @@ def _round_corners(
     first, last = corners[0], corners[-1]
     pieces = []
     for k in inner:
-        after = corners[1] if k == len(corners) - 1 else corners[k + 1]
-        out = legs[0] if k == len(corners) - 1 else legs[k]
-        reach = min(corner_m, 0.45 * legs[k - 1], 0.45 * out)
-        a = corners[k] + (corners[k - 1] - corners[k]) * reach / legs[k - 1]
-        b = corners[k] + (after - corners[k]) * reach / out
+        next_corner = corners[1] if k == len(corners) - 1 else corners[k + 1]
+        next_leg = legs[0] if k == len(corners) - 1 else legs[k]
+        distance = min(corner_m, 0.45 * legs[k - 1], 0.45 * next_leg)
+        a = corners[k] + (corners[k - 1] - corners[k]) * distance / legs[k - 1]
+        b = corners[k] + (next_corner - corners[k]) * distance / next_leg
         pieces.append((1.0 - t) ** 2 * a + 2.0 * t * (1.0 - t) * corners[k] + t**2 * b)
     if closed:
         first = last = pieces[-1][-1]

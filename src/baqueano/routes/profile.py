@@ -17,17 +17,17 @@ from baqueano.diagnostics import fault
 from baqueano.errors import UsageError
 from baqueano.guides.route import Route
 from baqueano.messages.printable import baqueano_command
-from baqueano.routes.capability import FASTEST_M_S, FASTEST_M_S2, Capability, most
-from baqueano.routes.path import GRID_M, NAME, RoutePath, direction, path_of, route_along
+from baqueano.routes.capability import MAX_ACCELERATION_M_S2, MAX_SPEED_M_S, Capability, largest_allowed
+from baqueano.routes.path import GRID_M, NAME_PLACEHOLDER, RoutePath, direction, path_of, route_along
 
 if TYPE_CHECKING:
     from baqueano.vehicle_file import VehicleFile
 
-SHARE = 0.8  # of the command; the rest is for the controller
-SIDEWAYS_M_S2 = 3.0  # half of the grip of rubber on a smooth floor, 0.6 g
-SPEEDS = 24  # number of speeds at which (2) is evaluated
-SLOWEST_M_S = 0.02  # speed of a start from rest, so that the time is finite
-TURNS = 3  # laps of a closed route, until the speeds of its start and its end agree
+COMMAND_SHARE = 0.8  # of the command; the rest is for the controller
+MAX_SIDEWAYS_M_S2 = 3.0  # half of the grip of rubber on a smooth floor, 0.6 g
+SPEED_COUNT = 24  # number of speeds at which (2) is evaluated
+MIN_SPEED_M_S = 0.02  # speed of a start from rest, so that the time is finite
+LAP_COUNT = 3  # laps of a closed route, until the speeds of its start and its end agree
 
 
 def at_speed(route: Route, speed_m_s: float) -> Route:
@@ -65,9 +65,9 @@ def fastest(
     route: Route,
     vehicle_file: "VehicleFile",
     *,
-    share: float = SHARE,
-    sideways_m_s2: float = SIDEWAYS_M_S2,
-    speed_m_s: float = FASTEST_M_S,
+    share: float = COMMAND_SHARE,
+    sideways_m_s2: float = MAX_SIDEWAYS_M_S2,
+    speed_m_s: float = MAX_SPEED_M_S,
     from_rest: bool | None = None,
     backend: str = "auto",
 ) -> Route:
@@ -114,22 +114,22 @@ def fastest(
     for name, value, high in (("share", share, 1.0), ("sideways_m_s2", sideways_m_s2, np.inf)):
         if not 0.0 < value <= high:
             raise UsageError(fault("route.limit", name=name, found=value))
-    if not speed_m_s > SLOWEST_M_S:
+    if not speed_m_s > MIN_SPEED_M_S:
         raise UsageError(fault("route.speed", found=speed_m_s))
-    path, ahead = _resample(path_of(route)), direction(route)
-    can = Capability(vehicle_file, backend)
-    bend = np.abs(path.kappa)
-    high = np.minimum(speed_m_s, np.sqrt(sideways_m_s2 / np.maximum(bend, 1e-9)))
-    v_most = can.fastest_speed(ahead * path.kappa, np.minimum(high, FASTEST_M_S), share)
-    if np.any(slow := v_most < SLOWEST_M_S):
-        at = int(np.argmax(slow))
-        fix = baqueano_command("route", "smooth", NAME, "--rms", "0.05")
+    path, forward_sign = _resample(path_of(route)), direction(route)
+    capability = Capability(vehicle_file, backend)
+    curvature = np.abs(path.kappa)
+    high = np.minimum(speed_m_s, np.sqrt(sideways_m_s2 / np.maximum(curvature, 1e-9)))
+    max_speed = capability.fastest_speed(forward_sign * path.kappa, np.minimum(high, MAX_SPEED_M_S), share)
+    if np.any(is_too_slow := max_speed < MIN_SPEED_M_S):
+        index = int(np.argmax(is_too_slow))
+        fix = baqueano_command("route", "smooth", NAME_PLACEHOLDER, "--rms", "0.05")
         raise UsageError(
-            fault("route.too-tight", fix, at_m=float(path.s[at]), radius_m=float(1.0 / bend[at]))
+            fault("route.too-tight", fix, at_m=float(path.s[index]), radius_m=float(1.0 / curvature[index]))
         )
-    stops = not route.closed if from_rest is None else from_rest
-    up, down = (_rates(can, path, ahead, sign, v_most, share) for sign in (1.0, -1.0))
-    return route_along(path, _sweep(path, v_most, up, down, stops), ahead, route.closed)
+    begins_at_rest = not route.closed if from_rest is None else from_rest
+    up, down = (_rates(capability, path, forward_sign, sign, max_speed, share) for sign in (1.0, -1.0))
+    return route_along(path, _sweep(path, max_speed, up, down, begins_at_rest), forward_sign, route.closed)
 
 
 def _resample(path: RoutePath) -> RoutePath:
@@ -141,36 +141,51 @@ def _resample(path: RoutePath) -> RoutePath:
 
 
 def _rates(
-    can: Capability, path: RoutePath, ahead: float, sign: float, v_most: np.ndarray, share: float
+    capability: Capability,
+    path: RoutePath,
+    forward_sign: float,
+    sign: float,
+    max_speed: np.ndarray,
+    share: float,
 ) -> np.ndarray:
-    """Return the largest |v̇| (m, SPEEDS) [m/s²] of the sign `sign`, at fractions of the speed v_most (m,).  (2)
-    The result is at most FASTEST_M_S2.
+    """Return the largest |v̇| (m, SPEED_COUNT) [m/s²] of the sign `sign`, at fractions of `max_speed` (m,).  (2)
+    The result is at most MAX_ACCELERATION_M_S2.
     """
-    v = v_most[:, None] * np.linspace(0.0, 1.0, SPEEDS)
-    kappa, slope = ahead * path.kappa[:, None], ahead * np.gradient(path.kappa, path.s)[:, None]
+    v = max_speed[:, None] * np.linspace(0.0, 1.0, SPEED_COUNT)
+    kappa, kappa_slope = (
+        forward_sign * path.kappa[:, None],
+        forward_sign * np.gradient(path.kappa, path.s)[:, None],
+    )
 
-    def holds(rate: np.ndarray) -> np.ndarray:
+    def is_possible(rate: np.ndarray) -> np.ndarray:
         v_dot = sign * rate
         return (
-            can.share(ahead * v, kappa * ahead * v, ahead * v_dot, ahead * (kappa * v_dot + slope * v**2))
+            capability.share(
+                forward_sign * v,
+                kappa * forward_sign * v,
+                forward_sign * v_dot,
+                forward_sign * (kappa * v_dot + kappa_slope * v**2),
+            )
             <= share
         )
 
-    return most(holds, np.full(v.shape, FASTEST_M_S2))
+    return largest_allowed(is_possible, np.full(v.shape, MAX_ACCELERATION_M_S2))
 
 
-def _sweep(path: RoutePath, v_most: np.ndarray, up: np.ndarray, down: np.ndarray, stops: bool) -> np.ndarray:
+def _sweep(
+    path: RoutePath, max_speed: np.ndarray, up: np.ndarray, down: np.ndarray, begins_at_rest: bool
+) -> np.ndarray:
     """Return the largest speed (m,) [m/s] that satisfies (1), and (2) with the rates `up` and `down`."""
-    v, ds, parts = v_most.copy(), np.diff(path.s), np.linspace(0.0, 1.0, SPEEDS)
-    if stops:
-        v[[0, -1]] = SLOWEST_M_S
-    for _ in range(1 if stops else TURNS):
+    v, ds, fractions = max_speed.copy(), np.diff(path.s), np.linspace(0.0, 1.0, SPEED_COUNT)
+    if begins_at_rest:
+        v[[0, -1]] = MIN_SPEED_M_S
+    for _ in range(1 if begins_at_rest else LAP_COUNT):
         for k in range(len(ds)):
-            gain = 2.0 * ds[k] * np.interp(v[k] / v_most[k], parts, up[k])
+            gain = 2.0 * ds[k] * np.interp(v[k] / max_speed[k], fractions, up[k])
             v[k + 1] = min(v[k + 1], np.sqrt(v[k] ** 2 + gain))
-        v[0] = v[0] if stops else min(v[0], v[-1])
+        v[0] = v[0] if begins_at_rest else min(v[0], v[-1])
         for k in reversed(range(len(ds))):
-            gain = 2.0 * ds[k] * np.interp(v[k + 1] / v_most[k + 1], parts, down[k + 1])
+            gain = 2.0 * ds[k] * np.interp(v[k + 1] / max_speed[k + 1], fractions, down[k + 1])
             v[k] = min(v[k], np.sqrt(v[k + 1] ** 2 + gain))
-        v[-1] = v[-1] if stops else min(v[0], v[-1])
+        v[-1] = v[-1] if begins_at_rest else min(v[0], v[-1])
     return v

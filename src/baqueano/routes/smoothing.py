@@ -5,7 +5,7 @@
     κ = (p′_x p″_y − p′_y p″_x) / |p′|³                                                                  (3)
 
 p is the position, s the distance along the path, p̂_k and ω_k amplitude and frequency of a wave, κ the curvature. The
-cut ω_c is the smallest cut within the tolerance, at least 2π/WAVE_M: longer curves keep their position, and a drawn
+cut ω_c is the smallest cut within the tolerance, at least 2π/MAX_WAVE_M: longer curves keep their position, and a drawn
 shape hardly changes. Stops, and turns on the spot, are excluded. (2) is the smoothing spline of Schoenberg, Proceedings
 of the National Academy of Sciences, 1964, on evenly spaced points.
 """
@@ -18,23 +18,23 @@ from baqueano.diagnostics import fault
 from baqueano.errors import UsageError
 from baqueano.guides.route import Route
 from baqueano.routes.edit import meets
-from baqueano.routes.path import GRID_M, RoutePath, direction, moving, route_along, way
+from baqueano.routes.path import GRID_M, RoutePath, direction, distances_along, moving_indices, route_along
 
-LEAST_M, LARGEST_M = 1e-4, 0.5  # range of a tolerance
-WAVE_M = 0.8  # the longest wave that is removed
-SLOWEST = 0.2  # of the median speed: the least speed, in place of a stop
-HALVINGS = 30
+MIN_TOLERANCE_M, MAX_TOLERANCE_M = 1e-4, 0.5  # range of a tolerance
+MAX_WAVE_M = 0.8  # the longest wave that is removed
+MIN_SPEED_SHARE = 0.2  # of the median speed: the least speed, in place of a stop
+HALVING_COUNT = 30
 
 
 class Spectrum(NamedTuple):
     """A path as a Fourier series along its length, with its points and the straight line that was subtracted."""
 
     p: np.ndarray  # (n,) positions x + iy [m] at even distances, minus the straight part
-    straight: np.ndarray  # (n,) the straight line from the first to the last point
+    line: np.ndarray  # (n,) the straight line from the first to the last point
     omega: np.ndarray  # (n,) [rad/m]
     hat: np.ndarray  # (n,) of p
     points: int  # number of points of the path itself; the others are its reflection
-    slope: complex  # of the straight part
+    line_slope: complex  # of the straight part
 
 
 def smooth(route: Route, tolerance_m: float = 0.02, kind: Literal["rms", "max"] = "rms") -> Route:
@@ -69,65 +69,67 @@ def smooth(route: Route, tolerance_m: float = 0.02, kind: Literal["rms", "max"] 
     >>> smooth(taught, 0.01, "max")
     Route(380 poses, 18.9 s, 3.79 m, closed)
     """
-    if not LEAST_M <= tolerance_m <= LARGEST_M:
-        raise UsageError(fault("route.tolerance", found=tolerance_m, least_m=LEAST_M, largest_m=LARGEST_M))
-    ahead, keep = direction(route), moving(route)
-    closed = route.closed or meets(route)
-    s = way(route.eta[keep, :2])
-    waves = _spectrum(route.eta[keep, :2], s, closed)
-    cut_rad_m = _cut(waves, tolerance_m, kind)
-    path = _path(waves, cut_rad_m, closed)
-    speed = np.abs(route.nu[keep, 0])
-    speed = np.maximum(speed, SLOWEST * float(np.median(speed)))
-    return route_along(path, np.interp(path.s / path.s[-1], s / s[-1], speed), ahead, closed)
+    if not MIN_TOLERANCE_M <= tolerance_m <= MAX_TOLERANCE_M:
+        raise UsageError(
+            fault("route.tolerance", found=tolerance_m, least_m=MIN_TOLERANCE_M, largest_m=MAX_TOLERANCE_M)
+        )
+    forward_sign, indices = direction(route), moving_indices(route)
+    is_closed = route.closed or meets(route)
+    s = distances_along(route.eta[indices, :2])
+    spectrum = _spectrum(route.eta[indices, :2], s, is_closed)
+    cut_rad_m = _cutoff(spectrum, tolerance_m, kind)
+    path = _path(spectrum, cut_rad_m, is_closed)
+    speed = np.abs(route.nu[indices, 0])
+    speed = np.maximum(speed, MIN_SPEED_SHARE * float(np.median(speed)))
+    return route_along(path, np.interp(path.s / path.s[-1], s / s[-1], speed), forward_sign, is_closed)
 
 
-def _spectrum(xy: np.ndarray, s: np.ndarray, closed: bool) -> Spectrum:
+def _spectrum(xy: np.ndarray, s: np.ndarray, is_closed: bool) -> Spectrum:
     """Return the Fourier series of a path through points (m, 2) at the distances s (m,).  (1)"""
     n = max(8, round(s[-1] / GRID_M) + 1)
     grid = np.linspace(0.0, s[-1], n)
     p = np.interp(grid, s, xy[:, 0]) + 1j * np.interp(grid, s, xy[:, 1])
-    slope = (p[-1] - p[0]) / s[-1]
-    straight = p[0] + slope * grid
-    p = p - straight  # 0 at both ends
-    p = p[:-1] if closed else np.concatenate([p, -p[-2:0:-1]])
+    line_slope = (p[-1] - p[0]) / s[-1]
+    line = p[0] + line_slope * grid
+    p = p - line  # 0 at both ends
+    p = p[:-1] if is_closed else np.concatenate([p, -p[-2:0:-1]])
     omega = 2.0 * np.pi * np.fft.fftfreq(len(p), s[-1] / (n - 1))
-    return Spectrum(p, straight, omega, np.fft.fft(p), n, slope)
+    return Spectrum(p, line, omega, np.fft.fft(p), n, line_slope)
 
 
-def _cut(waves: Spectrum, tolerance_m: float, kind: str) -> float:
-    """Return ω_c [rad/m], the smallest cut within the tolerance, at least 2π/WAVE_M."""
-    low, high = 2.0 * np.pi / WAVE_M, np.pi / GRID_M
-    if _off(waves, low, kind) <= tolerance_m:
+def _cutoff(spectrum: Spectrum, tolerance_m: float, norm: str) -> float:
+    """Return ω_c [rad/m], the smallest cut within the tolerance, at least 2π/MAX_WAVE_M."""
+    low, high = 2.0 * np.pi / MAX_WAVE_M, np.pi / GRID_M
+    if _deviation(spectrum, low, norm) <= tolerance_m:
         return low
-    for _ in range(HALVINGS):
+    for _ in range(HALVING_COUNT):
         middle = float(np.sqrt(low * high))
-        low, high = (low, middle) if _off(waves, middle, kind) <= tolerance_m else (middle, high)
+        low, high = (low, middle) if _deviation(spectrum, middle, norm) <= tolerance_m else (middle, high)
     return high
 
 
-def _low_pass(waves: Spectrum, cut_rad_m: float, order: int = 0) -> np.ndarray:
+def _low_pass(spectrum: Spectrum, cut_rad_m: float, order: int = 0) -> np.ndarray:
     """Return the low-passed path as complex numbers (points,), or its derivative of the given `order`.  (2)"""
-    gain = (1j * waves.omega) ** order / (1.0 + (waves.omega / cut_rad_m) ** 6)
-    p = np.fft.ifft(gain * waves.hat)
-    return np.append(p, p[0])[: waves.points] if len(p) < waves.points else p[: waves.points]
+    gain = (1j * spectrum.omega) ** order / (1.0 + (spectrum.omega / cut_rad_m) ** 6)
+    p = np.fft.ifft(gain * spectrum.hat)
+    return np.append(p, p[0])[: spectrum.points] if len(p) < spectrum.points else p[: spectrum.points]
 
 
-def _off(waves: Spectrum, cut_rad_m: float, kind: str) -> float:
-    """Return the distance [m] between smooth path and points: the largest if `kind` is "max", else the rms."""
-    taught_points = np.append(waves.p, waves.p[0])[: waves.points]
-    off = np.abs(_low_pass(waves, cut_rad_m) - taught_points)
-    return float(np.max(off) if kind == "max" else np.sqrt(np.mean(off**2)))
+def _deviation(spectrum: Spectrum, cut_rad_m: float, norm: str) -> float:
+    """Return the distance [m] between smooth path and points: the largest if `norm` is "max", else the rms."""
+    taught_points = np.append(spectrum.p, spectrum.p[0])[: spectrum.points]
+    distances = np.abs(_low_pass(spectrum, cut_rad_m) - taught_points)
+    return float(np.max(distances) if norm == "max" else np.sqrt(np.mean(distances**2)))
 
 
-def _path(waves: Spectrum, cut_rad_m: float, closed: bool) -> RoutePath:
+def _path(spectrum: Spectrum, cut_rad_m: float, is_closed: bool) -> RoutePath:
     """Return the smooth path with one point each GRID_M, at least eight points.  (3)"""
-    p = _low_pass(waves, cut_rad_m) + waves.straight
-    p1, p2 = _low_pass(waves, cut_rad_m, 1) + waves.slope, _low_pass(waves, cut_rad_m, 2)
+    p = _low_pass(spectrum, cut_rad_m) + spectrum.line
+    p1, p2 = _low_pass(spectrum, cut_rad_m, 1) + spectrum.line_slope, _low_pass(spectrum, cut_rad_m, 2)
     kappa = np.imag(np.conj(p1) * p2) / np.maximum(np.abs(p1), 1e-9) ** 3
     course = np.unwrap(np.angle(p1))
     x, y = np.real(p), np.imag(p)
-    s = way(np.column_stack([x, y]))
-    even = np.linspace(0.0, s[-1], max(8, round(s[-1] / GRID_M) + 1))
-    x, y, course, kappa = (np.interp(even, s, column) for column in (x, y, course, kappa))
-    return RoutePath(even, np.column_stack([x, y]), course, kappa)
+    s = distances_along(np.column_stack([x, y]))
+    grid = np.linspace(0.0, s[-1], max(8, round(s[-1] / GRID_M) + 1))
+    x, y, course, kappa = (np.interp(grid, s, column) for column in (x, y, course, kappa))
+    return RoutePath(grid, np.column_stack([x, y]), course, kappa)

@@ -12,30 +12,30 @@ from baqueano.errors import FileError
 
 
 @contextmanager
-def appearing(path: Path) -> Iterator[BinaryIO]:
+def write_then_appear(path: Path) -> Iterator[BinaryIO]:
     """Yield a stream to a temporary file that is named `path` when it is complete. Raise FileError if `path` exists."""
-    part = path.with_name(f".{uuid4().hex}.part")
-    _free(path)
+    temporary_path = path.with_name(f".{uuid4().hex}.part")
+    _remove(path)
     try:
-        with part.open("xb") as file:
+        with temporary_path.open("xb") as file:
             yield file
-        _give_name(part, path)
+        _give_name(temporary_path, path)
     finally:
-        part.unlink(missing_ok=True)
+        temporary_path.unlink(missing_ok=True)
 
 
-def _give_name(part: Path, path: Path) -> None:
-    """Give `part` the name `path` by a link, which fails if `path` exists. Without links on the file system,
+def _give_name(temporary_path: Path, path: Path) -> None:
+    """Give `temporary_path` the name `path` by a link, which fails if `path` exists. Without links on the file system,
     rename it."""
     try:
-        os.link(part, path)
+        os.link(temporary_path, path)
     except FileExistsError:
-        _free(path)
+        _remove(path)
     except OSError:
-        _free(path)
-        os.rename(part, path)
+        _remove(path)
+        os.rename(temporary_path, path)
 
 
-def _free(path: Path) -> None:
+def _remove(path: Path) -> None:
     if os.path.lexists(path):
         raise FileError(fault("runs.file-there", f"mv {path} ELSEWHERE", path=path))

@@ -17,9 +17,9 @@ from baqueano.errors import FileError, UsageError
 from baqueano.runs.run import Run
 from baqueano.signals import seconds
 
-POSE, VELOCITY = ("x_m", "y_m", "psi_rad"), ("nu_x_m_s", "nu_y_m_s", "nu_psi_rad_s")
-ACCELERATION = ("nu_x_dot_m_s2", "nu_y_dot_m_s2", "nu_psi_dot_rad_s2")
-PATHS = ("estimate", "reference", "truth")
+POSE_COLUMNS, VELOCITY_COLUMNS = ("x_m", "y_m", "psi_rad"), ("nu_x_m_s", "nu_y_m_s", "nu_psi_rad_s")
+ACCELERATION_COLUMNS = ("nu_x_dot_m_s2", "nu_y_dot_m_s2", "nu_psi_dot_rad_s2")
+PATH_NAMES = ("estimate", "reference", "truth")
 
 
 def export_csv(run: Run, path: Path | str, decimal: str = ".") -> Path:
@@ -60,7 +60,7 @@ def export_csv(run: Run, path: Path | str, decimal: str = ".") -> Path:
     def cell(x: float) -> str:
         return "" if math.isnan(x) else repr(x).replace(".", decimal)
 
-    path = _new(path)
+    path = _checked_new_path(path)
     with path.open("w", encoding="utf-8", newline="") as stream:
         writer = csv.writer(stream, delimiter=";" if decimal == "," else ",")
         writer.writerow(names)
@@ -73,10 +73,10 @@ def _columns(run: Run) -> Iterator[tuple[str, np.ndarray]]:
     names = [name.strip() for name in run.metadata.get("commands", "").split(",")]
     names = names if len(names) == n and all(names) else [f"u{i + 1}" for i in range(n)]
     yield "t_s", run.t_s
-    for which in ("applied", "requested", "sent"):
-        values = getattr(run, which)
+    for stage in ("applied", "requested", "sent"):
+        values = getattr(run, stage)
         if values is not None:
-            yield from ((f"{which}.{name}", values[:, i]) for i, name in enumerate(names))
+            yield from ((f"{stage}.{name}", values[:, i]) for i, name in enumerate(names))
     for name, channel in run.sensors.items():
         rows = at_ticks(
             t_ns, channel.arrival_ns, np.column_stack([channel.z, seconds(channel.t_ns, t_ns[:1])])
@@ -84,28 +84,28 @@ def _columns(run: Run) -> Iterator[tuple[str, np.ndarray]]:
         for i in range(channel.z.shape[1]):
             yield f"{name}.z{i + 1}", rows[:, i]
         yield f"{name}.t_s", rows[:, -1]
-    for which, kinds in (
-        ("estimate", (POSE, VELOCITY)), ("reference", (POSE, VELOCITY)),
-        ("truth", (POSE, VELOCITY, ACCELERATION)),
+    for stage, kinds in (
+        ("estimate", (POSE_COLUMNS, VELOCITY_COLUMNS)), ("reference", (POSE_COLUMNS, VELOCITY_COLUMNS)),
+        ("truth", (POSE_COLUMNS, VELOCITY_COLUMNS, ACCELERATION_COLUMNS)),
     ):  # fmt: skip
-        log = getattr(run, which)
+        log = getattr(run, stage)
         if log is not None:
-            for kind, values in zip(kinds, log[1:], strict=False):
+            for column_kind, values in zip(kinds, log[1:], strict=False):
                 rows = at_ticks(t_ns, log.t_ns, values)
-                yield from ((f"{which}.{name}", rows[:, i]) for i, name in enumerate(kind))
+                yield from ((f"{stage}.{name}", rows[:, i]) for i, name in enumerate(column_kind))
     if run.estimate is not None:
         rows = at_ticks(t_ns, run.estimate.t_ns, run.estimate.cov.reshape(-1, 36))
-        for i, name in enumerate(POSE + VELOCITY):
+        for i, name in enumerate(POSE_COLUMNS + VELOCITY_COLUMNS):
             variance = rows[:, 7 * i]
             yield f"estimate.sd_{name}", np.sqrt(np.where(variance >= 0.0, variance, np.nan))
 
 
 def at_ticks(t_ns: np.ndarray, times: np.ndarray, values: np.ndarray) -> np.ndarray:
     """Return for each tick the newest of `values` (M, m) since the previous tick: (N, m), NaN if none is new."""
-    newest = np.searchsorted(times, t_ns, side="right") - 1
-    fresh = np.diff(newest, prepend=-1) > 0
+    newest_rows = np.searchsorted(times, t_ns, side="right") - 1
+    is_new = np.diff(newest_rows, prepend=-1) > 0
     rows = np.full((len(t_ns), values.shape[1]), np.nan)
-    rows[fresh] = values[newest[fresh]]
+    rows[is_new] = values[newest_rows[is_new]]
     return rows
 
 
@@ -139,11 +139,11 @@ def export_tum(run: Run, path: Path | str, which: str = "estimate") -> Path:
     >>> print(export_tum(run, "truth.tum", "truth").read_text().splitlines()[0])
     # t_s x y z qx qy qz qw
     """
-    log = getattr(run, which) if which in PATHS else None
+    log = getattr(run, which) if which in PATH_NAMES else None
     if log is None:
-        has = ", ".join(name for name in PATHS if getattr(run, name) is not None) or "none"
-        raise UsageError(fault("runs.no-trajectory", run=run.name, found=which, has=has))
-    path = _new(path)
+        available = ", ".join(name for name in PATH_NAMES if getattr(run, name) is not None) or "none"
+        raise UsageError(fault("runs.no-trajectory", run=run.name, found=which, has=available))
+    path = _checked_new_path(path)
     with path.open("w", encoding="utf-8", newline="\n") as stream:
         stream.write("# t_s x y z qx qy qz qw\n")
         for t_ns, (x, y, psi) in zip(log.t_ns.tolist(), log.eta.tolist(), strict=True):
@@ -152,7 +152,7 @@ def export_tum(run: Run, path: Path | str, which: str = "estimate") -> Path:
     return path
 
 
-def _new(path: Path | str) -> Path:
+def _checked_new_path(path: Path | str) -> Path:
     path = Path(path)
     if path.exists():
         raise FileError(fault("runs.file-in-the-way", path=path))

@@ -23,14 +23,14 @@ from baqueano.runs.container.reader import read_run
 if TYPE_CHECKING:
     from baqueano.contracts.values import TableRow
 
-NUMBERED = re.compile(r"(\d{4,})-.*\.mcap")
-RECOVERED = "-recovered"  # suffix of the name of a run that `runs recover` saved
-NAME = re.compile(r"\w[\w .,+=@()-]*\.mcap")
-LONGEST = 120  # letters of a name
-DEVICES = re.compile(
+NUMBERED_NAME = re.compile(r"(\d{4,})-.*\.mcap")
+RECOVERED_SUFFIX = "-recovered"  # suffix of the name of a run that `runs recover` saved
+RUN_NAME = re.compile(r"\w[\w .,+=@()-]*\.mcap")
+MAX_NAME_LETTERS = 120  # letters of a name
+DEVICE_NAME = re.compile(
     r"(CON|PRN|AUX|NUL|CON(IN|OUT)|(COM|LPT)[0-9¹²³])[ .]", re.IGNORECASE
 )  # reserved by Windows
-SPAN = re.compile(r"(\d+)-(\d+)(?::(\d+))?")
+NUMBER_RANGE = re.compile(r"(\d+)-(\d+)(?::(\d+))?")
 
 
 class ListedRun(NamedTuple):
@@ -62,8 +62,8 @@ def new_path(folder: Path | str, label: str) -> Path:
 
 def plain_label(label: str) -> str:
     """Return a label without the characters that are not allowed in a file name."""
-    plain = unicodedata.normalize("NFC", label).strip().replace(" ", "-")
-    return re.sub(r'[<>:"/\\|?*]', "", "".join(filter(str.isprintable, plain))).strip(".")[:60] or "run"
+    simple_name = unicodedata.normalize("NFC", label).strip().replace(" ", "-")
+    return re.sub(r'[<>:"/\\|?*]', "", "".join(filter(str.isprintable, simple_name))).strip(".")[:60] or "run"
 
 
 def is_name(name: object) -> TypeGuard[str]:
@@ -72,18 +72,18 @@ def is_name(name: object) -> TypeGuard[str]:
     >>> [is_name(name) for name in ("20260314-101500-repeat.mcap", "../x.mcap", "C:x.mcap", "nul.mcap", ".mcap")]
     [True, False, False, False, False]
     """
-    if not isinstance(name, str) or len(name) > LONGEST or not name.isprintable():
+    if not isinstance(name, str) or len(name) > MAX_NAME_LETTERS or not name.isprintable():
         return False
-    return bool(NAME.fullmatch(name)) and not DEVICES.match(name) and name[-6] not in ". "
+    return bool(RUN_NAME.fullmatch(name)) and not DEVICE_NAME.match(name) and name[-6] not in ". "
 
 
 def number_of(path: Path) -> int | None:
     """Return the number of a run by its file name, or None without one."""
-    match = NUMBERED.fullmatch(path.name.removesuffix(".part"))
+    match = NUMBERED_NAME.fullmatch(path.name.removesuffix(".part"))
     return int(match[1]) if match else None
 
 
-def _by_number(path: Path) -> tuple[int, str]:
+def _number_and_name(path: Path) -> tuple[int, str]:
     return number_of(path) or 0, path.name
 
 
@@ -95,7 +95,7 @@ def find(name: str, folder: Path | str = "runs") -> Path:
     if path.suffix or path.exists():
         return path
     runs = sorted(folder.glob("*.mcap")) if folder.is_dir() else []
-    numbered_runs = [run for run in _standing(runs) if number_of(run) is not None]
+    numbered_runs = [run for run in _without_recovered_originals(runs) if number_of(run) is not None]
     if name == "last" and numbered_runs:
         return max(numbered_runs, key=lambda run: number_of(run) or 0)
     matches = [run for run in runs if run.stem == name]
@@ -114,10 +114,10 @@ def _list_of(folder: Path | str) -> str:
     return baqueano_command("runs", "ls", *([] if Path(folder) == Path("runs") else ["--runs", folder]))
 
 
-def _standing(runs: list[Path]) -> list[Path]:
+def _without_recovered_originals(runs: list[Path]) -> list[Path]:
     """Return the runs, except originals that have a recovered version in the list."""
     names = {run.stem for run in runs}
-    return [run for run in runs if run.stem + RECOVERED not in names]
+    return [run for run in runs if run.stem + RECOVERED_SUFFIX not in names]
 
 
 def find_all(name: str, folder: Path | str = "runs") -> list[Path]:
@@ -131,14 +131,14 @@ def find_all(name: str, folder: Path | str = "runs") -> list[Path]:
     elif "*" in name or "?" in name:
         runs = sorted(path.parent.glob(path.name)) if len(path.parts) > 1 else []
         runs = runs or sorted(Path(folder).glob(name if path.suffix else f"{name}.mcap"))
-    elif span := SPAN.fullmatch(name):
+    elif span := NUMBER_RANGE.fullmatch(name):
         first, last, step = int(span[1]), int(span[2]), int(span[3] or 1)
         numbers = range(first, last + 1, max(step, 1))
         runs = [run for run in Path(folder).glob("*.mcap") if number_of(run) in numbers]
-        runs.sort(key=_by_number)
+        runs.sort(key=_number_and_name)
     else:
         return [find(name, folder)]
-    runs = _standing(runs)
+    runs = _without_recovered_originals(runs)
     if not runs:
         raise FileError(fault("runs.none-like", _list_of(folder), found=name, folder=folder))
     return runs
@@ -151,7 +151,7 @@ def listing(folder: Path | str = "runs") -> list[ListedRun]:
     folder = Path(folder)
     if not folder.is_dir():
         raise FileError(fault("runs.no-folder", "baqueano experiment", folder=folder))
-    paths = sorted(folder.glob("*.mcap"), key=_by_number)
+    paths = sorted(folder.glob("*.mcap"), key=_number_and_name)
     return [_entry_of(path) for path in paths]
 
 
@@ -165,9 +165,9 @@ def _entry_of(path: Path) -> ListedRun:
     notes = [run.metadata["note"]] if run.metadata.get("note") else []  # of older versions
     if source := run.metadata.get("recovered_from"):
         notes.append(_("recovered from {file}", file=source))
-    worst = [event for event in run.events if event.level in ("error", "fatal")]
-    if worst:
-        notes.append(worst[0].sentence)
+    severe_events = [event for event in run.events if event.level in ("error", "fatal")]
+    if severe_events:
+        notes.append(severe_events[0].sentence)
     if run.notes:
         verdict, notes = verdict or "RECOVERED", [*notes, text(run.notes[0])]
     return ListedRun(

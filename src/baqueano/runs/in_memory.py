@@ -107,5 +107,5 @@ class RunInMemory:
 
 def _estimates(t_ns: np.ndarray, records: list[Record]) -> EstimateLog:
     columns = [[x.estimate[i] for x in records] for i in range(1, 6)]
-    present = columns if all(c is not None for column in columns[3:] for c in column) else columns[:3]
-    return EstimateLog(t_ns, *(np.array(column) for column in present))
+    present_columns = columns if all(c is not None for column in columns[3:] for c in column) else columns[:3]
+    return EstimateLog(t_ns, *(np.array(column) for column in present_columns))

@@ -16,14 +16,14 @@ from baqueano.geometry import map_from_body, wrap
 from baqueano.runs.run import Run, TruthLog
 from baqueano.signals import NANOSECONDS
 
-SPAN_S = 0.2  # T: a camera error of 1 mm gives a speed error of 1 cm/s
-STARTING = 0.1  # of its speed after T: a slower vehicle has just started
-FAR_S = 0.5  # a truth that begins later does not contain the start
+START_SPAN_S = 0.2  # T: a camera error of 1 mm gives a speed error of 1 cm/s
+START_SPEED_SHARE = 0.1  # of its speed after T: a slower vehicle has just started
+MAX_LATE_S = 0.5  # a truth that begins later does not contain the start
 
 
 def initial_pose(run: Run) -> np.ndarray:
     """Return the pose (3,), or pose and velocity (6,), at the first tick. Return zeros (3,) if the run does not contain
-    them, or if its truth begins more than FAR_S later.
+    them, or if its truth begins more than MAX_LATE_S later.
     """
     if "start" in run.metadata:
         return np.array([float(x) for x in run.metadata["start"].split()])
@@ -31,36 +31,36 @@ def initial_pose(run: Run) -> np.ndarray:
     if truth is None or not len(run.t_ns) or len(truth.t_ns) < 2:
         return np.zeros(3)
     first = int(max(run.t_ns[0], truth.t_ns[0]))
-    if first - run.t_ns[0] > FAR_S * NANOSECONDS:
+    if first - run.t_ns[0] > MAX_LATE_S * NANOSECONDS:
         return np.zeros(3)
     eta = _pose(first, truth)
     if np.isfinite(truth.nu).all():
-        nu = _at(first, truth.t_ns, truth.nu)
-        soon = truth.nu[(truth.t_ns >= first) & (truth.t_ns <= first + SPAN_S * NANOSECONDS)]
-        starts = np.abs(nu) < STARTING * np.max(np.abs(soon), axis=0, initial=0.0)
-        return np.concatenate([eta, np.where(np.all(starts | (nu == 0.0)), 0.0, nu)])  # (2)
-    later = int(min(first + SPAN_S * NANOSECONDS, truth.t_ns[-1]))
-    shift = _pose(later, truth) - eta
+        nu = _interpolated_at(first, truth.t_ns, truth.nu)
+        first_nu = truth.nu[(truth.t_ns >= first) & (truth.t_ns <= first + START_SPAN_S * NANOSECONDS)]
+        is_starting = np.abs(nu) < START_SPEED_SHARE * np.max(np.abs(first_nu), axis=0, initial=0.0)
+        return np.concatenate([eta, np.where(np.all(is_starting | (nu == 0.0)), 0.0, nu)])  # (2)
+    later_ns = int(min(first + START_SPAN_S * NANOSECONDS, truth.t_ns[-1]))
+    shift = _pose(later_ns, truth) - eta
     shift[2] = wrap(shift[2])
-    nu = map_from_body(eta[2] + 0.5 * shift[2]).T @ shift * (NANOSECONDS / max(later - first, 1))  # (1)
+    nu = map_from_body(eta[2] + 0.5 * shift[2]).T @ shift * (NANOSECONDS / max(later_ns - first, 1))  # (1)
     return np.concatenate([eta, nu])
 
 
 def _with_pose(truth: TruthLog) -> TruthLog:
     """Return the truth without the rows that do not have a pose."""
-    keep = np.isfinite(truth.eta).all(axis=1)
-    return TruthLog(*(column[keep] for column in truth))
+    has_pose = np.isfinite(truth.eta).all(axis=1)
+    return TruthLog(*(column[has_pose] for column in truth))
 
 
 def _pose(t_ns: int, truth: TruthLog) -> np.ndarray:
     """Return the pose η (3,) of the truth at one time, interpolated between two samples."""
-    smooth = truth.eta.copy()
-    smooth[:, 2] = np.unwrap(smooth[:, 2])
-    x, y, psi = _at(t_ns, truth.t_ns, smooth)
+    unwrapped = truth.eta.copy()
+    unwrapped[:, 2] = np.unwrap(unwrapped[:, 2])
+    x, y, psi = _interpolated_at(t_ns, truth.t_ns, unwrapped)
     return np.array([x, y, wrap(psi)])
 
 
-def _at(t_ns: int, of_ns: np.ndarray, rows: np.ndarray) -> np.ndarray:
+def _interpolated_at(t_ns: int, of_ns: np.ndarray, rows: np.ndarray) -> np.ndarray:
     """Return the rows (K, 3) interpolated at one time: (3,)."""
     since = of_ns - of_ns[0]  # small enough for a float to hold it exactly
     return np.array([np.interp(t_ns - of_ns[0], since, column) for column in rows.T])

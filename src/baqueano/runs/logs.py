@@ -156,19 +156,19 @@ class Event(NamedTuple):
         return self.text if self.diagnostic is None else text(self.diagnostic)
 
 
-def times(t_ns: Value, name: str, strictly: bool = False) -> np.ndarray:
-    """Return times as int64 (k,). Raise Invalid if they decrease or, with `strictly`, do not increase."""
+def times(t_ns: Value, name: str, must_increase: bool = False) -> np.ndarray:
+    """Return times as int64 (k,). Raise Invalid if they decrease or, with `must_increase`, do not increase."""
     t = np.asarray(t_ns)
     if t.ndim != 1 or (t.size and t.dtype.kind not in "iu"):
         raise Invalid(fault("run.times", name=name, dtype=t.dtype, found=str(t.shape)))
     t = np.ascontiguousarray(t, dtype=np.int64)
     steps = np.diff(t)
-    wrong = steps <= 0 if strictly else steps < 0
-    if wrong.any():
-        k = int(np.argmax(wrong))
+    is_wrong = steps <= 0 if must_increase else steps < 0
+    if is_wrong.any():
+        k = int(np.argmax(is_wrong))
         raise Invalid(
             fault(
-                "run.times-not-increasing" if strictly else "run.times-decreasing",
+                "run.times-not-increasing" if must_increase else "run.times-decreasing",
                 name=name,
                 entry=k,
                 t_ns=t[k],
@@ -189,20 +189,22 @@ def array(values: object, name: str, shape: tuple[int, ...]) -> np.ndarray:
 
 def channel_of(name: str, channel: Channel) -> Channel:
     """Return a channel as arrays. Raise Invalid if a time or a shape is wrong."""
-    place = f"sensors[{name!r}]"
-    arrival = times(channel.arrival_ns, f"{place}.arrival_ns")
+    place_text = f"sensors[{name!r}]"
+    arrival = times(channel.arrival_ns, f"{place_text}.arrival_ns")
     t_ns = np.ascontiguousarray(channel.t_ns, dtype=np.int64)
     if t_ns.shape != arrival.shape:
-        raise Invalid(fault("run.arrivals", where=place, times=len(t_ns), arrivals=len(arrival)))
+        raise Invalid(fault("run.arrivals", where=place_text, times=len(t_ns), arrivals=len(arrival)))
     m = np.shape(channel.z)[1] if np.ndim(channel.z) == 2 else -1
-    return Channel(t_ns, arrival, array(channel.z, f"{place}.z", (len(arrival), m)))
+    return Channel(t_ns, arrival, array(channel.z, f"{place_text}.z", (len(arrival), m)))
 
 
 def estimate_shapes(k: int, log: EstimateLog) -> list[tuple[int, ...] | None]:
     """Return the shapes of the columns of the estimate, k rows long; None for a column that the log lacks."""
     m = None if log.innovation is None else np.shape(log.innovation)[1]
-    silent = [None, None] if m is None else [(k, m), None if log.innovation_cov is None else (k, m, m)]
-    return [(k, 3), (k, 3), (k, 6, 6), *silent]
+    innovation_shapes = (
+        [None, None] if m is None else [(k, m), None if log.innovation_cov is None else (k, m, m)]
+    )
+    return [(k, 3), (k, 3), (k, 6, 6), *innovation_shapes]
 
 
 def reference_shapes(k: int, log: ReferenceLog) -> list[tuple[int, ...]]:

@@ -6,7 +6,7 @@ from typing import NamedTuple
 from baqueano.diagnostics import Diagnostic
 from baqueano.runs.container.reader import read_run
 from baqueano.runs.container.writer import write_run
-from baqueano.runs.folder import RECOVERED
+from baqueano.runs.folder import RECOVERED_SUFFIX
 from baqueano.runs.run import Run
 
 
@@ -47,7 +47,7 @@ def recover(path: Path | str, to: Path | str | None = None) -> RecoveredRun:
     """
     path = Path(path)
     run = read_run(path)
-    target = Path(to) if to is not None else path.with_name(f"{path.stem}{RECOVERED}.mcap")
+    target = Path(to) if to is not None else path.with_name(f"{path.stem}{RECOVERED_SUFFIX}.mcap")
     if run.notes:
         run.metadata["recovered_from"] = path.name
     return RecoveredRun(write_run(run, target), run, run.notes)

@@ -26,8 +26,8 @@ from baqueano.guides.route import Route
 from baqueano.runs.tables.lines import Lines
 from baqueano.runs.tables.table import LogTable, read_table
 
-BY_WAY, WAIT = ("s_m", "x_m", "y_m", "psi_rad", "v_m_s"), "wait_s"
-TURN_RAD_S = 1.0  # on the spot
+DISTANCE_COLUMNS, WAIT_COLUMN = ("s_m", "x_m", "y_m", "psi_rad", "v_m_s"), "wait_s"
+SPOT_TURN_RAD_S = 1.0  # on the spot
 COLUMNS = ("t_s", "x_m", "y_m", "psi_rad", "nu_x_m_s", "nu_y_m_s", "nu_psi_rad_s")
 _CLOSED = re.compile(r"^#\s*closed\s*=\s*(true|false)\b", re.IGNORECASE)
 
@@ -57,9 +57,9 @@ def write_route(route: Route, path: Path | str) -> Path:
     rows = np.column_stack([route.t_s, route.eta, route.nu])
     lines = [f"# closed = {'true' if route.closed else 'false'}", ",".join(COLUMNS)]
     lines += [",".join(map(repr, row)) for row in rows.tolist()]
-    part = path.with_name(path.name + ".part")
-    part.write_text("\n".join(lines) + "\n", encoding="utf-8", newline="\n")
-    os.replace(part, path)
+    temporary_path = path.with_name(path.name + ".part")
+    temporary_path.write_text("\n".join(lines) + "\n", encoding="utf-8", newline="\n")
+    os.replace(temporary_path, path)
     return path
 
 
@@ -88,54 +88,59 @@ def read_route(path: Path | str) -> Route:
     """
     path = Path(path)
     table = read_table(path, {})
-    if set(BY_WAY) <= set(table.columns) and COLUMNS[0] not in table.columns:
-        return _by_way(table, path)
-    t_s, *rest = (table.numbers(column) for column in COLUMNS)
-    values = np.column_stack(rest)
-    wrong = ~np.isfinite(np.column_stack([t_s, values])).all(axis=1)
-    if wrong.any():
-        raise FileError(fault("route.not-number", path=path, line=table.lines[np.argmax(wrong)]))
+    if set(DISTANCE_COLUMNS) <= set(table.columns) and COLUMNS[0] not in table.columns:
+        return _route_by_distance(table, path)
+    t_s, *columns = (table.numbers(column) for column in COLUMNS)
+    values = np.column_stack(columns)
+    is_not_finite = ~np.isfinite(np.column_stack([t_s, values])).all(axis=1)
+    if is_not_finite.any():
+        raise FileError(fault("route.not-number", path=path, line=table.lines[np.argmax(is_not_finite)]))
     if len(t_s) < 2:
         raise FileError(fault("route.too-short", path=path, count=len(t_s)))
-    late = np.diff(t_s) <= 0.0
-    if late.any() or t_s[0] != 0.0:
-        line = table.lines[np.argmax(late) + 1] if late.any() else table.lines[0]
+    is_not_later = np.diff(t_s) <= 0.0
+    if is_not_later.any() or t_s[0] != 0.0:
+        line = table.lines[np.argmax(is_not_later) + 1] if is_not_later.any() else table.lines[0]
         raise FileError(
-            fault("route.times", path=path, line=line, found=t_s[np.argmax(late) + int(late.any())])
+            fault(
+                "route.times",
+                path=path,
+                line=line,
+                found=t_s[np.argmax(is_not_later) + int(is_not_later.any())],
+            )
         )
     return Route(t_s, values[:, :3], values[:, 3:], _is_closed(path))
 
 
-def _by_way(table: LogTable, path: Path) -> Route:
+def _route_by_distance(table: LogTable, path: Path) -> Route:
     """Return the route from poses by path length. Raise FileError for fewer than two poses, or a wrong number.  (1)"""
-    values = np.column_stack([table.numbers(column) for column in BY_WAY])
-    wait_s = table.numbers(WAIT) if WAIT in table.columns else np.zeros(len(values))
-    wrong = ~np.isfinite(np.column_stack([values, wait_s])).all(axis=1)
-    if wrong.any():
-        raise FileError(fault("route.not-number", path=path, line=table.lines[np.argmax(wrong)]))
+    values = np.column_stack([table.numbers(column) for column in DISTANCE_COLUMNS])
+    wait_s = table.numbers(WAIT_COLUMN) if WAIT_COLUMN in table.columns else np.zeros(len(values))
+    is_not_finite = ~np.isfinite(np.column_stack([values, wait_s])).all(axis=1)
+    if is_not_finite.any():
+        raise FileError(fault("route.not-number", path=path, line=table.lines[np.argmax(is_not_finite)]))
     if len(values) < 2:
         raise FileError(fault("route.too-short", path=path, count=len(values)))
     s, v, psi = values[:, 0], values[:, 4], np.unwrap(values[:, 3])
     ds, dpsi, pace = np.diff(s), np.diff(psi), 0.5 * (np.abs(v[1:]) + np.abs(v[:-1]))
-    wrong = (ds < 0.0) | ((ds > 0.0) & (pace <= 0.0)) | (wait_s[:-1] < 0.0)
-    if wrong.any():
-        k = int(np.argmax(wrong))
+    is_not_finite = (ds < 0.0) | ((ds > 0.0) & (pace <= 0.0)) | (wait_s[:-1] < 0.0)
+    if is_not_finite.any():
+        k = int(np.argmax(is_not_finite))
         raise FileError(fault("route.way", path=path, line=table.lines[k + 1], ds_m=ds[k], v_m_s=pace[k]))
     moves = ds > 0.0
-    dt_s = np.where(moves, ds / np.where(moves, pace, 1.0), np.abs(dpsi) / TURN_RAD_S)
-    turn = np.where(moves, dpsi / np.where(moves, ds, 1.0) * pace, np.sign(dpsi) * TURN_RAD_S)
+    dt_s = np.where(moves, ds / np.where(moves, pace, 1.0), np.abs(dpsi) / SPOT_TURN_RAD_S)
+    turn = np.where(moves, dpsi / np.where(moves, ds, 1.0) * pace, np.sign(dpsi) * SPOT_TURN_RAD_S)
     turn = np.interp(np.arange(len(s)), np.arange(len(s) - 1) + 0.5, turn)
     eta, nu = np.column_stack([values[:, 1:3], psi]), np.column_stack([v, 0.0 * v, turn])
     t_s = np.append(0.0, np.cumsum(dt_s + wait_s[:-1]))
-    stands = np.flatnonzero(wait_s[:-1] > 0.0)
-    nu[stands] = 0.0
-    leaves = t_s[stands] + wait_s[stands]
+    waiting_rows = np.flatnonzero(wait_s[:-1] > 0.0)
+    nu[waiting_rows] = 0.0
+    leaves = t_s[waiting_rows] + wait_s[waiting_rows]
     t_s, eta, nu = (
-        np.insert(rows, stands + 1, more, axis=0)
-        for rows, more in ((t_s, leaves), (eta, eta[stands]), (nu, nu[stands]))
+        np.insert(rows, waiting_rows + 1, inserted, axis=0)
+        for rows, inserted in ((t_s, leaves), (eta, eta[waiting_rows]), (nu, nu[waiting_rows]))
     )
-    keep = np.append(True, np.diff(t_s) > 0.0)  # of two equal poses one is kept
-    return Route(t_s[keep], eta[keep], nu[keep], _is_closed(path))
+    is_kept = np.append(True, np.diff(t_s) > 0.0)  # of two equal poses one is kept
+    return Route(t_s[is_kept], eta[is_kept], nu[is_kept], _is_closed(path))
 
 
 def _is_closed(path: Path) -> bool:

@@ -35,7 +35,7 @@ if TYPE_CHECKING:
     from baqueano.contracts.values import TableRow
 
 AXES = ("x_m", "y_m", "psi_rad", "nu_x_m_s", "nu_y_m_s", "nu_psi_rad_s")
-OLDEST_S = 0.25  # an older measurement has the timestamp of another clock
+MAX_AGE_S = 0.25  # an older measurement has the timestamp of another clock
 
 
 @dataclass(frozen=True, slots=True, eq=False, repr=False)
@@ -97,7 +97,7 @@ class Run(Result):
 
     def __post_init__(self) -> None:
         set_field = object.__setattr__
-        set_field(self, "t_ns", times(self.t_ns, "t_ns", strictly=True))
+        set_field(self, "t_ns", times(self.t_ns, "t_ns", must_increase=True))
         n = np.shape(self.applied)[1] if np.ndim(self.applied) == 2 else -1
         set_field(self, "applied", array(self.applied, "applied", (len(self.t_ns), n)))
         for name in ("requested", "sent"):
@@ -120,7 +120,7 @@ class Run(Result):
             return NotImplemented
         ignored_fields = {"name", "path", "notes"}
         return all(
-            _same(getattr(self, f.name), getattr(other, f.name))
+            _are_identical(getattr(self, f.name), getattr(other, f.name))
             for f in fields(self)
             if f.name not in ignored_fields
         ) and list(self.sensors) == list(other.sensors)
@@ -193,18 +193,18 @@ class Run(Result):
         low, high = (self._instant(s) for s in (from_s, to_s))
         first, last = np.searchsorted(self.t_ns, [low, high])
         # measurements that arrived by the previous tick belong to it
-        before = self.t_ns[first - 1] if first > 0 else np.iinfo(np.int64).min
+        previous_ns = self.t_ns[first - 1] if first > 0 else np.iinfo(np.int64).min
 
         def piece(log: Any) -> Any:
             if log is None:
                 return None
-            inside = (log.t_ns >= low) & (log.t_ns < high)
-            return type(log)(*(None if column is None else column[inside] for column in log))
+            is_within = (log.t_ns >= low) & (log.t_ns < high)
+            return type(log)(*(None if column is None else column[is_within] for column in log))
 
         sensors = {}
         for name, channel in self.sensors.items():
-            inside = (channel.arrival_ns > before) & (channel.arrival_ns < high)
-            sensors[name] = Channel(*(column[inside] for column in channel))
+            is_within = (channel.arrival_ns > previous_ns) & (channel.arrival_ns < high)
+            sensors[name] = Channel(*(column[is_within] for column in channel))
         return replace(
             self,
             path=None,
@@ -228,26 +228,26 @@ class Run(Result):
 
 
 def _slots(channel: Channel, t_ns: np.ndarray) -> Iterator[Slot]:
-    none = Slot(0.0, np.zeros(channel.z.shape[1]))
-    newest = np.searchsorted(channel.arrival_ns, t_ns, side="right") - 1
+    no_reading = Slot(0.0, np.zeros(channel.z.shape[1]))
+    newest_rows = np.searchsorted(channel.arrival_ns, t_ns, side="right") - 1
     last = -1
-    for i, now_ns in zip(newest.tolist(), t_ns.tolist(), strict=True):
-        yield Slot(1.0, channel.z[i], age_s(int(channel.t_ns[i]), now_ns)) if i > last else none
+    for i, now_ns in zip(newest_rows.tolist(), t_ns.tolist(), strict=True):
+        yield Slot(1.0, channel.z[i], age_s(int(channel.t_ns[i]), now_ns)) if i > last else no_reading
         last = i
 
 
 def age_s(measured_ns: Value, t_ns: Value) -> Value:
     """Return the age of a measurement at `t_ns` [s]; 0 if its timestamp is later or from another clock."""
     age = seconds(t_ns, measured_ns)
-    return np.where((age >= 0.0) & (age <= OLDEST_S), age, 0.0)[()]
+    return np.where((age >= 0.0) & (age <= MAX_AGE_S), age, 0.0)[()]
 
 
-def _same(a: object, b: object) -> bool:
+def _are_identical(a: object, b: object) -> bool:
     """Return True if both are equal bit by bit, also inside arrays, tuples and dicts. NaN equals the same NaN."""
     if isinstance(a, np.ndarray) and isinstance(b, np.ndarray):
         return a.shape == b.shape and a.dtype == b.dtype and a.tobytes() == b.tobytes()
     if isinstance(a, dict) and isinstance(b, dict):
-        return a.keys() == b.keys() and all(_same(a[key], b[key]) for key in a)
+        return a.keys() == b.keys() and all(_are_identical(a[key], b[key]) for key in a)
     if isinstance(a, tuple) and isinstance(b, tuple):
-        return len(a) == len(b) and all(map(_same, a, b))
+        return len(a) == len(b) and all(map(_are_identical, a, b))
     return type(a) is type(b) and a == b

@@ -20,10 +20,10 @@ if TYPE_CHECKING:
     from baqueano.diagnostics import Diagnostic
     from baqueano.runs.run import Run
 
-GAP = 1.8
-COMMANDS = {"requested": N_("command requested"), "sent": N_("command sent")}
-SHOWN_EVENTS = 20
-KEYS = {  # of the metadata, as they are shown
+GAP_STEPS = 1.8
+COMMAND_TITLES = {"requested": N_("command requested"), "sent": N_("command sent")}
+MAX_SHOWN_EVENTS = 20
+SHOWN_KEYS = {  # of the metadata, as they are shown
     "kind": N_("kind"), "seed": N_("seed"), "backend": N_("backend"), "verdict": N_("verdict"), "laps": N_("laps"),
     "recovered_from": N_("recovered from"), "map": N_("map"), "commands": N_("commands"), "files": N_("files"),
     "signal": N_("signal"), "route": N_("route"), "note": N_("note"), "created": N_("created"),
@@ -46,13 +46,13 @@ class ShownRun:
         run = self.run
         start = int(run.t_ns[0]) if len(run.t_ns) else 0
         rows = [_row(N_("command applied"), run.t_ns, run.applied, start)]
-        for name in COMMANDS:
+        for name in COMMAND_TITLES:
             if getattr(run, name) is not None:
-                rows.append(_row(COMMANDS[name], run.t_ns, getattr(run, name), start))
+                rows.append(_row(COMMAND_TITLES[name], run.t_ns, getattr(run, name), start))
         for name, channel in run.sensors.items():
             row = _row(f"sensor {name}", channel.t_ns, channel.z, start)
-            late = channel.arrival_ns - channel.t_ns
-            row["delay_ms"] = float(np.median(late)) * 1e-6 if len(late) else None
+            late_ns = channel.arrival_ns - channel.t_ns
+            row["delay_ms"] = float(np.median(late_ns)) * 1e-6 if len(late_ns) else None
             rows.append(row)
         for name in ("estimate", "reference", "truth"):
             log = getattr(run, name)
@@ -64,7 +64,7 @@ class ShownRun:
         """Return the topics, then the events and the notes on the file, as text."""
         run, lines = self.run, []
         counts = " ".join(
-            f"{_(KEYS.get(key, key))} {_(value)};"
+            f"{_(SHOWN_KEYS.get(key, key))} {_(value)};"
             for key, value in run.metadata.items()
             if "\n" not in value and value
         )
@@ -74,26 +74,26 @@ class ShownRun:
         )
         lines.append(f"{head} {counts.rstrip(';')}")
         rows = self.rows()
-        wide = max(20, *(len(_topic(r["topic"])) for r in rows))
+        topic_width = max(20, *(len(_topic(r["topic"])) for r in rows))
         lines.append(
-            f"{_('topic'):{wide}} {_('count'):>8} {_('rate'):>10} {_('gaps'):>5} {_('longest'):>10} {'NaN':>5} "
+            f"{_('topic'):{topic_width}} {_('count'):>8} {_('rate'):>10} {_('gaps'):>5} {_('longest'):>10} {'NaN':>5} "
             f"{_('delay'):>9}  {_('size')}"
         )
         for r in rows:
             rate = "" if r["rate_hz"] is None else f"{number(r['rate_hz']):.2f} Hz"
-            longest = "" if r["longest_step_s"] is None else f"{number(r['longest_step_s']):.4f} s"
+            longest_text = "" if r["longest_step_s"] is None else f"{number(r['longest_step_s']):.4f} s"
             delay = "" if r.get("delay_ms") is None else f"{number(r['delay_ms']):.1f} ms"
             lines.append(
-                f"{_topic(r['topic']):{wide}} {r['count']:>8} {rate:>10} {r['gaps']:>5} {longest:>10} "
+                f"{_topic(r['topic']):{topic_width}} {r['count']:>8} {rate:>10} {r['gaps']:>5} {longest_text:>10} "
                 f"{r['nan_rows']:>5} {delay:>9}  {r['size']}"
             )
         start = int(run.t_ns[0]) if len(run.t_ns) else 0
-        for event in run.events[:SHOWN_EVENTS]:
+        for event in run.events[:MAX_SHOWN_EVENTS]:
             t_s = (event.t_ns - start) / NANOSECONDS
             lines.append(f"{number(t_s):10.3f} s  {_(event.level):8} {_(event.source)}: {event.sentence}")
-        if len(run.events) > SHOWN_EVENTS:
+        if len(run.events) > MAX_SHOWN_EVENTS:
             lines.append(
-                _("and {more} more events; all of them with --json", more=len(run.events) - SHOWN_EVENTS)
+                _("and {more} more events; all of them with --json", more=len(run.events) - MAX_SHOWN_EVENTS)
             )
         return in_lines([*lines, *(_("note: {note}", note=line) for line in texts(run.notes))])
 
@@ -114,8 +114,8 @@ class ShownRun:
 
 def _topic(name: str) -> str:
     """Return the name of a topic for display; sensor names are not translated."""
-    word, _space, sensor = name.partition(" ")
-    return f"{_(word)} {sensor}" if word == N_("sensor") else _(name)
+    stage, _space, sensor = name.partition(" ")
+    return f"{_(stage)} {sensor}" if stage == N_("sensor") else _(name)
 
 
 def show(run: "Run") -> ShownRun:
@@ -133,16 +133,16 @@ def _data(lines: "Diagnostic | None") -> "JsonObject":
 
 def _row(topic: str, t_ns: np.ndarray, values: np.ndarray, start: int) -> "JsonObject":
     step_s = np.diff(t_ns) / NANOSECONDS
-    usual = float(np.median(step_s)) if len(step_s) else 0.0
-    gaps = np.flatnonzero(step_s > GAP * usual) if usual > 0.0 else np.zeros(0, dtype=int)
+    usual_s = float(np.median(step_s)) if len(step_s) else 0.0
+    gap_rows = np.flatnonzero(step_s > GAP_STEPS * usual_s) if usual_s > 0.0 else np.zeros(0, dtype=int)
     span = float(step_s.sum())
     return {
         "topic": topic,
         "count": len(t_ns),
         "size": values.shape[1],
         "rate_hz": (len(t_ns) - 1) / span if span > 0.0 else None,
-        "gaps": len(gaps),
+        "gaps": len(gap_rows),
         "longest_step_s": float(step_s.max()) if len(step_s) else None,
-        "first_gap_s": float((t_ns[gaps[0]] - start) / NANOSECONDS) if len(gaps) else None,
+        "first_gap_s": float((t_ns[gap_rows[0]] - start) / NANOSECONDS) if len(gap_rows) else None,
         "nan_rows": int(np.count_nonzero(np.isnan(values).any(axis=1))),
     }

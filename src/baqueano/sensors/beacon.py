@@ -16,10 +16,10 @@ import numpy as np
 
 from baqueano.contracts.values import Value
 from baqueano.parameter import INF, document, parameter
-from baqueano.sensors.sampling import SampledSensor, place_of
+from baqueano.sensors.sampling import SampledSensor, sensor_position
 from baqueano.signals import Motion
 
-SMALL_M = 1e-3  # keeps (1) differentiable exactly under the beacon
+MIN_DISTANCE_M = 1e-3  # keeps (1) differentiable exactly under the beacon
 
 
 @document
@@ -69,8 +69,8 @@ class Beacon(SampledSensor):
 
     def h(self, motion: Motion) -> np.ndarray:
         """Return the range (1,) [m] without noise.  (1)"""
-        x, y = self.point_m - place_of(self.lever_arm_m, motion)
-        return np.array([np.sqrt(x * x + y * y + self.above_m**2 + SMALL_M**2) + self.offset_m])
+        x, y = self.point_m - sensor_position(self.lever_arm_m, motion)
+        return np.array([np.sqrt(x * x + y * y + self.above_m**2 + MIN_DISTANCE_M**2) + self.offset_m])
 
     def detects(self, motion: Motion) -> Value:
         """Return True if the beacon is within `farthest_m`."""

@@ -24,16 +24,16 @@ from baqueano.sensors.sampling import PHASE_TOLERANCE
 from baqueano.sensors.wheels import fade, radii, rolling, slip, std_of_scale, track
 from baqueano.signals import Motion, Slot
 from baqueano.vehicles.bounds import check_bounds
-from baqueano.vehicles.delay import SHORTEST_TICK_S
+from baqueano.vehicles.delay import MIN_TICK_S
 
-EDGE = 1e-6  # of a count: tolerance for the rounding of the distance
+COUNT_TOLERANCE = 1e-6  # of a count: tolerance for the rounding of the distance
 
 
 class EncodersState(NamedTuple):
     """State of the encoders between two ticks."""
 
     phase: Value  # part of a period since the last reading
-    way: np.ndarray  # (2,) distance that the wheels have rolled, s [m]
+    distance: np.ndarray  # (2,) distance that the wheels have rolled, s [m]
     counts: np.ndarray  # (2,) counters at the last reading
     since_s: Value  # time since the last reading
 
@@ -111,16 +111,19 @@ class Encoders:
     ) -> tuple[EncodersState, Slot]:
         """Return the state and the mean speeds since the last reading; `noise` (2,) is standard normal.  (1)"""
         begin, middle, end = motion.tick or (motion, motion, motion)
-        way = state.way + dt_s / 6.0 * (self.h(begin) + 4.0 * self.h(middle) + self.h(end))
+        distance = state.distance + dt_s / 6.0 * (self.h(begin) + 4.0 * self.h(middle) + self.h(end))
         phase, since_s = state.phase + self.rate_hz * dt_s + PHASE_TOLERANCE, state.since_s + dt_s
         has: Value = np.minimum(np.floor(phase), 1.0)
-        read, half = np.remainder(np.floor(way / self.count_m + EDGE), self.counter), 0.5 * self.counter
-        count_step = np.remainder(read - state.counts + half, self.counter) - half
-        z = self.count_m * count_step / np.maximum(since_s, SHORTEST_TICK_S) + self.noise_std * noise
-        after = EncodersState(
+        read, half_counter = (
+            np.remainder(np.floor(distance / self.count_m + COUNT_TOLERANCE), self.counter),
+            0.5 * self.counter,
+        )
+        count_step = np.remainder(read - state.counts + half_counter, self.counter) - half_counter
+        z = self.count_m * count_step / np.maximum(since_s, MIN_TICK_S) + self.noise_std * noise
+        next_state = EncodersState(
             phase - np.floor(phase) - PHASE_TOLERANCE,
-            way,
+            distance,
             np.where(has > 0.0, read, state.counts),
             np.where(has > 0.0, 0.0, since_s),
         )
-        return after, Slot(has, np.where(has > 0.0, z, 0.0), 0.5 * has * since_s)
+        return next_state, Slot(has, np.where(has > 0.0, z, 0.0), 0.5 * has * since_s)

@@ -22,7 +22,7 @@ import numpy as np
 from baqueano.diagnostics import fault
 from baqueano.errors import Invalid
 from baqueano.parameter import INF, document, parameter
-from baqueano.sensors.sampling import SensorState, check, sample, start
+from baqueano.sensors.sampling import SensorState, check_sensor_fields, sample, start_state
 from baqueano.signals import STANDARD_GRAVITY, Motion, Slot
 from baqueano.vehicles.drivetrain import quantise
 
@@ -145,7 +145,7 @@ class Imu:
     def __post_init__(self) -> None:
         if self.measurement_model not in MODELS:
             raise Invalid(fault("imu.model", found=repr(self.measurement_model), known=MODELS))
-        check(self)
+        check_sensor_fields(self)
         if self.low_pass_hz < INF:
             object.__setattr__(self, "has_low_pass", True)
 
@@ -186,7 +186,7 @@ class Imu:
 
     def init(self) -> SensorState:
         """Return the state of an IMU before its first tick."""
-        return start(self)
+        return start_state(self)
 
     def step(
         self, state: SensorState, motion: Motion, dt_s: float, noise: np.ndarray

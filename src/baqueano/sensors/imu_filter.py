@@ -23,7 +23,7 @@ class FilterBand(NamedTuple):
     gyro_delay_s: float
 
 
-BANDS_6050 = {
+MPU6050_BANDS = {
     1: FilterBand(184.0, 2.0e-3, 188.0, 1.9e-3),
     2: FilterBand(94.0, 3.0e-3, 98.0, 2.8e-3),
     3: FilterBand(44.0, 4.9e-3, 42.0, 4.8e-3),
@@ -31,7 +31,7 @@ BANDS_6050 = {
     5: FilterBand(10.0, 13.8e-3, 10.0, 13.4e-3),
     6: FilterBand(5.0, 19.0e-3, 5.0, 18.6e-3),
 }
-BANDS_6500 = {
+MPU6500_BANDS = {
     1: FilterBand(218.1, 1.88e-3, 184.0, 2.9e-3),
     2: FilterBand(99.0, 2.88e-3, 92.0, 3.9e-3),
     3: FilterBand(44.8, 4.88e-3, 41.0, 5.9e-3),
@@ -47,4 +47,4 @@ def low_pass_hz(setting: float) -> float:
     >>> print(f"{low_pass_hz(3):.1f} Hz")
     33.2 Hz
     """
-    return float(0.5 / (np.pi * BANDS_6050[round(setting)].gyro_delay_s))
+    return float(0.5 / (np.pi * MPU6050_BANDS[round(setting)].gyro_delay_s))

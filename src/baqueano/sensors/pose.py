@@ -65,18 +65,18 @@ class Pose(SampledSensor):
     def h(self, motion: Motion) -> np.ndarray:
         """Return the measured pose (x, y, ψ) (3,) without noise.  (1)"""
         x, y, psi = motion.eta
-        ahead, left = rotate(self.lever_arm_m, psi)
-        return np.array([x + ahead, y + left, psi + self.heading_rad])
+        offset_x, offset_y = rotate_vector(self.lever_arm_m, psi)
+        return np.array([x + offset_x, y + offset_y, psi + self.heading_rad])
 
     def difference(self, z: np.ndarray, expected: np.ndarray) -> np.ndarray:
         """Return z − expected (3,) with its heading wrapped."""
         return _wrap_heading(z - expected)
 
 
-def rotate(way: np.ndarray, psi: Value) -> tuple[Value, Value]:
-    """Return the vector `way` (2,) rotated by ψ [rad] to the left."""
+def rotate_vector(vector: np.ndarray, psi: Value) -> tuple[Value, Value]:
+    """Return the vector `vector` (2,) rotated by ψ [rad] to the left."""
     c, s = np.cos(psi), np.sin(psi)
-    return c * way[0] - s * way[1], s * way[0] + c * way[1]
+    return c * vector[0] - s * vector[1], s * vector[0] + c * vector[1]
 
 
 def _wrap_heading(eta: np.ndarray) -> np.ndarray:

@@ -18,10 +18,10 @@ import numpy as np
 from baqueano.contracts.values import Value
 from baqueano.geometry import wrap
 from baqueano.parameter import INF, document, parameter
-from baqueano.sensors.sampling import SampledSensor, place_of
+from baqueano.sensors.sampling import SampledSensor, sensor_position
 from baqueano.signals import Motion
 
-LEAST_COS = 0.1  # keeps (1) finite for an estimated pose that faces away from the wall
+MIN_COS = 0.1  # keeps (1) finite for an estimated pose that faces away from the wall
 
 
 @document
@@ -75,24 +75,24 @@ class Rangefinder(SampledSensor):
 
     def h(self, motion: Motion) -> np.ndarray:
         """Return the range (1,) [m] without noise.  (1)"""
-        square, alpha = self._facing(motion)
-        return np.array([square / np.maximum(np.cos(alpha), LEAST_COS)])
+        perpendicular, alpha = self._facing(motion)
+        return np.array([perpendicular / np.maximum(np.cos(alpha), MIN_COS)])
 
     def detects(self, motion: Motion) -> Value:
         """Return True if the beam hits the wall within `farthest_m`, at an angle of at most `incidence_rad`."""
-        (square, alpha), r = self._facing(motion), self.h(motion)[0]
-        beam, n = motion.eta[2] + self.heading_rad, self.wall_heading_rad
+        (perpendicular, alpha), r = self._facing(motion), self.h(motion)[0]
+        beam_heading, normal_heading = motion.eta[2] + self.heading_rad, self.wall_heading_rad
         x, y = (
-            place_of(self.lever_arm_m, motion)
-            + r * np.array([np.cos(beam), np.sin(beam)])
+            sensor_position(self.lever_arm_m, motion)
+            + r * np.array([np.cos(beam_heading), np.sin(beam_heading)])
             - self.wall_point_m
         )
-        aside = np.abs(y * np.cos(n) - x * np.sin(n))
-        near = (square > 0.0) & (r <= self.farthest_m) & (aside <= self.half_width_m)
-        return near & (np.abs(alpha) <= self.incidence_rad)
+        lateral = np.abs(y * np.cos(normal_heading) - x * np.sin(normal_heading))
+        is_within_reach = (perpendicular > 0.0) & (r <= self.farthest_m) & (lateral <= self.half_width_m)
+        return is_within_reach & (np.abs(alpha) <= self.incidence_rad)
 
     def _facing(self, motion: Motion) -> tuple[Value, Value]:
         """Return the perpendicular distance to the wall [m], and α [rad]."""
-        x, y = self.wall_point_m - place_of(self.lever_arm_m, motion)
+        x, y = self.wall_point_m - sensor_position(self.lever_arm_m, motion)
         n = self.wall_heading_rad
         return x * np.cos(n) + y * np.sin(n), wrap(motion.eta[2] + self.heading_rad - n)

@@ -22,7 +22,7 @@ from baqueano.contracts import optional
 from baqueano.contracts.values import Tree, Value
 from baqueano.signals import Motion, Slot
 from baqueano.vehicles.bounds import check_bounds
-from baqueano.vehicles.delay import BEFORE_S, SHORTEST_TICK_S, check_delay, read, with_newest
+from baqueano.vehicles.delay import INITIAL_STEP_S, MIN_TICK_S, check_delay, read, with_newest
 
 PHASE_TOLERANCE = 1e-6  # of a period: ticks come in whole nanoseconds
 
@@ -32,7 +32,7 @@ class Signal(NamedTuple):
 
     past: np.ndarray  # (delay_slots, m) values of the previous ticks, after the low-pass, newest first
     steps_s: np.ndarray  # (delay_slots,) time from each value to the older one
-    smooth: np.ndarray  # (m,) output of the low-pass; (0,) for a sensor without one
+    low_passed: np.ndarray  # (m,) output of the low-pass; (0,) for a sensor without one
 
 
 class SensorState(NamedTuple):
@@ -56,7 +56,7 @@ class SensorState(NamedTuple):
     bias: np.ndarray
 
 
-def check(sensor: Tree) -> None:
+def check_sensor_fields(sensor: Tree) -> None:
     """Raise ValueError for a parameter out of its bounds, and for a delay without past values."""
     check_bounds(sensor)
     check_delay(type(sensor).__name__, sensor.delay_s, sensor.delay_slots)
@@ -76,7 +76,7 @@ class SampledSensor:
     measurement_noise_cov: np.ndarray | None
 
     def __post_init__(self) -> None:
-        check(self)
+        check_sensor_fields(self)
 
     @property
     def noise_size(self) -> int:
@@ -91,7 +91,7 @@ class SampledSensor:
 
     def init(self) -> SensorState:
         """Return the state of a sensor before its first tick."""
-        return start(self)
+        return start_state(self)
 
     def step(
         self, state: SensorState, motion: Motion, dt_s: float, noise: np.ndarray
@@ -103,29 +103,29 @@ class SampledSensor:
         return state, Slot(has, np.where(has > 0.0, z, 0.0))
 
 
-def start(sensor: Tree) -> SensorState:
+def start_state(sensor: Tree) -> SensorState:
     """Return the state of a sensor before its first tick."""
-    signal = steady_signal(sensor, np.zeros(sensor.size))
+    signal = constant_signal(sensor, np.zeros(sensor.size))
     return SensorState(0.0, 0.0, signal, np.zeros(sensor.size))
 
 
-def steady_signal(sensor: Tree, h: np.ndarray) -> Signal:
+def constant_signal(sensor: Tree, h: np.ndarray) -> Signal:
     """Return the signal of a sensor whose noise-free measurement has been `h` (m,) for a long time."""
     slots = optional.of(sensor, "delay_slots")
-    smooth = h if optional.of(sensor, "has_low_pass") else np.zeros(0)
-    return Signal(np.ones((slots, 1)) * h, BEFORE_S * np.ones(slots), smooth)
+    low_passed = h if optional.of(sensor, "has_low_pass") else np.zeros(0)
+    return Signal(np.ones((slots, 1)) * h, INITIAL_STEP_S * np.ones(slots), low_passed)
 
 
 def step_signal(sensor: Tree, signal: Signal, motion: Motion, dt_s: Value) -> tuple[Signal, np.ndarray]:
     """Return the signal one tick later, and the measurement (m,) at that time without noise.  (2)"""
-    h, smooth = sensor.h(motion), signal.smooth
-    if smooth.shape[0]:
-        h = smooth = _smooth(sensor, smooth, motion, dt_s)
+    h, low_passed = sensor.h(motion), signal.low_passed
+    if low_passed.shape[0]:
+        h = low_passed = _low_pass_step(sensor, low_passed, motion, dt_s)
     if not signal.past.shape[0]:
-        return signal._replace(smooth=smooth), h
+        return signal._replace(low_passed=low_passed), h
     steps_s = with_newest(signal.steps_s, dt_s)
-    late = read(h, signal.past, steps_s, sensor.delay_s, lambda z, h: difference(sensor, z, h))
-    return Signal(with_newest(signal.past, h), steps_s, smooth), late
+    delayed = read(h, signal.past, steps_s, sensor.delay_s, lambda z, h: difference(sensor, z, h))
+    return Signal(with_newest(signal.past, h), steps_s, low_passed), delayed
 
 
 def sample(
@@ -137,24 +137,24 @@ def sample(
     """
     phase = state.phase + sensor.rate_hz * dt_s + PHASE_TOLERANCE
     periods = np.floor(phase)
-    line_s = state.ticks * np.maximum(dt_s, SHORTEST_TICK_S) + PHASE_TOLERANCE * dt_s
-    long = (line_s >= sensor.delay_s) | (state.ticks >= sensor.delay_slots)
+    line_length_s = state.ticks * np.maximum(dt_s, MIN_TICK_S) + PHASE_TOLERANCE * dt_s
+    is_line_full = (line_length_s >= sensor.delay_s) | (state.ticks >= sensor.delay_slots)
     signal = state.signal
-    if signal.smooth.shape[0]:
+    if signal.low_passed.shape[0]:
         first = motion if motion.tick is None else motion.tick[0]
-        signal = signal._replace(smooth=np.where(state.ticks > 0.0, signal.smooth, sensor.h(first)))
+        signal = signal._replace(low_passed=np.where(state.ticks > 0.0, signal.low_passed, sensor.h(first)))
     signal, z = step_signal(sensor, signal, motion, dt_s)
     state = SensorState(phase - periods - PHASE_TOLERANCE, state.ticks + 1.0, signal, state.bias)
-    return state, np.minimum(periods, 1.0) * long, z
+    return state, np.minimum(periods, 1.0) * is_line_full, z
 
 
 def detects(sensor: Tree, motion: Motion) -> Value:
     """Return the sensor's `detects(motion)`: True if it can measure; also True for a sensor without this method."""
-    own = optional.of(sensor, "detects")
-    return True if own is None else own(motion)
+    own_detects = optional.of(sensor, "detects")
+    return True if own_detects is None else own_detects(motion)
 
 
-def place_of(lever_arm_m: np.ndarray, motion: Motion) -> np.ndarray:
+def sensor_position(lever_arm_m: np.ndarray, motion: Motion) -> np.ndarray:
     """Return the position (2,) [m] in the map of a sensor at `lever_arm_m` (2,) in the body frame."""
     (x, y, psi), (ahead, left) = motion.eta, lever_arm_m
     c, s = np.cos(psi), np.sin(psi)
@@ -163,14 +163,14 @@ def place_of(lever_arm_m: np.ndarray, motion: Motion) -> np.ndarray:
 
 def difference(sensor: Tree, z: np.ndarray, expected: np.ndarray) -> np.ndarray:
     """Return z − expected (m,), by the sensor's method `difference` if it has this method."""
-    own = optional.of(sensor, "difference")
-    return z - expected if own is None else own(z, expected)
+    own_difference = optional.of(sensor, "difference")
+    return z - expected if own_difference is None else own_difference(z, expected)
 
 
-def mistakes(sensor: Tree, z: np.ndarray) -> np.ndarray:
+def mistake_corrections(sensor: Tree, z: np.ndarray) -> np.ndarray:
     """Return the corrections (k, m) of z (m,), one for each possible mistake of an object; (0, m) by default."""
-    own = optional.of(sensor, "mistakes")
-    return np.zeros((0, len(z))) if own is None else own(z)
+    own_mistakes = optional.of(sensor, "mistakes")
+    return np.zeros((0, len(z))) if own_mistakes is None else own_mistakes(z)
 
 
 def measures_pose(sensor: Tree) -> bool:
@@ -183,11 +183,11 @@ def low_pass_s(sensor: Tree) -> Value:
     return 0.5 / (np.pi * sensor.low_pass_hz) if optional.of(sensor, "has_low_pass") else 0.0
 
 
-def _smooth(sensor: Tree, smooth: np.ndarray, motion: Motion, dt_s: Value) -> np.ndarray:
+def _low_pass_step(sensor: Tree, low_passed: np.ndarray, motion: Motion, dt_s: Value) -> np.ndarray:
     a, m, b = (sensor.h(sample) for sample in motion.tick or (motion, motion, motion))
     tau_s = low_pass_s(sensor)
-    part = tau_s / np.maximum(dt_s, SHORTEST_TICK_S)
-    curvature = 4.0 * part**2 * (a - 2.0 * m + b)
-    q_0 = a - part * (4.0 * m - 3.0 * a - b) + curvature
-    q_end = b - part * (a - 4.0 * m + 3.0 * b) + curvature
-    return q_end + (smooth - q_0) * np.exp(-dt_s / tau_s)
+    tau_ratio = tau_s / np.maximum(dt_s, MIN_TICK_S)
+    curvature = 4.0 * tau_ratio**2 * (a - 2.0 * m + b)
+    q_0 = a - tau_ratio * (4.0 * m - 3.0 * a - b) + curvature
+    q_end = b - tau_ratio * (a - 4.0 * m + 3.0 * b) + curvature
+    return q_end + (low_passed - q_0) * np.exp(-dt_s / tau_s)

@@ -20,11 +20,11 @@ from baqueano.contracts.values import Value
 from baqueano.diagnostics import fault
 from baqueano.errors import Invalid
 from baqueano.parameter import INF, document, parameter
-from baqueano.sensors.sampling import place_of
+from baqueano.sensors.sampling import sensor_position
 from baqueano.signals import Motion, Slot
 from baqueano.vehicles.bounds import check_bounds
 
-ABEAM = 1e-9  # of the distance in a tick: tolerance of "abeam", for the rounding of a position
+ABEAM_TOLERANCE = 1e-9  # of the distance in a tick: tolerance of "abeam", for the rounding of a position
 
 
 class TagsState(NamedTuple):
@@ -91,12 +91,12 @@ class Tags:
 
     def h(self, motion: Motion) -> np.ndarray:
         """Return the position (2,) [m] of the reader in the map.  (1)"""
-        return place_of(self.lever_arm_m, motion)
+        return sensor_position(self.lever_arm_m, motion)
 
     def mistakes(self, z: np.ndarray) -> np.ndarray:
         """Return the vectors (n, 2) from the tag nearest to z to each tag: corrections for a mistaken tag.  (3)"""
-        far = np.sum((self.points_m - z) ** 2, axis=1)
-        is_nearest = np.where(far <= np.min(far), 1.0, 0.0)
+        squared_distances = np.sum((self.points_m - z) ** 2, axis=1)
+        is_nearest = np.where(squared_distances <= np.min(squared_distances), 1.0, 0.0)
         return self.points_m - is_nearest @ self.points_m / np.sum(is_nearest)
 
     def init(self) -> TagsState:
@@ -110,18 +110,28 @@ class Tags:
 
         `noise` (2,) is standard normal.
         """
-        place = self.h(motion)
-        way, before, now = (
-            place - state.previous_position,
+        position = self.h(motion)
+        displacement, previous_offsets, offsets = (
+            position - state.previous_position,
             state.previous_position - self.points_m,
-            place - self.points_m,
+            position - self.points_m,
         )  # (n, 2)
-        cross_product = np.abs(before[:, 0] * way[1] - before[:, 1] * way[0])  # times the length of the way
-        passed = (before @ way < 0.0) & (now @ way >= -ABEAM * (way @ way))
-        nearest = passed & (cross_product <= self.radius_m * np.hypot(*way))
-        read = np.where(nearest & (state.ready > 0.0), 1.0, 0.0)
-        has: Value = np.max(read)
-        away = np.min(np.sum(now**2, axis=1)) > self.radius_m**2
-        ready = np.where(away, 1.0, np.where(has > 0.0, 0.0, state.ready))
-        measured = place if self.sees_offset else read @ self.points_m / np.maximum(np.sum(read), 1.0)
-        return TagsState(place, ready), Slot(has, np.where(has > 0.0, measured + self.noise_std * noise, 0.0))
+        cross_product = np.abs(
+            previous_offsets[:, 0] * displacement[1] - previous_offsets[:, 1] * displacement[0]
+        )  # times the length of the way
+        is_passed = (previous_offsets @ displacement < 0.0) & (
+            offsets @ displacement >= -ABEAM_TOLERANCE * (displacement @ displacement)
+        )
+        is_hit = is_passed & (cross_product <= self.radius_m * np.hypot(*displacement))
+        reading_mask = np.where(is_hit & (state.ready > 0.0), 1.0, 0.0)
+        has: Value = np.max(reading_mask)
+        is_away = np.min(np.sum(offsets**2, axis=1)) > self.radius_m**2
+        ready = np.where(is_away, 1.0, np.where(has > 0.0, 0.0, state.ready))
+        measurement = (
+            position
+            if self.sees_offset
+            else reading_mask @ self.points_m / np.maximum(np.sum(reading_mask), 1.0)
+        )
+        return TagsState(position, ready), Slot(
+            has, np.where(has > 0.0, measurement + self.noise_std * noise, 0.0)
+        )

@@ -163,5 +163,5 @@ class Odometer(SampledSensor):
 
 def rolling(sensor: Tree, motion: Motion) -> np.ndarray:
     """Return the speeds (2,) that wheels with `track_m` and `radius_scale` measure.  (1)"""
-    across = 0.5 * sensor.track_m * motion.nu[2]
-    return sensor.radius_scale * np.array([motion.nu[0] - across, motion.nu[0] + across])
+    turning_speed = 0.5 * sensor.track_m * motion.nu[2]
+    return sensor.radius_scale * np.array([motion.nu[0] - turning_speed, motion.nu[0] + turning_speed])

@@ -26,8 +26,16 @@ from baqueano.messages.printable import baqueano_command
 from baqueano.runs.run import EstimateLog, Event, ReferenceLog, Run, TruthLog
 from baqueano.sensors.truth import truth_sensor
 from baqueano.signals import NANOSECONDS, Estimate, Reference, seconds
-from baqueano.simulate.open_loop import beyond, channels, draw, metadata, times
-from baqueano.simulate.system import Input, System, SystemState, advance, begin, flat, with_parameters
+from baqueano.simulate.open_loop import channels, draw, envelope_events, metadata, tick_times
+from baqueano.simulate.system import (
+    Input,
+    System,
+    SystemState,
+    advance,
+    begin,
+    parameter_vector,
+    with_parameters,
+)
 from baqueano.supervisor import REASONS, diagnostic_of
 from baqueano.symbolic import scan
 from baqueano.symbolic.backends import resolve_backend
@@ -37,7 +45,7 @@ from baqueano.worlds.simulated import no_noise, rows_of_tick, with_rows
 if TYPE_CHECKING:
     from baqueano.vehicle_file import VehicleFile
 
-LONGEST_NS = 36_000 * NANOSECONDS  # a guide that is not done by then counts as never done
+MAX_DURATION_NS = 36_000 * NANOSECONDS  # a guide that is not done by then counts as never done
 
 
 def simulate_loop(vehicle_file: "VehicleFile", route: Route | Guide, seed: int = 0, **options: Any) -> Run:
@@ -131,7 +139,7 @@ def simulate_loops(
     system = close_loop(vehicle_file, route, laps, perfect, controller=controller)
     rate = vehicle_file.rate_hz
     ticks = ticks_of(system, rate) if duration_s is None else max(1, round(duration_s * rate))
-    t_ns = times(ticks, rate)
+    t_ns = tick_times(ticks, rate)
     eta0 = start_of(system) if eta0 is None else np.array(eta0, dtype=float)
     start = begin(system, eta0)
     kernel = closed_loop(system, rate, noise=noise, backend=backend)
@@ -139,10 +147,10 @@ def simulate_loops(
         inputs = Input(
             t_ns, draw(system.sensors, seed, len(t_ns), rows_of_tick(1.0 / rate)) if noise else None
         )
-        last, outputs = kernel.run(inputs, carry=start)
-        about = metadata("simulate loop", seed, rate, kernel.backend, noise, eta0)
-        run = as_run(name, t_ns, outputs, about)
-        events = _stop_event(last.blocks.supervisor, int(t_ns[-1])) + beyond(vehicle_file, run)
+        last_state, outputs = kernel.run(inputs, carry=start)
+        run_metadata = metadata("simulate loop", seed, rate, kernel.backend, noise, eta0)
+        run = as_run(name, t_ns, outputs, run_metadata)
+        events = _stop_event(last_state.blocks.supervisor, int(t_ns[-1])) + envelope_events(vehicle_file, run)
         yield replace(run, vehicle_text=vehicle_file.text, events=events)
 
 
@@ -177,7 +185,7 @@ def closed_loop(
     The numbers of the system at `paths` are its parameters θ. Raise UsageError for a block that cannot be compiled.
     """
     if resolve_backend(backend) != "numpy":
-        compilable(**system.blocks._asdict())
+        check_compilable(**system.blocks._asdict())
     dt_s = 1.0 / rate_hz
     example = Input(1, no_noise(system.sensors, rows_of_tick(dt_s)) if noise else None)
 
@@ -191,18 +199,18 @@ def closed_loop(
     def step(theta: Tree, state: SystemState, x: Input) -> tuple[SystemState, Tree]:
         return step_of(with_parameters(system, paths, theta), state, x)
 
-    return scan(step, begin(system), example, flat(system, paths), backend=backend)
+    return scan(step, begin(system), example, parameter_vector(system, paths), backend=backend)
 
 
-def compilable(**blocks: Tree) -> None:
+def check_compilable(**blocks: Tree) -> None:
     """Raise UsageError, with a command to use instead, if the step of a block must not be compiled."""
-    for room, block in blocks.items():
+    for role, block in blocks.items():
         if optional.of(block, "as_written"):
-            command = baqueano_command("repeat", "ROUTE", *(f"--{room}", "KIND"))
-            raise UsageError(fault("simulate.as-written", command, room=room, block=type(block).__name__))
+            command = baqueano_command("repeat", "ROUTE", *(f"--{role}", "KIND"))
+            raise UsageError(fault("simulate.as-written", command, room=role, block=type(block).__name__))
 
 
-def as_run(name: str, t_ns: np.ndarray, output: Tree, about: dict[str, str]) -> Run:
+def as_run(name: str, t_ns: np.ndarray, output: Tree, metadata: dict[str, str]) -> Run:
     """Return the run of N ticks from `output`, a LoopOutput whose leaves begin with the axis N."""
     record, truth = output.record, output.truth
     est, ref = record.estimate, record.reference
@@ -217,7 +225,7 @@ def as_run(name: str, t_ns: np.ndarray, output: Tree, about: dict[str, str]) -> 
         estimate=EstimateLog(t_ns, est.eta, est.nu, est.cov, est.innovation, est.innovation_cov),
         reference=ReferenceLog(t_ns, ref.eta, ref.nu, ref.done),
         truth=TruthLog(t_ns, truth.eta, truth.nu, truth.nu_dot),
-        metadata=about,
+        metadata=metadata,
     )
 
 
@@ -226,23 +234,23 @@ def start_of(system: System) -> np.ndarray:
     return np.array(references_of(system, [0])[0].eta, dtype=float)
 
 
-def lasting(system: System) -> float:
+def reference_duration(system: System) -> float:
     """Return the time from the first tick to the end of the reference [s], for a vehicle at rest.
 
-    Raise UsageError if the guide is not done within LONGEST_NS.
+    Raise UsageError if the guide is not done within MAX_DURATION_NS.
     """
-    low, high = -1, LONGEST_NS
+    low, high = -1, MAX_DURATION_NS
     if not _is_over(system, high):
         raise UsageError(fault("simulate.never-done"))
     while high - low > 1:
-        middle = (low + high) // 2
-        low, high = (low, middle) if _is_over(system, middle) else (middle, high)
+        middle_ns = (low + high) // 2
+        low, high = (low, middle_ns) if _is_over(system, middle_ns) else (middle_ns, high)
     return seconds(high)
 
 
 def ticks_of(system: System, rate_hz: float) -> int:
     """Return the number of ticks until the guide is done, including that tick."""
-    return int(np.ceil(lasting(system) * rate_hz - 1e-6)) + 1
+    return int(np.ceil(reference_duration(system) * rate_hz - 1e-6)) + 1
 
 
 def _is_over(system: System, t_ns: int) -> bool:
@@ -251,12 +259,12 @@ def _is_over(system: System, t_ns: int) -> bool:
 
 def references_of(system: System, times_ns: Sequence[int]) -> list[Reference]:
     """Return the references of the guide, from its start, at these times, for a vehicle at rest at the origin."""
-    state, out = system.guide.init(), []
+    state, references = system.guide.init(), []
     for t_ns in times_ns:
-        resting = Estimate(t_ns, np.zeros(3), np.zeros(3), np.zeros((6, 6)))
-        state, reference = system.guide.step(state, resting)
-        out.append(reference)
-    return out
+        estimate = Estimate(t_ns, np.zeros(3), np.zeros(3), np.zeros((6, 6)))
+        state, reference = system.guide.step(state, estimate)
+        references.append(reference)
+    return references
 
 
 def _stop_event(supervisor: Supervision, t_ns: int) -> tuple[Event, ...]:
@@ -264,5 +272,5 @@ def _stop_event(supervisor: Supervision, t_ns: int) -> tuple[Event, ...]:
     code = round(float(getattr(supervisor, "reason", 0.0)))
     if not 0 < code < len(REASONS):
         return ()
-    message = diagnostic_of(code)
-    return (Event(t_ns, "error", "supervisor", in_english(message), message),)
+    diagnostic = diagnostic_of(code)
+    return (Event(t_ns, "error", "supervisor", in_english(diagnostic), diagnostic),)

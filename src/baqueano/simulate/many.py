@@ -23,8 +23,8 @@ from baqueano.messages.language import number
 from baqueano.messages.language import translate as _
 from baqueano.parameter import parameters
 from baqueano.signals import seconds
-from baqueano.simulate.open_loop import command_signal, times
-from baqueano.simulate.system import System, flat, labels, value, with_parameters
+from baqueano.simulate.open_loop import command_signal, tick_times
+from baqueano.simulate.system import System, parameter_labels, parameter_vector, value, with_parameters
 from baqueano.symbolic import get, scan
 from baqueano.symbolic.scan import Scan
 from baqueano.vehicle_file.envelope import Watch
@@ -34,8 +34,8 @@ from baqueano.worlds.noise import stream
 if TYPE_CHECKING:
     from baqueano.vehicle_file import VehicleFile
 
-CHUNK = 2**15  # vehicles
-NOISE_BYTES = 2**26  # of unit normals held at a time
+CHUNK_VEHICLES = 2**15  # vehicles
+MAX_NOISE_BYTES = 2**26  # of unit normals held at a time
 
 
 @dataclass(frozen=True, slots=True, eq=False, repr=False)
@@ -79,18 +79,18 @@ class Ensemble(Result):
 
     def rows(self) -> list[TableRow]:
         """Return a flat dict per time: mean and standard deviation over the vehicles."""
-        good = self.eta[self._finite], self.nu[self._finite]
+        finite_motion = self.eta[self._is_finite], self.nu[self._is_finite]
         columns = ("x_m", "y_m", "psi_rad", "nu_x_m_s", "nu_y_m_s", "nu_psi_rad_s")
         out = []
         for k, t_s in enumerate(self.t_s):
-            at = np.concatenate([good[0][:, k], good[1][:, k]], axis=1)
-            psi = at[:, 2]
-            mean = at.mean(axis=0)
+            motion = np.concatenate([finite_motion[0][:, k], finite_motion[1][:, k]], axis=1)
+            psi = motion[:, 2]
+            mean = motion.mean(axis=0)
             mean[2] = np.arctan2(np.mean(np.sin(psi)), np.mean(np.cos(psi)))
-            sd = at.std(axis=0)
-            sd[2] = np.std(np.angle(np.exp(1j * (psi - mean[2]))))
-            row: TableRow = {"t_s": float(t_s), "vehicles": len(at)}
-            for name, m, s in zip(columns, mean, sd, strict=True):
+            std = motion.std(axis=0)
+            std[2] = np.std(np.angle(np.exp(1j * (psi - mean[2]))))
+            row: TableRow = {"t_s": float(t_s), "vehicles": len(motion)}
+            for name, m, s in zip(columns, mean, std, strict=True):
                 row |= {name: float(m), f"{name}_sd": float(s)}
             out.append(row)
         return out
@@ -108,10 +108,10 @@ class Ensemble(Result):
         ]
         for row in self.rows():
             row = {key: number(value) for key, value in row.items()}
-            psi, psi_sd = (number(float(np.degrees(row[key]))) for key in ("psi_rad", "psi_rad_sd"))
+            psi, psi_std = (number(float(np.degrees(row[key]))) for key in ("psi_rad", "psi_rad_sd"))
             lines.append(
                 f"{row['t_s']:8.2f} {row['x_m']:8.3f} ± {row['x_m_sd']:<7.3f} {row['y_m']:8.3f} ± "
-                f"{row['y_m_sd']:<7.3f} {psi:8.1f} ± {psi_sd:<7.1f} {row['nu_x_m_s']:8.3f} ± "
+                f"{row['y_m_sd']:<7.3f} {psi:8.1f} ± {psi_std:<7.1f} {row['nu_x_m_s']:8.3f} ± "
                 f"{row['nu_x_m_s_sd']:<7.3f}"
             )
         return "\n".join([*lines, "", verdict_line(self.verdict, self.reasons)])
@@ -124,7 +124,7 @@ class Ensemble(Result):
     @property
     def reasons(self) -> tuple[Diagnostic | str, ...]:
         """Return warnings: commands outside the envelope, diverged vehicles, and clipped parameters."""
-        lost_count, vehicles = int(np.sum(~self._finite)), len(self.theta)
+        lost_count, vehicles = int(np.sum(~self._is_finite)), len(self.theta)
         messages: list[Diagnostic | str] = list(self.outside)
         if lost_count:
             messages.append(note("simulate.lost", Severity.WARNING, lost=lost_count, vehicles=vehicles))
@@ -135,7 +135,7 @@ class Ensemble(Result):
         return tuple(messages)
 
     @property
-    def _finite(self) -> np.ndarray:
+    def _is_finite(self) -> np.ndarray:
         return np.all(np.isfinite(self.eta) & np.isfinite(self.nu), axis=(1, 2))
 
 
@@ -203,28 +203,28 @@ def simulate_many(
     else:
         (paths, theta), clips = parameter_sets(system, vary, vehicles), 0
     rate = vehicle_file.rate_hz
-    each = len(u) if every_s is None else max(1, round(every_s * rate))
-    ends = sorted({*range(each, len(u) + 1, each), len(u)})
+    ticks_per_record = len(u) if every_s is None else max(1, round(every_s * rate))
+    record_ends = sorted({*range(ticks_per_record, len(u) + 1, ticks_per_record), len(u)})
     kernel = lanes_kernel(system, paths, rate, process_noise, backend)
     start = system.model.init(None if eta0 is None else np.array(eta0, dtype=float))
     batches = []
-    for rows in _chunks(len(theta), process_noise, int(np.max(np.diff([0, *ends])))):
+    for rows in _chunks(len(theta), process_noise, int(np.max(np.diff([0, *record_ends])))):
         rngs = [stream(seed, f"vehicle.{l}") for l in range(rows.start, rows.stop)] if process_noise else []
-        batches.append(_drive(kernel, start, u, theta[rows], ends, rngs))
+        batches.append(_drive(kernel, start, u, theta[rows], record_ends, rngs))
     eta, nu = (np.concatenate(x) for x in zip(*batches, strict=True))
-    t_s = seconds(times(len(u), rate)[np.array(ends) - 1])
+    t_s = seconds(tick_times(len(u), rate)[np.array(record_ends) - 1])
     watch = Watch(vehicle_file.envelope)
-    watch.look(u, {})
-    outside = watch.flags(note("envelope.this-signal"))
+    watch.count(u, {})
+    envelope_flags = watch.flags(note("envelope.this-signal"))
     return Ensemble(
-        tuple(labels(system, paths)),
+        tuple(parameter_labels(system, paths)),
         theta,
         t_s,
         eta,
         nu,
         clips,
         kernel.backend,
-        outside,
+        envelope_flags,
     )
 
 
@@ -242,7 +242,7 @@ def lanes_kernel(
         return state, state.eta
 
     example = (np.zeros(system.model.commands), np.zeros(3) if process_noise else None)
-    return scan(step, system.model.init(), example, flat(system, paths), backend=backend)
+    return scan(step, system.model.init(), example, parameter_vector(system, paths), backend=backend)
 
 
 def parameter_sets(
@@ -276,19 +276,21 @@ def draw_parameters(
     Raise UsageError for a file without a covariance of the model, or for a number of vehicles below 1.
     """
     fit = vehicle_file.parameter_cov
-    own = [] if fit is None else [k for k, name in enumerate(fit.names) if name.startswith("model.")]
-    if fit is None or not own:
+    model_indices = (
+        [] if fit is None else [k for k, name in enumerate(fit.names) if name.startswith("model.")]
+    )
+    if fit is None or not model_indices:
         raise UsageError(fault("simulate.no-covariance", name=vehicle_file.name))
     if not vehicles or vehicles < 1:
         raise UsageError(fault("simulate.vehicles", vehicles=vehicles))
-    paths = tuple(fit.names[k] for k in own)
-    mean = flat(system, paths)
-    size, axes = np.linalg.eigh(fit.cov[np.ix_(own, own)])
-    unit = stream(seed, "parameters").standard_normal((vehicles, len(own)))
-    theta = mean + (unit * np.sqrt(np.maximum(size, 0.0))) @ axes.T
+    paths = tuple(fit.names[k] for k in model_indices)
+    mean = parameter_vector(system, paths)
+    variances, axes = np.linalg.eigh(fit.cov[np.ix_(model_indices, model_indices)])
+    normals = stream(seed, "parameters").standard_normal((vehicles, len(model_indices)))
+    theta = mean + (normals * np.sqrt(np.maximum(variances, 0.0))) @ axes.T
     low, high = np.array([bounds(system, path) for path in paths]).T
-    inside = np.clip(theta, low, high)
-    return paths, inside, int(np.sum(np.any(inside != theta, axis=1)))
+    clipped_theta = np.clip(theta, low, high)
+    return paths, clipped_theta, int(np.sum(np.any(clipped_theta != theta, axis=1)))
 
 
 def bounds(system: System, path: str) -> tuple[float, float]:
@@ -299,10 +301,12 @@ def bounds(system: System, path: str) -> tuple[float, float]:
     return (field.low, field.high) if field is not None else (-np.inf, np.inf)
 
 
-def _chunks(vehicles: int, process_noise: bool, ticks: int) -> list[slice]:
-    """Return the rows of θ for each call of the kernel: few enough that the noise of `ticks` ticks fits in memory."""
-    size = max(8, min(CHUNK, NOISE_BYTES // (24 * ticks))) if process_noise else CHUNK
-    return [slice(i, min(i + size, vehicles)) for i in range(0, vehicles, size)]
+def _chunks(vehicle_count: int, process_noise: bool, tick_count: int) -> list[slice]:
+    """Return the rows of θ for each call of the kernel: few enough that their noise fits in memory."""
+    chunk_size = (
+        max(8, min(CHUNK_VEHICLES, MAX_NOISE_BYTES // (24 * tick_count))) if process_noise else CHUNK_VEHICLES
+    )
+    return [slice(i, min(i + chunk_size, vehicle_count)) for i in range(0, vehicle_count, chunk_size)]
 
 
 def _drive(
@@ -310,12 +314,12 @@ def _drive(
     start: Tree,
     u: np.ndarray,
     theta: np.ndarray,
-    ends: list[int],
+    record_ends: list[int],
     rngs: "list[np.random.Generator]",
 ) -> tuple[np.ndarray, np.ndarray]:
     """Return poses and velocities (l, K, 3) of a batch of vehicles at the ends of the segments."""
     eta, nu, state, begin = [], [], start, 0
-    for end in ends:
+    for end in record_ends:
         noise = np.stack([rng.standard_normal((end - begin, 3)) for rng in rngs]) if rngs else None
         state, _ = kernel.batch((u[begin:end], noise), theta, carry=state)
         eta.append(state.eta)

@@ -26,7 +26,7 @@ from baqueano.symbolic import scan
 from baqueano.symbolic.scan import Scan
 from baqueano.vehicles.state import Vehicle
 from baqueano.worlds import world_init, world_step
-from baqueano.worlds.noise import PROCESS, sensor_stream, unit_normals
+from baqueano.worlds.noise import PROCESS_STREAM, sensor_stream, unit_normals
 from baqueano.worlds.simulated import DrawnNoise, WorldState, no_noise, rows_of_tick, with_rows
 
 if TYPE_CHECKING:
@@ -112,7 +112,7 @@ def simulate(
     start = system.model.init(_pose(eta0, "eta0"), _pose(nu0, "nu0"))
     world = world._replace(vehicle=start)
     _, outputs = kernel.run(OpenLoopInput(u, draws), carry=world)
-    t_ns = times(len(u), rate)
+    t_ns = tick_times(len(u), rate)
     run = Run(
         name,
         None,
@@ -125,10 +125,10 @@ def simulate(
             "simulate", seed, rate, kernel.backend, noise, np.concatenate([start.eta, start.nu])
         ),
     )
-    return replace(run, events=beyond(vehicle_file, run))
+    return replace(run, events=envelope_events(vehicle_file, run))
 
 
-def beyond(vehicle_file: "VehicleFile", run: Run) -> tuple[Event, ...]:
+def envelope_events(vehicle_file: "VehicleFile", run: Run) -> tuple[Event, ...]:
     """Return an event for each warning of the envelope: a command or measurement outside the data of the fit."""
     flags = vehicle_file.envelope.flags(run) if vehicle_file.envelope else ()
     return tuple(Event(int(run.t_ns[-1]), "warning", "model", in_english(flag), flag) for flag in flags)
@@ -151,47 +151,49 @@ def open_loop(
     return scan(step, world_init(model, sensors), example, backend=backend)
 
 
-def draw(sensors: SensorBlocks, seed: int, ticks: int, rows: int = 1) -> DrawnNoise:
-    """Return standard normals for `ticks` ticks; the leading axes are (ticks,), or (ticks, rows) with `rows`.
+def draw(sensors: SensorBlocks, seed: int, tick_count: int, row_count: int = 1) -> DrawnNoise:
+    """Return standard normals for `tick_count` ticks; the leading axes are (ticks,), or (ticks, rows) with `row_count`.
 
     The vehicle and each sensor have separate random streams.
     """
-    lead = (ticks,) if rows == 1 else (ticks, rows)
+    leading_shape = (tick_count,) if row_count == 1 else (tick_count, row_count)
 
     def draw_normals(name: str, size: int) -> np.ndarray:
-        return unit_normals(seed, name, ticks * rows, size).reshape((*lead, size))
+        return unit_normals(seed, name, tick_count * row_count, size).reshape((*leading_shape, size))
 
     sensors_by_name = zip(sensors._fields, sensors, strict=True)
-    each = tuple(draw_normals(sensor_stream(name), sensor.noise_size) for name, sensor in sensors_by_name)
-    return DrawnNoise(draw_normals(PROCESS, 3), each)
+    sensor_normals = tuple(
+        draw_normals(sensor_stream(name), sensor.noise_size) for name, sensor in sensors_by_name
+    )
+    return DrawnNoise(draw_normals(PROCESS_STREAM, 3), sensor_normals)
 
 
-def times(ticks: int, rate_hz: float) -> np.ndarray:
+def tick_times(tick_count: int, rate_hz: float) -> np.ndarray:
     """Return the ends of the ticks (N,) [ns]: whole multiples of the period, each rounded separately."""
-    return np.round(np.arange(1, ticks + 1) * NANOSECONDS / rate_hz).astype(np.int64)
+    return np.round(np.arange(1, tick_count + 1) * NANOSECONDS / rate_hz).astype(np.int64)
 
 
 def channels(t_ns: np.ndarray, slots: ByName[Slot]) -> dict[str, Channel]:
     """Return a channel per sensor: the measurements in the slots of N ticks, with the times of their arrival."""
     out = {}
     for name, slot in zip(slots._fields, slots, strict=True):
-        came = slot.has > 0.5
-        age_ns = np.round(np.broadcast_to(slot.age_s, t_ns.shape)[came] * NANOSECONDS).astype(np.int64)
-        out[name] = Channel(t_ns[came] - age_ns, t_ns[came], slot.z[came])
+        has_reading = slot.has > 0.5
+        age_ns = np.round(np.broadcast_to(slot.age_s, t_ns.shape)[has_reading] * NANOSECONDS).astype(np.int64)
+        out[name] = Channel(t_ns[has_reading] - age_ns, t_ns[has_reading], slot.z[has_reading])
     return out
 
 
 def metadata(
-    kind: str, seed: int, rate_hz: float, backend: str, noise: bool, start: np.ndarray
+    kind: str, seed: int, rate_hz: float, backend: str, noise: bool, initial_state: np.ndarray
 ) -> dict[str, str]:
-    """Return the metadata of a simulated run; `start` is η (3,), or η and ν (6,), before its first tick."""
+    """Return the metadata of a simulated run; `initial_state` is η (3,), or η and ν (6,), before its first tick."""
     return versions() | {
         "kind": kind,
         "seed": str(seed),
         "rate_hz": f"{rate_hz:g}",
         "backend": backend,
         "noise": "yes" if noise else "no",
-        "start": " ".join(map(repr, start.tolist())),
+        "start": " ".join(map(repr, initial_state.tolist())),
     }
 
 
@@ -204,9 +206,9 @@ def command_signal(vehicle_file: "VehicleFile", u: ArrayLike) -> np.ndarray:
     if not np.all(np.isfinite(u)):
         k, i = np.argwhere(~np.isfinite(u))[0]
         raise UsageError(fault("simulate.not-finite", name=names[i], value=u[k, i], tick=k))
-    over = np.abs(u) > np.asarray(limit) * (1.0 + 1e-12)
-    if np.any(over):
-        k, i = np.argwhere(over)[0]
+    is_beyond_limit = np.abs(u) > np.asarray(limit) * (1.0 + 1e-12)
+    if np.any(is_beyond_limit):
+        k, i = np.argwhere(is_beyond_limit)[0]
         raise UsageError(fault("simulate.beyond-limit", name=names[i], value=u[k, i], tick=k, limit=limit[i]))
     return u
 

@@ -89,28 +89,30 @@ def value(system: System, path: str) -> np.ndarray:
     return array
 
 
-def flat(system: System, paths: Sequence[str]) -> np.ndarray:
+def parameter_vector(system: System, paths: Sequence[str]) -> np.ndarray:
     """Return θ (p,), the values of the system at `paths`, arrays row by row."""
     return np.concatenate([value(system, path).ravel() for path in paths]) if paths else np.zeros(0)
 
 
-def labels(system: System, paths: Sequence[str]) -> list[str]:
+def parameter_labels(system: System, paths: Sequence[str]) -> list[str]:
     """Return a name for each number of θ: "model.friction.linear[0]"."""
     out = []
     for path in paths:
         shape = value(system, path).shape
-        marks = ["".join(f"[{','.join(map(str, index))}]") for index in np.ndindex(shape)] if shape else [""]
-        out += [path + mark for mark in marks]
+        indices = (
+            ["".join(f"[{','.join(map(str, index))}]") for index in np.ndindex(shape)] if shape else [""]
+        )
+        out += [path + mark for mark in indices]
     return out
 
 
 def with_parameters(system: System, paths: Sequence[str], theta: Tree) -> System:
     """Return the system with θ (p,) at `paths`; θ may be traced. Ranges are not checked here."""
-    at = 0
+    offset = 0
     for path in paths:
         shape = value(system, path).shape
         size = int(np.prod(shape))
-        piece = theta[at] if shape == () else theta[at : at + size].reshape(shape)
+        piece = theta[offset] if shape == () else theta[offset : offset + size].reshape(shape)
         system = put(system, path, piece)
-        at += size
+        offset += size
     return system

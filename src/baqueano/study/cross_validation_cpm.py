@@ -35,11 +35,11 @@ if TYPE_CHECKING:
     from baqueano.contracts.values import JsonObject, TableRow, Tree
     from baqueano.runs import Run
 
-SHORT = {"cpm_run_a": "a", "cpm_run_b": "b"}
-USE = ("odometer", "imu[2]")
-EXPLAINS = 0.9  # part of the variance of speed and yaw rate, on a run that was not used for the fit
-BEYOND = 0.1  # of the range of a command: farther out the model extrapolates
-LOST = 0.05  # of the distance driven: an estimate with a larger rms error has lost the car
+SHORT_NAMES = {"cpm_run_a": "a", "cpm_run_b": "b"}
+SENSORS_USED = ("odometer", "imu[2]")
+MIN_EXPLAINED = 0.9  # part of the variance of speed and yaw rate, on a run that was not used for the fit
+MAX_EXTRAPOLATION = 0.1  # of the range of a command: farther out the model extrapolates
+MAX_POSITION_ERROR = 0.05  # of the distance driven: an estimate with a larger rms error has lost the car
 CAVEATS = (
     N_("The model is simulated from the commands alone, from the first tick to the last."),
     N_(
@@ -73,7 +73,7 @@ class RunFit:
 
     fit: Fit
     noise: Noise
-    file: VehicleFile
+    vehicle_file: VehicleFile
 
 
 @dataclass(frozen=True)
@@ -95,14 +95,14 @@ class Judgement:
     @property
     def is_lost(self) -> bool:
         """Return True if the position error is at least LOST times the driven distance, or if the replay stopped."""
-        return not self.figures["ate_m"] < LOST * self.driven_m or bool(stop_of(self.replayed))
+        return not self.figures["ate_m"] < MAX_POSITION_ERROR * self.driven_m or bool(stop_of(self.replayed))
 
     def row(self) -> "JsonObject":
         """Return a flat row in SI units."""
-        rmse, part, figures = self.predicted.rmse, self.predicted.explained_variance, self.figures
+        rmse, explained, figures = self.predicted.rmse, self.predicted.explained_variance, self.figures
         row = {"fitted_on": self.fitted_on, "judged_on": self.judged_on, "held_out": self.held_out}
-        row |= {"speed_rmse_m_s": float(rmse[0]), "speed_explained": float(part[0])}
-        row |= {"yaw_rate_rmse_rad_s": float(rmse[1]), "yaw_rate_explained": float(part[1])}
+        row |= {"speed_rmse_m_s": float(rmse[0]), "speed_explained": float(explained[0])}
+        row |= {"yaw_rate_rmse_rad_s": float(rmse[1]), "yaw_rate_explained": float(explained[1])}
         row |= {key: figures[key] for key in ("ate_m", "ate_heading_rad", "end_error_m")}
         row |= {key: figures[key] for key in ("rpe_m", "rpe_heading_rad")}
         row |= {"driven_m": self.driven_m, "duration_s": self.replayed.duration_s, "lost": self.is_lost}
@@ -144,20 +144,27 @@ class CrossValidation:
         """Return a sentence for each command of a run that is clearly beyond the range in the run of the fit."""
         out, applied = [], {judgement.judged_on: judgement.replayed.applied for judgement in self.judged}
         for judgement in self.judged if len(applied) > 1 else ():
-            names = self.fitted[judgement.fitted_on].file.command.names
+            names = self.fitted[judgement.fitted_on].vehicle_file.command.names
             for name, fitted, commands in zip(
                 names, applied[judgement.fitted_on].T, applied[judgement.judged_on].T, strict=True
             ):
-                low, high, least, most = np.min(fitted), np.max(fitted), np.min(commands), np.max(commands)
-                if least < low - BEYOND * (high - low) or most > high + BEYOND * (high - low):
+                low, high, min_command, max_command = (
+                    np.min(fitted),
+                    np.max(fitted),
+                    np.min(commands),
+                    np.max(commands),
+                )
+                if min_command < low - MAX_EXTRAPOLATION * (
+                    high - low
+                ) or max_command > high + MAX_EXTRAPOLATION * (high - low):
                     out.append(
                         _(
                             "{head}: {name} from {least:.2f} to {most:.2f} leaves the range of the fit, "
                             "{low:.2f} to {high:.2f}",
                             head=_head(judgement),
                             name=name,
-                            least=least,
-                            most=most,
+                            least=min_command,
+                            most=max_command,
                             low=low,
                             high=high,
                         )
@@ -170,27 +177,31 @@ class CrossValidation:
         out = [_("the fit on {run} is {verdict}", run=run, verdict=_(fitted_run.fit.verdict)) 
                for run, fitted_run in self.fitted.items() if fitted_run.fit.verdict != Verdict.USABLE]  # fmt: skip
         for judgement in self.judged:
-            place = _(
+            run_text = _(
                 "fitted on {fitted_on}, tested on {judged_on}",
                 fitted_on=judgement.fitted_on,
                 judged_on=judgement.judged_on,
             )
             if judgement.is_lost:
-                out.append(_("{where}: the estimate lost the car", where=place))
-            if judgement.held_out and np.min(judgement.predicted.explained_variance) < EXPLAINS:
+                out.append(_("{where}: the estimate lost the car", where=run_text))
+            if judgement.held_out and np.min(judgement.predicted.explained_variance) < MIN_EXPLAINED:
                 out.append(
                     _(
                         "{where}: less than {explains:.0f} % of speed or yaw rate is explained",
-                        where=place,
-                        explains=100 * EXPLAINS,
+                        where=run_text,
+                        explains=100 * MIN_EXPLAINED,
                     )
                 )
-        sure = [
+        significant = [
             _head(judgement)
             for judgement in self.judged
             if judgement.held_out and judgement.figures["nees_pose_is"] == "too sure"
         ]
-        out += [_("the filter is too sure of its pose ({sure})", sure=", ".join(sure))] if sure else []
+        out += (
+            [_("the filter is too sure of its pose ({sure})", sure=", ".join(significant))]
+            if significant
+            else []
+        )
         return tuple(out)
 
     @property
@@ -210,7 +221,7 @@ class CrossValidation:
             + f"  {_('unit')}"
         ]
         for row in self.parameters():
-            cells = [_with_sd(row[run], row[f"{run}_sd"]) for run in runs]
+            cells = [_with_error(row[run], row[f"{run}_sd"]) for run in runs]
             name = row["name"].removeprefix("model.")
             lines.append(
                 f"{name:30}" + "".join(f"{cell:>22}" for cell in cells) + f"  {shown_unit(row['unit'])}"
@@ -244,7 +255,7 @@ def cross_validate(
 ) -> CrossValidation:
     """Fit the car to each run and evaluate it on both. Raise FileError with the names of missing files."""
     check_present()
-    runs = {SHORT[name]: import_run(name).run for name in MAPS}
+    runs = {SHORT_NAMES[name]: import_run(name).run for name in MAPS}
     fitted = {}
     for name, run in runs.items():
         progress(_("fitting run {name}, {duration_s:.0f} s", name=name, duration_s=run.duration_s))
@@ -253,30 +264,34 @@ def cross_validate(
     for name, fitted_run in fitted.items():
         for test_name, run in runs.items():
             progress(_("the model of run {name} on run {other}", name=name, other=test_name))
-            judgements.append(judge(fitted_run.file, name, run, test_name, backend))
+            judgements.append(judge(fitted_run.vehicle_file, name, run, test_name, backend))
     return CrossValidation(fitted, tuple(sorted(judgements, key=lambda judgement: not judgement.held_out)))
 
 
 def fit_to(run: "Run", backend: str = "auto") -> RunFit:
     """Return the garage's car fitted to a run by odometer and gyro, with the noise measured in the run."""
-    fit = identify(run, load("car"), use=USE, options=FitOptions(backend=backend))
+    fit = identify(run, load("car"), use=SENSORS_USED, options=FitOptions(backend=backend))
     noise = measure_noise(fit, run, backend=backend)
     return RunFit(fit, noise, noise.updated_file(fit.vehicle_file, run.name))
 
 
-def judge(file: VehicleFile, fitted_on: str, run: "Run", judged_on: str, backend: str = "auto") -> Judgement:
+def judge(
+    vehicle_file: VehicleFile, fitted_on: str, run: "Run", judged_on: str, backend: str = "auto"
+) -> Judgement:
     """Evaluate a vehicle file on a run: its model from the commands, its filter from the camera's first pose."""
-    replay_run = replay(run, file, backend=backend)
+    replay_run = replay(run, vehicle_file, backend=backend)
     figures = compare(replay_run, names=[judged_on]).rows()[0]
     assert run.truth is not None
     driven_m = float(np.nansum(np.hypot(*np.diff(run.truth.eta[:, :2], axis=0).T)))
-    return Judgement(fitted_on, judged_on, predict_run(file, run, backend), replay_run, figures, driven_m)
+    return Judgement(
+        fitted_on, judged_on, predict_run(vehicle_file, run, backend), replay_run, figures, driven_m
+    )
 
 
-def predict_run(file: VehicleFile, run: "Run", backend: str = "auto") -> RunPrediction:
-    """Predict speed and yaw rate by the model of `file` under the commands of `run`, from the first measured
+def predict_run(vehicle_file: VehicleFile, run: "Run", backend: str = "auto") -> RunPrediction:
+    """Predict speed and yaw rate by the model of `vehicle_file` under the commands of `run`, from the first measured
     velocity."""
-    odometer, imu, vehicle = file.sensors.odometer, file.sensors.imu, file.vehicle
+    odometer, imu, vehicle = vehicle_file.sensors.odometer, vehicle_file.sensors.imu, vehicle_file.vehicle
     record = record_of(run, {"odometer": odometer, "imu": imu})
     v = _first(record, "odometer", 0) / odometer.scale
     r = (_first(record, "imu", 2) - imu.gyro_bias) / imu.gyro_scale
@@ -309,7 +324,7 @@ def _head(judgement: Judgement) -> str:
     )
 
 
-def _with_sd(estimate: float | None, sd: float | None) -> str:
+def _with_error(estimate: float | None, sd: float | None) -> str:
     return (
         _("not identifiable") if estimate is None else f"{number(estimate):.4g} ± {number(sd or np.nan):.2g}"
     )

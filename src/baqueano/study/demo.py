@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from baqueano.compare import Comparison, compare
-from baqueano.diagnostics import Verdict, fault, merge
+from baqueano.diagnostics import Verdict, fault, merge_diagnostics
 from baqueano.drive import experiment, repeat, stop_of, teach
 from baqueano.errors import AnswerNo
 from baqueano.guides.shapes import sinuous_circle
@@ -29,7 +29,7 @@ from baqueano.report.animation.picture import animation
 from baqueano.report.animation.scene import scene
 from baqueano.report.estimate_report import errors, paths
 from baqueano.report.fit_report import sections_of_fit
-from baqueano.report.of_run import driving, headlines
+from baqueano.report.of_run import driving_sections, headlines
 from baqueano.runs import read_run
 from baqueano.runs.route_file import write_route
 from baqueano.symbolic.backends import resolve_backend
@@ -40,7 +40,7 @@ if TYPE_CHECKING:
     from baqueano.contracts.values import TableRow
     from baqueano.runs import Run
 
-LAPS, EXPERIMENT = 3, "1-experiment.mcap"
+LAPS, EXPERIMENT_FILE = 3, "1-experiment.mcap"
 GUESS = {  # the guess of a user with a scale and a tape measure, without a data sheet
     "model.actuator_matrix": [[2.0, 0.0, 0.0], [0.0, 0.0, 0.0], [0.0, 0.0, 0.12]],
     "model.friction.linear": [5.0, 30.0, 0.02],
@@ -54,7 +54,7 @@ GUESS = {  # the guess of a user with a scale and a tape measure, without a data
     "sensors.imu.accel_bias": [0.0, 0.0],
     "sensors.imu.gyro_bias": 0.0,
 }
-GAINS = {
+INITIAL_GAINS = {
     name: name.replace("_", " ") for name in ("name", "value", "unit", "before", "low", "high", "at_limit")
 }
 STAGES_S = 15.0, 30.0  # of the experiment: the fits of the animation before the complete one
@@ -78,8 +78,8 @@ class Demo:
     def true_values(self) -> np.ndarray:
         """Return the true values (p,) of the fitted parameters; T includes the unequal gains of the wheels."""
         wheels = self.truth.vehicle.drivetrain
-        wrench = np.stack([wheels.unmix(wheels.gain * wheels.mix(u)) for u in np.eye(3)], axis=1)
-        T = self.truth.vehicle.actuator_matrix @ wrench
+        gain_matrix = np.stack([wheels.unmix(wheels.gain * wheels.mix(u)) for u in np.eye(3)], axis=1)
+        T = self.truth.vehicle.actuator_matrix @ gain_matrix
         at = {f"model.actuator_matrix[{i},{j}]": T[i, j] for i in range(3) for j in range(3)}
         return np.array([at[n] if n in at else float(self.truth.value(n)) for n in self.fit.names])
 
@@ -149,8 +149,8 @@ class Demo:
             ),
             _("verdict"): verdict_line(self.verdict, self.fit.reasons[:1]),
         }  # fmt: skip
-        wide = max(16, *map(len, lines))
-        return [f"{label:{wide}} {line}" for label, line in lines.items()]
+        width = max(16, *map(len, lines))
+        return [f"{label:{width}} {line}" for label, line in lines.items()]
 
     def animation(self, backend: str = "auto") -> str:
         """Return the animation: the intervals narrow as data arrive, and the taught path is driven again."""
@@ -161,7 +161,7 @@ class Demo:
             "model.friction.coulomb[0]": _("dry friction"),
             "model.actuator_matrix[0,2]": _("unequal motors"),
         }
-        run = read_run(self.folder / EXPERIMENT)
+        run = read_run(self.folder / EXPERIMENT_FILE)
         guess, options = load("small").with_values(GUESS), FitOptions(backend=backend)
         fits = [(s, identify(run.cut(0.0, s), guess, options=options)) for s in STAGES_S]
         truth = dict(zip(self.fit.names, self.true_values, strict=True))
@@ -178,17 +178,17 @@ class Demo:
             laps=LAPS,
         )
         identifiable = [r for r in self.rows() if r["z"] is not None]
-        inside = sum(abs(r["z"]) <= 1.96 for r in identifiable)
-        count = _("{inside} of {all}", inside=inside, all=len(identifiable))
-        first = Headline(_("parameters in their 95 % interval"), count, _("against the truth"))
+        covered_count = sum(abs(r["z"]) <= 1.96 for r in identifiable)
+        count = _("{inside} of {all}", inside=covered_count, all=len(identifiable))
+        headline = Headline(_("parameters in their 95 % interval"), count, _("against the truth"))
         return Page(
             title=_("A vehicle without a data sheet"),
             subtitle=_("the simulated small vehicle: experiment, identify, noise, tune, teach, repeat"),
             verdict=self.verdict,
-            headlines=[first, *headlines(figures)],
+            headlines=[headline, *headlines(figures)],
             sections=[
                 Section(_("Teach and repeat"), text, paths(self.repeated)),
-                *driving(self.repeated, figures),
+                *driving_sections(self.repeated, figures),
                 *sections_of_fit(self.fit, self.true_values),
                 Section(_("Noise"), _("Measured in the same run."), [Table(self.noise.rows())]),
                 Section(
@@ -200,7 +200,11 @@ class Demo:
                         cost=self.tuned.cost,
                         before=self.tuned.cost_before,
                     ),
-                    [Table(self.tuned.rows(), "", {key: _(heading) for key, heading in GAINS.items()})],
+                    [
+                        Table(
+                            self.tuned.rows(), "", {key: _(heading) for key, heading in INITIAL_GAINS.items()}
+                        )
+                    ],
                 ),
                 *errors(self.repeated),
             ],
@@ -220,38 +224,48 @@ def demo(
     `show_gains` the tuned gains. Raise AnswerNo if the fit is refused."""
     folder.mkdir(parents=True, exist_ok=True)
     small = load("small")
-    truth, file = small.with_values({"sensors.imu.gyro_scale": SCALE}), small.with_values(GUESS)
+    truth, vehicle_file = small.with_values({"sensors.imu.gyro_scale": SCALE}), small.with_values(GUESS)
     options = {"truth": truth, "backend": backend}
 
     progress(_("1/6 experiment  60 s of random steps"))
-    u = excitation("random_steps", file.command.limit, 60.0, file.rate_hz, seed, rest_s=2.0)
+    u = excitation("random_steps", vehicle_file.command.limit, 60.0, vehicle_file.rate_hz, seed, rest_s=2.0)
     # one run with this model does not repay compiling C
-    once = "python" if resolve_backend(backend) == "c" else backend
-    run = experiment(file, u, seed=seed, path=folder / EXPERIMENT, truth=truth, backend=once)
-    show(folder / EXPERIMENT)
+    single_run_backend = "python" if resolve_backend(backend) == "c" else backend
+    run = experiment(
+        vehicle_file, u, seed=seed, path=folder / EXPERIMENT_FILE, truth=truth, backend=single_run_backend
+    )
+    show(folder / EXPERIMENT_FILE)
     progress(_("2/6 identify    the model from commands and IMU"))
-    fit = identify(run, file, options=FitOptions(backend=backend))
+    fit = identify(run, vehicle_file, options=FitOptions(backend=backend))
     if fit.verdict == Verdict.REFUSED:
-        raise AnswerNo(fault("demo.refused", cause=merge(fit.reasons)))
-    file = fit.vehicle_file
+        raise AnswerNo(fault("demo.refused", cause=merge_diagnostics(fit.reasons)))
+    vehicle_file = fit.vehicle_file
     progress(_("3/6 noise       covariances of sensors and model"))
     noise = measure_noise(fit, run, backend=backend)
-    file = noise.updated_file(file, run.name)
+    vehicle_file = noise.updated_file(vehicle_file, run.name)
     progress(_("4/6 tune        gains on the identified model"))
     shape = sinuous_circle(0.6, 0.08, 5, 0.2)
     quick = resolve_backend(backend) == "c"  # without a compiler an evaluation takes fifty times as long
-    less = {} if quick else {"starts": 1, "polish": False, "duration_s": 10.0}
-    tune_result = tune(file, shape, backend=backend, **less)
+    tune_options = {} if quick else {"starts": 1, "polish": False, "duration_s": 10.0}
+    tune_result = tune(vehicle_file, shape, backend=backend, **tune_options)
     show_gains(tune_result)
-    file = tune_result.updated_file()
-    file.save(folder / "vehicle.toml")
+    vehicle_file = tune_result.updated_file()
+    vehicle_file.save(folder / "vehicle.toml")
     progress(_("5/6 teach       a sinuous circle"))
     lesson = teach(
-        file, shape, closed=True, eta=shape.eta[0], seed=seed + 1, path=folder / "2-teach.mcap", **options
+        vehicle_file,
+        shape,
+        closed=True,
+        eta=shape.eta[0],
+        seed=seed + 1,
+        path=folder / "2-teach.mcap",
+        **options,
     )
     show(folder / "2-teach.mcap")
     write_route(lesson.route, folder / "route.csv")
     progress(_("6/6 repeat      {laps} laps", laps=LAPS))
-    repeat_run = repeat(file, lesson.route, LAPS, seed=seed + 2, path=folder / "3-repeat.mcap", **options)
+    repeat_run = repeat(
+        vehicle_file, lesson.route, LAPS, seed=seed + 2, path=folder / "3-repeat.mcap", **options
+    )
     show(folder / "3-repeat.mcap")
     return Demo(truth, fit, noise, tune_result, repeat_run, compare(repeat_run), folder)

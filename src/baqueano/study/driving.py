@@ -37,8 +37,8 @@ from baqueano.runs import Run
 from baqueano.runs.run import Channel
 from baqueano.sensors.truth import truth_sensor
 from baqueano.signals import Estimate, Reference, Slot, Tick, sensor_slots
-from baqueano.simulate.closed_loop import compilable
-from baqueano.simulate.open_loop import times
+from baqueano.simulate.closed_loop import check_compilable
+from baqueano.simulate.open_loop import tick_times
 from baqueano.study.demo import GUESS
 from baqueano.study.truth import Robots, TruthWorld, draw_robots
 from baqueano.sweep.workers import spread_over
@@ -53,14 +53,14 @@ FREE = [
     "+model.centre_of_mass_x_m",
     "+model.drivetrain.delay_s",
 ]  # a fit without them reports that they are wrong
-BATCH = 10  # robots that are simulated side by side
+ROBOTS_AT_ONCE = 10  # robots that are simulated side by side
 SHAPES: dict[str, Callable[[float], "Route"]] = {
     N_("sinuous"): lambda v: sinuous_circle(0.6, 0.06, 5, v),
     N_("eight"): lambda v: eight(1.0, v),
     N_("rectangle"): lambda v: rectangle(1.2, 0.8, 0.2, v),
 }
 SPEEDS = (0.1, 0.2, 0.3)
-SLOWER = (0.2,)  # of the cases with one speed
+SINGLE_SPEED = (0.2,)  # of the cases with one speed
 
 
 class Case(NamedTuple):
@@ -75,11 +75,11 @@ CASES = {
     N_("imu"): Case(lambda q: q, False, SPEEDS),
     N_("pose"): Case(lambda q: q, True, SPEEDS),
     N_("breakaway"): Case(lambda q: q.with_parameters(breakaway=1.3 * q.breakaway), True, SPEEDS),
-    N_("late"): Case(lambda q: q.with_parameters(delay_s=q.delay_s + 0.1), True, SLOWER),
+    N_("late"): Case(lambda q: q.with_parameters(delay_s=q.delay_s + 0.1), True, SINGLE_SPEED),
     "dead_zone": Case(
-        lambda q: q.with_parameters(forward=1.1 * q.forward, backward=1.1 * q.backward), False, SLOWER
+        lambda q: q.with_parameters(forward=1.1 * q.forward, backward=1.1 * q.backward), False, SINGLE_SPEED
     ),
-    "battery": Case(lambda q: q.with_parameters(supply=0.93 * q.supply), False, SLOWER),
+    "battery": Case(lambda q: q.with_parameters(supply=0.93 * q.supply), False, SINGLE_SPEED),
 }
 
 
@@ -91,7 +91,7 @@ class EvenDrive(NamedTuple):
     asked_m_s: float
     seed: int
     speed_error: float  # of the reference speed, rms after the first second
-    unevenness: float  # about the mean over 1 s
+    speed_ripple: float  # about the mean over 1 s
     at_limit: float  # share of the ticks
     sign_changes: float  # of the forward command, in the lap
     across_m: float  # rms
@@ -115,7 +115,7 @@ LIMITS = {
     "dead_zone": (DrivingLimit("unevenness", 0.15, "%", 100.0),),
     "battery": (DrivingLimit("unevenness", 0.15, "%", 100.0),),
 }
-SHARE = 0.95  # of the laps must be within a limit; the table shows the worst lap too
+MIN_SHARE_OF_LAPS = 0.95  # of the laps must be within a limit; the table shows the worst lap too
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -150,7 +150,7 @@ class Driving:
             else []
         )
         for row in self.rows():
-            place = _(
+            case_text = _(
                 "{case}, {shape} at {asked_m_s:g} m/s",
                 case=row["case"],
                 shape=row["shape"],
@@ -158,15 +158,15 @@ class Driving:
             )
             for limit in LIMITS[row["case"]]:
                 if row[f"{limit.figure}_p95"] > limit.most:
-                    value, most = (limit.scale * x for x in (row[f"{limit.figure}_p95"], limit.most))
+                    value, limit_value = (limit.scale * x for x in (row[f"{limit.figure}_p95"], limit.most))
                     out.append(
                         _(
                             "{where}: {figure} {found:.1f} {unit}; expected at most {most:g} {unit}",
-                            where=place,
+                            where=case_text,
                             figure=limit.figure,
                             found=value,
                             unit=limit.unit,
-                            most=most,
+                            most=limit_value,
                         )
                     )
             for figure in ("at_limit", "sign_changes", "stopped"):
@@ -174,7 +174,7 @@ class Driving:
                     out.append(
                         _(
                             "{where}: {figure} {value:.3g}, expected 0",
-                            where=place,
+                            where=case_text,
                             figure=figure,
                             value=row[f"{figure}_worst"],
                         )
@@ -203,10 +203,10 @@ class Driving:
             speed, uneven = (
                 [f"{number(100.0 * x):.1f}" for x in three[f]] for f in ("speed_error", "unevenness")
             )
-            across = [f"{number(1000.0 * x):.1f}" for x in three["across_m"]]
+            cross_track_mm = [f"{number(1000.0 * x):.1f}" for x in three["across_m"]]
             lines.append(
                 f"{_(r['case']):11}{_(r['shape']):11}{number(r['asked_m_s']):4.1f}{' '.join(speed):>17}"
-                f"{' '.join(uneven):>16}{' '.join(across):>18}{number(100.0 * r['at_limit_worst']):6.1f}"
+                f"{' '.join(uneven):>16}{' '.join(cross_track_mm):>18}{number(100.0 * r['at_limit_worst']):6.1f}"
                 f"%{number(r['sign_changes_worst']):6.0f}"
             )
         return "\n".join(
@@ -221,7 +221,11 @@ def _figures(laps: list[EvenDrive]) -> dict[str, float]:
     out = {}
     for figure in FIGURES:
         x = np.array([float(getattr(lap, figure)) for lap in laps])
-        for name, value in (("median", np.median(x)), ("p95", np.quantile(x, SHARE)), ("worst", np.max(x))):
+        for name, value in (
+            ("median", np.median(x)),
+            ("p95", np.quantile(x, MIN_SHARE_OF_LAPS)),
+            ("worst", np.max(x)),
+        ):
             out[f"{figure}_{name}"] = float(value)
     return out
 
@@ -233,16 +237,18 @@ def driving(
     """Return the laps of robots `first` … `first + seeds − 1`. `advance` receives the number of robots just finished.
     `controller` (a kind of the package or "file.py:Class") replaces the file's controller, with default gains.
     """
-    compilable(controller=guess().controller(controller))  # refuses before the first drive
-    jobs = [range(k, min(k + BATCH, first + seeds)) for k in range(first, first + seeds, BATCH)]
-    work = partial(batch, backend=backend, cases=cases, speeds=speeds, controller=controller)
-    parts = spread_over(work, jobs, processes, lambda batches: advance(batches * BATCH))
-    drives = tuple(sorted(d for _, laps, _ in parts for d in laps))
-    refusals = tuple(sorted(k for _, _, seeds_refused in parts for k in seeds_refused))
-    return Driving(drives, sum(count for count, _, _ in parts), refusals)
+    check_compilable(controller=guess().controller(controller))  # refuses before the first drive
+    jobs = [
+        range(k, min(k + ROBOTS_AT_ONCE, first + seeds)) for k in range(first, first + seeds, ROBOTS_AT_ONCE)
+    ]
+    work = partial(drive_batch, backend=backend, cases=cases, speeds=speeds, controller=controller)
+    results = spread_over(work, jobs, processes, lambda batches: advance(batches * ROBOTS_AT_ONCE))
+    drives = tuple(sorted(d for _, laps, _ in results for d in laps))
+    refusals = tuple(sorted(k for _, _, seeds_refused in results for k in seeds_refused))
+    return Driving(drives, sum(count for count, _, _ in results), refusals)
 
 
-def batch(
+def drive_batch(
     seeds: range,
     backend: str,
     cases: tuple[str, ...],
@@ -250,14 +256,14 @@ def batch(
     controller: str | None = None,
 ) -> tuple[int, list[EvenDrive], list[int]]:
     """Return the number of robots, their laps, and the seeds whose fit was refused."""
-    robots = together([draw_robots(1, seed) for seed in seeds])
+    robots = merge_robots([draw_robots(1, seed) for seed in seeds])
     fits = [identify(run, guess(), FREE) for run in experiments(robots, seeds)]
     usable = [k for k, fit in enumerate(fits) if fit.verdict != Verdict.REFUSED]
     files = [fits[k].vehicle_file for k in usable]
-    robots, names = robots.some(usable), [seeds[k] for k in usable]
+    robots, names = robots.subset(usable), [seeds[k] for k in usable]
     drives: list[EvenDrive] = []
     loops = {
-        perfect: [Loop(file, perfect, backend, controller) for file in files]
+        perfect: [Loop(vehicle_file, perfect, backend, controller) for vehicle_file in files]
         for perfect in {CASES[c].perfect for c in cases}
     }
     for case in cases:
@@ -278,11 +284,13 @@ def guess() -> VehicleFile:
 
 def experiments(robots: Robots, seeds: range) -> list[Run]:
     """Return a run of random steps for each robot, with the same steps for all."""
-    file = guess()
-    u = excitation("random_steps", file.command.limit, EXPERIMENT_S, file.rate_hz, 0, rest_s=2.0)
-    t_ns, world = times(len(u), file.rate_hz), TruthWorld(robots, seeds, fast=function)
-    z = np.stack([world.tick(np.tile(row, (len(seeds), 1)), 1.0 / file.rate_hz) for row in u], axis=1)
-    metadata = {"kind": "experiment", "rate_hz": f"{file.rate_hz:g}"}
+    vehicle_file = guess()
+    u = excitation(
+        "random_steps", vehicle_file.command.limit, EXPERIMENT_S, vehicle_file.rate_hz, 0, rest_s=2.0
+    )
+    t_ns, world = tick_times(len(u), vehicle_file.rate_hz), TruthWorld(robots, seeds, fast=function)
+    z = np.stack([world.tick(np.tile(row, (len(seeds), 1)), 1.0 / vehicle_file.rate_hz) for row in u], axis=1)
+    metadata = {"kind": "experiment", "rate_hz": f"{vehicle_file.rate_hz:g}"}
     return [
         Run(
             f"robot {seed}",
@@ -290,7 +298,7 @@ def experiments(robots: Robots, seeds: range) -> list[Run]:
             t_ns,
             u,
             sensors={"imu": Channel(t_ns, t_ns, x)},
-            vehicle_text=file.text,
+            vehicle_text=vehicle_file.text,
             metadata=metadata,
         )
         for seed, x in zip(seeds, z, strict=True)
@@ -300,13 +308,15 @@ def experiments(robots: Robots, seeds: range) -> list[Run]:
 class Loop:
     """Estimator, controller and supervisor of a file as one compiled step with the reference as input."""
 
-    def __init__(self, file: VehicleFile, perfect: bool, backend: str, controller: str | None = None) -> None:
-        self.file, self.perfect = file, perfect
-        estimator = KnownState() if perfect else file.estimator()
+    def __init__(
+        self, vehicle_file: VehicleFile, perfect: bool, backend: str, controller: str | None = None
+    ) -> None:
+        self.file, self.perfect = vehicle_file, perfect
+        estimator = KnownState() if perfect else vehicle_file.estimator()
         self.blocks = loop.Blocks(
-            estimator, Idle(float("inf")), file.controller(controller), file.supervisor()
+            estimator, Idle(float("inf")), vehicle_file.controller(controller), vehicle_file.supervisor()
         )
-        sensors = truth_sensor() if perfect else file.sensors
+        sensors = truth_sensor() if perfect else vehicle_file.sensors
         self.slots = sensor_slots(tuple(sensors._fields))
         tick = Tick(1, np.zeros(3), self.slots(*(Slot(1.0, np.zeros(s.size)) for s in sensors)))
         reference = Reference(1, np.zeros(3), np.zeros(3), 0.0)
@@ -327,20 +337,20 @@ def follow(loops: list[Loop], robots: Robots, route: "Route", seeds: list[int]) 
     """Return the figures of one lap of each robot along a route, from rest at its start."""
     rate_hz, n = loops[0].file.rate_hz, len(loops)
     guide = Repeat.along(route)
-    t_ns = times(int(route.t_s[-1] * rate_hz), rate_hz)
+    t_ns = tick_times(int(route.t_s[-1] * rate_hz), rate_hz)
     state, references = guide.init(), []
     for t in t_ns:
-        state, reference = guide.step(state, _at_rest(int(t)))
+        state, reference = guide.step(state, _belief_at_rest(int(t)))
         references.append(reference)
     world, u = TruthWorld(robots, seeds, np.tile(route.eta[0], (n, 1))), np.zeros((n, 3))
     states = [robot_loop.start(route.eta[0]) for robot_loop in loops]
     truth, commands = np.zeros((len(t_ns), n, 4)), np.zeros((len(t_ns), n, 3))
     for k, t in enumerate(t_ns):
         z = world.tick(u, 1.0 / rate_hz)
-        now, before, u = world.truth, u, np.zeros((n, 3))
+        now, previous_u, u = world.truth, u, np.zeros((n, 3))
         for i, robot_loop in enumerate(loops):
             true_state = np.concatenate([now.eta[i], now.nu[i]]) if robot_loop.perfect else z[i]
-            tick = Tick(int(t), before[i], robot_loop.slots(Slot(1.0, true_state)))
+            tick = Tick(int(t), previous_u[i], robot_loop.slots(Slot(1.0, true_state)))
             states[i], (u[i], _) = robot_loop.step(states[i], tick, references[k])
         truth[k], commands[k] = np.column_stack([now.eta, now.nu[:, 0]]), u
     nu, eta = (np.stack([getattr(r, name) for r in references]) for name in ("nu", "eta"))
@@ -357,21 +367,21 @@ def _lap(
     pace_figures = pace(t_ns, truth[:, 3], speed_ref)
     changes = sign_changes(t_ns, u[:, 0]) * 1e-9 * (t_ns[-1] - t_ns[0])
     is_stuck = np.sum(truth[:, 3]) < 0.5 * np.sum(speed_ref)
-    across = rms(cross_track(t_ns, truth[:, :2], t_ns, eta[:, :2]))
+    cross_track_rms_m = rms(cross_track(t_ns, truth[:, :2], t_ns, eta[:, :2]))
     return (
         pace_figures.error,
         pace_figures.uneven,
         share_at_limit(u, limits),
         changes,
-        across,
+        cross_track_rms_m,
         float(supervisor.stopped > 0.0 or is_stuck),
     )
 
 
-def _at_rest(t_ns: int = 0) -> Estimate:
+def _belief_at_rest(t_ns: int = 0) -> Estimate:
     return Estimate(t_ns, np.zeros(3), np.zeros(3), np.zeros((6, 6)))
 
 
-def together(robots: list[Robots]) -> Robots:
+def merge_robots(robots: list[Robots]) -> Robots:
     """Return separately drawn robots as one group."""
     return robots[0].merge(robots[1:])

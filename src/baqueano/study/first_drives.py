@@ -30,9 +30,9 @@ from baqueano.vehicle_file import VehicleFile, load
 if TYPE_CHECKING:
     from baqueano.contracts.values import TableRow
 
-ROOM = "1.5x1.5"
+ROOM_SIZE = "1.5x1.5"
 WIRINGS = (N_("well"), N_("left inverted"), N_("right inverted"), N_("swapped"))
-WEAKEST, STRONGEST, DEAD_ZONE, BREAKAWAY = 0.3, 3.0, 0.4, 1.3
+MIN_GAIN_RATIO, MAX_GAIN_RATIO, DEAD_ZONE, BREAKAWAY_RATIO = 0.3, 3.0, 0.4, 1.3
 
 
 class MiswiredLink(World):
@@ -116,7 +116,7 @@ class FirstDrives:
             f"{_('wiring'):16}{_('drives'):>7}{_('touched'):>9}{_('left over'):>11}{_('named'):>7}"
             f"{_('gain'):>7}{_('time'):>7}"
         )
-        lines = [_("room {room} m", room=ROOM), head]
+        lines = [_("room {room} m", room=ROOM_SIZE), head]
         for r in self.each:
             gain = f"{number(r.gain_off):.2f}×" if np.isfinite(r.gain_off) else "-"
             lines.append(
@@ -146,30 +146,39 @@ def first_drives(
     drives = spread_over(partial(drive_one, backend=backend), range(first, first + seeds), processes, advance)
     rows = []
     for wiring in WIRINGS:
-        some = [drive for drive in drives if drive.wiring == wiring]
-        if some:
-            rows.append(_row(wiring, some))
+        drives_of_wiring = [drive for drive in drives if drive.wiring == wiring]
+        if drives_of_wiring:
+            rows.append(_row(wiring, drives_of_wiring))
     return FirstDrives(tuple(rows))
 
 
 def _row(wiring: str, figures: list[FirstDriveFigures]) -> Row:
     margins = np.array([drive.margin_m for drive in figures])
     gain = float(np.median([drive.gain_off for drive in figures]))
-    named_count, longest = sum(drive.named for drive in figures), max(drive.seconds for drive in figures)
+    named_count, max_duration_s = (
+        sum(drive.named for drive in figures),
+        max(drive.seconds for drive in figures),
+    )
     return Row(
-        wiring, len(figures), int(np.sum(margins < 0.0)), float(margins.min()), named_count, gain, longest
+        wiring,
+        len(figures),
+        int(np.sum(margins < 0.0)),
+        float(margins.min()),
+        named_count,
+        gain,
+        max_duration_s,
     )
 
 
 def drive_one(seed: int, backend: str = "auto") -> FirstDriveFigures:
     """Simulate the first drive of the unknown vehicle of that seed, and return its figures."""
-    file, wiring = load("small"), WIRINGS[seed % len(WIRINGS)]
-    robot = unknown(seed)
-    world = MiswiredLink(LoopWorld(robot, seed, file.rate_hz), wiring)
-    drive = first_drive(file, world=world, seed=seed, backend=backend)
-    truth, room = drive.run.truth, room_of(file, ROOM)
+    vehicle_file, wiring = load("small"), WIRINGS[seed % len(WIRINGS)]
+    robot = draw_unknown_robot(seed)
+    world = MiswiredLink(LoopWorld(robot, seed, vehicle_file.rate_hz), wiring)
+    drive = first_drive(vehicle_file, world=world, seed=seed, backend=backend)
+    truth, room = drive.run.truth, room_of(vehicle_file, ROOM_SIZE)
     assert truth is not None
-    margin = float(np.min(room.free - np.abs(truth.eta[:, :2])))
+    margin = float(np.min(room.free_half_width_m - np.abs(truth.eta[:, :2])))
     expected = {
         "well": [],
         "left inverted": ["wiring.backwards-left"],
@@ -177,32 +186,33 @@ def drive_one(seed: int, backend: str = "auto") -> FirstDriveFigures:
         "swapped": ["wiring.swapped"],
     }[wiring]
     is_named = [message.code for message in drive.wiring] == expected
-    off = float("nan")
+    error_m = float("nan")
     if wiring == "well":
-        ratio = np.array([drive.gain_along, drive.gain_about]) / gains(robot, file)
-        off = float(np.max(np.maximum(ratio, 1.0 / np.maximum(ratio, 1e-9))))
+        ratio = np.array([drive.gain_along, drive.gain_about]) / gain_ratios(robot, vehicle_file)
+        error_m = float(np.max(np.maximum(ratio, 1.0 / np.maximum(ratio, 1e-9))))
     return FirstDriveFigures(
-        wiring, margin, is_named, off, float(drive.run.t_ns[-1] - drive.run.t_ns[0]) * 1e-9
+        wiring, margin, is_named, error_m, float(drive.run.t_ns[-1] - drive.run.t_ns[0]) * 1e-9
     )
 
 
-def unknown(seed: int) -> Robots:
+def draw_unknown_robot(seed: int) -> Robots:
     """Return a robot with random gains, dead zones and friction at rest."""
     draw, q = np.random.default_rng([seed, 70]), draw_robots(1, seed)
-    gain = np.exp(draw.uniform(np.log(WEAKEST), np.log(STRONGEST))) * draw.uniform(0.75, 1.25, 2)
-    along, about = np.clip(gain, WEAKEST, STRONGEST)
+    gain = np.exp(draw.uniform(np.log(MIN_GAIN_RATIO), np.log(MAX_GAIN_RATIO))) * draw.uniform(0.75, 1.25, 2)
+    along, about = np.clip(gain, MIN_GAIN_RATIO, MAX_GAIN_RATIO)
     forward, backward = draw.uniform(0.0, DEAD_ZONE, (2, 1, 2))
     return q.with_parameters(
         gain=along * q.gain, arm_m=about / along * q.arm_m, forward=forward, backward=backward,
-        breakaway=draw.uniform(1.0, BREAKAWAY, 1),
+        breakaway=draw.uniform(1.0, BREAKAWAY_RATIO, 1),
     )  # fmt: skip
 
 
-def gains(robot: Robots, file: VehicleFile) -> np.ndarray:
+def gain_ratios(robot: Robots, vehicle_file: VehicleFile) -> np.ndarray:
     """Return the robot's gains (2,), acceleration per command along x and about z, divided by the file's gains."""
-    true, body = robot_values(robot), file.vehicle
-    size = {0: (robot.mass_kg, body.mass_kg), 2: (robot.inertia_kg_m2, body.inertia_kg_m2)}
+    true_values, body = robot_values(robot), vehicle_file.vehicle
+    inertias = {0: (robot.mass_kg, body.mass_kg), 2: (robot.inertia_kg_m2, body.inertia_kg_m2)}
     return np.array([
-        float(true[f"model.actuator_matrix[{i},{i}]"][0] / own[0]) / (body.actuator_matrix[i, i] / nominal)
-        for i, (own, nominal) in size.items()
+        float(true_values[f"model.actuator_matrix[{i},{i}]"][0] / robot_inertia[0])
+        / (body.actuator_matrix[i, i] / file_inertia)
+        for i, (robot_inertia, file_inertia) in inertias.items()
     ])  # fmt: skip

@@ -39,15 +39,21 @@ if TYPE_CHECKING:
     from baqueano.runs import Run
 
 MAPS = {"a": "cpm_run_a", "b": "cpm_run_b"}
-DRIVE = ("model.throttle_gain", "model.linear_drag", "model.coulomb_m_s2", "model.cornering_drag")
-ZERO = "sensors.imu.gyro_bias"
-ZERO_RAD_S, ZERO_SD, RECORDED = 0.0024, 0.0013, date(2019, 5, 13)
-FREE = (*DRIVE, "model.steering_gain", "model.steering_offset_rad", "model.yaw_lag_s")
-BARE = {"model.quadratic_drag": 0.0, ZERO: ZERO_RAD_S}
-WORSE = 1.5  # limit of the speed error on the other run, relative to the odometer's fit
-HELD = 0.85  # required coverage of the intervals
-WIDE = (0.40, 0.40, 0.50, np.inf, 0.08)  # of the value, gain, viscous, dry, cornering drag, steady speed
-AT = 0.4  # throttle
+DRIVE_PARAMETERS = ("model.throttle_gain", "model.linear_drag", "model.coulomb_m_s2", "model.cornering_drag")
+ZERO_PATH = "sensors.imu.gyro_bias"
+ZERO_RAD_S, ZERO_STD_RAD_S, RECORDED_ON = 0.0024, 0.0013, date(2019, 5, 13)
+FREE = (*DRIVE_PARAMETERS, "model.steering_gain", "model.steering_offset_rad", "model.yaw_lag_s")
+BARE_VALUES = {"model.quadratic_drag": 0.0, ZERO_PATH: ZERO_RAD_S}
+MAX_SPEED_ERROR_RATIO = 1.5  # limit of the speed error on the other run, relative to the odometer's fit
+MIN_COVERAGE = 0.85  # required coverage of the intervals
+MAX_WIDTHS = (
+    0.40,
+    0.40,
+    0.50,
+    np.inf,
+    0.08,
+)  # of the value, gain, viscous, dry, cornering drag, steady speed
+TEST_THROTTLE = 0.4  # throttle
 NAMES = (
     N_("gain"), N_("viscous drag"), N_("dry friction"), N_("cornering drag"), N_("speed at 0.4 throttle"),
 )  # fmt: skip
@@ -80,7 +86,7 @@ def rows(progress: Callable[[str], object] = lambda text: None, backend: str = "
     """Return the rows of the study, with recording, quantity, value, bar and ok."""
     runs = {name: import_run(path).run for name, path in MAPS.items()}
     car = load("car").with_values(
-        BARE, {ZERO: Provenance("standing, run a", RECORDED, ZERO_SD, Verdict.USABLE)}
+        BARE_VALUES, {ZERO_PATH: Provenance("standing, run a", RECORDED_ON, ZERO_STD_RAD_S, Verdict.USABLE)}
     )
     reference = {}
     for name, run in runs.items():
@@ -90,21 +96,21 @@ def rows(progress: Callable[[str], object] = lambda text: None, backend: str = "
         reference[name] = identify(
             run, car, FREE, use=("odometer", "imu[2]"), options=FitOptions(backend=backend)
         )
-    gyros = (
+    calibrations = (
         GyroCalibration(N_("raw"), 1.0, 0.03),
         GyroCalibration("± 1 %", float(car.sensors.imu.gyro_scale), 0.01),
     )
     out: list[TableRow] = []
-    inside, width, fits = [], [], []
-    for gyro in gyros:
+    is_covered, width, fits = [], [], []
+    for gyro in calibrations:
         for name, test_name in (("a", "b"), ("b", "a")):
             progress(
                 _("run {name}, gyro {gyro}: fitting the IMU, odometer hidden", name=name, gyro=_(gyro.name))
             )
-            file = car.with_values({"sensors.imu.gyro_scale": gyro.scale})
+            vehicle_file = car.with_values({"sensors.imu.gyro_scale": gyro.scale})
             fit = fit_imu_only(
                 runs[name],
-                file,
+                vehicle_file,
                 FREE,
                 tolerance={"gyro": gyro.tolerance},
                 options=FitOptions(backend=backend),
@@ -112,12 +118,12 @@ def rows(progress: Callable[[str], object] = lambda text: None, backend: str = "
             out += held_out(
                 fit, reference[name], runs[test_name], f"cpm {name} → {test_name}, {_(gyro.name)}", backend
             )
-            estimate, truth = drive_of(fit, file), drive_of(reference[name], car)
+            estimate, truth = drive_of(fit, vehicle_file), drive_of(reference[name], car)
             fits.append(fit)
-            both = np.hypot(estimate.sd, truth.sd)
-            inside.append(np.abs(estimate.value - truth.value) <= QUANTILE_95 * both)
+            joint_std = np.hypot(estimate.sd, truth.sd)
+            is_covered.append(np.abs(estimate.value - truth.value) <= QUANTILE_95 * joint_std)
             width.append(QUANTILE_95 * estimate.sd / np.abs(estimate.value))
-    return out + of_intervals(np.array(inside), np.array(width)) + of_messages(fits[-1], runs)
+    return out + interval_rows(np.array(is_covered), np.array(width)) + message_rows(fits[-1], runs)
 
 
 def held_out(fit: Fit, reference: Fit, run: "Run", label: str, backend: str) -> list["TableRow"]:
@@ -133,51 +139,66 @@ def held_out(fit: Fit, reference: Fit, run: "Run", label: str, backend: str) -> 
             label,
             _("speed error, divided by the error of the odometer's fit"),
             ratio,
-            f"≤ {number(WORSE):g}",
-            ratio <= WORSE,
+            f"≤ {number(MAX_SPEED_ERROR_RATIO):g}",
+            ratio <= MAX_SPEED_ERROR_RATIO,
         ),
-        row(label, _("speed error [m/s rms]"), error[0], f"≤ {number(WORSE * error[1]):.3f}", ratio <= WORSE),
+        row(
+            label,
+            _("speed error [m/s rms]"),
+            error[0],
+            f"≤ {number(MAX_SPEED_ERROR_RATIO * error[1]):.3f}",
+            ratio <= MAX_SPEED_ERROR_RATIO,
+        ),
     ]
 
 
-def drive_of(fit: Fit, file: VehicleFile) -> FittedDrive:
+def drive_of(fit: Fit, vehicle_file: VehicleFile) -> FittedDrive:
     """Return gain, frictions and the steady speed on a straight path, with their standard errors."""
-    at = [fit.names.index(name) for name in DRIVE]
-    gain, viscous, dry = (fit.value(name) for name in DRIVE[:3])
-    effort = AT - float(file.vehicle.drivetrain.dead_zone_forward[0])
+    entries = [fit.names.index(name) for name in DRIVE_PARAMETERS]
+    gain, viscous, dry = (fit.value(name) for name in DRIVE_PARAMETERS[:3])
+    effort = TEST_THROTTLE - float(vehicle_file.vehicle.drivetrain.dead_zone_forward[0])
     speed = (gain * effort - dry) / viscous
-    slope = np.array([effort, -speed, -1.0, 0.0]) / viscous
-    cov = np.nan_to_num(fit.cov[np.ix_(at, at)])
-    value, sd = np.append(fit.estimate[at], speed), np.append(fit.sd[at], np.sqrt(slope @ cov @ slope))
-    return FittedDrive(value, sd)
+    gradient = np.array([effort, -speed, -1.0, 0.0]) / viscous
+    cov = np.nan_to_num(fit.cov[np.ix_(entries, entries)])
+    value, stds = (
+        np.append(fit.estimate[entries], speed),
+        np.append(fit.sd[entries], np.sqrt(gradient @ cov @ gradient)),
+    )
+    return FittedDrive(value, stds)
 
 
-def of_intervals(inside: np.ndarray, width: np.ndarray) -> list["TableRow"]:
+def interval_rows(is_covered: np.ndarray, width: np.ndarray) -> list["TableRow"]:
     """Return the rows on the coverage and the width of the intervals, from arrays (cases, 5)."""
-    part = float(np.mean(inside))
-    out = [
-        row("cpm", _("intervals that contain the odometer's fit"), part, f"≥ {number(HELD):g}", part >= HELD)
+    coverage = float(np.mean(is_covered))
+    table_rows = [
+        row(
+            "cpm",
+            _("intervals that contain the odometer's fit"),
+            coverage,
+            f"≥ {number(MIN_COVERAGE):g}",
+            coverage >= MIN_COVERAGE,
+        )
     ]
     for k, name in enumerate(NAMES):
-        if np.isfinite(WIDE[k]):
+        if np.isfinite(MAX_WIDTHS[k]):
             widest = float(np.max(width[:, k]))
-            out.append(
+            table_rows.append(
                 row(
                     "cpm",
                     _("widest of {name}, ± parts", name=_(name)),
                     widest,
-                    f"≤ {number(WIDE[k]):g}",
-                    widest <= WIDE[k],
+                    f"≤ {number(MAX_WIDTHS[k]):g}",
+                    widest <= MAX_WIDTHS[k],
                 )
             )
-    return out
+    return table_rows
 
 
-def of_messages(fit: Fit, runs: dict[str, "Run"]) -> list["TableRow"]:
+def message_rows(fit: Fit, runs: dict[str, "Run"]) -> list["TableRow"]:
     """Return the rows on the messages about the gyro's scale and about a run beyond the range of the fit."""
     is_reported = any(message.code == "identifiability.gyro-scale" for message in fit.never)
-    beyond = bool(fit.envelope.flags(runs["a"]))  # a fit of run b
+    is_outside = bool(fit.envelope.flags(runs["a"]))  # a fit of run b
     return [
         row("cpm", _("the gyro's scale is reported as not identifiable"), is_reported, _("yes"), is_reported),
-        row("cpm b → a", _("the run that leaves the envelope is flagged"), beyond, _("yes"), beyond),
+        row("cpm b → a", _("the run that leaves the envelope is flagged"), is_outside, _("yes"), is_outside),
     ]

@@ -105,8 +105,10 @@ def recordings(
             except KeyboardInterrupt:
                 if not rows:
                     raise
-                last = _("stopped from the keyboard: {name} and all later results are excluded", name=name)
-                return RecordingStudy(tuple(rows), (*left_out, last), stopped=True)
+                stopped_note = _(
+                    "stopped from the keyboard: {name} and all later results are excluded", name=name
+                )
+                return RecordingStudy(tuple(rows), (*left_out, stopped_note), stopped=True)
     if not rows:
         check_present()
     return RecordingStudy(tuple(rows), tuple(left_out))

@@ -61,8 +61,10 @@ def sections_of(judgement: Judgement) -> list[Section]:
         judged_on=judgement.judged_on,
     )
     t_s, measured, model = judgement.predicted
-    first = t_s <= t_s[0] + SHOWN_S
-    drawing = figures.channels(t_s[first], measured[first], model[first], [_(name) for name in CHANNELS])
+    is_shown = t_s <= t_s[0] + SHOWN_S
+    drawing = figures.channels(
+        t_s[is_shown], measured[is_shown], model[is_shown], [_(name) for name in CHANNELS]
+    )
     drawings = draw(
         drawing, _("The first {shown_s:.0f} s. The model uses only the commands.", shown_s=SHOWN_S)
     )
@@ -78,18 +80,22 @@ def sections_of(judgement: Judgement) -> list[Section]:
 
 
 def _headlines(judgement: Judgement) -> list[Headline]:
-    row, way = judgement.row(), f"{judgement.fitted_on} → {judgement.judged_on}"
-    off = _(
+    row, title = judgement.row(), f"{judgement.fitted_on} → {judgement.judged_on}"
+    position_text = _(
         "{percent:.2g} % of the {driven_m:.0f} m driven",
         percent=100 * row["ate_m"] / row["driven_m"],
         driven_m=row["driven_m"],
     )
-    part = _("yaw rate {percent:.1f} %", percent=100 * row["yaw_rate_explained"])
+    yaw_rate_text = _("yaw rate {percent:.1f} %", percent=100 * row["yaw_rate_explained"])
     return [
         Headline(
-            _("position error, {way}", way=way),
+            _("position error, {way}", way=title),
             f"{number(100 * row['ate_m']):.1f} cm",
-            _("rms, {off}", off=off),
+            _("rms, {off}", off=position_text),
         ),
-        Headline(_("speed explained, {way}", way=way), f"{number(100 * row['speed_explained']):.1f} %", part),
+        Headline(
+            _("speed explained, {way}", way=title),
+            f"{number(100 * row['speed_explained']):.1f} %",
+            yaw_rate_text,
+        ),
     ]

@@ -2,12 +2,14 @@
 
 import numpy as np
 
-ERRORS, PART = 5.0, 0.05  # standard errors, and part of the true value
+MAX_STANDARD_ERRORS, MAX_RELATIVE_ERROR = 5.0, 0.05  # standard errors, and part of the true value
 
 
 def wrong(estimate: np.ndarray, sd: np.ndarray, truth: np.ndarray) -> np.ndarray:
     """Return a bool (p,): True for each wrong parameter; False if its error is not finite."""
     off = np.abs(estimate - truth)
     return (
-        np.isfinite(off) & (off > ERRORS * np.where(np.isfinite(sd), sd, 0.0)) & (off > PART * np.abs(truth))
+        np.isfinite(off)
+        & (off > MAX_STANDARD_ERRORS * np.where(np.isfinite(sd), sd, 0.0))
+        & (off > MAX_RELATIVE_ERROR * np.abs(truth))
     )

@@ -56,7 +56,7 @@ class SweepJob(NamedTuple):
 
     cell: SweepCell
     drive: str  # its name: vehicle, route and seed, or the run
-    file: FileText
+    file_text: FileText
     blocks: SweepBlocks
     settings: SweepSettings
     route: "Route | None" = None
@@ -85,14 +85,16 @@ def _drive(job: SweepJob) -> "Run":
         "patience_s": np.inf,
     }  # only the blocks are compared
     return repeat(
-        job.file.parse(), job.route, job.settings.laps, **job.blocks._asdict(), eta=start, seed=job.seed,
+        job.file_text.parse(), job.route, job.settings.laps, **job.blocks._asdict(), eta=start, seed=job.seed,
         backend=job.settings.backend, **bare,
     )  # fmt: skip
 
 
 def _replay(job: SweepJob) -> "Run":
     assert job.run is not None
-    return replay(job.run, job.file.parse(), estimator=job.blocks.estimator, backend=job.settings.backend)
+    return replay(
+        job.run, job.file_text.parse(), estimator=job.blocks.estimator, backend=job.settings.backend
+    )
 
 
 def as_row(drive: SweepDrive) -> dict[str, object]:
@@ -106,7 +108,7 @@ def as_row(drive: SweepDrive) -> dict[str, object]:
 def of_row(job: SweepJob, row: dict) -> SweepDrive:
     """Return the drive of a job from its stored row."""
     pieces = {
-        name: Pieces(tuple(squares), tuple(samples), *times)
-        for name, (squares, samples, *times) in row["pieces"].items()
+        name: Pieces(tuple(squares), tuple(samples), *durations)
+        for name, (squares, samples, *durations) in row["pieces"].items()
     }
     return SweepDrive(job.cell, job.drive, row["figures"], pieces, row["stopped"])

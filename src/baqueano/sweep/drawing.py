@@ -15,7 +15,7 @@ from baqueano.report.figures import MEASURED, MODEL, REFERENCE
 from baqueano.report.lab import panel, with_style
 from baqueano.report.page import Drawing, Headline, Page, Section, Table, draw
 from baqueano.report.plots import drawings_of
-from baqueano.sweep.result import ALL, SUMMED, SweepResult
+from baqueano.sweep.result import ALL_FIGURES, SUMMED, SweepResult
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -36,7 +36,7 @@ def _card(result: Result) -> Card:
     assert isinstance(result, SweepResult)
     names = result.figure_names()[:6]
     rows = [
-        {"cell": row["cell"], **{_head(name): row[name] * ALL[name].scale for name in names}}
+        {"cell": row["cell"], **{_head(name): row[name] * ALL_FIGURES[name].scale for name in names}}
         for row in result.cells()
     ]
     title = text(note("sweep.head", drives=max((row["drives"] for row in result.cells()), default=0)))
@@ -47,16 +47,17 @@ def page_of_sweep(result: SweepResult, title: str = "", reproduce: str = "") -> 
     """Return a page with the table, the spread over the drives and the differences."""
     main, rows = result.main_figure(), result.cells()
     finite = [row for row in rows if np.isfinite(row[main])]
-    best = min(finite, key=lambda row: row[main]) if finite else None
+    best_row = min(finite, key=lambda row: row[main]) if finite else None
     headlines = [Headline(_("cells"), str(len(rows)), ""), Headline(_("drives"), str(len(result.drives)), "")]
-    if best is not None:
-        value = f"{number(best[main] * ALL[main].scale):.3g} {ALL[main].unit}"
-        headlines.append(Headline(_("smallest error"), value, best["cell"]))
-    parts: list[Table | Drawing] = [draw(spread(result), text(note("sweep.spread")))]
+    if best_row is not None:
+        value = f"{number(best_row[main] * ALL_FIGURES[main].scale):.3g} {ALL_FIGURES[main].unit}"
+        headlines.append(Headline(_("smallest error"), value, best_row["cell"]))
+    page_parts: list[Table | Drawing] = [draw(spread(result), text(note("sweep.spread")))]
     if len(rows) > 1:
-        parts.append(draw(ratios(result), text(note("sweep.ratios", reference=result.reference))))
+        page_parts.append(draw(ratios(result), text(note("sweep.ratios", reference=result.reference))))
     names = result.figure_names()
-    medians = [{"cell": row["cell"], **{_head(name): _plain(row[name] * ALL[name].scale) for name in names}}
+    medians = [{"cell": row["cell"],
+    **{_head(name): _plain_text(row[name] * ALL_FIGURES[name].scale) for name in names}}
                for row in rows]  # fmt: skip
     return Page(
         title or _("Sweep"),
@@ -65,7 +66,7 @@ def page_of_sweep(result: SweepResult, title: str = "", reproduce: str = "") -> 
         headlines,
         [
             Section(_("Cells"), "; ".join(text(reason) for reason in result.reasons), [Table(medians)]),
-            Section(_("Figures"), "", parts),
+            Section(_("Figures"), "", page_parts),
             Section(_("Differences"), text(note("sweep.interval")), [Table(_differences(result, rows))]),
         ],
         reproduce,
@@ -79,18 +80,20 @@ def _differences(result: SweepResult, rows: "list[TableRow]") -> "list[TableRow]
             difference = result.difference(row["cell"], name)
             if row["cell"] != result.reference and np.isfinite(difference.ratio):
                 out.append({
-                    "cell": row["cell"], "figure": _(SUMMED[name].heading), "ratio": difference.ratio,
-                    "from": _plain(difference.low), "to": _plain(difference.high), "blocks": difference.blocks,
+                    "cell": row["cell"], "figure": _(SUMMED[name].heading),
+                    "ratio": difference.ratio,
+                    "from": _plain_text(difference.low), "to": _plain_text(difference.high),
+                    "blocks": difference.blocks,
                 })  # fmt: skip
     return out
 
 
 def _head(name: str) -> str:
-    figure = ALL[name]
+    figure = ALL_FIGURES[name]
     return f"{_(figure.heading)} [{figure.unit}]" if figure.unit else _(figure.heading)
 
 
-def _plain(value: float) -> float | None:
+def _plain_text(value: float) -> float | None:
     return value if np.isfinite(value) else None
 
 
@@ -101,12 +104,12 @@ def spread(result: SweepResult) -> "Figure":
     figure, axes = panel((7.2, 0.45 * len(rows) + 1.2))
     for k, row in enumerate(reversed(rows)):
         x = [
-            d.figures.get(main, np.nan) * ALL[main].scale
+            d.figures.get(main, np.nan) * ALL_FIGURES[main].scale
             for d in result.drives
             if d.cell.label == row["cell"]
         ]
         axes.plot(x, np.full(len(x), k), "o", ms=4, color=MEASURED, alpha=0.4)
-        axes.plot([row[main] * ALL[main].scale], [k], "|", ms=16, mew=2.5, color=MODEL)
+        axes.plot([row[main] * ALL_FIGURES[main].scale], [k], "|", ms=16, mew=2.5, color=MODEL)
     axes.set_yticks(range(len(rows)), [row["cell"] for row in reversed(rows)])
     axes.set_xscale("log")
     axes.set_xlabel(_head(main))
@@ -125,5 +128,5 @@ def ratios(result: SweepResult) -> "Figure":
     axes.axvline(1.0, color=MEASURED, lw=1)
     axes.set_yticks(range(len(rows)), [row["cell"] for row in reversed(rows)])
     axes.set_xscale("log")
-    axes.set_xlabel(f"{_(ALL[main].heading)} / {result.reference}")
+    axes.set_xlabel(f"{_(ALL_FIGURES[main].heading)} / {result.reference}")
     return figure

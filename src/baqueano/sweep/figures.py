@@ -23,7 +23,7 @@ if TYPE_CHECKING:
     from baqueano.contracts.values import Tree
     from baqueano.runs.run import Run
 
-JOINED_M, LOST_M = 0.03, 0.10
+MAX_JOINED_M, MAX_LAP_DISTANCE_M = 0.03, 0.10
 NAN = float("nan")
 
 
@@ -56,86 +56,89 @@ SINGLE = {
 
 
 def figures_of(
-    run: "Run", laps: int = 1, alignment: str = "none", over_s: float = 1.0
+    run: "Run", laps: int = 1, alignment: str = "none", window_s: float = 1.0
 ) -> tuple[dict[str, float], dict[str, Pieces]]:
     """Return the figures of a drive or a replay by name (SUMMED and SINGLE), and the segments of the figures
     in SUMMED."""
-    series = _of_estimate(run, alignment, over_s)
+    series = _estimate_errors(run, alignment, window_s)
     single = dict.fromkeys(SINGLE, NAN)
     if run.metadata.get("kind") != "replay":
-        more, of_path = _of_drive(run, laps)
-        series |= more
-        single |= of_path
-    spans = {"rpe_m": over_s, "rpe_heading_rad": over_s}
+        drive_series, path_figures = _drive_errors(run, laps)
+        series |= drive_series
+        single |= path_figures
+    spans = {"rpe_m": window_s, "rpe_heading_rad": window_s}
     pieces = {name: pieces_of(*series[name], spans.get(name, 0.0)) for name in SUMMED if name in series}
     consistency = filter_consistency(run, alignment)
     single |= {name: getattr(consistency, name).mean for name in ("nees_pose", "nees_velocity", "nis")}
     return {name: errors.rms(series[name][1]) if name in series else NAN for name in SUMMED} | single, pieces
 
 
-def _of_estimate(run: "Run", alignment: str, over_s: float) -> dict[str, tuple[np.ndarray, np.ndarray]]:
+def _estimate_errors(run: "Run", alignment: str, window_s: float) -> dict[str, tuple[np.ndarray, np.ndarray]]:
     """Return figure → times and errors of the estimate against the truth; {} if one of them is not known."""
     est, truth = run.estimate, run.truth
     if est is None or truth is None or len(truth.t_ns) < 2:
         return {}
     eta_true = poses_at(est.t_ns, truth.t_ns, truth.eta)
     eta = errors.align_trajectory(est.eta, eta_true, alignment)
-    off, drift = errors.absolute(eta, eta_true), errors.relative(est.t_ns, eta, eta_true, over_s)
+    absolute_error, drift = errors.absolute(eta, eta_true), errors.relative(est.t_ns, eta, eta_true, window_s)
     start_ns = est.t_ns[: len(drift.position_m)]
     return {
-        "ate_m": (est.t_ns, off.position_m), "ate_heading_rad": (est.t_ns, off.heading_rad),
+        "ate_m": (est.t_ns, absolute_error.position_m), "ate_heading_rad": (est.t_ns, absolute_error.heading_rad),
         "rpe_m": (start_ns, drift.position_m), "rpe_heading_rad": (start_ns, drift.heading_rad),
     }  # fmt: skip
 
 
-def _of_drive(run: "Run", laps: int) -> tuple[dict[str, tuple[np.ndarray, np.ndarray]], dict[str, float]]:
+def _drive_errors(run: "Run", laps: int) -> tuple[dict[str, tuple[np.ndarray, np.ndarray]], dict[str, float]]:
     """Return figure → times and errors of the vehicle, and the single figures of its path."""
     log: Tree = run.truth if run.truth is not None else run.estimate
     ref = run.guide_reference
     if log is None or ref is None or len(ref.t_ns) < 2 or not np.ptp(ref.eta[:, :2], axis=0).any():
         return {}, {}
-    over = ref.t_ns[ref.done > 0.0]
-    k = log.t_ns <= (over[0] if over.size else ref.t_ns[-1])
+    done_ns = ref.t_ns[ref.done > 0.0]
+    k = log.t_ns <= (done_ns[0] if done_ns.size else ref.t_ns[-1])
     t_ns, eta, speed = log.t_ns[k], log.eta[k], log.nu[k, 0]
-    across = errors.cross_track(t_ns, eta[:, :2], ref.t_ns, ref.eta[:, :2])
+    cross_track = errors.cross_track(t_ns, eta[:, :2], ref.t_ns, ref.eta[:, :2])
     speed_reference = at_times(t_ns, ref.t_ns, ref.nu[:, :1])[:, 0]
-    late = seconds(t_ns, t_ns[0]) >= evenness.AFTER_S
-    way = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(ref.eta[:, :2], axis=0).T))])
-    at = np.interp(t_ns, ref.t_ns, way)
+    is_after_start = seconds(t_ns, t_ns[0]) >= evenness.START_S
+    path_length = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(ref.eta[:, :2], axis=0).T))])
+    path_position = np.interp(t_ns, ref.t_ns, path_length)
     series = {
-        "across_rms_m": (t_ns, across),
-        "speed_error_m_s": (t_ns[late], (speed - speed_reference)[late]),
+        "across_rms_m": (t_ns, cross_track),
+        "speed_error_m_s": (t_ns[is_after_start], (speed - speed_reference)[is_after_start]),
     }
-    single = {
-        "across_max_m": float(np.max(np.abs(across))), "joined_m": joining_distance(at, across),
-        "laps": _laps(run, t_ns, across, at / way[-1] if way[-1] else at, laps),
+    single_figures = {
+        "across_max_m": float(np.max(np.abs(cross_track))), "joined_m": joining_distance(path_position, cross_track),
+        "laps": _laps(run, t_ns, cross_track, path_position / path_length[-1] if path_length[-1] else path_position,
+        laps),
     }  # fmt: skip
-    return series | _of_command(run, run.t_ns <= t_ns[-1]), single
+    return series | _command_series(run, run.t_ns <= t_ns[-1]), single_figures
 
 
 def joining_distance(way_m: np.ndarray, across_m: np.ndarray) -> float:
     """Return the path length [m] after which all distances (N,) are within JOINED_M; NaN if the last distance is not.
     (3)
     """
-    outside = np.flatnonzero(~(np.abs(across_m) <= JOINED_M))
-    if not outside.size:
+    outside_rows = np.flatnonzero(~(np.abs(across_m) <= MAX_JOINED_M))
+    if not outside_rows.size:
         return 0.0
-    return float(way_m[outside[-1] + 1] - way_m[0]) if outside[-1] + 1 < len(way_m) else NAN
+    return float(way_m[outside_rows[-1] + 1] - way_m[0]) if outside_rows[-1] + 1 < len(way_m) else NAN
 
 
-def _laps(run: "Run", t_ns: np.ndarray, across: np.ndarray, part: np.ndarray, laps: int) -> float:
-    """Return the complete laps, of `laps`, within LOST_M and before a stop; `part` (N,) is the fraction of the route.
-    (4)
+def _laps(
+    run: "Run", t_ns: np.ndarray, cross_track: np.ndarray, path_fraction: np.ndarray, laps: int
+) -> float:
+    """Return the complete laps, of `laps`, within LOST_M and before a stop; `path_fraction` (N,) is the fraction of
+    the route. (4)
     """
     stops = [event.t_ns for event in run.events if event.level == "error"]
-    if not stops and np.all(np.abs(across) <= LOST_M):
+    if not stops and np.all(np.abs(cross_track) <= MAX_LAP_DISTANCE_M):
         return float(laps)
-    lost_ns = [int(t_ns[k]) for k in np.flatnonzero(~(np.abs(across) <= LOST_M))[:1]]
-    until = part[t_ns <= min([*stops, *lost_ns])]
+    lost_ns = [int(t_ns[k]) for k in np.flatnonzero(~(np.abs(cross_track) <= MAX_LAP_DISTANCE_M))[:1]]
+    until = path_fraction[t_ns <= min([*stops, *lost_ns])]
     return float(np.floor(laps * until[-1] - 1e-9)) if until.size and until[-1] > 0.0 else 0.0
 
 
-def _of_command(run: "Run", k: np.ndarray) -> dict[str, tuple[np.ndarray, np.ndarray]]:
+def _command_series(run: "Run", k: np.ndarray) -> dict[str, tuple[np.ndarray, np.ndarray]]:
     """Return the effort and the roughness of the sent command, with their times; {} without limits.  (1), (2)
     If no sent command was logged, the applied command is used.
     """
@@ -143,11 +146,11 @@ def _of_command(run: "Run", k: np.ndarray) -> dict[str, tuple[np.ndarray, np.nda
     u = (run.applied if run.sent is None else run.sent)[k]
     if limits is None or u.shape[1] != len(limits.command):
         return {}
-    limited = (limits.command > 0.0) & np.isfinite(limits.command)
-    if not limited.any() or len(u) < 2:
+    is_limited = (limits.command > 0.0) & np.isfinite(limits.command)
+    if not is_limited.any() or len(u) < 2:
         return {}
-    part = u[:, limited] / limits.command[limited]
-    change = np.diff(part, axis=0) / np.maximum(np.diff(seconds(run.t_ns[k], 0)), 1e-9)[:, None]
-    m = np.sqrt(np.count_nonzero(limited))
-    size = [np.sqrt(np.sum(x * x, axis=1)) / m for x in (part, change)]
-    return {"effort": (run.t_ns[k], size[0]), "roughness_1_s": (run.t_ns[k][1:], size[1])}
+    relative_command = u[:, is_limited] / limits.command[is_limited]
+    change = np.diff(relative_command, axis=0) / np.maximum(np.diff(seconds(run.t_ns[k], 0)), 1e-9)[:, None]
+    m = np.sqrt(np.count_nonzero(is_limited))
+    magnitudes = [np.sqrt(np.sum(x * x, axis=1)) / m for x in (relative_command, change)]
+    return {"effort": (run.t_ns[k], magnitudes[0]), "roughness_1_s": (run.t_ns[k][1:], magnitudes[1])}

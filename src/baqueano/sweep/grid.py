@@ -18,12 +18,12 @@ from baqueano.sweep.result import SweepCell, SweepResult
 from baqueano.sweep.stored_drives import Resources, run_all
 from baqueano.sweep.workers import processors
 from baqueano.vehicle_file import VehicleFile, load
-from baqueano.vehicle_file.build import DEFAULT_KIND
+from baqueano.vehicle_file.build import DEFAULT_KINDS
 
 if TYPE_CHECKING:
     from baqueano.contracts.blocks import OwnBlock
 
-LOOP = ("estimator", "controller", "guide")
+LOOP_ROLES = ("estimator", "controller", "guide")
 
 
 def sweep(
@@ -87,18 +87,20 @@ def sweep(
     >>> [row["cell"] for row in result.cells()], len(result.drives)
     (['kanayama', 'lqr'], 2)
     """
-    subjects = [load(subject) if isinstance(subject, str) else subject for subject in _several(over)]
-    rooms = {
-        "estimator": _several(estimators),
-        "controller": _several(controllers),
-        "guide": _several(guides),
+    subjects = [load(subject) if isinstance(subject, str) else subject for subject in _as_list(over)]
+    blocks_by_role = {
+        "estimator": _as_list(estimators),
+        "controller": _as_list(controllers),
+        "guide": _as_list(guides),
     }
-    conditions = _checked_settings(settings)
+    sweep_settings = _checked_settings(settings)
     runs = [subject for subject in subjects if isinstance(subject, Run)]
     if runs and len(runs) == len(subjects):
-        jobs = _of_runs(runs, rooms, vehicle, conditions, _several(routes))
+        jobs = _run_jobs(runs, blocks_by_role, vehicle, sweep_settings, _as_list(routes))
     else:
-        jobs = _of_vehicles(subjects, rooms, _by_name(routes), [int(seed) for seed in seeds], conditions)
+        jobs = _vehicle_jobs(
+            subjects, blocks_by_role, _by_name(routes), [int(seed) for seed in seeds], sweep_settings
+        )
     labels = list(dict.fromkeys(job.cell.label for job in jobs))
     if reference is not None and reference not in labels:
         raise UsageError(fault("sweep.reference", found=reference, near=nearest(reference, labels)))
@@ -110,7 +112,7 @@ def sweep(
     return SweepResult(tuple(drives), len(jobs), reference or labels[0])
 
 
-def _several(value: Tree) -> list:
+def _as_list(value: Tree) -> list:
     """Return a list: the values if there are several, or the single value."""
     if isinstance(value, str | type | Route | Result | VehicleFile) or not isinstance(value, Iterable):
         return [value]
@@ -127,45 +129,49 @@ def _checked_settings(settings: dict) -> SweepSettings:
         raise UsageError(fault("compare.alignment", found=conditions.alignment, known=ALIGNMENTS))
     if not (conditions.laps >= 1 and conditions.over_s > 0.0):
         raise UsageError(fault("sweep.numbers", laps=conditions.laps, over_s=conditions.over_s))
-    return conditions._replace(start=tuple(float(x) for x in conditions.start))
+    return conditions._replace(start_axes=tuple(float(x) for x in conditions.start))
 
 
 def _by_name(routes: Tree) -> dict[str, Route]:
     if isinstance(routes, dict):
         return routes
-    several = _several(routes)
+    several = _as_list(routes)
     return {f"route {k + 1}" if len(several) > 1 else "": route for k, route in enumerate(several)}
 
 
-def _of_vehicles(
-    files: list, rooms: dict[str, list], routes: dict[str, Route], seeds: list[int], settings: SweepSettings
+def _vehicle_jobs(
+    files: list,
+    blocks_by_role: dict[str, list],
+    routes: dict[str, Route],
+    seeds: list[int],
+    settings: SweepSettings,
 ) -> list[SweepJob]:
     """Return the jobs, cell by cell. Each block is built once, so that a wrong block fails before the first drive.
     Raise UsageError without a vehicle, route or seed, or for an object of another type.
     """
     if not files or not routes or not seeds:
         raise UsageError(fault("sweep.nothing", vehicles=len(files), routes=len(routes), seeds=len(seeds)))
-    if wrong := [file for file in files if not isinstance(file, VehicleFile)]:
-        raise UsageError(fault("sweep.mixed", found=type(wrong[0]).__name__))
-    if wrong := [route for route in routes.values() if not isinstance(route, Route)]:
-        raise UsageError(fault("sweep.route", found=type(wrong[0]).__name__))
-    jobs, names = [], _labels([file.label for file in files])
-    for cell, blocks in _cells(rooms, files[0]):
-        for name, file in zip(names, files, strict=True):
-            file.estimator(blocks.estimator)
-            file.controller(blocks.controller)
+    if unsupported := [vehicle_file for vehicle_file in files if not isinstance(vehicle_file, VehicleFile)]:
+        raise UsageError(fault("sweep.mixed", found=type(unsupported[0]).__name__))
+    if unsupported := [route for route in routes.values() if not isinstance(route, Route)]:
+        raise UsageError(fault("sweep.route", found=type(unsupported[0]).__name__))
+    jobs, names = [], _labels([vehicle_file.label for vehicle_file in files])
+    for cell, blocks in _cells(blocks_by_role, files[0]):
+        for name, vehicle_file in zip(names, files, strict=True):
+            vehicle_file.estimator(blocks.estimator)
+            vehicle_file.controller(blocks.controller)
             for route_name, route in routes.items():
-                file.guide(route, blocks.guide)
+                vehicle_file.guide(route, blocks.guide)
                 for seed in seeds:
-                    parts = [name if len(files) > 1 else "", route_name, f"seed {seed}"]
-                    drive = ", ".join(part for part in parts if part)
-                    jobs.append(SweepJob(cell, drive, _text_of(file), blocks, settings, route, seed))
+                    name_parts = [name if len(files) > 1 else "", route_name, f"seed {seed}"]
+                    drive = ", ".join(name_part for name_part in name_parts if name_part)
+                    jobs.append(SweepJob(cell, drive, _text_of(vehicle_file), blocks, settings, route, seed))
     return jobs
 
 
-def _of_runs(
+def _run_jobs(
     runs: list[Run],
-    rooms: dict[str, list],
+    blocks_by_role: dict[str, list],
     vehicle: VehicleFile | None,
     settings: SweepSettings,
     routes: list,
@@ -174,40 +180,44 @@ def _of_runs(
     Raise UsageError if a controller, guide or route is given: they cannot vary there.
     """
     for values, name in (
-        (rooms["controller"], "controllers"),
-        (rooms["guide"], "guides"),
+        (blocks_by_role["controller"], "controllers"),
+        (blocks_by_role["guide"], "guides"),
         (routes, "routes"),
     ):
         if values:
             raise UsageError(fault("sweep.of-runs", what=name))
     files = [vehicle or vehicle_of(run) for run in runs]
     names, jobs = _labels([run.name for run in runs]), []
-    for cell, blocks in _cells(rooms, files[0]):
-        for name, run, file in zip(names, runs, files, strict=True):
-            file.estimator(blocks.estimator)
-            jobs.append(SweepJob(cell, name, _text_of(file), blocks, settings, run=run))
+    for cell, blocks in _cells(blocks_by_role, files[0]):
+        for name, run, vehicle_file in zip(names, runs, files, strict=True):
+            vehicle_file.estimator(blocks.estimator)
+            jobs.append(SweepJob(cell, name, _text_of(vehicle_file), blocks, settings, run=run))
     return jobs
 
 
-def _cells(rooms: dict[str, list], file: VehicleFile) -> list[tuple[SweepCell, SweepBlocks]]:
+def _cells(blocks_by_role: dict[str, list], vehicle_file: VehicleFile) -> list[tuple[SweepCell, SweepBlocks]]:
     """Return every combination of blocks, each with a label from the names of the blocks that vary."""
     choices = {}
-    for room in LOOP:
-        own = str(file.data.get(room, {}).get("kind", DEFAULT_KIND[room]))
-        options = rooms[room] or [None]
-        choices[room] = list(
-            zip(_labels([own if block is None else _name(block) for block in options]), options, strict=True)
+    for role in LOOP_ROLES:
+        own_kind = str(vehicle_file.data.get(role, {}).get("kind", DEFAULT_KINDS[role]))
+        options = blocks_by_role[role] or [None]
+        choices[role] = list(
+            zip(
+                _labels([own_kind if block is None else _name(block) for block in options]),
+                options,
+                strict=True,
+            )
         )
-    varied_rooms = [room for room in LOOP if len(choices[room]) > 1] or ["controller"]
-    out = []
+    varied_roles = [role for role in LOOP_ROLES if len(choices[role]) > 1] or ["controller"]
+    cells = []
     for estimator in choices["estimator"]:
         for controller in choices["controller"]:
             for guide in choices["guide"]:
                 names = NamedBlocks(estimator[0], controller[0], guide[0])
-                label = " · ".join(getattr(names, room) for room in varied_rooms)
+                label = " · ".join(getattr(names, role) for role in varied_roles)
                 blocks = SweepBlocks(estimator[1], controller[1], guide[1])
-                out.append((SweepCell(label, *names), blocks))
-    return out
+                cells.append((SweepCell(label, *names), blocks))
+    return cells
 
 
 class NamedBlocks(NamedTuple):
@@ -227,12 +237,12 @@ def _name(block: object) -> str:
 
 def _labels(names: list[str]) -> list[str]:
     """Return the names; equal names are numbered."""
-    out: list[str] = []
+    labels: list[str] = []
     for name in names:
-        before = sum(label == name or label.startswith(f"{name} #") for label in out)
-        out.append(f"{name} #{before + 1}" if before else name)
-    return out
+        equal_count = sum(label == name or label.startswith(f"{name} #") for label in labels)
+        labels.append(f"{name} #{equal_count + 1}" if equal_count else name)
+    return labels
 
 
-def _text_of(file: VehicleFile) -> FileText:
-    return FileText(file.text, file.label, file.path, file.on_disk)
+def _text_of(vehicle_file: VehicleFile) -> FileText:
+    return FileText(vehicle_file.text, vehicle_file.label, vehicle_file.path, vehicle_file.on_disk)

@@ -15,11 +15,11 @@ from typing import NamedTuple
 
 import numpy as np
 
-from baqueano.identify.covariance.quantiles import students
+from baqueano.identify.covariance.quantiles import student_quantile
 from baqueano.sweep.pieces import Pieces
 
-FEWEST = 5  # blocks, for an interval
-TIMES = 4.0  # correlation times in a block
+MIN_BLOCKS = 5  # blocks, for an interval
+BLOCK_CORRELATION_TIMES = 4.0  # correlation times in a block
 NAN = float("nan")
 
 
@@ -34,7 +34,7 @@ class PairedDifference(NamedTuple):
         Its 95 % interval; NaN if there are too few blocks.
     blocks : int
         The number of independent blocks.
-    of_drives : bool
+    is_by_drives : bool
         True if a block is a drive.
 
     Examples
@@ -48,7 +48,7 @@ class PairedDifference(NamedTuple):
     low: float
     high: float
     blocks: int
-    of_drives: bool
+    is_by_drives: bool
 
     @property
     def significant(self) -> bool:
@@ -61,27 +61,34 @@ UNKNOWN = PairedDifference(NAN, NAN, NAN, 0, False)
 
 def paired_difference(ours: Sequence[Pieces], theirs: Sequence[Pieces]) -> PairedDifference:
     """Return the ratio of two cells; drive k of `ours` and of `theirs` is the same drive.  (1)"""
-    both = [_blocks(a, b) for a, b in zip(ours, theirs, strict=True) if sum(a.squares) * sum(b.squares) > 0.0]
-    if not both:
+    block_pairs = [
+        _blocks(a, b) for a, b in zip(ours, theirs, strict=True) if sum(a.squares) * sum(b.squares) > 0.0
+    ]
+    if not block_pairs:
         return UNKNOWN
-    logs, n = np.array([_log_ratio(np.sum(blocks_of_drive, axis=0)) for blocks_of_drive in both]), len(both)
-    theta, of_drives = float(np.mean(logs)), n >= FEWEST
-    blocks = n if of_drives else sum(map(len, both))
-    freedom = n - 1 if of_drives else blocks - n
-    if freedom < FEWEST - 1 or not (of_drives or min(map(len, both)) > 1):
-        return PairedDifference(float(np.exp(theta)), NAN, NAN, blocks, of_drives)
-    variance = np.var(logs, ddof=1) / n if of_drives else sum(map(_jackknife, both)) / n**2
-    half = students(0.975, freedom) * np.sqrt(variance)
-    low, ratio, high = (float(np.exp(x)) for x in (theta - half, theta, theta + half))
-    return PairedDifference(ratio, low, high, blocks, of_drives)
+    logs, n = (
+        np.array([_log_ratio(np.sum(blocks_of_drive, axis=0)) for blocks_of_drive in block_pairs]),
+        len(block_pairs),
+    )
+    theta, is_by_drives = float(np.mean(logs)), n >= MIN_BLOCKS
+    blocks = n if is_by_drives else sum(map(len, block_pairs))
+    freedom = n - 1 if is_by_drives else blocks - n
+    if freedom < MIN_BLOCKS - 1 or not (is_by_drives or min(map(len, block_pairs)) > 1):
+        return PairedDifference(float(np.exp(theta)), NAN, NAN, blocks, is_by_drives)
+    variance = np.var(logs, ddof=1) / n if is_by_drives else sum(map(_jackknife, block_pairs)) / n**2
+    half_width = student_quantile(0.975, freedom) * np.sqrt(variance)
+    low, ratio, high = (float(np.exp(x)) for x in (theta - half_width, theta, theta + half_width))
+    return PairedDifference(ratio, low, high, blocks, is_by_drives)
 
 
 def _blocks(a: Pieces, b: Pieces) -> np.ndarray:
     """Return S, n, S̃, ñ (B, 4) of the blocks of a drive, each about TIMES correlation times or longer."""
     rows = zip(a.squares, a.samples, b.squares, b.samples, strict=False)  # one of them may have been stopped
-    pieces = np.array([row for row in rows if row[1] and row[3]])
-    size = max(1, int(np.ceil(TIMES * max(a.correlation_s, b.correlation_s) / a.length_s)))
-    groups = np.array_split(pieces, max(1, len(pieces) // size))
+    valid_rows = np.array([row for row in rows if row[1] and row[3]])
+    block_size = max(
+        1, int(np.ceil(BLOCK_CORRELATION_TIMES * max(a.correlation_s, b.correlation_s) / a.length_s))
+    )
+    groups = np.array_split(valid_rows, max(1, len(valid_rows) // block_size))
     return np.array([np.sum(group, axis=0) for group in groups])
 
 
@@ -94,5 +101,5 @@ def _log_ratio(sums: np.ndarray) -> np.ndarray:
 def _jackknife(blocks: np.ndarray) -> float:
     """Return the jackknife variance of the log ratio of a drive with the blocks (B, 4).  (2)"""
     n = len(blocks)
-    without = _log_ratio(np.sum(blocks, axis=0) - blocks)
-    return float((n - 1) / n * np.sum((without - np.mean(without)) ** 2))
+    left_out = _log_ratio(np.sum(blocks, axis=0) - blocks)
+    return float((n - 1) / n * np.sum((left_out - np.mean(left_out)) ** 2))

@@ -15,9 +15,11 @@ import numpy as np
 from baqueano.signals import NANOSECONDS, seconds
 
 PIECE_S = 10.0
-SPANS = 4.0  # least length of a segment, in spans of a relative error
-ENOUGH = 0.9  # least length of the last segment, in lengths; a shorter rest joins the previous segment
-WINDOW = 5.0
+MIN_SPANS = 4.0  # least length of a segment, in spans of a relative error
+MIN_LAST_LENGTH = (
+    0.9  # least length of the last segment, in lengths; a shorter rest joins the previous segment
+)
+WINDOW_TIMES = 5.0
 
 
 class Pieces(NamedTuple):
@@ -41,15 +43,17 @@ class Pieces(NamedTuple):
 
 def pieces_of(t_ns: np.ndarray, e: np.ndarray, span_s: float = 0.0) -> Pieces:
     """Return the segments of a series of errors (N,); each error covers the span `span_s` after its time."""
-    length_s = max(PIECE_S, SPANS * span_s)
+    length_s = max(PIECE_S, MIN_SPANS * span_s)
     if not len(t_ns):
         return Pieces((), (), length_s)
     t_s = seconds(t_ns, t_ns[0])
-    count = max(1, int((t_s[-1] + span_s) / length_s + 1.0 - ENOUGH))
+    count = max(1, int((t_s[-1] + span_s) / length_s + 1.0 - MIN_LAST_LENGTH))
     end_s = t_s + max(span_s - 1e-9, 0.0)
-    first, over = (np.minimum(t // length_s, count - 1).astype(int) for t in (t_s, end_s))
-    whole = np.isfinite(e) & (first == over)
-    squares, samples = (np.bincount(first[whole], x[whole], count) for x in (e * e, np.ones(len(e))))
+    first_piece, last_piece = (np.minimum(t // length_s, count - 1).astype(int) for t in (t_s, end_s))
+    is_inside = np.isfinite(e) & (first_piece == last_piece)
+    squares, samples = (
+        np.bincount(first_piece[is_inside], x[is_inside], count) for x in (e * e, np.ones(len(e)))
+    )
     finite = np.isfinite(e)
     return Pieces(
         tuple(squares.tolist()),
@@ -67,6 +71,6 @@ def correlation_time(t_ns: np.ndarray, x: np.ndarray) -> float:
     power = np.abs(np.fft.rfft(x - np.mean(x), 2 * n)) ** 2
     rho = np.fft.irfft(power)[:n]
     sums, k = 2.0 * np.cumsum(rho / rho[0]) - 1.0, np.arange(n)
-    w = int(np.argmax(k >= WINDOW * sums))
-    back = 1.0 + (2.0 * w + 1.0) / n
-    return float(np.max(sums[: w + 1]) * back * np.median(np.diff(t_ns)) / NANOSECONDS)
+    w = int(np.argmax(k >= WINDOW_TIMES * sums))
+    bias_factor = 1.0 + (2.0 * w + 1.0) / n
+    return float(np.max(sums[: w + 1]) * bias_factor * np.median(np.diff(t_ns)) / NANOSECONDS)

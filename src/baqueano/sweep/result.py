@@ -18,12 +18,12 @@ from baqueano.sweep.pieces import Pieces
 if TYPE_CHECKING:
     from baqueano.contracts.values import TableRow
 
-ALL = {**SUMMED, **SINGLE}
+ALL_FIGURES = {**SUMMED, **SINGLE}
 BLOCKS = (  # of figures, as they are printed
     ("across_rms_m", "across_max_m", "speed_error_m_s", "effort", "roughness_1_s", "joined_m", "laps"),
     ("ate_m", "ate_heading_rad", "rpe_m", "rpe_heading_rad", "nees_pose", "nees_velocity", "nis"),
 )
-SHORT = (
+SHORT_FIGURES = (
     "across_rms_m",
     "across_max_m",
     "speed_error_m_s",
@@ -33,8 +33,8 @@ SHORT = (
     "rpe_heading_rad",
     "nis",
 )
-MAIN = ("across_rms_m", "ate_m")  # the table shows the difference of the first of them that is known
-NARROW = 32  # letters of a label
+MAIN_FIGURES = ("across_rms_m", "ate_m")  # the table shows the difference of the first of them that is known
+MAX_LABEL_LETTERS = 32  # letters of a label
 
 
 class SweepCell(NamedTuple):
@@ -114,7 +114,7 @@ class SweepResult(Result):
     reference: str
 
     def __repr__(self) -> str:
-        lines = self._lines([[name for name in SHORT if self._has(name)][:4]])
+        lines = self._lines([[name for name in SHORT_FIGURES if self._has(name)][:4]])
         return shorten(lines[:3], lines[3:], [verdict_line(self.verdict, self.reasons)])
 
     def rows(self) -> list["TableRow"]:
@@ -123,7 +123,7 @@ class SweepResult(Result):
             {
                 "cell": drive.cell.label, "estimator": drive.cell.estimator, "controller": drive.cell.controller,
                 "guide": drive.cell.guide, "drive": drive.name,
-                **{name: drive.figures.get(name, float("nan")) for name in ALL}, "stopped": drive.stopped,
+                **{name: drive.figures.get(name, float("nan")) for name in ALL_FIGURES}, "stopped": drive.stopped,
             }
             for drive in self.drives
         ]  # fmt: skip
@@ -137,7 +137,7 @@ class SweepResult(Result):
                 "drives": len(drives),
                 "stopped": sum(bool(d.stopped) for d in drives),
             }
-            for name in ALL:
+            for name in ALL_FIGURES:
                 x = np.array([d.figures.get(name, np.nan) for d in drives])
                 finite = x[np.isfinite(x)]
                 row[name] = float(np.median(finite)) if finite.size else float("nan")
@@ -155,9 +155,11 @@ class SweepResult(Result):
         """Return a figure of the cell `label` divided by the reference's figure, over the drives of both cells."""
         cells = self._by_cell()
         drives, references = ({d.name: d for d in cells.get(cell, ())} for cell in (label, self.reference))
-        both = [(drives[name], references[name]) for name in drives if name in references]
+        drive_pairs = [(drives[name], references[name]) for name in drives if name in references]
         pairs = [
-            (a.pieces[figure], b.pieces[figure]) for a, b in both if figure in a.pieces and figure in b.pieces
+            (a.pieces[figure], b.pieces[figure])
+            for a, b in drive_pairs
+            if figure in a.pieces and figure in b.pieces
         ]
         return paired_difference([a for a, _b in pairs], [b for _a, b in pairs]) if pairs else UNKNOWN
 
@@ -197,9 +199,11 @@ class SweepResult(Result):
     def main_figure(self) -> str:
         """Return the name of the figure by which cells are compared first."""
         available = [
-            name for name in MAIN if any(np.isfinite(d.figures.get(name, np.nan)) for d in self.drives)
+            name
+            for name in MAIN_FIGURES
+            if any(np.isfinite(d.figures.get(name, np.nan)) for d in self.drives)
         ]
-        return available[0] if available else MAIN[-1]
+        return available[0] if available else MAIN_FIGURES[-1]
 
     def figure_names(self) -> list[str]:
         """Return the names of the figures that at least one drive has; the figures of the vehicle are first."""
@@ -211,27 +215,27 @@ class SweepResult(Result):
     def _lines(self, blocks: Sequence[Sequence[str]]) -> list[str]:
         """Return the lines of a table for each block of known figures; the first table also contains the ratios."""
         rows, out = self.cells(), []
-        wide = min(max([len(row["cell"]) for row in rows], default=4), NARROW) + 2
+        width = min(max([len(row["cell"]) for row in rows], default=4), MAX_LABEL_LETTERS) + 2
         for names in ([name for name in block if self._has(name)] for block in blocks):
             if not names:
                 continue
-            heads = [(_(ALL[name].heading), ALL[name].unit) for name in names]
+            heads = [(_(ALL_FIGURES[name].heading), ALL_FIGURES[name].unit) for name in names]
             columns = [max(len(head), len(unit), 5) + 2 for head, unit in heads]
             ratio = "" if out else f"  {_('ratio')}"
             out += [] if not out else [""]
             for k in range(2):
                 words = "".join(f"{head[k]:>{n}}" for head, n in zip(heads, columns, strict=True))
-                out.append((" " * wide + words + ratio * (k == 0)).rstrip())
+                out.append((" " * width + words + ratio * (k == 0)).rstrip())
             for row in rows:
                 cells = [
-                    f"{_cell(row[name] * ALL[name].scale):>{n}}"
+                    f"{_cell(row[name] * ALL_FIGURES[name].scale):>{n}}"
                     for name, n in zip(names, columns, strict=True)
                 ]
                 out.append(
-                    f"{row['cell'][: wide - 2]:{wide}}{''.join(cells)}{self._ratio(row) if ratio else ''}"
+                    f"{row['cell'][: width - 2]:{width}}{''.join(cells)}{self._ratio(row) if ratio else ''}"
                 )
         main, drives = self.main_figure(), max((row["drives"] for row in rows), default=0)
-        about = {"drives": drives, "figure": _(ALL[main].heading), "reference": self.reference}
+        about = {"drives": drives, "figure": _(ALL_FIGURES[main].heading), "reference": self.reference}
         return [text(note("sweep.head" if len(rows) < 2 else "sweep.head-ratio", **about)), *out]
 
     def _ratio(self, row: "TableRow") -> str:

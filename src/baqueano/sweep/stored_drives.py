@@ -48,14 +48,16 @@ def run_all(
         if resources.keep is not None and (row := _stored_row(resources.keep / f"{name}.json")) is not None:
             rows[k] = row
             advance(1)
-    ahead = [NumberedJob(k, job) for k, job in enumerate(jobs) if k not in rows]
+    remaining_jobs = [NumberedJob(k, job) for k, job in enumerate(jobs) if k not in rows]
     task = partial(
-        _run_and_store, keep=resources.keep, names={job.number: names[job.number] for job in ahead}
+        _run_and_store, keep=resources.keep, names={job.number: names[job.number] for job in remaining_jobs}
     )
-    if resources.cluster is not None and ahead:
-        results = on_cluster(ahead, resources, names, advance)
+    if resources.cluster is not None and remaining_jobs:
+        results = on_cluster(remaining_jobs, resources, names, advance)
     else:
-        results = spread_over(task, ahead, resources.processes if _travels(ahead) else 1, advance)
+        results = spread_over(
+            task, remaining_jobs, resources.processes if _travels(remaining_jobs) else 1, advance
+        )
     rows |= dict(results)
     return [of_row(jobs[k], rows[k]) for k in sorted(rows)]
 
@@ -76,9 +78,9 @@ def _run_and_store(job: NumberedJob, keep: Path | None, names: dict[int, str]) -
 
 
 def _write(path: Path, row: dict) -> None:
-    half = path.with_suffix(".half")
-    half.write_text(json.dumps(row), encoding="utf-8")
-    half.replace(path)
+    temporary_path = path.with_suffix(".half")
+    temporary_path.write_text(json.dumps(row), encoding="utf-8")
+    temporary_path.replace(path)
 
 
 def _stored_row(path: Path) -> dict | None:
@@ -106,12 +108,12 @@ def digest(job: SweepJob) -> str:
     """Return the digest under which the drive of a job is stored."""
     import hashlib
 
-    parts = [__version__, *Pieces._fields, job.file.text, repr(job.settings), str(job.seed), job.drive]
-    parts += [_block_text(room, block, job) for room, block in job.blocks._asdict().items()]
-    whole = hashlib.sha256("\0".join(parts).encode())
+    parts = [__version__, *Pieces._fields, job.file_text.text, repr(job.settings), str(job.seed), job.drive]
+    parts += [_block_text(role, block, job) for role, block in job.blocks._asdict().items()]
+    hasher = hashlib.sha256("\0".join(parts).encode())
     for part in _arrays(job):
-        whole.update(np.ascontiguousarray(part).tobytes())
-    return whole.hexdigest()[:24]
+        hasher.update(np.ascontiguousarray(part).tobytes())
+    return hasher.hexdigest()[:24]
 
 
 def _arrays(job: SweepJob) -> list[np.ndarray]:
@@ -122,13 +124,13 @@ def _arrays(job: SweepJob) -> list[np.ndarray]:
     return [] if job.route is None else [job.route.t_s, job.route.eta, job.route.nu]
 
 
-def _block_text(room: str, block: object, job: SweepJob) -> str:
+def _block_text(role: str, block: object, job: SweepJob) -> str:
     """Return a block as text: its kind or parameters, with its source text if it is the user's; "" for None."""
     if block is None:
         return ""
     if isinstance(block, str):
-        folder = None if job.file.path is None else job.file.path.parent
-        kind, numbers = resolve(room, block, folder), block
+        folder = None if job.file_text.path is None else job.file_text.path.parent
+        kind, numbers = resolve(role, block, folder), block
     else:
         kind = block if isinstance(block, type) else type(block)
         numbers = kind.__qualname__ if isinstance(block, type) else repr(block)

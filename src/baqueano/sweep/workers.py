@@ -78,11 +78,11 @@ def _ignore_interrupt() -> Iterator[None]:
     In other threads do nothing, because Python allows this only in the main thread.
     """
     try:
-        before: Any = signal.signal(signal.SIGINT, signal.SIG_IGN)
+        previous_handler: Any = signal.signal(signal.SIGINT, signal.SIG_IGN)
     except ValueError:
         yield
         return
     try:
         yield
     finally:
-        signal.signal(signal.SIGINT, before)
+        signal.signal(signal.SIGINT, previous_handler)

@@ -10,7 +10,7 @@ from baqueano.messages import text
 from baqueano.symbolic.graph.program import Kernel, Program
 from baqueano.symbolic.python_code import python
 
-NAMES = ("auto", "c", "python", "numpy")
+BACKEND_NAMES = ("auto", "c", "python", "numpy")
 _report_log: set[Diagnostic] = set()
 
 
@@ -18,8 +18,8 @@ def resolve_backend(backend: str) -> str:
     """Return `backend`; for "auto" the variable BAQUEANO_BACKEND, if it is set. Invalid for an unknown name."""
     if backend == "auto":
         backend = os.environ.get("BAQUEANO_BACKEND", "") or "auto"
-    if backend not in NAMES:
-        raise Invalid(fault("engine.backend", found=backend, known=NAMES))
+    if backend not in BACKEND_NAMES:
+        raise Invalid(fault("engine.backend", found=backend, known=BACKEND_NAMES))
     return backend
 
 

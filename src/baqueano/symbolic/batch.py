@@ -28,19 +28,21 @@ class Batch(NamedTuple):
         Raise Invalid if the leaves differ in their number of lanes or ticks.
         """
         leaves_and_values = list(zip(leaves(scan.input_shape), values(scan.input_shape, inputs), strict=True))
-        own = [np.ndim(value) == len(leaf.shape) + 2 for leaf, value in leaves_and_values]
+        is_own_input = [np.ndim(value) == len(leaf.shape) + 2 for leaf, value in leaves_and_values]
         start = scan.example if carry is None else carry
         begin = list(zip(leaves(scan.carry_shape), values(scan.carry_shape, start), strict=True))
-        many = [np.ndim(value) == len(leaf.shape) + 1 for leaf, value in begin]
+        has_many_starts = [np.ndim(value) == len(leaf.shape) + 1 for leaf, value in begin]
         counts = {
             len(value)
-            for (_, value), is_own in zip(leaves_and_values + begin, own + many, strict=True)
+            for (_, value), is_own in zip(
+                leaves_and_values + begin, is_own_input + has_many_starts, strict=True
+            )
             if is_own
         }
         counts |= {len(theta)} if theta.ndim == 2 else set()
         ticks = {
             np.shape(v)[is_own]
-            for (_, v), is_own in zip(leaves_and_values, own, strict=True)
+            for (_, v), is_own in zip(leaves_and_values, is_own_input, strict=True)
             if np.ndim(v) > is_own
         }
         if len(counts) != 1 or len(ticks) != 1:
@@ -48,26 +50,30 @@ class Batch(NamedTuple):
         (count,), (n,) = counts, ticks
         columns = [
             _columns(leaf, v, (count, n) if o else (n,))
-            for (leaf, v), o in zip(leaves_and_values, own, strict=True)
+            for (leaf, v), o in zip(leaves_and_values, is_own_input, strict=True)
         ]
         shared_inputs = np.concatenate([np.zeros((n, 0)), *(c for c in columns if c.ndim == 2)], axis=1)
-        parts = [c for c in columns if c.ndim == 3]  # a single one is used without a copy
-        parts = parts if len(parts) == 1 else [np.zeros((count, n, 0)), *parts]
-        each = np.ascontiguousarray(parts[0]) if len(parts) == 1 else np.concatenate(parts, axis=2)
+        own_columns = [c for c in columns if c.ndim == 3]  # a single one is used without a copy
+        own_columns = own_columns if len(own_columns) == 1 else [np.zeros((count, n, 0)), *own_columns]
+        own_inputs = (
+            np.ascontiguousarray(own_columns[0])
+            if len(own_columns) == 1
+            else np.concatenate(own_columns, axis=2)
+        )
         is_shared = tuple(c.ndim == 2 for c in columns for _ in range(c.shape[-1]))
         rows = None
         if carry is not None or scan.carry_function is None:
             rows = np.concatenate([np.zeros((count, 0)), *(
                 np.broadcast_to(_columns(leaf, v, (count,) if m else ()), (count, leaf.size))
-                for (leaf, v), m in zip(begin, many, strict=True)
+                for (leaf, v), m in zip(begin, has_many_starts, strict=True)
             )], axis=1)  # fmt: skip
         theta = theta if theta.ndim == 2 else np.zeros((count, 0))
-        return cls(count, n, theta, rows, (shared_inputs, each, is_shared))
+        return cls(count, n, theta, rows, (shared_inputs, own_inputs, is_shared))
 
 
-def _columns(leaf: Leaf, value: Tree, lead: tuple[int, ...]) -> np.ndarray:
-    return as_floats(leaf, value, lead).reshape(*lead, leaf.size)
+def _columns(leaf: Leaf, value: Tree, leading_shape: tuple[int, ...]) -> np.ndarray:
+    return as_floats(leaf, value, leading_shape).reshape(*leading_shape, leaf.size)
 
 
-def _list(numbers: set[int]) -> str:
-    return " and ".join(map(str, sorted(numbers))) or "no"
+def _list(list_lengths: set[int]) -> str:
+    return " and ".join(map(str, sorted(list_lengths))) or "no"

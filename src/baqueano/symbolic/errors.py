@@ -14,7 +14,7 @@ from baqueano.diagnostics import fault
 from baqueano.errors import DiagnosticError
 
 _FOREIGN = (str(Path(__file__).parent), str(Path(np.__file__).parent), "<")  # engine, NumPy, made-up text
-FANCY_INDEX = "arrays used as ind"  # of NumPy's text
+FANCY_INDEX_TEXT = "arrays used as ind"  # of NumPy's text
 _CAUSES = (TypeError, ValueError, IndexError, AttributeError, ZeroDivisionError)
 
 
@@ -34,10 +34,10 @@ class TraceError(DiagnosticError, TypeError, ValueError):
 
 def untraceable(code: str, **figures: Value) -> TraceError:
     """Return the error with this code, for the innermost running line of the user's code."""
-    return TraceError(fault(code, place=here(), **figures))
+    return TraceError(fault(code, place=running_line(), **figures))
 
 
-def here() -> str:
+def running_line() -> str:
     """Return the innermost running line of the user's code, as 'model.py:36: if x[0] > 0:'."""
     frame = sys._getframe(1)
     while frame is not None:
@@ -55,20 +55,26 @@ def locate_errors() -> Iterator[None]:
     except TraceError:
         raise
     except _CAUSES as error:
-        place, step = "", error.__traceback__
+        place_text, step = "", error.__traceback__
         while step is not None:
             if _is_users(step.tb_frame.f_code):
-                place = _place_text(step.tb_frame.f_code.co_filename, step.tb_lineno)
+                place_text = _place_text(step.tb_frame.f_code.co_filename, step.tb_lineno)
             step = step.tb_next
-        if not place:
+        if not place_text:
             raise
-        code = "trace.index" if isinstance(error, IndexError) and FANCY_INDEX in str(error) else "trace.numpy"
-        raise TraceError(fault(code, place=place, kind=type(error).__name__, error=str(error))) from error
+        code = (
+            "trace.index"
+            if isinstance(error, IndexError) and FANCY_INDEX_TEXT in str(error)
+            else "trace.numpy"
+        )
+        raise TraceError(
+            fault(code, place=place_text, kind=type(error).__name__, error=str(error))
+        ) from error
 
 
 def _is_users(code: CodeType) -> bool:
     return not code.co_filename.startswith(_FOREIGN)
 
 
-def _place_text(file: str, line: int) -> str:
-    return f"{file}:{line}: {linecache.getline(file, line).strip()}"
+def _place_text(path: str, line: int) -> str:
+    return f"{path}:{line}: {linecache.getline(path, line).strip()}"

@@ -23,13 +23,13 @@ from baqueano.contracts.values import Tree
 from baqueano.diagnostics import fault
 from baqueano.errors import Misuse
 from baqueano.symbolic.backends import Runner, resolve_backend
-from baqueano.symbolic.graph.assemble import assemble, lasting_zeros
+from baqueano.symbolic.graph.assemble import assemble, remaining_zeros
 from baqueano.symbolic.graph.program import Program
 from baqueano.symbolic.graph.trace import trace_function
 from baqueano.symbolic.graph.tree import Shape, flat_row, shape_of
 from baqueano.symbolic.packing import ShapeMismatch, caller, state_of
 
-KEPT = 24  # codes of this process whose graph and kernel are kept
+MAX_CACHED = 24  # codes of this process whose graph and kernel are kept
 
 
 def function(f: Callable[..., Tree], *examples: Tree, backend: str = "auto") -> "Function":
@@ -62,7 +62,7 @@ def compile_block(block: Tree, backend: str = "auto") -> "CompiledBlock":
     """Return the block with a compiled `step`. Its fields are constants; its other attributes are unchanged.
 
     A block whose step contains a loop over time has the method `row`, the step of one input, which is compiled. It also
-    has `pause(state, input)`, which returns the inputs before this input.
+    has `rows_before(state, input)`, which returns the inputs before this input.
 
     Parameters
     ----------
@@ -113,22 +113,22 @@ class Function:
         return self.call(*args)
 
     def _compile(self, backend: str, examples: tuple[Tree, ...]) -> Runner:
-        parts, nothing = _compile_parts(self.f, self._shapes, examples, backend), np.zeros(0)
-        row, result = np.zeros((1, parts.inputs)), np.zeros((1, parts.outputs))
+        compiled, no_parameters = _compile_parts(self.f, self._shapes, examples, backend), np.zeros(0)
+        row, result = np.zeros((1, compiled.inputs)), np.zeros((1, compiled.outputs))
 
         def bind(runner: Runner) -> Callable[[], object]:
-            return runner.call("bind", 1, nothing, nothing, row, result, nothing)
+            return runner.call("bind", 1, no_parameters, no_parameters, row, result, no_parameters)
 
-        general = cache(lambda: bind(parts.general()))
-        run = bind(parts.quick)
-        self.call = caller(self._shapes, row[0], run, lambda: general()(), result[0], parts.shape)
-        return parts.quick
+        general = cache(lambda: bind(compiled.general()))
+        run = bind(compiled.with_zero_states)
+        self.call = caller(self._shapes, row[0], run, lambda: general()(), result[0], compiled.shape)
+        return compiled.with_zero_states
 
 
 class _CompiledParts(NamedTuple):
     """The compiled parts that are common to all functions of the same code."""
 
-    quick: Runner  # for states that are 0 in the same entries as the example
+    with_zero_states: Runner  # for states that are 0 in the same entries as the example
     general: Callable[[], Runner]
     inputs: int
     outputs: int
@@ -144,14 +144,14 @@ def _compile_parts(
 ) -> _CompiledParts:
     """Return the compiled parts from the cache, or make them. So a second drive with equal blocks starts at once."""
     key = _key(f, shapes, examples, backend)
-    parts = _cache.get(key) or _make(f, shapes, examples, backend)
+    compiled = _cache.get(key) or _compile_new(f, shapes, examples, backend)
     if key is not None:
         with _lock:
             _cache.pop(key, None)
-            _cache[key] = parts
-            while len(_cache) > KEPT:
+            _cache[key] = compiled
+            while len(_cache) > MAX_CACHED:
                 del _cache[next(iter(_cache))]
-    return parts
+    return compiled
 
 
 def _key(f: Callable[..., Tree], shapes: list[Shape], examples: tuple[Tree, ...], backend: str) -> Hashable:
@@ -162,7 +162,7 @@ def _key(f: Callable[..., Tree], shapes: list[Shape], examples: tuple[Tree, ...]
         zeros = flat_row(shapes[0], examples[0]) == 0.0
         key = (
             f.__func__,
-            _same(f.__self__),
+            _parameter_key(f.__self__),
             tuple(shapes),
             zeros.tobytes(),
             backend,
@@ -174,41 +174,43 @@ def _key(f: Callable[..., Tree], shapes: list[Shape], examples: tuple[Tree, ...]
     return key
 
 
-def _make(
+def _compile_new(
     f: Callable[..., Tree], shapes: list[Shape], examples: tuple[Tree, ...], backend: str
 ) -> _CompiledParts:
     trace = trace_function(f, shapes)
-    whole = assemble(trace, keep_all=True, given_start=True).program
-    quick = Runner(_with_zeros(whole, shapes, trace.output_shape, examples), backend)
-    general = cache(lambda: Runner(whole, backend))
-    return _CompiledParts(quick, general, len(trace.inputs), len(trace.outputs), trace.output_shape)
+    full_program = assemble(trace, keep_all=True, given_start=True).program
+    zero_runner = Runner(_simplified_for_zeros(full_program, shapes, trace.output_shape, examples), backend)
+    general = cache(lambda: Runner(full_program, backend))
+    return _CompiledParts(zero_runner, general, len(trace.inputs), len(trace.outputs), trace.output_shape)
 
 
-def _same(x: object) -> Hashable:
+def _parameter_key(x: object) -> Hashable:
     """Return a key, equal for blocks with equal parameters; TypeError for a block with data outside its fields."""
     if x is None or isinstance(x, str | int):
         return type(x), x
     if isinstance(x, float | np.number | np.ndarray) and (array := np.asarray(x)).dtype != object:
         return type(x), array.dtype.str, array.shape, array.tobytes()  # 0 and −0 are two
     if isinstance(x, dict):
-        return dict, tuple((key, _same(value)) for key, value in x.items())
+        return dict, tuple((key, _parameter_key(value)) for key, value in x.items())
     if isinstance(x, tuple | list):
-        return type(x), tuple(map(_same, x))
+        return type(x), tuple(map(_parameter_key, x))
     if not is_dataclass(x):
         raise TypeError(type(x))
     names = [field.name for field in fields(x)]
     if not set(names).issuperset(getattr(x, "__dict__", ())):
         raise TypeError(type(x))
-    return type(x), tuple(_same(getattr(x, name)) for name in names)
+    return type(x), tuple(_parameter_key(getattr(x, name)) for name in names)
 
 
-def _with_zeros(program: Program, shapes: list[Shape], shape: Shape, examples: tuple[Tree, ...]) -> Program:
+def _simplified_for_zeros(
+    program: Program, shapes: list[Shape], shape: Shape, examples: tuple[Tree, ...]
+) -> Program:
     """Return the program simplified for states that are 0 in the example and stay 0."""
     if state_of(shapes, shape) is None:
         return program
     zero = set(np.flatnonzero(flat_row(shapes[0], examples[0]) == 0.0).tolist())
     graph, inputs = program.graph, program.inputs
-    zero = lasting_zeros(graph, inputs, program.outputs, zero)
+    zero = remaining_zeros(graph, inputs, program.outputs, zero)
     outputs = graph.substitute(program.outputs, {inputs[k]: graph.const(0.0) for k in zero})
     return program._replace(outputs=tuple(outputs), zeros=tuple(inputs[k] for k in sorted(zero)))
 
@@ -222,16 +224,16 @@ class CompiledBlock:
         self._requested_backend = self.backend
         self._steps: dict[tuple[Shape, ...], Function] = {}
         self._last: Callable[..., Tree] = _never
-        self._pause = getattr(block, "pause", None)
-        self._text = block.step if self._pause is None else block.row
+        self._rows_before = getattr(block, "rows_before", None)
+        self._text = block.step if self._rows_before is None else block.row
 
     def step(self, *args: Tree, **kwargs: Tree) -> Tree:
         """Return the result of the block's step, compiled for the shape of these arguments."""
         if kwargs:
             args = inspect.signature(self.block.step).bind(*args, **kwargs).args
-        if self._pause is not None:
-            for before in self._pause(*args):
-                args = (self._row(args[0], before)[0], *args[1:])
+        if self._rows_before is not None:
+            for earlier_input in self._rows_before(*args):
+                args = (self._row(args[0], earlier_input)[0], *args[1:])
         return self._row(*args)
 
     def _row(self, *args: Tree) -> Tree:

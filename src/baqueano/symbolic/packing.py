@@ -48,14 +48,14 @@ def caller(
     space: dict[str, Tree] = {
         "row": row, "cells": row.data, "run": run, "general": general, "result": result,
         "lock": threading.Lock(),
-        "ndarray": np.ndarray, "number": _number, "array": _array, "wrong": _wrong,
+        "ndarray": np.ndarray, "number": _scalar_value, "array": _array, "wrong": _check_shape,
         "numbers": frozenset((float, int, bool, np.float64, np.int64, np.bool_)),
         "make": make, "new": tuple.__new__, "restore": restore, "asarray": np.asarray,
     }  # fmt: skip
-    packs, at = [], 0
+    packs, offset = [], 0
     for k, input_shape in enumerate(shapes):
         lines: list[str] = []
-        at = _pack(input_shape, f"a{k}", at, lines, space)
+        offset = _pack(input_shape, f"a{k}", offset, lines, space)
         packs.append(lines)
     state, count = state_of(shapes, shape), size(shapes[0]) if shapes else 0
     if state is not None:
@@ -84,7 +84,7 @@ def state_of(shapes: Sequence[Shape], shape: Shape) -> Shape | None:
     if not shapes or not isinstance(shape, Branch) or shape.kind is not tuple or not shape.children:
         return None
     first = shape.children[0]
-    return first if _is_fixed(first) and size(first) and _alike(first, shapes[0]) else None
+    return first if _is_fixed(first) and size(first) and _are_alike(first, shapes[0]) else None
 
 
 def _is_fixed(shape: Shape) -> bool:
@@ -94,12 +94,12 @@ def _is_fixed(shape: Shape) -> bool:
     return isinstance(shape, ConstantLeaf) or not shape.is_array or (shape.kind == "f" and shape.shape != ())
 
 
-def _alike(a: Shape, b: Shape) -> bool:
+def _are_alike(a: Shape, b: Shape) -> bool:
     """Return True if two shapes differ at most in the paths and the kinds of their numbers."""
     if isinstance(a, Branch):
         if not isinstance(b, Branch) or (a.kind, a.keys) != (b.kind, b.keys):
             return False
-        return all(map(_alike, a.children, b.children))
+        return all(map(_are_alike, a.children, b.children))
     if isinstance(a, Leaf):
         return isinstance(b, Leaf) and (a.shape, a.is_array) == (b.shape, b.is_array)
     return isinstance(b, ConstantLeaf) and a.value is b.value
@@ -121,14 +121,16 @@ def _pack(shape: Shape, name: str, offset: int, lines: list[str], space: dict[st
             space[f"keys{k}"] = shape.keys
             test += f" or tuple({name}) != keys{k}"
         lines.append(f"if {test}: wrong(shape{k}, {name})")
-        parts = [f"{name}_{n}" for n in range(len(shape.keys))]
-        if issubclass(shape.kind, tuple) and parts:
-            lines.append(f"{', '.join(parts)}, = {name}")
-        for part, key, child in zip(parts, shape.keys, shape.children, strict=True):
+        child_names = [f"{name}_{n}" for n in range(len(shape.keys))]
+        if issubclass(shape.kind, tuple) and child_names:
+            lines.append(f"{', '.join(child_names)}, = {name}")
+        for child_name, key, child in zip(child_names, shape.keys, shape.children, strict=True):
             if not issubclass(shape.kind, tuple):
-                plain = shape.kind in (list, dict)
-                lines.append(f"{part} = {name}[{key!r}]" if plain else f"{part} = {name}.{key}")
-            offset = _pack(child, part, offset, lines, space)
+                is_plain = shape.kind in (list, dict)
+                lines.append(
+                    f"{child_name} = {name}[{key!r}]" if is_plain else f"{child_name} = {name}.{key}"
+                )
+            offset = _pack(child, child_name, offset, lines, space)
         return offset
     if shape.is_array:
         space[f"place{k}"] = space["row"][offset : offset + shape.size].reshape(shape.shape)
@@ -155,9 +157,9 @@ def _unpack(shape: Shape, state: Shape | None, count: int, space: dict[str, Tree
     )
     if state is None or not isinstance(shape, Branch):
         return [*lines, f"return {_tree(shape, names, space)}"]
-    first, *rest = (_tree(child, names, space) for child in shape.children)
+    first, *remaining = (_tree(child, names, space) for child in shape.children)
     lines += [f"state = {first}", f"last[0] = state, row[:{count}]"]
-    return [*lines, f"return (state, {''.join(f'{text}, ' for text in rest)})"]
+    return [*lines, f"return (state, {''.join(f'{text}, ' for text in remaining)})"]
 
 
 def _tree(shape: Shape, names: Tree, space: dict[str, Tree]) -> str:
@@ -178,15 +180,15 @@ def _tree(shape: Shape, names: Tree, space: dict[str, Tree]) -> str:
 
 def _leaf(leaf: Leaf, name: str, k: int, space: dict[str, Tree]) -> str:
     if leaf.shape == ():
-        real = f"asarray({name})" if leaf.is_array else name
-        return {"f": real, "i": f"round({name})", "b": f"({name} != 0.0)"}[leaf.kind]
+        real_text = f"asarray({name})" if leaf.is_array else name
+        return {"f": real_text, "i": f"round({name})", "b": f"({name} != 0.0)"}[leaf.kind]
     if leaf.kind == "f":
         return name
     space[f"leaf{k}"] = leaf
     return f"restore(leaf{k}, {name})"
 
 
-def _number(leaf: Leaf, value: Tree) -> float:
+def _scalar_value(leaf: Leaf, value: Tree) -> float:
     return float(_array(leaf, value))
 
 
@@ -197,11 +199,11 @@ def _array(leaf: Leaf, value: Tree) -> np.ndarray:
         raise ShapeMismatch(cause_of(error)) from None
 
 
-def _wrong(shape: Shape, tree: Tree) -> None:
+def _check_shape(shape: Shape, tree: Tree) -> None:
     """Raise ShapeMismatch if the tree does not have this shape. An equal text, though another object, is correct."""
     try:
-        flat = values(shape, tree)
+        entries = values(shape, tree)
     except ValueError as error:
         raise ShapeMismatch(cause_of(error)) from None
-    if len(flat) != sum(1 for _ in leaves(shape)):
+    if len(entries) != sum(1 for _ in leaves(shape)):
         raise ShapeMismatch(fault("tree.another", path=shape.path))

@@ -42,20 +42,20 @@ def put(tree: Of, path: str, value: Tree) -> Of:
 @lru_cache(maxsize=1000)
 def _steps(path: str) -> tuple[Tree, ...]:
     steps: list[Tree] = []
-    at = 0
-    while at < len(path):
-        match = _STEP.match(path, at)
+    offset = 0
+    while offset < len(path):
+        match = _STEP.match(path, offset)
         if match is None:
             raise Invalid(fault("path.not-a-path", path=path))
         name, index = match.groups()
         steps.append(name if index is None else _index(index, path))
-        at = match.end()
+        offset = match.end()
     return tuple(steps)
 
 
 def _index(text: str, path: str) -> tuple[int, ...]:
     try:
-        return tuple(int(part) for part in text.split(","))
+        return tuple(int(entry) for entry in text.split(","))
     except ValueError:
         raise Invalid(fault("path.index", path=path, found=text)) from None
 
@@ -65,18 +65,18 @@ def _child(tree: Tree, step: Tree, path: str) -> Tree:
         return tree[step[0] if len(step) == 1 else step]
     names = tree if isinstance(tree, dict) else _names(type(tree))
     if step not in names:
-        near = nearest(step, map(str, names))
+        suggestion = nearest(step, map(str, names))
         raise NoSuchName(
-            fault("path.no-such-name", path=path, kind=type(tree).__name__, found=step, near=near)
+            fault("path.no-such-name", path=path, kind=type(tree).__name__, found=step, near=suggestion)
         )
     return tree[step] if isinstance(tree, dict) else getattr(tree, step)
 
 
 @lru_cache(maxsize=1000)
-def _names(of: type) -> tuple[str, ...]:
-    if dataclasses.is_dataclass(of):
-        return tuple(field.name for field in dataclasses.fields(of))
-    return tuple(getattr(of, "_fields", ()))
+def _names(container_type: type) -> tuple[str, ...]:
+    if dataclasses.is_dataclass(container_type):
+        return tuple(field.name for field in dataclasses.fields(container_type))
+    return tuple(getattr(container_type, "_fields", ()))
 
 
 def _replace_at(tree: Tree, steps: tuple[Tree, ...], value: Tree, path: str) -> Tree:
@@ -87,15 +87,15 @@ def _replace_at(tree: Tree, steps: tuple[Tree, ...], value: Tree, path: str) -> 
             )
         return value
     step = steps[0]
-    new = _replace_at(_child(tree, step, path), steps[1:], value, path)
+    child = _replace_at(_child(tree, step, path), steps[1:], value, path)
     if isinstance(step, tuple):
-        return _with_item(tree, step, new)
+        return _replace_item(tree, step, child)
     if isinstance(tree, dict):
-        return {**tree, step: new}
-    return _with_name(tree, step, new) if isinstance(tree, tuple) else _with_field(tree, step, new)
+        return {**tree, step: child}
+    return _replace_name(tree, step, child) if isinstance(tree, tuple) else _replace_field(tree, step, child)
 
 
-def _with_item(tree: Tree, index: tuple[int, ...], value: Tree) -> Tree:
+def _replace_item(tree: Tree, index: tuple[int, ...], value: Tree) -> Tree:
     if isinstance(tree, np.ndarray):
         copy = filled_later(tree.astype(float)) if has_scalars(value) else tree.copy()
         copy[index] = value
@@ -104,11 +104,11 @@ def _with_item(tree: Tree, index: tuple[int, ...], value: Tree) -> Tree:
     return type(tree)(items) if type(tree) in (tuple, list) else type(tree)(*items)
 
 
-def _with_name(record: Tree, name: str, value: Tree) -> Tree:
+def _replace_name(record: Tree, name: str, value: Tree) -> Tree:
     return record._replace(**{name: value})
 
 
-def _with_field(block: Tree, name: str, value: Tree) -> Tree:
+def _replace_field(block: Tree, name: str, value: Tree) -> Tree:
     copy = object.__new__(type(block))
     for key in {**getattr(block, "__dict__", {}), **dict.fromkeys(_names(type(block)))}:
         object.__setattr__(copy, key, value if key == name else getattr(block, key))

@@ -53,13 +53,15 @@ class PlainScan(Scan):
         with tracing() as level, locate_errors():
             _, outputs = self._loop(inputs, seed_array(theta, level), carry)
             shape = shape_of(outputs[0], "output")
-            flat = [
+            flat_rows = [
                 np.concatenate([as_array(v).ravel() for v in (0.0, *values(shape, output))])[1:]
                 for output in outputs
             ]
-        rows = np.array([[x.value if isinstance(x, Dual) else x for x in row] for row in flat], dtype=float)
-        slopes = np.array([rows_of(row, len(theta), level) for row in flat], dtype=float)
-        return rows, slopes
+        rows = np.array(
+            [[x.value if isinstance(x, Dual) else x for x in row] for row in flat_rows], dtype=float
+        )
+        jacobians = np.array([rows_of(row, len(theta), level) for row in flat_rows], dtype=float)
+        return rows, jacobians
 
     def cost(self, inputs: Tree, theta: Tree = None, carry: Tree = None) -> float:
         _, outputs = self._loop(inputs, self._theta(theta), carry)
@@ -68,9 +70,9 @@ class PlainScan(Scan):
         return float(sum(flat_row(shape, output)[0] for output in outputs))
 
     def cost_and_gradient(self, inputs: Tree, theta: Tree, carry: Tree = None) -> tuple[float, np.ndarray]:
-        outputs, slopes = self.sensitivities(inputs, theta, carry)
+        outputs, jacobians = self.sensitivities(inputs, theta, carry)
         _check_scalar(outputs.shape[1])
-        return float(outputs.sum()), slopes.sum((0, 1))
+        return float(outputs.sum()), jacobians.sum((0, 1))
 
     def normal_equations(
         self, inputs: Tree, theta: Tree, huber: float | None = None, carry: Tree = None
@@ -78,41 +80,43 @@ class PlainScan(Scan):
         return NormalEquations(*normal_equations(*self.sensitivities(inputs, theta, carry), huber))
 
     def batch(
-        self, inputs: Tree, theta: Tree = None, carry: Tree = None, outputs: bool = False
+        self, inputs: Tree, theta: Tree = None, carry: Tree = None, with_outputs: bool = False
     ) -> tuple[Tree, Tree]:
-        batch = Batch.from_trees(self, inputs, self._theta(theta, many=True), carry)
-        ends: list[np.ndarray] = []
-        every: list[Tree] = []
+        batch = Batch.from_trees(self, inputs, self._theta(theta, is_batch=True), carry)
+        final_carries: list[np.ndarray] = []
+        all_outputs: list[Tree] = []
         carry_shape = self.carry_shape
-        for lane in self._each(batch):
+        for lane in self._lanes(batch):
             last, outputs_of = self.run(*lane)
             carry_shape = shape_of(last, "carry")
-            ends.append(flat_row(carry_shape, last))
-            every.append(outputs_of)
-        if not outputs:
-            return tree_of(carry_shape, np.array(ends)), None
-        shape = shape_of(every[0], "output")
+            final_carries.append(flat_row(carry_shape, last))
+            all_outputs.append(outputs_of)
+        if not with_outputs:
+            return tree_of(carry_shape, np.array(final_carries)), None
+        shape = shape_of(all_outputs[0], "output")
         stacks = [
             np.stack(column)
-            for column in zip(*(values(shape, outputs_of) for outputs_of in every), strict=True)
+            for column in zip(*(values(shape, outputs_of) for outputs_of in all_outputs), strict=True)
         ]
-        return tree_of(carry_shape, np.array(ends)), build(shape, iter(stacks))
+        return tree_of(carry_shape, np.array(final_carries)), build(shape, iter(stacks))
 
     def batch_sums(
-        self, inputs: Tree, theta: Tree, slopes: int = 0, carry: Tree = None
+        self, inputs: Tree, theta: Tree, derivative_count: int = 0, carry: Tree = None
     ) -> tuple[np.ndarray, np.ndarray]:
         self._need_theta()
-        batch = Batch.from_trees(self, inputs, self._theta(theta, many=True), carry)
-        each = [self.sensitivities(rows, values, start) for rows, values, start in self._each(batch)]
-        return np.array([y.sum(0) for y, _ in each]), np.array([d.sum(0)[:, :slopes] for _, d in each])
+        batch = Batch.from_trees(self, inputs, self._theta(theta, is_batch=True), carry)
+        results = [self.sensitivities(rows, values, start) for rows, values, start in self._lanes(batch)]
+        return np.array([y.sum(0) for y, _ in results]), np.array(
+            [d.sum(0)[:, :derivative_count] for _, d in results]
+        )
 
-    def _each(self, batch: Batch) -> Iterator[tuple[Tree, Tree, Tree]]:
+    def _lanes(self, batch: Batch) -> Iterator[tuple[Tree, Tree, Tree]]:
         """Yield inputs, θ and start of each lane."""
-        shared_rows, own, is_shared = batch.inputs
+        shared_rows, own_inputs, is_shared = batch.inputs
         rows, mask = np.empty((batch.ticks, len(is_shared))), np.array(is_shared, dtype=bool)
         rows[:, mask] = shared_rows
         for k in range(batch.lanes):
-            rows[:, ~mask] = own[k]
+            rows[:, ~mask] = own_inputs[k]
             start = None if batch.start is None else tree_of(self.carry_shape, batch.start[k])
             yield (
                 tree_of(self.input_shape, rows),
@@ -144,7 +148,7 @@ def _shape_of_all(outputs: list[Tree]) -> Shape:
     """Return the common shape of all outputs; a number that is an integer only at some ticks is a float."""
     shape = shape_of(outputs[0], "output")
     kinds = zip(*([leaf.kind for leaf in leaves(shape_of(y, "output"))] for y in outputs), strict=True)
-    return with_kinds(shape, iter([min(set(own), key="fib".index) for own in kinds]))
+    return with_kinds(shape, iter([min(set(kinds_of_entry), key="fib".index) for kinds_of_entry in kinds]))
 
 
 def _check_scalar(numbers: int) -> None:

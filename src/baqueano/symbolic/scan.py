@@ -17,7 +17,7 @@ from baqueano.errors import Invalid
 from baqueano.symbolic.backends import Runner, resolve_backend
 from baqueano.symbolic.derivatives.sums import with_sums
 from baqueano.symbolic.graph.assemble import Assembly, assemble
-from baqueano.symbolic.graph.node import below
+from baqueano.symbolic.graph.node import nodes_below
 from baqueano.symbolic.graph.program import NormalEquations, Program
 from baqueano.symbolic.graph.trace import trace_step
 from baqueano.symbolic.graph.tree import Leaf, Shape, as_floats, flat_row, leaves, shape_of, tree_of, values
@@ -157,7 +157,7 @@ class Scan(ABC):
 
     @abstractmethod
     def batch(
-        self, inputs: Tree, theta: Tree = None, carry: Tree = None, outputs: bool = False
+        self, inputs: Tree, theta: Tree = None, carry: Tree = None, with_outputs: bool = False
     ) -> tuple[Tree, Tree]:
         """Run L lanes: theta (L, p), leaves of `carry` (L, …) or shared, leaves of `inputs` (L, N, …) or shared.
 
@@ -166,15 +166,15 @@ class Scan(ABC):
 
     @abstractmethod
     def batch_sums(
-        self, inputs: Tree, theta: Tree, slopes: int = 0, carry: Tree = None
+        self, inputs: Tree, theta: Tree, derivative_count: int = 0, carry: Tree = None
     ) -> tuple[np.ndarray, np.ndarray]:
         """Run L lanes, as in `batch`, and return the numbers of the output summed over the ticks, (L, m).
 
-        Also return the derivatives of these sums by the first `slopes` entries of θ, (L, m, slopes).
+        Also return the derivatives of these sums by the first `derivative_count` entries of θ, (L, m, slopes).
         """
 
-    def _theta(self, theta: Tree, many: bool = False) -> np.ndarray:
-        expected = "(L, p)" if many else "(p,)"
+    def _theta(self, theta: Tree, is_batch: bool = False) -> np.ndarray:
+        expected = "(L, p)" if is_batch else "(p,)"
         if self.parameters is None:
             if theta is not None:
                 raise Invalid(fault("engine.no-theta"))
@@ -182,7 +182,7 @@ class Scan(ABC):
         if theta is None:
             raise Invalid(fault("engine.theta-missing", parameters=self.parameters, expected=expected))
         theta = np.ascontiguousarray(theta, dtype=float)
-        if theta.ndim != 1 + many or theta.shape[-1] != self.parameters:
+        if theta.ndim != 1 + is_batch or theta.shape[-1] != self.parameters:
             raise Invalid(
                 fault(
                     "engine.theta-shape",
@@ -234,7 +234,7 @@ class TracedScan(Scan):
     @property
     def operations(self) -> int:
         program = self._runner(keep_all=True)[0].program
-        return sum(bool(node.args) for node in below([*program.next_carry, *program.outputs]))
+        return sum(bool(node.args) for node in nodes_below([*program.next_carry, *program.outputs]))
 
     @property
     def unused_carry(self) -> tuple[str, ...]:
@@ -247,7 +247,7 @@ class TracedScan(Scan):
         outputs = np.empty((len(rows), len(assembly.program.outputs)))
         final = np.empty(len(assembly.program.carry))
         runner.call("run", len(rows), theta, start, rows, outputs, final)
-        return tree_of(self.trace.carry_shape, assembly.whole(final, start)), tree_of(
+        return tree_of(self.trace.carry_shape, assembly.whole_carry(final, start)), tree_of(
             self.trace.output_shape, outputs
         )
 
@@ -256,16 +256,16 @@ class TracedScan(Scan):
         theta, rows = self._theta(theta), self._rows(inputs)
         (assembly, runner), start = self._prepare(False, carry)
         outputs = np.empty((len(rows), len(assembly.program.outputs)))
-        slopes = np.empty((*outputs.shape, len(theta)))
-        runner.call("sensitivities", len(rows), theta, start, rows, outputs, slopes)
-        return outputs, slopes
+        jacobians = np.empty((*outputs.shape, len(theta)))
+        runner.call("sensitivities", len(rows), theta, start, rows, outputs, jacobians)
+        return outputs, jacobians
 
     def cost(self, inputs: Tree, theta: Tree = None, carry: Tree = None) -> float:
-        return self._total(inputs, theta, carry, gradient=False)[0]
+        return self._run_total(inputs, theta, carry, with_gradient=False)[0]
 
     def cost_and_gradient(self, inputs: Tree, theta: Tree, carry: Tree = None) -> tuple[float, np.ndarray]:
         self._need_theta()
-        return self._total(inputs, theta, carry, gradient=True)
+        return self._run_total(inputs, theta, carry, with_gradient=True)
 
     def normal_equations(
         self, inputs: Tree, theta: Tree, huber: float | None = None, carry: Tree = None
@@ -277,74 +277,74 @@ class TracedScan(Scan):
         return NormalEquations(*sums)
 
     def batch(
-        self, inputs: Tree, theta: Tree = None, carry: Tree = None, outputs: bool = False
+        self, inputs: Tree, theta: Tree = None, carry: Tree = None, with_outputs: bool = False
     ) -> tuple[Tree, Tree]:
         from baqueano.symbolic.batch import Batch
 
-        batch = Batch.from_trees(self, inputs, self._theta(theta, many=True), carry)
+        batch = Batch.from_trees(self, inputs, self._theta(theta, is_batch=True), carry)
         (assembly, runner), start = self._prepare(True, carry, batch.start)
         program, count, n = assembly.program, batch.lanes, batch.ticks
         start = np.broadcast_to(start, (count, start.shape[-1]))
-        every = np.empty((count, n, len(program.outputs))) if outputs else None
+        all_outputs = np.empty((count, n, len(program.outputs))) if with_outputs else None
         final = np.empty((count, len(program.carry)))
-        runner.call("batch", count, n, batch.theta, start, *batch.inputs, every, final)
-        last = tree_of(self.trace.carry_shape, assembly.whole(final, start))
-        return last, None if every is None else tree_of(self.trace.output_shape, every)
+        runner.call("batch", count, n, batch.theta, start, *batch.inputs, all_outputs, final)
+        last = tree_of(self.trace.carry_shape, assembly.whole_carry(final, start))
+        return last, None if all_outputs is None else tree_of(self.trace.output_shape, all_outputs)
 
     def batch_sums(
-        self, inputs: Tree, theta: Tree, slopes: int = 0, carry: Tree = None
+        self, inputs: Tree, theta: Tree, derivative_count: int = 0, carry: Tree = None
     ) -> tuple[np.ndarray, np.ndarray]:
         from baqueano.symbolic.batch import Batch
 
         self._need_theta()
-        batch = Batch.from_trees(self, inputs, self._theta(theta, many=True), carry)
+        batch = Batch.from_trees(self, inputs, self._theta(theta, is_batch=True), carry)
         (assembly, _), start = self._prepare(False, carry, batch.start)
-        program, runner = self._summing(assembly, slopes)
+        program, runner = self._summing(assembly, derivative_count)
         count, m = batch.lanes, len(assembly.program.outputs)
         start = np.broadcast_to(start, (count, start.shape[-1]))
         final = np.empty((count, len(program.carry)))
         runner.call("batch", count, batch.ticks, batch.theta, start, *batch.inputs, None, final)
-        sums = final[:, len(program.carry) - m * (1 + slopes) :]
-        return sums[:, :m], np.moveaxis(sums[:, m:].reshape(count, slopes, m), 1, 2)
+        sums = final[:, len(program.carry) - m * (1 + derivative_count) :]
+        return sums[:, :m], np.moveaxis(sums[:, m:].reshape(count, derivative_count, m), 1, 2)
 
-    def _summing(self, assembly: Assembly, slopes: int) -> tuple[Program, Runner]:
-        key = id(assembly), slopes
+    def _summing(self, assembly: Assembly, derivative_count: int) -> tuple[Program, Runner]:
+        key = id(assembly), derivative_count
         with self.trace.graph.lock:
             if key not in self.summing:
-                program = with_sums(assembly.program, slopes)
+                program = with_sums(assembly.program, derivative_count)
                 # keeps the object, so that its id is not used again
                 self.summing[key] = assembly, program, Runner(program, self.requested_backend)
         return self.summing[key][1:]
 
-    def _total(self, inputs: Tree, theta: Tree, carry: Tree, gradient: bool) -> Tree:
+    def _run_total(self, inputs: Tree, theta: Tree, carry: Tree, with_gradient: bool) -> Tree:
         theta, rows = self._theta(theta), self._rows(inputs)
         (assembly, runner), start = self._prepare(False, carry)
         if len(assembly.program.outputs) != 1:
             raise Invalid(fault("engine.cost", numbers=len(assembly.program.outputs)))
-        return runner.call("total", len(rows), theta, start, rows, gradient)
+        return runner.call("total", len(rows), theta, start, rows, with_gradient)
 
     def _trace_once(self, symmetric: set[str]) -> Tree:
         shapes = self.carry_shape, self.input_shape
         return trace_step(self.step, self.carry_function, *shapes, self.parameters, symmetric)
 
-    def _runner(self, keep_all: bool, given_start: bool | None = None, symmetric: bool = True) -> Tree:
+    def _runner(self, keep_all: bool, given_start: bool | None = None, is_symmetric: bool = True) -> Tree:
         given_start = self.carry_function is None if given_start is None else given_start
-        key = keep_all, given_start, symmetric
+        key = keep_all, given_start, is_symmetric
         if key not in self.runners:
             with self.trace.graph.lock:
                 if key not in self.runners:
-                    trace = self.trace if symmetric else self._trace_once(set())[0]
+                    trace = self.trace if is_symmetric else self._trace_once(set())[0]
                     assembly = assemble(trace, keep_all, given_start)
                     self.runners[key] = assembly, Runner(assembly.program, self.requested_backend)
         return self.runners[key]
 
-    def _prepare(self, keep_all: bool, carry: Tree, flat: np.ndarray | None = None) -> Tree:
+    def _prepare(self, keep_all: bool, carry: Tree, flat_start: np.ndarray | None = None) -> Tree:
         """Return the kernel to run, and its start values (…, s): from `carry`, or by default from the given start."""
-        if carry is None and flat is None:
+        if carry is None and flat_start is None:
             if keep_all not in self.begun:
                 self.begun[keep_all] = self._begin(keep_all)
             return self.begun[keep_all]
-        return self._check(keep_all, self._flat_start(carry) if flat is None else flat)
+        return self._check(keep_all, self._flat_start(carry) if flat_start is None else flat_start)
 
     def _begin(self, keep_all: bool) -> Tree:
         """Return the kernel to run, and its start values for the carry that was given to `scan`."""
@@ -352,11 +352,13 @@ class TracedScan(Scan):
             return self._runner(keep_all, given_start=False), np.zeros(0)
         return self._check(keep_all, self._flat_start(None))
 
-    def _check(self, keep_all: bool, flat: np.ndarray) -> Tree:
+    def _check(self, keep_all: bool, flat_start: np.ndarray) -> Tree:
         pair = self._runner(keep_all, given_start=True)
-        if not np.array_equal(flat, flat[..., pair[0].twin], equal_nan=True):  # a matrix is not symmetric
-            pair = self._runner(keep_all, given_start=True, symmetric=False)
-        return pair, np.ascontiguousarray(flat[..., pair[0].first])
+        if not np.array_equal(
+            flat_start, flat_start[..., pair[0].equal_entry], equal_nan=True
+        ):  # a matrix is not symmetric
+            pair = self._runner(keep_all, given_start=True, is_symmetric=False)
+        return pair, np.ascontiguousarray(flat_start[..., pair[0].first])
 
     def _flat_start(self, carry: Tree) -> np.ndarray:
         return flat_row(self.carry_shape, self.example if carry is None else carry)
@@ -365,27 +367,27 @@ class TracedScan(Scan):
         """Return the inputs as rows (N, ·), only to be read: an input that is one suitable array is not copied."""
         shape = self.input_shape
         if isinstance(shape, Leaf) and type(inputs) is np.ndarray and inputs.dtype == float:
-            fits = inputs.shape[1:] == shape.shape and inputs.ndim == 1 + len(shape.shape)
-            if fits and inputs.flags.c_contiguous and inputs.flags.aligned:
+            has_shape = inputs.shape[1:] == shape.shape and inputs.ndim == 1 + len(shape.shape)
+            if has_shape and inputs.flags.c_contiguous and inputs.flags.aligned:
                 return inputs.reshape(len(inputs), shape.size)
         n = count_ticks(self.input_shape, inputs)
         pairs = zip(leaves(self.input_shape), values(self.input_shape, inputs), strict=True)
-        parts = [as_floats(leaf, value, (n,)).reshape(n, leaf.size) for leaf, value in pairs]
-        if len(parts) == 1:
-            return np.require(parts[0], requirements=["C", "A"])
-        columns = [column for part in parts for column in part.T]
+        blocks = [as_floats(leaf, value, (n,)).reshape(n, leaf.size) for leaf, value in pairs]
+        if len(blocks) == 1:
+            return np.require(blocks[0], requirements=["C", "A"])
+        columns = [column for block in blocks for column in block.T]
         rows = np.empty((n, len(columns)))
-        for at, column in enumerate(columns):  # NumPy copies long columns faster than short rows
-            rows[:, at] = column
+        for row, column in enumerate(columns):  # NumPy copies long columns faster than short rows
+            rows[:, row] = column
         return rows
 
 
 def _symmetric_leaves(shape: Shape, start: np.ndarray | None) -> Iterator[Leaf]:
     """Yield the leaves that are square matrices, symmetric at the start or with an unknown start."""
-    at = 0
+    offset = 0
     for leaf in leaves(shape):
         if len(leaf.shape) == 2 and leaf.shape[0] == leaf.shape[1] > 1:
-            matrix = None if start is None else start[at : at + leaf.size].reshape(leaf.shape)
+            matrix = None if start is None else start[offset : offset + leaf.size].reshape(leaf.shape)
             if matrix is None or np.array_equal(matrix, matrix.T):
                 yield leaf
-        at += leaf.size
+        offset += leaf.size

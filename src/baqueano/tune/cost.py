@@ -51,8 +51,8 @@ def path_cost(weights: Weights, output: Tree) -> Tree:
     d = output.record.reference.eta - output.truth.eta
     k = weights.huber_m
     r2 = d[0] * d[0] + d[1] * d[1] + (weights.radian_m * wrap(d[2])) ** 2
-    beyond = k * np.sqrt(np.maximum(r2, k * k)) - 0.5 * k * k
-    return np.where(r2 <= k * k, 0.5 * r2, beyond)
+    linear_cost = k * np.sqrt(np.maximum(r2, k * k)) - 0.5 * k * k
+    return np.where(r2 <= k * k, 0.5 * r2, linear_cost)
 
 
 def jerk(limit: np.ndarray, output: Tree) -> Tree:
@@ -63,15 +63,15 @@ def jerk(limit: np.ndarray, output: Tree) -> Tree:
 
 def effort(limit: np.ndarray, output: Tree) -> Tree:
     """Return the square of the command at a tick, relative to its limit; p is its price.  (3)"""
-    part = output.record.command.u / _scale(limit)
-    return np.sum(part * part)
+    relative_command = output.record.command.u / _scale(limit)
+    return np.sum(relative_command * relative_command)
 
 
 def tick_errors(limit: np.ndarray, output: Tree) -> TickErrors:
     """Return distance [m], heading error [rad] and saturation of a tick: 1 if a command is at its limit, else 0."""
     d = output.record.reference.eta - output.truth.eta
-    full = (np.abs(output.record.command.u) >= limit) & (limit > 0.0)
-    return TickErrors(np.hypot(d[0], d[1]), wrap(d[2]), np.max(np.where(full, 1.0, 0.0)))
+    is_saturated = (np.abs(output.record.command.u) >= limit) & (limit > 0.0)
+    return TickErrors(np.hypot(d[0], d[1]), wrap(d[2]), np.max(np.where(is_saturated, 1.0, 0.0)))
 
 
 def _scale(limit: np.ndarray) -> np.ndarray:

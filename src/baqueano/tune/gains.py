@@ -22,23 +22,23 @@ from baqueano.diagnostics import fault
 from baqueano.errors import UsageError
 from baqueano.guides.route import Route
 from baqueano.tune.rehearsal import Rehearsal, drawn_vehicles, rehearse
-from baqueano.tune.search import STARTS, UNUSABLE, Descent, at_limit, descend, search
+from baqueano.tune.search import DIVERGED_COST, START_COUNT, Descent, at_limit, descend, search
 from baqueano.tune.tuned import FACTORS, FreshSeeds, Gain, TuneResult, WorstCase
 
 if TYPE_CHECKING:
     from baqueano.vehicle_file import VehicleFile
 
-JUDGES = 200  # vehicles that judge the result; the search did not use them
-FRESH = 30  # seeds that judge the result; the search did not use them
-FAR = 1000  # offset between the seeds of the search and those that judge
-WIDENED = 3  # largest number of repeated searches with wider bounds
+JUDGING_VEHICLES = 200  # vehicles that judge the result; the search did not use them
+JUDGING_SEEDS = 30  # seeds that judge the result; the search did not use them
+SEED_OFFSET = 1000  # offset between the seeds of the search and those that judge
+MAX_WIDENED_SEARCHES = 3  # largest number of repeated searches with wider bounds
 
 
 def tune(
     vehicle_file: "VehicleFile",
     route: Route | Guide | Sequence[Route | Guide],
     *,
-    starts: int = STARTS,
+    starts: int = START_COUNT,
     polish: bool = True,
     **options: Any,
 ) -> TuneResult:
@@ -81,48 +81,50 @@ def tune(
     (True, '1/s')
     """
     rehearsal = rehearse(vehicle_file, route, **options)
-    before = rehearsal.space.before
-    own = [before] if np.all(np.isfinite(before)) else []
-    nominal, descents = search_gains(rehearsal.nominal(), own, starts, polish)
-    if descents[0].cost >= UNUSABLE:
+    file_gains = rehearsal.space.file_gains
+    initial_gains = [file_gains] if np.all(np.isfinite(file_gains)) else []
+    nominal, descents = search_gains(rehearsal.nominal(), initial_gains, starts, polish)
+    if descents[0].cost >= DIVERGED_COST:
         raise UsageError(fault("tune.all-run-away", vehicle=vehicle_file.name))
     worst = None
     if len(rehearsal.vehicles) > 1:
         seed, sharp = options.get("seed", 0), descents[0].gains
-        rehearsal = replace(rehearsal, space=nominal.space, legs=nominal.legs)
-        rehearsal, robust = search_gains(rehearsal, [sharp, *own], 1, False)
+        rehearsal = replace(rehearsal, space=nominal.space, cases=nominal.cases)
+        rehearsal, robust = search_gains(rehearsal, [sharp, *initial_gains], 1, False)
         worst, descents = rank_by_worst_case(vehicle_file, rehearsal, robust, sharp, seed)
     else:
         rehearsal = nominal
     fresh = None
     if options.get("estimator"):
-        fresh = _fresh(rehearsal, descents[0].gains, options.get("seed", 0))
-    return _tune_result(vehicle_file, rehearsal, descents, own, worst, fresh, options.get("controller"))
+        fresh = _cost_on_new_seeds(rehearsal, descents[0].gains, options.get("seed", 0))
+    return _tune_result(
+        vehicle_file, rehearsal, descents, initial_gains, worst, fresh, options.get("controller")
+    )
 
 
 def search_gains(
-    rehearsal: Rehearsal, initial: list[np.ndarray], starts: int, polish: bool
+    rehearsal: Rehearsal, initial: list[np.ndarray], start_count: int, polish: bool
 ) -> tuple[Rehearsal, list[Descent]]:
     """Return the rehearsal with the final bounds, and the descents, the least cost first.
 
     If a gain ends on a soft bound, the search continues from there with a wider bound.
     """
     descents: list[Descent] = []
-    best = np.zeros(0)
-    for _ in range(1 + WIDENED):
+    best_gains = np.zeros(0)
+    for _ in range(1 + MAX_WIDENED_SEARCHES):
         space = rehearsal.space
         descents += search(
-            rehearsal.cost, rehearsal.cost_and_gradient, space.low, space.high, initial, starts, polish
+            rehearsal.cost, rehearsal.cost_and_gradient, space.low, space.high, initial, start_count, polish
         )
         descents.sort(key=lambda d: d.cost)
-        best = descents[0].gains
-        wider = space.widen(at_limit(best, space.low, space.high))
+        best_gains = descents[0].gains
+        wider = space.widen(at_limit(best_gains, space.low, space.high))
         if np.array_equal(wider.low, space.low) and np.array_equal(wider.high, space.high):
             break
-        rehearsal, initial, starts = replace(rehearsal, space=wider), [best], 0
-    if rehearsal.initial_memory_depends_on(best):
-        space, rehearsal = rehearsal.space, rehearsal.begun_with(best)
-        second = descend(rehearsal.cost_and_gradient, best, space.low, space.high)
+        rehearsal, initial, start_count = replace(rehearsal, space=wider), [best_gains], 0
+    if rehearsal.initial_memory_depends_on(best_gains):
+        space, rehearsal = rehearsal.space, rehearsal.begun_with(best_gains)
+        second = descend(rehearsal.cost_and_gradient, best_gains, space.low, space.high)
         rehearsal = rehearsal.begun_with(second.gains)
         descents.insert(0, second._replace(cost=rehearsal.cost(second.gains)))
     return rehearsal, descents
@@ -135,44 +137,46 @@ def rank_by_worst_case(
 
     The nominal gains `sharp` are one of the candidates.
     """
-    system = rehearsal.legs[0].system
-    judges = replace(rehearsal, vehicles=drawn_vehicles(vehicle_file, system, JUDGES, seed + FAR)[1])
+    system = rehearsal.cases[0].system
+    judges = replace(
+        rehearsal, vehicles=drawn_vehicles(vehicle_file, system, JUDGING_VEHICLES, seed + SEED_OFFSET)[1]
+    )
     cost = rehearsal.cost(sharp)
     ends = [Descent(sharp, sharp, cost, np.array([cost]), 0.0), *robust]
-    each = judges.of_vehicles(np.array([end.gains for end in ends]))
-    worst = np.where(np.isfinite(each).all(axis=1), np.max(each, axis=1), UNUSABLE)
+    vehicle_costs = judges.of_vehicles(np.array([end.gains for end in ends]))
+    worst = np.where(np.isfinite(vehicle_costs).all(axis=1), np.max(vehicle_costs, axis=1), DIVERGED_COST)
     order = np.argsort(worst, kind="stable")
     draws = len(rehearsal.vehicles) - 1
-    of = WorstCase(draws, JUDGES, float(worst[order[0]]), float(worst[0]))
-    return of, [ends[k] for k in order]
+    worst_case = WorstCase(draws, JUDGING_VEHICLES, float(worst[order[0]]), float(worst[0]))
+    return worst_case, [ends[k] for k in order]
 
 
-def _fresh(rehearsal: Rehearsal, gains: np.ndarray, seed: int) -> FreshSeeds:
+def _cost_on_new_seeds(rehearsal: Rehearsal, gains: np.ndarray, seed: int) -> FreshSeeds:
     """Return the cost with noise of new seeds, which the search did not use, and the cost of the search."""
-    fresh = rehearsal.nominal().with_seeds(seed + FAR, FRESH)
-    return FreshSeeds(FRESH, fresh.cost(gains), rehearsal.nominal().cost(gains))
+    fresh = rehearsal.nominal().with_seeds(seed + SEED_OFFSET, JUDGING_SEEDS)
+    return FreshSeeds(JUDGING_SEEDS, fresh.cost(gains), rehearsal.nominal().cost(gains))
 
 
 def _tune_result(
     vehicle_file: "VehicleFile", rehearsal: Rehearsal, descents: list[Descent], initial: list[np.ndarray],
     worst: WorstCase | None, fresh: FreshSeeds | None, controller: Any,
 ) -> TuneResult:  # fmt: skip
-    space, best = rehearsal.space, descents[0]
-    around = _around(rehearsal, best)
-    limits = at_limit(best.gains, space.low, space.high)
-    block = space.with_gains(best.gains)
-    rows = [(k, c) for k, descent in enumerate(descents) for c in descent.costs]
-    speed_m_s = float(np.mean([leg.speed_m_s for leg in rehearsal.legs]))
+    space, best_descent = rehearsal.space, descents[0]
+    around = _costs_around(rehearsal, best_descent)
+    limits = at_limit(best_descent.gains, space.low, space.high)
+    block = space.with_gains(best_descent.gains)
+    history = [(k, c) for k, descent in enumerate(descents) for c in descent.costs]
+    speed_m_s = float(np.mean([leg.speed_m_s for leg in rehearsal.cases]))
     return TuneResult(
         vehicle_file,
-        tuple(_gain(rehearsal, k, best, int(limits[k]), around) for k in range(len(space.names))),
-        best.cost,
+        tuple(_gain(rehearsal, k, best_descent, int(limits[k]), around) for k in range(len(space.names))),
+        best_descent.cost,
         rehearsal.cost(initial[0]) if initial else float("nan"),
         rehearsal.cost(np.zeros(len(space.low))),
         rehearsal.weights,
-        rehearsal.drive(best.gains),
+        rehearsal.drive(best_descent.gains),
         tuple(descents),
-        np.array(rows),
+        np.array(history),
         rehearsal.loop,
         rehearsal.backend,
         block,
@@ -184,18 +188,18 @@ def _tune_result(
     )
 
 
-def _around(rehearsal: Rehearsal, best: Descent) -> np.ndarray:
+def _costs_around(rehearsal: Rehearsal, best_descent: Descent) -> np.ndarray:
     """Return the cost (p, k) relative to the least cost, with one gain at a time multiplied by the k FACTORS."""
-    p = len(best.gains)
-    gains = np.tile(best.gains, (p, len(FACTORS), 1))
+    p = len(best_descent.gains)
+    gains = np.tile(best_descent.gains, (p, len(FACTORS), 1))
     for k in range(p):
         gains[k, :, k] *= FACTORS
-    return rehearsal.costs(gains.reshape(-1, p)).reshape(p, -1) / best.cost
+    return rehearsal.costs(gains.reshape(-1, p)).reshape(p, -1) / best_descent.cost
 
 
 def _gain(rehearsal: Rehearsal, k: int, best: Descent, limit: int, around: np.ndarray) -> Gain:
     """Return gain `k` with its bounds, and the relative costs if only this gain is multiplied by 0.8 or 1.25."""
-    space, (less, more) = rehearsal.space, (FACTORS.index(factor) for factor in (0.8, 1.25))
-    description = space.names[k], space.units[k], float(best.gains[k]), float(space.before[k])
+    space, (smaller, larger) = rehearsal.space, (FACTORS.index(factor) for factor in (0.8, 1.25))
+    description = space.names[k], space.units[k], float(best.gains[k]), float(space.file_gains[k])
     ends = float(space.low[k]), float(space.high[k]), limit
-    return Gain(*description, *ends, float(around[k, less]), float(around[k, more]))
+    return Gain(*description, *ends, float(around[k, smaller]), float(around[k, larger]))

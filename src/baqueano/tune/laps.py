@@ -15,7 +15,7 @@ from baqueano.contracts.values import Tree
 from baqueano.geometry import compose
 from baqueano.guides.route import Route
 from baqueano.simulate.closed_loop import close_loop, closed_loop, start_of, ticks_of
-from baqueano.simulate.open_loop import times
+from baqueano.simulate.open_loop import tick_times
 from baqueano.simulate.system import Input, SystemState, begin
 from baqueano.symbolic import Scan
 from baqueano.tune.cost import Weights, jerk, path_cost, tick_errors
@@ -23,7 +23,7 @@ from baqueano.tune.rehearsal import (
     ASIDE_M,
     HUBER_M,
     JERK_M2,
-    TICKS_FROM,
+    MIN_LANE_TICKS,
     rms,
     weights_of,
     without_quantisation,
@@ -33,7 +33,7 @@ from baqueano.tune.search_space import SearchSpace, search_space
 if TYPE_CHECKING:
     from baqueano.vehicle_file import VehicleFile
 
-LONGEST_S = 60.0  # longest simulated time of a lap
+MAX_LAP_S = 60.0  # longest simulated time of a lap
 
 
 class _LapTick(NamedTuple):
@@ -79,13 +79,13 @@ class SimulatedLaps:
     def lap(self, gains: np.ndarray) -> SimulatedLap:
         """Return the simulated lap with gains (p,)."""
         _, tick = self._kernel.run(self._inputs, gains, carry=self._start)
-        each = float(np.sum(tick.path)), float(np.sum(tick.jerk))
-        most, full = float(np.max(tick.distance_m)), float(np.mean(tick.saturated))
-        return SimulatedLap(tick.x, tick.y, *each, rms(tick.distance_m), most, full)
+        costs = float(np.sum(tick.path)), float(np.sum(tick.jerk))
+        max_distance_m, saturated_fraction = float(np.max(tick.distance_m)), float(np.mean(tick.saturated))
+        return SimulatedLap(tick.x, tick.y, *costs, rms(tick.distance_m), max_distance_m, saturated_fraction)
 
     def costs(self, gains: np.ndarray) -> np.ndarray:
         """Return C_path and C_jerk (L, 2) of the laps with gains (L, p)."""
-        if len(gains) * len(self._inputs.t_ns) < TICKS_FROM:
+        if len(gains) * len(self._inputs.t_ns) < MIN_LANE_TICKS:
             laps = [self.lap(each) for each in gains]
             return np.array([(lap.path_cost, lap.jerk_cost) for lap in laps]).reshape(-1, 2)
         sums, _ = self._kernel.batch_sums(self._inputs, gains, carry=self._start)
@@ -93,10 +93,10 @@ class SimulatedLaps:
 
     def cost_and_gradient(self, gains: np.ndarray, price: float) -> tuple[float, np.ndarray]:
         """Return C and ∂C/∂gains (p,) for a price of jerks [m²].  (1)"""
-        y, slopes = self._kernel.sensitivities(self._inputs, gains, carry=self._start)
+        y, derivatives = self._kernel.sensitivities(self._inputs, gains, carry=self._start)
         path, jerks = (_LapTick._fields.index(name) for name in ("path", "jerk"))
         cost = float(np.sum(y[:, path]) + price * np.sum(y[:, jerks]))
-        return cost, np.sum(slopes[:, path] + price * slopes[:, jerks], axis=0)
+        return cost, np.sum(derivatives[:, path] + price * derivatives[:, jerks], axis=0)
 
 
 def simulated_laps(
@@ -129,8 +129,8 @@ def simulated_laps(
     weights = weights_of(vehicle_file, None, HUBER_M, JERK_M2)
     system = without_quantisation(close_loop(vehicle_file, route, 1, True, space.block))
     rate, limit = vehicle_file.rate_hz, vehicle_file.command.limit
-    lasting = ticks_of(system, rate)
-    ticks = min(lasting, round(LONGEST_S * rate))
+    full_tick_count = ticks_of(system, rate)
+    tick_count = min(full_tick_count, round(MAX_LAP_S * rate))
 
     def output(loop_output: Tree) -> _LapTick:
         errors = tick_errors(limit, loop_output)
@@ -140,5 +140,7 @@ def simulated_laps(
     paths = tuple(f"controller.{name}" for name in space.names)
     kernel = closed_loop(system, rate, noise=False, backend=backend, output=output, paths=paths)
     start = begin(system, compose(start_of(system), np.array([-ASIDE_M, ASIDE_M, 0.0])))
-    whole = ticks == lasting
-    return SimulatedLaps(space, weights, ticks / rate, whole, Input(times(ticks, rate), None), start, kernel)
+    is_whole = tick_count == full_tick_count
+    return SimulatedLaps(
+        space, weights, tick_count / rate, is_whole, Input(tick_times(tick_count, rate), None), start, kernel
+    )

@@ -22,7 +22,7 @@ from baqueano.guides.repeat import Repeat
 from baqueano.guides.route import Route
 from baqueano.sensors.truth import truth_sensor
 from baqueano.signals import NANOSECONDS
-from baqueano.simulate.open_loop import times
+from baqueano.simulate.open_loop import tick_times
 from baqueano.simulate.system import Input, System, SystemState, advance, begin
 from baqueano.symbolic import jacobian
 from baqueano.symbolic.graph.tree import build, leaves, shape_of, values
@@ -31,13 +31,22 @@ if TYPE_CHECKING:
     from baqueano.vehicle_file import VehicleFile
 
 SETTLE_S = 0.5
-NEWTON, STEADY = 8, 1e-7  # largest number of steps, and relative error at which Newton's method ends
-LONGER_S, CALM_S, CALM = 4.0, 0.5, 0.05  # a drive is steady if the command of its last CALM_S changes less
-SLOWEST_M_S = 0.01  # a steady drive is faster
-FREQUENCIES = 2000
-LOWEST_RAD_S = 0.02
-GROWS = 1.0 + 1e-5  # per tick, 0.1 % per second: an error that is not corrected has an eigenvalue of 1
-STEPS = 50  # of a bisection
+MAX_NEWTON_STEPS, STEADY_TOLERANCE = (
+    8,
+    1e-7,
+)  # largest number of steps, and relative error at which Newton's method ends
+EXTRA_S, CALM_WINDOW_S, CALM_TOLERANCE = (
+    4.0,
+    0.5,
+    0.05,
+)  # a drive is steady if the command of its last CALM_S changes less
+MIN_SPEED_M_S = 0.01  # a steady drive is faster
+FREQUENCY_COUNT = 2000
+MIN_FREQUENCY_RAD_S = 0.02
+UNSTABLE_EIGENVALUE = (
+    1.0 + 1e-5
+)  # per tick, 0.1 % per second: an error that is not corrected has an eigenvalue of 1
+BISECTION_STEPS = 50  # of a bisection
 
 
 class LoopMargins(NamedTuple):
@@ -76,14 +85,14 @@ def loop_margins(
     vehicle_file: "VehicleFile", controller: Controller, speed_m_s: float
 ) -> tuple[LoopMargins, ...]:
     """Return the margins of each channel with a limit above 0; empty at low speed or without a finite linearisation."""
-    if not speed_m_s > SLOWEST_M_S:
+    if not speed_m_s > MIN_SPEED_M_S:
         return ()
     plant, steady = linearise(vehicle_file, controller, speed_m_s)
     if not all(np.isfinite(matrix).all() for matrix in plant[:4]):
         return ()
     names, limit = vehicle_file.command.names, vehicle_file.command.limit
-    whole = np.block([[plant.A, plant.B], [plant.C, plant.D]])
-    stable = steady and bool(np.max(np.abs(np.linalg.eigvals(whole))) < GROWS)
+    block_matrix = np.block([[plant.A, plant.B], [plant.C, plant.D]])
+    stable = steady and bool(np.max(np.abs(np.linalg.eigvals(block_matrix))) < UNSTABLE_EIGENVALUE)
     return tuple(
         LoopMargins(names[k], *margins(loop_transfer(plant, int(k))), speed_m_s, stable)
         for k in np.flatnonzero(limit > 0.0)
@@ -95,15 +104,15 @@ def margins(loop: Linear) -> tuple[float, float, float, float]:
 
     The delay margin is ∞ without a crossing.  (3)
     """
-    omega = np.geomspace(LOWEST_RAD_S, np.pi / loop.dt_s, FREQUENCIES)
+    omega = np.geomspace(MIN_FREQUENCY_RAD_S, np.pi / loop.dt_s, FREQUENCY_COUNT)
     L = loop.frequency_response(omega)
     ends = np.flatnonzero(np.diff(np.sign(np.imag(L))) != 0)
     real = [loop.frequency_response(_crossing(loop, omega[k : k + 2], np.imag))[0].real for k in ends]
     factors = [-1.0 / x for x in [*real, L[-1].real] if x < 0.0]
-    of_one = np.flatnonzero(np.diff(np.sign(np.abs(L) - 1.0)) != 0)
-    at = [_crossing(loop, omega[k : k + 2], lambda x: np.abs(x) - 1.0) for k in of_one]
-    phases = [float(np.angle(-loop.frequency_response(w)[0])) for w in at]
-    delays = [(phase % (2.0 * np.pi)) / w for phase, w in zip(phases, at, strict=True)]
+    crossings = np.flatnonzero(np.diff(np.sign(np.abs(L) - 1.0)) != 0)
+    frequencies = [_crossing(loop, omega[k : k + 2], lambda x: np.abs(x) - 1.0) for k in crossings]
+    phases = [float(np.angle(-loop.frequency_response(w)[0])) for w in frequencies]
+    delays = [(phase % (2.0 * np.pi)) / w for phase, w in zip(phases, frequencies, strict=True)]
     return (
         float(min((f for f in factors if f > 1.0), default=np.inf)),
         float(max((f for f in factors if f < 1.0), default=0.0)),
@@ -134,41 +143,41 @@ def linearise(vehicle_file: "VehicleFile", controller: Controller, speed_m_s: fl
     Newton's method finds the state x in which a tick f changes only the position: f(x) = x + v δ ∂x/∂position.
     """
     system, rate_hz, dt_s = (
-        _straight(vehicle_file, controller, speed_m_s),
+        _straight_loop(vehicle_file, controller, speed_m_s),
         vehicle_file.rate_hz,
         1.0 / vehicle_file.rate_hz,
     )
     state = begin(system)
     flat = _Numbers(state)
-    along = flat.of(begin(system, np.array([1.0, 0.0, 0.0]))) - flat.of(state)
-    state = state._replace(world=state.world._replace(vehicle=_moving(state.world.vehicle, speed_m_s)))
-    state, _ = _drive_system(system, state, times(round(SETTLE_S * rate_hz), rate_hz))
+    direction = flat.of(begin(system, np.array([1.0, 0.0, 0.0]))) - flat.of(state)
+    state = state._replace(world=state.world._replace(vehicle=_moving_state(state.world.vehicle, speed_m_s)))
+    state, _ = _drive_system(system, state, tick_times(round(SETTLE_S * rate_hz), rate_hz))
 
     def tick_at(state: SystemState, t_ns: int) -> Callable[[Tree], Tree]:
         flat = _Numbers(state)
         return lambda row: flat.of(advance(system, dt_s, flat.state(row), Input(t_ns, None))[0])
 
     tick = tick_at(state, round((SETTLE_S * rate_hz + 1) * NANOSECONDS / rate_hz))
-    x, J, steady = _steady(tick, flat.of(state), speed_m_s * dt_s * along)
+    x, J, steady = _steady_state(tick, flat.of(state), speed_m_s * dt_s * direction)
     if not steady:  # for example, the controller does not correct the error beside the path
-        t_ns = times(round(LONGER_S * rate_hz) + 1, rate_hz)
+        t_ns = tick_times(round(EXTRA_S * rate_hz) + 1, rate_hz)
         state, commands = _drive_system(system, state, t_ns[round(SETTLE_S * rate_hz) : -1])
         J = np.asarray(jacobian(tick_at(state, int(t_ns[-1])))(flat.of(state)), dtype=float)
-        steady = bool(np.max(np.ptp(commands[-round(CALM_S * rate_hz) :], axis=0)) < CALM)
+        steady = bool(np.max(np.ptp(commands[-round(CALM_WINDOW_S * rate_hz) :], axis=0)) < CALM_TOLERANCE)
     n = len(x) - system.model.commands
     return Linear(J[:n, :n], J[:n, n:], J[n:, :n], J[n:, n:], dt_s), steady
 
 
-def _steady(
+def _steady_state(
     tick: Callable[[Tree], Tree], x: np.ndarray, shift: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray, bool]:
     """Return the row x with tick(x) = x + shift, the Jacobian at x, and True if Newton's method converged."""
     J = np.zeros((len(x), len(x)))
-    for _ in range(NEWTON):
+    for _ in range(MAX_NEWTON_STEPS):
         J, missing = np.asarray(jacobian(tick)(x), dtype=float), x + shift - tick(x)
         if not np.isfinite(J).all() or not np.isfinite(missing).all():
             break
-        if np.max(np.abs(missing) / (1.0 + np.abs(x))) < STEADY:
+        if np.max(np.abs(missing) / (1.0 + np.abs(x))) < STEADY_TOLERANCE:
             return x, J, True
         x = x + np.linalg.lstsq(J - np.eye(len(x)), missing, rcond=1e-9)[0]
     return x, J, False
@@ -194,29 +203,29 @@ class _Numbers:
 
     def of(self, state: SystemState) -> Tree:
         """Return the row of the non-integer numbers of a state."""
-        each = list(values(self.shape, _parts(state)))
-        return np.concatenate([np.reshape(each[k], -1) for k in self.free])
+        state_values = list(values(self.shape, _parts(state)))
+        return np.concatenate([np.reshape(state_values[k], -1) for k in self.free])
 
     def state(self, row: Tree) -> SystemState:
         """Return the state with the numbers of a row, and the integers of the example."""
-        whole: list[Tree] = [
+        all_values: list[Tree] = [
             int(x) if leaf.kind != "f" else x for leaf, x in zip(self.leaves, self.example, strict=True)
         ]
-        at = 0
+        offset = 0
         for k in self.free:
             shape, size = self.example[k].shape, self.example[k].size
-            whole[k] = row[at : at + size].reshape(shape) if shape else row[at]
-            at += size
-        return SystemState(*build(self.shape, iter(whole)))
+            all_values[k] = row[offset : offset + size].reshape(shape) if shape else row[offset]
+            offset += size
+        return SystemState(*build(self.shape, iter(all_values)))
 
 
 def _parts(state: SystemState) -> tuple[Tree, ...]:
     return state.world, state.blocks, state.u
 
 
-def _straight(vehicle_file: "VehicleFile", controller: Controller, speed_m_s: float) -> System:
+def _straight_loop(vehicle_file: "VehicleFile", controller: Controller, speed_m_s: float) -> System:
     """Return the loop of the file with this controller on a straight route, with exact pose and velocity."""
-    t_s = np.array([0.0, 2.0 * LONGER_S])
+    t_s = np.array([0.0, 2.0 * EXTRA_S])
     eta, nu = np.zeros((2, 3)), np.zeros((2, 3))
     eta[:, 0], nu[:, 0] = speed_m_s * t_s, speed_m_s
     guide = Repeat.along(Route(t_s, eta, nu, False))
@@ -225,16 +234,16 @@ def _straight(vehicle_file: "VehicleFile", controller: Controller, speed_m_s: fl
     )
 
 
-def _moving(vehicle: Tree, speed_m_s: float) -> Tree:
+def _moving_state(vehicle: Tree, speed_m_s: float) -> Tree:
     return vehicle._replace(nu=np.array([speed_m_s, 0.0, 0.0]))
 
 
-def _crossing(loop: Linear, ends: np.ndarray, of: Callable[[complex], float]) -> float:
+def _crossing(loop: Linear, ends: np.ndarray, function: Callable[[complex], float]) -> float:
     """Return the frequency [rad/s] between both `ends` at which a function of L changes its sign, by bisection."""
     low, high = (float(x) for x in ends)
-    sign = np.sign(of(loop.frequency_response(low)[0]))
-    for _ in range(STEPS):
-        middle = float(np.sqrt(low * high))
-        is_below = np.sign(of(loop.frequency_response(middle)[0])) == sign
-        low, high = (middle, high) if is_below else (low, middle)
+    sign = np.sign(function(loop.frequency_response(low)[0]))
+    for _ in range(BISECTION_STEPS):
+        midpoint = float(np.sqrt(low * high))
+        is_below = np.sign(function(loop.frequency_response(midpoint)[0])) == sign
+        low, high = (midpoint, high) if is_below else (low, midpoint)
     return float(np.sqrt(low * high))

@@ -28,8 +28,8 @@ from baqueano.messages.language import mark as N_
 from baqueano.parameter import parameters
 from baqueano.simulate.closed_loop import close_loop, closed_loop, references_of, start_of, ticks_of
 from baqueano.simulate.many import draw_parameters
-from baqueano.simulate.open_loop import draw, times
-from baqueano.simulate.system import Input, System, SystemState, begin, flat
+from baqueano.simulate.open_loop import draw, tick_times
+from baqueano.simulate.system import Input, System, SystemState, begin, parameter_vector
 from baqueano.symbolic import Scan, put
 from baqueano.tune.cost import Weights, tick_cost, tick_errors
 from baqueano.tune.search_space import SearchSpace, search_space
@@ -43,12 +43,12 @@ RADIAN_M = 0.1  # weight of a radian if the file contains neither a track nor a 
 HUBER_M = 0.1
 ASIDE_M = 0.1  # with 0 and an exact model, feedback is not needed, and the gradient of every gain is 0
 JERK_M2 = 0.1
-POWER = 8  # of (1)
-DELAY_S = 0.01
-DELAY = "model.drivetrain.delay_s"
-SAMPLES = 32  # of a route, for its speed
-LANES_FROM = 32  # number of drives from which lanes are compiled for gradients
-TICKS_FROM = 1_000_000  # number of ticks of all drives from which lanes are compiled for costs
+SOFT_MAXIMUM_POWER = 8  # of (1)
+DELAY_SPREAD_S = 0.01
+DELAY_PATH = "model.drivetrain.delay_s"
+SPEED_SAMPLES = 32  # of a route, for its speed
+MIN_LANE_DRIVES = 32  # number of drives from which lanes are compiled for gradients
+MIN_LANE_TICKS = 1_000_000  # number of ticks of all drives from which lanes are compiled for costs
 
 
 class TunedDrive(NamedTuple):
@@ -60,7 +60,7 @@ class TunedDrive(NamedTuple):
     saturated: float  # share of the ticks at a limit of the command
 
 
-class Leg(NamedTuple):
+class RehearsalCase(NamedTuple):
     """A route with its simulated loop, its kernels and the noise of its seeds."""
 
     system: System
@@ -74,13 +74,13 @@ class Leg(NamedTuple):
     @property
     def speed_m_s(self) -> float:
         """Return the median speed [m/s] of the route's reference."""
-        at = times(self.ticks, self.rate_hz)[:: 1 + self.ticks // SAMPLES]
-        velocities = [reference.nu for reference in references_of(self.system, at.tolist())]
+        sample_times = tick_times(self.ticks, self.rate_hz)[:: 1 + self.ticks // SPEED_SAMPLES]
+        velocities = [reference.nu for reference in references_of(self.system, sample_times.tolist())]
         return float(np.median([np.hypot(nu[0], nu[1]) for nu in velocities]))
 
-    def with_seeds(self, seeds: Sequence[int | None]) -> "Leg":
+    def with_seeds(self, seeds: Sequence[int | None]) -> "RehearsalCase":
         """Return the same leg with the noise of these seeds; the seed None means a drive without noise."""
-        t_ns, sensors = times(self.ticks, self.rate_hz), self.system.sensors
+        t_ns, sensors = tick_times(self.ticks, self.rate_hz), self.system.sensors
         noise = [None if seed is None else draw(sensors, seed, self.ticks) for seed in seeds]
         return self._replace(inputs=tuple(Input(t_ns, x) for x in noise))
 
@@ -92,19 +92,19 @@ class Rehearsal:
     space: SearchSpace
     weights: Weights
     loop: str  # "perfect pose" or "estimator in the loop"
-    legs: tuple[Leg, ...]
+    cases: tuple[RehearsalCase, ...]
     seeds: int  # of the noise of each leg
     vehicles: np.ndarray  # (v, q) parameters that were drawn; (1, 0): only the file's own vehicle
 
     @property
     def backend(self) -> str:
         """Return the back end of the kernels."""
-        return self.legs[0].cost.backend
+        return self.cases[0].cost.backend
 
     @property
     def drives(self) -> int:
         """Return the number of simulated drives for one value of the cost."""
-        return len(self.legs) * self.seeds * len(self.vehicles)
+        return len(self.cases) * self.seeds * len(self.vehicles)
 
     def cost(self, gains: np.ndarray) -> float:
         """Return C [m²] for the gains (p,).  (1)"""
@@ -122,96 +122,113 @@ class Rehearsal:
 
     def cost_and_gradient(self, gains: np.ndarray) -> tuple[float, np.ndarray]:
         """Return C and ∂C/∂gains (p,).  (2)"""
-        own = np.broadcast_to(gains, (len(self.vehicles), len(gains)))
-        each, slopes = self._mean(np.concatenate([own, self.vehicles], axis=1), len(gains))
-        cost = float(soft_maximum(each[None])[0])
+        gain_rows = np.broadcast_to(gains, (len(self.vehicles), len(gains)))
+        costs, gradients = self._mean(np.concatenate([gain_rows, self.vehicles], axis=1), len(gains))
+        cost = float(soft_maximum(costs[None])[0])
         if not np.isfinite(cost):
             return cost, np.full(len(gains), np.nan)
-        weight = (each / cost) ** (POWER - 1) / len(each) if cost > 0.0 else np.zeros(len(each))
-        return cost, weight @ slopes
+        weight = (
+            (costs / cost) ** (SOFT_MAXIMUM_POWER - 1) / len(costs) if cost > 0.0 else np.zeros(len(costs))
+        )
+        return cost, weight @ gradients
 
     def drive(self, gains: np.ndarray) -> TunedDrive:
         """Return the errors over all drives with these gains."""
         thetas = [np.concatenate([gains, v]) for v in self.vehicles]
-        each = [
-            leg.shown.run(inputs, theta, carry=leg.start)[1]
-            for leg in self.legs for inputs in leg.inputs for theta in thetas
+        errors_of_drives = [
+            case.shown.run(inputs, theta, carry=case.start)[1]
+            for case in self.cases for inputs in case.inputs for theta in thetas
         ]  # fmt: skip
-        d, psi, full = (np.concatenate(x) for x in zip(*each, strict=True))
-        return TunedDrive(rms(d), float(np.max(d)), rms(psi), float(np.mean(full)))
+        d, psi, saturated = (np.concatenate(x) for x in zip(*errors_of_drives, strict=True))
+        return TunedDrive(rms(d), float(np.max(d)), rms(psi), float(np.mean(saturated)))
 
     def begun_with(self, gains: np.ndarray) -> "Rehearsal":
         """Return the same drives; each starts with the initial state of a controller with these gains."""
         block = self.space.with_gains(gains)
-        legs = tuple(leg._replace(start=_at_start(leg.start, block)) for leg in self.legs)
-        return replace(self, legs=legs)
+        cases = tuple(
+            case._replace(start_axes=_with_initial_controller(case.start, block)) for case in self.cases
+        )
+        return replace(self, cases=cases)
 
     def initial_memory_depends_on(self, gains: np.ndarray) -> bool:
         """Return True if the controller's initial state differs between these gains and `space.block`.
 
         The drives start with the initial state of `space.block`.
         """
-        now, then = self.space.block.init(), self.space.with_gains(gains).init()
-        return any(not np.array_equal(a, b) for a, b in zip(_flat(now), _flat(then), strict=True))
+        current_state, new_state = self.space.block.init(), self.space.with_gains(gains).init()
+        return any(
+            not np.array_equal(a, b)
+            for a, b in zip(_is_flat(current_state), _is_flat(new_state), strict=True)
+        )
 
     def nominal(self) -> "Rehearsal":
         """Return the same drives with only the vehicle of the file."""
         return replace(self, vehicles=self.vehicles[:1])
 
-    def with_seeds(self, first: int, count: int) -> "Rehearsal":
-        """Return the same drives with the noise of `count` seeds, from `first` on."""
-        legs = tuple(leg.with_seeds(range(first, first + count)) for leg in self.legs)
-        return replace(self, legs=legs, seeds=count)
+    def with_seeds(self, first_seed: int, count: int) -> "Rehearsal":
+        """Return the same drives with the noise of `count` seeds, from `first_seed` on."""
+        cases = tuple(case.with_seeds(range(first_seed, first_seed + count)) for case in self.cases)
+        return replace(self, cases=cases, seeds=count)
 
-    def _mean(self, theta: np.ndarray, slopes: int) -> tuple[np.ndarray, np.ndarray]:
+    def _mean(self, theta: np.ndarray, derivative_count: int) -> tuple[np.ndarray, np.ndarray]:
         """Return the mean cost (r,) over routes and seeds for each row of θ (r, p + q), and its gradient.
 
-        The gradient (r, slopes) is with respect to the first `slopes` entries of θ.
+        The gradient (r, slopes) is with respect to the first `derivative_count` entries of θ.
         """
-        total, steep = np.zeros(len(theta)), np.zeros((len(theta), slopes))
-        for leg in self.legs:
-            of = _in_lanes if self._worth_lanes(leg, len(theta), slopes) else _in_turn
-            cost, slope = of(leg, theta, slopes)
-            total, steep = total + cost, steep + slope
-        return total / len(self.legs), steep / len(self.legs)
+        total, steep = np.zeros(len(theta)), np.zeros((len(theta), derivative_count))
+        for case in self.cases:
+            mean_cost = (
+                _mean_in_lanes if self._lanes_pay_off(case, len(theta), derivative_count) else _mean_in_turn
+            )
+            cost, gradient = mean_cost(case, theta, derivative_count)
+            total, steep = total + cost, steep + gradient
+        return total / len(self.cases), steep / len(self.cases)
 
-    def _worth_lanes(self, leg: Leg, rows: int, slopes: int) -> bool:
-        drives = rows * self.seeds
-        return drives >= LANES_FROM if slopes else drives * leg.ticks >= TICKS_FROM and drives > 1
+    def _lanes_pay_off(self, case: RehearsalCase, row_count: int, derivative_count: int) -> bool:
+        drives = row_count * self.seeds
+        return (
+            drives >= MIN_LANE_DRIVES
+            if derivative_count
+            else drives * case.ticks >= MIN_LANE_TICKS and drives > 1
+        )
 
 
 def soft_maximum(costs: np.ndarray) -> np.ndarray:
     """Return the combined cost (k,) of costs (k, v).  (1)"""
     worst = np.max(costs, axis=1, keepdims=True)
     safe = np.where((worst > 0.0) & np.isfinite(worst), worst, 1.0)
-    soft = safe[:, 0] * np.mean((costs / safe) ** POWER, axis=1) ** (1.0 / POWER)
+    soft = safe[:, 0] * np.mean((costs / safe) ** SOFT_MAXIMUM_POWER, axis=1) ** (1.0 / SOFT_MAXIMUM_POWER)
     return np.where(np.isfinite(worst[:, 0]), soft, np.inf)
 
 
-def _in_turn(leg: Leg, theta: np.ndarray, slopes: int) -> tuple[np.ndarray, np.ndarray]:
+def _mean_in_turn(
+    case: RehearsalCase, theta: np.ndarray, derivative_count: int
+) -> tuple[np.ndarray, np.ndarray]:
     """Return the mean cost (r,) over seeds for each row of θ, and the gradients (r, slopes), drive after drive."""
-    total, steep = np.zeros(len(theta)), np.zeros((len(theta), slopes))
-    for inputs in leg.inputs:
+    total, steep = np.zeros(len(theta)), np.zeros((len(theta), derivative_count))
+    for inputs in case.inputs:
         for k, row in enumerate(theta):
-            if slopes:
-                cost, slope = leg.cost.cost_and_gradient(inputs, row, carry=leg.start)
-                steep[k] += slope[:slopes]
+            if derivative_count:
+                cost, gradient = case.cost.cost_and_gradient(inputs, row, carry=case.start)
+                steep[k] += gradient[:derivative_count]
             else:
-                cost = leg.cost.cost(inputs, row, carry=leg.start)
+                cost = case.cost.cost(inputs, row, carry=case.start)
             total[k] += cost
-    return total / len(leg.inputs), steep / len(leg.inputs)
+    return total / len(case.inputs), steep / len(case.inputs)
 
 
-def _in_lanes(leg: Leg, theta: np.ndarray, slopes: int) -> tuple[np.ndarray, np.ndarray]:
+def _mean_in_lanes(
+    case: RehearsalCase, theta: np.ndarray, derivative_count: int
+) -> tuple[np.ndarray, np.ndarray]:
     """Return the mean cost (r,) over seeds for each row of θ, and the gradients (r, slopes), in parallel lanes.
 
     All lanes have the same noise.
     """
-    total, steep = np.zeros(len(theta)), np.zeros((len(theta), slopes))
-    for inputs in leg.inputs:
-        cost, slope = leg.cost.batch_sums(inputs, theta, slopes, carry=leg.start)
-        total, steep = total + cost[:, 0], steep + slope[:, 0]
-    return total / len(leg.inputs), steep / len(leg.inputs)
+    total, steep = np.zeros(len(theta)), np.zeros((len(theta), derivative_count))
+    for inputs in case.inputs:
+        cost, gradient = case.cost.batch_sums(inputs, theta, derivative_count, carry=case.start)
+        total, steep = total + cost[:, 0], steep + gradient[:, 0]
+    return total / len(case.inputs), steep / len(case.inputs)
 
 
 def rehearse(
@@ -248,38 +265,42 @@ def rehearse(
     if not np.isfinite(aside_m):
         raise UsageError(fault("tune.aside", aside_m=aside_m))
     space = search_space(vehicle_file, gains, bounds, controller)
-    each: list[Any] = (
+    run_kernels: list[Any] = (
         [*routes] if isinstance(routes, list | tuple) and not isinstance(routes, Route) else [routes]
     )
-    if not each or seeds < 1:
-        raise UsageError(fault("tune.nothing-to-drive", routes=len(each), seeds=seeds))
+    if not run_kernels or seeds < 1:
+        raise UsageError(fault("tune.nothing-to-drive", routes=len(run_kernels), seeds=seeds))
     systems = [
         without_quantisation(close_loop(vehicle_file, route, laps, not estimator, space.block))
-        for route in each
+        for route in run_kernels
     ]
-    own, vehicles = drawn_vehicles(vehicle_file, systems[0], draws, seed) if draws else ((), np.zeros((1, 0)))
-    paths = (*(f"controller.{name}" for name in space.names), *own)
-    systems = [_with_room(system, own, vehicles, vehicle_file.rate_hz) for system in systems]
-    legs = [
-        _leg(vehicle_file, system, paths, weights, duration_s, aside_m, estimator, backend)
+    paths_and_delay, vehicles = (
+        drawn_vehicles(vehicle_file, systems[0], draws, seed) if draws else ((), np.zeros((1, 0)))
+    )
+    paths = (*(f"controller.{name}" for name in space.names), *paths_and_delay)
+    systems = [
+        _with_delay_slots(system, paths_and_delay, vehicles, vehicle_file.rate_hz) for system in systems
+    ]
+    cases = [
+        _case(vehicle_file, system, paths, weights, duration_s, aside_m, estimator, backend)
         for system in systems
     ]
     loop = N_("estimator in the loop") if estimator else N_("perfect pose")
-    of_noise = range(seed, seed + seeds) if estimator else [None]
-    each_leg = tuple(leg.with_seeds(of_noise) for leg in legs)
-    return Rehearsal(space, weights, loop, each_leg, len(of_noise), vehicles)
+    noise_seeds = range(seed, seed + seeds) if estimator else [None]
+    each_leg = tuple(case.with_seeds(noise_seeds) for case in cases)
+    return Rehearsal(space, weights, loop, each_leg, len(noise_seeds), vehicles)
 
 
-def _leg(
+def _case(
     vehicle_file: "VehicleFile", system: System, paths: tuple[str, ...], weights: Weights, duration_s: float | None,
     aside_m: float, noise: bool, backend: str,
-) -> Leg:  # fmt: skip
+) -> RehearsalCase:  # fmt: skip
     rate, limit = vehicle_file.rate_hz, vehicle_file.command.limit
-    ticks = ticks_of(system, rate) if duration_s is None else max(1, round(duration_s * rate))
+    tick_count = ticks_of(system, rate) if duration_s is None else max(1, round(duration_s * rate))
     make = partial(closed_loop, system, rate, noise=noise, backend=backend, paths=paths)
     start = begin(system, compose(start_of(system), np.array([-aside_m, aside_m, 0.0])))
     kernels = make(output=partial(tick_cost, weights, limit)), make(output=partial(tick_errors, limit))
-    return Leg(system, rate, ticks, start, *kernels)
+    return RehearsalCase(system, rate, tick_count, start, *kernels)
 
 
 def drawn_vehicles(
@@ -287,25 +308,27 @@ def drawn_vehicles(
 ) -> tuple[tuple[str, ...], np.ndarray]:
     """Return paths and values (1 + count, q) of the parameters of the vehicles; the first is the file's vehicle."""
     paths, theta, _ = draw_parameters(vehicle_file, system, count, seed)
-    own = flat(system, paths)
+    nominal = parameter_vector(system, paths)
     delay = getattr(getattr(system.model, "drivetrain", None), "delay_s", None)
-    if delay is not None and DELAY not in paths:
-        late = delay + stream(seed, "delay").uniform(-DELAY_S, DELAY_S, count)
-        paths, own = (*paths, DELAY), np.append(own, delay)
-        theta = np.column_stack([theta, np.maximum(late, 0.0)])
-    return paths, np.vstack([own, theta])
+    if delay is not None and DELAY_PATH not in paths:
+        delays_s = delay + stream(seed, "delay").uniform(-DELAY_SPREAD_S, DELAY_SPREAD_S, count)
+        paths, nominal = (*paths, DELAY_PATH), np.append(nominal, delay)
+        theta = np.column_stack([theta, np.maximum(delays_s, 0.0)])
+    return paths, np.vstack([nominal, theta])
 
 
-def _with_room(system: System, paths: tuple[str, ...], vehicles: np.ndarray, rate_hz: float) -> System:
+def _with_delay_slots(system: System, paths: tuple[str, ...], vehicles: np.ndarray, rate_hz: float) -> System:
     """Return the system with enough slots for the longest delay that is drawn."""
-    if DELAY not in paths:
+    if DELAY_PATH not in paths:
         return system
-    longest = float(np.max(vehicles[:, paths.index(DELAY)])) + DELAY_S  # the judging vehicles are drawn later
-    slots = rows_of_tick(1.0 / rate_hz) * ceil(longest * rate_hz)
+    max_delay_s = (
+        float(np.max(vehicles[:, paths.index(DELAY_PATH)])) + DELAY_SPREAD_S
+    )  # the judging vehicles are drawn later
+    slots = rows_of_tick(1.0 / rate_hz) * ceil(max_delay_s * rate_hz)
     return put(system, "model.drivetrain.delay_slots", max(slots, system.model.drivetrain.delay_slots))
 
 
-def _at_start(start: SystemState, controller: object) -> SystemState:
+def _with_initial_controller(start: SystemState, controller: object) -> SystemState:
     return start._replace(blocks=start.blocks._replace(controller=controller.init()))  # type: ignore[attr-defined]
 
 
@@ -347,5 +370,5 @@ def _radian(vehicle_file: "VehicleFile") -> float:
     return geometry.radius_m if geometry.radius_m is not None else RADIAN_M
 
 
-def _flat(tree: object) -> list[np.ndarray]:
-    return [x for branch in tree for x in _flat(branch)] if isinstance(tree, tuple) else [np.asarray(tree)]
+def _is_flat(tree: object) -> list[np.ndarray]:
+    return [x for branch in tree for x in _is_flat(branch)] if isinstance(tree, tuple) else [np.asarray(tree)]

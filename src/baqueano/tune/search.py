@@ -17,16 +17,21 @@ import numpy as np
 from baqueano.diagnostics import fault
 from baqueano.errors import UsageError
 
-CURVE = 7.0  # c: the middle of the range is 3 % of its upper end
-LOOKED_OVER = 24  # points of the cube that are evaluated before the descents
-STARTS = 3
-EVALUATIONS = 60  # of one descent
-SLOPE = 1e-3  # ∂C/∂x relative to C, beyond which the end of a descent is not a minimum of a smooth cost
-SIMPLEX = 150  # evaluations of one search without gradients
-SEARCHES, SIZE = 3, 0.1  # number of simplex searches in a row, and size of the first simplex of each, in x
+STRETCH_EXPONENT = 7.0  # c: the middle of the range is 3 % of its upper end
+SCOUTED_POINTS = 24  # points of the cube that are evaluated before the descents
+START_COUNT = 3
+MAX_EVALUATIONS = 60  # of one descent
+MAX_RELATIVE_SLOPE = (
+    1e-3  # ∂C/∂x relative to C, beyond which the end of a descent is not a minimum of a smooth cost
+)
+SIMPLEX_EVALUATIONS = 150  # evaluations of one search without gradients
+SIMPLEX_SEARCHES, SIMPLEX_SIZE = (
+    3,
+    0.1,
+)  # number of simplex searches in a row, and size of the first simplex of each, in x
 PRIMES = (2, 3, 5, 7, 11, 13, 17, 19, 23, 29, 31, 37)
-NEAR_LIMIT = 1e-3  # of the range in x
-UNUSABLE = 1e30  # the cost of gains for which the simulation diverges
+LIMIT_TOLERANCE = 1e-3  # of the range in x
+DIVERGED_COST = 1e30  # the cost of gains for which the simulation diverges
 
 Cost = Callable[[np.ndarray], float]
 CostAndGradient = Callable[[np.ndarray], tuple[float, np.ndarray]]
@@ -40,7 +45,7 @@ class Descent(NamedTuple):
     cost: float
     costs: np.ndarray  # (e,) of each evaluation, the start first
     slope: float  # gradient at the end of L-BFGS-B, relative to the cost; 0 at the minimum of a smooth cost
-    way: tuple[np.ndarray, ...] = ()  # gains (p,) after each step, the start first
+    path: tuple[np.ndarray, ...] = ()  # gains (p,) after each step, the start first
 
 
 def search(
@@ -49,21 +54,22 @@ def search(
     low: np.ndarray,
     high: np.ndarray,
     initial: Sequence[np.ndarray] = (),
-    starts: int = STARTS,
+    start_count: int = START_COUNT,
     polish: bool = True,
 ) -> list[Descent]:
-    """Return the descents from the `starts` best evaluated points and from each of `initial`, the least cost first.
+    """Return the descents from the `start_count` best evaluated points and from each of `initial`, the least cost
+    first.
 
     With `polish`, searches without gradients follow if the cost is rough.
     """
     minimize = _minimize()
-    points = [gains(x, low, high) for x in halton(LOOKED_OVER, len(low))]
+    points = [gains(x, low, high) for x in halton(SCOUTED_POINTS, len(low))]
     by_cost = sorted(((_finite(cost(g)), k) for k, g in enumerate(points)))
-    begin = [np.clip(g, low, high) for g in initial] + [points[k] for _, k in by_cost[:starts]]
+    begin = [np.clip(g, low, high) for g in initial] + [points[k] for _, k in by_cost[:start_count]]
     ends = [_descend(minimize, cost_and_gradient, g, low, high) for g in begin]
     ends.sort(key=lambda d: d.cost)
-    if polish and ends[0].cost < UNUSABLE and ends[0].slope > SLOPE:
-        for _ in range(SEARCHES):
+    if polish and ends[0].cost < DIVERGED_COST and ends[0].slope > MAX_RELATIVE_SLOPE:
+        for _ in range(SIMPLEX_SEARCHES):
             ends[:2] = [_polish(minimize, cost, end, low, high) for end in ends[:2]]
             ends.sort(key=lambda d: d.cost)
     return ends
@@ -84,29 +90,31 @@ def _descend(
     high: np.ndarray,
 ) -> Descent:
     costs: list[float] = []
-    first = _finite(cost_and_gradient(start)[0])
-    scale = 1.0 / max(first, 1e-300)  # the stopping rule is relative to the start
+    initial_cost = _finite(cost_and_gradient(start)[0])
+    scale = 1.0 / max(initial_cost, 1e-300)  # the stopping rule is relative to the start
 
     def f(x: np.ndarray) -> tuple[float, np.ndarray]:
-        value, slope = cost_and_gradient(gains(x, low, high))
+        value, gradient = cost_and_gradient(gains(x, low, high))
         costs.append(_finite(value))
-        if costs[-1] == UNUSABLE or not np.all(np.isfinite(slope)):
-            return UNUSABLE * scale, np.zeros(len(x))
-        return value * scale, slope * stretch(x, low, high) * scale
+        if costs[-1] == DIVERGED_COST or not np.all(np.isfinite(gradient)):
+            return DIVERGED_COST * scale, np.zeros(len(x))
+        return value * scale, gradient * stretch(x, low, high) * scale
 
-    options = {"maxfun": EVALUATIONS, "ftol": 1e-10, "gtol": 1e-8}
-    x0 = place(start, low, high)
-    way = [np.array(start, dtype=float)]
+    options = {"maxfun": MAX_EVALUATIONS, "ftol": 1e-10, "gtol": 1e-8}
+    x0 = coordinates(start, low, high)
+    path = [np.array(start, dtype=float)]
     optimum = minimize(
         f, x0, jac=True, method="L-BFGS-B", bounds=[(0.0, 1.0)] * len(x0), options=options,
-        callback=lambda x: way.append(gains(x, low, high)),
+        callback=lambda x: path.append(gains(x, low, high)),
     )  # fmt: skip
-    better = optimum.fun <= first * scale
-    x, least = (optimum.x, float(optimum.fun / scale)) if better else (x0, first)
-    return Descent(start, gains(x, low, high), least, np.array(costs), _slope(optimum, x), tuple(way))
+    is_better = optimum.fun <= initial_cost * scale
+    x, min_cost = (optimum.x, float(optimum.fun / scale)) if is_better else (x0, initial_cost)
+    return Descent(
+        start, gains(x, low, high), min_cost, np.array(costs), _largest_slope(optimum, x), tuple(path)
+    )
 
 
-def _slope(optimum: Any, x: np.ndarray) -> float:
+def _largest_slope(optimum: Any, x: np.ndarray) -> float:
     """Return the largest component of the gradient that the bounds do not block, relative to the cost."""
     g = np.where(
         x <= 0.0, np.minimum(optimum.jac, 0.0), np.where(x >= 1.0, np.maximum(optimum.jac, 0.0), optimum.jac)
@@ -122,11 +130,16 @@ def _polish(minimize: Callable, cost: Cost, end: Descent, low: np.ndarray, high:
         costs.append(_finite(cost(gains(x, low, high))))
         return costs[-1]
 
-    x0 = place(end.gains, low, high)
+    x0 = coordinates(end.gains, low, high)
     around = np.clip(
-        x0 + SIZE * np.vstack([np.zeros(len(x0)), np.diag(np.where(x0 > 0.5, -1.0, 1.0))]), 0.0, 1.0
+        x0 + SIMPLEX_SIZE * np.vstack([np.zeros(len(x0)), np.diag(np.where(x0 > 0.5, -1.0, 1.0))]), 0.0, 1.0
     )
-    options = {"maxfev": SIMPLEX, "initial_simplex": around, "xatol": 1e-6, "fatol": 1e-9 * end.cost}
+    options = {
+        "maxfev": SIMPLEX_EVALUATIONS,
+        "initial_simplex": around,
+        "xatol": 1e-6,
+        "fatol": 1e-9 * end.cost,
+    }
     optimum = minimize(f, x0, method="Nelder-Mead", bounds=[(0.0, 1.0)] * len(x0), options=options)
     all_costs = np.concatenate([end.costs, costs])
     if not optimum.fun < end.cost:
@@ -136,23 +149,23 @@ def _polish(minimize: Callable, cost: Cost, end: Descent, low: np.ndarray, high:
 
 def gains(x: np.ndarray, low: np.ndarray, high: np.ndarray) -> np.ndarray:
     """Return the gains g (p,) of the coordinates x (p,).  (1)"""
-    return low + (high - low) * np.expm1(CURVE * x) / np.expm1(CURVE)
+    return low + (high - low) * np.expm1(STRETCH_EXPONENT * x) / np.expm1(STRETCH_EXPONENT)
 
 
-def place(g: np.ndarray, low: np.ndarray, high: np.ndarray) -> np.ndarray:
+def coordinates(g: np.ndarray, low: np.ndarray, high: np.ndarray) -> np.ndarray:
     """Return the coordinates x (p,) of the gains g (p,).  (1)"""
-    return np.log1p((g - low) / (high - low) * np.expm1(CURVE)) / CURVE
+    return np.log1p((g - low) / (high - low) * np.expm1(STRETCH_EXPONENT)) / STRETCH_EXPONENT
 
 
 def stretch(x: np.ndarray, low: np.ndarray, high: np.ndarray) -> np.ndarray:
     """Return ∂g/∂x (p,).  (1)"""
-    return (high - low) * CURVE * np.exp(CURVE * x) / np.expm1(CURVE)
+    return (high - low) * STRETCH_EXPONENT * np.exp(STRETCH_EXPONENT * x) / np.expm1(STRETCH_EXPONENT)
 
 
 def at_limit(g: np.ndarray, low: np.ndarray, high: np.ndarray) -> np.ndarray:
     """Return −1 for each gain of g (p,) at its lower bound, +1 for each gain at its upper bound, else 0: (p,)."""
-    x = place(np.clip(g, low, high), low, high)
-    return np.where(x < NEAR_LIMIT, -1, np.where(x > 1.0 - NEAR_LIMIT, 1, 0))
+    x = coordinates(np.clip(g, low, high), low, high)
+    return np.where(x < LIMIT_TOLERANCE, -1, np.where(x > 1.0 - LIMIT_TOLERANCE, 1, 0))
 
 
 def halton(points: int, dimensions: int) -> np.ndarray:
@@ -161,18 +174,18 @@ def halton(points: int, dimensions: int) -> np.ndarray:
     """
     if dimensions > len(PRIMES):
         raise UsageError(fault("tune.too-many", dimensions=dimensions, most=len(PRIMES)))
-    out = np.zeros((points, dimensions))
+    sequence = np.zeros((points, dimensions))
     for j, base in enumerate(PRIMES[:dimensions]):
         for i in range(points):
             k, digit = i + 1, 1.0 / base
             while k:
-                out[i, j] += digit * (k % base)
+                sequence[i, j] += digit * (k % base)
                 k, digit = k // base, digit / base
-    return out
+    return sequence
 
 
 def _finite(cost: float) -> float:
-    return float(cost) if np.isfinite(cost) else UNUSABLE
+    return float(cost) if np.isfinite(cost) else DIVERGED_COST
 
 
 def _minimize() -> Callable:

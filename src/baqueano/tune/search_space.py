@@ -23,11 +23,11 @@ from baqueano.symbolic import get, put
 if TYPE_CHECKING:
     from baqueano.vehicle_file import VehicleFile
 
-THE_PAPERS = ("alpha", "beta", "gamma")
+PAPER_GAINS = ("alpha", "beta", "gamma")
 # smallest error that may request the full command
-SMALLEST = {"m": 0.005, "rad": 0.01, "rad/s": 0.05, "m/s": 0.02}
-SPREAD = 20.0  # factor to either side for a size without bounds
-WIDER = 4.0  # factor on a soft bound, before a search is repeated
+MIN_GAIN_SCALES = {"m": 0.005, "rad": 0.01, "rad/s": 0.05, "m/s": 0.02}
+DEFAULT_SPREAD = 20.0  # factor to either side for a size without bounds
+WIDENING_FACTOR = 4.0  # factor on a soft bound, before a search is repeated
 
 
 class SearchSpace(NamedTuple):
@@ -39,7 +39,7 @@ class SearchSpace(NamedTuple):
     high: np.ndarray  # (p,)
     hard_low: np.ndarray  # (p,) hard bounds, which a search never exceeds
     hard_high: np.ndarray
-    before: np.ndarray  # (p,) values in the file, NaN for a gain that it lacks
+    file_gains: np.ndarray  # (p,) values in the file, NaN for a gain that it lacks
     block: Controller  # the controller with allowed values of the gains
 
     @property
@@ -51,8 +51,8 @@ class SearchSpace(NamedTuple):
         """Return the space with wider soft bounds where the entry of `ends` (p,) is −1 (at the lower bound) or +1 (at
         the upper). Hard bounds are not exceeded.
         """
-        high = np.where(ends > 0, np.minimum(WIDER * self.high, self.hard_high), self.high)
-        low = np.where(ends < 0, np.maximum(self.low / WIDER, self.hard_low), self.low)
+        high = np.where(ends > 0, np.minimum(WIDENING_FACTOR * self.high, self.hard_high), self.high)
+        low = np.where(ends < 0, np.maximum(self.low / WIDENING_FACTOR, self.hard_low), self.low)
         return self._replace(low=low, high=high)
 
     def with_gains(self, gains: np.ndarray) -> Controller:
@@ -74,21 +74,21 @@ def file_values(block: Controller, names: Iterable[str], controller: OwnBlock | 
     """
     fields = dict.fromkeys(name.partition("[")[0] for name in names)
     values: JsonObject = {f"controller.{field}": getattr(block, field) for field in fields}
-    return values if controller is None else {"controller.kind": _kind(controller)} | values
+    return values if controller is None else {"controller.kind": _controller_kind(controller)} | values
 
 
-def _kind(controller: OwnBlock) -> str:
+def _controller_kind(controller: OwnBlock) -> str:
     """Return the short name of one of our controllers, or "file.py:Class". UsageError for a class without a file."""
     if isinstance(controller, str):
         return controller
-    kind = controller if isinstance(controller, type) else type(controller)
-    names = [name for name in kinds("controller") if resolve("controller", name) is kind]
+    controller_class = controller if isinstance(controller, type) else type(controller)
+    names = [name for name in kinds("controller") if resolve("controller", name) is controller_class]
     if names:
         return names[0]
-    file = getattr(sys.modules.get(kind.__module__), "__file__", None)
-    if file is None:
-        raise UsageError(fault("tune.of-a-cell", controller=kind.__name__))
-    return f"{file}:{kind.__qualname__}"
+    path = getattr(sys.modules.get(controller_class.__module__), "__file__", None)
+    if path is None:
+        raise UsageError(fault("tune.of-a-cell", controller=controller_class.__name__))
+    return f"{path}:{controller_class.__qualname__}"
 
 
 def search_space(
@@ -99,7 +99,7 @@ def search_space(
     Raise UsageError for an unknown gain, wrong bounds, or a controller without gains or without a compiled step.
     """
     bounds = bounds or {}
-    block, complete = _block(vehicle_file, gains, controller)
+    block, complete = _controller_of(vehicle_file, gains, controller)
     if optional.of(block, "as_written"):
         raise UsageError(fault("tune.as-written", controller=type(block).__name__))
     entries = _entries(block)
@@ -109,38 +109,41 @@ def search_space(
         if name not in entries and name not in fields:
             kind = type(block).__name__
             raise UsageError(fault("tune.no-such-gain", kind=kind, found=repr(name), known=list(entries)))
-    names = tuple(dict.fromkeys(e for name in selection for e in _of(name, entries)))
+    names = tuple(dict.fromkeys(e for name in selection for e in _entry_names(name, entries)))
     if not names:
         raise UsageError(fault("tune.no-gains", kind=type(block).__name__))
-    bounds = {e: bounds[name] for name in bounds for e in _of(name, entries)}
+    bounds = {e: bounds[name] for name in bounds for e in _entry_names(name, entries)}
     limit = vehicle_file.command.limit
-    full = float(np.max(limit[np.isfinite(limit)], initial=0.0)) or 1.0
-    before = np.array([float(np.asarray(get(block, n))) if complete else float("nan") for n in names])
-    rows = [_bounds(entries[n], full, now, bounds.get(n)) for n, now in zip(names, before, strict=True)]
-    low, high, hard_low, hard_high = np.array(rows, dtype=float).T
+    full_command = float(np.max(limit[np.isfinite(limit)], initial=0.0)) or 1.0
+    file_gains = np.array([float(np.asarray(get(block, n))) if complete else float("nan") for n in names])
+    gain_bounds = [
+        _bounds(entries[n], full_command, file_gain, bounds.get(n))
+        for n, file_gain in zip(names, file_gains, strict=True)
+    ]
+    low, high, hard_low, hard_high = np.array(gain_bounds, dtype=float).T
     for name, l, h in zip(names, low, high, strict=True):
         if not (np.isfinite(l) and np.isfinite(h) and l < h):
             raise UsageError(fault("tune.bounds", name=name, low=l, high=h))
-    start = np.where(np.isfinite(before), before, 0.5 * (low + high))
+    initial_gains = np.where(np.isfinite(file_gains), file_gains, 0.5 * (low + high))
     units = tuple(entries[name].unit for name in names)
-    block = with_gains(block, names, start)
-    return SearchSpace(names, units, low, high, hard_low, hard_high, before, block)
+    block = with_gains(block, names, initial_gains)
+    return SearchSpace(names, units, low, high, hard_low, hard_high, file_gains, block)
 
 
-def _block(
+def _controller_of(
     vehicle_file: "VehicleFile", gains: Sequence[str] | None, controller: OwnBlock | None
 ) -> tuple[Controller, bool]:
     """Return the controller, and True if the file contains its gains; False if the search must find all gains."""
     try:
         return vehicle_file.controller(controller), True
     except BaqueanoError:
-        anything: JsonObject = dict.fromkeys(THE_PAPERS if gains is None else tuple(gains), 1.0)
+        anything: JsonObject = dict.fromkeys(PAPER_GAINS if gains is None else tuple(gains), 1.0)
         return vehicle_file.controller(controller, **anything), False
 
 
 def _entries(block: Any) -> dict[str, Parameter]:
     """Return a parameter for each finite number in the fields of a block, by name: "k_x", "e_max[0]"."""
-    out = {}
+    parameters_by_name = {}
     for name, p in parameters(block):
         if p.shape is None:
             continue
@@ -150,17 +153,17 @@ def _entries(block: Any) -> dict[str, Parameter]:
             if np.isfinite(values[index]):
                 unit = units[k] if len(units) == values.size else p.unit
                 mark = f"[{','.join(map(str, index))}]" if index else ""
-                out[name + mark] = p._replace(unit=unit, shape=())
-    return out
+                parameters_by_name[name + mark] = p._replace(unit=unit, shape=())
+    return parameters_by_name
 
 
-def _of(name: str, entries: dict[str, Parameter]) -> list[str]:
+def _entry_names(name: str, entries: dict[str, Parameter]) -> list[str]:
     """Return the names of the entries of a field: one for a number, or all entries of an array."""
     return [name] if name in entries else [e for e in entries if e.partition("[")[0] == name]
 
 
 def _bounds(
-    p: Parameter, full: float, now: float, bounds: tuple[float, float] | None
+    p: Parameter, full_command: float, file_gain: float, bounds: tuple[float, float] | None
 ) -> tuple[float, float, float, float]:
     """Return the first bounds (low, high) and the hard bounds (low, high): from `bounds`, else from the field."""
     if bounds is not None:
@@ -168,6 +171,6 @@ def _bounds(
     low, high = p.low if np.isfinite(p.low) else 0.0, p.high
     if np.isfinite(high):
         return low, high, low, high
-    if " per " not in p.unit and now > 0.0:  # a size, not a gain
-        return max(low, now / SPREAD), SPREAD * now, low, high
-    return low, full / SMALLEST.get(p.unit.rpartition(" per ")[2], 0.01), low, high
+    if " per " not in p.unit and file_gain > 0.0:  # a size, not a gain
+        return max(low, file_gain / DEFAULT_SPREAD), DEFAULT_SPREAD * file_gain, low, high
+    return low, full_command / MIN_GAIN_SCALES.get(p.unit.rpartition(" per ")[2], 0.01), low, high

@@ -24,7 +24,7 @@ if TYPE_CHECKING:
 
 # factors on a gain, for the cost around the optimum
 FACTORS = (0.5, 0.65, 0.8, 0.9, 1.0, 1.1, 1.25, 1.6, 2.0)
-AGREE = 1e-3  # costs that differ by less than this part are the same
+AGREEMENT_TOLERANCE = 1e-3  # costs that differ by less than this part are the same
 
 
 class Gain(NamedTuple):
@@ -138,7 +138,7 @@ class TuneResult(Result):
     @property
     def agreeing_descents(self) -> int:
         """Return the number of descents whose cost is at most (1 + AGREE) times the least cost."""
-        return sum(d.cost <= self.cost * (1.0 + AGREE) for d in self.descents)
+        return sum(d.cost <= self.cost * (1.0 + AGREEMENT_TOLERANCE) for d in self.descents)
 
     @property
     def verdict(self) -> Verdict:
@@ -149,8 +149,8 @@ class TuneResult(Result):
     def reasons(self) -> tuple[Diagnostic, ...]:
         """Return the reasons not to use these gains: one error, or all warnings."""
         if not self.cost < 0.5 * self.cost_uncontrolled:
-            far_m = self.drive.distance_rms_m
-            return (note("tune.uncontrolled", Severity.ERROR, distance_m=far_m),)
+            distance_rms_m = self.drive.distance_rms_m
+            return (note("tune.uncontrolled", Severity.ERROR, distance_m=distance_rms_m),)
         messages = []
         for gain in (g for g in self.gains if g.limit and g.high > g.low):
             code, end = (
@@ -168,46 +168,57 @@ class TuneResult(Result):
     def rows(self) -> list["TableRow"]:
         """Return a flat dict per gain."""
         drive = self.drive._asdict()
-        whole = {
+        shared_columns = {
             "cost": self.cost,
             "cost_before": self.cost_before,
             "cost_uncontrolled": self.cost_uncontrolled,
         }
-        whole |= {**drive, "starts": len(self.descents), "starts_agreed": self.agreeing_descents}
-        whole["evaluations"] = len(self.history)
-        whole |= {f"worst_{name}": x for name, x in (self.worst._asdict() if self.worst else {}).items()}
-        whole |= {f"fresh_{name}": x for name, x in (self.fresh._asdict() if self.fresh else {}).items()}
+        shared_columns |= {**drive, "starts": len(self.descents), "starts_agreed": self.agreeing_descents}
+        shared_columns["evaluations"] = len(self.history)
+        shared_columns |= {
+            f"worst_{name}": x for name, x in (self.worst._asdict() if self.worst else {}).items()
+        }
+        shared_columns |= {
+            f"fresh_{name}": x for name, x in (self.fresh._asdict() if self.fresh else {}).items()
+        }
         for m in self.margins:
             margins = {k: x if np.isfinite(x) else None for k, x in m._asdict().items() if k != "channel"}
-            whole |= {f"{m.channel}_{name}": x for name, x in margins.items()}
-        out = []
+            shared_columns |= {f"{m.channel}_{name}": x for name, x in margins.items()}
+        table_rows = []
         for g in self.gains:
             row: TableRow = {"name": g.name, "value": g.value, "unit": g.unit, "before": g.before}
             row |= {"low": g.low, "high": g.high, "at_limit": bool(g.limit)}
-            out.append(row | {"cost_at_0.8": g.cost_less, "cost_at_1.25": g.cost_more} | whole)
-        return out
+            table_rows.append(
+                row | {"cost_at_0.8": g.cost_less, "cost_at_1.25": g.cost_more} | shared_columns
+            )
+        return table_rows
 
     def table(self) -> str:
         """Return a text with gains, costs, checks and verdict."""
-        wide, unit = max(len(g.name) for g in self.gains), max(len(shown_unit(g.unit)) for g in self.gains)
-        head = f"{_('gain'):<{wide}} {_('value'):>10}  {_('unit'):<{unit}}  {_('in the file'):>13}"
+        width, unit = max(len(g.name) for g in self.gains), max(len(shown_unit(g.unit)) for g in self.gains)
+        head = f"{_('gain'):<{width}} {_('value'):>10}  {_('unit'):<{unit}}  {_('in the file'):>13}"
         lines = [f"{head}  {_('cost at × 0.8'):>13}  {_('at × 1.25'):>9}"]
         for g in self.gains:
-            before = f"{number(g.before):.4g}" if np.isfinite(g.before) else "-"
-            less, more = 100 * (g.cost_less - 1), 100 * (g.cost_more - 1)
-            row = f"{g.name:<{wide}} {number(g.value):>10.4g}  {shown_unit(g.unit):<{unit}}  {before:>13}"
-            lines.append(f"{row}  {number(less):>+11.1f} %  {number(more):>+7.1f} %")
+            gain_before = f"{number(g.before):.4g}" if np.isfinite(g.before) else "-"
+            percent_less, percent_more = 100 * (g.cost_less - 1), 100 * (g.cost_more - 1)
+            row = (
+                f"{g.name:<{width}} {number(g.value):>10.4g}  {shown_unit(g.unit):<{unit}}  {gain_before:>13}"
+            )
+            lines.append(f"{row}  {number(percent_less):>+11.1f} %  {number(percent_more):>+7.1f} %")
         return "\n".join([*lines, "", *self._notes(), "", verdict_line(self.verdict, self.reasons)])
 
     def _notes(self) -> list[str]:
         d, w = self.drive, self.weights
-        before = f"{number(self.cost_before):.4g} → " if np.isfinite(self.cost_before) else ""
-        over = _(", as for the worst of {vehicles} vehicles", vehicles=self.worst.draws) if self.worst else ""
+        cost_before_text = f"{number(self.cost_before):.4g} → " if np.isfinite(self.cost_before) else ""
+        worst_case_text = (
+            _(", as for the worst of {vehicles} vehicles", vehicles=self.worst.draws) if self.worst else ""
+        )
         return [
             _(
                 "cost {before}{cost:.4g} m²{over}, {standing:.4g} m² without control; a heading error of 1 "
                 "rad counts as {radian_m:.3g} m; {loop}",
-                before=before, cost=self.cost, over=over, standing=self.cost_uncontrolled, radian_m=w.radian_m,
+                before=cost_before_text, cost=self.cost, over=worst_case_text, standing=self.cost_uncontrolled,
+                radian_m=w.radian_m,
                 loop=_(self.loop),
             ),
             _(

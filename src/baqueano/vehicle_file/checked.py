@@ -5,14 +5,14 @@ from typing import TYPE_CHECKING
 
 from baqueano import block_checks
 from baqueano.block_checks import CHECKS
-from baqueano.blocks import ROOMS, classes_in, kinds, resolve, room_of
+from baqueano.blocks import BLOCK_TARGETS, classes_in, kinds, resolve, role_of
 from baqueano.contracts.blocks import OwnBlock
 from baqueano.contracts.result import Result
 from baqueano.diagnostics import Diagnostic, Verdict, fault, nearest
 from baqueano.errors import FileError, UsageError
 from baqueano.guides.shapes import circle
 from baqueano.messages import text, texts
-from baqueano.vehicle_file.file import LOOP_ROOMS, VehicleFile, load
+from baqueano.vehicle_file.file import LOOP_ROLES, VehicleFile, load
 
 if TYPE_CHECKING:
     from baqueano.contracts.values import TableRow
@@ -73,47 +73,55 @@ def check(block: OwnBlock, vehicle_file: VehicleFile | None = None, room: str | 
     >>> checked.room, str(checked.verdict)
     ('controller', 'USABLE')
     """
-    file = load("small") if vehicle_file is None else vehicle_file
-    kind = resolve("estimator", block) if isinstance(block, str) and ".py:" in block else block
+    checked_vehicle = load("small") if vehicle_file is None else vehicle_file
+    block_or_class = resolve("estimator", block) if isinstance(block, str) and ".py:" in block else block
     if room is None:
         room = (
-            _room_with(kind)
-            if isinstance(kind, str)
-            else room_of(kind if isinstance(kind, type) else type(kind))
+            _role_with_kind(block_or_class)
+            if isinstance(block_or_class, str)
+            else role_of(block_or_class if isinstance(block_or_class, type) else type(block_or_class))
         )
     if room not in CHECKS:
         raise UsageError(fault("cli.block-room", found=room, near=nearest(room, CHECKS)))
-    diagnostics = block_checks.check(room, _build(room, block, file), file.sensors, file.vehicle.commands)
-    name = block if isinstance(block, str) else (kind if isinstance(kind, type) else type(kind)).__name__
+    diagnostics = block_checks.check(
+        room, _build(room, block, checked_vehicle), checked_vehicle.sensors, checked_vehicle.vehicle.commands
+    )
+    name = (
+        block
+        if isinstance(block, str)
+        else (block_or_class if isinstance(block_or_class, type) else type(block_or_class)).__name__
+    )
     return CheckedBlock(name, room, tuple(diagnostics))
 
 
-def _room_with(kind: str) -> str:
+def _role_with_kind(kind: str) -> str:
     """Return the room that has a block of this short name. UsageError if it is unknown."""
-    for room in ROOMS:
-        if kind in kinds(room):
-            return room
+    for role in BLOCK_TARGETS:
+        if kind in kinds(role):
+            return role
     if kind.endswith(".py"):
         raise UsageError(fault("cli.block-without-class", holds=classes_in(kind)))
-    every = [k for room in ROOMS for k in kinds(room)]
-    raise UsageError(fault("cli.block-unknown", "baqueano blocks ls", found=kind, near=nearest(kind, every)))
+    all_kinds = [k for role in BLOCK_TARGETS for k in kinds(role)]
+    raise UsageError(
+        fault("cli.block-unknown", "baqueano blocks ls", found=kind, near=nearest(kind, all_kinds))
+    )
 
 
-def _build(room: str, block: OwnBlock, file: VehicleFile) -> object:
+def _build(role: str, block: OwnBlock, vehicle_file: VehicleFile) -> object:
     """Return the block, built with the values of the vehicle file; else a vehicle or sensor with its defaults.
     Raise FileError if it cannot be built.
     """
-    if room == "guide":
-        return file.guide(circle(1.0, 0.2), kind=block)
-    if room in LOOP_ROOMS:
-        return getattr(file, room)(kind=block)
-    cls = resolve(room, block) if isinstance(block, str) else block
-    if not isinstance(cls, type):
-        return cls
-    for in_force in (file.vehicle, *file.sensors):
-        if type(in_force) is cls:
-            return in_force
+    if role == "guide":
+        return vehicle_file.guide(circle(1.0, 0.2), kind=block)
+    if role in LOOP_ROLES:
+        return getattr(vehicle_file, role)(kind=block)
+    block_class = resolve(role, block) if isinstance(block, str) else block
+    if not isinstance(block_class, type):
+        return block_class
+    for built_block in (vehicle_file.vehicle, *vehicle_file.sensors):
+        if type(built_block) is block_class:
+            return built_block
     try:
-        return cls()
+        return block_class()
     except (TypeError, ValueError) as error:
-        raise FileError(fault("cli.block-not-made", kind=cls.__name__, error=error)) from error
+        raise FileError(fault("cli.block-not-made", kind=block_class.__name__, error=error)) from error

@@ -6,7 +6,7 @@
     low = [-1.0, -0.5, -6.1]
     high = [1.0, 0.5, 5.8]
 
-    beyond: a value outside [low, high] by more than MARGIN (high − low)                                          (1)
+    beyond: a value outside [low, high] by more than RANGE_MARGIN (high − low)                                       (1)
 
 A model is fitted to data. Outside the range of the data motors may saturate, tyres slip and batteries sag, which the
 model does not include. A fit writes the table. Every drive, replay and simulation with the file uses `Watch`, and so
@@ -21,17 +21,17 @@ import numpy as np
 
 from baqueano.diagnostics import Diagnostic, Severity, fault, note
 from baqueano.errors import UsageError
-from baqueano.vehicle_file.tables import Sheet, number_array, unknown
+from baqueano.vehicle_file.tables import ReadReport, number_array, report_unknown_key
 
 if TYPE_CHECKING:
     from baqueano.contracts.blocks import SensorBlocks
     from baqueano.contracts.values import JsonObject
     from baqueano.signals import Tick
 
-MARGIN = 0.1
-SHOWN = 0.01  # share of the values beyond (1) from which it is reported
+RANGE_MARGIN = 0.1
+MIN_REPORTED_SHARE = 0.01  # share of the values beyond (1) from which it is reported
 _CHANNEL = re.compile(r"(\w[\w.-]*)\[(\d+)\]")
-BATCH = 100  # ticks of a drive that are processed together
+BATCH_TICKS = 100  # ticks of a drive that are processed together
 
 
 class Envelope(NamedTuple):
@@ -43,14 +43,14 @@ class Envelope(NamedTuple):
     run: str = ""
 
     @property
-    def commands(self) -> int:
+    def command_count(self) -> int:
         """Return the number of names that are commands."""
         return sum("[" not in name for name in self.names)
 
     @property
     def moved_commands(self) -> list[int]:
         """Return the indices of the commands that were not always 0."""
-        return [k for k in range(self.commands) if self.high[k] > self.low[k] or self.high[k] != 0.0]
+        return [k for k in range(self.command_count) if self.high[k] > self.low[k] or self.high[k] != 0.0]
 
     @property
     def sentence(self) -> str:
@@ -60,9 +60,11 @@ class Envelope(NamedTuple):
         )
 
     def flags(self, run: Any) -> tuple[Diagnostic, ...]:
-        """Return a warning for each command and channel of a Run with more than the share SHOWN of values outside."""
+        """Return a warning for each command and channel of a Run with more than the share MIN_REPORTED_SHARE of values
+        outside.
+        """
         watch = Watch(self)
-        watch.look(run.applied, {name: channel.z for name, channel in run.sensors.items()})
+        watch.count(run.applied, {name: channel.z for name, channel in run.sensors.items()})
         return watch.flags(run.name)
 
 
@@ -72,45 +74,53 @@ class Watch:
     def __init__(self, envelope: Envelope | None) -> None:
         self.envelope = envelope or Envelope((), np.zeros(0), np.zeros(0))
         k = len(self.envelope.names)
-        self._sample_count, self._beyond = np.zeros(k, int), np.zeros(k, int)
-        self._least, self._most = np.full(k, np.inf), np.full(k, -np.inf)
+        self._sample_count, self._outside_count = np.zeros(k, int), np.zeros(k, int)
+        self._lowest, self._highest = np.full(k, np.inf), np.full(k, -np.inf)
         self._ticks: list[Any] = []
 
-    def look(self, u: np.ndarray, sensors: Mapping[str, np.ndarray]) -> None:
+    def count(self, u: np.ndarray, sensors: Mapping[str, np.ndarray]) -> None:
         """Count the values outside the envelope in commands (N, n) and measurements (M, m) of each sensor.  (1)
         Raise UsageError if n differs from the number of commands in the envelope.
         """
-        inside, n = self.envelope, self.envelope.commands
+        envelope, n = self.envelope, self.envelope.command_count
         if n and u.shape[1] != n:
             raise UsageError(fault("vehicle.commands-differ", "--vehicle FILE", found=u.shape[1], expected=n))
-        for k, name in enumerate(inside.names):
+        for k, name in enumerate(envelope.names):
             sensor, _, entry = name.rstrip("]").partition("[")
             x = u[:, k] if k < n else sensors[sensor][:, int(entry)] if sensor in sensors else np.zeros(0)
             x = x[np.isfinite(x)]
-            room = MARGIN * (inside.high[k] - inside.low[k])
+            margin = RANGE_MARGIN * (envelope.high[k] - envelope.low[k])
             self._sample_count[k] += len(x)
-            self._beyond[k] += np.sum((x < inside.low[k] - room) | (x > inside.high[k] + room))
-            self._least[k] = np.min(x, initial=self._least[k])
-            self._most[k] = np.max(x, initial=self._most[k])
+            self._outside_count[k] += np.sum((x < envelope.low[k] - margin) | (x > envelope.high[k] + margin))
+            self._lowest[k] = np.min(x, initial=self._lowest[k])
+            self._highest[k] = np.max(x, initial=self._highest[k])
 
     def update(self, tick: "Tick") -> None:
         """Count the values of one Tick of a drive that are outside the envelope."""
         if self.envelope.names:
             self._ticks.append(tick)
-        if len(self._ticks) >= BATCH:
+        if len(self._ticks) >= BATCH_TICKS:
             self._flush()
 
     def flags(self, run: str | Diagnostic) -> tuple[Diagnostic, ...]:
-        """Return a warning about `run` for each name with more than the share SHOWN of its values outside."""
+        """Return a warning about `run` for each name with more than the share MIN_REPORTED_SHARE of its values
+        outside.
+        """
         self._flush()
-        inside, out = self.envelope, []
-        part = self._beyond / np.maximum(self._sample_count, 1)
-        for k in np.flatnonzero(part > SHOWN):
-            figures = {"least": self._least[k], "most": self._most[k], "beyond_percent": 100.0 * part[k]}
-            bounds = {"low": inside.low[k], "high": inside.high[k]}
-            name = inside.names[k]
-            out.append(note("envelope.left", Severity.WARNING, subject=name, run=run, **figures, **bounds))
-        return tuple(out)
+        envelope, warnings = self.envelope, []
+        outside_share = self._outside_count / np.maximum(self._sample_count, 1)
+        for k in np.flatnonzero(outside_share > MIN_REPORTED_SHARE):
+            figures = {
+                "least": self._lowest[k],
+                "most": self._highest[k],
+                "beyond_percent": 100.0 * outside_share[k],
+            }
+            bounds = {"low": envelope.low[k], "high": envelope.high[k]}
+            name = envelope.names[k]
+            warnings.append(
+                note("envelope.left", Severity.WARNING, subject=name, run=run, **figures, **bounds)
+            )
+        return tuple(warnings)
 
     def _flush(self) -> None:
         ticks, self._ticks = self._ticks, []
@@ -122,29 +132,34 @@ class Watch:
             slots = [getattr(tick.sensors, name) for tick in ticks]
             z = [slot.z for slot in slots if slot.has > 0.5]
             sensors[name] = np.array(z).reshape(len(z), -1) if z else np.zeros((0, len(slots[0].z)))
-        self.look(np.array([tick.u for tick in ticks]), sensors)
+        self.count(np.array([tick.u for tick in ticks]), sensors)
 
 
 def read_envelope(
-    sheet: Sheet, data: "JsonObject", commands: Sequence[str], sensors: "SensorBlocks"
+    report: ReadReport, data: "JsonObject", commands: Sequence[str], sensors: "SensorBlocks"
 ) -> Envelope | None:
     """Return the table [envelope], checked against `commands` and `sensors` of the file; None without this table."""
     table, path = data.get("envelope"), ("envelope",)
     if table is None:
         return None
     if not isinstance(table, dict):
-        sheet.wrong(path, "vehicle.envelope-not-table")
+        report.add_problem(path, "vehicle.envelope-not-table")
         return None
     for name in table:
         if name not in Envelope._fields:
-            unknown(sheet, (*path, name), table[name], dict.fromkeys(Envelope._fields, ""))
+            report_unknown_key(report, (*path, name), table[name], dict.fromkeys(Envelope._fields, ""))
     names, run = table.get("names", []), table.get("run", "")
     low, high = (number_array(table.get(side, [])) for side in ("low", "high"))
     if not isinstance(run, str) or not _are_names(names, commands, sensors):
-        sheet.wrong_table(path, "vehicle.envelope-names", commands=commands)
+        report.add_table_problem(path, "vehicle.envelope-names", commands=commands)
         return None
-    if low is None or high is None or not low.shape == high.shape == (len(names),) or not _ranges(low, high):
-        sheet.wrong_table(path, "vehicle.envelope-ranges")
+    if (
+        low is None
+        or high is None
+        or not low.shape == high.shape == (len(names),)
+        or not _are_ranges(low, high)
+    ):
+        report.add_table_problem(path, "vehicle.envelope-ranges")
         return None
     return Envelope(tuple(names), low, high, run)
 
@@ -161,5 +176,5 @@ def _are_names(names: object, commands: Sequence[str], sensors: "SensorBlocks") 
     return True
 
 
-def _ranges(low: np.ndarray, high: np.ndarray) -> bool:
+def _are_ranges(low: np.ndarray, high: np.ndarray) -> bool:
     return bool(np.all(np.isfinite(high - low)) and np.all(low <= high))

@@ -6,7 +6,7 @@ from datetime import date
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from baqueano.blocks import check_room, permit_blocks, resolve_named
+from baqueano.blocks import check_role, permit_blocks, resolve_named
 from baqueano.contracts.blocks import OwnBlock
 from baqueano.contracts.result import Result
 from baqueano.contracts.values import Tree
@@ -19,8 +19,8 @@ from baqueano.vehicle_file import build, garage
 from baqueano.vehicle_file.build import Surroundings
 from baqueano.vehicle_file.envelope import Envelope, read_envelope
 from baqueano.vehicle_file.head import (
-    TABLES,
-    TOP_LEVEL,
+    TABLE_NAMES,
+    TOP_LEVEL_KEYS,
     CommandSpec,
     Geometry,
     Hardware,
@@ -31,14 +31,15 @@ from baqueano.vehicle_file.head import (
 )  # fmt: skip
 from baqueano.vehicle_file.history import ParameterCov, Provenance, is_measured, numbers_of, read_history
 from baqueano.vehicle_file.plausibility import check_body, check_drive, check_sensors
-from baqueano.vehicle_file.tables import Sheet, unknown
+from baqueano.vehicle_file.tables import ReadReport, report_unknown_key
 from baqueano.vehicle_file.text.toml_text import read_text, tables
 
 if TYPE_CHECKING:
     from baqueano.contracts.values import JsonObject, TableRow
     from baqueano.guides.route import Route
 
-LOOP_ROOMS = ("estimator", "guide", "controller", "supervisor")
+LOOP_ROLES = ("estimator", "guide", "controller", "supervisor")
+FINDING_COMMANDS = {"controller": "baqueano tune --update", "estimator": "baqueano identify RUN --update"}
 
 
 @dataclass(frozen=True, slots=True, eq=False, repr=False)
@@ -136,8 +137,8 @@ class VehicleFile:
 
     def kind(self, room: str) -> type:
         """Return the class of the block of a room."""
-        own = self.data.get(room, {}).get("kind", build.DEFAULT_KIND[room])
-        return resolve_named(room, own, self.folder)
+        own_kind = self.data.get(room, {}).get("kind", build.DEFAULT_KINDS[room])
+        return resolve_named(room, own_kind, self.folder)
 
     def controller(self, kind: OwnBlock | None = None, **changes: Any) -> Any:
         """Return the block of [controller]; the arguments are as for `estimator`."""
@@ -210,12 +211,12 @@ class VehicleFile:
             return self
         if truth_name in garage.names():
             return self._filtering(load(truth_name))
-        home = Path(self.folder or ".").resolve()
-        if not (home / truth_name).resolve().is_relative_to(home):
+        file_folder = Path(self.folder or ".").resolve()
+        if not (file_folder / truth_name).resolve().is_relative_to(file_folder):
             raise FileError(
                 fault("vehicle.truth-elsewhere", file=self.label, found=truth_name, garage=garage.names())
             )
-        return self._filtering(load(home / truth_name))
+        return self._filtering(load(file_folder / truth_name))
 
     def _filtering(self, truth: "VehicleFile") -> "VehicleFile":
         """Return the vehicle `truth` with the IMU filter setting of this file, which the user chooses."""
@@ -235,41 +236,38 @@ class VehicleFile:
         return _folder(self.path, self.on_disk)
 
     @property
-    def _around(self) -> Surroundings:
+    def _context(self) -> Surroundings:
         return Surroundings(self.folder, self.rate_hz, self.geometry)
 
     def _block(
-        self, room: str, kind: OwnBlock | None, changes: "JsonObject", arguments: "JsonObject | None" = None
+        self, role: str, kind: OwnBlock | None, changes: "JsonObject", arguments: "JsonObject | None" = None
     ) -> Any:
         if kind is not None and not isinstance(kind, str):
-            check_room(room, kind)
+            check_role(role, kind)
             if not isinstance(kind, type):
                 return kind
-        sheet = Sheet(self.label, self.text)
-        sensors = build.with_usual_noise(self.sensors) if room == "estimator" else self.sensors
+        report = ReadReport(self.label, self.text)
+        sensors = build.with_usual_noise(self.sensors) if role == "estimator" else self.sensors
         arguments = {"vehicle": self.vehicle, "sensors": sensors, **(arguments or {})}
         fallback = {"rate_hz": self.rate_hz, "limit": self.command.limit}
-        if room == "estimator" and kind and self.kind(room) is AugmentedEkf:
+        if role == "estimator" and kind and self.kind(role) is AugmentedEkf:
             fallback["process_noise_cov"] = self.estimator().process_noise_cov
-        read = build.room(sheet, room, self.data.get(room, {}), arguments, fallback, self._around, kind)
-        sheet.finish()
-        assert read is not None
-        lacking = [k for k in read.lacking if k not in changes]
-        if lacking:
-            verb = {
-                "controller": "baqueano tune --update",
-                "estimator": "baqueano identify RUN --update",
-            }.get(room, "")
-            code = "vehicle.lacks-found-by" if verb else "vehicle.lacks"
-            raise FileError(fault(code, verb, file=sheet.name, room=room, keys=lacking))
-        if (
-            room == "guide"
-            and "route" not in arguments
-            and {"t_s", "route"} & build.argument_names(read.kind)
-        ):
-            raise UsageError(fault("vehicle.no-route", guide=read.kind.__name__))
-        block = build.construct(sheet, (room,), read.kind, {**read.values, **changes}, self._around)
-        sheet.finish()
+        content = build.role_table(
+            report, role, self.data.get(role, {}), arguments, fallback, self._context, kind
+        )
+        report.finish()
+        assert content is not None
+        if keys := [k for k in content.missing_names if k not in changes]:
+            advice = FINDING_COMMANDS.get(role, "")
+            code = "vehicle.lacks-found-by" if advice else "vehicle.lacks"
+            raise FileError(fault(code, advice, file=report.name, room=role, keys=keys))
+        route_names = {"t_s", "route"} & build.argument_names(content.block_class)
+        if role == "guide" and "route" not in arguments and route_names:
+            raise UsageError(fault("vehicle.no-route", guide=content.block_class.__name__))
+        block = build.construct(
+            report, (role,), content.block_class, {**content.values, **changes}, self._context
+        )
+        report.finish()
         return block
 
 
@@ -303,10 +301,10 @@ def load(source: str | Path, allow_blocks: bool = False) -> VehicleFile:
     """
     path = garage.path_of(source)
     text = read_text(path)
-    own = not garage.holds(path)
-    layers = (path.name if own else f"garage: {path.stem}",)
+    is_users_file = not garage.is_in_garage(path)
+    layers = (path.name if is_users_file else f"garage: {path.stem}",)
     with permit_blocks(allow_blocks):
-        return parse(text, path.name, path if own else None, layers, text)
+        return parse(text, path.name, path if is_users_file else None, layers, text)
 
 
 def parse(
@@ -342,28 +340,28 @@ def parse(
     >>> parse(load("small").text, "copy").name
     'small'
     """
-    sheet = Sheet(name, text)
+    report = ReadReport(name, text)
     data = tables(text, name)
-    top = read_top(sheet, data)
-    channels, geometry, hardware, simulation = read_head(sheet, data)
+    top = read_top(report, data)
+    channels, geometry, hardware, simulation = read_head(report, data)
     imu_filter_hz = low_pass_hz(hardware.imu_filter) if "imu_filter" in data.get("robot", {}) else None
-    around = Surroundings(_folder(path, on_disk), top.rate_hz, geometry, imu_filter_hz)
-    vehicle = build.vehicle(sheet, data["model"], around)
-    sensors = build.sensors(sheet, data.get("sensors", {}), around)
-    sheet.finish()
-    command = read_command(sheet, channels, vehicle)
-    check_body(sheet, vehicle, geometry)
-    check_drive(sheet, vehicle, channels, top.rate_hz)
-    check_sensors(sheet, sensors, geometry)
-    provenance, parameter_cov = read_history(sheet, data, around.folder)
-    envelope = read_envelope(sheet, data, command.names, sensors)
-    sheet.finish()
-    file = VehicleFile(
+    surroundings = Surroundings(_folder(path, on_disk), top.rate_hz, geometry, imu_filter_hz)
+    vehicle = build.vehicle(report, data["model"], surroundings)
+    sensors = build.sensors(report, data.get("sensors", {}), surroundings)
+    report.finish()
+    command = read_command(report, channels, vehicle)
+    check_body(report, vehicle, geometry)
+    check_drive(report, vehicle, channels, top.rate_hz)
+    check_sensors(report, sensors, geometry)
+    provenance, parameter_cov = read_history(report, data, surroundings.folder)
+    envelope = read_envelope(report, data, command.names, sensors)
+    report.finish()
+    vehicle_file = VehicleFile(
         top.name, path, text, data, command, top.rate_hz, geometry, vehicle, sensors, provenance,
-        parameter_cov, envelope, tuple(sheet.notices), tuple(layers) or (name,), name, hardware, simulation, on_disk,
+        parameter_cov, envelope, tuple(report.notices), tuple(layers) or (name,), name, hardware, simulation, on_disk,
     )  # fmt: skip
-    _check_rooms(sheet, file)
-    return file
+    _check_roles(report, vehicle_file)
+    return vehicle_file
 
 
 def _folder(path: Path | None, on_disk: str | None) -> str | None:
@@ -372,21 +370,22 @@ def _folder(path: Path | None, on_disk: str | None) -> str | None:
     return None if on_disk is None else "."  # of the garage: the working directory
 
 
-def _check_rooms(sheet: Sheet, file: VehicleFile) -> None:
+def _check_roles(report: ReadReport, vehicle_file: VehicleFile) -> None:
     """Check the tables of the loop's blocks, and raise FileError with all problems. A missing key is an error only
     when its block is used: `tune` finds gains, `identify` finds noise."""
-    for room in LOOP_ROOMS:
-        if room not in file.data or (file.on_disk is None and _is_users(file.data[room])):
+    data = vehicle_file.data
+    for role in LOOP_ROLES:
+        if role not in data or (vehicle_file.on_disk is None and _is_users(data[role])):
             continue  # from a run: the user's file may have moved since
-        arguments = {"vehicle": file.vehicle, "sensors": build.with_usual_noise(file.sensors)}
-        fallback = {"rate_hz": file.rate_hz, "limit": file.command.limit}
-        block = build.room(sheet, room, file.data[room], arguments, fallback, file._around)
-        if block is not None and not block.lacking and not sheet.problems and room != "guide":
-            build.construct(sheet, (room,), block.kind, block.values, file._around)
-    for name, table in file.data.items():
-        if name not in TOP_LEVEL and name not in TABLES:
-            unknown(sheet, (name,), table, dict.fromkeys((*TOP_LEVEL, *TABLES), ""))
-    sheet.finish()
+        arguments = {"vehicle": vehicle_file.vehicle, "sensors": build.with_usual_noise(vehicle_file.sensors)}
+        fallback = {"rate_hz": vehicle_file.rate_hz, "limit": vehicle_file.command.limit}
+        block = build.role_table(report, role, data[role], arguments, fallback, vehicle_file._context)
+        if block is not None and not block.missing_names and not report.problems and role != "guide":
+            build.construct(report, (role,), block.block_class, block.values, vehicle_file._context)
+    for name, table in data.items():
+        if name not in TOP_LEVEL_KEYS and name not in TABLE_NAMES:
+            report_unknown_key(report, (name,), table, dict.fromkeys((*TOP_LEVEL_KEYS, *TABLE_NAMES), ""))
+    report.finish()
 
 
 def _is_users(table: object) -> bool:

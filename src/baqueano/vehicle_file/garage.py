@@ -5,7 +5,7 @@ from pathlib import Path
 from baqueano.diagnostics import fault, nearest
 from baqueano.errors import FileError
 
-FOLDER = Path(__file__).parents[1] / "garage"
+GARAGE_FOLDER = Path(__file__).parents[1] / "garage"
 
 
 def names() -> tuple[str, ...]:
@@ -21,12 +21,12 @@ def names() -> tuple[str, ...]:
     >>> "small" in names()
     True
     """
-    return tuple(sorted(p.stem for p in FOLDER.glob("*.toml")))
+    return tuple(sorted(p.stem for p in GARAGE_FOLDER.glob("*.toml")))
 
 
-def holds(path: Path) -> bool:
+def is_in_garage(path: Path) -> bool:
     """Return True if `path` is in the folder of the garage."""
-    return path.parent == FOLDER
+    return path.parent == GARAGE_FOLDER
 
 
 def path_of(source: str | Path) -> Path:
@@ -36,13 +36,15 @@ def path_of(source: str | Path) -> Path:
         return path.resolve()
     is_name = isinstance(source, str) and path.suffix != ".toml" and len(path.parts) == 1
     if is_name and source in names():  # also beside a folder of this name
-        return FOLDER / f"{source}.toml"
+        return GARAGE_FOLDER / f"{source}.toml"
     if path.is_dir():
-        inside = sorted(p.name for p in path.glob("*.toml"))
-        raise FileError(fault("vehicle.folder", path=path, files=inside))
+        file_names = sorted(p.name for p in path.glob("*.toml"))
+        raise FileError(fault("vehicle.folder", path=path, files=file_names))
     if is_name:
-        near = nearest(str(source), names())
-        raise FileError(fault("vehicle.unknown", "baqueano new NAME", missing=path, found=source, near=near))
+        suggestion = nearest(str(source), names())
+        raise FileError(
+            fault("vehicle.unknown", "baqueano new NAME", missing=path, found=source, near=suggestion)
+        )
     neighbours = sorted(p.name for p in path.parent.glob("*.toml")) if path.parent.is_dir() else []
     raise FileError(
         fault(

@@ -6,15 +6,15 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 
 from baqueano.parameter import INF, parameter
-from baqueano.vehicle_file.tables import Sheet, arguments, keys_of, missing
+from baqueano.vehicle_file.tables import ReadReport, arguments, keys_of, missing_keys
 
 if TYPE_CHECKING:
     from baqueano.contracts.values import JsonObject
     from baqueano.vehicles.state import DynamicVehicle
 
-FORMAT = 1
-TOP_LEVEL = ("format", "name", "about", "rate_hz")
-TABLES = (
+FORMAT_VERSION = 1
+TOP_LEVEL_KEYS = ("format", "name", "about", "rate_hz")
+TABLE_NAMES = (
     "command", "geometry", "model", "sensors", "estimator", "controller", "guide", "supervisor",
     "robot", "simulation", "provenance", "parameter_cov", "envelope",
 )  # fmt: skip
@@ -116,7 +116,7 @@ class Top:
     about: str = ""
 
 
-def reach(geometry: Geometry) -> float | None:
+def reach_m(geometry: Geometry) -> float | None:
     """Return the distance [m] from the middle of the platform to its farthest edge; None without its dimensions."""
     if geometry.radius_m is not None:
         return geometry.radius_m
@@ -160,25 +160,27 @@ class CommandSpec(NamedTuple):
     limit: np.ndarray
 
 
-def read_top(sheet: Sheet, data: "JsonObject") -> Top:
+def read_top(report: ReadReport, data: "JsonObject") -> Top:
     """Return the keys above the first table. FileError immediately for a file of another format version."""
     keys = keys_of(Top)
     if "format" not in data:
-        sheet.wrong(("format",), "vehicle.no-format", expected=FORMAT)
-        sheet.finish()
-    if data["format"] != FORMAT or isinstance(data["format"], bool):
-        newer = isinstance(data["format"], int) and data["format"] > FORMAT
-        code, fix = ("newer-format", "pip install --upgrade baqueano") if newer else ("other-format", "")
-        sheet.wrong(("format",), f"vehicle.{code}", fix, found=repr(data["format"]), expected=FORMAT)
-        sheet.finish()
-    values = arguments(sheet, (), {k: keys[k] for k in TOP_LEVEL}, data, also=TABLES)
-    for name in missing(keys, values):
+        report.add_problem(("format",), "vehicle.no-format", expected=FORMAT_VERSION)
+        report.finish()
+    if data["format"] != FORMAT_VERSION or isinstance(data["format"], bool):
+        is_newer = isinstance(data["format"], int) and data["format"] > FORMAT_VERSION
+        code, fix = ("newer-format", "pip install --upgrade baqueano") if is_newer else ("other-format", "")
+        report.add_problem(
+            ("format",), f"vehicle.{code}", fix, found=repr(data["format"]), expected=FORMAT_VERSION
+        )
+        report.finish()
+    values = arguments(report, (), {k: keys[k] for k in TOP_LEVEL_KEYS}, data, other_keys=TABLE_NAMES)
+    for name in missing_keys(keys, values):
         if name not in data:
-            sheet.wrong((name,), "vehicle.no-top-key", example=_example(name))
+            report.add_problem((name,), "vehicle.no-top-key", example=_example(name))
     for table in ("command", "model"):
         if table not in data:
-            sheet.wrong_table((table,), "vehicle.no-table")
-    sheet.finish()
+            report.add_table_problem((table,), "vehicle.no-table")
+    report.finish()
     return Top(**values)
 
 
@@ -186,28 +188,32 @@ def _example(name: str) -> str:
     return {"name": 'name = "my vehicle"', "rate_hz": "rate_hz = 100.0"}.get(name, name)
 
 
-def read_head(sheet: Sheet, data: "JsonObject") -> tuple[Channels, Geometry, Hardware, Simulation]:
+def read_head(report: ReadReport, data: "JsonObject") -> tuple[Channels, Geometry, Hardware, Simulation]:
     """Return the tables [command], [geometry], [robot] and [simulation]."""
-    values = arguments(sheet, ("command",), keys_of(Channels), data["command"], also=())
+    values = arguments(report, ("command",), keys_of(Channels), data["command"], other_keys=())
     if "names" not in values and "names" not in data["command"]:
-        sheet.wrong(("command", "names"), "vehicle.no-command-names")
-    geometry = arguments(sheet, ("geometry",), keys_of(Geometry), data.get("geometry", {}), also=())
-    hardware = arguments(sheet, ("robot",), keys_of(Hardware), data.get("robot", {}), also=())
-    simulation = arguments(sheet, ("simulation",), keys_of(Simulation), data.get("simulation", {}), also=())
-    sheet.finish()
+        report.add_problem(("command", "names"), "vehicle.no-command-names")
+    geometry = arguments(report, ("geometry",), keys_of(Geometry), data.get("geometry", {}), other_keys=())
+    hardware = arguments(report, ("robot",), keys_of(Hardware), data.get("robot", {}), other_keys=())
+    simulation = arguments(
+        report, ("simulation",), keys_of(Simulation), data.get("simulation", {}), other_keys=()
+    )
+    report.finish()
     return Channels(**values), Geometry(**geometry), Hardware(**hardware), Simulation(**simulation)
 
 
-def read_command(sheet: Sheet, channels: Channels, vehicle: "DynamicVehicle") -> CommandSpec:
+def read_command(report: ReadReport, channels: Channels, vehicle: "DynamicVehicle") -> CommandSpec:
     """Return names, unit and limits of the command, one for each command of the vehicle."""
     n, names = int(getattr(vehicle, "commands", len(channels.names))), channels.names
     if len(names) != n:
         model = type(vehicle).__name__
-        sheet.wrong(("command", "names"), "vehicle.command-names", found=len(names), model=model, expected=n)
+        report.add_problem(
+            ("command", "names"), "vehicle.command-names", found=len(names), model=model, expected=n
+        )
     if len(set(names)) != len(names):
-        sheet.wrong(("command", "names"), "vehicle.command-name-twice", found=str(list(names)))
+        report.add_problem(("command", "names"), "vehicle.command-name-twice", found=str(list(names)))
     limit = channels.limit
     if limit.shape not in ((1,), (n,)):
-        sheet.wrong(("command", "limit"), "vehicle.command-limits", found=len(limit), expected=n)
-    sheet.finish()
+        report.add_problem(("command", "limit"), "vehicle.command-limits", found=len(limit), expected=n)
+    report.finish()
     return CommandSpec(names, channels.unit, np.broadcast_to(limit, (n,)).copy())

@@ -18,15 +18,15 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 
 from baqueano.diagnostics import Verdict
-from baqueano.vehicle_file.paths import exists, is_table, known_paths
-from baqueano.vehicle_file.tables import Sheet, number_array, unknown
+from baqueano.vehicle_file.paths import is_table, key_exists, known_paths
+from baqueano.vehicle_file.tables import ReadReport, number_array, report_unknown_key
 
 if TYPE_CHECKING:
     from baqueano.contracts.values import JsonObject, TableRow
 
 GUESS = Verdict.GUESS  # verdict on values that were not measured
-NOT_MEASURED = (GUESS, Verdict.REFUSED)
-NOT_VALUES = ("provenance.", "parameter_cov.", "envelope.")  # keys that describe other keys
+UNMEASURED_VERDICTS = (GUESS, Verdict.REFUSED)
+NO_VALUE_PREFIXES = ("provenance.", "parameter_cov.", "envelope.")  # keys that describe other keys
 
 
 class Provenance(NamedTuple):
@@ -41,18 +41,20 @@ class Provenance(NamedTuple):
 def numbers_of(data: "JsonObject", provenance: dict[str, Provenance]) -> list["TableRow"]:
     """Return one flat dict per key of the model: key, value (a list is one value), measuring run and verdict."""
     rows: list[TableRow] = []
-    for key, value in _flat("model", data.get("model", {})):
-        own = provenance.get(key, provenance.get("model", Provenance("")))
-        rows.append({"parameter": key, "value": str(value), "measured by": own.run, "verdict": own.verdict})
+    for key, value in _flat_items("model", data.get("model", {})):
+        origin = provenance.get(key, provenance.get("model", Provenance("")))
+        rows.append(
+            {"parameter": key, "value": str(value), "measured by": origin.run, "verdict": origin.verdict}
+        )
     return rows
 
 
-def _flat(name: str, table: Any) -> Iterator[tuple[str, Any]]:
+def _flat_items(name: str, table: Any) -> Iterator[tuple[str, Any]]:
     if not isinstance(table, dict):
         yield name, table
         return
     for key, value in table.items():
-        yield from _flat(f"{name}.{key}", value)
+        yield from _flat_items(f"{name}.{key}", value)
 
 
 class ParameterCov(NamedTuple):
@@ -65,99 +67,103 @@ class ParameterCov(NamedTuple):
 
 
 def read_history(
-    sheet: Sheet, data: "JsonObject", folder: str | None = None
+    report: ReadReport, data: "JsonObject", folder: str | None = None
 ) -> tuple[dict[str, Provenance], ParameterCov | None]:
     """Return the tables [provenance] and [parameter_cov], checked; None instead of an absent covariance.
     `folder` is searched for a block of the user.
     """
-    return _provenance(sheet, data, folder), _parameter_cov(sheet, data, folder)
+    return _provenance(report, data, folder), _parameter_cov(report, data, folder)
 
 
 def is_measured(provenance: dict[str, Provenance]) -> bool:
     """Return True if a value of the model was measured on the vehicle, by a fit that was not refused."""
-    return any(k.startswith("model.") and p.verdict not in NOT_MEASURED for k, p in provenance.items())
+    return any(k.startswith("model.") and p.verdict not in UNMEASURED_VERDICTS for k, p in provenance.items())
 
 
-def _provenance(sheet: Sheet, data: "JsonObject", folder: str | None) -> dict[str, Provenance]:
+def _provenance(report: ReadReport, data: "JsonObject", folder: str | None) -> dict[str, Provenance]:
     origins = {}
     for key, table in data.get("provenance", {}).items():
         path = ("provenance", key)
-        if not exists(data, key, folder) and not is_table(data, key, folder):
-            unknown(sheet, path, table, dict.fromkeys(known_paths(data, folder), ""))
+        if not key_exists(data, key, folder) and not is_table(data, key, folder):
+            report_unknown_key(report, path, table, dict.fromkeys(known_paths(data, folder), ""))
             continue
         if not isinstance(table, dict):
-            sheet.wrong(path, "vehicle.provenance-not-table")
+            report.add_problem(path, "vehicle.provenance-not-table")
             continue
         for name in table:
             if name not in Provenance._fields:
-                unknown(sheet, (*path, name), table[name], dict.fromkeys(Provenance._fields, ""))
+                report_unknown_key(report, (*path, name), table[name], dict.fromkeys(Provenance._fields, ""))
         origins[key] = Provenance(
-            _text(sheet, path, table, "run"),
-            _date(sheet, path, table),
-            _sd(sheet, path, table),
-            _text(sheet, path, table, "verdict"),
+            _text(report, path, table, "run"),
+            _date(report, path, table),
+            _sd(report, path, table),
+            _text(report, path, table, "verdict"),
         )
     return origins
 
 
-def _text(sheet: Sheet, path: tuple[str, ...], table: "JsonObject", name: str) -> str:
+def _text(report: ReadReport, path: tuple[str, ...], table: "JsonObject", name: str) -> str:
     value = table.get(name, "")
     if not isinstance(value, str):
-        sheet.wrong((*path, name), "vehicle.not-text", found=repr(value))
+        report.add_problem((*path, name), "vehicle.not-text", found=repr(value))
         return ""
     return value
 
 
-def _date(sheet: Sheet, path: tuple[str, ...], table: "JsonObject") -> Date | None:
+def _date(report: ReadReport, path: tuple[str, ...], table: "JsonObject") -> Date | None:
     value = table.get("date")
     if value is not None and not isinstance(value, Date):
-        sheet.wrong((*path, "date"), "vehicle.not-date", found=repr(value))
+        report.add_problem((*path, "date"), "vehicle.not-date", found=repr(value))
         return None
     return value
 
 
-def _sd(sheet: Sheet, path: tuple[str, ...], table: "JsonObject") -> Any:
+def _sd(report: ReadReport, path: tuple[str, ...], table: "JsonObject") -> Any:
     value = table.get("sd")
     if value is None:
         return None
     array = number_array(value if isinstance(value, list) else [value])
     if array is None or np.any(np.isinf(array)) or np.any(array < 0.0):  # nan: not known
-        sheet.wrong((*path, "sd"), "vehicle.not-sd", found=repr(value))
+        report.add_problem((*path, "sd"), "vehicle.not-sd", found=repr(value))
         return None
     return array if isinstance(value, list) else float(array[0])
 
 
-def _parameter_cov(sheet: Sheet, data: "JsonObject", folder: str | None) -> ParameterCov | None:
+def _parameter_cov(report: ReadReport, data: "JsonObject", folder: str | None) -> ParameterCov | None:
     table, path = data.get("parameter_cov"), ("parameter_cov",)
     if table is None:
         return None
     if not isinstance(table, dict):
-        sheet.wrong(path, "vehicle.cov-not-table")
+        report.add_problem(path, "vehicle.cov-not-table")
         return None
     expected = ("run", "date", "names", "sd", "correlation")
     for name in table:
         if name not in expected:
-            unknown(sheet, (*path, name), table[name], dict.fromkeys(expected, ""))
+            report_unknown_key(report, (*path, name), table[name], dict.fromkeys(expected, ""))
     names = table.get("names", [])
-    if not isinstance(names, list) or not all(isinstance(n, str) and exists(data, n, folder) for n in names):
-        sheet.wrong((*path, "names"), "vehicle.cov-names")
+    if not isinstance(names, list) or not all(
+        isinstance(n, str) and key_exists(data, n, folder) for n in names
+    ):
+        report.add_problem((*path, "names"), "vehicle.cov-names")
         return None
-    cov = _covariance(sheet, path, table, len(names))
+    cov = _covariance(report, path, table, len(names))
     if cov is None:
         return None
-    return ParameterCov(tuple(names), cov, _text(sheet, path, table, "run"), _date(sheet, path, table))
+    return ParameterCov(tuple(names), cov, _text(report, path, table, "run"), _date(report, path, table))
 
 
-def _covariance(sheet: Sheet, path: tuple[str, ...], table: "JsonObject", size: int) -> np.ndarray | None:
-    """Return cov (size, size) from sd and correlation; None after a problem was noted in `sheet`.  (1)"""
+def _covariance(
+    report: ReadReport, path: tuple[str, ...], table: "JsonObject", size: int
+) -> np.ndarray | None:
+    """Return cov (size, size) from sd and correlation; None after a problem was noted in `report`.  (1)"""
     sd, correlation = number_array(table.get("sd", [])), _triangle(table.get("correlation", []), size)
-    fits = sd is not None and sd.shape == (size,) and bool(np.all(np.isfinite(sd) & (sd >= 0.0)))
-    if sd is None or correlation is None or not fits:
-        sheet.wrong_table(path, "vehicle.cov-size", expected=size)
+    is_valid_std = sd is not None and sd.shape == (size,) and bool(np.all(np.isfinite(sd) & (sd >= 0.0)))
+    if sd is None or correlation is None or not is_valid_std:
+        report.add_table_problem(path, "vehicle.cov-size", expected=size)
         return None
     smallest = float(np.linalg.eigvalsh(correlation)[0]) if size else 0.0
     if smallest < -1e-6:
-        sheet.wrong((*path, "correlation"), "vehicle.correlation", eigenvalue=smallest)
+        report.add_problem((*path, "correlation"), "vehicle.correlation", eigenvalue=smallest)
         return None
     return correlation * np.outer(sd, sd)
 
@@ -167,24 +173,24 @@ def _triangle(rows: object, size: int) -> np.ndarray | None:
     arrays = [number_array(row) for row in rows] if isinstance(rows, list) else []
     if len(arrays) != size or any(a is None or a.shape != (i + 1,) for i, a in enumerate(arrays)):
         return None
-    full = np.zeros((size, size))
+    matrix = np.zeros((size, size))
     for i, row in enumerate(arrays):
-        full[i, : i + 1] = full[: i + 1, i] = row
-    return full if np.all(np.abs(full) <= 1.0) and np.all(np.diag(full) == 1.0) else None
+        matrix[i, : i + 1] = matrix[: i + 1, i] = row
+    return matrix if np.all(np.abs(matrix) <= 1.0) and np.all(np.diag(matrix) == 1.0) else None
 
 
-def changes(before: Any, after: Any) -> list["TableRow"]:
+def changes(old_file: Any, new_file: Any) -> list["TableRow"]:
     """Return a flat dict for each key that differs between two vehicle files, without their provenance: the history of
     wear.
     `sds` is the difference of the values in standard deviations of this difference; None if they are unknown.
     """
-    old, new = _leaves(before.data), _leaves(after.data)
+    old_leaves, new_leaves = _leaves(old_file.data), _leaves(new_file.data)
     rows = []
-    for key in [*old, *(k for k in new if k not in old)]:
-        a, b = old.get(key), new.get(key)
-        if a == b or key.startswith(NOT_VALUES):
+    for key in [*old_leaves, *(k for k in new_leaves if k not in old_leaves)]:
+        a, b = old_leaves.get(key), new_leaves.get(key)
+        if a == b or key.startswith(NO_VALUE_PREFIXES):
             continue
-        sd = [f.provenance[key].sd if key in f.provenance else None for f in (before, after)]
+        sd = [f.provenance[key].sd if key in f.provenance else None for f in (old_file, new_file)]
         rows.append({"key": key, "before": a, "after": b, "sds": _distance(a, b, sd)})
     return rows
 
@@ -198,18 +204,16 @@ def _leaves(table: "JsonObject", path: str = "") -> "JsonObject":
 
 
 def _distance(a: object, b: object, sd: list[Any]) -> float | None:
-    deviations = [np.asarray(s, dtype=float) for s in sd if s is not None]
+    stds = [np.asarray(s, dtype=float) for s in sd if s is not None]
     try:
         d = np.abs(np.asarray(b, dtype=float) - np.asarray(a, dtype=float))
-        spread = (
-            np.sqrt(np.sum([s**2 for s in np.broadcast_arrays(*deviations)], axis=0))
-            if deviations
-            else np.zeros(())
+        total_std = (
+            np.sqrt(np.sum([s**2 for s in np.broadcast_arrays(*stds)], axis=0)) if stds else np.zeros(())
         )
     except (TypeError, ValueError):
         return None
     ratio = (
-        d[np.broadcast_to(spread, d.shape) > 0.0]
-        / np.broadcast_to(spread, d.shape)[np.broadcast_to(spread, d.shape) > 0.0]
+        d[np.broadcast_to(total_std, d.shape) > 0.0]
+        / np.broadcast_to(total_std, d.shape)[np.broadcast_to(total_std, d.shape) > 0.0]
     )
     return float(np.max(ratio)) if ratio.size else None

@@ -12,21 +12,21 @@ from baqueano.blocks import resolve_named
 from baqueano.diagnostics import fault, nearest
 from baqueano.errors import FileError, UsageError
 from baqueano.vehicle_file.head import Geometry, Hardware, Simulation
-from baqueano.vehicle_file.tables import DERIVED, keys_of
+from baqueano.vehicle_file.tables import DERIVED_KEYS, keys_of
 
 if TYPE_CHECKING:
     from baqueano.contracts.values import JsonObject
     from baqueano.vehicle_file.file import VehicleFile
 
-SAME = 0.6  # least similarity of the last names of two keys
+MIN_SIMILARITY = 0.6  # least similarity of the last names of two keys
 _ENTRY = re.compile(r"^(.*?)((?:\[\s*\d+(?:\s*,\s*\d+)*\s*\])*)$")
 
 
-def split(dotted: str) -> tuple[tuple[str, ...], tuple[int, ...]]:
+def split_key(dotted: str) -> tuple[tuple[str, ...], tuple[int, ...]]:
     """Return (("model", "friction", "linear"), (0,)) for "model.friction.linear[0]"; [0,2] equals [0][2]."""
     match = _ENTRY.match(dotted.strip())
     assert match is not None
-    return tuple(part.strip() for part in match[1].split(".")), tuple(
+    return tuple(name.strip() for name in match[1].split(".")), tuple(
         int(i) for i in re.findall(r"\d+", match[2])
     )
 
@@ -46,16 +46,16 @@ def known_paths(data: "JsonObject", folder: Path | str | None = None) -> list[st
     ]
     tables = {("model",): "vehicle"}
     tables |= {("sensors", name): "sensor" for name in data.get("sensors", {})}
-    tables |= {(room,): room for room in ("estimator", "controller", "guide", "supervisor")}
-    for path, room in tables.items():
-        keys = _keys(data, path, room, folder)
-        paths += [".".join((*path, *rest)) for rest in [("kind",), *keys]]
+    tables |= {(role,): role for role in ("estimator", "controller", "guide", "supervisor")}
+    for path, role in tables.items():
+        keys = _keys(data, path, role, folder)
+        paths += [".".join((*path, *inner_path)) for inner_path in [("kind",), *keys]]
     return paths
 
 
-def exists(data: "JsonObject", dotted: str, folder: Path | str | None = None) -> bool:
+def key_exists(data: "JsonObject", dotted: str, folder: Path | str | None = None) -> bool:
     """Return True if the blocks of this file can have this key; an entry of a key also counts."""
-    return ".".join(split(dotted)[0]) in known_paths(data, folder)
+    return ".".join(split_key(dotted)[0]) in known_paths(data, folder)
 
 
 def is_table(data: "JsonObject", dotted: str, folder: Path | str | None = None) -> bool:
@@ -63,24 +63,24 @@ def is_table(data: "JsonObject", dotted: str, folder: Path | str | None = None) 
     return any(path.startswith(f"{dotted}.") for path in known_paths(data, folder))
 
 
-def value_in_force(file: "VehicleFile", dotted: str) -> Any:
+def value_in_force(vehicle_file: "VehicleFile", dotted: str) -> Any:
     """Return the value, or default, of a key in the block that was built. UsageError for an unknown key."""
-    path, entry = split(dotted)
-    paths = known_paths(file.data, file.folder)
+    path, entry = split_key(dotted)
+    paths = known_paths(vehicle_file.data, vehicle_file.folder)
     if ".".join(path) not in paths:
-        raise no_such_key(file.name, dotted, paths)
-    value: Any = file
+        raise no_such_key(vehicle_file.name, dotted, paths)
+    value: Any = vehicle_file
     if path[0] == "model":
-        value, path = file.vehicle, path[1:]
+        value, path = vehicle_file.vehicle, path[1:]
     elif path[0] in ("estimator", "controller", "guide", "supervisor"):
-        if path[0] == "guide" or path[1] in file.data.get(path[0], {}):
-            value, path = file.data[path[0]], path[1:]
+        if path[0] == "guide" or path[1] in vehicle_file.data.get(path[0], {}):
+            value, path = vehicle_file.data[path[0]], path[1:]
         else:
-            value, path = getattr(file, path[0])(), path[1:]
+            value, path = getattr(vehicle_file, path[0])(), path[1:]
     if path[-1] == "kind":
-        return file.data.get(dotted.split(".")[0], {}).get("kind")
-    for part in path:
-        value = value[part] if isinstance(value, dict) else getattr(value, part)
+        return vehicle_file.data.get(dotted.split(".")[0], {}).get("kind")
+    for name in path:
+        value = value[name] if isinstance(value, dict) else getattr(value, name)
     value = np.array(value, dtype=float) if isinstance(value, list) else value
     return value[entry] if entry else value
 
@@ -94,38 +94,42 @@ def no_such_key(name: str, dotted: str, keys: list[str]) -> UsageError:
     last, suggestion = (
         str(key_path).rpartition(".")[2] for key_path in (dotted, near.figures.get("meant", dotted))
     )
-    if difflib.SequenceMatcher(None, last, suggestion).ratio() < SAME:
+    if difflib.SequenceMatcher(None, last, suggestion).ratio() < MIN_SIMILARITY:
         table = f"{dotted.rpartition('.')[0]}."
         near = nearest("", [key for key in keys if key.startswith(table)] or keys)
     return UsageError(fault("vehicle.unknown-key", file=name, found=dotted, near=near))
 
 
 def _keys(
-    data: "JsonObject", path: tuple[str, ...], room: str, folder: Path | str | None
+    data: "JsonObject", path: tuple[str, ...], role: str, folder: Path | str | None
 ) -> list[tuple[str, ...]]:
     """Return the paths of all keys of one block's table."""
-    from baqueano.vehicle_file.build import DEFAULT_KIND
+    from baqueano.vehicle_file.build import DEFAULT_KINDS
 
     table: Any = data
-    for part in path:
-        table = table.get(part, {}) if isinstance(table, dict) else {}
-    kind = table.get("kind", DEFAULT_KIND.get(room, path[-1])) if isinstance(table, dict) else None
+    for name in path:
+        table = table.get(name, {}) if isinstance(table, dict) else {}
+    kind = table.get("kind", DEFAULT_KINDS.get(role, path[-1])) if isinstance(table, dict) else None
     try:
-        return _keys_of(resolve_named(room, kind, folder)) if isinstance(kind, str) else []
+        return _keys_of(resolve_named(role, kind, folder)) if isinstance(kind, str) else []
     except FileError:
         return _leaf_paths(table)
 
 
-def _keys_of(kind: type) -> list[tuple[str, ...]]:
+def _keys_of(block_class: type) -> list[tuple[str, ...]]:
     keys: list[tuple[str, ...]] = []
-    for name, key in keys_of(kind, {*DERIVED, "vehicle", "sensors"}).items():
+    for name, key in keys_of(block_class, {*DERIVED_KEYS, "vehicle", "sensors"}).items():
         is_table = is_dataclass(key.type)
-        keys += [(name, *rest) for rest in _keys_of(key.type)] if is_table else [(name,)]
+        keys += [(name, *inner_path) for inner_path in _keys_of(key.type)] if is_table else [(name,)]
     return keys
 
 
 def _leaf_paths(table: "JsonObject") -> list[tuple[str, ...]]:
     keys: list[tuple[str, ...]] = []
     for name, value in table.items():
-        keys += [(name, *rest) for rest in _leaf_paths(value)] if isinstance(value, dict) else [(name,)]
+        keys += (
+            [(name, *inner_path) for inner_path in _leaf_paths(value)]
+            if isinstance(value, dict)
+            else [(name,)]
+        )
     return keys

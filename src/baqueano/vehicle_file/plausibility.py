@@ -15,32 +15,32 @@ from baqueano.contracts.optional import has_field, is_dynamic
 from baqueano.diagnostics import Diagnostic, note
 from baqueano.parameter import all_parameters
 from baqueano.symbolic import get, put
-from baqueano.vehicle_file.head import Channels, Geometry, reach, solid_inertia
-from baqueano.vehicle_file.tables import Sheet, format_array
-from baqueano.vehicles.freedoms import rates, slopes
+from baqueano.vehicle_file.head import Channels, Geometry, reach_m, solid_inertia
+from baqueano.vehicle_file.tables import ReadReport, format_array
+from baqueano.vehicles.freedoms import damping_derivatives, rates
 
 if TYPE_CHECKING:
     from baqueano.contracts.blocks import SensorBlocks
     from baqueano.vehicles.state import DynamicVehicle
 
-LIGHTEST, HEAVIEST = 0.5, 5000.0  # kg per m² of floor
+MIN_DENSITY_KG_M2, MAX_DENSITY_KG_M2 = 0.5, 5000.0  # kg per m² of floor
 RK4_LIMIT = 2.785
-LOOSEST = 20.0  # kg/m³: the least plausible density of a body
-FASTEST, QUICKEST = 30.0, 100.0  # m/s, rad/s: beyond, a notice
+MIN_DENSITY_KG_M3 = 20.0  # kg/m³: the least plausible density of a body
+MAX_SPEED_M_S, MAX_YAW_RATE_RAD_S = 30.0, 100.0  # m/s, rad/s: beyond, a notice
 
 
-def check_body(sheet: Sheet, vehicle: "DynamicVehicle", geometry: Geometry) -> None:
-    """Check mass, inertia and dimensions of a rigid body, and note contradictions in `sheet`.  (1), (2)"""
-    _check_measures(sheet, geometry)
+def check_body(report: ReadReport, vehicle: "DynamicVehicle", geometry: Geometry) -> None:
+    """Check mass, inertia and dimensions of a rigid body, and note contradictions in `report`.  (1), (2)"""
+    _check_measures(report, geometry)
     mass, inertia = getattr(vehicle, "mass_kg", None), getattr(vehicle, "inertia_kg_m2", None)
-    R = reach(geometry)
+    R = reach_m(geometry)
     if isinstance(mass, float) and R is not None:
-        _check_mass(sheet, mass, R)
+        _check_mass(report, mass, R)
     if isinstance(mass, float) and isinstance(inertia, float):
-        _check_inertia(sheet, mass, inertia, geometry)
+        _check_inertia(report, mass, inertia, geometry)
     c = getattr(vehicle, "centre_of_mass_x_m", 0.0)
     if R is not None and abs(c) > R:
-        sheet.wrong(
+        report.add_problem(
             ("model", "centre_of_mass_x_m"),
             "vehicle.centre-of-mass",
             found=c,
@@ -49,14 +49,14 @@ def check_body(sheet: Sheet, vehicle: "DynamicVehicle", geometry: Geometry) -> N
         )
 
 
-def _check_measures(sheet: Sheet, g: Geometry) -> None:
+def _check_measures(report: ReadReport, g: Geometry) -> None:
     if g.radius_m is not None and (g.length_m is not None or g.width_m is not None):
-        sheet.wrong(("geometry", "radius_m"), "vehicle.two-shapes")
-    R = reach(g)
+        report.add_problem(("geometry", "radius_m"), "vehicle.two-shapes")
+    R = reach_m(g)
     if R is None:
         return
     if g.track_m is not None and g.track_m > 2.4 * R:
-        sheet.wrong(
+        report.add_problem(
             ("geometry", "track_m"),
             "vehicle.track",
             found=g.track_m,
@@ -64,7 +64,7 @@ def _check_measures(sheet: Sheet, g: Geometry) -> None:
             in_unit=_unit(g.track_m, 2 * R),
         )
     if g.wheel_radius_m is not None and g.wheel_radius_m > 2.0 * R:
-        sheet.wrong(
+        report.add_problem(
             ("geometry", "wheel_radius_m"),
             "vehicle.wheel",
             found=g.wheel_radius_m,
@@ -73,41 +73,41 @@ def _check_measures(sheet: Sheet, g: Geometry) -> None:
         )
 
 
-def _check_mass(sheet: Sheet, mass: float, R: float) -> None:
+def _check_mass(report: ReadReport, mass: float, R: float) -> None:
     area = np.pi * R**2
-    if LIGHTEST <= mass / area <= HEAVIEST:
+    if MIN_DENSITY_KG_M2 <= mass / area <= MAX_DENSITY_KG_M2:
         return
-    code = "vehicle.too-heavy" if mass / area > HEAVIEST else "vehicle.too-light"
-    sheet.wrong(("model", "mass_kg"), code, found=mass, radius_m=R, density_kg_m2=mass / area)
+    code = "vehicle.too-heavy" if mass / area > MAX_DENSITY_KG_M2 else "vehicle.too-light"
+    report.add_problem(("model", "mass_kg"), code, found=mass, radius_m=R, density_kg_m2=mass / area)
 
 
-def _check_inertia(sheet: Sheet, mass: float, inertia: float, geometry: Geometry) -> None:
+def _check_inertia(report: ReadReport, mass: float, inertia: float, geometry: Geometry) -> None:
     k = float(np.sqrt(inertia / mass))
-    R, solid = reach(geometry), solid_inertia(mass, geometry)
+    R, uniform_inertia = reach_m(geometry), solid_inertia(mass, geometry)
     path = ("model", "inertia_kg_m2")
     figures: dict[str, Any] = {"found": inertia, "mass_kg": mass, "gyration_m": k}
-    if R is None or solid is None:
-        size = (mass / LOOSEST) ** (1.0 / 3.0)
-        if k > size:
-            sheet.notice(path, "vehicle.inertia-unchecked", **figures)
+    if R is None or uniform_inertia is None:
+        largest_m = (mass / MIN_DENSITY_KG_M3) ** (1.0 / 3.0)
+        if k > largest_m:
+            report.add_notice(path, "vehicle.inertia-unchecked", **figures)
         return
     shape = "disc" if geometry.radius_m else "plate"
-    measure = note(f"vehicle.{shape}", radius_m=R, uniform_kg_m2=solid)
+    measure = note(f"vehicle.{shape}", radius_m=R, uniform_kg_m2=uniform_inertia)
     if k > R:
-        sheet.wrong(path, "vehicle.inertia-too-large", measure=measure, **figures)
+        report.add_problem(path, "vehicle.inertia-too-large", measure=measure, **figures)
     elif k < R / 20.0:
-        sheet.wrong(path, "vehicle.inertia-of-point", measure=measure, **figures)
+        report.add_problem(path, "vehicle.inertia-of-point", measure=measure, **figures)
 
 
-def check_drive(sheet: Sheet, vehicle: "DynamicVehicle", channels: Channels, rate_hz: float) -> None:
+def check_drive(report: ReadReport, vehicle: "DynamicVehicle", channels: Channels, rate_hz: float) -> None:
     """Check that the vehicle can move, that a tick is short enough to integrate it, and that its speed is plausible."""
-    _check_dead_zones(sheet, vehicle, channels)
+    _check_dead_zones(report, vehicle, channels)
     if is_dynamic(vehicle):
-        _check_steps(sheet, vehicle, rate_hz)
-        _notice_speed(sheet, vehicle, channels)
+        _check_steps(report, vehicle, rate_hz)
+        _notice_speed(report, vehicle, channels)
 
 
-def _check_dead_zones(sheet: Sheet, vehicle: "DynamicVehicle", channels: Channels) -> None:
+def _check_dead_zones(report: ReadReport, vehicle: "DynamicVehicle", channels: Channels) -> None:
     drivetrain = vehicle.drivetrain
     if not has_field(drivetrain, "dead_zone_forward"):  # one of yours
         return
@@ -115,7 +115,7 @@ def _check_dead_zones(sheet: Sheet, vehicle: "DynamicVehicle", channels: Channel
     for name in ("dead_zone_forward", "dead_zone_backward"):
         zone = getattr(drivetrain, name)
         if np.any(zone >= end):
-            sheet.wrong(
+            report.add_problem(
                 ("model", "drivetrain", name),
                 "vehicle.dead-zone",
                 found=format_array(zone),
@@ -124,67 +124,78 @@ def _check_dead_zones(sheet: Sheet, vehicle: "DynamicVehicle", channels: Channel
             )
 
 
-def _check_steps(sheet: Sheet, vehicle: "DynamicVehicle", rate_hz: float) -> None:
+def _check_steps(report: ReadReport, vehicle: "DynamicVehicle", rate_hz: float) -> None:
     """Note a problem for friction that stops the vehicle within a tick: it cannot be integrated.  (3)"""
-    fast = rates(vehicle)
-    for i in np.flatnonzero(fast > RK4_LIMIT * rate_hz):
-        path, _, entry = _fastest(vehicle, int(i)).partition("[")
+    fading_rates = rates(vehicle)
+    for i in np.flatnonzero(fading_rates > RK4_LIMIT * rate_hz):
+        path, _, entry = _fastest_path(vehicle, int(i)).partition("[")
         steps = format_array(np.asarray(get({"model": vehicle}, path)))
-        sheet.wrong(
+        report.add_problem(
             tuple(path.split(".")), "vehicle.entry-too-stiff" if entry else "vehicle.too-stiff", found=steps,
-            entry=entry[:-1], stops_ms=1e3 / fast[i], rate_hz=rate_hz, tick_ms=1e3 / rate_hz, most=RK4_LIMIT,
-            keys=["rate_hz", *_slower(vehicle, path, int(i))],
+            entry=entry[:-1], stops_ms=1e3 / fading_rates[i], rate_hz=rate_hz, tick_ms=1e3 / rate_hz, most=RK4_LIMIT,
+            keys=["rate_hz", *_slowing_keys(vehicle, path, int(i))],
         )  # fmt: skip
 
 
-def _fastest(vehicle: "DynamicVehicle", i: int) -> str:
+def _fastest_path(vehicle: "DynamicVehicle", i: int) -> str:
     """Return the path of the friction that damps motion along axis i most; without friction, of a time constant."""
     model, fields_of_model = {"model": vehicle}, dict(all_parameters(vehicle, "model"))
-    by = {path: slope[i] * float(get(model, path)) for path, slope in slopes(vehicle, fields_of_model)}
-    if any(x > 0.0 for x in by.values()):
-        return max(by, key=lambda path: by[path])
-    some = [k for k, p in fields_of_model.items() if p.shape == ()]
-    fitted_keys = [k for k in some if fields_of_model[k].role == "fitted"]
-    return min(fitted_keys or some, key=lambda k: rates(put(model, k, 1.01 * get(model, k))["model"])[i])
+    rate_by_path = {
+        path: derivative[i] * float(get(model, path))
+        for path, derivative in damping_derivatives(vehicle, fields_of_model)
+    }
+    if any(x > 0.0 for x in rate_by_path.values()):
+        return max(rate_by_path, key=lambda path: rate_by_path[path])
+    candidates = [k for k, p in fields_of_model.items() if p.shape == ()]
+    fitted_keys = [k for k in candidates if fields_of_model[k].role == "fitted"]
+    return min(
+        fitted_keys or candidates, key=lambda k: rates(put(model, k, 1.01 * get(model, k))["model"])[i]
+    )
 
 
-def _slower(vehicle: "DynamicVehicle", path: str, i: int) -> list[str]:
+def _slowing_keys(vehicle: "DynamicVehicle", path: str, i: int) -> list[str]:
     """Return keys in the table of `path` that would slow the decay of motion along axis i if they were larger.
 
     Keys that the user measures by hand are excluded.
     """
-    model, table, now = {"model": vehicle}, path.rpartition(".")[0], rates(vehicle)[i]
-    some = [k for k, p in all_parameters(get(model, table), table) if k != path and not p.measured_by]
-    times = {k: put(model, k, 1.01 * np.asarray(get(model, k))) for k in some}
-    return [k.rpartition(".")[2] for k, longer in times.items() if rates(longer["model"])[i] < 0.999 * now]
+    model, table, present_rate = {"model": vehicle}, path.rpartition(".")[0], rates(vehicle)[i]
+    candidates = [k for k, p in all_parameters(get(model, table), table) if k != path and not p.measured_by]
+    changed_models = {k: put(model, k, 1.01 * np.asarray(get(model, k))) for k in candidates}
+    return [
+        k.rpartition(".")[2]
+        for k, changed_model in changed_models.items()
+        if rates(changed_model["model"])[i] < 0.999 * present_rate
+    ]
 
 
-def _notice_speed(sheet: Sheet, vehicle: "DynamicVehicle", channels: Channels) -> None:
-    """Add a notice if a command at its limit still accelerates the vehicle at the speed FASTEST or QUICKEST."""
+def _notice_speed(report: ReadReport, vehicle: "DynamicVehicle", channels: Channels) -> None:
+    """Add a notice if a command at its limit still accelerates the vehicle at the speed MAX_SPEED_M_S or
+    MAX_YAW_RATE_RAD_S.
+    """
     drivetrain, limit = vehicle.drivetrain, np.broadcast_to(channels.limit, (vehicle.commands,))
     for u in np.diag(np.where(np.isfinite(limit), limit, 0.0)):
         effort = drivetrain.unmix(drivetrain.static(drivetrain.mix(u)))
-        for i, most, unit in ((0, FASTEST, "m/s"), (2, QUICKEST, "rad/s")):
-            nu = most * np.eye(3)[i]
+        for i, speed, unit in ((0, MAX_SPEED_M_S, "m/s"), (2, MAX_YAW_RATE_RAD_S, "rad/s")):
+            nu = speed * np.eye(3)[i]
             if np.any(u) and (vehicle.nu_dot(nu, effort)[i] > 0.0 or vehicle.nu_dot(-nu, effort)[i] < 0.0):
-                sheet.notice(("model",), "vehicle.too-fast", most=most, in_unit=unit)
+                report.add_notice(("model",), "vehicle.too-fast", most=speed, in_unit=unit)
                 return
 
 
-def check_sensors(sheet: Sheet, sensors: "SensorBlocks", geometry: Geometry) -> None:
+def check_sensors(report: ReadReport, sensors: "SensorBlocks", geometry: Geometry) -> None:
     """Check that each sensor is on the vehicle: its lever arm is at most 1.5 times the known distance to the edge."""
-    R = reach(geometry)
+    R = reach_m(geometry)
     for name, sensor in sensors._asdict().items():
         arm = getattr(sensor, "lever_arm_m", None)
         if R is not None and isinstance(arm, np.ndarray) and np.hypot(*arm) > 1.5 * R:
-            far = float(np.hypot(*arm))
-            sheet.wrong(
+            distance = float(np.hypot(*arm))
+            report.add_problem(
                 ("sensors", name, "lever_arm_m"),
                 "vehicle.lever-arm",
                 found=format_array(arm),
-                far_m=far,
+                far_m=distance,
                 radius_m=R,
-                in_unit=_unit(far, R),
+                in_unit=_unit(distance, R),
             )
 
 

@@ -10,20 +10,20 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from baqueano.blocks import ROOMS, resolve
+from baqueano.blocks import BLOCK_TARGETS, resolve
 from baqueano.messages import text
 from baqueano.messages.language import N_, shown_unit
 from baqueano.messages.language import translate as _
 from baqueano.parameter import INF
-from baqueano.vehicle_file.build import ROUTE
+from baqueano.vehicle_file.build import ROUTE_FIELDS
 from baqueano.vehicle_file.head import Channels, Geometry, Hardware, Simulation, Top
 from baqueano.vehicle_file.history import Provenance
-from baqueano.vehicle_file.tables import DERIVED, NO_DEFAULT, Key, allowed_range, keys_of
+from baqueano.vehicle_file.tables import DERIVED_KEYS, NO_DEFAULT, Key, allowed_range, keys_of
 
 if TYPE_CHECKING:
     from baqueano.contracts.values import JsonObject, TableRow
 
-TABLE_OF = {
+TABLE_OF_ROLE = {
     "vehicle": "model",
     "sensor": "sensors.NAME",
     "estimator": "estimator",
@@ -31,7 +31,7 @@ TABLE_OF = {
     "controller": "controller",
     "supervisor": "supervisor",
 }
-PLAIN = {  # keys without a unit: what they mean
+PLAIN_MEANINGS = {  # keys without a unit: what they mean
     "format": N_("version of this layout, 1"),
     "name": N_("name of the vehicle"),
     "about": N_("description of the vehicle, in one line"),
@@ -73,7 +73,7 @@ PLAIN = {  # keys without a unit: what they mean
     "high": N_("largest value of each name in the data of the last fit"),
     "correlation": N_("of the parameters of the last fit, lower triangle"),
 }
-FROM_FILE = {  # keys whose default is elsewhere in the file
+DEFAULTS_FROM_FILE = {  # keys whose default is elsewhere in the file
     ("model", "inertia_kg_m2"): N_("½ m R², from radius_m"),
     ("sensors.NAME", "track_m"): N_("the value in [geometry]"),
     ("model.friction", "track_m"): N_("the value in [geometry], else 0"),
@@ -82,7 +82,7 @@ FROM_FILE = {  # keys whose default is elsewhere in the file
     ("controller", "rate_hz"): N_("the rate of the file"),
     ("supervisor", "limit"): N_("the limit in [command]"),
 }
-GIVEN = {"vehicle", "sensors"}
+GIVEN_FIELDS = {"vehicle", "sensors"}
 INTRODUCTION = N_(
     "A key that is not required may be missing. Its default is written here as in the file, with a decimal "
     "point."
@@ -93,9 +93,9 @@ def rows() -> list["TableRow"]:
     """Return a row for each key, in the current language: table, kind, key, unit, shape, range, default, meaning."""
     all_rows = _rows("", "", Top) + _rows("command", "", Channels) + _rows("geometry", "", Geometry)
     all_rows += _rows("robot", "", Hardware) + _rows("simulation", "", Simulation)
-    for room, kinds in ROOMS.items():
+    for role, kinds in BLOCK_TARGETS.items():
         for kind in kinds:
-            all_rows += _rows(TABLE_OF[room], kind, resolve(room, kind))
+            all_rows += _rows(TABLE_OF_ROLE[role], kind, resolve(role, kind))
     for name in Provenance._fields:
         all_rows.append(_row('provenance."KEY"', "", Key(name, None, Any, None)))
     for name in ("run", "date", "names", "sd", "correlation"):
@@ -120,13 +120,13 @@ def _title(row: "TableRow") -> str:
     return f"`[{row['table']}]{kind}`"
 
 
-def _markdown(of_table: list["TableRow"]) -> list[str]:
+def _markdown(table_rows: list["TableRow"]) -> list[str]:
     """Return the lines of one table in Markdown, without its empty columns."""
     heads = {"key": _("key"), "meaning": _("meaning"), "unit": _("unit"), "shape": _("shape"), "range": _("range"),
              "default": _("default")}  # fmt: skip
-    columns = [name for name in heads if any(row[name] for row in of_table)]
+    columns = [name for name in heads if any(row[name] for row in table_rows)]
     lines = [f"| {' | '.join(heads[name] for name in columns)} |", "|---" * len(columns) + "|"]
-    for row in of_table:
+    for row in table_rows:
         cells = [f"`{row['key']}`", *(row[name].replace("|", "\\|") for name in columns[1:])]
         lines.append(f"| {' | '.join(cells)} |")
     return lines
@@ -136,7 +136,9 @@ def _rows(table: str, kind: str, block: type) -> list["TableRow"]:
     own_rows, nested_rows = [], []
     if kind and "." not in table.replace("sensors.NAME", ""):
         own_rows.append(_row(table, kind, Key("kind", None, str, NO_DEFAULT)))
-    for name, key in keys_of(block, {*DERIVED, *GIVEN, *(ROUTE if table == "guide" else ())}).items():
+    for name, key in keys_of(
+        block, {*DERIVED_KEYS, *GIVEN_FIELDS, *(ROUTE_FIELDS if table == "guide" else ())}
+    ).items():
         if isinstance(key.type, type) and is_dataclass(key.type):
             nested_rows += _rows(f"{table}.{name}", "", key.type)
         else:
@@ -146,7 +148,7 @@ def _rows(table: str, kind: str, block: type) -> list["TableRow"]:
 
 def _row(table: str, kind: str, key: Key) -> "JsonObject":
     p = key.parameter
-    elsewhere = FROM_FILE.get((table, key.name))
+    file_default = DEFAULTS_FROM_FILE.get((table, key.name))
     return {
         "table": table,
         "kind": kind,
@@ -154,8 +156,8 @@ def _row(table: str, kind: str, key: Key) -> "JsonObject":
         "unit": shown_unit(p.unit) if p else "",
         "shape": "" if p is None or p.shape == () else str(p.shape) if p.shape else _("list"),
         "range": _range(key),
-        "default": _(elsewhere) if elsewhere else _default(key),
-        "meaning": _(p.meaning if p else PLAIN.get(key.name, "")),
+        "default": _(file_default) if file_default else _default(key),
+        "meaning": _(p.meaning if p else PLAIN_MEANINGS.get(key.name, "")),
     }
 
 

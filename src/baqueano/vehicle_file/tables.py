@@ -22,13 +22,19 @@ if typing.TYPE_CHECKING:
     from baqueano.contracts.values import JsonObject
     from baqueano.parameter import Parameter
 
-DERIVED = {"delay_slots", "has_lag", "has_low_pass", "servos", "commands"}  # fields that the loader computes
+DERIVED_KEYS = {
+    "delay_slots",
+    "has_lag",
+    "has_low_pass",
+    "servos",
+    "commands",
+}  # fields that the loader computes
 NO_DEFAULT = dataclasses.MISSING
 KeyPath = tuple[str, ...]
 
 
 @dataclass
-class Sheet:
+class ReadReport:
     """The state of the reading of a file: the problems found so far, and remarks."""
 
     name: str  # of the file, for the reader
@@ -36,28 +42,30 @@ class Sheet:
     problems: list[Diagnostic] = field(default_factory=list)
     notices: list[Diagnostic] = field(default_factory=list)
 
-    def place(self, path: KeyPath) -> Diagnostic:
+    def location(self, path: KeyPath) -> Diagnostic:
         """Return file, line and key: "small.toml line 12, [model] mass_kg"."""
         *table, key = path
-        return self._at(path, f"[{'.'.join(table)}] {key}" if table else key)
+        return self._location_in_text(path, f"[{'.'.join(table)}] {key}" if table else key)
 
-    def _at(self, path: KeyPath, key: str) -> Diagnostic:
+    def _location_in_text(self, path: KeyPath, key: str) -> Diagnostic:
         line = line_of(self.text, path)
         if line is None:
             return note("vehicle.place", file=self.name, key=key)
         return note("vehicle.line", file=self.name, line=line, key=key)
 
-    def wrong(self, path: KeyPath, code: str, fix: str = "", **figures: Any) -> None:
+    def add_problem(self, path: KeyPath, code: str, fix: str = "", **figures: Any) -> None:
         """Note a problem of a key."""
-        self.problems.append(fault(code, fix, place=self.place(path), **figures))
+        self.problems.append(fault(code, fix, place=self.location(path), **figures))
 
-    def wrong_table(self, path: KeyPath, code: str, **figures: Any) -> None:
+    def add_table_problem(self, path: KeyPath, code: str, **figures: Any) -> None:
         """Note a problem of a whole table."""
-        self.problems.append(fault(code, place=self._at(path, f"[{'.'.join(path)}]"), **figures))
+        self.problems.append(
+            fault(code, place=self._location_in_text(path, f"[{'.'.join(path)}]"), **figures)
+        )
 
-    def notice(self, path: KeyPath, code: str, **figures: Any) -> None:
+    def add_notice(self, path: KeyPath, code: str, **figures: Any) -> None:
         """Note a remark about a key that does not refuse the file."""
-        self.notices.append(note(code, Severity.WARNING, place=self.place(path), **figures))
+        self.notices.append(note(code, Severity.WARNING, place=self.location(path), **figures))
 
     def finish(self) -> None:
         """Raise FileError with all problems; do nothing without problems."""
@@ -76,75 +84,85 @@ class Key(NamedTuple):
     default: Any  # NO_DEFAULT if the block cannot be built without it
 
 
-def keys_of(kind: type, hidden: typing.Collection[str] = ()) -> dict[str, Key]:
+def keys_of(block_class: type, hidden_names: typing.Collection[str] = ()) -> dict[str, Key]:
     """Return the keys of a block's table, in the order of its fields."""
-    if not dataclasses.is_dataclass(kind):
-        return _keys_of_plain_class(kind, hidden)
-    hints = _hints(kind)
+    if not dataclasses.is_dataclass(block_class):
+        return _keys_of_plain_class(block_class, hidden_names)
+    hints = _hints(block_class)
     keys = {}
-    for f in dataclasses.fields(kind):
-        if f.init and f.name not in hidden:
+    for f in dataclasses.fields(block_class):
+        if f.init and f.name not in hidden_names:
             default = f.default if f.default_factory is NO_DEFAULT else f.default_factory()  # pyright: ignore
             keys[f.name] = Key(f.name, f.metadata.get("parameter"), hints.get(f.name, Any), default)
     return keys
 
 
-def _keys_of_plain_class(kind: type, hidden_names: typing.Collection[str]) -> dict[str, Key]:
+def _keys_of_plain_class(block_class: type, hidden_names: typing.Collection[str]) -> dict[str, Key]:
     keys = {}
-    for p in inspect.signature(kind).parameters.values():
+    for p in inspect.signature(block_class).parameters.values():
         if p.name not in hidden_names and p.kind in (p.POSITIONAL_OR_KEYWORD, p.KEYWORD_ONLY):
             default = NO_DEFAULT if p.default is p.empty else p.default
             keys[p.name] = Key(p.name, None, Any, default)
     return keys
 
 
-def _hints(kind: type) -> "JsonObject":
+def _hints(block_class: type) -> "JsonObject":
     try:
-        return typing.get_type_hints(kind)
+        return typing.get_type_hints(block_class)
     except NameError:  # a name that only a type checker knows
         return {}
 
 
-def argument_names(kind: type) -> set[str]:
+def argument_names(block_class: type) -> set[str]:
     """Return the names of all arguments that a class accepts."""
-    if dataclasses.is_dataclass(kind):
-        return {f.name for f in dataclasses.fields(kind) if f.init}
-    return set(inspect.signature(kind).parameters)
+    if dataclasses.is_dataclass(block_class):
+        return {f.name for f in dataclasses.fields(block_class) if f.init}
+    return set(inspect.signature(block_class).parameters)
 
 
 def arguments(
-    sheet: Sheet, path: KeyPath, keys: dict[str, Key], table: object, also: typing.Collection[str] = ("kind",)
+    report: ReadReport,
+    path: KeyPath,
+    keys: dict[str, Key],
+    table: object,
+    other_keys: typing.Collection[str] = ("kind",),
 ) -> "JsonObject":
-    """Return keyword arguments from a table; a value that does not fit is noted in `sheet` and omitted."""
+    """Return keyword arguments from a table; a value that does not fit is noted in `report` and omitted."""
     if not isinstance(table, dict):
-        sheet.wrong(path, "vehicle.not-table", found=_text_of(table), table=".".join(path))
+        report.add_problem(path, "vehicle.not-table", found=_text_of(table), table=".".join(path))
         return {}
     values = {}
     for name, value in table.items():
         if name in keys:
-            result = _convert(sheet, (*path, name), keys[name], value)
+            result = _convert(report, (*path, name), keys[name], value)
             if result is not None:
                 values[name] = result
-        elif name not in also:
-            unknown(sheet, (*path, name), value, {k: _unit(key) for k, key in keys.items()}, also)
+        elif name not in other_keys:
+            report_unknown_key(
+                report, (*path, name), value, {k: _unit(key) for k, key in keys.items()}, other_keys
+            )
     return values
 
 
-def unknown(
-    sheet: Sheet, path: KeyPath, value: object, unit_of: dict[str, str], also: typing.Collection[str] = ()
+def report_unknown_key(
+    report: ReadReport,
+    path: KeyPath,
+    value: object,
+    unit_of: dict[str, str],
+    other_keys: typing.Collection[str] = (),
 ) -> None:
     """Note an unknown key as a problem, with a suggestion."""
     name = path[-1]
-    if name in DERIVED:
-        sheet.wrong(path, "vehicle.derived-key")
+    if name in DERIVED_KEYS:
+        report.add_problem(path, "vehicle.derived-key")
         return
-    names = [*unit_of, *also]
+    names = [*unit_of, *other_keys]
     near_unit = wrong_unit(name, value, unit_of)
     code = "vehicle.key-unknown" if len(path) > 1 else "vehicle.table-unknown"
-    sheet.wrong(path, code, found=name, near=near_unit or nearest(name, names))
+    report.add_problem(path, code, found=name, near=near_unit or nearest(name, names))
 
 
-def missing(keys: dict[str, Key], values: "JsonObject") -> list[str]:
+def missing_keys(keys: dict[str, Key], values: "JsonObject") -> list[str]:
     """Return the missing keys that do not have a default, so that the block cannot be built."""
     return [name for name, key in keys.items() if key.default is NO_DEFAULT and name not in values]
 
@@ -153,35 +171,37 @@ def _unit(key: Key) -> str:
     return key.parameter.unit if key.parameter else ""
 
 
-def _convert(sheet: Sheet, path: KeyPath, key: Key, value: object) -> Any:
+def _convert(report: ReadReport, path: KeyPath, key: Key, value: object) -> Any:
     """Return the value in the type that the block requires; None after a problem was noted."""
     if dataclasses.is_dataclass(key.type) and isinstance(key.type, type):
-        return _nested_table(sheet, path, key.type, value)
+        return _nested_table(report, path, key.type, value)
     if key.parameter is not None:
-        return _number(sheet, path, key, value)
-    kind = key.type if key.type is not Any else type(key.default) if key.default is not NO_DEFAULT else Any
-    return _plain(sheet, path, kind, value)
+        return _read_number(report, path, key, value)
+    value_type = (
+        key.type if key.type is not Any else type(key.default) if key.default is not NO_DEFAULT else Any
+    )
+    return _read_plain_value(report, path, value_type, value)
 
 
-def _nested_table(sheet: Sheet, path: KeyPath, kind: type, value: object) -> Any:
+def _nested_table(report: ReadReport, path: KeyPath, block_class: type, value: object) -> Any:
     """Return the arguments of a block inside a block as a dict; the inner block is built later."""
-    return arguments(sheet, path, keys_of(kind, DERIVED), value, also=())
+    return arguments(report, path, keys_of(block_class, DERIVED_KEYS), value, other_keys=())
 
 
-def _number(sheet: Sheet, path: KeyPath, key: Key, value: object) -> Any:
+def _read_number(report: ReadReport, path: KeyPath, key: Key, value: object) -> Any:
     p = key.parameter
     assert p is not None
     if p.shape == ():
         if isinstance(value, bool) or not isinstance(value, int | float):
             code = "vehicle.number-in-quotes" if isinstance(value, str) else "vehicle.not-number"
-            sheet.wrong(path, code, found=_text_of(value), in_unit=p.unit, meaning=p.meaning)
+            report.add_problem(path, code, found=_text_of(value), in_unit=p.unit, meaning=p.meaning)
             return None
         array = np.array(_float(value))
     else:
         value = [value] if p.shape is None and isinstance(value, int | float) else value
         array = number_array(value)
         if array is None:
-            sheet.wrong(
+            report.add_problem(
                 path,
                 "vehicle.not-numbers",
                 found=_text_of(value),
@@ -192,29 +212,31 @@ def _number(sheet: Sheet, path: KeyPath, key: Key, value: object) -> Any:
             return None
         if p.shape is not None and array.shape != p.shape:
             commas = array.size == 2 * int(np.prod(p.shape))
-            sheet.wrong(
+            report.add_problem(
                 path, "vehicle.size-with-commas" if commas else "vehicle.size", found=_size(array.shape),
                 size=_size(p.shape), in_unit=p.unit, meaning=p.meaning,
             )  # fmt: skip
             return None
-    if not _in_range(sheet, path, key, array):
+    if not _is_in_range(report, path, key, array):
         return None
-    if key.name.endswith("_cov") and array.ndim == 2 and not _covariance(sheet, path, array):
+    if key.name.endswith("_cov") and array.ndim == 2 and not _is_covariance(report, path, array):
         return None
     return float(array) if p.shape == () else array
 
 
-def _in_range(sheet: Sheet, path: KeyPath, key: Key, array: np.ndarray) -> bool:
+def _is_in_range(report: ReadReport, path: KeyPath, key: Key, array: np.ndarray) -> bool:
     p = key.parameter
     assert p is not None
-    endless = _may_be_infinite(key)
-    bad = ~np.isfinite(array) & ~(np.isposinf(array) & endless)
-    if np.any(bad):
-        sheet.wrong(path, "vehicle.not-finite", found=format_array(array), in_unit=p.unit, meaning=p.meaning)
+    may_be_infinite = _may_be_infinite(key)
+    is_not_finite = ~np.isfinite(array) & ~(np.isposinf(array) & may_be_infinite)
+    if np.any(is_not_finite):
+        report.add_problem(
+            path, "vehicle.not-finite", found=format_array(array), in_unit=p.unit, meaning=p.meaning
+        )
         return False
-    outside = (array < p.low) | (array > p.high)
-    if np.any(outside):
-        sheet.wrong(
+    is_outside = (array < p.low) | (array > p.high)
+    if np.any(is_outside):
+        report.add_problem(
             path,
             "vehicle.out-of-range",
             found=format_array(array),
@@ -233,52 +255,52 @@ def _may_be_infinite(key: Key) -> bool:
     return isinstance(key.default, float | np.ndarray) and bool(np.any(np.isposinf(key.default)))
 
 
-def _covariance(sheet: Sheet, path: KeyPath, matrix: np.ndarray) -> bool:
+def _is_covariance(report: ReadReport, path: KeyPath, matrix: np.ndarray) -> bool:
     from baqueano.estimators.covariance import covariance
 
     try:
         covariance(matrix, matrix.shape[0], path[-1])
     except ValueError as error:
-        sheet.wrong(path, "vehicle.not-covariance", error=str(error))
+        report.add_problem(path, "vehicle.not-covariance", error=str(error))
         return False
     return True
 
 
-def _plain(sheet: Sheet, path: KeyPath, kind: object, value: object) -> Any:
+def _read_plain_value(report: ReadReport, path: KeyPath, value_type: object, value: object) -> Any:
     """Return the value of a field without unit: text, flag, count, list of names. None after a problem was noted."""
-    origin = typing.get_origin(kind) or kind
-    if kind is int and isinstance(value, float) and value.is_integer():
+    origin = typing.get_origin(value_type) or value_type
+    if value_type is int and isinstance(value, float) and value.is_integer():
         return int(value)
     if origin in (str, bool, int) and type(value) is not origin:
         code = {str: "vehicle.not-text", bool: "vehicle.not-flag", int: "vehicle.not-whole"}[origin]
-        sheet.wrong(path, code, found=_text_of(value))
+        report.add_problem(path, code, found=_text_of(value))
         return None
     if origin is float or (isinstance(value, float | int) and not isinstance(value, bool) and origin is Any):
         if isinstance(value, bool) or not isinstance(value, int | float) or not np.isfinite(_float(value)):
-            sheet.wrong(path, "vehicle.not-one-finite", found=_text_of(value))
+            report.add_problem(path, "vehicle.not-one-finite", found=_text_of(value))
             return None
         return _float(value) if origin is float or isinstance(value, float) else value
     if origin is tuple:
         if not isinstance(value, list) or not all(isinstance(v, str) for v in value):
-            sheet.wrong(path, "vehicle.not-names", found=_text_of(value))
+            report.add_problem(path, "vehicle.not-names", found=_text_of(value))
             return None
         return tuple(value)
     array = number_array(value) if isinstance(value, list) else None
     if origin is np.ndarray and (array is None or not np.all(np.isfinite(array))):
-        sheet.wrong(path, "vehicle.not-list", found=_text_of(value))
+        report.add_problem(path, "vehicle.not-list", found=_text_of(value))
         return None
     return value if array is None else array
 
 
 def number_array(value: Any) -> np.ndarray | None:
     """Return nested lists of numbers with rows of equal length as an array of floats; None for any other value."""
-    flat = [value]
-    while any(isinstance(v, list) for v in flat):
-        if not all(isinstance(v, list) for v in flat):
+    entries = [value]
+    while any(isinstance(v, list) for v in entries):
+        if not all(isinstance(v, list) for v in entries):
             return None
-        flat = [x for v in flat for x in v]
+        entries = [x for v in entries for x in v]
     if not isinstance(value, list) or not all(
-        isinstance(v, int | float) and not isinstance(v, bool) for v in flat
+        isinstance(v, int | float) and not isinstance(v, bool) for v in entries
     ):
         return None
     try:

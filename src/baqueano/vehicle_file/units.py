@@ -85,28 +85,28 @@ UNITS: dict[str, Unit] = {
 _OF_PARAMETER = {"m/s²": "acceleration", "rad/s": "turning", "m/s": "speed", "m": "length", "s": "time"}
 
 
-def split(key: str) -> tuple[str, str]:
+def split_unit(key: str) -> tuple[str, str]:
     """Return ("mass", "kg") for "mass_kg", ("name", "") for a name without a unit."""
-    words = key.split("_")
+    parts = key.split("_")
     for count in (2, 1):
-        unit = "_".join(words[-count:]).lower()
-        if len(words) > count and unit in UNITS:
-            return "_".join(words[:-count]), unit
+        unit = "_".join(parts[-count:]).lower()
+        if len(parts) > count and unit in UNITS:
+            return "_".join(parts[:-count]), unit
     return key, ""
 
 
 def wrong_unit(key: str, value: object, unit_of: dict[str, str]) -> Diagnostic | None:
     """Return a suggestion if `key` is a key of `unit_of` (key → unit) with another unit or without unit; else None."""
-    stem, unit = split(key)
-    for right, its_unit in unit_of.items():
-        right_stem, right_unit = split(right)
+    stem, unit = split_unit(key)
+    for known_key, its_unit in unit_of.items():
+        right_stem, right_unit = split_unit(known_key)
         same_stem = right_stem == stem and unit != right_unit
-        bare = right == stem and unit != ""  # accel_bias_mg for accel_bias
-        if not (same_stem or bare):
+        is_unit_extra = known_key == stem and unit != ""  # accel_bias_mg for accel_bias
+        if not (same_stem or is_unit_extra):
             continue
         if not unit:
-            words = UNITS[right_unit].words
-            return note("vehicle.unit-missing", key=right, value=_unit_text(value), in_unit=words)
+            unit_words = UNITS[right_unit].words
+            return note("vehicle.unit-missing", key=known_key, value=_unit_text(value), in_unit=unit_words)
         dimension = (
             UNITS[right_unit].dimension if right_unit else _OF_PARAMETER.get(its_unit.split(",")[0], "")
         )
@@ -114,17 +114,17 @@ def wrong_unit(key: str, value: object, unit_of: dict[str, str]) -> Diagnostic |
         if source_unit.dimension != dimension:
             continue
         factor = source_unit.factor / (UNITS[right_unit].factor if right_unit else 1.0)
-        words = UNITS[right_unit].words if right_unit else its_unit.split(",")[0]
+        unit_words = UNITS[right_unit].words if right_unit else its_unit.split(",")[0]
         return note(
-            "vehicle.unit-other", in_unit=words, value=_unit_text(value), given=source_unit.words, key=right,
-            converted=_times(value, factor),
+            "vehicle.unit-other", in_unit=unit_words, value=_unit_text(value), given=source_unit.words, key=known_key,
+            converted=_scaled_text(value, factor),
         )  # fmt: skip
     return None
 
 
-def _times(value: object, factor: float) -> str:
+def _scaled_text(value: object, factor: float) -> str:
     if isinstance(value, list):
-        return "[" + ", ".join(_times(v, factor) for v in value) + "]"
+        return "[" + ", ".join(_scaled_text(v, factor) for v in value) + "]"
     return f"{value * factor:.6g}" if isinstance(value, int | float) else f"… × {factor:g}"
 
 
@@ -132,8 +132,8 @@ def _unit_text(value: object) -> str:
     return f"{value:g}" if isinstance(value, float) else str(value)
 
 
-def channel_unit(file: "VehicleFile", sensor: str, entry: int) -> str:
+def channel_unit(vehicle_file: "VehicleFile", sensor: str, entry: int) -> str:
     """Return the unit of one channel of a sensor, from its kind in the vehicle file; "" for a sensor of the user."""
-    kind = file.data.get("sensors", {}).get(sensor, {}).get("kind", sensor)
+    kind = vehicle_file.data.get("sensors", {}).get(sensor, {}).get("kind", sensor)
     units = CHANNEL_UNITS.get(kind, ())
     return units[entry] if entry < len(units) else ""

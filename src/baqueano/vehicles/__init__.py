@@ -2,7 +2,7 @@
 
 from baqueano.vehicles.car import Car
 from baqueano.vehicles.drivetrain import Drivetrain, DrivetrainState
-from baqueano.vehicles.effort import Effort, steady
+from baqueano.vehicles.effort import Effort, constant_effort
 from baqueano.vehicles.friction import Friction
 from baqueano.vehicles.from_acceleration import FromAcceleration
 from baqueano.vehicles.kinematic import Kinematic

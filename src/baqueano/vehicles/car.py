@@ -26,12 +26,12 @@ from baqueano.signals import Motion
 from baqueano.vehicles.bounds import check_bounds
 from baqueano.vehicles.drivetrain import Drivetrain
 from baqueano.vehicles.effort import Effort
-from baqueano.vehicles.friction import ZERO
+from baqueano.vehicles.friction import NO_FRICTION
 from baqueano.vehicles.rk4 import rk4
 from baqueano.vehicles.state import VehicleState, end_of_tick
 
-DRIVEN = 0.01  # effort from which on a motor counts as driven
-LEAST_LAG_S = 0.01  # RK4 is stable for a row of 25 ms, the longest at 50 Hz, down to a lag of 9 ms
+MIN_DRIVEN_EFFORT = 0.01  # effort from which on a motor counts as driven
+MIN_LAG_S = 0.01  # RK4 is stable for a row of 25 ms, the longest at 50 Hz, down to a lag of 9 ms
 
 
 @document
@@ -115,7 +115,7 @@ class Car:
         term="drag of cornering", shown_by="turning at speed", symbol="k",
     )  # fmt: skip
     yaw_lag_s: float = parameter(
-        "s", "lag of servo and tyres λ", low=LEAST_LAG_S, high=10.0, default=0.05,
+        "s", "lag of servo and tyres λ", low=MIN_LAG_S, high=10.0, default=0.05,
         shown_by="sudden changes of steering while driving", symbol=r"\lambda",
     )  # fmt: skip
     drivetrain: Drivetrain = field(
@@ -124,7 +124,7 @@ class Car:
     )
     process_noise_std: np.ndarray = parameter(
         "m/s^1.5, m/s^1.5, rad/s^1.5", "random walk of ν in 1 s; the second is not used", low=0.0, high=1e6,
-        default=ZERO, shape=(3,), role="noise",
+        default=NO_FRICTION, shape=(3,), role="noise",
     )  # fmt: skip
 
     def __post_init__(self) -> None:
@@ -149,11 +149,11 @@ class Car:
         """Return ν̇ (3,) at ν (3,) with the effort (2,).  (1)-(3)"""
         v, r = nu[0], nu[2]
         t = np.tanh(v / self.coulomb_speed_m_s)
-        of_its_way = self.coulomb_forward_m_s2 * (1.0 + t) + self.coulomb_backward_m_s2 * (1.0 - t)
-        dry = t * (self.coulomb_m_s2 + 0.5 * of_its_way)
+        directional_friction = self.coulomb_forward_m_s2 * (1.0 + t) + self.coulomb_backward_m_s2 * (1.0 - t)
+        dry_friction = t * (self.coulomb_m_s2 + 0.5 * directional_friction)
         drag = self.linear_drag + self.quadratic_drag * np.abs(v) + self.cornering_drag * np.abs(r)
         drag = drag + self.motor_drag * self._duty(effort[0])
-        v_dot = self.throttle_gain * effort[0] - drag * v - dry
+        v_dot = self.throttle_gain * effort[0] - drag * v - dry_friction
         delta = self.steering_gain * effort[1] + self.steering_offset_rad
         r_dot = (v * np.tan(delta) / self.wheelbase_m - r) / self.yaw_lag_s
         return np.array([v_dot, self.rear_axle_m * r_dot, r_dot])
@@ -193,7 +193,7 @@ class Car:
         drivetrain = self.drivetrain
         zone = np.where(effort > 0.0, drivetrain.dead_zone_forward[0], drivetrain.dead_zone_backward[0])
         size = np.abs(effort)
-        return size / drivetrain.gain[0] + zone * np.minimum(size / DRIVEN, 1.0)
+        return size / drivetrain.gain[0] + zone * np.minimum(size / MIN_DRIVEN_EFFORT, 1.0)
 
     def _nu(self, v: float, r: float) -> np.ndarray:
         """Return ν (3,) for a rear axle that does not slip.  (3)"""

@@ -24,8 +24,8 @@ from baqueano.contracts.values import Value
 from baqueano.diagnostics import fault
 from baqueano.errors import Invalid
 
-SHORTEST_TICK_S = 1e-9  # one count of the clock: the length used for a tick without duration
-BEFORE_S = 1.0  # assumed duration of each past value before the first tick
+MIN_TICK_S = 1e-9  # one count of the clock: the length used for a tick without duration
+INITIAL_STEP_S = 1.0  # assumed duration of each past value before the first tick
 
 
 class Piece(NamedTuple):
@@ -37,24 +37,27 @@ class Piece(NamedTuple):
 
 
 def pieces_in_force(
-    u: np.ndarray, past: np.ndarray, steps_s: np.ndarray, delay_s: Value, dt_s: Value
+    u: np.ndarray, past_commands: np.ndarray, steps_s: np.ndarray, delay_s: Value, dt_s: Value
 ) -> list[Piece]:
     """Return the segments of a tick of `dt_s` with the command that acts in each, in order.  (1)
 
-    `u` (n,) is the command of this tick. `past` (slots, n) are the earlier commands, which were sent for `steps_s`
-    (slots,).
+    `u` (n,) is the command of this tick. `past_commands` (slots, n) are the earlier commands, which were sent for
+    `steps_s` (slots,).
     """
-    slots = past.shape[0]
+    slots = past_commands.shape[0]
     if slots == 0:
         return [Piece(u, 0.0, dt_s)]
-    values, begins = [u, u, u, *past], [dt_s, dt_s, delay_s]  # two placeholders, which never act, come first
+    values, begins_s = (
+        [u, u, u, *past_commands],
+        [dt_s, dt_s, delay_s],
+    )  # two placeholders, which never act, come first
     for step_s in steps_s[: slots - 1]:
-        begins.append(begins[-1] - step_s)
-    selection = values[-1], values[-2], values[-3], begins[-1], begins[-2]
+        begins_s.append(begins_s[-1] - step_s)
+    selection = values[-1], values[-2], values[-3], begins_s[-1], begins_s[-2]
     for k in range(slots - 1, -1, -1):
-        in_force = begins[k + 2] <= 0.0
-        newer = values[k + 2], values[k + 1], values[k], begins[k + 1], begins[k]
-        selection = tuple(np.where(in_force, a, b) for a, b in zip(newer, selection, strict=True))
+        is_in_force = begins_s[k + 2] <= 0.0
+        next_selection = values[k + 2], values[k + 1], values[k], begins_s[k + 1], begins_s[k]
+        selection = tuple(np.where(is_in_force, a, b) for a, b in zip(next_selection, selection, strict=True))
     first, second, third, to_second, to_third = selection
     end_first, end_second = np.clip(to_second, 0.0, dt_s), np.clip(to_third, 0.0, dt_s)
     pieces = [
@@ -70,19 +73,19 @@ def read(
     line: np.ndarray,
     steps_s: np.ndarray,
     age_s: Value,
-    minus: Callable[[np.ndarray, np.ndarray], np.ndarray] = np.subtract,
+    subtract: Callable[[np.ndarray, np.ndarray], np.ndarray] = np.subtract,
 ) -> np.ndarray:
     """Return the value (m,) of the signal `age_s` ago, interpolated between its samples.  (2)
 
     `line` (slots, m) are the samples before the `newest`. `steps_s` (slots,) is the time from each sample to the
-    previous one, and `minus` returns the difference of two samples.
+    previous one, and `subtract` returns the difference of two samples.
     """
-    value, before, age = newest, newest, 0.0
+    value, previous, age = newest, newest, 0.0
     for k in range(line.shape[0]):
-        step_s = np.maximum(steps_s[k], SHORTEST_TICK_S)
-        part = np.clip((age_s - age) / step_s, 0.0, 1.0)
-        value = value + part * minus(line[k], before)
-        before, age = line[k], age + step_s
+        step_s = np.maximum(steps_s[k], MIN_TICK_S)
+        fraction = np.clip((age_s - age) / step_s, 0.0, 1.0)
+        value = value + fraction * subtract(line[k], previous)
+        previous, age = line[k], age + step_s
     return value
 
 

@@ -24,15 +24,17 @@ from baqueano.diagnostics import fault
 from baqueano.errors import Invalid
 from baqueano.parameter import INF, document, parameter, parameters
 from baqueano.vehicles.bounds import check_bounds
-from baqueano.vehicles.delay import BEFORE_S, check_delay, pieces_in_force, with_newest
-from baqueano.vehicles.effort import Effort, with_lag, without_lag
+from baqueano.vehicles.delay import INITIAL_STEP_S, check_delay, pieces_in_force, with_newest
+from baqueano.vehicles.effort import Effort, direct_effort, lagged_effort
 
-LEAST_LAG_S = 1e-100  # a tick divided by a smaller lag overflows a floating-point number
+MIN_LAG_S = 1e-100  # a tick divided by a smaller lag overflows a floating-point number
 MIXINGS = ("none", "two_wheels")
-SMALLEST_DUTY = 1e-3  # keeps (6) finite without a command
-RESERVE = 0.02  # of a wheel's range, kept for the turn
-RAMP = 0.02  # of a channel: below, the inverse of a dead zone does not jump from one side to the other
-BATTERIES = ("steady", "logged")
+MIN_DUTY = 1e-3  # keeps (6) finite without a command
+TURN_RESERVE = 0.02  # of a wheel's range, kept for the turn
+DEAD_ZONE_RAMP = (
+    0.02  # of a channel: below, the inverse of a dead zone does not jump from one side to the other
+)
+BATTERY_MODES = ("steady", "logged")
 
 
 class DrivetrainState(NamedTuple):
@@ -62,8 +64,8 @@ def mix(mixing: str, u: np.ndarray) -> np.ndarray:
 
 def quantise(z: np.ndarray, step: Value) -> np.ndarray:
     """Return z (m,) rounded to whole steps (m,); a step of 0 leaves z unchanged."""
-    safe = np.where(step > 0.0, step, 1.0)
-    return np.where(step > 0.0, safe * np.floor(z / safe + 0.5), z)
+    divisor = np.where(step > 0.0, step, 1.0)
+    return np.where(step > 0.0, divisor * np.floor(z / divisor + 0.5), z)
 
 
 def unmix(mixing: str, w: np.ndarray) -> np.ndarray:
@@ -165,8 +167,8 @@ class Drivetrain:
     def __post_init__(self) -> None:
         if self.mixing not in MIXINGS:
             raise Invalid(fault("drivetrain.mixing", found=repr(self.mixing), known=MIXINGS))
-        if self.battery not in BATTERIES:
-            raise Invalid(fault("drivetrain.battery", found=repr(self.battery), known=BATTERIES))
+        if self.battery not in BATTERY_MODES:
+            raise Invalid(fault("drivetrain.battery", found=repr(self.battery), known=BATTERY_MODES))
         if self.mixing == "two_wheels" and self.commands != 3:
             raise Invalid(fault("drivetrain.commands", commands=self.commands))
         check_bounds(self)
@@ -174,7 +176,7 @@ class Drivetrain:
         self._check_channels()
         if self.has_lag and self.lag_s == 0.0:
             raise Invalid(fault("drivetrain.lag"))
-        if 0.0 < self.lag_s < LEAST_LAG_S:
+        if 0.0 < self.lag_s < MIN_LAG_S:
             raise Invalid(fault("drivetrain.lag-tiny", lag_s=self.lag_s))
         if self.lag_s > 0.0:
             object.__setattr__(self, "has_lag", True)
@@ -211,32 +213,36 @@ class Drivetrain:
     def init(self) -> DrivetrainState:
         """Return the state of motors that have been off for a long time."""
         past = np.zeros((self.delay_slots, self.commands))
-        return DrivetrainState(past, BEFORE_S * np.ones(self.delay_slots), np.zeros(self.channels))
+        return DrivetrainState(past, INITIAL_STEP_S * np.ones(self.delay_slots), np.zeros(self.channels))
 
     def steady_state(self, u: np.ndarray) -> DrivetrainState:
         """Return the state of motors that have had the command `u` (n,) for a long time."""
-        off = self.init()
-        return off._replace(
-            past=off.past + u, lagged=self.static(self.mix(u)) if self.has_lag else off.lagged
+        rest_state = self.init()
+        return rest_state._replace(
+            past=rest_state.past + u, lagged=self.static(self.mix(u)) if self.has_lag else rest_state.lagged
         )
 
     def step(self, state: DrivetrainState, u: np.ndarray, dt_s: float) -> tuple[DrivetrainState, Effort]:
         """Return the state and the effort over a tick of `dt_s`, during which `u` (n,) is sent.  (1)-(8)"""
         pieces = pieces_in_force(u, state.past, state.steps_s, self.delay_s, dt_s)
         pieces = [piece._replace(u=self.static(self.mix(piece.u))) for piece in pieces]
-        lag = with_lag(pieces, state.lagged, self.lag_s, dt_s) if self.has_lag else without_lag(pieces, dt_s)
-        after = DrivetrainState(
+        lag = (
+            lagged_effort(pieces, state.lagged, self.lag_s, dt_s)
+            if self.has_lag
+            else direct_effort(pieces, dt_s)
+        )
+        next_state = DrivetrainState(
             with_newest(state.past, u),
             with_newest(state.steps_s, dt_s),
             lag.last if self.has_lag else state.lagged,
         )
-        return after, Effort(*map(self.unmix, lag))
+        return next_state, Effort(*map(self.unmix, lag))
 
     def static(self, w: np.ndarray) -> np.ndarray:
         """Return the input (k,) of the motor lag for the channels `w` (k,).  (3)-(6)"""
         w = np.clip(quantise(w, self.duty_step), -self.limit, self.limit)
         w = w * self._supply(1.0 - self.sag * np.mean(np.abs(w[self._motors])))
-        duty = np.maximum(np.abs(w), SMALLEST_DUTY)
+        duty = np.maximum(np.abs(w), MIN_DUTY)
         w = np.maximum(w - self.dead_zone_forward, 0.0) + np.minimum(w + self.dead_zone_backward, 0.0)
         return self.gain * w / (1.0 - self.coast + self.coast * duty)
 
@@ -244,19 +250,19 @@ class Drivetrain:
         """Return the command (n,) that causes `effort` (n,) after delay and lag: the inverse of (2)-(6), without limit
         and steps.
 
-        At 0 the step of the dead zone is replaced by a ramp of width RAMP. The caller applies `limit`.
+        At 0 the step of the dead zone is replaced by a ramp of width DEAD_ZONE_RAMP. The caller applies `limit`.
         """
         w = self.mix(effort)
-        size, zone = np.abs(w), np.where(w > 0.0, self.dead_zone_forward, self.dead_zone_backward)
-        zone = zone * np.minimum(size / (RAMP * self.gain), 1.0)
-        duty = (size * (1.0 - self.coast) + self.gain * zone) / np.maximum(
-            self.gain - self.coast * size, SMALLEST_DUTY
+        magnitude, zone = np.abs(w), np.where(w > 0.0, self.dead_zone_forward, self.dead_zone_backward)
+        zone = zone * np.minimum(magnitude / (DEAD_ZONE_RAMP * self.gain), 1.0)
+        duty = (magnitude * (1.0 - self.coast) + self.gain * zone) / np.maximum(
+            self.gain - self.coast * magnitude, MIN_DUTY
         )
         mean_effort = np.mean(
             (duty / self._supply(1.0))[self._motors]
         )  # mean|w| before the sag solves sag · x² − x + mean_effort = 0
-        share = 0.5 + 0.5 * np.sqrt(np.maximum(1.0 - 4.0 * self.sag * mean_effort, 0.0))
-        return self.unmix(np.sign(w) * duty / self._supply(share))
+        sag_factor = 0.5 + 0.5 * np.sqrt(np.maximum(1.0 - 4.0 * self.sag * mean_effort, 0.0))
+        return self.unmix(np.sign(w) * duty / self._supply(sag_factor))
 
     def turn_first(self, u: np.ndarray) -> np.ndarray:
         """Return the command (n,) with its speed reduced so that no wheel reaches its limit; u_ψ is not reduced.
@@ -265,17 +271,19 @@ class Drivetrain:
         """
         if self.mixing == "none":
             return u
-        room = np.maximum((1.0 - RESERVE) * np.min(self.limit) - np.abs(u[2]), 0.0)
-        return np.array([np.clip(u[0], -room, room), u[1], u[2]])
+        headroom = np.maximum((1.0 - TURN_RESERVE) * np.min(self.limit) - np.abs(u[2]), 0.0)
+        return np.array([np.clip(u[0], -headroom, headroom), u[1], u[2]])
 
     @property
     def _motors(self) -> slice:
         """Return the slice of the channels that depend on the battery: all channels except the servos."""
         return slice(0, self.channels - self.servos)
 
-    def _supply(self, share: Value) -> Value:
-        """Return the relative voltage of each channel (k,), or of all (); `share` is the factor of the sag.  (4)"""
-        supply = share * (1.0 + self.battery_effect * (self.battery_v / self.battery_nominal_v - 1.0))
+    def _supply(self, sag_factor: Value) -> Value:
+        """Return the relative voltage of each channel (k,), or of all (); the sag multiplies it by `sag_factor`.
+        (4)
+        """
+        supply = sag_factor * (1.0 + self.battery_effect * (self.battery_v / self.battery_nominal_v - 1.0))
         if not self.servos:
             return supply
         return np.where(np.arange(self.channels) < self.channels - self.servos, supply, 1.0)

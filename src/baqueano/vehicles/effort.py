@@ -18,9 +18,9 @@ from typing import NamedTuple
 import numpy as np
 
 from baqueano.contracts.values import Value
-from baqueano.vehicles.delay import SHORTEST_TICK_S, Piece
+from baqueano.vehicles.delay import MIN_TICK_S, Piece
 
-WHOLE = 1.0 - 1e-9  # of a tick: a segment that begins later does not yet act at its end
+END_OF_TICK = 1.0 - 1e-9  # of a tick: a segment that begins later does not yet act at its end
 
 
 class Effort(NamedTuple):
@@ -51,40 +51,40 @@ class Effort(NamedTuple):
         return 0.5 * (self.start + self.end)
 
 
-def steady(effort: np.ndarray) -> Effort:
+def constant_effort(effort: np.ndarray) -> Effort:
     """Return an effort (n,) that does not change during the tick."""
     return Effort(effort, effort, effort)
 
 
-def without_lag(pieces: Sequence[Piece], dt_s: Value) -> Effort:
+def direct_effort(pieces: Sequence[Piece], dt_s: Value) -> Effort:
     """Return the effort of motors without a lag.  (2, 3)"""
     last = pieces[0].u
     if len(pieces) == 1:
-        return steady(last)
-    mass = moment = np.zeros(len(pieces[0].u))
-    dt_s = np.maximum(dt_s, SHORTEST_TICK_S)
+        return constant_effort(last)
+    integral = moment = np.zeros(len(pieces[0].u))
+    dt_s = np.maximum(dt_s, MIN_TICK_S)
     for w, a, h in pieces:
-        mass = mass + w * (h / dt_s)
+        integral = integral + w * (h / dt_s)
         moment = moment + w * (h * (2.0 * a + h) / dt_s**2)
-        last = np.where(a < WHOLE * dt_s, w, last)
-    return _line(mass, moment, last)
+        last = np.where(a < END_OF_TICK * dt_s, w, last)
+    return _line(integral, moment, last)
 
 
-def with_lag(pieces: Sequence[Piece], lagged: np.ndarray, lag_s: Value, dt_s: Value) -> Effort:
-    """Return the effort of motors with the time constant `lag_s`; `lagged` (k,) is their state before.  (1)-(3)"""
-    mass = moment = np.zeros(len(pieces[0].u))
-    dt_s = np.maximum(dt_s, SHORTEST_TICK_S)
+def lagged_effort(pieces: Sequence[Piece], lag_state: np.ndarray, lag_s: Value, dt_s: Value) -> Effort:
+    """Return the effort of motors with the time constant `lag_s`; `lag_state` (k,) is their state before.  (1)-(3)"""
+    integral = moment = np.zeros(len(pieces[0].u))
+    dt_s = np.maximum(dt_s, MIN_TICK_S)
     for w, a, h in pieces:
-        h = np.maximum(h, SHORTEST_TICK_S) if len(pieces) == 1 else h
-        x, fade = lagged - w, np.exp(-h / lag_s)
+        h = np.maximum(h, MIN_TICK_S) if len(pieces) == 1 else h
+        x, fade = lag_state - w, np.exp(-h / lag_s)
         j_0 = lag_s * (1.0 - fade)
         j_1 = lag_s * (j_0 - h * fade)
-        mass = mass + (w * h + x * j_0) / dt_s
+        integral = integral + (w * h + x * j_0) / dt_s
         moment = moment + (w * (h * (2.0 * a + h)) + 2.0 * x * (a * j_0 + j_1)) / dt_s**2
-        lagged = w + x * fade
-    return _line(mass, moment, lagged)
+        lag_state = w + x * fade
+    return _line(integral, moment, lag_state)
 
 
-def _line(m_0: np.ndarray, moment: np.ndarray, last: np.ndarray) -> Effort:
-    m_1 = moment - m_0
-    return Effort(m_0 - 3.0 * m_1, m_0 + 3.0 * m_1, last)
+def _line(mean: np.ndarray, moment: np.ndarray, last: np.ndarray) -> Effort:
+    m_1 = moment - mean
+    return Effort(mean - 3.0 * m_1, mean + 3.0 * m_1, last)

@@ -16,19 +16,19 @@ from baqueano.symbolic import get, put
 from baqueano.vehicles.drivetrain import Drivetrain
 from baqueano.vehicles.state import DynamicVehicle
 
-AXES = (N_("forward"), N_("sideways"), N_("turning"))
-SOON_S = 1e-6  # a time so short that velocities do not fade
-TURNS = 0.5  # largest ratio between the yaw rates of the first and the last command
-SMALL = 1e-8  # a speed below the range in which friction changes
+AXIS_NAMES = (N_("forward"), N_("sideways"), N_("turning"))
+SHORT_TIME_S = 1e-6  # a time so short that velocities do not fade
+MAX_YAW_RATE_RATIO = 0.5  # largest ratio between the yaw rates of the first and the last command
+SMALL_SPEED = 1e-8  # a speed below the range in which friction changes
 
 
 def coasting_axes(vehicle: DynamicVehicle) -> tuple[int, ...]:
     """Return the entries of ν that the vehicle keeps without a command: 0 forward, 1 sideways, 2 turning.  (1)"""
-    rest_command, moving = np.zeros(vehicle.commands), []
+    rest_command, axes = np.zeros(vehicle.commands), []
     for i, nu in enumerate(0.1 * np.eye(3)):
-        _, motion = vehicle.step(vehicle.init(nu=nu), rest_command, SOON_S, np.zeros(3))
-        moving += [i] if motion.nu[i] > 0.05 else []
-    return tuple(moving)
+        _, motion = vehicle.step(vehicle.init(nu=nu), rest_command, SHORT_TIME_S, np.zeros(3))
+        axes += [i] if motion.nu[i] > 0.05 else []
+    return tuple(axes)
 
 
 def rates(vehicle: DynamicVehicle, freedoms: tuple[int, ...] | None = None) -> np.ndarray:
@@ -40,7 +40,7 @@ def rates(vehicle: DynamicVehicle, freedoms: tuple[int, ...] | None = None) -> n
     return _rates(vehicle, coasting_axes(vehicle) if freedoms is None else freedoms)
 
 
-def slopes(
+def damping_derivatives(
     vehicle: DynamicVehicle, fields: Collection[str], freedoms: tuple[int, ...] | None = None
 ) -> Iterator[tuple[str, np.ndarray]]:
     """Yield (path with its entry, slope (3,)) of each parameter of the `fields`, "model.…", that damps a motion.  (3)
@@ -51,21 +51,25 @@ def slopes(
         if path not in fields or p.low > 0.0 or p.high < 2.0 or path.startswith("model.drivetrain"):
             continue
         shape = np.shape(get(model, path))
-        none, all_of_it = (_rates(put(model, path, np.full(shape, x))["model"], freedoms) for x in (0.0, 1.0))
-        for index in np.ndindex(shape) if np.any(np.abs(all_of_it - none) > 1e-6) else ():
+        rates_at_zero, rates_at_one = (
+            _rates(put(model, path, np.full(shape, x))["model"], freedoms) for x in (0.0, 1.0)
+        )
+        for index in np.ndindex(shape) if np.any(np.abs(rates_at_one - rates_at_zero) > 1e-6) else ():
             entry_path = f"{path}[{','.join(map(str, index))}]" if index else path
-            at = [_rates(put(model, entry_path, x)["model"], freedoms) for x in (0.0, 1.0, 2.0)]
-            first, second = at[1] - at[0], at[2] - at[1]
-            if np.any(first > 1e-6) and np.allclose(first, second, rtol=1e-3):
-                yield entry_path, np.where(first > 1e-6, first, 0.0)
+            rates_at = [_rates(put(model, entry_path, x)["model"], freedoms) for x in (0.0, 1.0, 2.0)]
+            first_step, second_step = rates_at[1] - rates_at[0], rates_at[2] - rates_at[1]
+            if np.any(first_step > 1e-6) and np.allclose(first_step, second_step, rtol=1e-3):
+                yield entry_path, np.where(first_step > 1e-6, first_step, 0.0)
 
 
 def _rates(vehicle: DynamicVehicle, index: tuple[int, ...]) -> np.ndarray:
-    off, out = np.zeros(vehicle.commands), np.zeros(3)
+    zero_command, fading_rates = np.zeros(vehicle.commands), np.zeros(3)
     for i in index:
-        nu = SMALL * np.eye(3)[i]
-        out[i] = (vehicle.nu_dot(-nu, off)[i] - vehicle.nu_dot(nu, off)[i]) / (2.0 * SMALL)
-    return out
+        nu = SMALL_SPEED * np.eye(3)[i]
+        fading_rates[i] = (vehicle.nu_dot(-nu, zero_command)[i] - vehicle.nu_dot(nu, zero_command)[i]) / (
+            2.0 * SMALL_SPEED
+        )
+    return fading_rates
 
 
 def ideal(vehicle: DynamicVehicle) -> DynamicVehicle:
@@ -74,20 +78,20 @@ def ideal(vehicle: DynamicVehicle) -> DynamicVehicle:
     return put({"model": vehicle}, "model.drivetrain", drivetrain)["model"]
 
 
-def steers(vehicle: DynamicVehicle) -> bool:
+def is_steered(vehicle: DynamicVehicle) -> bool:
     """Return True if the last command turns the vehicle only while it moves, as a servo does."""
     return vehicle.commands > 1 and not np.any(_accelerations(vehicle, -1))
 
 
-def turns(vehicle: DynamicVehicle) -> bool:
+def is_turned_by_last_command(vehicle: DynamicVehicle) -> bool:
     """Return True if the last command turns the vehicle, as a servo or more than twice as fast as the first command."""
-    return steers(vehicle) or bool(
-        abs(_accelerations(vehicle, 0)[2]) < TURNS * abs(_accelerations(vehicle, -1)[2])
+    return is_steered(vehicle) or bool(
+        abs(_accelerations(vehicle, 0)[2]) < MAX_YAW_RATE_RATIO * abs(_accelerations(vehicle, -1)[2])
     )
 
 
 def _accelerations(vehicle: DynamicVehicle, command: int) -> np.ndarray:
     """Return ν (3,) shortly after rest under one unit of one command; this ν is proportional to the acceleration."""
     vehicle, u = ideal(vehicle), np.eye(vehicle.commands)[command]
-    state, _ = vehicle.step(vehicle.init(), u, SOON_S, np.zeros(3))
-    return vehicle.step(state, u, SOON_S, np.zeros(3))[0].nu
+    state, _ = vehicle.step(vehicle.init(), u, SHORT_TIME_S, np.zeros(3))
+    return vehicle.step(state, u, SHORT_TIME_S, np.zeros(3))[0].nu

@@ -22,7 +22,7 @@ from baqueano.errors import Invalid
 from baqueano.parameter import document, parameter
 from baqueano.vehicles.bounds import check_bounds
 
-ZERO = (0.0, 0.0, 0.0)
+NO_FRICTION = (0.0, 0.0, 0.0)
 
 
 @document
@@ -42,13 +42,13 @@ class Friction:
     """
 
     linear: np.ndarray = parameter(
-        "N s/m, N s/m, N m s/rad", "viscous friction d_l", low=0.0, high=1e6, default=ZERO, shape=(3,),
+        "N s/m, N s/m, N m s/rad", "viscous friction d_l", low=0.0, high=1e6, default=NO_FRICTION, shape=(3,),
         shown_by=("driving forward and back, and coasting", "sliding sideways, as in fast tight turns",
         "turning, and coasting out of the turn"), symbol="d_{l}",
         label=("drag ahead", "drag sideways", "drag in turning"),
     )  # fmt: skip
     quadratic: np.ndarray = parameter(
-        "N s²/m², N s²/m², N m s²/rad²", "quadratic friction d_c", low=0.0, high=1e6, default=ZERO,
+        "N s²/m², N s²/m², N m s²/rad²", "quadratic friction d_c", low=0.0, high=1e6, default=NO_FRICTION,
         shape=(3,), neutral=0.0,
         term=("quadratic drag forward", "quadratic drag sideways", "quadratic drag turning"),
         shown_by=("driving forward both slowly and at full speed",
@@ -57,7 +57,7 @@ class Friction:
         label=("drag ahead, ∝ v²", "drag sideways, ∝ v²", "drag in turning, ∝ r²"),
     )  # fmt: skip
     coulomb: np.ndarray = parameter(
-        "N, N, N m", "dry friction d_k", low=0.0, high=1e6, default=ZERO, shape=(3,), role="term",
+        "N, N, N m", "dry friction d_k", low=0.0, high=1e6, default=NO_FRICTION, shape=(3,), role="term",
         term=("dry friction forward", "dry friction sideways", "dry friction turning"),
         shown_by=("driving slowly and stopping, many times", "sliding sideways slowly",
         "turning slowly and stopping, many times"), symbol="d_{k}",
@@ -96,13 +96,15 @@ class Friction:
     def force(self, nu: np.ndarray) -> np.ndarray:
         """Return f(ν) (3,) [N, N, N m], the force and torque that a vehicle subtracts from its driving force.  (1)"""
         d = (self.linear + self.quadratic * np.abs(nu)) * nu
-        dry = self.coulomb * np.tanh(nu / self.coulomb_speed)
+        dry_friction = self.coulomb * np.tanh(nu / self.coulomb_speed)
         turning = np.array([self.cornering * nu[0] * np.abs(nu[2]), 0.0, 0.0])
-        return d + dry + turning + self._of_wheels(nu)
+        return d + dry_friction + turning + self._wheel_friction(nu)
 
-    def _of_wheels(self, nu: np.ndarray) -> np.ndarray:
+    def _wheel_friction(self, nu: np.ndarray) -> np.ndarray:
         """Return the dry friction (3,) [N, N, N m] of the two wheels.  (2)"""
-        half = 0.5 * self.track_m
-        t = np.tanh(np.array([nu[0] - half * nu[2], nu[0] + half * nu[2]]) / self.coulomb_speed[0])
+        half_track = 0.5 * self.track_m
+        t = np.tanh(
+            np.array([nu[0] - half_track * nu[2], nu[0] + half_track * nu[2]]) / self.coulomb_speed[0]
+        )
         F = 0.5 * t * (self.coulomb_forward * (1.0 + t) + self.coulomb_backward * (1.0 - t))
-        return np.array([F[0] + F[1], 0.0, half * (F[1] - F[0])])
+        return np.array([F[0] + F[1], 0.0, half_track * (F[1] - F[0])])

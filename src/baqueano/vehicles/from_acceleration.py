@@ -19,7 +19,7 @@ from baqueano.signals import Motion
 from baqueano.vehicles.bounds import check_bounds
 from baqueano.vehicles.drivetrain import Drivetrain
 from baqueano.vehicles.effort import Effort
-from baqueano.vehicles.friction import ZERO
+from baqueano.vehicles.friction import NO_FRICTION
 from baqueano.vehicles.rk4 import rk4
 from baqueano.vehicles.state import VehicleState, end_of_tick
 
@@ -58,7 +58,7 @@ class FromAcceleration:
         "random walk of ν in 1 s",
         low=0.0,
         high=1e6,
-        default=ZERO,
+        default=NO_FRICTION,
         shape=(3,),
         role="noise",
     )
@@ -82,7 +82,9 @@ class FromAcceleration:
         """Return (η, ν, ν̇), (3,) each, after `dt_s` with an effort; ν̇ is the value at the end.  (1)"""
 
         def x_dot(x: np.ndarray, effort: np.ndarray) -> np.ndarray:
-            return np.concatenate([map_from_body(x[2]) @ x[3:], self._free(self.nu_dot(x[3:], effort, x[2]))])
+            return np.concatenate(
+                [map_from_body(x[2]) @ x[3:], self._mask_axes(self.nu_dot(x[3:], effort, x[2]))]
+            )
 
         x = rk4(x_dot, np.concatenate([eta, nu]), effort, dt_s)
         eta = np.array([x[0], x[1], wrap(x[2])])
@@ -91,7 +93,7 @@ class FromAcceleration:
     def init(self, eta: np.ndarray | None = None, nu: np.ndarray | None = None) -> VehicleState:
         """Return the state at the pose `eta` (3,) and the velocity `nu` (3,), both zero by default, with motors off."""
         eta = np.zeros(3) if eta is None else eta
-        nu = np.zeros(3) if nu is None else self._free(nu)
+        nu = np.zeros(3) if nu is None else self._mask_axes(nu)
         nu_dot = self.nu_dot(nu, np.zeros(self.commands), eta[2])
         return VehicleState(eta, nu, nu_dot, self.drivetrain.init())
 
@@ -101,9 +103,9 @@ class FromAcceleration:
         """Return state and Motion after a tick of `dt_s` with the command `u` (n,); `noise` (3,) is standard normal."""
         drivetrain, effort = self.drivetrain.step(state.drivetrain, u, dt_s)
         eta, nu, _ = self.advance(state.eta, state.nu, effort, dt_s)
-        nu = self._free(nu + self.process_noise_std * np.sqrt(dt_s) * noise)
+        nu = self._mask_axes(nu + self.process_noise_std * np.sqrt(dt_s) * noise)
         return end_of_tick(self, state, eta, nu, drivetrain, effort, dt_s)
 
-    def _free(self, x: np.ndarray) -> np.ndarray:
+    def _mask_axes(self, x: np.ndarray) -> np.ndarray:
         """Return x (3,) with zeros along the axes that are not in `axes`."""
         return x * np.array([1.0 if i in self.axes else 0.0 for i in range(3)])

@@ -23,10 +23,10 @@ from baqueano.geometry import map_from_body, wrap
 from baqueano.parameter import document, parameter
 from baqueano.signals import Motion
 from baqueano.vehicles.bounds import check_bounds
-from baqueano.vehicles.delay import SHORTEST_TICK_S
+from baqueano.vehicles.delay import MIN_TICK_S
 from baqueano.vehicles.drivetrain import Drivetrain
-from baqueano.vehicles.effort import Effort, steady
-from baqueano.vehicles.friction import ZERO
+from baqueano.vehicles.effort import Effort, constant_effort
+from baqueano.vehicles.friction import NO_FRICTION
 from baqueano.vehicles.rk4 import rk4
 from baqueano.vehicles.state import VehicleState
 
@@ -67,7 +67,8 @@ class Kinematic:
     )  # fmt: skip
     drivetrain: Drivetrain = field(default_factory=Drivetrain)
     process_noise_std: np.ndarray = parameter(
-        "m/s, m/s, rad/s", "standard deviation of the velocity in a tick", low=0.0, high=1e6, default=ZERO, shape=(3,),
+        "m/s, m/s, rad/s", "standard deviation of the velocity in a tick", low=0.0, high=1e6, default=NO_FRICTION,
+        shape=(3,),
         role="noise",
     )  # fmt: skip
 
@@ -117,8 +118,8 @@ class Kinematic:
         self, eta: np.ndarray, previous: np.ndarray, effort: Effort, dt_s: float, scatter: np.ndarray
     ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Return (η, ν, ν̇) after `dt_s`, with `scatter` (3,) added to ν; ν̇ = 0 if `dt_s` is 0.  (2), (3)"""
-        effort = effort if self.drivetrain.has_lag else steady(effort.mean)
+        effort = effort if self.drivetrain.has_lag else constant_effort(effort.mean)
         x = rk4(lambda x, e: map_from_body(x[2]) @ (self.velocity(e) + scatter), eta, effort, dt_s)
         nu = self.velocity(effort.last) + scatter
-        nu_dot = np.where(dt_s > 0.0, (nu - previous) / np.maximum(dt_s, SHORTEST_TICK_S), 0.0)
+        nu_dot = np.where(dt_s > 0.0, (nu - previous) / np.maximum(dt_s, MIN_TICK_S), 0.0)
         return np.array([x[0], x[1], wrap(x[2])]), nu, nu_dot

@@ -26,7 +26,7 @@ from baqueano.signals import STANDARD_GRAVITY, Motion
 from baqueano.vehicles.bounds import check_bounds
 from baqueano.vehicles.drivetrain import Drivetrain
 from baqueano.vehicles.effort import Effort
-from baqueano.vehicles.friction import ZERO, Friction
+from baqueano.vehicles.friction import NO_FRICTION, Friction
 from baqueano.vehicles.rk4 import rk4
 from baqueano.vehicles.state import VehicleState, end_of_tick
 
@@ -87,7 +87,7 @@ class Planar:
     process_noise_std: np.ndarray = parameter(
         "m/s^1.5, m/s^1.5, rad/s^1.5",
         "white acceleration outside the model: its random walk of ν in 1 s", low=0.0, high=1e6,
-        default=ZERO, shape=(3,), role="noise",
+        default=NO_FRICTION, shape=(3,), role="noise",
     )  # fmt: skip
 
     def __post_init__(self) -> None:

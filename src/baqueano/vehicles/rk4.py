@@ -6,7 +6,7 @@
 x is the state, f its derivative, h the step; e₀, ē and e₁ are the effort at the start, in the middle and at the end.
 
 For ẋ = −x/τ the step is stable while h < 2.785 τ, and the fastest motion of a small vehicle has a τ of 15 ms. So a tick
-more than 25 % longer than ROW_S is divided into equal rows. Source: Kutta 1901.
+more than 25 % longer than MAX_ROW_S is divided into equal rows. Source: Kutta 1901.
 """
 
 from collections.abc import Callable
@@ -16,7 +16,10 @@ import numpy as np
 from baqueano.contracts.values import Value
 from baqueano.vehicles.effort import Effort
 
-ROW_S, MORE = 0.02, 0.25  # the longest row, and the share of it by which a tick may be longer without a cut
+MAX_ROW_S, ROW_TOLERANCE = (
+    0.02,
+    0.25,
+)  # the longest row, and the share of it by which a tick may be longer without a cut
 
 
 def rk4(f: Callable[[Value, Value], Value], x: np.ndarray, effort: Effort, dt_s: Value) -> np.ndarray:
@@ -28,10 +31,10 @@ def rk4(f: Callable[[Value, Value], Value], x: np.ndarray, effort: Effort, dt_s:
     return x + dt_s / 6.0 * (k1 + 2.0 * k2 + 2.0 * k3 + k4)
 
 
-def rows_in(dt_s: np.ndarray) -> np.ndarray:
+def row_counts(dt_s: np.ndarray) -> np.ndarray:
     """Return the number of rows (N,) into which ticks of `dt_s` (N,) are divided.
 
     >>> rows_in(np.array([0.01, 0.022, 0.05]))
     array([1, 1, 3])
     """
-    return np.maximum(np.ceil(dt_s / ROW_S - MORE), 1).astype(int)
+    return np.maximum(np.ceil(dt_s / MAX_ROW_S - ROW_TOLERANCE), 1).astype(int)

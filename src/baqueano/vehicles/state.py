@@ -104,8 +104,8 @@ def end_of_tick(
     def motion_at(eta: np.ndarray, nu: np.ndarray, effort: np.ndarray) -> Motion:
         return Motion(eta, nu, model.nu_dot(nu, effort, eta[2]), model.gravity(eta[2]))
 
-    now = motion_at(eta, nu, effort.last)
+    motion_now = motion_at(eta, nu, effort.last)
     begin, end = motion_at(previous.eta, previous.nu, effort.start), motion_at(eta, nu, effort.end)
     halfway = 0.5 * (previous.nu + nu) + 0.125 * dt_s * (begin.nu_dot - end.nu_dot)
     tick = begin, motion_at(eta, halfway, effort.mean), end
-    return VehicleState(eta, nu, now.nu_dot, drivetrain), now._replace(tick=tick)
+    return VehicleState(eta, nu, motion_now.nu_dot, drivetrain), motion_now._replace(tick=tick)

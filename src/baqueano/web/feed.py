@@ -1,4 +1,4 @@
-"""Store the ticks for all browsers: rows of float32 in frames, and a ring of the last KEPT_S for new browsers.
+"""Store the ticks for all browsers: rows of float32 in frames, and a ring of the last RING_S for new browsers.
 
 frame   uint32 stream and number, uint32 rows R, float64 time of the first row [s], R × F float32, little-endian
 """
@@ -14,16 +14,16 @@ from typing import TYPE_CHECKING
 if TYPE_CHECKING:
     from baqueano.contracts.values import JsonObject
 
-HEAD = struct.Struct("<IId")
-KEPT_S = 60.0  # drive time that the ring stores
-MOST_ROWS = 60_000  # most rows of the ring, at any rate
-SHOWN = 64  # number of frames whose age is stored
-NUMBERS = 1 << 24  # frame numbers; the higher bits are the stream
+HEAD_LAYOUT = struct.Struct("<IId")
+RING_S = 60.0  # drive time that the ring stores
+MAX_ROWS = 60_000  # most rows of the ring, at any rate
+MAX_FRAME_TIMES = 64  # number of frames whose age is stored
+FRAME_NUMBER_COUNT = 1 << 24  # frame numbers; the higher bits are the stream
 NAN = float("nan")
 
 
 class Feed:
-    """The newest rows of the current or last drive: at most KEPT_S, or MOST_ROWS rows."""
+    """The newest rows of the current or last drive: at most RING_S, or MAX_ROWS rows."""
 
     def __init__(self, now: Callable[[], float] = time.monotonic) -> None:
         self._now = now
@@ -32,7 +32,7 @@ class Feed:
         self._at: dict[str, int] = {}
         self._ring: deque[tuple[float, int, bytes]] = deque()  # time of the first row, rows, bytes
         self._rows = 0
-        self._made_s: deque[tuple[int, float]] = deque(maxlen=SHOWN)
+        self._made_s: deque[tuple[int, float]] = deque(maxlen=MAX_FRAME_TIMES)
         self._last: Sequence[float] = ()
 
     def columns(self, names: list[str]) -> bool:
@@ -43,25 +43,25 @@ class Feed:
         self.names, self._at = names, {name: k for k, name in enumerate(names)}
         return True
 
-    def take(self, word: "JsonObject") -> bytes | None:
+    def take(self, message: "JsonObject") -> bytes | None:
         """Store the ticks of a message, and return a binary frame of them, or None if their columns do not match."""
-        rows = word["x"]
+        rows = message["x"]
         if not rows or not self.names or any(len(row) != len(self.names) for row in rows):
             return None
         try:
-            numbers = array("f", [NAN if x is None else x for row in rows for x in row])
+            values = array("f", [NAN if x is None else x for row in rows for x in row])
         except (TypeError, OverflowError):
             return None
         if sys.byteorder == "big":
-            numbers.byteswap()
+            values.byteswap()
         t = self._time(rows[0])
         if self._ring and t < self._ring[-1][0]:
             self._forget()
-        self._keep(t, len(rows), numbers.tobytes())
+        self._keep(t, len(rows), values.tobytes())
         self._last = rows[-1]
-        self.number = (self.number + 1) % NUMBERS
+        self.number = (self.number + 1) % FRAME_NUMBER_COUNT
         self._made_s.append((self.number, self._now()))
-        return HEAD.pack(self.number, len(rows), t) + self._ring[-1][2]
+        return HEAD_LAYOUT.pack(self.number, len(rows), t) + self._ring[-1][2]
 
     def age_s(self, number: int) -> float:
         """Return the age [s] of the frame with this number: 0 for the newest frame, infinity for an unknown number."""
@@ -77,7 +77,7 @@ class Feed:
         pieces = [(t, rows, data) for t, rows, data in self._ring if t >= from_s]
         if not pieces:
             return ()
-        head = HEAD.pack(self.number, sum(rows for _, rows, _ in pieces), pieces[0][0])
+        head = HEAD_LAYOUT.pack(self.number, sum(rows for _, rows, _ in pieces), pieces[0][0])
         return (head, *(data for _, _, data in pieces))
 
     def value(self, name: str) -> float:
@@ -88,14 +88,14 @@ class Feed:
 
     def mean(self, name: str, within_s: float) -> tuple[float, int]:
         """Return the mean of a column over the last `within_s` seconds, and the number of values; (NaN, 0) if none."""
-        k, wide = self._at.get(name), len(self.names)
+        k, width = self._at.get(name), len(self.names)
         if k is None or not self._ring:
             return NAN, 0
-        since, total, count = self._ring[-1][0] - within_s, 0.0, 0
+        from_s, total, count = self._ring[-1][0] - within_s, 0.0, 0
         for t, rows, data in reversed(self._ring):
-            if t < since:
+            if t < from_s:
                 break
-            values = memoryview(data).cast("f")[k : rows * wide : wide] if sys.byteorder == "little" else ()
+            values = memoryview(data).cast("f")[k : rows * width : width] if sys.byteorder == "little" else ()
             for value in values:
                 if value == value:
                     total, count = total + value, count + 1
@@ -104,7 +104,7 @@ class Feed:
     def _keep(self, t: float, rows: int, data: bytes) -> None:
         self._ring.append((t, rows, data))
         self._rows += rows
-        while self._ring[0][0] < t - KEPT_S or self._rows > MOST_ROWS:
+        while self._ring[0][0] < t - RING_S or self._rows > MAX_ROWS:
             self._rows -= self._ring.popleft()[1]
 
     def _time(self, row: Sequence[float]) -> float:
@@ -126,9 +126,13 @@ def field_rows(names: list[object], units: list[object], commands: list[str]) ->
 
 def group_of(name: str, commands: list[str]) -> str:
     """Return the group of a column: the name of a sensor or command, or the first part of the column's name."""
-    first, _, rest = name.partition(".")
-    if first in ("u", "asked"):
-        return commands[int(rest)] if rest.isdecimal() and int(rest) < len(commands) else rest
-    if first in ("z", "model", "innov", "S"):
-        return rest.partition("[")[0]
-    return "route" if name in ("progress", "cross") else first
+    prefix, _, remainder = name.partition(".")
+    if prefix in ("u", "asked"):
+        return (
+            commands[int(remainder)]
+            if remainder.isdecimal() and int(remainder) < len(commands)
+            else remainder
+        )
+    if prefix in ("z", "model", "innov", "S"):
+        return remainder.partition("[")[0]
+    return "route" if name in ("progress", "cross") else prefix

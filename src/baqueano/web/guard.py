@@ -2,10 +2,10 @@
 
     Host     must be a served address with the port, on every request, so that a rebound name is refused        (1)
     Origin   must be a served origin on every upgrade; without an Origin, a token only permits to view          (2)
-    token    128 bits per role, in the fragment of the address, compared in constant time; after FAILURES
+    token    128 bits per role, in the fragment of the address, compared in constant time; after MAX_FAILURES
              wrong tokens in a minute from an address, its tokens are refused                                   (3)
 
-A mission requested by a browser may contain only the options that MISSIONS lists.
+A mission requested by a browser may contain only the options that MISSION_OPTIONS lists.
 
 On loopback a browser does not need a token; with `--share` every browser does.
 """
@@ -26,13 +26,13 @@ from baqueano.messages.printable import one_line
 if TYPE_CHECKING:
     from baqueano.contracts.values import JsonObject
 
-FAILURES = 5  # most wrong tokens from an address in a minute
+MAX_FAILURES = 5  # most wrong tokens from an address in a minute
 MINUTE_S = 60.0
-ADDRESSES = 1024  # most addresses that are stored
-HOLDS_S = 12 * 3600.0  # lifetime of a token
+MAX_ADDRESSES = 1024  # most addresses that are stored
+TOKEN_LIFETIME_S = 12 * 3600.0  # lifetime of a token
 LOOPBACK = ("127.0.0.1", "::1")
-LONGEST = 60  # most letters of a text option
-MISSIONS: "dict[str, dict[str, type]]" = {  # kind → the allowed options and their types
+MAX_OPTION_LETTERS = 60  # most letters of a text option
+MISSION_OPTIONS: "dict[str, dict[str, type]]" = {  # kind → the allowed options and their types
     "teach": {"name": str, "shape": str, "size_m": float, "speed_m_s": float, "closed": bool},
     "repeat": {"route": str, "laps": float}, "experiment": {"seconds": float, "signal": str}, "drive": {},
     "first drive": {},
@@ -79,15 +79,15 @@ class Guard:
     def role(self, address: str, token: str, from_page: bool) -> Role | None:
         """Return the role of a visitor, None if the visitor is refused.  (2), (3)
 
-        Without an Origin the role is at most VIEW. Tokens are valid for HOLDS_S after the start of the page.
+        Without an Origin the role is at most VIEW. Tokens are valid for TOKEN_LIFETIME_S after the start of the page.
         """
         failures = self._failures[address]
         while failures and self._now() - failures[0] > MINUTE_S:
             failures.popleft()
         if not token:
-            free = from_page and not self.shared and address in LOOPBACK
-            return Role.DRIVE if free else None
-        if len(failures) >= FAILURES:
+            needs_no_token = from_page and not self.shared and address in LOOPBACK
+            return Role.DRIVE if needs_no_token else None
+        if len(failures) >= MAX_FAILURES:
             return None
         candidate, matching = token.encode(), None
         for (
@@ -96,13 +96,13 @@ class Guard:
         ) in self.tokens.items():  # all of them, so that the duration does not reveal the match
             if hmac.compare_digest(candidate, own_token.encode()):
                 matching = role
-        if matching is None or self._now() - self._begun_s > HOLDS_S:
+        if matching is None or self._now() - self._begun_s > TOKEN_LIFETIME_S:
             self._fail(address)
             return None
         return matching if from_page else Role.VIEW
 
     def _fail(self, address: str) -> None:
-        if len(self._failures) > ADDRESSES:
+        if len(self._failures) > MAX_ADDRESSES:
             self._failures.clear()
         self._failures[address].append(self._now())
 
@@ -116,9 +116,9 @@ class Rate:
 
     def one_more(self) -> bool:
         """Count one more message; return True if it is within the rate."""
-        now = self._now()
-        self._credit = min(self._most, self._credit + (now - self._last_s) * self._each_s)
-        self._last_s = now
+        now_s = self._now()
+        self._credit = min(self._most, self._credit + (now_s - self._last_s) * self._each_s)
+        self._last_s = now_s
         if self._credit < 1.0:
             return False
         self._credit -= 1.0
@@ -134,16 +134,18 @@ def url_host(address: str) -> str:
     return f"[{address}]" if ":" in address else address
 
 
-def mission_of(word: "JsonObject") -> "tuple[str, JsonObject]":
+def mission_of(request: "JsonObject") -> "tuple[str, JsonObject]":
     """Return the kind and the options of the mission that a browser requests.
 
     Unknown options are ignored. Raise UsageError for an unknown kind, or an option of the wrong type.
     """
-    kind = str(word["kind"])
-    if kind not in MISSIONS:
-        raise UsageError(fault("web.no-such-mission", kind=one_line(kind)[:LONGEST], known=[*MISSIONS]))
-    kinds = MISSIONS[kind]
-    return kind, {name: _of_kind(word[name], kinds[name]) for name in kinds if name in word}
+    kind = str(request["kind"])
+    if kind not in MISSION_OPTIONS:
+        raise UsageError(
+            fault("web.no-such-mission", kind=one_line(kind)[:MAX_OPTION_LETTERS], known=[*MISSION_OPTIONS])
+        )
+    kinds = MISSION_OPTIONS[kind]
+    return kind, {name: _of_kind(request[name], kinds[name]) for name in kinds if name in request}
 
 
 def finite(x: object) -> bool:
@@ -152,11 +154,14 @@ def finite(x: object) -> bool:
 
 
 def _of_kind(value: object, kind: type) -> object:
-    """Return an option of a mission. Raise UsageError for another type, a number not finite, or a text over LONGEST."""
+    """Return an option of a mission.
+
+    Raise UsageError for another type, a number not finite, or a text over MAX_OPTION_LETTERS.
+    """
     if kind is float and finite(value):
         return value
-    if kind is str and isinstance(value, str) and len(value) <= LONGEST:
+    if kind is str and isinstance(value, str) and len(value) <= MAX_OPTION_LETTERS:
         return value
     if kind is bool and isinstance(value, bool):
         return value
-    raise UsageError(fault("web.not-understood", error=one_line(repr(value))[:LONGEST]))
+    raise UsageError(fault("web.not-understood", error=one_line(repr(value))[:MAX_OPTION_LETTERS]))

@@ -10,13 +10,13 @@ from http import HTTPStatus
 from pathlib import Path
 from typing import NamedTuple
 
-LONGEST_HEAD = 16 << 10  # bytes
-HEADERS = 64
-PIECE = 64 << 10
-STALLED_S = 20.0  # time limit in which a browser must accept bytes
+MAX_HEAD_BYTES = 16 << 10  # bytes
+MAX_HEADERS = 64
+WRITE_BYTES = 64 << 10
+WRITE_TIMEOUT_S = 20.0  # time limit in which a browser must accept bytes
 _NAME = re.compile(r"[-!#$%&'*+.^_`|~0-9A-Za-z]+")
 _PATH = re.compile(r"/[\x21-\x7e]*")
-TYPES = {
+CONTENT_TYPES = {
     ".html": "text/html; charset=utf-8", ".js": "text/javascript; charset=utf-8", ".css": "text/css; charset=utf-8",
     ".json": "application/json; charset=utf-8", ".svg": "image/svg+xml", ".png": "image/png", ".ico": "image/x-icon",
     ".txt": "text/plain; charset=utf-8", ".mcap": "application/octet-stream",
@@ -29,7 +29,7 @@ REPORT_POLICY = (  # it holds its style and its figures, and no script
     "default-src 'none'; style-src 'unsafe-inline'; img-src data:; frame-ancestors 'none'; base-uri 'none'; "
     "form-action 'none'; sandbox"
 )
-STANDING = {
+FIXED_HEADERS = {
     "X-Content-Type-Options": "nosniff", "Referrer-Policy": "no-referrer", "X-Frame-Options": "DENY",
     "Cross-Origin-Resource-Policy": "same-origin", "Cross-Origin-Opener-Policy": "same-origin",
     "Permissions-Policy": "camera=(), geolocation=(), microphone=(), usb=(), serial=()", "Cache-Control": "no-store",
@@ -83,8 +83,8 @@ async def read_head(reader: asyncio.StreamReader) -> bytes:
 def head_of(data: bytes) -> Head:
     """Return the request head in these bytes. Raise RefusedRequest if it is malformed or its method is not allowed."""
     lines = data.decode("latin-1").removesuffix("\r\n\r\n").split("\r\n")
-    words = lines[0].split(" ")
-    if len(words) != 3 or words[2] not in ("HTTP/1.1", "HTTP/1.0") or len(lines) > HEADERS:
+    request_line = lines[0].split(" ")
+    if len(request_line) != 3 or request_line[2] not in ("HTTP/1.1", "HTTP/1.0") or len(lines) > MAX_HEADERS:
         raise RefusedRequest(HTTPStatus.BAD_REQUEST)
     headers: dict[str, list[str]] = {}
     for line in lines[1:]:
@@ -92,22 +92,22 @@ def head_of(data: bytes) -> Head:
         if not colon or not _NAME.fullmatch(name) or any(c in value for c in "\r\n\0"):
             raise RefusedRequest(HTTPStatus.BAD_REQUEST)
         headers.setdefault(name.lower(), []).append(value.strip(" \t"))
-    if words[0] not in ("GET", "HEAD"):
+    if request_line[0] not in ("GET", "HEAD"):
         raise RefusedRequest(HTTPStatus.METHOD_NOT_ALLOWED, Allow="GET, HEAD")
     if (
-        not _PATH.fullmatch(words[1])
+        not _PATH.fullmatch(request_line[1])
         or headers.get("transfer-encoding")
         or headers.get("content-length", ["0"]) != ["0"]
     ):
         raise RefusedRequest(HTTPStatus.BAD_REQUEST)
-    return Head(words[0], words[1].partition("?")[0], headers)
+    return Head(request_line[0], request_line[1].partition("?")[0], headers)
 
 
 def static(folder: Path) -> dict[str, Content]:
     """Return the files of the folder by URL path, read now; their types determine which are served."""
     table = {}
     for path in sorted(folder.rglob("*")):
-        kind = TYPES.get(path.suffix)
+        kind = CONTENT_TYPES.get(path.suffix)
         if kind and path.is_file() and not path.is_symlink():
             content = path.read_bytes()
             compressed = gzip.compress(content, mtime=0) if kind.endswith("utf-8") else b""
@@ -121,7 +121,7 @@ def static(folder: Path) -> dict[str, Content]:
 
 async def refuse(writer: asyncio.StreamWriter, reason: RefusedRequest) -> None:
     """Answer a request by the status and the phrase of its refusal."""
-    kind, text = TYPES[".txt"], f"{reason.status.value} {reason.status.phrase}\n".encode()
+    kind, text = CONTENT_TYPES[".txt"], f"{reason.status.value} {reason.status.phrase}\n".encode()
     await _send(writer, _head(reason.status, kind, len(text), PAGE_POLICY, reason.headers) + text)
 
 
@@ -135,35 +135,36 @@ def takes_gzip(head: Head) -> bool:
 
 async def reply(writer: asyncio.StreamWriter, body: Content, head: Head) -> None:
     """Answer a request with a body, compressed if the browser accepts this; the answer to HEAD has only headers."""
-    head_only, more = head.method == "HEAD", {"Vary": "Accept-Encoding"} if body.packed else {}
+    head_only, extra_headers = head.method == "HEAD", {"Vary": "Accept-Encoding"} if body.packed else {}
     if body.packed and takes_gzip(head):
-        body, more = body._replace(content=body.packed), more | {"Content-Encoding": "gzip"}
-    file = isinstance(body.content, Path)
+        body, extra_headers = body._replace(content=body.packed), extra_headers | {"Content-Encoding": "gzip"}
+    is_file = isinstance(body.content, Path)
     size = body.content.stat().st_size if isinstance(body.content, Path) else len(body.content)
     if body.download:
-        more["Content-Disposition"] = f'attachment; filename="{body.download}"'
-    start = _head(HTTPStatus.OK, body.kind, size, body.policy, more)
-    if head_only or not file:
+        extra_headers["Content-Disposition"] = f'attachment; filename="{body.download}"'
+    start = _head(HTTPStatus.OK, body.kind, size, body.policy, extra_headers)
+    if head_only or not is_file:
         await _send(writer, start + (b"" if head_only or isinstance(body.content, Path) else body.content))
         return
     assert isinstance(body.content, Path)
     with body.content.open("rb") as pieces:
         await _send(writer, start)
-        while size > 0 and (piece := pieces.read(min(PIECE, size))):
+        while size > 0 and (piece := pieces.read(min(WRITE_BYTES, size))):
             size -= len(piece)
             await _send(writer, piece)
 
 
 async def _send(writer: asyncio.StreamWriter, data: bytes) -> None:
-    for at in range(0, len(data), PIECE):
-        writer.write(data[at : at + PIECE])
-        async with asyncio.timeout(STALLED_S):
+    for offset in range(0, len(data), WRITE_BYTES):
+        writer.write(data[offset : offset + WRITE_BYTES])
+        async with asyncio.timeout(WRITE_TIMEOUT_S):
             await writer.drain()
 
 
-def _head(status: HTTPStatus, kind: str, size: int, policy: str, more: dict[str, str]) -> bytes:
+def _head(status: HTTPStatus, kind: str, size: int, policy: str, extra_headers: dict[str, str]) -> bytes:
     headers = {
-        "Content-Type": kind, "Content-Length": str(size), "Content-Security-Policy": policy, **STANDING, **more,
+        "Content-Type": kind, "Content-Length": str(size), "Content-Security-Policy": policy, **FIXED_HEADERS,
+        **extra_headers,
     }  # fmt: skip
     lines = [
         f"HTTP/1.1 {status.value} {status.phrase}",

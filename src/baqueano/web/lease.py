@@ -1,8 +1,8 @@
 """Manage the lease, the right to drive: one browser has it at a time, while its heartbeats count.
 
-  a heartbeat counts if its number grows and the picture that it names is not older than HOLDS_S plus the
+  a heartbeat counts if its number grows and the picture that it names is not older than LEASE_S plus the
   round-trip time, or is the newest picture                                                                   (1)
-  the lease ends after HOLDS_S without a heartbeat that counts                                                (2)
+  the lease ends after LEASE_S without a heartbeat that counts                                                (2)
 
 The holder can pass the lease to another visitor. The server does not create heartbeats: a visitor with a frozen picture
 or a hidden page loses the lease.
@@ -20,7 +20,7 @@ from baqueano.web.visitor import Visitor
 if TYPE_CHECKING:
     from baqueano.contracts.values import JsonObject
 
-HOLDS_S = 0.3
+LEASE_S = 0.3
 
 
 class Lease:
@@ -49,7 +49,7 @@ class Lease:
         if self.holder is not None and self._holder is not visitor:
             raise SafetyStop(note("web.lease-taken", Severity.ERROR, name=self._name))
         self._holder, self._name = visitor, name
-        self._n, self._until_s = 0, self._now() + HOLDS_S
+        self._n, self._until_s = 0, self._now() + LEASE_S
 
     def give(self, visitor: object, to: object = None, name: str = "") -> None:
         """Pass the lease to `to`, or end it if `to` is None. Raise SafetyStop if `visitor` is not the holder."""
@@ -71,9 +71,9 @@ class Lease:
         if visitor is None or self.holder is not visitor or n <= self._n:
             return False
         self._n = n
-        if not age_s <= HOLDS_S + way_s:
+        if not age_s <= LEASE_S + way_s:
             return False
-        self._until_s = self._now() + HOLDS_S
+        self._until_s = self._now() + LEASE_S
         return True
 
     def on_disconnect(self, visitor: object) -> bool:

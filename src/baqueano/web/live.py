@@ -20,7 +20,7 @@ from baqueano.messages.language import within
 from baqueano.messages.printable import one_line
 from baqueano.web.feed import Feed, field_rows
 from baqueano.web.foxglove.bridge import Foxglove
-from baqueano.web.guard import LONGEST, Role, finite, mission_of
+from baqueano.web.guard import MAX_OPTION_LETTERS, Role, finite, mission_of
 from baqueano.web.lab.identifying import Identifying
 from baqueano.web.lab.local_files import LocalFiles
 from baqueano.web.lease import Lease, lease_messages
@@ -35,8 +35,7 @@ if TYPE_CHECKING:
 HZ = 20.0
 STATE_S = 0.4  # between states
 ODD_S = 15.0  # drive time for which an event stays in the sentence
-EVENTS = 40  # events sent to a new browser, fewer than its queue accepts
-COMMANDS = 8
+MAX_EVENTS, MAX_COMMANDS = 40, 8  # sent to a new browser, fewer than its queue accepts; in a heartbeat
 
 
 class Live:
@@ -56,7 +55,7 @@ class Live:
         self._fields: list[JsonObject] = []
         self._route: JsonObject | None = None
         self._routes: list[JsonObject] = []
-        self._events: deque[tuple[float, Diagnostic]] = deque(maxlen=EVENTS)
+        self._events: deque[tuple[float, Diagnostic]] = deque(maxlen=MAX_EVENTS)
         self._last_sender: Visitor | None = None  # sender of the last message that the service may refuse
         self._last_lease: tuple[object, int] = (None, 0)  # holder and number of watchers last sent
         self._changed = True
@@ -126,7 +125,7 @@ class Live:
             "pace": self._pace, "history": self._send_history, "identify": self._identify,
         }.get(word["is"])  # fmt: skip
         if do is None:
-            raise UsageError(fault("web.unknown-word", word=one_line(word["is"])[:LONGEST]))
+            raise UsageError(fault("web.unknown-word", word=one_line(word["is"])[:MAX_OPTION_LETTERS]))
         return do(visitor, word)
 
     def on_disconnect(self, visitor: Visitor) -> None:
@@ -152,7 +151,7 @@ class Live:
 
     def _beat(self, visitor: Visitor, word: "JsonObject") -> None:
         u = word["u"]
-        if not isinstance(u, list) or len(u) > COMMANDS or not all(finite(x) for x in u):
+        if not isinstance(u, list) or len(u) > MAX_COMMANDS or not all(finite(x) for x in u):
             raise UsageError(fault("web.not-understood", error="u"))
         age_s = self.feed.age_s(int(word["seen"]))
         if self.lease.beat(visitor, int(word["n"]), age_s, visitor.way_s):
@@ -169,7 +168,8 @@ class Live:
         if word.get("to"):
             drivers = [guest for guest in self._all() if guest.role == Role.DRIVE]
             if (to := next((guest for guest in drivers if guest.name == word["to"]), None)) is None:
-                raise UsageError(fault("web.no-such-visitor", name=one_line(str(word["to"]))[:LONGEST]))
+                name = one_line(str(word["to"]))[:MAX_OPTION_LETTERS]
+                raise UsageError(fault("web.no-such-visitor", name=name))
         self.lease.give(visitor, to, getattr(to, "name", ""))
         self._say_lease()
 

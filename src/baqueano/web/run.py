@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 
 from baqueano.diagnostics import Diagnostic, fault, note
 from baqueano.errors import RobotUnreachable
-from baqueano.web.guard import HOLDS_S, Role, url_host
+from baqueano.web.guard import TOKEN_LIFETIME_S, Role, url_host
 from baqueano.web.lab.handle import Lab
 from baqueano.web.lab.local_files import LocalFiles
 from baqueano.web.lab.shelf import Shelf
@@ -24,8 +24,8 @@ from baqueano.web.share import open_tab, own_address, own_names, qr_code, url
 if TYPE_CHECKING:
     from baqueano.contracts.values import JsonObject
 
-GREETING_S = 60.0  # a busy laptop starts Python slowly
-QUIET_S = 2.0
+GREETING_TIMEOUT_S = 60.0  # a busy laptop starts Python slowly
+LEAVE_TIMEOUT_S = 2.0
 COMES_S, GONE_S, LOOK_S = 60.0, 3.0, 0.1  # waiting times for browsers
 
 
@@ -99,25 +99,25 @@ async def show_vehicle(
     meet(lambda: len(server.visitors))
     live.begin()
     hearing = asyncio.create_task(live.run())
-    description, over = (asyncio.create_task(event.wait()) for event in (live.described, live.over))
+    description, end_event = (asyncio.create_task(event.wait()) for event in (live.described, live.over))
     ending: asyncio.Task[None] | None = None
     try:
         # a robot sends its description only with its first drive
-        greeting_s = GREETING_S if robot is None else QUIET_S
+        greeting_s = GREETING_TIMEOUT_S if robot is None else LEAVE_TIMEOUT_S
         await asyncio.wait({hearing, description}, timeout=greeting_s, return_when=asyncio.FIRST_COMPLETED)
         if hearing.done() and not description.done():
             raise RobotUnreachable(fault("web.service-gone"))
         async with server:
             announce(server, options, notify)
             ending = asyncio.create_task(wait_for_end())
-            await asyncio.wait({ending, hearing, over}, return_when=asyncio.FIRST_COMPLETED)
+            await asyncio.wait({ending, hearing, end_event}, return_when=asyncio.FIRST_COMPLETED)
             if live.over.is_set():
                 await server.say_goodbye()
             elif lasting and hearing.done():
                 raise RobotUnreachable(fault("web.service-gone"))
     finally:
         await link.close()
-        for task in (hearing, description, over, *([ending] if ending else [])):
+        for task in (hearing, description, end_event, *([ending] if ending else [])):
             task.cancel()
         await live.identifying.close()
         if robot is not None:
@@ -149,19 +149,19 @@ def announce(server: Server, options: PageOptions, notify: Callable[[Diagnostic 
     """Report the addresses by `notify`, with a QR code if the page is shared, and open a tab."""
     tokens = server.guard.tokens
     if not options.share:
-        own = url(LOOPBACK, server.port, tokens)
+        own_url = url(LOOPBACK, server.port, tokens)
     else:
         address = server.shared_at
-        own = url(address, server.port, tokens, Role.DRIVE)
-        notify(qr_code(own))
+        own_url = url(address, server.port, tokens, Role.DRIVE)
+        notify(qr_code(own_url))
         notify(note("web.to-stop", url=url(address, server.port, tokens, Role.STOP)))
         notify(note("web.to-view", url=url(address, server.port, tokens, Role.VIEW)))
-        notify(note("web.plain", hours=HOLDS_S / 3600.0))
-    notify(note("web.at", url=own))
+        notify(note("web.plain", hours=TOKEN_LIFETIME_S / 3600.0))
+    notify(note("web.at", url=own_url))
     if server.foxglove is not None:
         notify(note("web.foxglove", url=foxglove_url(server, tokens)))
     if options.browser:
-        asyncio.get_running_loop().run_in_executor(None, open_tab, own)
+        asyncio.get_running_loop().run_in_executor(None, open_tab, own_url)
 
 
 def foxglove_url(server: Server, tokens: dict[Role, str]) -> str:

@@ -15,17 +15,17 @@ if TYPE_CHECKING:
     from baqueano.contracts.values import JsonObject
     from baqueano.web.feed import Feed
 
-TITLES = {
+MISSION_TITLES = {
     "teach": "web.title-teach", "repeat": "web.title-repeat", "drive": "web.title-drive",
     "experiment": "web.title-experiment", "first drive": "web.title-first-drive",
 }  # fmt: skip
-STATES = {
+STATE_TEXTS = {
     "READY": "web.title-ready", "STOPPED": "web.title-stopped", "DISARMED": "web.title-disarmed",
     "OVER": "web.title-over",
 }  # fmt: skip
 NIS_S = 10.0
-FEWEST = 100  # least number of NIS values for a sentence
-PLAIN = ("number", "t_s", "until_s", "over", "fault")  # fields of a ledger row that are copied
+MIN_NIS_COUNT = 100  # least number of NIS values for a sentence
+COPIED_FIELDS = ("number", "t_s", "until_s", "over", "fault")  # fields of a ledger row that are copied
 HALF_BAND = 1.96 * math.sqrt(2.0)  # of the mean of N squared normals, times √N
 
 
@@ -36,7 +36,11 @@ def state_message(
     kind, name = state.get("mission"), state["state"]
     is_driving = kind is not None and name in ("MISSION", "MANUAL")
     lap, laps = _lap(feed, route), state.get("laps")
-    title = TITLES.get(str(kind), "web.title-drive") if is_driving else STATES.get(name, "web.title-ready")
+    title = (
+        MISSION_TITLES.get(str(kind), "web.title-drive")
+        if is_driving
+        else STATE_TEXTS.get(name, "web.title-ready")
+    )
     title = "web.title-paused" if state.get("paused") and is_driving else title
     parts = _driving(state, feed, lap, laps) if is_driving else [_standing(state)]
     grave = Severity.ERROR if name == "STOPPED" else Severity.WARNING if odd else Severity.INFO
@@ -51,13 +55,13 @@ def state_message(
 
 
 def _standing(state: "JsonObject") -> Diagnostic:
-    reason = state.get("why")
+    cause = state.get("why")
     if state["state"] == "STOPPED":
-        return note("web.stopped", cause=reason or "")
-    if state["state"] == "OVER" and isinstance(reason, Diagnostic):
-        return reason
+        return note("web.stopped", cause=cause or "")
+    if state["state"] == "OVER" and isinstance(cause, Diagnostic):
+        return cause
     if state["state"] == "DISARMED":
-        return note("web.disarmed", cause=reason or "")
+        return note("web.disarmed", cause=cause or "")
     return note("web.ready")
 
 
@@ -72,10 +76,10 @@ def _driving(state: "JsonObject", feed: "Feed", lap: int | None, laps: object) -
     elif math.isfinite(speed := feed.value("nu.u")):
         parts.append(note("web.speed", speed_m_s=speed))
     mean, count = feed.mean("nis", NIS_S)
-    if count >= FEWEST:
-        half = HALF_BAND / math.sqrt(count)
-        code = "web.filter-too-sure" if mean > 1.0 + half else "web.filter-fits"
-        parts.append(note("web.filter-cautious" if mean < 1.0 - half else code, nis=mean))
+    if count >= MIN_NIS_COUNT:
+        half_band = HALF_BAND / math.sqrt(count)
+        code = "web.filter-too-sure" if mean > 1.0 + half_band else "web.filter-fits"
+        parts.append(note("web.filter-cautious" if mean < 1.0 - half_band else code, nis=mean))
     return parts or [note("web.begins")]
 
 
@@ -90,7 +94,7 @@ def _lap(feed: "Feed", route: "JsonObject | None") -> int | None:
 def ledger_rows(rows: "list[JsonObject]") -> "list[JsonObject]":
     """Return the rows of the door's message `ledger`, with texts in place of diagnostics."""
     return [
-        {name: row.get(name) for name in PLAIN}
+        {name: row.get(name) for name in COPIED_FIELDS}
         | {
             "what": _text(row.get("what")), "nobody": _text(row.get("nobody")),
             "noticed": [

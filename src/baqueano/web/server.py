@@ -16,10 +16,10 @@ from websockets.typing import Subprotocol
 from baqueano.diagnostics import fault
 from baqueano.errors import UsageError
 from baqueano.web import SUBPROTOCOL
-from baqueano.web.foxglove.bridge import NAMES, Foxglove
+from baqueano.web.foxglove.bridge import SUBPROTOCOLS, Foxglove
 from baqueano.web.guard import Guard
 from baqueano.web.http import (
-    LONGEST_HEAD,
+    MAX_HEAD_BYTES,
     Content,
     Head,
     RefusedRequest,
@@ -29,15 +29,15 @@ from baqueano.web.http import (
     reply,
     static,
 )
-from baqueano.web.visitor import LONGEST, POLICY, Visitor
+from baqueano.web.visitor import MAX_MESSAGE_BYTES, POLICY, Visitor
 
 if TYPE_CHECKING:
     from baqueano.contracts.values import JsonObject
 
 STATIC = Path(__file__).with_name("static")
-VISITORS = 32
-CONNECTIONS = 96  # most connections, including those that fetch files
-HANDSHAKE_S = 5.0
+MAX_VISITORS = 32
+MAX_CONNECTIONS = 96  # most connections, including those that fetch files
+HANDSHAKE_TIMEOUT_S = 5.0
 DONE, GOODBYE_S = 1000, 1.0
 LOOPBACK = "127.0.0.1"
 
@@ -47,15 +47,15 @@ class Server:
 
     def __init__(
         self,
-        on_word: "Callable[[Visitor, JsonObject], Awaitable[None]]",
+        on_message: "Callable[[Visitor, JsonObject], Awaitable[None]]",
         on_leave: Callable[[Visitor], None],
-        body: Callable[[str], Awaitable[Content | None]],
+        content_of: Callable[[str], Awaitable[Content | None]],
         *,
         port: int = 0,
         shared_at: str = "",
         names: tuple[str, ...] = (),
     ) -> None:
-        self._on_word, self._on_leave, self._body = on_word, on_leave, body
+        self._on_message, self._on_leave, self._content_of = on_message, on_leave, content_of
         self._addresses = tuple(filter(None, (LOOPBACK, shared_at)))
         self._names, self.shared_at, self.port = names, shared_at, port
         self._files = static(STATIC)
@@ -70,7 +70,7 @@ class Server:
         for address in self._addresses:
             try:
                 server = await asyncio.start_server(
-                    self._welcome, address, self.port, limit=LONGEST_HEAD, start_serving=False
+                    self._welcome, address, self.port, limit=MAX_HEAD_BYTES, start_serving=False
                 )
             except OSError as error:
                 await self._close()
@@ -117,7 +117,7 @@ class Server:
         self._connections += 1
         self._talks.add(task)
         try:
-            if self._connections <= CONNECTIONS:
+            if self._connections <= MAX_CONNECTIONS:
                 await self._answer(reader, writer)
         except (OSError, EOFError, asyncio.CancelledError):  # the last: the server ends
             pass
@@ -129,7 +129,7 @@ class Server:
 
     async def _answer(self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
         try:
-            async with asyncio.timeout(HANDSHAKE_S):
+            async with asyncio.timeout(HANDSHAKE_TIMEOUT_S):
                 data = await read_head(reader)
             head = head_of(data)
             if not self.guard.knows_host(head.values("host")):
@@ -140,10 +140,10 @@ class Server:
             if self.foxglove is not None and head.path.partition("/foxglove")[0] == "":
                 await self._look(reader, writer, head, data)
                 return
-            body = self._files.get(head.path) or await self._body(head.path)
-            if body is None:
+            content = self._files.get(head.path) or await self._content_of(head.path)
+            if content is None:
                 raise RefusedRequest(HTTPStatus.NOT_FOUND)
-            await reply(writer, body, head)
+            await reply(writer, content, head)
         except RefusedRequest as refusal:
             await refuse(writer, refusal)
 
@@ -157,11 +157,13 @@ class Server:
         writer.write(b"".join(protocol.data_to_send()))
         visitor = Visitor(reader, writer, protocol, writer.get_extra_info("peername")[0], bool(origins))
         self.visitors.add(visitor)
-        late = asyncio.get_running_loop().call_later(HANDSHAKE_S, self._check_greeting, visitor)
+        greeting_timer = asyncio.get_running_loop().call_later(
+            HANDSHAKE_TIMEOUT_S, self._check_greeting, visitor
+        )
         try:
-            await visitor.talk(self._on_word)
+            await visitor.talk(self._on_message)
         finally:
-            late.cancel()
+            greeting_timer.cancel()
             self.visitors.discard(visitor)
             self._on_leave(visitor)
 
@@ -180,7 +182,7 @@ class Server:
         )
         if not is_local and self.guard.role(address, token, from_page=False) is None:
             raise RefusedRequest(HTTPStatus.FORBIDDEN)
-        protocol = self._protocol(head, data, NAMES)
+        protocol = self._protocol(head, data, SUBPROTOCOLS)
         if protocol.subprotocol is None:
             raise RefusedRequest(HTTPStatus.BAD_REQUEST)
         writer.write(b"".join(protocol.data_to_send()))
@@ -200,9 +202,11 @@ class Server:
         """
         if head.method != "GET" or not head.values("upgrade"):
             raise RefusedRequest(HTTPStatus.UPGRADE_REQUIRED, Upgrade="websocket")
-        if len(self.visitors) + len(self.onlookers) >= VISITORS:
+        if len(self.visitors) + len(self.onlookers) >= MAX_VISITORS:
             raise RefusedRequest(HTTPStatus.SERVICE_UNAVAILABLE)
-        protocol = ServerProtocol(subprotocols=[Subprotocol(name) for name in names], max_size=LONGEST)
+        protocol = ServerProtocol(
+            subprotocols=[Subprotocol(name) for name in names], max_size=MAX_MESSAGE_BYTES
+        )
         protocol.receive_data(data)
         requests = protocol.events_received()
         response = protocol.accept(requests[0]) if requests else None  # pyright: ignore[reportArgumentType]

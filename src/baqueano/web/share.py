@@ -10,14 +10,14 @@ from baqueano.diagnostics import fault
 from baqueano.errors import UsageError
 from baqueano.web.guard import Role, url_host
 
-ANYWHERE = "192.0.2.1"  # reserved for documentation: nothing is sent, only the local address is found
+OUTSIDE_ADDRESS = "192.0.2.1"  # reserved for documentation: nothing is sent, only the local address is found
 
 
 def own_address() -> str:
     """Return the address of this machine in its network. Raise UsageError without a network."""
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
         try:
-            probe.connect((ANYWHERE, 9))
+            probe.connect((OUTSIDE_ADDRESS, 9))
             address = probe.getsockname()[0]
         except OSError as error:
             raise UsageError(fault("web.no-network")) from error
@@ -43,12 +43,12 @@ def qr_code(address: str) -> str:
 
     import segno
 
-    out = io.StringIO()
-    segno.make(address, error="l", micro=False).terminal(out, compact=True)
-    return out.getvalue().rstrip("\n")
+    buffer = io.StringIO()
+    segno.make(address, error="l", micro=False).terminal(buffer, compact=True)
+    return buffer.getvalue().rstrip("\n")
 
 
-def display() -> bool:
+def has_display() -> bool:
     """Return True if a browser can open a tab: there is a display, and the process does not run in CI."""
     if os.environ.get("CI"):
         return False
@@ -59,7 +59,7 @@ def display() -> bool:
 
 def open_tab(address: str) -> bool:
     """Open a tab of the browser, and return True; return False without a display or a browser."""
-    if not display():
+    if not has_display():
         return False
     with suppress(webbrowser.Error, OSError):
         return webbrowser.open(address, new=2)

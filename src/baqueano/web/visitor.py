@@ -1,6 +1,6 @@
 """Represent a connected browser: its messages, and the queues of messages, pieces and pictures for it.
 
-  words     a queue of WORDS messages, which are never dropped; if it is full, the browser is disconnected      (1)
+  words     a queue of MAX_MESSAGES messages, which are never dropped; if it is full, the browser is disconnected (1)
   pieces    parts of a history or a run, each made only after the previous piece has been sent                  (2)
   picture   one place: the newest frame replaces a frame that has not been sent                                 (3)
 
@@ -30,15 +30,15 @@ if TYPE_CHECKING:
 
     Piece = bytes | JsonObject | tuple[bytes, ...]  # a binary message, a word, the parts of a binary message
 
-WORDS = 64
-LONGEST = 16 << 10  # most bytes of a message from a browser
-RATE = 50.0  # messages a second from a browser
-UNREAD = 4 << 20  # most bytes that wait for the kernel: more than the largest piece
-FRAGMENT = 16 << 10  # bytes of a long message that are encoded at once
-SENDING = 64 << 10  # bytes in the socket's buffer
-PING_S = 2.0
-WAY_S = 0.2  # largest round trip allowed for a picture
-GONE_S = 20.0  # time limit without a received byte
+MAX_MESSAGES = 64
+MAX_MESSAGE_BYTES = 16 << 10  # most bytes of a message from a browser
+MAX_MESSAGE_RATE_HZ = 50.0  # messages a second from a browser
+MAX_UNREAD_BYTES = 4 << 20  # most bytes that wait for the kernel: more than the largest piece
+FRAGMENT_BYTES = 16 << 10  # bytes of a long message that are encoded at once
+SEND_BUFFER_BYTES = 64 << 10  # bytes in the socket's buffer
+PING_PERIOD_S = 2.0
+MAX_TRIP_S = 0.2  # largest round trip allowed for a picture
+MAX_SILENCE_S = 20.0  # time limit without a received byte
 BINARY = 0x82  # the first byte of a whole binary message
 POLICY, UNSUPPORTED, TOO_SLOW = 1008, 1003, 1013
 
@@ -55,19 +55,19 @@ class Visitor:
         self.name, self.language = "", "en"
         self.spoke = False
         self._reader, self._writer, self._protocol = reader, writer, protocol
-        self._words: deque[JsonObject] = deque()
+        self._messages: deque[JsonObject] = deque()
         self._pieces: AsyncIterator[Piece] | None = None
         self._picture: bytes | None = None
         self._waiting, self._last_word_s = asyncio.Event(), time.monotonic()
         self._parts: list[bytes] = []
         self._ending: int | None = None  # close code to send after the waiting messages
-        self._rate = Rate(RATE)
+        self._rate = Rate(MAX_MESSAGE_RATE_HZ)
         self.way_s, self._pinged_s = 0.0, 0.0  # round-trip time, time of the last ping
         writer.transport.set_write_buffer_limits(high=0)  # `drain` waits until the kernel has it
         line = writer.get_extra_info("socket")
         if line is not None:
             with suppress(OSError):
-                line.setsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF, SENDING)
+                line.setsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF, SEND_BUFFER_BYTES)
                 line.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
 
     @property
@@ -75,12 +75,12 @@ class Visitor:
         """Return True while messages can be sent."""
         return self._protocol.state is State.OPEN and not self._writer.is_closing()
 
-    def send(self, word: "JsonObject") -> None:
+    def send(self, message: "JsonObject") -> None:
         """Append a message to the queue; disconnect the browser if the queue is full.  (1)"""
-        if len(self._words) >= WORDS:
+        if len(self._messages) >= MAX_MESSAGES:
             self.leave(TOO_SLOW)
             return
-        self._words.append(word)
+        self._messages.append(message)
         self._waiting.set()
 
     def show(self, picture: bytes) -> None:
@@ -88,7 +88,7 @@ class Visitor:
 
         The picture is a message encoded by `binary_frame`.
         """
-        waits = self._words or self._picture or self._pieces is not None or self._ending is not None
+        waits = self._messages or self._picture or self._pieces is not None or self._ending is not None
         if self.open and not waits and not self._writer.transport.get_write_buffer_size():
             self._writer.write(picture)
             return
@@ -116,11 +116,11 @@ class Visitor:
         self._ending = code
         self._waiting.set()
 
-    async def talk(self, on_word: "Callable[[Visitor, JsonObject], Awaitable[None]]") -> None:
-        """Receive messages and pass each to `on_word`, and send the queues, until the connection ends."""
-        tasks = [asyncio.create_task(job) for job in (self._send_words(), self._keep_alive())]
+    async def talk(self, on_message: "Callable[[Visitor, JsonObject], Awaitable[None]]") -> None:
+        """Receive messages and pass each to `on_message`, and send the queues, until the connection ends."""
+        tasks = [asyncio.create_task(job) for job in (self._send_messages(), self._keep_alive())]
         try:
-            await self._hear(on_word)
+            await self._receive_messages(on_message)
         except (OSError, EOFError):
             pass
         finally:
@@ -129,7 +129,7 @@ class Visitor:
             await asyncio.gather(*tasks, return_exceptions=True)
             self._writer.transport.abort() if not self._writer.is_closing() else self._writer.close()
 
-    async def _hear(self, on_word: "Callable[[Visitor, JsonObject], Awaitable[None]]") -> None:
+    async def _receive_messages(self, on_message: "Callable[[Visitor, JsonObject], Awaitable[None]]") -> None:
         while self._protocol.state is State.OPEN:
             data = await self._reader.read(1 << 16)
             if not data:
@@ -138,43 +138,43 @@ class Visitor:
             self._protocol.receive_data(data)
             self._flush()
             for frame in self._protocol.events_received():
-                for word in self._words_in(frame):
+                for message in self._messages_in(frame):
                     self.spoke = True
-                    await on_word(self, word)
+                    await on_message(self, message)
                     await asyncio.sleep(0)  # let the answer be sent before the next message is read
 
-    def _words_in(self, frame: object) -> "list[JsonObject]":
+    def _messages_in(self, frame: object) -> "list[JsonObject]":
         """Return the message that this frame completes, [] without one.
 
         Close the connection if the message is binary or malformed, or exceeds the rate.
         """
-        opcode, data, last = (
+        opcode, data, is_last = (
             getattr(frame, "opcode", None),
             getattr(frame, "data", b""),
             getattr(frame, "fin", True),
         )
         if opcode is Opcode.PONG:
-            self.way_s = min(WAY_S, time.monotonic() - self._pinged_s)
+            self.way_s = min(MAX_TRIP_S, time.monotonic() - self._pinged_s)
         if opcode is Opcode.BINARY:
             self.leave(UNSUPPORTED)
         if opcode not in (Opcode.TEXT, Opcode.CONT) or not self.open:
             return []
         self._parts = [data] if opcode is Opcode.TEXT else [*self._parts, data]
-        if not last:
+        if not is_last:
             return []
         if not self._rate.one_more():
             self.leave(POLICY)
             return []
         try:
-            word = json.loads(b"".join(self._parts))
+            message = json.loads(b"".join(self._parts))
         except (ValueError, RecursionError):
-            word = None
-        if not isinstance(word, dict) or not isinstance(word.get(self._kind), str):
+            message = None
+        if not isinstance(message, dict) or not isinstance(message.get(self._kind), str):
             self.leave(POLICY)
             return []
-        return [word]
+        return [message]
 
-    async def _send_words(self) -> None:
+    async def _send_messages(self) -> None:
         with suppress(OSError, StopAsyncIteration):
             while self.open:
                 await self._waiting.wait()
@@ -188,8 +188,8 @@ class Visitor:
 
         Return False if no item waits.
         """
-        if self._words:
-            await self._write(self._words.popleft())
+        if self._messages:
+            await self._write(self._messages.popleft())
         elif self._ending is not None:
             self.leave(self._ending)
         elif self._picture is not None:
@@ -227,7 +227,7 @@ class Visitor:
         send = self._protocol.send_binary
         while parts and self.open:
             data = bytearray()
-            while parts and len(data) < FRAGMENT:
+            while parts and len(data) < FRAGMENT_BYTES:
                 data += parts.popleft()
             send(bytes(data), fin=not parts)
             send = self._protocol.send_continuation
@@ -246,13 +246,13 @@ class Visitor:
                 self._writer.write(data)
             elif not data:
                 self._writer.close()
-        if self._writer.transport.get_write_buffer_size() > UNREAD:
+        if self._writer.transport.get_write_buffer_size() > MAX_UNREAD_BYTES:
             self._writer.transport.abort()
 
     async def _keep_alive(self) -> None:
         while self.open:
-            await asyncio.sleep(PING_S)
-            if time.monotonic() - self._last_word_s > GONE_S:
+            await asyncio.sleep(PING_PERIOD_S)
+            if time.monotonic() - self._last_word_s > MAX_SILENCE_S:
                 self._writer.transport.abort()
                 return
             self._pinged_s = time.monotonic()
@@ -270,9 +270,9 @@ def binary_frame(data: bytes) -> bytes:
     return struct.pack("!BBQ", BINARY, 127, size) + data
 
 
-def encode_json(word: "JsonObject") -> bytes:
+def encode_json(message: "JsonObject") -> bytes:
     """Return a message as JSON. Infinite numbers and NaN become null, because JSON does not have them."""
-    return json.dumps(_plain(word), ensure_ascii=False, separators=(",", ":"), allow_nan=False).encode()
+    return json.dumps(_plain(message), ensure_ascii=False, separators=(",", ":"), allow_nan=False).encode()
 
 
 def _plain(value: Value) -> Value:

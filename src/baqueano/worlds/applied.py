@@ -15,12 +15,12 @@ from typing import NamedTuple
 
 import numpy as np
 
-NS = 1e-9
-STEP_NS, MOST_STEPS = 1_000_000, 50  # the period at which the firmware checks its wheels
-ON_THE_WAY_NS = 1_000_000  # from a command of the loop to the wheels: by USB it is 1 to 2 ms
+SECONDS_PER_NS = 1e-9
+STEP_NS, MAX_STEPS = 1_000_000, 50  # the period at which the firmware checks its wheels
+COMMAND_DELAY_NS = 1_000_000  # from a command of the loop to the wheels: by USB it is 1 to 2 ms
 
 
-class AppliedWay(NamedTuple):
+class MotorCharacteristic(NamedTuple):
     """The characteristic of a wheel in one direction: duty = dead_zone + slope · |request|."""
 
     dead_zone: float = 0.0
@@ -31,41 +31,41 @@ class AppliedMotors(NamedTuple):
     """The conversion from request to duty in the firmware."""
 
     slew_per_s: float = 1000.0
-    ways: tuple[AppliedWay, ...] = (
-        AppliedWay(),
+    characteristics: tuple[MotorCharacteristic, ...] = (
+        MotorCharacteristic(),
     ) * 4  # left forwards, left backwards, right forwards, right backwards
 
     def duty(self, wheel: int, request: float) -> float:
         """Return the duty at the pins for a request to a wheel (0 left, 1 right), in [-1, 1].  (2)"""
         if request == 0.0:
             return 0.0
-        way = self.ways[2 * wheel + (request < 0.0)]
-        size = min(way.dead_zone + way.slope * abs(request), 1.0)
-        return size if request > 0.0 else -size
+        characteristic = self.characteristics[2 * wheel + (request < 0.0)]
+        magnitude = min(characteristic.dead_zone + characteristic.slope * abs(request), 1.0)
+        return magnitude if request > 0.0 else -magnitude
 
     def request(self, wheel: int, duty: float) -> float:
         """Return the request for a duty at the pins, the inverse of `duty`."""
         if duty == 0.0:
             return 0.0
-        way = self.ways[2 * wheel + (duty < 0.0)]
-        size = max((abs(duty) - way.dead_zone) / way.slope, 1e-9)
-        return size if duty > 0.0 else -size
+        characteristic = self.characteristics[2 * wheel + (duty < 0.0)]
+        magnitude = max((abs(duty) - characteristic.dead_zone) / characteristic.slope, 1e-9)
+        return magnitude if duty > 0.0 else -magnitude
 
     def step(self, request: float, goal: float, seconds: float) -> float:
         """Return the request `seconds` later, after motion towards `goal`: limited by the slew, with a stop at zero."""
         if request * goal < 0.0:
             goal = 0.0
-        most = self.slew_per_s * seconds
-        return request + min(max(goal - request, -most), most)
+        max_change = self.slew_per_s * seconds
+        return request + min(max(goal - request, -max_change), max_change)
 
 
-AS_SENT = AppliedMotors()
+IDEAL_MOTORS = AppliedMotors()
 
 
 class AppliedDuties:
     """An estimator of the applied duties of two wheels. All times are of the host's clock [ns]."""
 
-    def __init__(self, motors: AppliedMotors = AS_SENT) -> None:
+    def __init__(self, motors: AppliedMotors = IDEAL_MOTORS) -> None:
         self._motors = motors
         self._commands: deque[tuple[int, tuple[float, float]]] = deque(maxlen=1000)
         self._command_ns, self._integral = -1, np.zeros(2)  # U of (1)
@@ -77,21 +77,23 @@ class AppliedDuties:
         """Begin the first tick at `now_ns`: earlier commands are removed, and earlier duty does not count."""
         self._commands.clear()
         self._until_ns, self._integral = now_ns, np.zeros(2)
-        self._spent_duty = np.zeros(2) if self._command_ns < 0 else self._onward(now_ns)
+        self._spent_duty = np.zeros(2) if self._command_ns < 0 else self._integral_since_telemetry(now_ns)
 
     def record_command(self, now_ns: int, left: float, right: float) -> None:
         """Record a command that was sent."""
-        self._commands.append((now_ns + ON_THE_WAY_NS, (left, right)))
+        self._commands.append((now_ns + COMMAND_DELAY_NS, (left, right)))
 
-    def update(self, t_ns: int, mean: tuple[float, float], now: tuple[float, float], stopped: bool) -> None:
+    def update(
+        self, t_ns: int, mean: tuple[float, float], duty: tuple[float, float], is_stopped: bool
+    ) -> None:
         """Record telemetry: the mean duty (2,) since the previous telemetry, the present duty (2,), and True if no
         motor is driven.
         """
         if self._command_ns >= 0:
-            self._integral = self._integral + np.array(mean) * ((t_ns - self._command_ns) * NS)
+            self._integral = self._integral + np.array(mean) * ((t_ns - self._command_ns) * SECONDS_PER_NS)
         elif self._until_ns < 0:
             self._until_ns = t_ns
-        self._command_ns, self._duty, self._stopped = t_ns, now, stopped
+        self._command_ns, self._duty, self._stopped = t_ns, duty, is_stopped
         while len(self._commands) > 1 and self._commands[1][0] <= t_ns:
             self._commands.popleft()
 
@@ -99,24 +101,24 @@ class AppliedDuties:
         """Return the mean duty (2,) between the time of the last call and `t_ns`.  (3)"""
         if self._command_ns < 0 or t_ns <= self._until_ns:
             return self._mean
-        whole = self._integral + self._onward(t_ns)
-        self._mean = (whole - self._spent_duty) / ((t_ns - self._until_ns) * NS)
-        self._until_ns, self._spent_duty = t_ns, whole
+        integral = self._integral + self._integral_since_telemetry(t_ns)
+        self._mean = (integral - self._spent_duty) / ((t_ns - self._until_ns) * SECONDS_PER_NS)
+        self._until_ns, self._spent_duty = t_ns, integral
         return self._mean
 
-    def _onward(self, t_ns: int) -> np.ndarray:
+    def _integral_since_telemetry(self, t_ns: int) -> np.ndarray:
         """Return the integral (2,) of the duty from the newest telemetry to `t_ns`.  (2)"""
-        at_ns, total = self._command_ns, np.zeros(2)
-        if t_ns <= at_ns or not self._commands:
-            return np.array(self._duty) * ((t_ns - at_ns) * NS)
-        step_ns = max(STEP_NS, (t_ns - at_ns) // MOST_STEPS)
+        time_ns, total = self._command_ns, np.zeros(2)
+        if t_ns <= time_ns or not self._commands:
+            return np.array(self._duty) * ((t_ns - time_ns) * SECONDS_PER_NS)
+        step_ns = max(STEP_NS, (t_ns - time_ns) // MAX_STEPS)
         requests = [self._motors.request(k, self._duty[k]) for k in (0, 1)]
-        while at_ns < t_ns:
-            span = min(step_ns, t_ns - at_ns) * NS
-            goal = self._goal(at_ns)
+        while time_ns < t_ns:
+            span = min(step_ns, t_ns - time_ns) * SECONDS_PER_NS
+            goal = self._goal(time_ns)
             requests = [self._motors.step(requests[k], goal[k], span) for k in (0, 1)]
             total += [self._motors.duty(k, requests[k]) * span for k in (0, 1)]
-            at_ns += step_ns
+            time_ns += step_ns
         return total
 
     def _goal(self, t_ns: int) -> tuple[float, float]:

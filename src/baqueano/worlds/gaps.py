@@ -11,8 +11,8 @@ import numpy as np
 
 from baqueano.signals import NANOSECONDS, Slot, Tick
 
-HOLE = 2.5  # periods from one tick to the next that make a hole
-LONGEST_NS = 60 * NANOSECONDS  # of a longer hole, which separates two drives, only this much is filled
+MIN_GAP_PERIODS = 2.5  # periods from one tick to the next that make a hole
+MAX_FILLED_NS = 60 * NANOSECONDS  # of a longer hole, which separates two drives, only this much is filled
 
 
 def period_ns(t_ns: np.ndarray) -> int:
@@ -21,15 +21,15 @@ def period_ns(t_ns: np.ndarray) -> int:
 
 
 def fill_gaps(ticks: Iterable[Tick], period_ns: int) -> Iterator[Tick]:
-    """Yield the same ticks, with a silent tick every `period_ns` in gaps that are longer than HOLE periods.
-    In a gap longer than LONGEST_NS, only the last LONGEST_NS before the next tick are filled.
+    """Yield the same ticks, with a silent tick every `period_ns` in gaps that are longer than MIN_GAP_PERIODS periods.
+    In a gap longer than MAX_FILLED_NS, only the last MAX_FILLED_NS before the next tick are filled.
     """
-    before: int | None = None
+    previous_ns: int | None = None
     for tick in ticks:
-        if before is not None and 0 < HOLE * period_ns < tick.t_ns - before:
-            quiet = type(tick.sensors)(*(Slot(0.0, np.zeros_like(slot.z)) for slot in tick.sensors))
-            start = max(before, tick.t_ns - LONGEST_NS)
-            for t_ns in range(start + period_ns, tick.t_ns - period_ns // 2, period_ns):
-                yield Tick(t_ns, tick.u, quiet)
-        before = tick.t_ns
+        if previous_ns is not None and 0 < MIN_GAP_PERIODS * period_ns < tick.t_ns - previous_ns:
+            silent_slots = type(tick.sensors)(*(Slot(0.0, np.zeros_like(slot.z)) for slot in tick.sensors))
+            start_ns = max(previous_ns, tick.t_ns - MAX_FILLED_NS)
+            for t_ns in range(start_ns + period_ns, tick.t_ns - period_ns // 2, period_ns):
+                yield Tick(t_ns, tick.u, silent_slots)
+        previous_ns = tick.t_ns
         yield tick

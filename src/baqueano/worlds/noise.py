@@ -5,7 +5,7 @@ The key of a stream is the hash of its name, so an added or removed sensor does 
 
 import numpy as np
 
-PROCESS = "process"  # the vehicle's own stream
+PROCESS_STREAM = "process"  # the vehicle's own stream
 
 
 def sensor_stream(name: str) -> str:
@@ -21,6 +21,6 @@ def stream(seed: int, name: str) -> "np.random.Generator":
     return np.random.Generator(np.random.PCG64(np.random.SeedSequence([seed, key])))
 
 
-def unit_normals(seed: int, name: str, ticks: int, size: int) -> np.ndarray:
+def unit_normals(seed: int, name: str, tick_count: int, size: int) -> np.ndarray:
     """Return standard normals (ticks, size); the first rows do not depend on the number of ticks."""
-    return stream(seed, name).standard_normal((ticks, size))
+    return stream(seed, name).standard_normal((tick_count, size))

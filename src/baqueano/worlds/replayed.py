@@ -37,18 +37,21 @@ class ReplayedWorld(World):
     def __init__(self, run: Run, sensors: SensorBlocks | tuple[()] = ()) -> None:
         if not len(run.t_ns):
             raise Invalid(fault("replay.empty", run=run.name))
-        lacking = [name for name in getattr(sensors, "_fields", ()) if name not in run.sensors]
-        none = np.zeros(0, np.int64)
+        missing_sensors = [name for name in getattr(sensors, "_fields", ()) if name not in run.sensors]
+        no_rows = np.zeros(0, np.int64)
         run = replace(
             run,
             sensors=run.sensors
-            | {name: Channel(none, none, np.zeros((0, getattr(sensors, name).size))) for name in lacking},
+            | {
+                name: Channel(no_rows, no_rows, np.zeros((0, getattr(sensors, name).size)))
+                for name in missing_sensors
+            },
         )
         self._ticks = list(fill_gaps(run.ticks(), period_ns(run.t_ns)))
-        silent = len(self._ticks) - len(run.t_ns)
-        holes = [note("replay.holes", Severity.WARNING, count=silent)] if silent else []
-        quiet = [note("replay.without-sensor", Severity.WARNING, sensor=name) for name in lacking]
-        self.notes = (*holes, *quiet)
+        silent_count = len(self._ticks) - len(run.t_ns)
+        holes = [note("replay.holes", Severity.WARNING, count=silent_count)] if silent_count else []
+        warnings = [note("replay.without-sensor", Severity.WARNING, sensor=name) for name in missing_sensors]
+        self.notes = (*holes, *warnings)
         self._truth = run.truth
         self._truth_row = 0  # truths
         self._next = 0  # tick

@@ -23,12 +23,12 @@ from baqueano.errors import UsageError
 from baqueano.sensors.sampling import low_pass_s
 from baqueano.signals import Command, Slot, Tick, seconds, sensor_slots
 from baqueano.vehicles.drivetrain import mix, unmix
-from baqueano.worlds.applied import AS_SENT, AppliedDuties, AppliedMotors
+from baqueano.worlds.applied import IDEAL_MOTORS, AppliedDuties, AppliedMotors
 from baqueano.worlds.silent_encoders import SilentEncoders
 
-TILT_TICKS = 50  # over which a tilt is the mean: half a second
-SILENT_S = 0.1  # without telemetry the link counts as broken: ten frames are missing
-DEAF_S = 1.0  # the same while damaged frames arrive: with 5 % wrong bytes, one frame in ten is whole
+TILT_MEAN_TICKS = 50  # over which a tilt is the mean: half a second
+MAX_SILENT_S = 0.1  # without telemetry the link counts as broken: ten frames are missing
+MAX_NOISY_S = 1.0  # the same while damaged frames arrive: with 5 % wrong bytes, one frame in ten is whole
 
 
 class Telemetry(NamedTuple):
@@ -107,7 +107,7 @@ class Body:
     mixing: str = "two_wheels"
     wheel_radius_m: float | None = None
     counts_per_turn: float | None = None
-    motors: AppliedMotors = AS_SENT  # what the firmware makes of a duty that is sent
+    motors: AppliedMotors = IDEAL_MOTORS  # what the firmware makes of a duty that is sent
 
     def __post_init__(self) -> None:
         if self.mixing != "two_wheels":
@@ -151,7 +151,7 @@ class Robot(World):
         self._now_ns = now_ns
         self.notes = ()
         self.battery_v, self.temperature_c = float("nan"), float("nan")
-        self.tilt_rad = 0.0  # of the body, the mean over TILT_TICKS: between its z and what it stands on
+        self.tilt_rad = 0.0  # of the body, the mean over TILT_MEAN_TICKS: between its z and what it stands on
         self._force: np.ndarray | None = None
         self._sensors, self._wheels, self._imu, self._body = sensors, wheels, imu, body
         self._start_ns = 0
@@ -168,7 +168,7 @@ class Robot(World):
         self._last = (self._wheels.receive() or [self._last])[-1]
         self._encoders = SilentEncoders()
         if self._last is not None:
-            self._hear(self._last)
+            self._update_duties(self._last)
         self._duties.begin(now_ns)
         if self._imu is not None:
             self._imu.read()
@@ -177,21 +177,21 @@ class Robot(World):
     def read(self, t_ns: int) -> list[Tick]:
         """Return one tick, in a list, with all data since the last call."""
         telemetry = self._wheels.receive()
-        before, self._last = self._last, telemetry[-1] if telemetry else self._last
+        previous, self._last = self._last, telemetry[-1] if telemetry else self._last
         if telemetry:
             self.battery_v = telemetry[-1].battery_v
             if self.battery_v > 0.0:
                 self._extras.append(("battery", t_ns, np.array([self.battery_v])))
         for s in telemetry:
-            self._hear(s)
+            self._update_duties(s)
         u = unmix(self._body.mixing, self._duties.mean(self._start_ns + t_ns))  # (2)
         self._events += [(t_ns, text) for s in telemetry for text in self._encoders.update(s)]
         imu = self._imu_slot(t_ns)
         names = tuple(self._sensors._fields)
-        slots = (self._slot(t_ns, getattr(self._sensors, name), imu, before) for name in names)
+        slots = (self._slot(t_ns, getattr(self._sensors, name), imu, previous) for name in names)
         return [Tick(t_ns, u, sensor_slots(names)(*slots))]
 
-    def look(self, t_ns: int) -> list[Diagnostic | str]:
+    def poll(self, t_ns: int) -> list[Diagnostic | str]:
         """Return the events of the hardware since the last call; the readings are discarded, as outside a drive."""
         self.read(t_ns)
         self.new_channels()
@@ -209,12 +209,12 @@ class Robot(World):
         Return None if the vehicle may drive.
         """
         if self._last is None:
-            return None if seconds(t_ns) < SILENT_S else stop(StopReason.UNO_UNHEARD)
+            return None if seconds(t_ns) < MAX_SILENT_S else stop(StopReason.UNO_UNHEARD)
         silent_s = seconds(t_ns, self._last.t_ns - self._start_ns)
-        noisy = seconds(t_ns, self._wheels.noise_ns - self._start_ns) < SILENT_S
-        if silent_s > SILENT_S and not noisy:
+        is_noisy = seconds(t_ns, self._wheels.noise_ns - self._start_ns) < MAX_SILENT_S
+        if silent_s > MAX_SILENT_S and not is_noisy:
             return stop(StopReason.UNO_SILENT, silent_ms=1e3 * silent_s)
-        if silent_s > DEAF_S:
+        if silent_s > MAX_NOISY_S:
             return stop(StopReason.LINE_NOISY, silent_ms=1e3 * silent_s)
         return self._last.stopped
 
@@ -228,9 +228,9 @@ class Robot(World):
         events, self._events = self._events, []
         return events
 
-    def _hear(self, telemetry: Telemetry) -> None:
-        now = telemetry.applied if telemetry.now is None else telemetry.now
-        self._duties.update(telemetry.t_ns, telemetry.applied, now, telemetry.stopped is not None)
+    def _update_duties(self, telemetry: Telemetry) -> None:
+        duty = telemetry.applied if telemetry.now is None else telemetry.now
+        self._duties.update(telemetry.t_ns, telemetry.applied, duty, telemetry.stopped is not None)
 
     def _imu_slot(self, t_ns: int) -> Slot | None:
         """Return (a_x, a_y, ω_z) of the body and its age, with the delay of the chip; None without a sample.  (3)"""
@@ -253,45 +253,52 @@ class Robot(World):
 
     def _watch_tilt(self, accel: np.ndarray) -> None:
         """Update the tilt [rad] by the low-passed specific force; a drive disturbs it only for short times."""
-        self._force = accel if self._force is None else self._force + (accel - self._force) / TILT_TICKS
+        self._force = accel if self._force is None else self._force + (accel - self._force) / TILT_MEAN_TICKS
         self.tilt_rad = float(np.arctan2(np.hypot(self._force[0], self._force[1]), self._force[2]))
 
     def _slot(self, t_ns: int, sensor: Sensor, imu: Slot | None, previous: Telemetry | None) -> Slot:
         """Return the reading of this sensor in this tick; a sensor that the robot lacks is silent."""
         z: np.ndarray | None = None
-        now = self._last
+        telemetry = self._last
         reads = optional.of(sensor, "reads")
         if reads == "imu" and imu is not None:
             return imu._replace(
                 age_s=max(0.0, imu.age_s - float(low_pass_s(sensor)))
             )  # the delay of the low-pass is already in h
-        if now is not None and previous is not None and now is not previous and now.boot == previous.boot:
+        if (
+            telemetry is not None
+            and previous is not None
+            and telemetry is not previous
+            and telemetry.boot == previous.boot
+        ):
             if reads == "wheels":
-                z = self._wheel_travel(previous, now)
-            elif reads == "encoders" and (travel := self._wheel_travel(previous, now)) is not None:
+                z = self._wheel_travel(previous, telemetry)
+            elif reads == "encoders" and (travel := self._wheel_travel(previous, telemetry)) is not None:
                 middle_ns = (
-                    previous.t_ns + now.t_ns
+                    previous.t_ns + telemetry.t_ns
                 ) // 2 - self._start_ns  # the time to which a mean speed belongs
                 return Slot(1.0, travel, seconds(t_ns, min(max(0, middle_ns), t_ns)))
             elif reads == "odometer":
-                z = self._wheel_travel(previous, now)
+                z = self._wheel_travel(previous, telemetry)
                 z = None if z is None else np.mean(z, keepdims=True)
-            elif reads == "mark" and now.marks != previous.marks:
-                passed_ns = min(max(0, now.mark_ns - self._start_ns), t_ns)  # in this run, not after its tick
+            elif reads == "mark" and telemetry.marks != previous.marks:
+                passed_ns = min(
+                    max(0, telemetry.mark_ns - self._start_ns), t_ns
+                )  # in this run, not after its tick
                 return Slot(1.0, np.zeros(1), seconds(t_ns, passed_ns))
         return Slot(0.0, np.zeros(sensor.size)) if z is None else Slot(1.0, z)
 
-    def _wheel_travel(self, previous: Telemetry, now: Telemetry) -> np.ndarray | None:
+    def _wheel_travel(self, previous: Telemetry, telemetry: Telemetry) -> np.ndarray | None:
         """Return (v_l, v_r) [m/s] between two telemetries, or None for wheels without encoders.  (4)"""
         radius, turn = self._body.wheel_radius_m, self._body.counts_per_turn
         if radius is None or turn is None:
             return None
         counts = np.array(
-            [count_increase(new, old) for new, old in zip(now.counts, previous.counts, strict=True)]
+            [count_increase(new, old) for new, old in zip(telemetry.counts, previous.counts, strict=True)]
         )
-        return 2.0 * np.pi * radius * counts / (turn * seconds(now.t_ns, previous.t_ns))
+        return 2.0 * np.pi * radius * counts / (turn * seconds(telemetry.t_ns, previous.t_ns))
 
 
-def count_increase(now: int, previous: int) -> int:
+def count_increase(count: int, previous: int) -> int:
     """Return the increase of a signed 32-bit count, which wraps at 2³¹."""
-    return (now - previous + (1 << 31)) % (1 << 32) - (1 << 31)
+    return (count - previous + (1 << 31)) % (1 << 32) - (1 << 31)

@@ -28,9 +28,16 @@ from baqueano.symbolic import function, put
 from baqueano.vehicles.state import Vehicle
 from baqueano.worlds.faults.disturbance import Disturbance, SensorDisturbance, Shaking
 from baqueano.worlds.faults.fault import SOURCE, Fault, FaultLike
-from baqueano.worlds.simulated import DrawnNoise, SimulatedWorld, WorldState, in_rows, no_noise, with_rows
+from baqueano.worlds.simulated import (
+    DrawnNoise,
+    SimulatedWorld,
+    WorldState,
+    no_noise,
+    step_in_rows,
+    with_rows,
+)
 
-MOST_FAULTS = 500  # of one drive
+MAX_FAULTS = 500  # of one drive
 
 
 def shaken_step(
@@ -39,32 +46,36 @@ def shaken_step(
 ) -> tuple[WorldState, Motion, ByName[Slot]]:  # fmt: skip
     """Return state, true motion and readings after a tick with the command `u` (n,) and a disturbance.  (1)-(4)"""
     vehicle = _weaken(vehicle, shake)
-    before = state.vehicle
-    a, _ = _acceleration(vehicle, before.eta, shake)
-    pushed_state = before._replace(nu=before.nu + 0.5 * dt_s * a)
-    body, motion = vehicle.step(pushed_state, u, dt_s, noise.vehicle)
-    a, gravity = _acceleration(vehicle, body.eta, shake)
-    nu = body.nu + 0.5 * dt_s * a
-    late = _drag_difference(vehicle, body.eta[2], body.nu, nu)  # ν̇ of the tick is that before the second half
-    body = body._replace(nu=nu, nu_dot=body.nu_dot + late + a)
-    truth = _disturb(motion, late + a, gravity)._replace(nu=nu)
+    previous_state = state.vehicle
+    a, _ = _acceleration(vehicle, previous_state.eta, shake)
+    pushed_state = previous_state._replace(nu=previous_state.nu + 0.5 * dt_s * a)
+    vehicle_state, motion = vehicle.step(pushed_state, u, dt_s, noise.vehicle)
+    a, gravity = _acceleration(vehicle, vehicle_state.eta, shake)
+    nu = vehicle_state.nu + 0.5 * dt_s * a
+    drag_change = _drag_difference(
+        vehicle, vehicle_state.eta[2], vehicle_state.nu, nu
+    )  # ν̇ of the tick is that before the second half
+    vehicle_state = vehicle_state._replace(nu=nu, nu_dot=vehicle_state.nu_dot + drag_change + a)
+    truth = _disturb(motion, drag_change + a, gravity)._replace(nu=nu)
     if motion.tick is not None:
-        begin, middle, end = motion.tick
-        first_slope = _drag_difference(vehicle, before.eta[2], pushed_state.nu, before.nu)
+        begin, halfway, end = motion.tick
+        first_drag_change = _drag_difference(
+            vehicle, previous_state.eta[2], pushed_state.nu, previous_state.nu
+        )
         truth = truth._replace(
             tick=(
-                _disturb(begin, first_slope + a, gravity),
-                _disturb(middle, a, gravity),
-                _disturb(end, late + a, gravity),
+                _disturb(begin, first_drag_change + a, gravity),
+                _disturb(halfway, a, gravity),
+                _disturb(end, drag_change + a, gravity),
             )
         )
     states, slots = [], []
     for s, x, w, disturbance in zip(sensors, state.sensors, noise.sensors, shake.sensors, strict=True):
-        after, slot = s.step(x, truth, dt_s, w)
-        states.append(after)
+        next_state, slot = s.step(x, truth, dt_s, w)
+        states.append(next_state)
         slots.append(_disturb_reading(s, slot, disturbance))
     readings = sensor_slots(tuple(sensors._fields))(*slots)
-    return WorldState(body, tuple(states)), truth._replace(tick=None), readings
+    return WorldState(vehicle_state, tuple(states)), truth._replace(tick=None), readings
 
 
 def _with_gains(vehicle: Vehicle) -> Vehicle:
@@ -83,16 +94,20 @@ def _weaken(vehicle: Vehicle, shake: Disturbance) -> Vehicle:
 
 def _acceleration(vehicle: Vehicle, eta: np.ndarray, shake: Disturbance) -> tuple[np.ndarray, np.ndarray]:
     """Return the ν̇ (3,) that push and floor cause, and the gravity (2,) along the floor, in the body frame.  (2)"""
-    back = map_from_body(eta[2])[:2, :2].T
-    gravity = -STANDARD_GRAVITY * (back @ shake.slope)
-    a = shake.push_body + back @ shake.push_map + gravity
+    body_from_map = map_from_body(eta[2])[:2, :2].T
+    gravity = -STANDARD_GRAVITY * (body_from_map @ shake.slope)
+    a = shake.push_body + body_from_map @ shake.push_map + gravity
     return vehicle.init(nu=np.array([a[0], a[1], 0.0])).nu, gravity
 
 
-def _drag_difference(vehicle: Vehicle, psi: float, nu: np.ndarray, then: np.ndarray) -> np.ndarray:
-    """Return the change of ν̇ (3,) from the velocity `nu` to `then`, with zero effort."""
-    own, off = optional.of(vehicle, "nu_dot"), np.zeros(vehicle.commands)
-    return np.zeros(3) if own is None else own(then, off, psi) - own(nu, off, psi)
+def _drag_difference(vehicle: Vehicle, psi: float, nu: np.ndarray, next_nu: np.ndarray) -> np.ndarray:
+    """Return the change of ν̇ (3,) from the velocity `nu` to `next_nu`, with zero effort."""
+    own_nu_dot, zero_command = optional.of(vehicle, "nu_dot"), np.zeros(vehicle.commands)
+    return (
+        np.zeros(3)
+        if own_nu_dot is None
+        else own_nu_dot(next_nu, zero_command, psi) - own_nu_dot(nu, zero_command, psi)
+    )
 
 
 def _disturb(motion: Motion, a: np.ndarray, gravity: np.ndarray) -> Motion:
@@ -102,12 +117,12 @@ def _disturb(motion: Motion, a: np.ndarray, gravity: np.ndarray) -> Motion:
 def _disturb_reading(sensor: Tree, slot: Slot, disturbance: SensorDisturbance) -> Slot:
     has = slot.has * disturbance.keep
     z, limit = disturbance.factor * slot.z + disturbance.offset, optional.of(sensor, "limit")
-    off = np.clip(difference(sensor, z, np.zeros(sensor.size)), -limit, limit)  # an angle is wrapped
-    z = np.where(disturbance.offset != 0.0, off, z)
+    limited = np.clip(difference(sensor, z, np.zeros(sensor.size)), -limit, limit)  # an angle is wrapped
+    z = np.where(disturbance.offset != 0.0, limited, z)
     return slot._replace(has=has, z=np.where(has > 0.0, z, 0.0))
 
 
-class _Shaken(NamedTuple):
+class _ShakenBlock(NamedTuple):
     """A vehicle with faults and its sensors as one block, for the engine."""
 
     vehicle: Vehicle
@@ -116,7 +131,7 @@ class _Shaken(NamedTuple):
     def step(
         self, state: WorldState, u: np.ndarray, dt_s: float, noise: DrawnNoise, shake: Disturbance
     ) -> tuple[WorldState, Motion, Tree]:
-        return in_rows(
+        return step_in_rows(
             lambda state, row_s, unit: shaken_step(self.vehicle, self.sensors, state, u, row_s, unit, shake),
             state, dt_s, noise,
         )  # fmt: skip
@@ -166,35 +181,35 @@ class ShakenWorld(SimulatedWorld):
     ) -> None:  # fmt: skip
         self._shaking = Shaking(vehicle, sensors, rate_hz, seed)
         self.faults: list[Fault] = []  # by their number less 1
-        for words in shake:
-            self._take(self._shaking.check(Fault.of_words(words)))
-        self._coming: deque[Fault | int] = deque()
+        for description in shake:
+            self._append_fault(self._shaking.check(Fault.of_words(description)))
+        self._requested_changes: deque[Fault | int] = deque()
         self._pending: list[tuple[int, Diagnostic | str]] = []
-        self._started_numbers, self._over = set[int](), set[int]()
+        self._started_numbers, self._ended_numbers = set[int](), set[int]()
         super().__init__(vehicle, sensors, rate_hz, seed, eta0, backend)
         vehicle, sensors = with_rows(vehicle, sensors, rate_hz)
         self._requested = self._u
-        block = _Shaken(_with_gains(vehicle), sensors).step
-        calm = self._shaking.calm.disturbance()
-        example = (self._state, self._u, 1.0 / rate_hz, no_noise(sensors, self._rows), calm)
+        block = _ShakenBlock(_with_gains(vehicle), sensors).step
+        no_disturbance = self._shaking.calm.disturbance()
+        example = (self._state, self._u, 1.0 / rate_hz, no_noise(sensors, self._rows), no_disturbance)
         self._compiled_step = block if backend == "numpy" else function(block, *example, backend=backend)
 
-    def shake(self, one: FaultLike) -> Fault:
+    def shake(self, fault_like: FaultLike) -> Fault:
         """Begin a fault with the next tick, which sets its `at_s`; any thread may call this.
 
         Raise UsageError for a fault that this vehicle cannot have, or for more than MOST_FAULTS.
         """
-        valid_fault = self._shaking.check(Fault.of_words(one))
-        if len(self.faults) + len(self._coming) >= MOST_FAULTS:
-            raise UsageError(fault("shake.too-many", most=MOST_FAULTS))
-        self._coming.append(valid_fault)
+        valid_fault = self._shaking.check(Fault.of_words(fault_like))
+        if len(self.faults) + len(self._requested_changes) >= MAX_FAULTS:
+            raise UsageError(fault("shake.too-many", most=MAX_FAULTS))
+        self._requested_changes.append(valid_fault)
         return valid_fault
 
-    def over(self, number: int) -> None:
+    def end_fault(self, number: int) -> None:
         """End the fault `number` with the next tick; any thread may call this. UsageError for an unknown number."""
         if not 1 <= number <= len(self.faults):
             raise UsageError(fault("shake.no-number", found=number, most=len(self.faults)))
-        self._coming.append(number)
+        self._requested_changes.append(number)
 
     def write(self, command: Command) -> None:
         """Set the command for the following ticks; a fault "lose" may discard it."""
@@ -207,37 +222,43 @@ class ShakenWorld(SimulatedWorld):
 
     def _advance(self, dt_s: float) -> ByName[Slot]:
         k = self._tick
-        self._take_all(k)
+        self._apply_changes(k)
         for number, fault_ in enumerate(self.faults, 1):
             if number not in self._started_numbers and self._shaking.first(fault_) <= k:
                 self._started_numbers.add(number)
                 self._pending.append((self._end_ns(k), fault_.message(number, float(self.truth.eta[2]))))
-        shake, arrives = self._shaking.inputs(self.faults, k)
-        if arrives:
+        shake, command_arrives = self._shaking.inputs(self.faults, k)
+        if command_arrives:
             self._u = self._requested
         self._state, self.truth, slots = self._compiled_step(self._state, self._u, dt_s, self._noise(), shake)
         return slots
 
-    def _take_all(self, k: int) -> None:
+    def _apply_changes(self, k: int) -> None:
         """Begin and end the faults that were requested since the last tick."""
         now_s = k / self._rate_hz
-        while self._coming:
-            change = self._coming.popleft()
+        while self._requested_changes:
+            change = self._requested_changes.popleft()
             if isinstance(change, Fault):
                 if change.kind == "tilt":  # the floor has one slope at a time, if a person moves it
                     for number in [
-                        n for n in self._started_numbers - self._over if self.faults[n - 1].kind == "tilt"
+                        n
+                        for n in self._started_numbers - self._ended_numbers
+                        if self.faults[n - 1].kind == "tilt"
                     ]:
                         self._end(number, k)
-                self._take(replace(change, at_s=now_s))
+                self._append_fault(replace(change, at_s=now_s))
             else:
                 self._end(change, k)
 
     def _end(self, number: int, k: int) -> None:
         fault_, now_s = self.faults[number - 1], k / self._rate_hz
-        if number in self._over or self._shaking.last(fault_) <= k or number not in self._started_numbers:
+        if (
+            number in self._ended_numbers
+            or self._shaking.last(fault_) <= k
+            or number not in self._started_numbers
+        ):
             return
-        self._over.add(number)
+        self._ended_numbers.add(number)
         ended_fault = replace(fault_, for_s=now_s - fault_.at_s)
         self.faults[number - 1] = ended_fault
         message = note(
@@ -245,7 +266,7 @@ class ShakenWorld(SimulatedWorld):
         )
         self._pending.append((self._end_ns(k), message))
 
-    def _take(self, fault_: Fault) -> None:
+    def _append_fault(self, fault_: Fault) -> None:
         self.faults.append(fault_)
 
     def _end_ns(self, k: int) -> int:

@@ -19,12 +19,12 @@ from baqueano.contracts.blocks import SensorBlocks, World
 from baqueano.contracts.values import Tree, Value
 from baqueano.signals import NANOSECONDS, ByName, Command, Motion, Slot, Tick, sensor_slots
 from baqueano.symbolic import function, put
-from baqueano.vehicles.rk4 import rows_in
+from baqueano.vehicles.rk4 import row_counts
 from baqueano.vehicles.state import Vehicle, VehicleState
-from baqueano.worlds.noise import PROCESS, sensor_stream, stream
+from baqueano.worlds.noise import PROCESS_STREAM, sensor_stream, stream
 
-BATCH = 256  # rows of noise drawn at a time
-UNASKED = 10_000  # truths that are kept if new_truths is not called
+BATCH_ROWS = 256  # rows of noise drawn at a time
+MAX_KEPT_TRUTHS = 10_000  # truths that are kept if new_truths is not called
 
 
 class WorldState(NamedTuple):
@@ -59,7 +59,7 @@ def world_step(
     noise: DrawnNoise,
 ) -> tuple[WorldState, Motion, ByName[Slot]]:
     """Return state, true motion and readings after a tick with the command `u` (n,).  (1)"""
-    return in_rows(
+    return step_in_rows(
         lambda state, row_s, unit: _advance_row(vehicle, sensors, state, u, row_s, unit), state, dt_s, noise
     )
 
@@ -73,18 +73,18 @@ def _advance_row(
     noise: DrawnNoise,
 ) -> tuple[WorldState, Motion, ByName[Slot]]:
     """Return state, true motion and readings after `dt_s`: an undivided tick, or one row of a divided tick."""
-    body, motion = vehicle.step(state.vehicle, u, dt_s, noise.vehicle)
+    vehicle_state, motion = vehicle.step(state.vehicle, u, dt_s, noise.vehicle)
     readings = [
         s.step(x, motion, dt_s, w) for s, x, w in zip(sensors, state.sensors, noise.sensors, strict=True)
     ]
     slots = sensor_slots(tuple(sensors._fields))(*(slot for _, slot in readings))
-    return WorldState(body, tuple(x for x, _ in readings)), motion._replace(tick=None), slots
+    return WorldState(vehicle_state, tuple(x for x, _ in readings)), motion._replace(tick=None), slots
 
 
 Advance = Callable[[WorldState, float, DrawnNoise], tuple[WorldState, Motion, ByName[Slot]]]
 
 
-def in_rows(
+def step_in_rows(
     advance: Advance, state: WorldState, dt_s: float, noise: DrawnNoise
 ) -> tuple[WorldState, Motion, Tree]:
     """Return state, true motion and the last reading of each sensor after a tick, one row per row of `noise`."""
@@ -94,22 +94,22 @@ def in_rows(
     row_s = dt_s / rows
     state, truth, slots = advance(state, row_s, noise.row(0))
     for k in range(1, rows):
-        state, truth, newer = advance(state, row_s, noise.row(k))
-        slots = type(newer)(*(_last(a, b, row_s) for a, b in zip(slots, newer, strict=True)))
+        state, truth, row_slots = advance(state, row_s, noise.row(k))
+        slots = type(row_slots)(*(_last_reading(a, b, row_s) for a, b in zip(slots, row_slots, strict=True)))
     return state, truth, slots
 
 
-def _last(previous: Slot, now: Slot, row_s: float) -> Slot:
+def _last_reading(previous: Slot, slot: Slot, row_s: float) -> Slot:
     """Return the reading of this row, or, without one, the reading of an earlier row with its age plus `row_s`."""
-    came = now.has > 0.0
-    has: Value = np.where(came, now.has, previous.has)
-    age_s: Value = np.where(came, now.age_s, previous.age_s + row_s)
-    return Slot(has, np.where(came, now.z, previous.z), age_s)
+    has_reading = slot.has > 0.0
+    has: Value = np.where(has_reading, slot.has, previous.has)
+    age_s: Value = np.where(has_reading, slot.age_s, previous.age_s + row_s)
+    return Slot(has, np.where(has_reading, slot.z, previous.z), age_s)
 
 
 def rows_of_tick(dt_s: float) -> int:
     """Return the number of rows into which a tick of `dt_s` [s] is divided."""
-    return int(rows_in(np.array(dt_s)))
+    return int(row_counts(np.array(dt_s)))
 
 
 def with_rows(vehicle: Vehicle, sensors: SensorBlocks, rate_hz: float) -> tuple[Vehicle, SensorBlocks]:
@@ -126,10 +126,12 @@ def with_rows(vehicle: Vehicle, sensors: SensorBlocks, rate_hz: float) -> tuple[
     return tree["vehicle"], tree["sensors"]
 
 
-def no_noise(sensors: SensorBlocks, rows: int = 1) -> DrawnNoise:
+def no_noise(sensors: SensorBlocks, row_count: int = 1) -> DrawnNoise:
     """Return zeros in place of standard normals, as constants, so that tracing removes the noise."""
-    lead = () if rows == 1 else (rows,)
-    return DrawnNoise(np.zeros((*lead, 3)), tuple(np.zeros((*lead, s.noise_size)) for s in sensors))
+    leading_shape = () if row_count == 1 else (row_count,)
+    return DrawnNoise(
+        np.zeros((*leading_shape, 3)), tuple(np.zeros((*leading_shape, s.noise_size)) for s in sensors)
+    )
 
 
 class _VehicleWithSensors(NamedTuple):
@@ -190,14 +192,14 @@ class SimulatedWorld(World):
         self.truth = Motion(
             start.eta, start.nu, start.nu_dot, vehicle.gravity(start.eta[2])
         )  # at the last tick
-        self._truths: deque[tuple[int, Motion]] = deque(maxlen=UNASKED)
+        self._truths: deque[tuple[int, Motion]] = deque(maxlen=MAX_KEPT_TRUTHS)
         self._rate_hz, self._rows = rate_hz, rows_of_tick(1.0 / rate_hz)
         self._state = world_init(vehicle, sensors, eta0)
         self._u = np.zeros(vehicle.commands)
         self._tick = 0
         self._sizes = [3, *(s.noise_size for s in sensors)]
         self._streams = [
-            stream(seed, PROCESS),
+            stream(seed, PROCESS_STREAM),
             *(stream(seed, sensor_stream(name)) for name in sensors._fields),
         ]
         self._draws: list[np.ndarray] = []
@@ -232,9 +234,9 @@ class SimulatedWorld(World):
         return slots
 
     def _noise(self) -> DrawnNoise:
-        row = self._tick % BATCH
+        row = self._tick % BATCH_ROWS
         if row == 0:
-            lead = (BATCH,) if self._rows == 1 else (BATCH, self._rows)
+            leading_shape = (BATCH_ROWS,) if self._rows == 1 else (BATCH_ROWS, self._rows)
             pairs = zip(self._streams, self._sizes, strict=True)
-            self._draws = [generator.standard_normal((*lead, size)) for generator, size in pairs]
+            self._draws = [generator.standard_normal((*leading_shape, size)) for generator, size in pairs]
         return DrawnNoise(self._draws[0], tuple(self._draws[1:])).row(row)

@@ -12,7 +12,7 @@ from baqueano.diagnostics import note
 from baqueano.errors import RobotUnreachable
 from baqueano.messages import text
 from baqueano.robot.imu import bus_recovery
-from baqueano.robot.imu.bus_recovery import AGAIN_NS, Recovery, check_bus_recovery, recover
+from baqueano.robot.imu.bus_recovery import RETRY_NS, Recovery, check_bus_recovery, recover_bus
 from tests.codes import refused
 from tests.emulated.i2c_ioctl import Bench, loop, start
 from tests.emulated.pinctrl import on_path
@@ -39,7 +39,7 @@ def as_it_was(pins):
 def test_rt9_a_chip_in_mid_byte_releases_the_bus_within_nine_clocks(lines, clocks):
     pins = lines([0] * clocks)
     assert pins
-    outcome = recover(BUS)
+    outcome = recover_bus(BUS)
     assert outcome.freed
     assert (outcome.message.code, outcome.message.figures) == (
         "bus.freed-at-once" if clocks == 1 else "bus.freed",
@@ -53,7 +53,7 @@ def test_rt9_a_chip_in_mid_byte_releases_the_bus_within_nine_clocks(lines, clock
 
 def test_a_high_data_bit_is_not_mistaken_for_a_free_bus(lines):
     pins = lines([0, 1, 0, 0, 1, 0, 0, 0])
-    outcome = recover(BUS)
+    outcome = recover_bus(BUS)
     assert outcome.freed
     assert pins.read()["stops"] == 1
     assert not pins
@@ -62,7 +62,7 @@ def test_a_high_data_bit_is_not_mistaken_for_a_free_bus(lines):
 
 def test_a_chip_that_blocks_the_bus_after_nine_clocks_is_reported(lines):
     pins = lines([0] * 10)
-    outcome = recover(BUS)
+    outcome = recover_bus(BUS)
     assert not outcome.freed
     assert (outcome.message.code, outcome.message.figures) == ("bus.sda-held", {"clocks": 9})
     assert pins.read()["clocks"] == 9
@@ -71,7 +71,7 @@ def test_a_chip_that_blocks_the_bus_after_nine_clocks_is_reported(lines):
 
 def test_a_blocked_scl_is_reported_and_not_clocked(lines):
     pins = lines([0, 0], scl_held=True)
-    outcome = recover(BUS)
+    outcome = recover_bus(BUS)
     assert not outcome.freed
     assert outcome.message.code == "bus.scl-held"
     assert {call[0] for call in pins.read()["calls"]} == {"get"}
@@ -79,7 +79,7 @@ def test_a_blocked_scl_is_reported_and_not_clocked(lines):
 
 def test_a_free_bus_is_not_clocked(lines):
     pins = lines([])
-    outcome = recover(BUS)
+    outcome = recover_bus(BUS)
     assert not outcome.freed
     assert outcome.message.code == "bus.free"
     assert {call[0] for call in pins.read()["calls"]} == {"get"}
@@ -89,7 +89,7 @@ def test_a_free_bus_is_not_clocked(lines):
 def test_after_a_crash_at_any_call_the_pins_return_to_i2c(lines, after):
     pins = lines(ZEROS)
     pins.fails("crash", after=after)
-    outcome = recover(BUS)
+    outcome = recover_bus(BUS)
     assert outcome.freed == (after == SETS - 1), "returning the pins is tried twice"
     assert outcome.freed or str(outcome.message.figures).count("pinctrl set")
     assert sum(call[0] == "set" for call in pins.read()["calls"]) > after, "the failing call was reached"
@@ -101,7 +101,7 @@ def test_a_hanging_call_is_ended_and_the_pins_return_to_i2c(lines, monkeypatch, 
     pins = lines(ZEROS)
     monkeypatch.setattr(bus_recovery, "CALL_S", 3.0)
     pins.fails("hang", after=after)
-    outcome = recover(BUS)
+    outcome = recover_bus(BUS)
     assert outcome.freed == (after == SETS - 1)
     assert outcome.freed or "timed out after 3.0 seconds" in outcome.message.figures["error"]
     assert as_it_was(pins)
@@ -110,14 +110,14 @@ def test_a_hanging_call_is_ended_and_the_pins_return_to_i2c(lines, monkeypatch, 
 def test_pins_that_remain_gpio_without_an_error_are_set_to_i2c_again(lines):
     pins = lines(ZEROS)
     pins.fails("deaf", after=SETS - 1)
-    assert recover(BUS).freed
+    assert recover_bus(BUS).freed
     assert as_it_was(pins)
 
 
 def test_pins_that_cannot_return_to_i2c_are_reported_with_a_command(lines):
     pins = lines(ZEROS)
     pins.fails("root", after=SETS - 1, times=100)
-    outcome = recover(BUS)
+    outcome = recover_bus(BUS)
     assert not outcome.freed
     assert (outcome.message.code, outcome.message.fix) == ("bus.not-given-back", "pinctrl set 2,3 a0")
     assert "(255): Must be root" in outcome.message.figures["because"]
@@ -134,7 +134,7 @@ def test_ctrl_c_during_recovery_returns_the_pins_to_i2c(lines, monkeypatch):
 
     monkeypatch.setattr(subprocess, "run", interrupted)
     with pytest.raises(KeyboardInterrupt):
-        recover(BUS)
+        recover_bus(BUS)
     assert pins.read()["clocks"] == 1, "the recovery was interrupted"
     assert as_it_was(pins)
 
@@ -143,7 +143,7 @@ def test_slow_calls_end_the_recovery_and_the_pins_return_to_i2c(lines, monkeypat
     pins, now = lines([0] * 9), iter(range(1000))
     monkeypatch.setattr(bus_recovery, "ALL_S", 8.0)
     monkeypatch.setattr(bus_recovery, "time", SimpleNamespace(monotonic=lambda: next(now)))  # one second each
-    outcome = recover(BUS)
+    outcome = recover_bus(BUS)
     assert not outcome.freed
     assert (outcome.message.code, outcome.message.figures["all_s"]) == ("bus.too-late", 8.0)
     assert 0 < pins.read()["clocks"] < 9
@@ -154,11 +154,11 @@ def test_slow_calls_end_the_recovery_and_the_pins_return_to_i2c(lines, monkeypat
 def test_gpio_pins_of_a_killed_program_return_to_i2c_after_recovery(lines, function):
     pins = lines([0, 0, 0])
     pins.put(function={"2": "ip", "3": function})
-    outcome = recover(BUS)
+    outcome = recover_bus(BUS)
     assert (outcome.message.code, outcome.message.figures) == ("bus.freed", {"clocks": 3})
     assert as_it_was(pins)
     pins.put(function={"2": "ip", "3": function})
-    outcome = recover(BUS)
+    outcome = recover_bus(BUS)
     assert outcome.freed, "only these pins block the bus"
     assert outcome.message.code == "bus.given-back"
     assert as_it_was(pins)
@@ -167,7 +167,7 @@ def test_gpio_pins_of_a_killed_program_return_to_i2c_after_recovery(lines, funct
 def test_a_user_outside_the_gpio_group_gets_the_command_to_join(lines):
     pins = lines(ZEROS)
     pins.fails("root", "get", times=100)
-    outcome = recover(BUS)
+    outcome = recover_bus(BUS)
     assert not outcome.freed
     reason = outcome.message
     assert (reason.code, reason.figures["command"], reason.figures["exit"]) == (
@@ -181,7 +181,7 @@ def test_a_user_outside_the_gpio_group_gets_the_command_to_join(lines):
 
 def test_a_missing_pinctrl_is_reported_with_the_install_command(tmp_path, monkeypatch):
     monkeypatch.setenv("PATH", str(tmp_path))
-    outcome = recover(BUS)
+    outcome = recover_bus(BUS)
     assert (outcome.freed, outcome.message.code) == (False, "bus.no-pinctrl")
     assert outcome.message.fix == "sudo apt install raspi-utils"
 
@@ -189,7 +189,7 @@ def test_a_missing_pinctrl_is_reported_with_the_install_command(tmp_path, monkey
 def test_pins_of_another_board_or_bus_are_not_changed(lines):
     pins = lines(ZEROS)
     pins.put(function={"2": "a3", "3": "a3"})
-    other, elsewhere = recover(BUS).message, recover("/dev/i2c-3").message
+    other, elsewhere = recover_bus(BUS).message, recover_bus("/dev/i2c-3").message
     assert (other.code, other.figures) == ("bus.other-pins", {"sda": "a3", "scl": "a3", "expected": "a0"})
     assert (elsewhere.code, elsewhere.figures) == ("bus.not-this", {"path": "/dev/i2c-3", "bus": "i2c-1"})
     assert {call[0] for call in pins.read()["calls"]} == {"get"}
@@ -204,11 +204,11 @@ def test_a_background_recovery_is_reported_once_and_not_repeated_immediately(lin
     assert outcome is not None
     assert (outcome.message.code, outcome.message.figures) == ("bus.sda-held", {"clocks": 9})
     assert recovery.pop_outcome() is None
-    recovery.begin(AGAIN_NS - 1)
+    recovery.begin(RETRY_NS - 1)
     recovery.wait()
     assert recovery.pop_outcome() is None
     assert pins.read()["clocks"] == 9
-    recovery.begin(AGAIN_NS)
+    recovery.begin(RETRY_NS)
     recovery.wait()
     outcome = recovery.pop_outcome()
     assert outcome is not None
@@ -217,7 +217,7 @@ def test_a_background_recovery_is_reported_once_and_not_repeated_immediately(lin
 
 def test_recovery_programs_run_without_the_real_time_priority_of_the_loop(monkeypatch):
     policies = []
-    monkeypatch.setattr(bus_recovery, "recover", lambda path: policies.append(os.sched_getscheduler(0)))
+    monkeypatch.setattr(bus_recovery, "recover_bus", lambda path: policies.append(os.sched_getscheduler(0)))
     before = os.sched_getscheduler(0), os.sched_getparam(0)
     try:
         os.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param(1))
@@ -268,8 +268,8 @@ def test_the_bus_is_unused_during_clocking_and_the_chip_restarts_afterwards(line
     imu._recovery.wait()
     assert pins.read()["calls"] == []
     loop(bench, imu, 0.4)
-    go, recovered = threading.Event(), bus_recovery.recover
-    monkeypatch.setattr(bus_recovery, "recover", lambda path: (go.wait(), recovered(path))[1])
+    go, recovered = threading.Event(), bus_recovery.recover_bus
+    monkeypatch.setattr(bus_recovery, "recover_bus", lambda path: (go.wait(), recovered(path))[1])
     assert imu.free_bus() is None
     before = bench.bus.transfers
     read = loop(bench, imu, 0.5)

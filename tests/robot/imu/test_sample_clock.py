@@ -25,7 +25,7 @@ def test_errors_of_period_and_phase_are_within_their_stated_bounds(ppm, jitter_s
     samples, period, phase = looks(ppm, 15.0, np.random.default_rng(seed), jitter_s)
     clock = SampleClock(5e6)
     for n, (newest, before, after) in enumerate(samples):
-        clock.look(newest, before, after)
+        clock.add_reading(newest, before, after)
         assert abs(clock.rate_hz - 1e9 / period) <= clock.rate_error_hz * 1.001 + 1e-6 or n < 100
         stamp = clock.stamps(newest, 1)[0]
         if n > 300:
@@ -38,7 +38,7 @@ def test_the_sample_phase_is_estimated_to_a_hundredth_of_a_period():
     samples, period, phase = looks(8_000, 20.0, np.random.default_rng(3), 1e-4)
     clock, errors = SampleClock(5e6), []
     for newest, before, after in samples:
-        clock.look(newest, before, after)
+        clock.add_reading(newest, before, after)
         errors.append(clock.stamps(newest, 1)[0] - (phase + period * newest))
     assert np.std(errors[500:]) < 50e3
     assert np.max(np.abs(errors[500:])) < 200e3
@@ -48,7 +48,7 @@ def test_the_phase_stays_unknown_if_polling_is_synchronous_with_the_chip():
     samples, period, _ = looks(0, 10.0, np.random.default_rng(4), 0.0)
     clock = SampleClock(5e6)
     for look in samples:
-        clock.look(*look)
+        clock.add_reading(*look)
     assert clock.phase_error_ns > 0.4 * period
 
 
@@ -57,7 +57,7 @@ def test_lost_samples_are_detected_and_the_clock_estimate_recovers():
     clock, errors = SampleClock(5e6), []
     for n, (newest, before, after) in enumerate(samples):
         count_lost = 3 if n >= 1000 else 0
-        clock.look(newest - count_lost, before, after)
+        clock.add_reading(newest - count_lost, before, after)
         errors.append(clock.stamps(newest - count_lost, 1)[0] - (phase + period * newest))
     assert clock.slips >= 1
     assert np.max(np.abs(errors[1300:])) < 0.3e6
@@ -69,7 +69,7 @@ def test_samples_lost_directly_after_the_start_are_detected():
     clock, errors = SampleClock(5e6), []
     for n, (newest, before, after) in enumerate(samples):
         count_lost = 2 if n >= 4 else 0
-        clock.look(newest - count_lost, before, after)
+        clock.add_reading(newest - count_lost, before, after)
         errors.append(clock.stamps(newest - count_lost, 1)[0] - (phase + period * newest))
     assert clock.slips >= 1
     assert np.max(np.abs(errors[200:])) < 0.5e6
@@ -85,7 +85,7 @@ def test_a_slow_clock_drift_is_tracked():
             sample += period
             newest += 1
             period *= 1.0 + 3e-6 * 5e-3  # 3 ppm a second: 180 ppm in the minute
-        clock.look(newest, look - 100_000, look + 100_000)
+        clock.add_reading(newest, look - 100_000, look + 100_000)
         errors.append(clock.stamps(newest, 1)[0] - sample)
     assert np.max(np.abs(errors[300:])) < 0.3e6
 
@@ -94,7 +94,7 @@ def test_timestamps_increase_by_about_one_period_during_phase_estimation():
     samples, period, _ = looks(-20_000, 5.0, np.random.default_rng(8), 1e-3)
     clock, stamps, done = SampleClock(5e6), [], samples[0][0]
     for newest, before, after in samples:
-        clock.look(newest, before, after)
+        clock.add_reading(newest, before, after)
         stamps += clock.stamps(done + 1, newest - done)
         done = newest
     steps = np.diff(stamps) / period

@@ -24,7 +24,7 @@ def boot(tmp_path, monkeypatch):
     """The file that identifies this start of the computer."""
     path = tmp_path / "boot_id"
     path.write_text("one\n")
-    monkeypatch.setattr(journal, "BOOT", path)
+    monkeypatch.setattr(journal, "BOOT_ID_FILE", path)
     return path
 
 

@@ -11,7 +11,7 @@ import pytest
 from baqueano.cli import main
 from baqueano.errors import FileError, UsageError
 from baqueano.robot.setup import card
-from baqueano.robot.setup.card import Network, boot_partition, public_key, write
+from baqueano.robot.setup.card import Network, boot_partition, public_key, write_card
 from tests.codes import refused
 
 KEY = "ssh-ed25519 AAAAC3NzaC1lZDI1NTE5AAAAIG ana's laptop"
@@ -46,7 +46,7 @@ def start(pi, tmp_path):
 @pytest.mark.parametrize("own", [False, True])
 def test_the_first_start_sets_name_key_and_network_of_the_pi(pi, tmp_path, own):
     boot = pi / "boot/firmware"
-    output = write(boot, "robot-7", "ana", KEY, Network("it's; a $HOME lab", "p'ss w;rd\\1", "AR", own))
+    output = write_card(boot, "robot-7", "ana", KEY, Network("it's; a $HOME lab", "p'ss w;rd\\1", "AR", own))
     assert "ana@robot-7.local" in output[0]
     line = (boot / "cmdline.txt").read_text()
     assert line.count("\n") == 1
@@ -80,7 +80,7 @@ def test_cloud_init_starts_the_script_and_old_user_data_are_backed_up(pi):
     boot = pi / "boot/firmware"
     (boot / "user-data").write_text("#cloud-config\n# of the image\n")
     for _ in range(2):
-        output = write(boot, "robot-7", "ana", KEY, None)
+        output = write_card(boot, "robot-7", "ana", KEY, None)
     assert "cloud-init" in output[1]
     assert "bash /boot/firmware/firstrun.sh" in (boot / "user-data").read_text()
     assert "of the image" in (boot / "user-data.before").read_text()
@@ -90,7 +90,7 @@ def test_cloud_init_starts_the_script_and_old_user_data_are_backed_up(pi):
 def test_writing_a_card_twice_starts_the_script_only_once(pi):
     boot = pi / "boot/firmware"
     for country in ("DE", "AR"):
-        write(boot, "robot-7", "ana", KEY, Network("lab", "password", country))
+        write_card(boot, "robot-7", "ana", KEY, Network("lab", "password", country))
     line = (boot / "cmdline.txt").read_text()
     assert line.count("systemd.run=") == 1
     assert line.count("regdom=") == 1
@@ -98,7 +98,7 @@ def test_writing_a_card_twice_starts_the_script_only_once(pi):
 
 
 def test_a_card_without_a_network_stores_no_network(pi, tmp_path):
-    write(pi / "boot/firmware", "robot-7", "ana", KEY, None)
+    write_card(pi / "boot/firmware", "robot-7", "ana", KEY, None)
     assert "rfkill" not in start(pi, tmp_path)
     assert not (pi / "etc/NetworkManager").exists()
 
@@ -115,14 +115,14 @@ def test_a_card_without_a_network_stores_no_network(pi, tmp_path):
 )
 def test_invalid_card_settings_are_refused_before_writing(pi, name, user, network, match):
     with refused(match[0], UsageError, **match[1]):
-        write(pi / "boot/firmware", name, user, KEY, network)
+        write_card(pi / "boot/firmware", name, user, KEY, network)
     assert not (pi / "boot/firmware/firstrun.sh").exists()
 
 
 def test_a_folder_that_is_not_a_card_is_reported(tmp_path, monkeypatch):
     with refused("card.no-boot", FileError):
         boot_partition(tmp_path)
-    monkeypatch.setattr(card, "LABELS", (str(tmp_path / "*" / "bootfs"),))
+    monkeypatch.setattr(card, "BOOT_FOLDERS", (str(tmp_path / "*" / "bootfs"),))
     with refused("card.cards", FileError, cards="no"):
         boot_partition(None)
     for user in ("a", "b"):

@@ -37,7 +37,7 @@ def vehicle_toml(pi, wheels):
 
 def test_a_changed_vehicle_file_is_deployed_with_a_backup(programs, pi, wheels, vehicle_toml, capfd):
     file, lines = vehicle_file.override(SMALL, ["robot.port=/dev/serial0", "robot.least_battery_v=6.0"]), []
-    setup("r1", wheels, PI, vehicle=file, notify=lines.append, dry=True, root=str(pi))
+    setup("r1", wheels, PI, vehicle=file, notify=lines.append, is_dry_run=True, root=str(pi))
     changes = [
         'vehicle.toml  robot.port: not there → "/dev/serial0"',
         "vehicle.toml  robot.least_battery_v: not there → 6.0",
@@ -126,7 +126,7 @@ def test_an_unreadable_vehicle_file_on_the_robot_is_reported_and_backed_up(
 def test_a_vehicle_file_changed_during_setup_is_not_replaced(programs, pi, wheels, vehicle_toml):
     """Another person calibrates the vehicle between the check and the change of the file."""
     (wheels / "vehicle.toml.seen").write_text("# what was looked at\n")
-    step = steps.vehicle(steps.Pi(pi, wheels, "ana"))
+    step = steps.vehicle_step(steps.Pi(pi, wheels, "ana"))
     assert not step.done()
     with pytest.raises(SystemExit, match=r"another program changed .*, so this command did not change it"):
         step.do()
@@ -141,7 +141,7 @@ def test_setup_without_a_vehicle_file_does_not_change_the_robots_file(
     monkeypatch.chdir(tmp_path)
     if own:
         SMALL.save("vehicle.toml")
-    monkeypatch.setattr(install, "bundle", lambda *options: wheels)
+    monkeypatch.setattr(install, "make_bundle", lambda *options: wheels)
     monkeypatch.setattr(install, "machine_at", lambda host: PI)
     monkeypatch.setattr(install, "setup", partial(setup, root=str(pi)))
     with pytest.raises(SystemExit) as exit_info:

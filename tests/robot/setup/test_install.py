@@ -10,8 +10,8 @@ import pytest
 
 from baqueano.errors import FileError, RobotUnreachable, UsageError
 from baqueano.robot.setup import install, steps
-from baqueano.robot.setup.install import TargetMachine, bundle, machine_at, remove, setup
-from baqueano.robot.setup.steps import Pi, boot_block
+from baqueano.robot.setup.install import TargetMachine, machine_at, make_bundle, remove, setup
+from baqueano.robot.setup.steps import Pi, boot_block_step
 from tests.codes import refused
 
 PI = TargetMachine((3, 11), "aarch64", "ana")
@@ -48,7 +48,7 @@ def test_su2_setup_installs_a_working_program_and_remove_restores_everything(
     assert "--shell /usr/sbin/nologin baqueano" in useradd
     assert f"chown -R baqueano:baqueano {pi}/var/lib/baqueano\nchmod 2775" in calls
     assert "systemctl enable baqueano.service" in calls
-    assert not Path(install.THERE).exists()
+    assert not Path(install.TARGET_FOLDER).exists()
 
     setup("r1", wheels, PI, root=str(pi))
     assert capfd.readouterr().out.count("as it is") == 9  # usermod and chown are recorded without effect
@@ -71,7 +71,7 @@ def test_su2_setup_installs_a_working_program_and_remove_restores_everything(
 
 def test_a_dry_run_prints_every_step_and_changes_nothing(programs, pi, wheels, capfd):
     before = tree(pi)
-    setup("r1", wheels, PI, dry=True, root=str(pi))
+    setup("r1", wheels, PI, is_dry_run=True, root=str(pi))
     output = capfd.readouterr().out
     assert output.count("would") == 11
     assert "I2C at 400 kHz" in output
@@ -147,7 +147,7 @@ def test_a_failed_write_leaves_the_old_file(pi, monkeypatch, path):
 
     monkeypatch.setattr(steps.os, "fsync", fails)
     with pytest.raises(OSError, match="the power is gone"):
-        boot_block(store).do() if "config" in path else store.note("more", True)
+        boot_block_step(store).do() if "config" in path else store.note("more", True)
     assert (pi / path).read_text() == before
 
 
@@ -163,7 +163,7 @@ def test_damaged_setup_notes_are_reported_with_a_remedy(programs, pi, wheels, ca
 
 
 def test_root_programs_run_from_a_new_private_folder(programs, pi, tmp_path):
-    folder = Path(install.THERE)
+    folder = Path(install.TARGET_FOLDER)
     folder.mkdir(mode=0o777)
     (folder / "json.py").write_text("# of somebody else, and imported before Python's own\n")
     look = f"ls -A {folder} >{tmp_path}/seen; stat -c %a {folder} >>{tmp_path}/seen"
@@ -219,7 +219,7 @@ def test_a_failed_download_of_packages_is_reported_with_its_error(tmp_path, monk
     python.chmod(0o755)
     monkeypatch.setattr(install.sys, "executable", str(python))
     with refused("setup.packages", FileError, said="ERROR: no network"):
-        bundle(tmp_path / "bundle", PI)
+        make_bundle(tmp_path / "bundle", PI)
 
 
 def test_downloaded_packages_are_not_downloaded_again(tmp_path, monkeypatch):
@@ -228,10 +228,10 @@ def test_downloaded_packages_are_not_downloaded_again(tmp_path, monkeypatch):
     python.chmod(0o755)
     folder.mkdir()
     lock = (files("baqueano.robot") / "files" / "onboard.lock").read_text()
-    for match in install.LOCK.finditer(lock):
+    for match in install.LOCKED_PACKAGE.finditer(lock):
         (folder / f"{match[1]}-{match[2]}-py3-none-any.whl").touch()
     monkeypatch.setattr(install.sys, "executable", str(python))
-    bundle(folder, PI)
+    make_bundle(folder, PI)
     calls = (tmp_path / "calls").read_text()
     assert "wheel --no-deps" in calls
     assert " download --" not in calls
@@ -244,7 +244,7 @@ def test_the_download_requests_packages_for_the_robots_processor_and_python(tmp_
     python.chmod(0o755)
     monkeypatch.setattr(install.sys, "executable", str(python))
     lines = []
-    bundle(tmp_path / "bundle", PI, lines.append)
+    make_bundle(tmp_path / "bundle", PI, lines.append)
     (line,) = [x for x in (tmp_path / "calls").read_text().splitlines() if " download --" in x]
     assert "--python-version 311 --abi cp311" in line
     assert "--platform manylinux_2_28_aarch64" in line
@@ -254,7 +254,7 @@ def test_the_download_requests_packages_for_the_robots_processor_and_python(tmp_
 
 def test_su2_the_onboard_lock_contains_all_required_packages_with_hashes():
     lock = (files("baqueano.robot") / "files" / "onboard.lock").read_text()
-    names = {match[1] for match in install.LOCK.finditer(lock)}
+    names = {match[1] for match in install.LOCKED_PACKAGE.finditer(lock)}
     assert names == set(re.findall(r"^([\w.-]+)==", lock, re.MULTILINE))
     assert {"numpy", "mcap", "click", "smbus2", "pyserial", "tomlkit", "pip"} <= names
 

@@ -63,12 +63,12 @@ def test_ssh_output_cannot_send_terminal_control_codes(programs, capfd, go):
 
 def test_setup_steps_are_printed_without_terminal_control_codes(programs, capfd):
     programs(ssh=r"printf 'done \033[2J step\r\n[sudo] password: '; exit 0")
-    install._steps("r1", ["do"], as_root=True)
+    install._run_steps("r1", ["do"], as_root=True)
     assert capfd.readouterr().out == "done \\x1b[2J step\n[sudo] password: "
 
 
 def test_an_endless_ssh_answer_is_refused(programs, monkeypatch):
-    monkeypatch.setattr(ssh, "LONGEST", 1 << 20)
+    monkeypatch.setattr(ssh, "MAX_ANSWER_BYTES", 1 << 20)
     programs(ssh="yes")
     for go in (
         lambda: exclusive_hardware.rows_from_host("r1", "robot", "doctor"),

@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 from baqueano.errors import UsageError
 from baqueano.robot.uno.codec import (
     CRC_START,
-    LONGEST,
+    MAX_FRAME_BYTES,
     Decoder,
     ReceivedFrame,
     encode,
@@ -30,7 +30,7 @@ def test_the_checksum_equals_the_catalogue_value():
     assert crc_hqx(b"123456789", CRC_START) == 0x29B1
 
 
-@given(st.binary(max_size=LONGEST - 1))
+@given(st.binary(max_size=MAX_FRAME_BYTES - 1))
 def test_byte_stuffing_removes_every_zero_and_is_reversible(body):
     stuffed = stuff(body)
     assert 0 not in stuffed
@@ -66,7 +66,7 @@ def test_endless_noise_does_not_fill_the_buffer():
     decoder = Decoder()
     for _ in range(100):
         decoder.feed(b"\x55" * 1000)
-    assert len(decoder._open) <= LONGEST + 1
+    assert len(decoder._incomplete) <= MAX_FRAME_BYTES + 1
     assert decoder.feed(b"\0") == []
     assert decoder.bad_crc == 1
 

@@ -10,7 +10,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from baqueano.robot.uno import frames
-from baqueano.robot.uno.c_header import c_header, snake
+from baqueano.robot.uno.c_header import c_header, snake_case
 from baqueano.robot.uno.frames import FIELDS, KIND_OF, KINDS, LAYOUTS, MAX_PAYLOAD, STRUCTS, Field, Within
 
 ROOT = Path(__file__).parents[3]
@@ -33,7 +33,7 @@ def any_frame() -> st.SearchStrategy[frames.Frame]:
 @given(any_frame())
 def test_packing_and_unpacking_return_the_same_frame(frame):
     assert frames.unpack(type(frame), frames.pack(frame)) == frame
-    assert frames.outside(frame) is None
+    assert frames.first_out_of_range(frame) is None
 
 
 def test_the_generated_firmware_header_is_current():
@@ -50,26 +50,26 @@ def test_frame_kinds_sent_by_the_firmware_have_bit_7_set():
 
 
 def test_default_settings_are_within_their_ranges():
-    assert frames.outside(frames.Config()) is None
-    assert frames.outside(frames.Settings()) is None
+    assert frames.first_out_of_range(frames.Config()) is None
+    assert frames.first_out_of_range(frames.Settings()) is None
 
 
 def test_a_number_out_of_range_is_named_with_its_field():
     ways = (frames.Way(),) * 3 + (frames.Way(slope_permille=99),)
-    fault = frames.outside(frames.Settings(ways=ways))
+    fault = frames.first_out_of_range(frames.Settings(ways=ways))
     assert fault == ("ways[3].slope_permille", 99, Within(100, 3000))
 
 
 def test_a_number_without_a_stated_range_is_limited_by_its_bits():
-    assert frames.outside(frames.Ping(1 << 32)) == ("token", 1 << 32, Within(0, (1 << 32) - 1))
-    assert frames.outside(frames.Pong(0, -1)) is not None
+    assert frames.first_out_of_range(frames.Ping(1 << 32)) == ("token", 1 << 32, Within(0, (1 << 32) - 1))
+    assert frames.first_out_of_range(frames.Pong(0, -1)) is not None
 
 
 @pytest.mark.skipif(shutil.which("gcc") is None, reason="no C compiler to ask")
 def test_each_frame_has_the_same_layout_in_c_and_python(tmp_path):
     lines = []
     for layout in LAYOUTS:
-        name = snake(layout.__name__)
+        name = snake_case(layout.__name__)
         if not FIELDS[layout]:
             continue
         lines.append(f'printf("{name} %zu\\n", sizeof({name}_t));')
@@ -84,7 +84,7 @@ def test_each_frame_has_the_same_layout_in_c_and_python(tmp_path):
     printed = subprocess.run([tmp_path / "layout"], capture_output=True, text=True, check=True).stdout
     places = dict(line.split() for line in printed.splitlines())
     for layout in LAYOUTS:
-        name, place = snake(layout.__name__), 0
+        name, place = snake_case(layout.__name__), 0
         for field in FIELDS[layout]:
             assert int(places[f"{name}.{field.path}"]) == place
             place += struct.calcsize(field.code)

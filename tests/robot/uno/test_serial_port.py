@@ -10,7 +10,7 @@ import pytest
 
 from baqueano.errors import RobotUnreachable, UsageError
 from baqueano.robot.uno import serial_port
-from baqueano.robot.uno.serial_port import SerialPort, find_port, listen, opened_early
+from baqueano.robot.uno.serial_port import SerialPort, find_port, listen, open_early
 from tests.codes import refused
 
 pty = pytest.importorskip("pty", reason="this system has no pty")
@@ -67,7 +67,7 @@ def test_rt10_a_write_to_a_blocked_line_ends_soon(ends):
 
 
 def test_rt10_a_disconnected_line_is_opened_again(ends, monkeypatch):
-    monkeypatch.setattr(serial_port, "AGAIN_S", 0.01)
+    monkeypatch.setattr(serial_port, "REOPEN_PERIOD_S", 0.01)
     _, path = ends
     port, done, port_open = SerialPort(path), threading.Event(), threading.Event()
 
@@ -109,7 +109,7 @@ def test_a_line_opened_before_the_service_is_closed_on_request(tmp_path):
     file.write_text(f'[robot]\nport = "{os.ttyname(slave)}"\n')
     os.set_blocking(master, False)
     os.close(slave)
-    give_back = opened_early(file)
+    give_back = open_early(file)
     with pytest.raises(BlockingIOError):  # another program has it open and sends nothing
         os.read(master, 10)
     give_back()
@@ -125,4 +125,4 @@ def test_opening_a_missing_line_early_raises_no_error(tmp_path, text):
     file = tmp_path / "vehicle.toml"
     if text is not None:
         file.write_text(text)
-    opened_early(file)()
+    open_early(file)()

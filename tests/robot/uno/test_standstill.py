@@ -84,4 +84,4 @@ def test_time_in_suspend_counts_as_a_gap(monkeypatch):
     stand = Standstill()
     stand.record_command()
     now[0] = 3_600_000 * MS  # one hour in suspend, which CLOCK_MONOTONIC does not count
-    assert stand.look(300).figures["still_s"] == 3600.0
+    assert stand.check(300).figures["still_s"] == 3600.0

@@ -48,7 +48,7 @@ def programs(tmp_path, monkeypatch):
 
 def test_a_running_service_is_stopped_and_started_again(programs):
     calls, texts = programs(systemctl="exit 0", sudo='shift; exec "$@"'), []
-    with exclusive_hardware.service_off(texts.append):
+    with exclusive_hardware.stopped_service(texts.append):
         assert "systemctl stop baqueano.service" in calls.read_text()
         assert "start" not in calls.read_text()
     assert "systemctl start baqueano.service" in calls.read_text()
@@ -58,7 +58,7 @@ def test_a_running_service_is_stopped_and_started_again(programs):
 def test_a_service_that_does_not_restart_is_reported_with_a_command(programs):
     programs(systemctl='case "$1" in start) echo Unit is masked. >&2; exit 1;; esac', sudo='shift; exec "$@"')
     texts = []
-    with exclusive_hardware.service_off(texts.append):
+    with exclusive_hardware.stopped_service(texts.append):
         pass
     assert texts == [
         "baqueano.service stopped meanwhile",
@@ -68,7 +68,7 @@ def test_a_service_that_does_not_restart_is_reported_with_a_command(programs):
 
 def test_a_stopped_service_is_not_started(programs):
     calls = programs(systemctl="exit 3")
-    with exclusive_hardware.service_off(print):
+    with exclusive_hardware.stopped_service(print):
         pass
     assert "stop" not in calls.read_text()
 
@@ -76,7 +76,7 @@ def test_a_stopped_service_is_not_started(programs):
 def test_a_user_without_rights_to_stop_the_service_is_refused(programs):
     programs(systemctl="exit 0", sudo="echo a password is required >&2; exit 1")
     with refused("hardware.service-has-it", UsageError, error="a password is required"):
-        exclusive_hardware.service_off(print).__enter__()
+        exclusive_hardware.stopped_service(print).__enter__()
 
 
 @pytest.mark.parametrize(
@@ -120,7 +120,7 @@ def test_a_port_is_passed_to_ssh_as_an_option(programs):
 
 
 def test_heartbeats_are_sent_to_the_host_and_its_result_is_returned(programs, monkeypatch):
-    monkeypatch.setattr(remote_session, "BEAT_S", 0.01)
+    monkeypatch.setattr(remote_session, "BEAT_PERIOD_S", 0.01)
     programs(ssh='read sign; read sign; echo \'{"rows": [{"a": 1}], "verdict": ""}\'')
     assert exclusive_hardware.rows_from_host("r1", "robot", "doctor") == [{"a": 1}]
 

@@ -9,9 +9,9 @@ import click
 
 from baqueano.cli import numbers, options
 from baqueano.cli.driving.manual_drive import (
-    by_hand,
-    by_page,
-    end_by_hand,
+    drive_by_hand,
+    drive_from_page,
+    finish_manual_drive,
     hold_option,
     pad_option,
     scales_from_marks,
@@ -52,19 +52,19 @@ def command(
     hold: bool, length_m: float | None, seed: int, backend: str, folder: str, out: Path | None, update: bool,
     shown: bool, pace: float, as_json: bool,
 ) -> None:  # fmt: skip
-    file = options.load_vehicle(vehicle, settings)
-    options.advise_to_measure(file, robot)
+    vehicle_file = options.load_vehicle(vehicle, settings)
+    options.advise_to_measure(vehicle_file, robot)
     path = options.run_path(out, folder, "drive")
-    at_terminal = partial(by_hand, pad=pad, share=share, latched=latched)
-    drive = by_page(folder, pace) if shown else at_terminal
-    run = drive("drive", file, robot, seed, backend, path, hold=hold)
+    at_terminal = partial(drive_by_hand, pad=pad, share=share, latched=latched)
+    drive = drive_from_page(folder, pace) if shown else at_terminal
+    run = drive("drive", vehicle_file, robot, seed, backend, path, hold=hold)
     print_message(note("cli.run", path=path))
-    end_by_hand(run, path, robot)
-    text, values = scales_from_marks(run, file, length_m)
+    finish_manual_drive(run, path, robot)
+    text, values = scales_from_marks(run, vehicle_file, length_m)
     answer(DriveResult(run, path, values), as_json)
     print_message(text)
     if values and update:
-        options.save_update(file.with_values(values), update)
+        options.save_update(vehicle_file.with_values(values), update)
 
 
 @dataclass(frozen=True)
@@ -80,8 +80,8 @@ class DriveResult:
         """Return one row: path of the run, duration, marks, and the scales that the marks determine."""
         from baqueano.drive.session import marks_of
 
-        marks = len(marks_of(self.run))
-        return [{"run": str(self.path), "duration_s": self.run.duration_s, "marks": marks} | self.values]
+        mark_count = len(marks_of(self.run))
+        return [{"run": str(self.path), "duration_s": self.run.duration_s, "marks": mark_count} | self.values]
 
     def table(self) -> str:
         """Return the row as a sentence."""

@@ -8,10 +8,10 @@ import click
 import numpy as np
 
 from baqueano.cli import numbers, options
-from baqueano.cli.driving.iterate import in_rounds
-from baqueano.cli.driving.targets import Place, open_target, say_ledger
+from baqueano.cli.driving.iterate import drive_in_rounds
+from baqueano.cli.driving.targets import Target, open_target, print_ledger
 from baqueano.cli.page import live
-from baqueano.cli.terminal import answer, busy, print_message, time_progress
+from baqueano.cli.terminal import answer, print_message, show_activity, time_progress
 from baqueano.diagnostics import Verdict, fault, nearest, note
 from baqueano.messages import texts
 from baqueano.messages.printable import baqueano_command
@@ -71,12 +71,12 @@ def command(
     shown: bool, pace: float, as_json: bool,
 ) -> None:  # fmt: skip
     _check_options(signal, rounds, update)
-    file = options.load_vehicle(vehicle, settings)
+    vehicle_file = options.load_vehicle(vehicle, settings)
     kind, run_names = signal.replace("-", "_"), []
     if room is not None:
         from baqueano.identify.design.room import room_of
 
-        room_of(file, room)  # before anything moves
+        room_of(vehicle_file, room)  # before anything moves
 
     def path_of(label: str) -> Path:
         labelled_path = out.with_name(f"{out.stem}-{label}{out.suffix}") if out is not None and label else out
@@ -85,38 +85,46 @@ def command(
         return path
 
     with (
-        live.live_page(shown, robot, file, folder, pace) as page,
-        open_target(robot, file, seed, backend, page=page, shake=shake) as place,
+        live.live_page(shown, robot, vehicle_file, folder, pace) as page,
+        open_target(robot, vehicle_file, seed, backend, page=page, shake=shake) as target,
     ):
         runs: list[Run] = []
-        if signal == "designed" and not trust_file and file.is_guess:
-            file, first = after_first_drive(file, place, backend, path_of)
-            runs.append(first)
-            place.back_in_the_middle()
+        if signal == "designed" and not trust_file and vehicle_file.is_guess:
+            vehicle_file, first_result = make_first_drive(vehicle_file, target, backend, path_of)
+            runs.append(first_result)
+            target.back_in_the_middle()
         if rounds is not None:
             make_signal = lambda now, draw: signal_of(now, kind, room, seconds, draw, backend)  # noqa: E731
-            result = in_rounds(file, place, runs, rounds, make_signal, seed, backend, path_of)
+            result = drive_in_rounds(vehicle_file, target, runs, rounds, make_signal, seed, backend, path_of)
             answer(result, as_json)
             options.save_update(result.rounds[-1].fit.vehicle_file, update)
         else:
-            u = signal_of(file, kind, room, seconds, seed, backend)
-            run_experiment(file, place, u, path_of(""), as_json, shake)
+            u = signal_of(vehicle_file, kind, room, seconds, seed, backend)
+            run_experiment(vehicle_file, target, u, path_of(""), as_json, shake)
     print_message(
-        note("cli.next-identify", fix=baqueano_command("identify", *run_names, *options.naming(file, folder)))
+        note(
+            "cli.next-identify",
+            fix=baqueano_command("identify", *run_names, *options.naming_options(vehicle_file, folder)),
+        )
     )
 
 
 def run_experiment(
-    file: "VehicleFile", place: Place, u: np.ndarray, path: Path, as_json: bool, shake: tuple[str, ...] = ()
+    vehicle_file: "VehicleFile",
+    target: Target,
+    u: np.ndarray,
+    path: Path,
+    as_json: bool,
+    shake: tuple[str, ...] = (),
 ) -> None:
     """Drive the commands `u` (N, n), store the run at `path`, and show it."""
     from baqueano.drive.mission import Mission
     from baqueano.runs.show import show
 
-    with time_progress(note("cli.experiment"), len(u) / file.rate_hz) as progress:
-        run = place.drive(Mission("experiment", u=u), file, path, progress)
+    with time_progress(note("cli.experiment"), len(u) / vehicle_file.rate_hz) as progress:
+        run = target.drive(Mission("experiment", u=u), vehicle_file, path, progress)
     print_message(note("cli.run", path=path))
-    say_ledger(run, file, shake)
+    print_ledger(run, vehicle_file, shake)
     answer(show(run), as_json)
     options.raise_stop(run, path)
 
@@ -138,7 +146,7 @@ def _check_options(signal: str, rounds: int | None, update: bool) -> None:
 
 
 def signal_of(
-    file: "VehicleFile", kind: str, size: str | None, seconds: float, seed: int, backend: str
+    vehicle_file: "VehicleFile", kind: str, size: str | None, seconds: float, seed: int, backend: str
 ) -> np.ndarray:
     """Return the commands (N, n) of this kind of signal.
 
@@ -149,49 +157,51 @@ def signal_of(
     from baqueano.identify.design.signals import excitation
 
     if kind == "designed":
-        room = room_of(file, size or "2x2")
-        with busy(note("cli.designing")) as say:
-            plan = design_plan(file, room, seconds, seed=seed, backend=backend, progress=say)
+        room = room_of(vehicle_file, size or "2x2")
+        with show_activity(note("cli.designing")) as say:
+            plan = design_plan(vehicle_file, room, seconds, seed=seed, backend=backend, progress=say)
         print_message(plan.table())
         return plan.u
-    u = excitation(kind, file.command.limit, seconds, file.rate_hz, seed)
+    u = excitation(kind, vehicle_file.command.limit, seconds, vehicle_file.rate_hz, seed)
     if size is None:
         return u
-    room = room_of(file, size)
-    with busy(note("cli.keeping-in-room", size=size)):
-        containment = contain(u, file, room, seed=seed, backend=backend)
+    room = room_of(vehicle_file, size)
+    with show_activity(note("cli.keeping-in-room", size=size)):
+        containment = contain(u, vehicle_file, room, seed=seed, backend=backend)
     print_message(
         note(
             "cli.room-kept",
             size=size,
-            replaced_percent=100.0 * containment.replaced,
+            replaced_percent=100.0 * containment.replaced_fraction,
             margin_cm=100.0 * containment.margin_m,
         )
     )
     return containment.u
 
 
-def after_first_drive(
-    file: "VehicleFile", place: Place, backend: str, path_of: Callable[[str], Path]
+def make_first_drive(
+    vehicle_file: "VehicleFile", target: Target, backend: str, path_of: Callable[[str], Path]
 ) -> tuple[Any, Any]:
     """Return the file fitted to a careful first drive, and the run of that drive.
 
     If the fit is refused, the file has only rough gains. Raise AnswerNo if the vehicle is wired wrongly or does not
     move, and the error of a stopped drive.
     """
-    from baqueano.drive import estimate_first_drive, rough
+    from baqueano.drive import estimate_first_drive, with_rough_gains
     from baqueano.drive.mission import Mission
     from baqueano.identify import FitOptions, identify
 
     path = path_of("first-drive")
-    print_message(note("cli.first-drive", name=file.name))
+    print_message(note("cli.first-drive", name=vehicle_file.name))
     with time_progress(note("cli.driving-first"), 0.0) as progress:
-        first = estimate_first_drive(place.drive(Mission("first drive"), file, path, progress), file)
+        first_result = estimate_first_drive(
+            target.drive(Mission("first drive"), vehicle_file, path, progress), vehicle_file
+        )
     print_message(note("cli.run", path=path))
-    print_message(first.table())
-    options.raise_stop(first.run, path)
-    start = rough(first, file)
-    with busy(note("cli.fitting-first")):
-        fit = identify([first.run], start, options=FitOptions(backend=backend))
+    print_message(first_result.table())
+    options.raise_stop(first_result.run, path)
+    rough_file = with_rough_gains(first_result, vehicle_file)
+    with show_activity(note("cli.fitting-first")):
+        fit = identify([first_result.run], rough_file, options=FitOptions(backend=backend))
     print_message(note("cli.fitted", verdict=fit.verdict, reasons="; ".join(texts(fit.reasons))))
-    return (start if fit.verdict == Verdict.REFUSED else fit.vehicle_file), first.run
+    return (rough_file if fit.verdict == Verdict.REFUSED else fit.vehicle_file), first_result.run

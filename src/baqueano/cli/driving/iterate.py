@@ -12,13 +12,13 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 
 from baqueano.cli import options
-from baqueano.cli.terminal import busy, print_message, time_progress
+from baqueano.cli.terminal import print_message, show_activity, time_progress
 from baqueano.diagnostics import Verdict, fault, note
 from baqueano.messages.language import number
 from baqueano.messages.language import translate as _
 
 if TYPE_CHECKING:
-    from baqueano.cli.driving.targets import Place
+    from baqueano.cli.driving.targets import Target
     from baqueano.contracts.values import TableRow
     from baqueano.identify.result.fit_result import Fit
     from baqueano.runs.run import Run
@@ -32,7 +32,7 @@ class Round(NamedTuple):
     run: Path
     fit: "Fit"
 
-    def relative_sd(self, name: str) -> float | None:
+    def relative_std(self, name: str) -> float | None:
         """Return the standard error of a parameter relative to its value; None if the parameter was not estimated."""
         if name not in self.fit.names:
             return None
@@ -54,13 +54,13 @@ class Rounds:
 
     def rows(self) -> list["TableRow"]:
         """Return a flat row per round and parameter."""
-        out = []
+        rows = []
         for k, iteration in enumerate(self.rounds):
             for name, x in zip(iteration.fit.names, iteration.fit.estimate, strict=True):
                 estimate = float(x) if np.isfinite(x) else None
                 row = {"round": k + 1, "run": iteration.run.stem, "name": name, "estimate": estimate}
-                out.append(row | {"relative_sd": iteration.relative_sd(name)})
-        return out
+                rows.append(row | {"relative_sd": iteration.relative_std(name)})
+        return rows
 
     def table(self) -> str:
         """Return a line for each parameter, with a column for each round."""
@@ -69,19 +69,19 @@ class Rounds:
         head = "".join(f"{_('round {k}', k=k + 1):>12}" for k in range(len(self.rounds)))
         lines = [f"{_('standard error of'):{width}}{head}"]
         for name in names:
-            sure = [iteration.relative_sd(name) for iteration in self.rounds]
-            cells = ["—" if sd is None else f"{number(100.0 * sd):.3g} %" for sd in sure]
+            stds = [iteration.relative_std(name) for iteration in self.rounds]
+            cells = ["—" if std is None else f"{number(100.0 * std):.3g} %" for std in stds]
             lines.append(f"{name:{width}}" + "".join(f"{x:>12}" for x in cells))
         return "\n".join([*lines, "", verdict_line(self.verdict, self.rounds[-1].fit.reasons)])
 
 
-def in_rounds(
-    file: "VehicleFile", place: "Place", runs: "list[Run]", rounds: int, signal: Callable[[Any, int], np.ndarray],
-    seed: int, backend: str, path_of: Callable[[str], Path],
+def drive_in_rounds(
+    vehicle_file: "VehicleFile", target: "Target", runs: "list[Run]", rounds: int,
+    signal: Callable[[Any, int], np.ndarray], seed: int, backend: str, path_of: Callable[[str], Path],
 ) -> Rounds:  # fmt: skip
-    """Drive `rounds` times with `signal(file, seed)`. After each drive fit all `runs` so far. Return the rounds.
+    """Drive `rounds` times with `signal(vehicle_file, seed)`. After each drive fit all `runs` so far.
 
-    Raise AnswerNo if a fit is refused.
+    Return the rounds. Raise AnswerNo if a fit is refused.
     """
     from baqueano.drive.mission import Mission
     from baqueano.errors import AnswerNo
@@ -89,21 +89,21 @@ def in_rounds(
 
     results: list[Round] = []
     for k in range(rounds):
-        u = signal(file, seed + k)
+        u = signal(vehicle_file, seed + k)
         path = path_of(f"{k + 1}")
         if k:
-            place.back_in_the_middle()
-        with time_progress(note("cli.round", number=k + 1), len(u) / file.rate_hz) as progress:
-            run = place.drive(Mission("experiment", u=u), file, path, progress, seed=seed + k)
+            target.back_in_the_middle()
+        with time_progress(note("cli.round", number=k + 1), len(u) / vehicle_file.rate_hz) as progress:
+            run = target.drive(Mission("experiment", u=u), vehicle_file, path, progress, seed=seed + k)
         print_message(note("cli.run", path=path))
         options.raise_stop(run, path)
         runs.append(run)
-        with busy(note("cli.fitting", runs=len(runs))):
-            fit = identify(runs, file, options=FitOptions(backend=backend))
+        with show_activity(note("cli.fitting", runs=len(runs))):
+            fit = identify(runs, vehicle_file, options=FitOptions(backend=backend))
         reasons = "; ".join(texts(fit.reasons))
         print_message(note("cli.round-fitted", round=k + 1, verdict=fit.verdict, reasons=reasons))
         if fit.verdict == Verdict.REFUSED:
             raise AnswerNo(fault("cli.round-refused", round=k + 1, reasons=reasons, path=path))
-        file = fit.vehicle_file
+        vehicle_file = fit.vehicle_file
         results.append(Round(path, fit))
     return Rounds(tuple(results))

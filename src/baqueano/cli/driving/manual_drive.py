@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from baqueano.cli import options
-from baqueano.cli.driving.targets import IN_HERE, open_target
+from baqueano.cli.driving.targets import LOCAL_TARGETS, open_target
 from baqueano.cli.terminal import print_message
 from baqueano.diagnostics import Diagnostic, fault, note
 from baqueano.messages.printable import baqueano_command
@@ -24,10 +24,10 @@ if TYPE_CHECKING:
     from baqueano.runs.run import Run
     from baqueano.vehicle_file.file import VehicleFile
 
-FIND = ""  # --pad without a name
+ANY_PAD = ""  # --pad without a name
 
 pad_option = click.option(
-    "--pad", is_flag=False, flag_value=FIND, metavar="[DEVICE]",
+    "--pad", is_flag=False, flag_value=ANY_PAD, metavar="[DEVICE]",
     help="Game pad of this computer; the first one, or the one named here: /dev/input/event5.",
 )  # fmt: skip
 hold_option = click.option(
@@ -36,19 +36,19 @@ hold_option = click.option(
 )  # fmt: skip
 
 
-def by_hand(
-    verb: str, file: "VehicleFile", robot: str, seed: int, backend: str, path: Path, pad: str | None = None,
+def drive_by_hand(
+    verb: str, vehicle_file: "VehicleFile", robot: str, seed: int, backend: str, path: Path, pad: str | None = None,
     hold: bool = True, **how: Any,
 ) -> "Run":  # fmt: skip
     """Return the run of a drive by hand in real time, which ends with q.
 
-    `verb` is "drive" or "teach". `pad` is the device of the game pad, or FIND to search for it. With `hold` and a gyro,
-    the heading is kept during straight motion. `how` contains `share` and `latched` of a Cockpit. Raise UsageError for
-    an emulated vehicle.
+    `verb` is "drive" or "teach". `pad` is the device of the game pad, or ANY_PAD to search for it. With `hold` and a
+    gyro, the heading is kept during straight motion. `how` contains `share` and `latched` of a Cockpit. Raise
+    UsageError for an emulated vehicle.
     """
     from baqueano.drive.by_hand.cockpit import Cockpit
     from baqueano.drive.by_hand.heading_gains import gains_of
-    from baqueano.drive.by_hand.pad import find
+    from baqueano.drive.by_hand.pad import find_pad
     from baqueano.drive.by_hand.tty import answered_by_another, over_ssh
     from baqueano.drive.mission import Mission
     from baqueano.errors import UsageError
@@ -57,87 +57,94 @@ def by_hand(
     kind = robot.partition(":")[0]
     if kind == "emulated":
         raise UsageError(fault("cli.emulated-by-hand", "--robot simulated"))
-    device = None if pad is None else find(Path(pad) if pad != FIND else None)
+    device = None if pad is None else find_pad(Path(pad) if pad != ANY_PAD else None)
     if device is not None:
         print_message(note("cli.game-pad", name=device.name))
     multiplexer = answered_by_another() if over_ssh(os.environ) else ""
     if multiplexer:
         print_message(note("cli.terminal-of-another", another=multiplexer))
     with ExitStack() as open_things:
-        place: Any = open_things.enter_context(open_target(robot, file, seed, backend))
+        target: Any = open_things.enter_context(open_target(robot, vehicle_file, seed, backend))
         cockpit = Cockpit(
-            file.command.limit, name=robot, names=tuple(file.command.names), trusted=not multiplexer,
-            hold=hold and gains_of(file) is not None, drivetrain=getattr(file.vehicle, "drivetrain", None),
+            vehicle_file.command.limit, name=robot, names=tuple(vehicle_file.command.names), trusted=not multiplexer,
+            hold=hold and gains_of(vehicle_file) is not None, drivetrain=getattr(vehicle_file.vehicle, "drivetrain",
+            None),
             pad=device, **how,
         )  # fmt: skip
         hand = open_things.enter_context(cockpit)
-        open_things.enter_context(ended_by_signals(hand.stop))
-        arguments = simulation(file, robot, seed, backend, hand) if kind == "simulated" else {}
+        open_things.enter_context(stop_on_signals(hand.stop))
+        arguments = (
+            simulation_options(vehicle_file, robot, seed, backend, hand) if kind == "simulated" else {}
+        )
         arguments |= (
-            {"words": hand.words, "on_state": hand.show, "on_event": hand.show_message}
+            {"words": hand.pop_messages, "on_state": hand.show, "on_event": hand.show_message}
             if kind != "simulated"
             else {}
         )
-        run = place.drive(Mission(verb, hold=hold), file, path, lambda seconds: None, hand=hand, **arguments)
+        run = target.drive(
+            Mission(verb, hold=hold), vehicle_file, path, lambda seconds: None, hand=hand, **arguments
+        )
     return read_run(path) if kind == "simulated" else run  # a live drive holds no run of its own
 
 
-def by_page(folder: str, pace: float) -> Callable[..., "Run"]:
-    """Return a function like `by_hand`, which drives by hand from the page instead of this terminal."""
+def drive_from_page(folder: str, pace: float) -> Callable[..., "Run"]:
+    """Return a function like `drive_by_hand`, which drives by hand from the page instead of this terminal."""
 
     def drive(
-        verb: str, file: "VehicleFile", robot: str, seed: int, backend: str, path: Path, hold: bool = True
+        verb: str, vehicle_file: "VehicleFile", robot: str, seed: int, backend: str, path: Path, hold: bool = True
     ) -> "Run":  # fmt: skip
         from baqueano.cli.page.live import live_page
         from baqueano.drive.mission import Mission
         from baqueano.runs import read_run
 
-        kind, commands = robot.partition(":")[0], len(file.command.names)
+        kind, command_count = robot.partition(":")[0], len(vehicle_file.command.names)
         with (
-            live_page(True, robot, file, folder, pace, by_hand=True) as page,
-            open_target(robot, file, seed, backend, page=page) as place,
+            live_page(True, robot, vehicle_file, folder, pace, by_hand=True) as page,
+            open_target(robot, vehicle_file, seed, backend, page=page) as target,
         ):
             assert page is not None
-            with ended_by_signals(page.door.operator.stop):
+            with stop_on_signals(page.door.operator.stop):
                 page.wait_for_hand()
-                arguments = {"live": True} if kind in IN_HERE else {}
-                hand = partial(page.door.hand, commands)
+                arguments = {"live": True} if kind in LOCAL_TARGETS else {}
+                hand = partial(page.door.hand, command_count)
                 mission = Mission(verb, hold=hold)
-                run = place.drive(mission, file, path, lambda seconds: None, hand=hand, **arguments)
-        return read_run(path) if kind in IN_HERE else run  # a live drive holds no run of its own
+                run = target.drive(mission, vehicle_file, path, lambda seconds: None, hand=hand, **arguments)
+        return read_run(path) if kind in LOCAL_TARGETS else run  # a live drive holds no run of its own
 
     return drive
 
 
-def simulation(file: "VehicleFile", robot: str, seed: int, backend: str, hand: "Cockpit") -> "JsonObject":
+def simulation_options(
+    vehicle_file: "VehicleFile", robot: str, seed: int, backend: str, hand: "Cockpit"
+) -> "JsonObject":
     """Return the options of a simulated drive in real time."""
     from baqueano.clock import wall
     from baqueano.worlds import SimulatedWorld
 
-    truth = options.load_truth(robot, file)
+    truth = options.load_truth(robot, vehicle_file)
     world = SimulatedWorld(truth.vehicle, truth.sensors, truth.rate_hz, seed, backend=backend)
     hand.status.state = "simulated"
     return {
-        "world": world, "ticking": from_zero(wall(file.rate_hz)), "live": True,
+        "world": world, "ticking": clock_from_zero(wall(vehicle_file.rate_hz)), "live": True,
         "observers": (hand,),
     }  # fmt: skip
 
 
-def from_zero(clock: Iterable[int]) -> Iterator[int]:
+def clock_from_zero(clock: Iterable[int]) -> Iterator[int]:
     """Yield the ticks of `clock` minus the first one, because the time of a simulated world begins at 0."""
-    start = None
+    start_ns = None
     for t_ns in clock:
-        start = t_ns if start is None else start
-        yield t_ns - start
+        start_ns = t_ns if start_ns is None else start_ns
+        yield t_ns - start_ns
 
 
 @contextmanager
-def ended_by_signals(stop: Callable[["Diagnostic"], object]) -> Iterator[None]:
+def stop_on_signals(stop: Callable[["Diagnostic"], object]) -> Iterator[None]:
     """Stop the vehicle by `stop` if the terminal hangs up or another process ends the program."""
     from baqueano.diagnostics import StopReason
     from baqueano.diagnostics import stop as because
 
-    before = {}
+    previous_handlers = {}
 
     def stop_by_signal(number: int, frame: FrameType | None) -> None:
         terminated = number == signal.SIGTERM
@@ -145,15 +152,15 @@ def ended_by_signals(stop: Callable[["Diagnostic"], object]) -> Iterator[None]:
 
     for name in ("SIGHUP", "SIGTERM"):
         if hasattr(signal, name):
-            before[name] = signal.signal(getattr(signal, name), stop_by_signal)
+            previous_handlers[name] = signal.signal(getattr(signal, name), stop_by_signal)
     try:
         yield
     finally:
-        for name, handler in before.items():
+        for name, handler in previous_handlers.items():
             signal.signal(getattr(signal, name), handler)
 
 
-def end_by_hand(run: "Run", path: Path, robot: str) -> None:
+def finish_manual_drive(run: "Run", path: Path, robot: str) -> None:
     """Raise the error of a stopped drive, except if its driver ended it."""
     from baqueano.diagnostics import StopReason
     from baqueano.drive import stop_of
@@ -167,7 +174,7 @@ def end_by_hand(run: "Run", path: Path, robot: str) -> None:
 
 
 def scales_from_marks(
-    run: "Run", file: "VehicleFile", length_m: float | None
+    run: "Run", vehicle_file: "VehicleFile", length_m: float | None
 ) -> tuple[Diagnostic | str, dict[str, object]]:
     """Return the scales of the sensors that the marks of a run determine, as text and as values of the vehicle file.
 
@@ -180,7 +187,7 @@ def scales_from_marks(
     if len(marks_of(run)) < 2:
         return note("cli.marks-too-few"), {}
     try:
-        result = closure(run, file, length_m)
+        result = closure(run, vehicle_file, length_m)
     except AnswerNo as error:
         return note("cli.marks", cause=error.diagnostic), {}
     return result.table(), result.values

@@ -5,8 +5,15 @@ from pathlib import Path
 import click
 
 from baqueano.cli import numbers, options
-from baqueano.cli.driving.route import as_fast_as_it_can, drivable, room_option, standing, start_option, walls
-from baqueano.cli.driving.targets import open_target, say_ledger
+from baqueano.cli.driving.route import (
+    check_drivable,
+    fastest_route,
+    room_of_options,
+    room_option,
+    start_option,
+    start_pose_of,
+)
+from baqueano.cli.driving.targets import open_target, print_ledger
 from baqueano.cli.page import live
 from baqueano.cli.terminal import answer, print_message, time_progress
 from baqueano.diagnostics import note
@@ -89,32 +96,32 @@ def command(
     from baqueano.drive.mission import Mission
     from baqueano.drive.safety.precautions import Precautions
 
-    file = options.load_vehicle(vehicle, settings)
-    options.advise_to_measure(file, robot)
+    vehicle_file = options.load_vehicle(vehicle, settings)
+    options.advise_to_measure(vehicle_file, robot)
     taught_route = options.find_route(route)
     if faster:
-        taught_route = as_fast_as_it_can(taught_route, route, file, backend)
-    walled_room = walls(file, room, start)
-    drivable(taught_route, route, file, walled_room, robot, anyway, backend)
+        taught_route = fastest_route(taught_route, route, vehicle_file, backend)
+    walled_room = room_of_options(vehicle_file, room, start)
+    check_drivable(taught_route, route, vehicle_file, walled_room, robot, anyway, backend)
     care = Precautions(True, anyway, walled_room, lead_in, way_back, caution, patience_s)
-    own = {"estimator": estimator, "controller": controller, "guide": guide}
-    own = {room: options.own_block(file, room, kind) for room, kind in own.items()}
+    own_kinds = {"estimator": estimator, "controller": controller, "guide": guide}
+    own_kinds = {role: options.own_block(vehicle_file, role, kind) for role, kind in own_kinds.items()}
     mission = Mission(
-        "repeat", route=taught_route, laps=laps, blocks={room: k for room, k in own.items() if k is not None},
-        start=standing(taught_route, stand), precautions=care.to_json(),
+        "repeat", route=taught_route, laps=laps, blocks={role: k for role, k in own_kinds.items() if k is not None},
+        start=start_pose_of(taught_route, stand), precautions=care.to_json(),
     )  # fmt: skip
     with (
-        live.live_page(shown, robot, file, folder, pace) as watching,
-        open_target(robot, file, seed, backend, page=watching, shake=shake) as place,
+        live.live_page(shown, robot, vehicle_file, folder, pace) as watching,
+        open_target(robot, vehicle_file, seed, backend, page=watching, shake=shake) as target,
     ):
         path = options.run_path(out, folder, "repeat")
         with time_progress(note("cli.repeat"), laps * float(taught_route.t_s[-1])) as progress:
-            run = place.drive(mission, file, path, progress)
+            run = target.drive(mission, vehicle_file, path, progress)
     print_message(note("cli.run", path=path))
-    say_ledger(run, file, shake)
+    print_ledger(run, vehicle_file, shake)
     comparison = compare(run)
     answer(comparison, as_json, laps=comparison.laps())
-    options.advise_to_fit(comparison, [run], options.naming(file, folder), folder)
+    options.advise_to_fit(comparison, [run], options.naming_options(vehicle_file, folder), folder)
     if page is not None:
         from baqueano.report.of_run import page_of_run
 

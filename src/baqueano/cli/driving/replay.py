@@ -48,29 +48,30 @@ def command(
     from baqueano.vehicle_file import override
 
     recorded_run = options.find_runs((run,), folder)[0]
-    vehicle_options = options.naming_own(folder)
+    vehicle_options = options.own_naming_options(folder)
     if vehicle is None and recorded_run.vehicle_text:
         print_message(note("cli.vehicle-of-run"))
-        file = vehicle_of(recorded_run)
-        file = override(file, settings) if settings else file
+        vehicle_file = vehicle_of(recorded_run)
+        vehicle_file = override(vehicle_file, settings) if settings else vehicle_file
     else:
-        file = options.load_vehicle(vehicle, settings)
-        vehicle_options = options.naming(file, folder)
-    by = recorded_run.metadata.get("backend", "auto") if backend == "auto" else backend
-    own = file.estimator(options.own_block(file, "estimator", estimator))
+        vehicle_file = options.load_vehicle(vehicle, settings)
+        vehicle_options = options.naming_options(vehicle_file, folder)
+    replay_backend = recorded_run.metadata.get("backend", "auto") if backend == "auto" else backend
+    replay_estimator = vehicle_file.estimator(options.own_block(vehicle_file, "estimator", estimator))
     path = options.run_path(out, folder, f"replay-{recorded_run.name}")
     with time_progress(note("cli.replay"), recorded_run.duration_s) as progress:
         replayed = replay(
             recorded_run,
-            file,
-            estimator=own,
+            vehicle_file,
+            estimator=replay_estimator,
             path=None if smooth else path,
             observers=(Progress(progress),),
-            backend=by,
+            backend=replay_backend,
         )
     if smooth:
         replayed = replace(
-            smooth_run(replayed, file, own, initial_pose(recorded_run), backend), name=path.stem
+            smooth_run(replayed, vehicle_file, replay_estimator, initial_pose(recorded_run), backend),
+            name=path.stem,
         )
         write_run(replayed, path)
     print_message(note("cli.run", path=path))
@@ -86,13 +87,13 @@ def command(
     if shown:
         live.show_both(path, recorded_run.path, folder)
     # a stop that was recorded is replayed with the rest
-    if not _same(stop_of(replayed), stop_of(recorded_run)):
+    if not _stops_are_equal(stop_of(replayed), stop_of(recorded_run)):
         options.raise_stop(replayed, path)
     else:
         options.print_warnings(replayed)
 
 
-def _same(stop: "Diagnostic | None", recorded_stop: "Diagnostic | None") -> bool:
+def _stops_are_equal(stop: "Diagnostic | None", recorded_stop: "Diagnostic | None") -> bool:
     """Return True if both stops are the same. A stop that was recorded without a code is compared by its text."""
     from baqueano.messages import text
 

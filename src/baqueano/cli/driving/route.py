@@ -75,8 +75,10 @@ def check(
 ) -> None:  # fmt: skip
     from baqueano.routes import examine
 
-    file = options.load_vehicle(vehicle, settings)
-    report = examine(options.find_route(route), file, walls(file, room, start), backend=backend)
+    vehicle_file = options.load_vehicle(vehicle, settings)
+    report = examine(
+        options.find_route(route), vehicle_file, room_of_options(vehicle_file, room, start), backend=backend
+    )
     report = replace(report, findings=tuple(with_route_name(finding, route) for finding in report.findings))
     answer(report, as_json)
     for finding in report.findings:
@@ -125,7 +127,7 @@ def import_(
     source: str, name: str, speed_m_s: float, closed: bool | None, folder: str, as_json: bool
 ) -> None:
     if source.lower().endswith(".csv"):
-        route = points_of(Path(source), speed_m_s, closed)
+        route = route_through_points(Path(source), speed_m_s, closed)
     else:
         from baqueano.drive import route_of
         from baqueano.routes.edit import meets
@@ -161,7 +163,7 @@ def smooth(route: str, rms_m: float | None, max_m: float | None, name: str | Non
 @click.option(
     "--from",
     "from_m",
-    type=numbers.Number("m", above=False),
+    type=numbers.Number("m", exclude_low=False),
     default=0.0,
     show_default=True,
     help="Start of the part that is kept [m].",
@@ -247,37 +249,37 @@ def faster(
 
     if speed_m_s is not None:
         return apply_edit(route, "speed", name, as_json, lambda original: at_speed(original, speed_m_s))
-    file = options.load_vehicle(vehicle, settings)
+    vehicle_file = options.load_vehicle(vehicle, settings)
     limits: JsonObject = {"share": share, "sideways_m_s2": sideways_m_s2, "backend": backend}
-    apply_edit(route, "fast", name, as_json, lambda original: fastest(original, file, **limits))
+    apply_edit(route, "fast", name, as_json, lambda original: fastest(original, vehicle_file, **limits))
 
 
-def drivable(
-    route: "Route", name: str, file: "VehicleFile", room: "Room | None", robot: str, anyway: bool, backend: str,
+def check_drivable(
+    route: "Route", name: str, vehicle_file: "VehicleFile", room: "Room | None", robot: str, anyway: bool, backend: str,
 ) -> None:  # fmt: skip
     """Print the warnings about a route. Raise AnswerNo with the route's name if it may not be driven."""
     from baqueano.drive.safety.route_check import warnings_of
 
-    conditions = {"measured": options.is_measured(file, robot), "anyway": anyway, "backend": backend}
+    conditions = {"measured": options.is_measured(vehicle_file, robot), "anyway": anyway, "backend": backend}
     try:
-        warnings = warnings_of(route, file, room, **conditions)
+        warnings = warnings_of(route, vehicle_file, room, **conditions)
     except AnswerNo as error:
         raise AnswerNo(with_route_name(error.diagnostic, name)) from error
     for warning in warnings:
         print_message(note("cli.warning", cause=with_route_name(warning, name)))
 
 
-def as_fast_as_it_can(route: "Route", name: str, file: "VehicleFile", backend: str) -> "Route":
+def fastest_route(route: "Route", name: str, vehicle_file: "VehicleFile", backend: str) -> "Route":
     """Return the route at the highest speeds that the identified vehicle can drive."""
     from baqueano.routes import fastest
 
     try:
-        return fastest(route, file, backend=backend)
+        return fastest(route, vehicle_file, backend=backend)
     except UsageError as error:
         raise UsageError(with_route_name(error.diagnostic, name)) from error
 
 
-def standing(route: "Route", stand: str | None) -> tuple[float, ...]:
+def start_pose_of(route: "Route", stand: str | None) -> tuple[float, ...]:
     """Return the start pose in the map of a vehicle at "x,y,degrees" from the start of the route; () without `stand`.
 
     Raise UsageError for an invalid pose.
@@ -289,25 +291,25 @@ def standing(route: "Route", stand: str | None) -> tuple[float, ...]:
     if stand is None:
         return ()
     x, y, degrees = pose_of(stand, "cli.from-unreadable")
-    start = route.eta[0]
-    xy = start[:2] + map_from_body(start[2])[:2, :2] @ np.array([x, y])
-    return (float(xy[0]), float(xy[1]), float(start[2] + np.radians(degrees)))
+    start_pose = route.eta[0]
+    xy = start_pose[:2] + map_from_body(start_pose[2])[:2, :2] @ np.array([x, y])
+    return (float(xy[0]), float(xy[1]), float(start_pose[2] + np.radians(degrees)))
 
 
-def pose_of(words: str, code: str) -> tuple[float, float, float]:
+def pose_of(text: str, code: str) -> tuple[float, float, float]:
     """Return x, y [m] and degrees from the text of an option. Raise UsageError with this code for an invalid pose."""
     try:
-        x, y, degrees = (float(part) for part in words.split(","))
+        x, y, degrees = (float(value) for value in text.split(","))
     except ValueError as error:
-        raise UsageError(fault(code, found=words)) from error
+        raise UsageError(fault(code, found=text)) from error
     if not abs(x) + abs(y) + abs(degrees) < float("inf"):
-        raise UsageError(fault(code, found=words))
+        raise UsageError(fault(code, found=text))
     return x, y, degrees
 
 
-def with_route_name(finding: Diagnostic, route: str) -> Diagnostic:
+def with_route_name(diagnostic: Diagnostic, route: str) -> Diagnostic:
     """Return a copy of a finding whose suggested command contains the name of the route."""
-    return replace(finding, fix=finding.fix.replace(NAME, route))
+    return replace(diagnostic, fix=diagnostic.fix.replace(NAME, route))
 
 
 def apply_edit(
@@ -342,7 +344,7 @@ def store_route(route: "Route", name: str, as_json: bool) -> None:
     )
 
 
-def walls(file: "VehicleFile", room: str | None, start: str | None) -> "Room | None":
+def room_of_options(vehicle_file: "VehicleFile", room: str | None, start: str | None) -> "Room | None":
     """Return the room of `--room` and `--start`; None without `--room`. Raise UsageError for an invalid room."""
     if room is None:
         if start is not None:
@@ -353,16 +355,16 @@ def walls(file: "VehicleFile", room: str | None, start: str | None) -> "Room | N
     from baqueano.identify.design.room import room_of
 
     x, y, degrees = pose_of(start or "0,0,0", "cli.start-unreadable")
-    return room_of(file, room, start=(x, y, float(np.radians(degrees))))
+    return room_of(vehicle_file, room, start=(x, y, float(np.radians(degrees))))
 
 
-def points_of(path: Path, speed_m_s: float, closed: bool | None) -> "Route":
+def route_through_points(path: Path, speed_m_s: float, closed: bool | None) -> "Route":
     """Return the route through the points of a file. Raise FileError if the file or its columns are missing."""
     import numpy as np
 
     from baqueano.errors import FileError
     from baqueano.routes import through_points
-    from baqueano.routes.path import CLOSE_M
+    from baqueano.routes.path import MAX_END_GAP_M
     from baqueano.runs.tables.table import read_table
 
     if not path.is_file():
@@ -373,7 +375,7 @@ def points_of(path: Path, speed_m_s: float, closed: bool | None) -> "Route":
         raise FileError(fault("route.columns", path=path, found=", ".join(table.columns)))
     xy = np.column_stack([table.numbers(name) for name in names])
     ends_m = float(np.hypot(*(xy[-1] - xy[0])))
-    around = closed if closed is not None else len(xy) > 3 and ends_m < CLOSE_M
-    if around and ends_m < 1e-3:
+    is_closed = closed if closed is not None else len(xy) > 3 and ends_m < MAX_END_GAP_M
+    if is_closed and ends_m < 1e-3:
         xy = xy[:-1]
-    return through_points(xy, speed_m_s, around)
+    return through_points(xy, speed_m_s, is_closed)

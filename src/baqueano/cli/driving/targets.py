@@ -18,18 +18,18 @@ if TYPE_CHECKING:
     from baqueano.runs.run import Run
     from baqueano.vehicle_file.file import VehicleFile
 
-IN_HERE = ("simulated", "emulated")
-LIKE = 0.85  # share of letters that a mistyped target has in common with the right name
+LOCAL_TARGETS = ("simulated", "emulated")
+MIN_SIMILARITY = 0.85  # share of letters that a mistyped target has in common with the right name
 
 
-class Place(Protocol):
+class Target(Protocol):
     """A target that drives missions, as `open_target` yields it."""
 
     def drive(
-        self, mission: "Mission", file: "VehicleFile", path: Path, progress: Callable[[float], None],
+        self, mission: "Mission", vehicle_file: "VehicleFile", path: Path, progress: Callable[[float], None],
         hand: Callable[[], Any] | None = None, **options: Any,
     ) -> "Run":  # fmt: skip
-        """Drive a mission with the vehicle of `file`, store its run at `path`, and return it."""
+        """Drive a mission with the vehicle of `vehicle_file`, store its run at `path`, and return it."""
         ...
 
     def back_in_the_middle(self) -> None:
@@ -37,14 +37,14 @@ class Place(Protocol):
         ...
 
 
-class Here:
+class LocalTarget:
     """A target in this process; `options` returns the options of `session.drive` for its world."""
 
     def __init__(self, options: Callable[[], "JsonObject"], page: "LivePage | None" = None) -> None:
         self._options, self._page = options, page
 
     def drive(
-        self, mission: "Mission", file: "VehicleFile", path: Path, progress: Callable[[float], None],
+        self, mission: "Mission", vehicle_file: "VehicleFile", path: Path, progress: Callable[[float], None],
         hand: Callable[[], Any] | None = None, **options: Any,
     ) -> "Run":  # fmt: skip
         """Drive a mission in this process, store its run at `path`, and return it."""
@@ -54,22 +54,22 @@ class Here:
         arguments = self._options() | options
         arguments["observers"] = (Progress(progress), *arguments.get("observers", ()))
         if self._page is not None:
-            arguments = self._page.door.local_options(mission, file, arguments)
-        return perform(mission, file, hand, path=path, **arguments)
+            arguments = self._page.door.local_options(mission, vehicle_file, arguments)
+        return perform(mission, vehicle_file, hand, path=path, **arguments)
 
     def back_in_the_middle(self) -> None:
         """Print that the vehicle is in the middle again, because each simulated drive begins there."""
         print_message(note("cli.middle-again"))
 
 
-class There:
+class RemoteTarget:
     """A vehicle that is reached by ssh. Its start pose is the origin of its map."""
 
     def __init__(self, remote: "Remote", attended: bool, page: "LivePage | None" = None) -> None:
         self._remote, self._attended, self._page = remote, attended, page
 
     def drive(
-        self, mission: "Mission", file: "VehicleFile", path: Path, progress: Callable[[float], None],
+        self, mission: "Mission", vehicle_file: "VehicleFile", path: Path, progress: Callable[[float], None],
         hand: Callable[[], Any] | None = None, **options: Any,
     ) -> "Run":  # fmt: skip
         """Drive a mission with the remote vehicle, store its run at `path`, and return it."""
@@ -81,7 +81,12 @@ class There:
         if self._page is not None:
             callbacks |= self._page.door.remote_options(self._remote)
         return self._remote.perform(
-            pack(mission, file), path, attended=self._attended, hand=hand, progress=progress, **callbacks
+            pack(mission, vehicle_file),
+            path,
+            attended=self._attended,
+            hand=hand,
+            progress=progress,
+            **callbacks,
         )
 
     def back_in_the_middle(self) -> None:
@@ -94,9 +99,9 @@ class There:
 
 @contextmanager
 def open_target(
-    robot: str, file: "VehicleFile", seed: int, backend: str, attended: bool = True,
+    robot: str, vehicle_file: "VehicleFile", seed: int, backend: str, attended: bool = True,
     page: "LivePage | None" = None, shake: tuple[str, ...] = (),
-) -> Iterator[Place]:  # fmt: skip
+) -> Iterator[Target]:  # fmt: skip
     """Yield the target that --robot names, with the faults `shake` of a simulation.
 
     The name is "simulated" or "emulated", optionally with ":FILE" for the body of another vehicle, or a host.
@@ -104,34 +109,36 @@ def open_target(
     kind = robot.partition(":")[0]
     if shake and kind != "simulated":
         raise UsageError(fault("shake.robot", host=robot))
-    near = nearest(kind, IN_HERE, LIKE)
-    if not {"@", "."} & set(robot) and near.figures.get("meant", kind) != kind:
-        raise UsageError(fault("cli.robot-mistyped", found=kind, near=near))
-    if kind in IN_HERE and ":" not in robot and file.simulation.truth is not None:
-        print_message(note("cli.simulated-truth", vehicle=file.label, truth=file.simulation.truth))
+    suggestion = nearest(kind, LOCAL_TARGETS, MIN_SIMILARITY)
+    if not {"@", "."} & set(robot) and suggestion.figures.get("meant", kind) != kind:
+        raise UsageError(fault("cli.robot-mistyped", found=kind, near=suggestion))
+    if kind in LOCAL_TARGETS and ":" not in robot and vehicle_file.simulation.truth is not None:
+        print_message(
+            note("cli.simulated-truth", vehicle=vehicle_file.label, truth=vehicle_file.simulation.truth)
+        )
     if kind == "simulated":
-        arguments = {"truth": load_truth(robot, file), "seed": seed, "backend": backend}
+        arguments = {"truth": load_truth(robot, vehicle_file), "seed": seed, "backend": backend}
         arguments |= {"shake": shake} if shake else {}
-        yield Here(lambda: arguments, page)
+        yield LocalTarget(lambda: arguments, page)
     elif kind == "emulated":
         from baqueano.robot.emulated import emulate_vehicle
 
-        with emulate_vehicle(file, load_truth(robot, file), seed) as options:
-            yield Here(lambda: options() | {"seed": seed, "backend": backend}, page)
+        with emulate_vehicle(vehicle_file, load_truth(robot, vehicle_file), seed) as options:
+            yield LocalTarget(lambda: options() | {"seed": seed, "backend": backend}, page)
     else:
         from baqueano.door.remote import connect
 
         with connect(robot) as remote:
-            yield There(remote, attended, page)
+            yield RemoteTarget(remote, attended, page)
 
 
-def say_ledger(run: "Run", file: "VehicleFile", shake: tuple[str, ...]) -> None:
+def print_ledger(run: "Run", vehicle_file: "VehicleFile", shake: tuple[str, ...]) -> None:
     """Print for each fault the checks that noticed it, and the times. If no check noticed it, print the reason."""
     if not shake:
         return
     from baqueano.worlds import ledger_of
 
-    ledger = ledger_of(run, file)
+    ledger = ledger_of(run, vehicle_file)
     for row in ledger.rows:
         print_message(note("ledger.fault", at_s=row.fault.at_s, what=row.message))
         for notice in row.noticed:
@@ -143,5 +150,5 @@ def say_ledger(run: "Run", file: "VehicleFile", shake: tuple[str, ...]) -> None:
                     said=notice.message,
                 )
             )
-        if (nobody := ledger.nobody(row)) is not None:
+        if (nobody := ledger.unnoticed_diagnostic(row)) is not None:
             print_message(note("ledger.by-nobody", said=nobody))

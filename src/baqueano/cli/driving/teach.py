@@ -9,9 +9,9 @@ import click
 
 from baqueano.cli import numbers, options
 from baqueano.cli.driving.manual_drive import (
-    by_hand,
-    by_page,
-    end_by_hand,
+    drive_by_hand,
+    drive_from_page,
+    finish_manual_drive,
     hold_option,
     pad_option,
     scales_from_marks,
@@ -82,38 +82,48 @@ def command(
 
     if driver != "keys" and (pad is not None or not hold):
         raise UsageError(fault("cli.hand-options", "--driver keys", driver=driver))
-    file = options.load_vehicle(vehicle, settings)
-    options.advise_to_measure(file, robot)
+    vehicle_file = options.load_vehicle(vehicle, settings)
+    options.advise_to_measure(vehicle_file, robot)
     if driver == "keys":
         path = options.run_path(out, folder, "teach")
-        drive = by_page(folder, pace) if shown else partial(by_hand, pad=pad)
-        run, closed = drive("teach", file, robot, seed, backend, path, hold=hold), False
+        drive = drive_from_page(folder, pace) if shown else partial(drive_by_hand, pad=pad)
+        run, is_closed = drive("teach", vehicle_file, robot, seed, backend, path, hold=hold), False
     else:
-        target = shape_or_route(driver, speed_m_s, size_m)
+        target_route = shape_or_route(driver, speed_m_s, size_m)
         with (
-            live.live_page(shown, robot, file, folder, pace) as page,
-            open_target(robot, file, seed, backend, page=page) as place,
+            live.live_page(shown, robot, vehicle_file, folder, pace) as page,
+            open_target(robot, vehicle_file, seed, backend, page=page) as target,
         ):
             path = options.run_path(out, folder, "teach")
-            with time_progress(note("cli.teach"), float(target.t_s[-1])) as progress:
-                run = place.drive(Mission("teach", route=target), file, path, progress, eta=target.eta[0])
-        closed = target.closed
+            with time_progress(note("cli.teach"), float(target_route.t_s[-1])) as progress:
+                run = target.drive(
+                    Mission("teach", route=target_route),
+                    vehicle_file,
+                    path,
+                    progress,
+                    eta=target_route.eta[0],
+                )
+        is_closed = target_route.closed
     print_message(note("cli.run", path=path))
-    end_by_hand(run, path, robot) if driver == "keys" else options.raise_stop(run, path)
+    finish_manual_drive(run, path, robot) if driver == "keys" else options.raise_stop(run, path)
     try:
-        taught_route = route_of(run, closed)
+        taught_route = route_of(run, is_closed)
     except AnswerNo as error:
         if driver not in SHAPES:
             raise
-        slower = baqueano_command("teach", route, "--driver", driver, "--speed", "0.2", *options.naming(file))
-        reason = fault("cli.not-followed", slower, shape=driver, speed_m_s=speed_m_s, cause=error.diagnostic)
-        raise AnswerNo(reason) from None
+        slower_command = baqueano_command(
+            "teach", route, "--driver", driver, "--speed", "0.2", *options.naming_options(vehicle_file)
+        )
+        diagnostic = fault(
+            "cli.not-followed", slower_command, shape=driver, speed_m_s=speed_m_s, cause=error.diagnostic
+        )
+        raise AnswerNo(diagnostic) from None
     if options.route_path(route).exists():
         print_message(note("cli.route-replaced", path=options.route_path(route)))
     answer(LessonResult(taught_route, write_route(taught_route, options.route_path(route)), path), as_json)
     if driver == "keys":
-        print_message(scales_from_marks(run, file, None)[0])
-    vehicle_options = options.naming(file)
+        print_message(scales_from_marks(run, vehicle_file, None)[0])
+    vehicle_options = options.naming_options(vehicle_file)
     tune = baqueano_command("tune", "--route", route, *vehicle_options, "--update")
     print_message(note("cli.taught", repeat=baqueano_command("repeat", route, *vehicle_options), tune=tune))
 
@@ -126,14 +136,14 @@ def shape_or_route(driver: str, speed_m_s: float, size_m: float) -> Any:
         return shape(driver, size_m, speed_m_s)
     if "." in driver or options.route_path(driver).is_file():
         return options.find_route(driver)
-    raise _no_driver(driver)
+    raise _unknown_driver_error(driver)
 
 
-def _no_driver(name: str) -> UsageError:
+def _unknown_driver_error(name: str) -> UsageError:
     """Return the error for a name that is not a shape or a stored route."""
     stored_names = sorted(path.stem for path in options.ROUTES.glob("*.csv"))
-    near = nearest(name, [*SHAPES, "keys", *stored_names])
-    return UsageError(fault("cli.driver-unknown", found=name, near=near))
+    suggestion = nearest(name, [*SHAPES, "keys", *stored_names])
+    return UsageError(fault("cli.driver-unknown", found=name, near=suggestion))
 
 
 @dataclass(frozen=True)

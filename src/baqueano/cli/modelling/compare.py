@@ -22,11 +22,18 @@ def command(runs: tuple[str, ...], align: str, skip_s: float, folder: str, as_js
 
     loaded_runs = options.find_runs(runs, folder)
     comparison = compare(loaded_runs, alignment=align, skip_s=skip_s)
-    vehicle_options = options.naming_own(folder)
+    vehicle_options = options.own_naming_options(folder)
     answer(comparison, as_json, laps=comparison.laps())
     options.advise_to_fit(comparison, loaded_runs, vehicle_options, folder)
-    if (without := [run for run in loaded_runs if run.estimate is None]) and not as_json:
-        name, own = without[0].path or without[0].name, options.naming_own(folder, without[0])
+    if (unestimated_runs := [run for run in loaded_runs if run.estimate is None]) and not as_json:
+        name, replay_options = (
+            unestimated_runs[0].path or unestimated_runs[0].name,
+            options.own_naming_options(folder, unestimated_runs[0]),
+        )
         print_message(
-            note("cli.no-estimate", fix=baqueano_command("replay", name, *own), run=without[0].name)
+            note(
+                "cli.no-estimate",
+                fix=baqueano_command("replay", name, *replay_options),
+                run=unestimated_runs[0].name,
+            )
         )

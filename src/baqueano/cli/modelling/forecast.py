@@ -5,7 +5,7 @@ from pathlib import Path
 import click
 
 from baqueano.cli import numbers, options
-from baqueano.cli.terminal import answer, busy, print_message
+from baqueano.cli.terminal import answer, print_message, show_activity
 from baqueano.diagnostics import note
 
 
@@ -24,13 +24,13 @@ def command(
 ) -> None:  # fmt: skip
     from baqueano.compare.corridor_ahead import corridor_ahead
 
-    file = options.load_vehicle(vehicle, settings)
-    options.advise_to_measure(file)
+    vehicle_file = options.load_vehicle(vehicle, settings)
+    options.advise_to_measure(vehicle_file)
     taught_route = options.find_route(route)
-    with busy(note("cli.driving-ahead", laps=laps)):
-        ahead = corridor_ahead(file, taught_route, laps, backend)
-    answer(ahead, as_json)
+    with show_activity(note("cli.driving-ahead", laps=laps)):
+        corridor = corridor_ahead(vehicle_file, taught_route, laps, backend)
+    answer(corridor, as_json)
     if page is not None:
         from baqueano.report.of_run import page_of_run
 
-        print_message(note("cli.report", page=page_of_run(ahead.run).save(page)))
+        print_message(note("cli.report", page=page_of_run(corridor.run).save(page)))

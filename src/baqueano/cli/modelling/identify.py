@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from baqueano.cli import numbers, options
-from baqueano.cli.terminal import answer, busy, print_message, print_result, steps
+from baqueano.cli.terminal import answer, print_message, print_result, show_activity, steps
 from baqueano.diagnostics import Diagnostic, Verdict, fault, note
 from baqueano.messages import row_of, text
 
@@ -125,54 +125,54 @@ def command(
 
     _check_options(parameter_history, choose, with_validation=bool(held_out))
     _check_table(table)
-    lap = _lap(how["route"])
+    lap = _forecast_route(how["route"])
     fit_runs, validation_runs = (options.find_runs(names, folder) for names in (runs, held_out))
     settings_of_fit: JsonObject = _fit_arguments(how, backend)
-    file = _with_tolerances(
+    vehicle_file = _with_tolerances(
         options.load_vehicle(vehicle, settings), how["tolerance"], fit_runs, settings_of_fit
     )
     if not settings_of_fit["use"]:
-        for message in unused_sensors(fit_runs, file):
-            print_message(message)
+        for diagnostic in unused_sensors(fit_runs, vehicle_file):
+            print_message(diagnostic)
     if parameter_history:
-        return _over_time(fit_runs, file, settings_of_fit, table, page, update, as_json)
-    span = sum(r.duration_s for r in fit_runs)
+        return _fit_over_time(fit_runs, vehicle_file, settings_of_fit, table, page, update, as_json)
+    span_s = sum(r.duration_s for r in fit_runs)
     with steps() as begin:
-        say = begin(note("cli.fitting-span", runs=len(fit_runs), span_s=span))
-        say.text = text(note("cli.translating"))
+        progress_line = begin(note("cli.fitting-span", runs=len(fit_runs), span_s=span_s))
+        progress_line.text = text(note("cli.translating"))
         result: Any = (
-            _selection(fit_runs, file, settings_of_fit, validation_runs, begin)
+            _select_terms(fit_runs, vehicle_file, settings_of_fit, validation_runs, begin)
             if choose
-            else identify(fit_runs, file, progress=say, **settings_of_fit)
+            else identify(fit_runs, vehicle_file, progress=progress_line, **settings_of_fit)
         )
     fit = result.fit if choose else result
-    validation = _validation(fit, validation_runs) if fit.verdict != Verdict.REFUSED else None
+    validation = _validate_fit(fit, validation_runs) if fit.verdict != Verdict.REFUSED else None
     if validation is not None and not choose:
         from baqueano.identify.cost_advice import by_other_cost, with_cost_advice
 
-        with busy(note("cli.judging", runs=len(validation_runs))):
-            refit = by_other_cost(fit_runs, file, **settings_of_fit)
+        with show_activity(note("cli.judging", runs=len(validation_runs))):
+            refit = by_other_cost(fit_runs, vehicle_file, **settings_of_fit)
             fit = result = with_cost_advice(fit, validation_runs, validation, refit)
-    ahead = _forecast(fit, fit_runs, lap, how["route"])
+    drive_forecast = _forecast_drive(fit, fit_runs, lap, how["route"])
     if as_json or page is None:
         answer(
-            result, as_json, _more_rows(fit, validation), forecast=ahead.rows() if ahead else [],
+            result, as_json, _extra_rows(fit, validation), forecast=drive_forecast.rows() if drive_forecast else [],
             findings=list(map(row_of, fit.findings)),
         )  # fmt: skip
     else:
         print_result(result.table(reported=True))
-    for result_part in filter(None, (validation, ahead) if not as_json else ()):
+    for result_part in filter(None, (validation, drive_forecast) if not as_json else ()):
         print_result(result_part.table())
-    _save_table(fit, file, table, f"{file.name}, from {', '.join(fit.runs)}")
+    _save_table(fit, vehicle_file, table, f"{vehicle_file.name}, from {', '.join(fit.runs)}")
     if page is not None:
         from baqueano.messages.printable import baqueano_command
         from baqueano.report.fit_report import page_of_fit
 
-        with busy(note("cli.drawing")):
-            whole = page_of_fit(fit, held_out=validation, ahead=ahead)
-            whole = replace(whole, reproduce=baqueano_command(*sys.argv[1:]))
-        print_message(note("cli.report", page=whole.save(page)))
-    if say.stopped:
+        with show_activity(note("cli.drawing")):
+            report_page = page_of_fit(fit, held_out=validation, ahead=drive_forecast)
+            report_page = replace(report_page, reproduce=baqueano_command(*sys.argv[1:]))
+        print_message(note("cli.report", page=report_page.save(page)))
+    if progress_line.stopped:
         raise Interruption(fault("cli.fit-interrupted"))
     if fit.verdict == Verdict.REFUSED:
         raise AnswerNo(_refusal(fit.reasons, page))
@@ -180,7 +180,7 @@ def command(
         raise AnswerNo(_refusal(validation.reasons, page, held_out=True))
     output = fit.vehicle_file
     if not no_noise:
-        noise = _with_noise(fit, fit_runs, validation_runs, backend)
+        noise = _noise_of_fit(fit, fit_runs, validation_runs, backend)
         output = noise.updated_file(output, ", ".join(fit.runs))
     options.save_update(output, update)
 
@@ -211,20 +211,20 @@ def _check_table(table: Path | None) -> None:
         suffix_of(table)
 
 
-def _lap(route: str | None) -> "Route | None":
+def _forecast_route(route: str | None) -> "Route | None":
     """Return the route of the forecast, or None if the runs give the speed. Raise UsageError for an unknown route."""
     from baqueano.cli.driving.teach import shape_or_route
 
     return None if route is None else shape_or_route(route, 0.25, 1.0)
 
 
-def _forecast(fit: "Fit", runs: "list[Run]", lap: "Route | None", name: str | None) -> Any:
+def _forecast_drive(fit: "Fit", runs: "list[Run]", lap: "Route | None", name: str | None) -> Any:
     """Return the forecast of a drive from the errors of the fit; None if it cannot be computed."""
     from baqueano.errors import UsageError
     from baqueano.identify import forecast
 
     try:
-        with busy(note("cli.predicting")):
+        with show_activity(note("cli.predicting")):
             return forecast(fit, runs, lap, name or "")
     except UsageError as error:
         if name is not None and fit.verdict != Verdict.REFUSED:
@@ -232,20 +232,20 @@ def _forecast(fit: "Fit", runs: "list[Run]", lap: "Route | None", name: str | No
         return None
 
 
-def _more_rows(fit: "Fit", validation: Any) -> list["TableRow"]:
+def _extra_rows(fit: "Fit", validation: Any) -> list["TableRow"]:
     """Return further rows for --json: the requested parameters of each run, and the figures of held-out runs."""
     from baqueano.identify.result.fit_result import is_requested
 
-    own = [row for row in fit.run_by_run() if is_requested(row["name"])]
+    per_run_rows = [row for row in fit.run_by_run() if is_requested(row["name"])]
     if validation is None:
-        return own
+        return per_run_rows
 
-    reasons, outside = (list(map(row_of, table)) for table in (validation.reasons, validation.outside))
+    reasons, outside_rows = (list(map(row_of, table)) for table in (validation.reasons, validation.outside))
     summary = {
-        "verdict": validation.verdict, "sentence": validation.sentence, "reasons": reasons, "outside": outside,
+        "verdict": validation.verdict, "sentence": validation.sentence, "reasons": reasons, "outside": outside_rows,
     }  # fmt: skip
     return [
-        *own,
+        *per_run_rows,
         *({"name": "held_out", **row} for row in validation.rows()),
         {"name": "held_out_verdict", **summary},
     ]
@@ -270,51 +270,51 @@ def _fit_arguments(values: "JsonObject", backend: str) -> "JsonObject":
 
 
 def _with_tolerances(
-    file: "VehicleFile", tolerances: tuple[str, ...], runs: "list[Run]", arguments: "JsonObject"
+    vehicle_file: "VehicleFile", tolerances: tuple[str, ...], runs: "list[Run]", arguments: "JsonObject"
 ) -> Any:
     """Return the file with the tolerances of its scales. Raise UsageError if the fit would ignore these."""
     from baqueano.errors import UsageError
     from baqueano.identify.covariance.scale_uncertainty import with_tolerance
-    from baqueano.identify.imu_only import imu_is_all
+    from baqueano.identify.imu_only import is_imu_only
 
     if not tolerances:
-        return file
-    conflicts = _plain_options(arguments)
-    if conflicts or not imu_is_all(file, runs, arguments["use"], arguments["free"]):
+        return vehicle_file
+    conflicts = _plain_fit_options(arguments)
+    if conflicts or not is_imu_only(vehicle_file, runs, arguments["use"], arguments["free"]):
         code = "cli.tolerance-beside" if conflicts else "cli.tolerance-unused"
         raise UsageError(fault(code, "--use imu", given=tolerances[0], other=conflicts[:1]))
-    parts = {}
+    fractions = {}
     for tolerance in tolerances:
-        key, _, part = tolerance.partition("=")
+        key, _, fraction_text = tolerance.partition("=")
         try:
-            parts[key] = float(part.rstrip("%")) * (0.01 if part.endswith("%") else 1.0)
+            fractions[key] = float(fraction_text.rstrip("%")) * (0.01 if fraction_text.endswith("%") else 1.0)
         except ValueError as error:
             raise UsageError(
                 fault("cli.tolerance", "--tolerance sensors.imu.gyro_scale=0.01", found=tolerance)
             ) from error
-    return with_tolerance(file, parts)
+    return with_tolerance(vehicle_file, fractions)
 
 
-def _selection(
+def _select_terms(
     runs: "list[Run]",
-    file: "VehicleFile",
+    vehicle_file: "VehicleFile",
     arguments: "JsonObject",
     validation_runs: "list[Run]",
     notify: Callable[[str], object],
 ) -> Any:
     """Return the model with the terms that held-out data, or the `validation_runs` if there are any, support."""
     from baqueano.errors import UsageError
-    from baqueano.identify.imu_only import imu_is_all
+    from baqueano.identify.imu_only import is_imu_only
     from baqueano.identify.selection.selection import choose
 
-    if more := _plain_options(arguments):
-        raise UsageError(fault("cli.choose-conflict", "--choose --update", others=more))
-    if imu_is_all(file, runs, arguments["use"], arguments["free"]):
+    if other_options := _plain_fit_options(arguments):
+        raise UsageError(fault("cli.choose-conflict", "--choose --update", others=other_options))
+    if is_imu_only(vehicle_file, runs, arguments["use"], arguments["free"]):
         raise UsageError(fault("cli.choose-without-encoders", "--free +KEY"))
-    return choose(runs, file, progress=notify, held_out=validation_runs, **arguments)
+    return choose(runs, vehicle_file, progress=notify, held_out=validation_runs, **arguments)
 
 
-def _plain_options(arguments: "JsonObject") -> list[str]:
+def _plain_fit_options(arguments: "JsonObject") -> list[str]:
     """Return the used command line options that only a plain fit accepts."""
     return [_OPTIONS[name] for name in arguments["options"].non_defaults if name in _OPTIONS]
 
@@ -329,26 +329,26 @@ _OPTIONS = {
 }
 
 
-def _validation(fit: "Fit", validation_runs: "list[Run]") -> Any:
+def _validate_fit(fit: "Fit", validation_runs: "list[Run]") -> Any:
     """Return the validation of the fit on held-out runs; None without such runs."""
     if not validation_runs:
         return None
     from baqueano.identify.validation import validate
 
-    with busy(note("cli.judging", runs=len(validation_runs))):
+    with show_activity(note("cli.judging", runs=len(validation_runs))):
         return validate(fit, validation_runs)
 
 
-def _with_noise(fit: "Fit", runs: "list[Run]", validation_runs: "list[Run]", backend: str) -> Any:
+def _noise_of_fit(fit: "Fit", runs: "list[Run]", validation_runs: "list[Run]", backend: str) -> Any:
     """Return Q and R. If the truth is known, held-out runs select R: from the truth, or from the innovations."""
     from baqueano.errors import UsageError
     from baqueano.identify.noise.covariances import measure_noise
     from baqueano.identify.noise.held_out import compare_noise
 
-    with busy(note("cli.measuring-noise")):
+    with show_activity(note("cli.measuring-noise")):
         noise = measure_noise(fit, runs, held_out=validation_runs, backend=backend)
     if validation_runs and noise.source == "truth":
-        with busy(note("cli.trying-noise")):
+        with show_activity(note("cli.trying-noise")):
             innovation_noise = measure_noise(fit, runs, source="innovations", backend=backend)
             by_source = {noise.source: noise, innovation_noise.source: innovation_noise}
             try:
@@ -362,16 +362,16 @@ def _with_noise(fit: "Fit", runs: "list[Run]", validation_runs: "list[Run]", bac
     return noise
 
 
-def _over_time(
-    runs: "list[Run]", file: "VehicleFile", arguments: "JsonObject", table: Path | None, page: Path | None,
+def _fit_over_time(
+    runs: "list[Run]", vehicle_file: "VehicleFile", arguments: "JsonObject", table: Path | None, page: Path | None,
     update: bool, as_json: bool,
 ) -> None:  # fmt: skip
     from baqueano.identify.parameter_drift import parameter_history
 
     with steps() as begin:
-        drift = parameter_history(runs, file, progress=begin, **arguments)
+        drift = parameter_history(runs, vehicle_file, progress=begin, **arguments)
     answer(drift, as_json)
-    _save_table(drift, file, table, f"{file.name} over {len(runs)} runs")
+    _save_table(drift, vehicle_file, table, f"{vehicle_file.name} over {len(runs)} runs")
     if page is not None:
         from baqueano.report.drift_report import page_of_drift
 
@@ -379,12 +379,12 @@ def _over_time(
     options.save_update(drift.vehicle_file, update)
 
 
-def _save_table(result: Any, file: "VehicleFile", table: Path | None, caption: str) -> None:
+def _save_table(result: Any, vehicle_file: "VehicleFile", table: Path | None, caption: str) -> None:
     if table is not None:
         from baqueano.identify.data.record import FittedBlocks
         from baqueano.report.tables import save_table
 
-        blocks = FittedBlocks(file.vehicle, file.sensors)
+        blocks = FittedBlocks(vehicle_file.vehicle, vehicle_file.sensors)
         print_message(note("cli.table", path=save_table(result.rows(), table, caption, blocks)))
 
 

@@ -5,7 +5,7 @@ from pathlib import Path
 import click
 
 from baqueano.cli import options
-from baqueano.cli.terminal import busy, print_result
+from baqueano.cli.terminal import print_result, show_activity
 from baqueano.diagnostics import fault, note
 from baqueano.messages.printable import baqueano_command
 
@@ -55,15 +55,15 @@ def command(
     if mm is not None and figures is None:
         correction = baqueano_command("report", run, "--figures", "figures", "--width", width)
         raise UsageError(fault("cli.width-unused", correction, width=width))
-    moves = None if animation is None else picture_file(animation)
+    picture_path = None if animation is None else picture_file(animation)
 
     loaded_run = options.find_runs((run,), folder)[0]
-    with busy(note("cli.drawing")):
+    with show_activity(note("cli.drawing")):
         path = out if out is not None else Path(f"{loaded_run.name}.html")
         page = report(loaded_run, path, alignment=align)
         files = [] if figures is None else page.save_figures(figures, file_format, mm)
-        if moves is not None:
-            files.append(save_text(moves, moving_picture(scene(loaded_run))))
+        if picture_path is not None:
+            files.append(save_text(picture_path, moving_picture(scene(loaded_run))))
     for saved_path in (path, *files):
         print_result(str(saved_path))
 

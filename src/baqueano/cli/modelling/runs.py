@@ -7,7 +7,7 @@ import click
 
 from baqueano.cli import Verbs, numbers, options
 from baqueano.cli.blocks import RowsResult
-from baqueano.cli.terminal import answer, busy, print_message, print_result, steps
+from baqueano.cli.terminal import answer, print_message, print_result, show_activity, steps
 from baqueano.diagnostics import fault, note
 from baqueano.messages.language import translate as _
 from baqueano.messages.printable import baqueano_command
@@ -69,18 +69,18 @@ def cut(run: str, from_s: float, to_s: float | None, folder: str, out: Path | No
     if from_s == 0.0 and to_s is None:
         fix = baqueano_command("runs", "cut", run, "--from", "2", "--to", "30")
         raise UsageError(fault("cli.cut-nothing", fix))
-    whole = options.find_runs((run,), folder)[0]
-    part = whole.cut(from_s, float("inf") if to_s is None else to_s)
-    if not len(part.t_ns):
-        span = {"run": whole.name, "from_s": from_s, "duration_s": whole.duration_s}
+    whole_run = options.find_runs((run,), folder)[0]
+    cut_run = whole_run.cut(from_s, float("inf") if to_s is None else to_s)
+    if not len(cut_run.t_ns):
+        span = {"run": whole_run.name, "from_s": from_s, "duration_s": whole_run.duration_s}
         raise UsageError(
             fault("cli.cut-after-end", **span) if to_s is None else fault("cli.cut-empty", to_s=to_s, **span)
         )
     print_result(
         note(
             "cli.cut",
-            path=write_run(part, options.run_path(out, folder, f"{whole.name}-cut")),
-            duration_s=part.duration_s,
+            path=write_run(cut_run, options.run_path(out, folder, f"{whole_run.name}-cut")),
+            duration_s=cut_run.duration_s,
         )
     )
 
@@ -99,12 +99,12 @@ def recover(run: str, folder: str, out: Path | None) -> None:
     from baqueano.runs.recover import recover
 
     recovery = recover(find(run, folder), out)
-    for message in recovery.notes:
-        print_message(message)
+    for diagnostic in recovery.notes:
+        print_message(diagnostic)
     print_result(note("cli.recovered", path=recovery.path, duration_s=recovery.run.duration_s))
 
 
-A_MAP = """A map, as rover.toml, and then: baqueano runs import rover.toml log.csv -o rover.mcap
+MAP_EXAMPLE = """A map, as rover.toml, and then: baqueano runs import rover.toml log.csv -o rover.mcap
 
 \b
 format = 1
@@ -137,7 +137,7 @@ eta = [
     help="Import CSV files or ROS bags as runs. MAP is a TOML file that assigns their columns. "
     "Each file becomes one run, or several if the map splits it. -o FOLDER keeps their "
     "names; -o NAME.mcap names a single run; by default the runs are numbered.",
-    epilog=A_MAP,
+    epilog=MAP_EXAMPLE,
 )
 @click.argument("map", metavar="MAP")
 @click.argument("files", nargs=-1, type=click.Path(path_type=Path))
@@ -158,11 +158,15 @@ def import_(
     from baqueano.runs import write_run
     from baqueano.runs.importing import ImportedRuns, import_runs
 
-    own = options.load_vehicle(vehicle, settings) if vehicle else None
-    text = "" if own is None else own.text
-    vehicle_options = options.naming_own(folder) if own is None else options.naming(own, folder)
+    vehicle_file = options.load_vehicle(vehicle, settings) if vehicle else None
+    text = "" if vehicle_file is None else vehicle_file.text
+    vehicle_options = (
+        options.own_naming_options(folder)
+        if vehicle_file is None
+        else options.naming_options(vehicle_file, folder)
+    )
     first_name = files[0].name if files else map
-    with busy(
+    with show_activity(
         note("cli.reading-files", count=len(files))
         if len(files) > 1
         else note("cli.reading", name=first_name)
@@ -170,46 +174,41 @@ def import_(
         imports = import_runs(map, list(files) or None, text)
     if len(imports) == 1:
         single_file = out is None or out.suffix
-        to = (
+        output_path = (
             options.run_path(out, folder, Path(map).stem)
             if single_file
-            else _in(out, folder, imports[0].run.name)
+            else _path_in(out, folder, imports[0].run.name)
         )
-        path = write_run(imports[0].run, to)
-        answer(Written(path, imports[0]), as_json)
-        _next(path.stem if out is None else str(path), vehicle_options=vehicle_options)
+        path = write_run(imports[0].run, output_path)
+        answer(WrittenRun(path, imports[0]), as_json)
+        _print_next_command(path.stem if out is None else str(path), vehicle_options=vehicle_options)
         return
-    paths = [write_run(imported_run.run, _in(out, folder, imported_run.run.name)) for imported_run in imports]
+    paths = [write_run(item.run, _path_in(out, folder, item.run.name)) for item in imports]
+    duration_s = sum(item.run.duration_s for item in imports)
     print_message(
-        note(
-            "cli.imported",
-            count=len(paths),
-            first=paths[0],
-            last=paths[-1],
-            duration_s=sum(i.run.duration_s for i in imports),
-        )
+        note("cli.imported", count=len(paths), first=paths[0], last=paths[-1], duration_s=duration_s)
     )
     answer(ImportedRuns(tuple(imports)), as_json)
-    first, last = (path.stem if out is None else str(path) for path in (paths[0], paths[-1]))
-    _next(first, "--held-out", last, vehicle_options=vehicle_options)
+    first_run, last_run = (path.stem if out is None else str(path) for path in (paths[0], paths[-1]))
+    _print_next_command(first_run, "--held-out", last_run, vehicle_options=vehicle_options)
 
 
-def _draft_map(recording: str, to: Path) -> None:
-    """Write the draft of a map for a recording to the file `to`."""
+def _draft_map(recording: str, path: Path) -> None:
+    """Write the draft of a map for a recording to the file `path`."""
     from baqueano.errors import FileError
     from baqueano.runs.importing.draft import draft
 
-    if to.exists():
-        raise FileError(fault("cli.file-exists", "--draft another-name.toml", out=to))
-    to.write_text(draft(recording), encoding="utf-8", newline="\n")
-    print_result(note("cli.drafted", fix=baqueano_command("runs", "import", to, recording), path=to))
+    if path.exists():
+        raise FileError(fault("cli.file-exists", "--draft another-name.toml", out=path))
+    path.write_text(draft(recording), encoding="utf-8", newline="\n")
+    print_result(note("cli.drafted", fix=baqueano_command("runs", "import", path, recording), path=path))
 
 
-def _next(*runs: str, vehicle_options: list[str]) -> None:
+def _print_next_command(*runs: str, vehicle_options: list[str]) -> None:
     print_message(note("cli.next-fit", fix=baqueano_command("identify", *runs, *vehicle_options, "--update")))
 
 
-class Written(NamedTuple):
+class WrittenRun(NamedTuple):
     """An imported run, the path of its file, and the findings about the import."""
 
     path: Path
@@ -222,8 +221,8 @@ class Written(NamedTuple):
 
     def rows(self) -> list["TableRow"]:
         """Return the content of the run, then the findings, each with the run's path."""
-        first = {"level": "run", "finding": "", "t_s": None, "text": self._holds()}
-        return [{"run": str(self.path)} | row for row in [first, *self.imported.rows()]]
+        run_row = {"level": "run", "finding": "", "t_s": None, "text": self._content_text()}
+        return [{"run": str(self.path)} | row for row in [run_row, *self.imported.rows()]]
 
     def table(self) -> str:
         """Return content and findings as a text table."""
@@ -231,13 +230,13 @@ class Written(NamedTuple):
             filter(
                 None,
                 (
-                    _("run: {path}, {holds}", path=self.path, holds=self._holds()),
+                    _("run: {path}, {holds}", path=self.path, holds=self._content_text()),
                     self.imported.without_common_findings.table(),
                 ),
             )
         )
 
-    def _holds(self) -> str:
+    def _content_text(self) -> str:
         run = self.imported.run
         channels = [*run.sensors, *([_("truth")] if run.truth is not None else [])]
         return _(
@@ -246,7 +245,7 @@ class Written(NamedTuple):
         )  # fmt: skip
 
 
-def _in(out: Path | None, folder: str, name: str) -> Path:
+def _path_in(out: Path | None, folder: str, name: str) -> Path:
     """Return the file for a run of that name in the folder `out`. If `out` is None, return a numbered file in
     `folder`. Raise UsageError if `out` is a file."""
     if out is not None and out.suffix:
@@ -287,20 +286,20 @@ def calibrate(
     from baqueano.identify.sensor_calibration import calibrate
     from baqueano.identify.turned_by_hand import by_hand, turned_by_hand
 
-    file, recorded_run = options.load_vehicle(vehicle, settings), options.find_runs((run,), folder)[0]
+    vehicle_file, recorded_run = options.load_vehicle(vehicle, settings), options.find_runs((run,), folder)[0]
     if turns is not None or turned_by_hand(recorded_run):
-        calibration = by_hand(recorded_run, file, turns)
+        calibration = by_hand(recorded_run, vehicle_file, turns)
     else:
-        with busy(note("cli.comparing")):
-            calibration = calibrate(recorded_run, file)
+        with show_activity(note("cli.comparing")):
+            calibration = calibrate(recorded_run, vehicle_file)
     answer(calibration, as_json)
     if map_ is not None:
         from baqueano.runs.maps.mount import write_mount
 
-        write_mount(map_, recorded_run, *calibration.mount(file))
+        write_mount(map_, recorded_run, *calibration.mount(vehicle_file))
         fix = baqueano_command("runs", "import", str(map_), "RECORDING")
         print_message(note("cli.mount-written", fix=fix, path=map_))
-    options.save_update(calibration.updated_file(file), update)
+    options.save_update(calibration.updated_file(vehicle_file), update)
 
 
 @command.command("export", help="Write RUN as CSV (one table) or TUM (a trajectory for evo and others).")
@@ -361,15 +360,15 @@ def noise(
     from baqueano.identify.noise.at_rest import at_rest
 
     recorded_run = options.find_runs((run,), folder)[0]
-    with busy(note("cli.averaging")):
-        rest = at_rest(recorded_run, from_s, float("inf") if to_s is None else to_s)
-    answer(rest, as_json)
+    with show_activity(note("cli.averaging")):
+        rest_result = at_rest(recorded_run, from_s, float("inf") if to_s is None else to_s)
+    answer(rest_result, as_json)
     if page is not None:
         from baqueano.report.rest_report import page_of_rest
 
-        print_message(note("cli.report", page=page_of_rest(rest).save(page)))
+        print_message(note("cli.report", page=page_of_rest(rest_result).save(page)))
     if vehicle or update:
-        options.save_update(rest.updated_file(options.load_vehicle(vehicle, settings)), update)
+        options.save_update(rest_result.updated_file(options.load_vehicle(vehicle, settings)), update)
 
 
 @command.command(

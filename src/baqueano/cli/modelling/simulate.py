@@ -6,7 +6,7 @@ from pathlib import Path
 import click
 
 from baqueano.cli import numbers, options
-from baqueano.cli.terminal import answer, busy, print_message
+from baqueano.cli.terminal import answer, print_message, show_activity
 from baqueano.diagnostics import note
 
 
@@ -45,18 +45,22 @@ def command(
     from baqueano.runs.show import show
     from baqueano.simulate import simulate, simulate_many
 
-    file = options.load_vehicle(vehicle, settings)
-    u = excitation(signal.replace("-", "_"), file.command.limit, seconds, file.rate_hz, seed)
+    vehicle_file = options.load_vehicle(vehicle, settings)
+    u = excitation(signal.replace("-", "_"), vehicle_file.command.limit, seconds, vehicle_file.rate_hz, seed)
     if vehicles > 1:
-        with busy(note("cli.simulating-many", vehicles=vehicles)):
-            many = simulate_many(file, u, vehicles, seed=seed, every_s=seconds / 10, backend=backend)
-        answer(many, as_json)
+        with show_activity(note("cli.simulating-many", vehicles=vehicles)):
+            simulations = simulate_many(
+                vehicle_file, u, vehicles, seed=seed, every_s=seconds / 10, backend=backend
+            )
+        answer(simulations, as_json)
         return
-    simulated_file = file if model else file.truth
-    if simulated_file is not file:
-        print_message(note("cli.simulated-truth", vehicle=file.label, truth=file.simulation.truth))
-    with busy(note("cli.simulating", seconds=seconds)):
-        run = replace(simulate(simulated_file, u, seed, backend=backend), vehicle_text=file.text)
+    simulated_file = vehicle_file if model else vehicle_file.truth
+    if simulated_file is not vehicle_file:
+        print_message(
+            note("cli.simulated-truth", vehicle=vehicle_file.label, truth=vehicle_file.simulation.truth)
+        )
+    with show_activity(note("cli.simulating", seconds=seconds)):
+        run = replace(simulate(simulated_file, u, seed, backend=backend), vehicle_text=vehicle_file.text)
         path = write_run(run, options.run_path(out, folder, "simulation"))
     print_message(note("cli.run", path=path))
     answer(show(options.find_runs((str(path),), folder)[0]), as_json)

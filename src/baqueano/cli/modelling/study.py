@@ -7,7 +7,7 @@ from pathlib import Path
 import click
 
 from baqueano.cli import Verbs, numbers, options
-from baqueano.cli.terminal import answer, busy, print_message, print_result, progress, steps
+from baqueano.cli.terminal import answer, print_message, print_result, progress, show_activity, steps
 from baqueano.diagnostics import Verdict, fault, nearest, note
 from baqueano.messages.printable import baqueano_command
 
@@ -22,29 +22,26 @@ def command() -> None: ...
 )
 @options.seed
 @click.option(
-    "--seeds",
-    type=numbers.count,
-    default=1,
-    show_default=True,
-    help=("Number of seeds to fit, counted from --seed."),
-)
+    "--seeds", "seed_count", type=numbers.count, default=1, show_default=True,
+    help="Number of seeds to fit, counted from --seed.",
+)  # fmt: skip
 @options.backend
 @options.page
 @options.as_json
-def paper(seed: int, seeds: int, backend: str, page: Path | None, as_json: bool) -> None:
+def paper(seed: int, seed_count: int, backend: str, page: Path | None, as_json: bool) -> None:
     from baqueano.study.paper import dynamic_vs_kinematic
     from baqueano.study.paper.case_study import ImpliedParameters, case_study, simulate_seed
     from baqueano.study.paper.page import page_of_paper
 
-    with progress(note("cli.study-paper", seeds=seeds), seeds) as advance:
-        result = case_study(seed, seeds, backend, advance)
+    with progress(note("cli.study-paper", seeds=seed_count), seed_count) as advance:
+        result = case_study(seed, seed_count, backend, advance)
     answer(result, as_json)
-    with busy(note("cli.two-models")):
+    with show_activity(note("cli.two-models")):
         run, validation_run = simulate_seed(seed, backend)[1], simulate_seed(seed + 1_000, backend)[1]
         models = dynamic_vs_kinematic.compare_models(result.fits[0], run, validation_run, backend)
     if not as_json:
         print_result(f"\n{dynamic_vs_kinematic.table(models)}\n\n{ImpliedParameters().table()}")
-    with busy(note("cli.drawing")):
+    with show_activity(note("cli.drawing")):
         report_path = page_of_paper(result, models, backend).save(page or Path("study-paper.html"))
     print_message(note("cli.report", page=report_path))
 
@@ -55,12 +52,9 @@ def paper(seed: int, seeds: int, backend: str, page: Path | None, as_json: bool)
 )
 @options.seed
 @click.option(
-    "--seeds",
-    type=numbers.count,
-    default=200,
-    show_default=True,
-    help=("Number of seeds, counted from --seed."),
-)
+    "--seeds", "seed_count", type=numbers.count, default=200, show_default=True,
+    help="Number of seeds, counted from --seed.",
+)  # fmt: skip
 @click.option(
     "--case",
     "cases",
@@ -79,7 +73,8 @@ def paper(seed: int, seeds: int, backend: str, page: Path | None, as_json: bool)
 @options.page
 @options.as_json
 def identification(
-    seed: int, seeds: int, cases: tuple[str, ...], keep: Path | None, backend: str, page: Path | None, as_json: bool
+    seed: int, seed_count: int, cases: tuple[str, ...], keep: Path | None, backend: str, page: Path | None,
+    as_json: bool,
 ) -> None:  # fmt: skip
     from baqueano.cli.errors import Interruption
     from baqueano.errors import UsageError
@@ -92,15 +87,17 @@ def identification(
         raise UsageError(
             fault("cli.case-unknown", found=unknown_cases[0], near=nearest(unknown_cases[0], CASES))
         )
-    with progress(note("cli.study-identification", seeds=seeds), seeds) as advance:
-        result = identification(seeds, seed, backend, processors(), advance, cases=cases or CASES, keep=keep)
+    with progress(note("cli.study-identification", seeds=seed_count), seed_count) as advance:
+        result = identification(
+            seed_count, seed, backend, processors(), advance, cases=cases or CASES, keep=keep
+        )
     answer(result, as_json)
-    with busy(note("cli.drawing")):
-        whole = replace(page_of_identification(result), reproduce=baqueano_command(*sys.argv[1:]))
-        report_path = whole.save(page or Path("study-identification.html"))
+    with show_activity(note("cli.drawing")):
+        report_page = replace(page_of_identification(result), reproduce=baqueano_command(*sys.argv[1:]))
+        report_path = report_page.save(page or Path("study-identification.html"))
     print_message(note("cli.report", page=report_path))
-    if result.seeds < seeds:
-        raise Interruption(fault("cli.study-interrupted", done=result.seeds, asked=seeds))
+    if result.seeds < seed_count:
+        raise Interruption(fault("cli.study-interrupted", done=result.seeds, asked=seed_count))
 
 
 @command.command(
@@ -109,23 +106,20 @@ def identification(
 )
 @options.seed
 @click.option(
-    "--seeds",
-    type=numbers.count,
-    default=20,
-    show_default=True,
-    help=("Number of seeds of each fault, counted from --seed."),
-)
+    "--seeds", "seed_count", type=numbers.count, default=20, show_default=True,
+    help="Number of seeds of each fault, counted from --seed.",
+)  # fmt: skip
 @options.backend
 @options.as_json
-def faults(seed: int, seeds: int, backend: str, as_json: bool) -> None:
+def faults(seed: int, seed_count: int, backend: str, as_json: bool) -> None:
     from baqueano.cli.errors import Interruption
     from baqueano.errors import AnswerNo
     from baqueano.study.faults import FAULTS, faults
     from baqueano.sweep.workers import processors
 
-    count = seeds * len(FAULTS)
+    count = seed_count * len(FAULTS)
     with progress(note("cli.study-faults", count=count), count) as advance:
-        result = faults(seeds, seed, processes=processors(), backend=backend, advance=advance)
+        result = faults(seed_count, seed, processes=processors(), backend=backend, advance=advance)
     answer(result, as_json)
     if result.requested > result.tried:
         raise Interruption(fault("cli.study-interrupted", done=result.tried, asked=result.requested))
@@ -138,12 +132,9 @@ def faults(seed: int, seeds: int, backend: str, as_json: bool) -> None:
 )
 @options.seed
 @click.option(
-    "--seeds",
-    type=numbers.count,
-    default=100,
-    show_default=True,
-    help=("Number of robots, with seeds counted from --seed."),
-)
+    "--seeds", "seed_count", type=numbers.count, default=100, show_default=True,
+    help="Number of robots, with seeds counted from --seed.",
+)  # fmt: skip
 @click.option(
     "--controller",
     metavar="KIND",
@@ -151,16 +142,16 @@ def faults(seed: int, seeds: int, backend: str, as_json: bool) -> None:
 )
 @options.backend
 @options.as_json
-def driving(seed: int, seeds: int, controller: str | None, backend: str, as_json: bool) -> None:
+def driving(seed: int, seed_count: int, controller: str | None, backend: str, as_json: bool) -> None:
     from baqueano.cli.errors import Interruption
     from baqueano.study.driving import driving
     from baqueano.sweep.workers import processors
 
-    with progress(note("cli.study-driving", seeds=seeds), seeds) as advance:
-        result = driving(seeds, seed, processors(), backend, controller=controller, advance=advance)
+    with progress(note("cli.study-driving", seeds=seed_count), seed_count) as advance:
+        result = driving(seed_count, seed, processors(), backend, controller=controller, advance=advance)
     answer(result, as_json)
-    if result.driven < seeds:
-        raise Interruption(fault("cli.study-interrupted", done=result.driven, asked=seeds))
+    if result.driven < seed_count:
+        raise Interruption(fault("cli.study-interrupted", done=result.driven, asked=seed_count))
 
 
 @command.command(
@@ -168,26 +159,29 @@ def driving(seed: int, seeds: int, controller: str | None, backend: str, as_json
     help="Compare all controllers on identified robots of a second simulator: known pose, own estimate, truth.",
 )
 @options.seed
-@click.option("--seeds", type=numbers.count, default=100, show_default=True, help="Robots, from --seed on.")
+@click.option(
+    "--seeds", "seed_count", type=numbers.count, default=100, show_default=True,
+    help="Robots, from --seed on.",
+)  # fmt: skip
 @click.option(
     "--with",
-    "own",
+    "own_kinds",
     multiple=True,
     metavar="KIND",
     help=('Your own block, compared with ours: "file.py:Class". Repeat the option for more.'),
 )
 @options.backend
 @options.as_json
-def controllers(seed: int, seeds: int, own: tuple[str, ...], backend: str, as_json: bool) -> None:
+def controllers(seed: int, seed_count: int, own_kinds: tuple[str, ...], backend: str, as_json: bool) -> None:
     from baqueano.cli.errors import Interruption
     from baqueano.study.controllers import controllers
     from baqueano.sweep.workers import processors
 
-    with progress(note("cli.study-controllers", seeds=seeds), seeds) as advance:
-        result = controllers(seeds, seed, processors(), backend, own, advance=advance)
+    with progress(note("cli.study-controllers", seeds=seed_count), seed_count) as advance:
+        result = controllers(seed_count, seed, processors(), backend, own_kinds, advance=advance)
     answer(result, as_json)
-    if result.robots < seeds:
-        raise Interruption(fault("cli.study-interrupted", done=result.robots, asked=seeds))
+    if result.robots < seed_count:
+        raise Interruption(fault("cli.study-interrupted", done=result.robots, asked=seed_count))
 
 
 @command.command(
@@ -199,42 +193,45 @@ def controllers(seed: int, seeds: int, own: tuple[str, ...], backend: str, as_js
 )
 @options.seed
 @click.option(
-    "--seeds",
-    type=numbers.count,
-    default=20,
-    show_default=True,
-    help=("Number of robots, with seeds counted from --seed."),
-)
+    "--seeds", "seed_count", type=numbers.count, default=20, show_default=True,
+    help="Number of robots, with seeds counted from --seed.",
+)  # fmt: skip
 @click.option(
     "--laps", type=numbers.count, default=50, show_default=True, help=("Number of laps of each shape.")
 )
 @click.option(
     "--case",
-    "names",
+    "case_filters",
     multiple=True,
     metavar="WORDS",
     help='Cases whose row contains these words: "tags, uncalibrated". Repeat the option for more; default: all.',
 )
 @options.backend
 @options.as_json
-def laps(seed: int, seeds: int, laps: int, names: tuple[str, ...], backend: str, as_json: bool) -> None:
+def laps(
+    seed: int, seed_count: int, laps: int, case_filters: tuple[str, ...], backend: str, as_json: bool
+) -> None:
     from baqueano.cli.errors import Interruption
     from baqueano.errors import UsageError
     from baqueano.study.laps import all_cases, laps_over_fixes
     from baqueano.sweep.workers import processors
 
-    words = [[word.strip() for word in name.split(",")] for name in names]
+    words = [[word.strip() for word in name.split(",")] for name in case_filters]
     known_words = sorted({word for case in all_cases() for word in case})
-    if unknown_words := [word for some in words for word in some if word not in known_words]:
+    if unknown_words := [word for filter_words in words for word in filter_words if word not in known_words]:
         raise UsageError(
             fault("cli.case-unknown", found=unknown_words[0], near=nearest(unknown_words[0], known_words))
         )
-    cases = [case for case in all_cases() if not words or any(set(some) <= set(case) for some in words)]
-    with progress(note("cli.study-laps", seeds=seeds, laps=laps), seeds) as advance:
-        result = laps_over_fixes(seeds, seed, laps, processors(), backend, cases, advance)
+    cases = [
+        case
+        for case in all_cases()
+        if not words or any(set(filter_words) <= set(case) for filter_words in words)
+    ]
+    with progress(note("cli.study-laps", seeds=seed_count, laps=laps), seed_count) as advance:
+        result = laps_over_fixes(seed_count, seed, laps, processors(), backend, cases, advance)
     answer(result, as_json)
-    if result.robots < seeds:
-        raise Interruption(fault("cli.study-interrupted", done=result.robots, asked=seeds))
+    if result.robots < seed_count:
+        raise Interruption(fault("cli.study-interrupted", done=result.robots, asked=seed_count))
 
 
 @command.command(
@@ -257,7 +254,7 @@ def recordings(backend: str, page: Path | None, as_json: bool) -> None:
         raise Interruption(fault("cli.recordings-interrupted"))
     with steps() as begin:
         study = None if missing_of(files_of(MAPS)) else cross_validate(backend, begin)
-    with busy(note("cli.drawing")):
+    with show_activity(note("cli.drawing")):
         report_path = page_of_recordings(result, study).save(page or Path("study-recordings.html"))
     print_message(note("cli.report", page=report_path))
 
@@ -286,24 +283,21 @@ def experiments(seed: int, seconds: float, backend: str, as_json: bool) -> None:
 @command.command("first-drives", help="Make first drives of unknown vehicles in a small room.")
 @options.seed
 @click.option(
-    "--seeds",
-    type=numbers.count,
-    default=40,
-    show_default=True,
-    help=("Number of vehicles, with seeds counted from --seed."),
-)
+    "--seeds", "seed_count", type=numbers.count, default=40, show_default=True,
+    help="Number of vehicles, with seeds counted from --seed.",
+)  # fmt: skip
 @options.backend
 @options.as_json
-def first_drives(seed: int, seeds: int, backend: str, as_json: bool) -> None:
+def first_drives(seed: int, seed_count: int, backend: str, as_json: bool) -> None:
     from baqueano.cli.errors import Interruption
     from baqueano.study.first_drives import first_drives
     from baqueano.sweep.workers import processors
 
-    with progress(note("cli.study-first-drives", seeds=seeds), seeds) as advance:
-        result = first_drives(seeds, seed, processors(), backend, advance)
+    with progress(note("cli.study-first-drives", seeds=seed_count), seed_count) as advance:
+        result = first_drives(seed_count, seed, processors(), backend, advance)
     answer(result, as_json)
-    if (count := sum(row.drives for row in result.each)) < seeds:
-        raise Interruption(fault("cli.study-interrupted", done=count, asked=seeds))
+    if (count := sum(row.drives for row in result.each)) < seed_count:
+        raise Interruption(fault("cli.study-interrupted", done=count, asked=seed_count))
 
 
 @command.command(
@@ -339,16 +333,13 @@ def fit_imu_only(backend: str, as_json: bool) -> None:
     help=("Recordings to use: cpm, dart, dart bag or simulated. Repeat the option for more; default: all."),
 )
 @click.option(
-    "--seeds",
-    type=click.IntRange(0),
-    default=20,
-    show_default=True,
+    "--seeds", "seed_count", type=click.IntRange(0), default=20, show_default=True,
     help="Number of simulated vehicles, about 20 s each.",
-)
+)  # fmt: skip
 @options.backend
 @options.as_json
 def estimation(
-    kinds: tuple[str, ...], cases: tuple[str, ...], seeds: int, backend: str, as_json: bool
+    kinds: tuple[str, ...], cases: tuple[str, ...], seed_count: int, backend: str, as_json: bool
 ) -> None:
     from baqueano.errors import UsageError
     from baqueano.study.estimation import CASES, estimation
@@ -359,7 +350,7 @@ def estimation(
             fault("cli.case-unknown", found=unknown_cases[0], near=nearest(unknown_cases[0], CASES))
         )
     with steps() as begin:
-        result = estimation(seeds, backend, begin, cases or CASES, kinds, processors())
+        result = estimation(seed_count, backend, begin, cases or CASES, kinds, processors())
     answer(result, as_json)
 
 

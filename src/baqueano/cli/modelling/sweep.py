@@ -7,7 +7,7 @@ from pathlib import Path
 import click
 
 from baqueano.cli import numbers, options
-from baqueano.cli.terminal import answer, busy, print_message, progress
+from baqueano.cli.terminal import answer, print_message, progress, show_activity
 from baqueano.diagnostics import fault, note
 from baqueano.messages.printable import baqueano_command
 
@@ -22,7 +22,7 @@ keep = click.option(
 cluster = click.option(
     "--cluster", metavar="ADDRESS", help=("Dask scheduler to use instead of the processors of this computer.")
 )
-BLOCKS = [
+BLOCK_OPTIONS = [
     click.option(
         f"--{room}",
         f"{room}s",
@@ -37,7 +37,7 @@ BLOCKS = [
 @click.command(help="Compare blocks on the same simulated drives, or estimators on recorded RUNS.")
 @click.argument("runs", nargs=-1)
 @options.vehicle
-@options.together(*BLOCKS)
+@options.combine_options(*BLOCK_OPTIONS)
 @click.option(
     "--route", "routes", multiple=True, metavar="SHAPE|NAME",
     help="Route: a shape, or a stored route. Repeat the option for more.",
@@ -89,17 +89,26 @@ def command(
     from baqueano.sweep import sweep
     from baqueano.sweep.drawing import page_of_sweep
 
-    own = {"estimators": estimators, "controllers": controllers, "guides": guides}
-    start = partial(
-        sweep, **own, reference=reference, keep=keep, cluster=cluster, alignment=align, backend=backend
+    block_kinds = {"estimators": estimators, "controllers": controllers, "guides": guides}
+    run_sweep = partial(
+        sweep,
+        **block_kinds,
+        reference=reference,
+        keep=keep,
+        cluster=cluster,
+        alignment=align,
+        backend=backend,
     )
     if runs:
-        over = options.find_runs(runs, folder)
-        file = options.load_vehicle(vehicle, settings) if vehicle or settings else None
+        recorded_runs = options.find_runs(runs, folder)
+        vehicle_file = options.load_vehicle(vehicle, settings) if vehicle or settings else None
         named_routes = {name: shape_or_route(name, speed_m_s, size_m) for name in routes}
-        start, drives = partial(start, over, vehicle=file, routes=named_routes), len(over)
+        run_sweep, drive_count = (
+            partial(run_sweep, recorded_runs, vehicle=vehicle_file, routes=named_routes),
+            len(recorded_runs),
+        )
     else:
-        file = options.load_vehicle(vehicle, settings)
+        vehicle_file = options.load_vehicle(vehicle, settings)
         named_routes = {
             name: shape_or_route(name, speed_m_s, size_m) for name in routes or ("sinuous-circle",)
         }
@@ -109,16 +118,16 @@ def command(
             "laps": laps,
             "start": (0.0, aside_m, 0.0),
         }
-        start, drives = partial(start, file, **arguments), len(named_routes) * seeds
-    for room, kinds in (("estimator", estimators), ("controller", controllers), ("guide", guides)):
+        run_sweep, drive_count = partial(run_sweep, vehicle_file, **arguments), len(named_routes) * seeds
+    for role, kinds in (("estimator", estimators), ("controller", controllers), ("guide", guides)):
         for kind in kinds:
-            options.own_block(file, room, kind)
-    count = drives * max(len(estimators), 1) * max(len(controllers), 1) * max(len(guides), 1)
+            options.own_block(vehicle_file, role, kind)
+    count = drive_count * max(len(estimators), 1) * max(len(controllers), 1) * max(len(guides), 1)
     with progress(note("cli.sweep", drives=count), count) as advance:
-        result = start(advance=advance)
+        result = run_sweep(advance=advance)
     answer(result, as_json, cells=result.cells())
     if page is not None:
-        with busy(note("cli.drawing")):
+        with show_activity(note("cli.drawing")):
             report_path = page_of_sweep(result, reproduce=baqueano_command(*sys.argv[1:])).save(page)
         print_message(note("cli.report", page=report_path))
     if len(result.drives) < result.requested:

@@ -3,7 +3,7 @@
 import click
 
 from baqueano.cli import numbers, options
-from baqueano.cli.terminal import answer, busy, print_message
+from baqueano.cli.terminal import answer, print_message, show_activity
 from baqueano.diagnostics import note
 
 
@@ -63,7 +63,7 @@ from baqueano.diagnostics import note
 @click.option(
     "--jerk",
     "jerk_m2",
-    type=numbers.Number("m^2", above=False),
+    type=numbers.Number("m^2", exclude_low=False),
     default=0.1,
     show_default=True,
     help="Weight of changes of the command [m^2]; with 0 the command jumps between its limits.",
@@ -71,7 +71,7 @@ from baqueano.diagnostics import note
 @click.option(
     "--effort",
     "effort_m2",
-    type=numbers.Number("m^2", above=False),
+    type=numbers.Number("m^2", exclude_low=False),
     default=0.0,
     show_default=True,
     help="Weight of the command [m^2]: the cost of a tick at its limit.",
@@ -79,7 +79,7 @@ from baqueano.diagnostics import note
 @click.option(
     "--aside",
     "aside_m",
-    type=numbers.Number("m", above=False),
+    type=numbers.Number("m", exclude_low=False),
     default=0.1,
     show_default=True,
     help="Start of the drive, behind and beside the route [m]; 0 and --jerk 0 give the paper's cost.",
@@ -102,13 +102,13 @@ def command(
     from baqueano.cli.driving.teach import SHAPES, shape_or_route
     from baqueano.tune import tune
 
-    file = options.load_vehicle(vehicle, settings)
-    options.advise_to_measure(file)
-    controller = options.own_block(file, "controller", controller)
+    vehicle_file = options.load_vehicle(vehicle, settings)
+    options.advise_to_measure(vehicle_file)
+    controller = options.own_block(vehicle_file, "controller", controller)
     paths = [shape_or_route(route, speed_m_s, size_m) for route in routes]
-    with busy(note("cli.tuning")):
+    with show_activity(note("cli.tuning")):
         result = tune(
-            file,
+            vehicle_file,
             paths,
             controller=controller,
             radian_m=radian_m,

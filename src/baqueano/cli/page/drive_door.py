@@ -19,12 +19,12 @@ from baqueano.contracts.blocks import World
 from baqueano.contracts.values import JsonObject
 from baqueano.diagnostics import Diagnostic, Severity, fault, note
 from baqueano.door.adjusting import Adjusting
-from baqueano.door.frames.descriptions import drive_words
+from baqueano.door.frames.descriptions import drive_description
 from baqueano.door.operator import Operator
 from baqueano.door.simulated.pace import PacedClock
 from baqueano.door.sockets import Door
 from baqueano.door.states import DoorState
-from baqueano.drive.interrupt import ours
+from baqueano.drive.interrupt import is_default_handler
 from baqueano.drive.observers import LastLine, Observer
 from baqueano.drive.session import Conditions
 from baqueano.errors import RobotUnreachable, SafetyStop
@@ -130,7 +130,7 @@ class DriveDoor:
         def words() -> list[JsonObject]:
             nonlocal watching, stopped
             replies: list[JsonObject] = [] if watching else [{"do": "watch", "hz": HZ}]
-            replies += [{"do": "mark"}] * self.operator.marks()
+            replies += [{"do": "mark"}] * self.operator.pop_mark_count()
             if self.operator.done:
                 raise KeyboardInterrupt
             stop_reason = self.operator.stop_reason(self.by_hand)
@@ -151,7 +151,7 @@ class DriveDoor:
         pace_fields = {} if self._world == "real" else {"pace": self.pace.factor, "paused": self.pace.paused}
         self._door.broadcast({
             "is": "state", "state": str(self._state), "why": self._reason, "run": None, "world": self._world,
-            "battery_v": None, **pace_fields, **drive_words(self._mission, self._file.rate_hz, self._record),
+            "battery_v": None, **pace_fields, **drive_description(self._mission, self._file.rate_hz, self._record),
         })  # fmt: skip
 
     def drives(self, mission: "Mission | None", reason: Diagnostic | None = None) -> None:
@@ -166,17 +166,17 @@ class DriveDoor:
         self._state = at_rest if mission is None else manual_state or DoorState.MISSION
         self.publish(at_once=True)
 
-    def look(self, record: Record, truth: "Motion") -> None:
+    def on_record(self, record: Record, truth: "Motion") -> None:
         """Show a tick of a drive in this process on the page."""
         self._record = record
-        self.frames.look(record, truth, late_ms=self.pace.late_ms)
+        self.frames.on_record(record, truth, late_ms=self.pace.late_ms)
 
     def _ticks(self, rate_hz: float, ticking: Iterator[int] | None) -> Iterator[int]:
         def is_interrupted() -> bool:
             self.publish()
             operator = self.operator
             return (
-                operator.done or operator.stop_reason(self.by_hand) is not None or ours()
+                operator.done or operator.stop_reason(self.by_hand) is not None or is_default_handler()
             )  # the last: Ctrl-C was pressed
 
         for t_ns in self.pace.ticks(rate_hz, is_interrupted):
@@ -248,11 +248,11 @@ class _PageObserver(Observer):
     def stop_reason(self, t_ns: int) -> Diagnostic | None:
         return self._door.operator.stop_reason(self._door.by_hand)
 
-    def marks(self) -> int:
-        return self._door.operator.marks()
+    def pop_mark_count(self) -> int:
+        return self._door.operator.pop_mark_count()
 
-    def look(self, record: Record) -> None:
-        self._door.look(record, self._world.truth)
+    def on_record(self, record: Record) -> None:
+        self._door.on_record(record, self._world.truth)
 
     def end(self, reason: Diagnostic | None) -> list[LastLine]:
         self._door.drives(None, reason)

@@ -27,7 +27,7 @@ COMES_S = 5.0  # a browser, if a tab was opened
 ENDS_S = 3.0  # the page, once its drives are over
 
 shown = click.option("--page", "shown", is_flag=True, help="Show both runs in a browser, side by side.")
-page = options.together(
+page = options.combine_options(
     click.option("--page", "shown", is_flag=True, help="Show the drive in a browser while it happens."),
     click.option(
         "--pace", type=click.FloatRange(0.05, 50.0), default=1.0, show_default=True,
@@ -66,7 +66,7 @@ def live_page(
         return
     needs_websockets()
     from baqueano.cli.page.drive_door import DriveDoor
-    from baqueano.web.share import display
+    from baqueano.web.share import has_display
 
     kind = robot.partition(":")[0]
     Path(folder).mkdir(parents=True, exist_ok=True)
@@ -80,7 +80,7 @@ def live_page(
         _wait(door.listens.is_set, STARTS_S, program)
         if program.poll() is not None:
             print_message(note("cli.page-gone"))
-        elif display():
+        elif has_display():
             _wait(door.visited.is_set, COMES_S, program)
         yield LivePage(door, program)
     finally:

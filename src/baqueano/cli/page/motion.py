@@ -84,6 +84,6 @@ def run_with_page(folder: Path, shown: bool | None, pace: float) -> Iterator[Pag
 def _display() -> bool:
     if find_spec("websockets") is None:
         return False
-    from baqueano.web.share import display
+    from baqueano.web.share import has_display
 
-    return display()
+    return has_display()

@@ -32,11 +32,11 @@ def command() -> None:
 def run(vehicle: str | None, settings: tuple[str, ...], folder: str, door: Path) -> None:
     import gc
 
-    from baqueano.robot.uno.serial_port import opened_early
+    from baqueano.robot.uno.serial_port import open_early
 
     gc.disable()  # until all is loaded, by claimed(): loading produces no garbage
     try:
-        give_back = (lambda: None) if settings else opened_early(Path(vehicle or options.OWN_FILE))
+        give_back = (lambda: None) if settings else open_early(Path(vehicle or options.OWN_FILE))
         from baqueano.robot.service.onboard import serve
 
         serve(options.load_vehicle(vehicle, settings), Path(folder), door, print_result, give_back)
@@ -112,10 +112,10 @@ def runs(host: str, fetch: bool, folder: str) -> None:
             if fetch and not lexists(local_path):
                 remote.fetch(name, local_path)
             print_result(f"{name}{'' if not lexists(local_path) else f'  {local_path}'}")
-    if odd := [name for name in names if not is_name(name)]:
-        odd_names = ", ".join(f'"{one_line(str(name))}"' for name in odd[:5])
+    if invalid_names := [name for name in names if not is_name(name)]:
+        odd_names = ", ".join(f'"{one_line(str(name))}"' for name in invalid_names[:5])
         raise FileError(
-            fault("cli.runs-named-oddly", f"ssh {host}", host=host, count=len(odd), found=odd_names)
+            fault("cli.runs-named-oddly", f"ssh {host}", host=host, count=len(invalid_names), found=odd_names)
         )
 
 
@@ -140,19 +140,19 @@ class RobotStatus:
 
         reason = self.reply.get("why")
         data = reason.to_json() if isinstance(reason, Diagnostic) else {"code": None, "figures": {}}
-        plain = {k: text(v) if isinstance(v, Diagnostic) else v for k, v in self.reply.items()}
-        return [plain | {"code": data["code"], "figures": data["figures"]}]
+        readable_reply = {k: text(v) if isinstance(v, Diagnostic) else v for k, v in self.reply.items()}
+        return [readable_reply | {"code": data["code"], "figures": data["figures"]}]
 
     def table(self) -> str:
         """Return a line for each known figure."""
         from baqueano.messages.printable import in_lines
 
         (row,) = self.rows()
-        wide = max(len(name) for name in self.reply)
+        name_width = max(len(name) for name in self.reply)
         shown_values = {
             k: f"{number(row[k]):.4g}" if isinstance(row[k], float) else row[k] for k in self.reply
         }
-        return in_lines(f"{k:{wide}}  {v}" for k, v in shown_values.items() if v not in (None, ""))
+        return in_lines(f"{k:{name_width}}  {v}" for k, v in shown_values.items() if v not in (None, ""))
 
 
 def _connection(host: str) -> Any:

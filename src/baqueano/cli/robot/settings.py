@@ -32,7 +32,7 @@ WAYS = {
     "slope": "Duty beyond the dead zone for a command of 1; calibrate motors measures it.",
     "kick": "Smallest duty while a wheel starts, for --kick-ms.",
 }
-choices = options.together(
+choices = options.combine_options(
     *(click.option(f"--{name}", metavar=metavar, help=text) for name, (metavar, text) in NAMES.items()),
     *(
         click.option(f"--{name}", multiple=True, metavar="WAY=SHARE", help=text)
@@ -64,33 +64,33 @@ def settings(
     from baqueano.robot.uno import settings as uno_settings
     from baqueano.robot.uno.frames import Settings
     from baqueano.robot.uno.serial_port import open_uno
-    from baqueano.robot.workshop.exclusive_hardware import rows_from_host, service_off
+    from baqueano.robot.workshop.exclusive_hardware import rows_from_host, stopped_service
 
     changes = option_values(given)
     uno_settings.apply_changes(Settings(), changes)  # a wrong one is reported before anything is opened
     if host == "here":
-        file = options.load_vehicle(vehicle, settings)
-        with service_off(print_message), open_uno(file.robot.port) as uno:
+        vehicle_file = options.load_vehicle(vehicle, settings)
+        with stopped_service(print_message), open_uno(vehicle_file.robot.port) as uno:
             stored_settings = uno_settings.store(
                 uno, lambda before: uno_settings.apply_changes(Settings() if defaults else before, changes)
             )
             if watch_s is not None:
                 uno_settings.watch(uno, watch_s, print_message)
     else:
-        words = [f"--{name}={text}" for name, texts in changes.items() for text in texts]
-        words += ["--defaults"] if defaults else []
-        words += [] if watch_s is None else [f"--watch={watch_s:g}"]
+        arguments = [f"--{name}={text}" for name, texts in changes.items() for text in texts]
+        arguments += ["--defaults"] if defaults else []
+        arguments += [] if watch_s is None else [f"--watch={watch_s:g}"]
         stored_settings = uno_settings.StoredSettings.of(
-            rows_from_host(host, "robot", "settings", "--vehicle", VEHICLE, *words)
+            rows_from_host(host, "robot", "settings", "--vehicle", VEHICLE, *arguments)
         )
     answer(stored_settings, as_json)
 
 
-def option_values(given: Mapping[str, Any]) -> dict[str, list[str]]:
+def option_values(typed_values: Mapping[str, Any]) -> dict[str, list[str]]:
     """Return option name → typed values, without omitted options."""
     changes: dict[str, list[str]] = {}
     for name in (*NAMES, *WAYS):
-        value = given[name.replace("-", "_")]
+        value = typed_values[name.replace("-", "_")]
         if value is not None and value != ():
             changes[name] = list(value) if name in WAYS else [value]
     return changes

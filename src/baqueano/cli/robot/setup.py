@@ -47,7 +47,14 @@ def card(
     password: str | None, country: str,
 ) -> None:  # fmt: skip
     from baqueano.errors import UsageError
-    from baqueano.robot.setup.card import Network, boot_partition, new_name, new_password, public_key, write
+    from baqueano.robot.setup.card import (
+        Network,
+        boot_partition,
+        new_name,
+        new_password,
+        public_key,
+        write_card,
+    )
 
     if wifi is not None and own:
         raise UsageError(fault("cli.one-radio"))
@@ -58,7 +65,7 @@ def card(
         network = Network(wifi, secret, country)
     elif own:
         network = Network(name, password or new_password(), country, own=True)
-    for line in write(boot, name, user, text, network):
+    for line in write_card(boot, name, user, text, network):
         print_result(line)
     if network is None:
         print_result(note("cli.no-network"))
@@ -76,19 +83,28 @@ def card(
 @click.option("--bundle", "folder", type=click.Path(path_type=Path), metavar="FOLDER",
               help="Folder of the robot's packages; default: the cache.")  # fmt: skip
 def setup(host: str, vehicle: str | None, settings: tuple[str, ...], dry: bool, folder: Path | None) -> None:
-    from baqueano.robot.setup.install import bundle, machine_at
+    from baqueano.robot.setup.install import machine_at, make_bundle
     from baqueano.robot.setup.install import setup as install
     from baqueano.symbolic.c_code.compile import user_cache
 
-    file = options.load_vehicle(vehicle, settings)
+    vehicle_file = options.load_vehicle(vehicle, settings)
     machine = machine_at(host)
     python = f"{machine.python[0]}.{machine.python[1]}"
-    folder = bundle(folder or user_cache() / "robot" / f"{python}-{machine.kind}", machine, print_message)
-    (folder / "vehicle.toml").write_text(file.text, encoding="utf-8")
-    own = vehicle is not None or options.OWN_FILE.exists()
-    if not own:
+    folder = make_bundle(
+        folder or user_cache() / "robot" / f"{python}-{machine.kind}", machine, print_message
+    )
+    (folder / "vehicle.toml").write_text(vehicle_file.text, encoding="utf-8")
+    has_own_file = vehicle is not None or options.OWN_FILE.exists()
+    if not has_own_file:
         print_message(note("cli.no-vehicle-file"))
-    install(host, folder, machine, vehicle=file if own else None, notify=print_result, dry=dry)
+    install(
+        host,
+        folder,
+        machine,
+        vehicle=vehicle_file if has_own_file else None,
+        notify=print_result,
+        is_dry_run=dry,
+    )
     if not dry:
         print_result(note("cli.is-a-vehicle", fix=baqueano_command("robot", "doctor", host), host=host))
 

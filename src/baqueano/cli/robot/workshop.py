@@ -26,15 +26,17 @@ def doctor(
 ) -> None:
     from baqueano.robot import HOME, VEHICLE
     from baqueano.robot.workshop.doctor import Check, Report, examine
-    from baqueano.robot.workshop.exclusive_hardware import rows_from_host, service_off
+    from baqueano.robot.workshop.exclusive_hardware import rows_from_host, stopped_service
 
     if host == "here":
-        file = options.load_vehicle(vehicle, settings)
-        with service_off(print_message):
-            report = examine(file.robot, Path("/"), Path(folder), jitter_s, print_message)
+        vehicle_file = options.load_vehicle(vehicle, settings)
+        with stopped_service(print_message):
+            report = examine(vehicle_file.robot, Path("/"), Path(folder), jitter_s, print_message)
     else:
-        more = [f"--jitter={jitter_s:g}"] if jitter_s else []
-        rows = rows_from_host(host, "robot", "doctor", "--vehicle", VEHICLE, "--runs", f"{HOME}/runs", *more)
+        jitter_option = [f"--jitter={jitter_s:g}"] if jitter_s else []
+        rows = rows_from_host(
+            host, "robot", "doctor", "--vehicle", VEHICLE, "--runs", f"{HOME}/runs", *jitter_option
+        )
         report = Report([Check(**row) for row in rows])
     answer(report, as_json)
     if report.verdict == "bad":
@@ -58,12 +60,12 @@ def flash(
     from baqueano.robot import VEHICLE
     from baqueano.robot.uno.flash import FlashResult
     from baqueano.robot.uno.flash import flash as write
-    from baqueano.robot.workshop.exclusive_hardware import rows_from_host, service_off
+    from baqueano.robot.workshop.exclusive_hardware import rows_from_host, stopped_service
 
     if host == "here":
-        file = options.load_vehicle(vehicle, settings)
-        with service_off(print_message):
-            result = write(file.robot.port, hex_file, print_message)
+        vehicle_file = options.load_vehicle(vehicle, settings)
+        with stopped_service(print_message):
+            result = write(vehicle_file.robot.port, hex_file, print_message)
     elif hex_file is not None:
         raise UsageError(fault("cli.hex-from-afar", host=host))
     else:
@@ -94,18 +96,20 @@ def imu(host: str, vehicle: str | None, settings: tuple[str, ...], update: bool,
     from baqueano.robot.workshop.calibrate_imu import calibrate as find
     from baqueano.robot.workshop.exclusive_hardware import open_hardware, rows_from_host
 
-    file = options.load_vehicle(vehicle, settings)
+    vehicle_file = options.load_vehicle(vehicle, settings)
     if host == "here":
-        with open_hardware(file.robot, print_message, in_chip_axes=True, motors=False) as floor:
-            mounted_imu = find(ImuReader(floor.imu), print_message)
+        with open_hardware(vehicle_file.robot, print_message, in_chip_axes=True, motors=False) as floor_tests:
+            mounted_imu = find(ImuReader(floor_tests.imu), print_message)
     else:  # its service uses its own vehicle file, so that file is written there
-        more = ["--update"] if update else []
+        update_option = ["--update"] if update else []
         mounted_imu = MountedImu.of(
-            rows_from_host(host, "robot", "calibrate", "imu", "--vehicle", VEHICLE, *more)[0]
+            rows_from_host(host, "robot", "calibrate", "imu", "--vehicle", VEHICLE, *update_option)[0]
         )
     answer(mounted_imu, as_json)
-    values = mounted_imu.values(file)
-    options.save_update(file.with_values(values, {key: {"run": "calibrate imu"} for key in values}), update)
+    values = mounted_imu.values(vehicle_file)
+    options.save_update(
+        vehicle_file.with_values(values, {key: {"run": "calibrate imu"} for key in values}), update
+    )
 
 
 @calibrate.command(
@@ -126,10 +130,10 @@ def motors(host: str, vehicle: str | None, settings: tuple[str, ...], as_json: b
 
     motors: Any
     if host == "here":
-        file = options.load_vehicle(vehicle, settings)
-        with open_hardware(file.robot, print_message) as floor:
-            floor.uno.configure(config_of(file.robot, floor.uno.info))
-            motors = find(floor, print_message)
+        vehicle_file = options.load_vehicle(vehicle, settings)
+        with open_hardware(vehicle_file.robot, print_message) as floor_tests:
+            floor_tests.uno.configure(config_of(vehicle_file.robot, floor_tests.uno.info))
+            motors = find(floor_tests, print_message)
     else:
         motors = Motors.of(rows_from_host(host, "robot", "calibrate", "motors", "--vehicle", VEHICLE))
     answer(motors, as_json)

@@ -4,7 +4,7 @@
 
 e is the error of the pose at each step, E the plan of the efforts ε. The model is linearised at the plan E°. P and q
 are defined in program.py. D depends only on the weights and is computed once. The engine computes e and its derivatives
-in one call, in model steps of at most LONGEST_S. Another call computes the start state before, and a
+in one call, in model steps of at most MAX_STEP_S. Another call computes the start state before, and a
 third call the command afterwards.
 """
 
@@ -25,12 +25,18 @@ if TYPE_CHECKING:
     from baqueano.controllers.mpc.mpc import Mpc
 
 STEPS = 12  # of the horizon
-FAR = 1e6
-LONGEST_S = 0.02  # longest step of the model, because its tyres are stiff
-NUDGE = 1e-6  # effort in place of 0, where a motor is not differentiable
-SMALL = 1e-6  # added to the curvature of (1), so that a command without effect does not change
-EVEN = {"dead_zone_forward": 0.0, "dead_zone_backward": 0.0, "gain": 1.0, "limit": FAR, "coast": 0.0}
-STEADY = {"duty_step": 0.0, "sag": 0.0, "battery_effect": 0.0}
+NO_LIMIT = 1e6
+MAX_STEP_S = 0.02  # longest step of the model, because its tyres are stiff
+MIN_EFFORT = 1e-6  # effort in place of 0, where a motor is not differentiable
+MIN_CURVATURE = 1e-6  # added to the curvature of (1), so that a command without effect does not change
+LINEAR_MOTORS = {
+    "dead_zone_forward": 0.0,
+    "dead_zone_backward": 0.0,
+    "gain": 1.0,
+    "limit": NO_LIMIT,
+    "coast": 0.0,
+}
+STEADY_MOTORS = {"duty_step": 0.0, "sag": 0.0, "battery_effect": 0.0}
 
 
 class Quadratic(NamedTuple):
@@ -47,54 +53,66 @@ class Horizon:
     """The model of a controller over its horizon, compiled at the first use."""
 
     def __init__(self, law: "Mpc") -> None:
-        even = {name: value * np.ones(1) for name, value in EVEN.items()}
+        linear_fields = {name: value * np.ones(1) for name, value in LINEAR_MOTORS.items()}
         self._motors, vehicle = law.vehicle.drivetrain, law.vehicle
         body: Any = vehicle
-        self._even = replace(body, drivetrain=replace(self._motors, **even, **STEADY))  # only delay and lag
+        self._linear_vehicle = replace(
+            body, drivetrain=replace(self._motors, **linear_fields, **STEADY_MOTORS)
+        )  # only delay and lag
         self._limit, self._e_max = law.limit, law.e_max
-        self._alive = np.eye(vehicle.commands)[law.limit > 0.0]  # (k, n) commands with a limit above 0
-        self._k, self._step_s = len(self._alive), law.horizon_s / STEPS
-        self._parts = max(1, int(np.ceil(self._step_s / LONGEST_S)))
-        most = self._alive @ np.minimum(law.limit, FAR)
-        self._change = law.change_max * np.where(most < FAR, most, 1.0)
-        D = np.kron(np.eye(STEPS) - np.eye(STEPS, k=-1), np.diag(1.0 / self._change))
-        self._P = D.T @ D + SMALL * np.eye(STEPS * self._k)
+        self._active_rows = np.eye(vehicle.commands)[law.limit > 0.0]  # (k, n) commands with a limit above 0
+        self._k, self._step_s = len(self._active_rows), law.horizon_s / STEPS
+        self._substeps = max(1, int(np.ceil(self._step_s / MAX_STEP_S)))
+        max_command = self._active_rows @ np.minimum(law.limit, NO_LIMIT)
+        self._max_change = law.change_max * np.where(max_command < NO_LIMIT, max_command, 1.0)
+        D = np.kron(np.eye(STEPS) - np.eye(STEPS, k=-1), np.diag(1.0 / self._max_change))
+        self._P = D.T @ D + MIN_CURVATURE * np.eye(STEPS * self._k)
         wall = np.array([law.wall_low, law.wall_high])
         self._wall, self._with_wall = wall, np.isfinite(wall).any(axis=0)
-        self._weights = np.repeat(np.eye(STEPS), self._parts, axis=0)
+        self._weights = np.repeat(np.eye(STEPS), self._substeps, axis=0)
         self._kernel = self._begin_compiled = self._command_compiled = None
 
     def at_rest(self) -> tuple[np.ndarray, np.ndarray, Tree]:
         """Return plan (N, k), effort (k,) and state of the drivetrain for motors that have been off for a long time."""
-        return np.zeros((STEPS, self._k)), np.zeros(self._k), self._even.drivetrain.init()
+        return np.zeros((STEPS, self._k)), np.zeros(self._k), self._linear_vehicle.drivetrain.init()
 
     def motors(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Return the rows (c, N k) that map the plan to the efforts of all motors and steps, and their bounds (c,)."""
-        mix = np.column_stack([self._motors.mix(row) for row in self._alive])
-        most = np.minimum(np.abs(mix) @ np.minimum(self._alive @ self._limit, FAR), self._motors.limit)
-        low, high = (np.tile(self._motors.static(sign * most), STEPS) for sign in (-1.0, 1.0))
+        mix = np.column_stack([self._motors.mix(row) for row in self._active_rows])
+        max_duty = np.minimum(
+            np.abs(mix) @ np.minimum(self._active_rows @ self._limit, NO_LIMIT), self._motors.limit
+        )
+        low, high = (np.tile(self._motors.static(sign * max_duty), STEPS) for sign in (-1.0, 1.0))
         return np.kron(np.eye(STEPS), mix), low, high
 
     def linear(
         self, plan: Plan, dt_s: float, reference: Reference, estimate: Estimate
     ) -> tuple[np.ndarray, Tree, Quadratic | None]:
         """Return the shifted plan (N, k), the state of the drivetrain, and the program; None if the model diverges."""
-        now = plan[1:4], dt_s, float(plan.t_ns >= 0), estimate.eta, estimate.nu, reference.eta, reference.nu
+        arguments = (
+            plan[1:4],
+            dt_s,
+            float(plan.t_ns >= 0),
+            estimate.eta,
+            estimate.nu,
+            reference.eta,
+            reference.nu,
+        )
         if self._begin_compiled is None:
-            self._begin_compiled = function(self._begin, *now).call
-        E, drivetrain, start = self._begin_compiled(*now)
+            self._begin_compiled = function(self._begin, *arguments).call
+        E, drivetrain, start = self._begin_compiled(*arguments)
         if self._kernel is None:
             self._kernel = self._scan(start)
-        out, slopes = self._kernel.sensitivities(self._weights, z := E.ravel(), start)
-        out, slopes = (x[self._parts - 1 :: self._parts] for x in (out, slopes))
-        J = slopes[:, :3].reshape(-1, len(z))
-        q = J.T @ (out[:, :3].ravel() - J @ z)
-        q[: self._k] -= plan.effort / self._change**2
+        outputs, jacobians = self._kernel.sensitivities(self._weights, z := E.ravel(), start)
+        outputs, jacobians = (x[self._substeps - 1 :: self._substeps] for x in (outputs, jacobians))
+        J = jacobians[:, :3].reshape(-1, len(z))
+        q = J.T @ (outputs[:, :3].ravel() - J @ z)
+        q[: self._k] -= plan.effort / self._max_change**2
         if not np.isfinite(q).all():
             return E, drivetrain, None
-        p_E = slopes[:, 3:].reshape(-1, len(z))
-        free = out[:, 3:].ravel() - p_E @ z
-        low, high = (np.tile(wall[self._with_wall], STEPS) - free for wall in self._wall)
+        p_E = jacobians[:, 3:].reshape(-1, len(z))
+        free_outputs = outputs[:, 3:].ravel() - p_E @ z
+        low, high = (np.tile(wall[self._with_wall], STEPS) - free_outputs for wall in self._wall)
         return E, drivetrain, Quadratic(J.T @ J + self._P, q, p_E, low, high)
 
     def command(self, effort: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -105,43 +123,45 @@ class Horizon:
 
     def _command(self, effort: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         motors = self._motors
-        u = np.clip(motors.inverse(self._alive.T @ effort), -self._limit, self._limit)
+        u = np.clip(motors.inverse(self._active_rows.T @ effort), -self._limit, self._limit)
         u = motors.turn_first(u)
-        return u, self._alive @ motors.unmix(motors.static(motors.mix(u)))
+        return u, self._active_rows @ motors.unmix(motors.static(motors.mix(u)))
 
     def _begin(
         self, previous: Tree, dt_s: Value, has_plan: Value, eta: Value, nu: Value, eta_r: Value, nu_r: Value
     ) -> tuple[np.ndarray, Tree, np.ndarray]:
         """Return the present plan, the state of the drivetrain, and all inputs of the kernel in one array."""
         E, effort, drivetrain = previous
-        drivetrain = self._even.drivetrain.step(drivetrain, self._alive.T @ effort, dt_s)[0]
+        drivetrain = self._linear_vehicle.drivetrain.step(drivetrain, self._active_rows.T @ effort, dt_s)[0]
         k = np.minimum(np.arange(STEPS) + has_plan * dt_s / self._step_s, STEPS - 1.0)
         # linear interpolation between the steps
         E = np.maximum(1.0 - np.abs(k[:, None] - np.arange(STEPS)), 0.0) @ E
-        E = np.where(np.abs(E) < NUDGE, NUDGE * np.arange(1.0, self._k + 1.0), E)
-        parts = eta, nu, drivetrain.past.ravel(), drivetrain.steps_s, drivetrain.lagged, eta_r, nu_r
-        return E, drivetrain, np.concatenate(parts)
+        E = np.where(np.abs(E) < MIN_EFFORT, MIN_EFFORT * np.arange(1.0, self._k + 1.0), E)
+        entries = eta, nu, drivetrain.past.ravel(), drivetrain.steps_s, drivetrain.lagged, eta_r, nu_r
+        return E, drivetrain, np.concatenate(entries)
 
     def _scan(self, start: np.ndarray) -> Scan:
         """Return the kernel, which computes e / e_max and the coordinates with walls at the end of each step."""
-        dt_s, past = self._step_s / self._parts, self._even.drivetrain.init()
-        ends = np.cumsum([3, 3, past.past.size, past.steps_s.size, past.lagged.size, 3])
+        dt_s, rest_state = self._step_s / self._substeps, self._linear_vehicle.drivetrain.init()
+        offsets = np.cumsum([3, 3, rest_state.past.size, rest_state.steps_s.size, rest_state.lagged.size, 3])
 
         def step(theta: np.ndarray, x: np.ndarray, row: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-            eta, nu, *rest, eta_r, nu_r = np.split(x, ends)
-            motors = DrivetrainState(np.reshape(rest[0], past.past.shape), *rest[1:])
+            eta, nu, *motor_parts, eta_r, nu_r = np.split(x, offsets)
+            motors = DrivetrainState(np.reshape(motor_parts[0], rest_state.past.shape), *motor_parts[1:])
             effort = row @ np.reshape(theta, (STEPS, self._k))
             state = VehicleState(eta, nu, np.zeros(3), motors)
-            state, _ = self._even.step(state, self._alive.T @ effort, dt_s, np.zeros(3))
+            state, _ = self._linear_vehicle.step(state, self._active_rows.T @ effort, dt_s, np.zeros(3))
             motors, eta_r = state.drivetrain, compose(eta_r, _arc(nu_r * dt_s))
-            parts = state.eta, state.nu, motors.past.ravel(), motors.steps_s, motors.lagged, eta_r, nu_r
-            out = [pose_error(eta_r, state.eta) / self._e_max, state.eta[:2][self._with_wall]]
-            return np.concatenate(parts), np.concatenate(out)
+            entries = state.eta, state.nu, motors.past.ravel(), motors.steps_s, motors.lagged, eta_r, nu_r
+            outputs = [pose_error(eta_r, state.eta) / self._e_max, state.eta[:2][self._with_wall]]
+            return np.concatenate(entries), np.concatenate(outputs)
 
         return scan(step, start, self._weights[0], np.zeros(STEPS * self._k))
 
 
-def _arc(way: np.ndarray) -> np.ndarray:
+def _arc(displacement: np.ndarray) -> np.ndarray:
     """Return the pose (3,) after a small displacement (3,) along an arc, from the origin."""
-    chord = 1.0 - way[2] ** 2 / 24.0
-    return map_from_body(0.5 * way[2]) @ np.array([chord * way[0], chord * way[1], way[2]])
+    chord = 1.0 - displacement[2] ** 2 / 24.0
+    return map_from_body(0.5 * displacement[2]) @ np.array(
+        [chord * displacement[0], chord * displacement[1], displacement[2]]
+    )

@@ -8,8 +8,9 @@
 x: state; p: position; E = (ε_0, ε_1, …). ε is the effort after the dead zone, within which a command has no effect; u =
 drivetrain⁻¹(ε_0). The reference at k is the present one, advanced with its velocity: a bend is predicted only once the
 reference is in it. E° is the previous plan, shifted in time; one step of (3) per tick follows the optimum (real-time
-iteration). If the solver fails, the old plan continues, and the run reports it; after FAILURES ticks the drive ends.
-Source: Diehl, Bock and Schlöder, SIAM Journal on Control and Optimization, 2005; solver: OSQP, Stellato et al., 2020.
+iteration). If the solver fails, the old plan continues, and the run reports it; after MAX_FAILURES ticks the drive
+ends. Source: Diehl, Bock and Schlöder, SIAM Journal on Control and Optimization, 2005; solver: OSQP, Stellato et al.,
+2020.
 """
 
 from dataclasses import dataclass
@@ -28,7 +29,7 @@ from baqueano.signals import Command, Estimate, Reference, seconds
 from baqueano.vehicles.bounds import check_bounds
 from baqueano.vehicles.state import Vehicle
 
-FAILURES = 10  # ticks without a solution, after which the drive ends
+MAX_FAILURES = 10  # ticks without a solution, after which the drive ends
 
 
 @document
@@ -94,12 +95,12 @@ class Mpc:
         return Plan(-1, *self._horizon.at_rest(), 0)
 
     def step(self, state: Plan, reference: Reference, estimate: Estimate) -> tuple[Plan, Command]:
-        """Return the new plan, and its first command (n,). Invalid after more than FAILURES failures in a row."""
+        """Return the new plan, and its first command (n,). Invalid after more than MAX_FAILURES failures in a row."""
         dt_s = seconds(estimate.t_ns, state.t_ns) if state.t_ns >= 0 else 1.0 / self.rate_hz
         E, drivetrain, program = self._horizon.linear(state, dt_s, reference, estimate)
         solution = None if program is None else self._program.solve(program, E)
         failures = 0 if solution is not None else state.failures + 1
-        if failures > FAILURES:
+        if failures > MAX_FAILURES:
             raise Invalid(fault("mpc.unsolved", ticks=failures))
         E = E if solution is None else solution
         u, effort = self._horizon.command(E[0])
@@ -107,7 +108,7 @@ class Mpc:
 
     def diagnostic(self, state: Plan) -> Diagnostic | None:
         """Return a warning for the run at the first tick of a series in which the solver failed, else None."""
-        return note("mpc.old-plan", Severity.WARNING, most=FAILURES) if state.failures == 1 else None
+        return note("mpc.old-plan", Severity.WARNING, most=MAX_FAILURES) if state.failures == 1 else None
 
     @cached_property
     def _horizon(self) -> Horizon:

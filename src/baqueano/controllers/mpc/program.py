@@ -14,9 +14,9 @@ from baqueano.contracts.values import Tree
 from baqueano.diagnostics import fault
 from baqueano.errors import UsageError
 
-SOLVED = (1, 2)  # status of OSQP: solved, and solved with less accuracy
-FAR = 1e6
-SETTINGS = {
+SOLVED_STATUS = (1, 2)  # status of OSQP: solved, and solved with less accuracy
+NO_BOUND = 1e6
+OSQP_SETTINGS = {
     "verbose": False, "eps_abs": 1e-4, "eps_rel": 1e-4, "max_iter": 400, "polishing": False, "check_termination": 10,
     "adaptive_rho_interval": 50,
 }  # fmt: skip
@@ -25,25 +25,27 @@ SETTINGS = {
 class BoundedProgram:
     """The solver of (1), with a warm start from the previous call."""
 
-    def __init__(self, rows: np.ndarray, least: np.ndarray, most: np.ndarray) -> None:
-        self._rows, self._least, self._most = rows, least, most
+    def __init__(self, rows: np.ndarray, lower: np.ndarray, upper: np.ndarray) -> None:
+        self._rows, self._lower, self._upper = rows, lower, upper
         self._program: Any = None  # an OSQP program, from the first call on
 
-    def solve(self, given: Tree, start: np.ndarray) -> np.ndarray | None:
-        """Return the solution z, in the shape of `start`, for P, q, A, low and high in `given`; None if it fails."""
-        P, q, A, low, high = given
+    def solve(self, matrices: Tree, start: np.ndarray) -> np.ndarray | None:
+        """Return the solution z, in the shape of `start`, for P, q, A, low and high in `matrices`; None if it fails."""
+        P, q, A, low, high = matrices
         if self._program is None:
             self._set_up(P, q, A, low, high)
         elif len(low):
             low, high = self._bounds(low, high)
-            whole = np.vstack([self._rows, A])
-            self._program.update(q=q, l=low, u=high, Px=P.take(self._of_P), Ax=whole.T.take(self._of_A))
+            all_rows = np.vstack([self._rows, A])
+            self._program.update(
+                q=q, l=low, u=high, Px=P.take(self._index_P), Ax=all_rows.T.take(self._index_A)
+            )
         else:
-            self._program.update(q=q, Px=P.take(self._of_P))
+            self._program.update(q=q, Px=P.take(self._index_P))
         program: Any = self._program
         program.warm_start(x=start.ravel())
         answer = program.solve(raise_error=False)
-        is_solved = answer.info.status_val in SOLVED and np.isfinite(answer.x).all()
+        is_solved = answer.info.status_val in SOLVED_STATUS and np.isfinite(answer.x).all()
         return np.reshape(answer.x, start.shape) if is_solved else None
 
     def _set_up(self, P: np.ndarray, q: np.ndarray, A: np.ndarray, low: np.ndarray, high: np.ndarray) -> None:
@@ -53,16 +55,16 @@ class BoundedProgram:
         upper = np.triu(np.ones_like(P)) > 0.0
         pattern = np.vstack([self._rows != 0.0, np.ones_like(A, bool)])
         matrices = [csc_matrix(np.where(matrix, 1.0, 0.0)) for matrix in (upper, pattern)]
-        self._of_P, self._of_A = (np.flatnonzero(matrix.T) for matrix in (upper, pattern))
-        matrices[0].data = P.take(self._of_P)
-        matrices[1].data = np.vstack([self._rows, A]).T.take(self._of_A)
+        self._index_P, self._index_A = (np.flatnonzero(matrix.T) for matrix in (upper, pattern))
+        matrices[0].data = P.take(self._index_P)
+        matrices[1].data = np.vstack([self._rows, A]).T.take(self._index_A)
         program = _osqp()
-        program.setup(matrices[0], q, matrices[1], *self._bounds(low, high), **SETTINGS)
+        program.setup(matrices[0], q, matrices[1], *self._bounds(low, high), **OSQP_SETTINGS)
         self._program = program
 
     def _bounds(self, low: np.ndarray, high: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        low, high = np.clip(low, -FAR, FAR), np.clip(high, -FAR, FAR)
-        return np.concatenate([self._least, low]), np.concatenate([self._most, high])
+        low, high = np.clip(low, -NO_BOUND, NO_BOUND), np.clip(high, -NO_BOUND, NO_BOUND)
+        return np.concatenate([self._lower, low]), np.concatenate([self._upper, high])
 
 
 def _osqp() -> Any:

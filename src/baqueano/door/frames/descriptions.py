@@ -18,11 +18,11 @@ if TYPE_CHECKING:
     from baqueano.loop import Record
     from baqueano.vehicle_file.file import VehicleFile
 
-ROOMS = ("estimator", "guide", "controller")
+ROLES = ("estimator", "guide", "controller")
 
 
-def vehicle_words(
-    file: "VehicleFile", world: str, seed: int | None = None, blocks: dict[str, str] | None = None
+def vehicle_description(
+    vehicle_file: "VehicleFile", world: str, seed: int | None = None, blocks: dict[str, str] | None = None
 ) -> JsonObject:
     """Return the description of a vehicle that a page needs before the first frame.
 
@@ -30,41 +30,43 @@ def vehicle_words(
     """
     block_kinds = blocks or {}
     kinds = {
-        room: resolve(room, block_kinds[room], file.folder) if room in block_kinds else file.kind(room)
-        for room in ROOMS
+        room: resolve(room, block_kinds[room], vehicle_file.folder)
+        if room in block_kinds
+        else vehicle_file.kind(room)
+        for room in ROLES
     }
-    command, shape = file.command, file.geometry
+    command, shape = vehicle_file.command, vehicle_file.geometry
     round_m = None if shape.radius_m is None else 2.0 * shape.radius_m
     names, limits = command.names, command.limit.tolist()
     return {
-        "name": file.name, "world": world, "rate_hz": file.rate_hz, "seed": seed,
+        "name": vehicle_file.name, "world": world, "rate_hz": vehicle_file.rate_hz, "seed": seed,
         "footprint": {
             "kind": "car" if round_m is None else "round",
             "length_m": round_m or shape.length_m, "width_m": round_m or shape.width_m,
         },
         "command": [
-            {"name": n, "low": -high, "high": high, "unit": command.unit}
-            for n, high in zip(names, limits, strict=True)
+            {"name": n, "low": -limit, "high": limit, "unit": command.unit}
+            for n, limit in zip(names, limits, strict=True)
         ],
-        "blocks": {"model": type(file.vehicle).__name__} | {room: k.__name__ for room, k in kinds.items()},
+        "blocks": {"model": type(vehicle_file.vehicle).__name__} | {room: k.__name__ for room, k in kinds.items()},
         "sensors": [
             {
-                "name": name, "kind": str(file.data.get("sensors", {}).get(name, {}).get("kind", name)),
+                "name": name, "kind": str(vehicle_file.data.get("sensors", {}).get(name, {}).get("kind", name)),
                 "channels": int(sensor.size), "rate_hz": float(sensor.rate_hz),
             }
-            for name, sensor in file.sensors._asdict().items()
+            for name, sensor in vehicle_file.sensors._asdict().items()
         ],
-        "gains": gains_of(file, block_kinds.get("controller")),
+        "gains": gains_of(vehicle_file, block_kinds.get("controller")),
     }  # fmt: skip
 
 
-def gains_of(file: "VehicleFile", kind: str | None = None) -> dict[str, float]:
+def gains_of(vehicle_file: "VehicleFile", kind: str | None = None) -> dict[str, float]:
     """Return the scalar gains of the controller by their path, as "controller.k_x"; {} if the file lacks gains."""
     try:
-        controller = file.controller(kind)
+        controller = vehicle_file.controller(kind)
     except BaqueanoError:
         return {}
-    values = {name: np.asarray(getattr(controller, name)) for name in numbers_in(controller)}
+    values = {name: np.asarray(getattr(controller, name)) for name in adjustable_names(controller)}
     return {
         f"controller.{name}": float(value)
         for name, value in values.items()
@@ -72,13 +74,13 @@ def gains_of(file: "VehicleFile", kind: str | None = None) -> dict[str, float]:
     }
 
 
-def numbers_in(block: object) -> list[str]:
+def adjustable_names(block: object) -> list[str]:
     """Return the names of the numeric parameters of a block, except `rate_hz`, which belongs to the vehicle."""
     names = [field.name for field in fields(block)] if is_dataclass(block) else []
     return [n for n in names if n != "rate_hz" and np.asarray(getattr(block, n)).dtype.kind in "fi"]
 
 
-def route_words(route: "Route | None", name: str = "", laps: int = 1) -> JsonObject:
+def route_description(route: "Route | None", name: str = "", laps: int = 1) -> JsonObject:
     """Return the message of a drive's route; its lists of points are empty if `route` is None."""
     if route is None:
         return {"is": "route", "x": [], "y": []}
@@ -90,13 +92,13 @@ def route_words(route: "Route | None", name: str = "", laps: int = 1) -> JsonObj
     }  # fmt: skip
 
 
-def drive_words(mission: "Mission | None", rate_hz: float, record: "Record | None") -> JsonObject:
+def drive_description(mission: "Mission | None", rate_hz: float, record: "Record | None") -> JsonObject:
     """Return the fields of the state message about the present mission and its last tick; null if unknown."""
     t_s = 0.0 if record is None else float(seconds(record.tick.t_ns))
-    return _mission_words(mission, rate_hz, t_s) | _motion_words(record)
+    return _mission_description(mission, rate_hz, t_s) | _motion_description(record)
 
 
-def _mission_words(mission: "Mission | None", rate_hz: float, t_s: float) -> JsonObject:
+def _mission_description(mission: "Mission | None", rate_hz: float, t_s: float) -> JsonObject:
     if mission is None:
         return {"mission": None, "laps": None, "t_s": None, "left_s": None}
     whole_s = None
@@ -110,7 +112,7 @@ def _mission_words(mission: "Mission | None", rate_hz: float, t_s: float) -> Jso
     return {"mission": mission.kind, "laps": laps, "t_s": round(t_s, 3), "left_s": left_s}
 
 
-def _motion_words(record: "Record | None") -> JsonObject:
+def _motion_description(record: "Record | None") -> JsonObject:
     """Return command, request, speed, yaw rate and degraded sensors of a tick, {} without a tick."""
     if record is None:
         return {}

@@ -19,7 +19,7 @@ import numpy as np
 
 from baqueano.contracts.values import JsonObject
 from baqueano.door.frames.along_route import AlongRoute
-from baqueano.door.frames.descriptions import route_words, vehicle_words
+from baqueano.door.frames.descriptions import route_description, vehicle_description
 from baqueano.drive.health import normalised_square
 from baqueano.monitor.watching import innovations_of
 from baqueano.signals import NANOSECONDS, Motion, seconds
@@ -32,12 +32,12 @@ if TYPE_CHECKING:
     from baqueano.loop import Record
     from baqueano.vehicle_file.file import VehicleFile
 
-RING = 1024  # ticks that are kept for slow clients
+RING_TICKS = 1024  # ticks that are kept for slow clients
 # rows that are made before the door reads again: a fast simulation makes thousands of ticks a second
-A_TURN = 16
-MOST_HZ = 50.0  # largest frame rate
+TICKS_PER_TURN = 16
+MAX_FRAME_RATE_HZ = 50.0  # largest frame rate
 NAN = float("nan")
-DRIVES = count()
+DRIVE_NUMBERS = count()
 
 ESTIMATE = (
     ("eta.x", "m"), ("eta.y", "m"), ("eta.psi", "rad"),
@@ -46,8 +46,14 @@ ESTIMATE = (
     ("ref.x", "m"), ("ref.y", "m"), ("ref.psi", "rad"), ("ref.u", "m/s"),
     ("truth.x", "m"), ("truth.y", "m"), ("truth.psi", "rad"),
 )  # fmt: skip
-KIND_OF = {"eta": "estimate", "P": "covariance", "nu": "velocity", "ref": "reference", "truth": "truth"}
-REST = (
+KIND_BY_PREFIX = {
+    "eta": "estimate",
+    "P": "covariance",
+    "nu": "velocity",
+    "ref": "reference",
+    "truth": "truth",
+}
+OTHER_COLUMNS = (
     ("nis", "1", "agreement"), ("progress", "m", "route"), ("cross", "m", "route"), ("battery", "V", "health"),
     ("late_ms", "ms", "health"),
 )  # fmt: skip
@@ -70,53 +76,61 @@ class RecordedTick(NamedTuple):
     late_ms: float
 
 
-def columns_of(file: "VehicleFile") -> list[Column]:
+def columns_of(vehicle_file: "VehicleFile") -> list[Column]:
     """Return the columns of the rows of this vehicle, in order."""
     columns = [Column("t", "s", "time")]
-    columns += [Column(name, unit, KIND_OF[name.partition(".")[0]]) for name, unit in ESTIMATE]
+    columns += [Column(name, unit, KIND_BY_PREFIX[name.partition(".")[0]]) for name, unit in ESTIMATE]
     for name, kind in (("u", "command"), ("asked", "asked")):
-        columns += [Column(f"{name}.{k}", file.command.unit, kind) for k in range(len(file.command.names))]
-    channels = [(name, k) for name in file.sensors._fields for k in range(getattr(file.sensors, name).size)]
+        columns += [
+            Column(f"{name}.{k}", vehicle_file.command.unit, kind)
+            for k in range(len(vehicle_file.command.names))
+        ]
+    channels = [
+        (name, k)
+        for name in vehicle_file.sensors._fields
+        for k in range(getattr(vehicle_file.sensors, name).size)
+    ]
     for name, kind in (("z", "measurement"), ("model", "model"), ("innov", "innovation"), ("S", "deviation")):
         columns += [
-            Column(f"{name}.{sensor}[{k}]", channel_unit(file, sensor, k), kind) for sensor, k in channels
+            Column(f"{name}.{sensor}[{k}]", channel_unit(vehicle_file, sensor, k), kind)
+            for sensor, k in channels
         ]
-    return [*columns, *(Column(*column) for column in REST)]
+    return [*columns, *(Column(*column) for column in OTHER_COLUMNS)]
 
 
 @dataclass
 class DriveRows:
     """The rows of one drive, made from its ticks for the clients that watch it."""
 
-    file: "VehicleFile"
+    vehicle_file: "VehicleFile"
     estimator: "Estimator | None" = None  # the estimator that drives
     route: "Route | None" = None
-    ticks: deque[RecordedTick] = field(default_factory=lambda: deque(maxlen=RING))  # not yet made into rows
+    ticks: deque[RecordedTick] = field(default_factory=lambda: deque(maxlen=RING_TICKS))  # not yet rows
     tick_count: int = 0  # number of ticks stored by the loop
 
     def __post_init__(self) -> None:
-        self.number = next(DRIVES)
-        self.columns = columns_of(self.file)
-        self.rows: deque[tuple[int, list[str]]] = deque(maxlen=RING)  # t_ns, the numbers as text
+        self.number = next(DRIVE_NUMBERS)
+        self.columns = columns_of(self.vehicle_file)
+        self.rows: deque[tuple[int, list[str]]] = deque(maxlen=RING_TICKS)  # t_ns, the numbers as text
         self.row_count = 0  # rows since the begin of the drive, including rows that were skipped
-        sensors = self.file.sensors
+        sensors = self.vehicle_file.sensors
         self._sizes = [getattr(sensors, name).size for name in sensors._fields]
         self._along = None if self.route is None else AlongRoute(self.route)
         self._at: tuple[int, ...] | None = ()  # channel of each innovation; () before the first tick
 
-    def make(self, most: int = RING) -> bool:
-        """Convert at most `most` waiting ticks to rows, and return True while others wait.
+    def make(self, max_count: int = RING_TICKS) -> bool:
+        """Convert at most `max_count` waiting ticks to rows, and return True while others wait.
 
         Ticks that the ring has dropped are not converted.
         """
-        tick_count, waiting = self.tick_count, len(self.ticks)
-        first = max(self.row_count, tick_count - waiting)
-        if first > self.row_count:
+        tick_count, waiting_count = self.tick_count, len(self.ticks)
+        first_row = max(self.row_count, tick_count - waiting_count)
+        if first_row > self.row_count:
             self.rows.clear()
-        fresh = [self.ticks.popleft() for _ in range(min(waiting, most))]
-        for sample in fresh:
+        new_ticks = [self.ticks.popleft() for _ in range(min(waiting_count, max_count))]
+        for sample in new_ticks:
             self.rows.append((sample.record.tick.t_ns, _cells(self._row(sample))))
-        self.row_count = first + len(fresh)
+        self.row_count = first_row + len(new_ticks)
         return bool(self.ticks)
 
     def skip(self) -> None:
@@ -125,20 +139,20 @@ class DriveRows:
         self.rows.clear()
         self.row_count = self.tick_count
 
-    def frame(self, shown: int, columns: tuple[int, ...] | None) -> bytes | None:
-        """Return the rows after the first `shown` rows as an encoded message, or None without such rows.
+    def frame(self, shown_count: int, columns: tuple[int, ...] | None) -> bytes | None:
+        """Return the rows after the first `shown_count` rows as an encoded message, or None without such rows.
 
         `columns` are the indices of the columns to send, None for all.
         """
-        number = min(self.row_count - shown, len(self.rows))
-        if number <= 0:
+        frame_size = min(self.row_count - shown_count, len(self.rows))
+        if frame_size <= 0:
             return None
-        rows = [self.rows[k] for k in range(-number, 0)]
+        rows = [self.rows[k] for k in range(-frame_size, 0)]
         if columns is None:
             texts = [",".join(cells) for _, cells in rows]
         else:
             texts = [",".join([cells[c] for c in columns]) for _, cells in rows]
-        head = f'{{"is":"frame","t_ns":{rows[0][0]},"n":{self.row_count - number},"x":[['
+        head = f'{{"is":"frame","t_ns":{rows[0][0]},"n":{self.row_count - frame_size},"x":[['
         return (head + "],[".join(texts) + "]]}\n").encode()
 
     def _row(self, sample: RecordedTick) -> list[float]:
@@ -152,17 +166,17 @@ class DriveRows:
             seconds(tick.t_ns), *eta, float(cov[0, 0]), float(cov[0, 1]), float(cov[1, 1]), float(cov[2, 2]), *nu,
             *reference.eta.tolist(), float(reference.nu[0]), *truth, *tick.u.tolist(), *record.requested.u.tolist(),
             *z, *(a - b for a, b in zip(z, innovation, strict=True)), *innovation, *deviation, nis,
-            *((NAN, NAN) if self._along is None else self._along.where(eta)), sample.battery_v, sample.late_ms,
+            *((NAN, NAN) if self._along is None else self._along.progress(eta)), sample.battery_v, sample.late_ms,
         ]  # fmt: skip
 
-    def _innovations(self, record: "Record", channels: int) -> tuple[list[float], list[float], float]:
+    def _innovations(self, record: "Record", channel_count: int) -> tuple[list[float], list[float], float]:
         """Return the innovation of each channel, its standard deviation, and the NIS; NaN for missing values.  (2)"""
         y, S = record.estimate.innovation, record.estimate.innovation_cov
-        innovation, deviation = [NAN] * channels, [NAN] * channels
+        innovation, deviation = [NAN] * channel_count, [NAN] * channel_count
         if y is None or S is None:
             return innovation, deviation, NAN
         if self._at == () and self.estimator is not None:
-            self._at = innovations_of(self.estimator, self.file.sensors, len(y))
+            self._at = innovations_of(self.estimator, self.vehicle_file.sensors, len(y))
         values, spread = y.tolist(), np.sqrt(np.maximum(np.diagonal(S), 0.0)).tolist()
         for k, c in enumerate(self._at or ()):
             innovation[c], deviation[c] = values[k], spread[k]
@@ -187,23 +201,23 @@ class Frames:
         self._words: list[JsonObject] = []
 
     def begin(
-        self, file: "VehicleFile", world: str, seed: int | None = None, estimator: "Estimator | None" = None,
+        self, vehicle_file: "VehicleFile", world: str, seed: int | None = None, estimator: "Estimator | None" = None,
         mission: "Mission | None" = None, name: str = "",
     ) -> None:  # fmt: skip
         """Begin a drive, or announce the vehicle before its first drive; `name` is the name of the route."""
         route, laps = (None, 1) if mission is None else (mission.route, mission.laps)
-        drive = DriveRows(file, estimator, route)
+        drive = DriveRows(vehicle_file, estimator, route)
         fields: JsonObject = {
             "is": "fields", "names": [c.name for c in drive.columns], "units": [c.unit for c in drive.columns],
-            "kinds": [c.kind for c in drive.columns], "step_ns": round(NANOSECONDS / file.rate_hz),
+            "kinds": [c.kind for c in drive.columns], "step_ns": round(NANOSECONDS / vehicle_file.rate_hz),
         }  # fmt: skip
         blocks = {} if mission is None else mission.blocks
-        vehicle = {"is": "vehicle", **vehicle_words(file, world, seed, blocks)}
-        words = [vehicle, fields, route_words(route, name, laps)]
+        vehicle = {"is": "vehicle", **vehicle_description(vehicle_file, world, seed, blocks)}
+        descriptions = [vehicle, fields, route_description(route, name, laps)]
         with self._lock:
-            self._drive, self._words = drive, words
+            self._drive, self._words = drive, descriptions
 
-    def look(
+    def on_record(
         self, record: "Record", truth: Motion | None = None, battery_v: float = NAN, late_ms: float = NAN
     ) -> None:
         """Store a tick without waiting."""

@@ -20,20 +20,22 @@ from baqueano.errors import BaqueanoError
 from baqueano.vehicle_file import load
 
 
-def main(words: list[str] | None = None) -> int:
+def main(arguments: list[str] | None = None) -> int:
     """Run the service; return its exit code."""
-    options = _parser().parse_args(words)
+    options = _parser().parse_args(arguments)
     try:
-        file = load(options.vehicle)
-        truth = file if options.truth is None else load(options.truth)
+        vehicle_file = load(options.vehicle)
+        truth = vehicle_file if options.truth is None else load(options.truth)
         pace = PacedClock(options.pace)
     except BaqueanoError as error:
         print(error, file=sys.stderr)
         return error.exit_code
     options.runs.mkdir(parents=True, exist_ok=True)
     routes = StoredRoutes(options.routes)
-    service = SimulatedService(file, truth, options.runs, routes, options.seed, options.backend, pace=pace)
-    door = Door(options.socket, service.operator, options.runs, service.words())
+    service = SimulatedService(
+        vehicle_file, truth, options.runs, routes, options.seed, options.backend, pace=pace
+    )
+    door = Door(options.socket, service.operator, options.runs, service.handlers())
     service.broadcast, service.frames = door.broadcast, door.frames
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # the parent is asked, and ends this process by its stdin
     signal.signal(signal.SIGTERM, lambda number, frame: service.end())

@@ -22,7 +22,7 @@ import numpy as np
 
 from baqueano.contracts.values import JsonObject
 from baqueano.diagnostics import fault
-from baqueano.door.frames.descriptions import ROOMS
+from baqueano.door.frames.descriptions import ROLES
 from baqueano.drive.mission import Mission, unpack
 from baqueano.errors import FileError, UsageError
 from baqueano.guides.shapes import shape
@@ -31,15 +31,15 @@ from baqueano.runs.route_file import read_route
 from baqueano.vehicle_file import load
 from baqueano.vehicle_file.text.toml_text import read_text
 from baqueano.worlds.faults.fault import Fault
-from baqueano.worlds.shaken import MOST_FAULTS
+from baqueano.worlds.shaken import MAX_FAULTS
 
 if TYPE_CHECKING:
     from baqueano.guides.route import Route
     from baqueano.vehicle_file.file import VehicleFile
 
 SIZE_M, SPEED_M_S = 1.0, 0.25  # defaults of a shape
-SECONDS = 60.0  # default duration of an experiment
-MOST_SECONDS = 3600.0
+DEFAULT_DURATION_S = 60.0  # default duration of an experiment
+MAX_DURATION_S = 3600.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -47,7 +47,7 @@ class MissionPlan:
     """A mission, its vehicle file, and the options of its simulation and its result."""
 
     mission: Mission
-    file: "VehicleFile"
+    vehicle_file: "VehicleFile"
     name: str = ""  # name of its route
     keep: str = ""  # the name under which a lesson's route is stored
     closed: bool | None = None  # True for a closed route; None: closed if the drive returned to its start
@@ -65,7 +65,7 @@ class MissionPlan:
 
 @contextmanager
 def mission_plan(
-    mission_json: str, file: "VehicleFile", routes: "StoredRoutes", seed: int
+    mission_json: str, vehicle_file: "VehicleFile", routes: "StoredRoutes", seed: int
 ) -> Iterator[MissionPlan]:
     """Yield the plan of a mission in JSON, which is a whole mission or a request by name.
 
@@ -73,33 +73,37 @@ def mission_plan(
     """
     try:
         request = json.loads(mission_json)
-        whole = "format" in request
+        is_complete = "format" in request
         seed = int(request.get("seed", seed))
         kind = str(request["kind"])
         shake, hurry_s = request.pop("shake", []), _number(request, "hurry_s", 0.0)
     except (ValueError, TypeError, KeyError, RecursionError) as error:
         raise UsageError(fault("mission.damaged", kind=type(error).__name__, error=error)) from error
-    if not isinstance(shake, list) or len(shake) > MOST_FAULTS:
-        raise UsageError(fault("shake.too-many", most=MOST_FAULTS))
-    faults = tuple(Fault.of_words(words) for words in shake)
-    if not whole:
-        yield replace(_plan_by_name(kind, request, file, routes, seed), shake=faults, hurry_s=hurry_s)
+    if not isinstance(shake, list) or len(shake) > MAX_FAULTS:
+        raise UsageError(fault("shake.too-many", most=MAX_FAULTS))
+    faults = tuple(Fault.of_words(request_of_fault) for request_of_fault in shake)
+    if not is_complete:
+        yield replace(_plan_by_name(kind, request, vehicle_file, routes, seed), shake=faults, hurry_s=hurry_s)
         return
     extra_keys = ("seed", "shake", "hurry_s")
     mission = Mission.of_json(json.dumps({k: v for k, v in request.items() if k not in extra_keys}))
     with TemporaryDirectory(prefix="baqueano-") as folder:
-        file = unpack(mission, Path(folder))
-        yield MissionPlan(mission, file, seed=seed, shake=faults, hurry_s=hurry_s)
+        vehicle_file = unpack(mission, Path(folder))
+        yield MissionPlan(mission, vehicle_file, seed=seed, shake=faults, hurry_s=hurry_s)
 
 
-def reload(file: "VehicleFile") -> "VehicleFile":
+def reload(vehicle_file: "VehicleFile") -> "VehicleFile":
     """Return the vehicle file, read again if it has changed on the disk, as after gains were written.
 
     Raise FileError if it is broken.
     """
-    if file.path is None or file.on_disk is None or read_text(file.path) == file.on_disk:
-        return file
-    return load(file.path)
+    if (
+        vehicle_file.path is None
+        or vehicle_file.on_disk is None
+        or read_text(vehicle_file.path) == vehicle_file.on_disk
+    ):
+        return vehicle_file
+    return load(vehicle_file.path)
 
 
 class StoredRoutes:
@@ -141,38 +145,45 @@ class StoredRoutes:
 
 
 def _plan_by_name(
-    kind: str, request: JsonObject, file: "VehicleFile", routes: StoredRoutes, seed: int
+    kind: str, request: JsonObject, vehicle_file: "VehicleFile", routes: StoredRoutes, seed: int
 ) -> MissionPlan:
     match kind:
         case "teach":
-            keep = str(request.get("name") or "lesson")
-            routes.path(keep)  # an invalid name is refused before the vehicle moves
+            stored_name = str(request.get("name") or "lesson")
+            routes.path(stored_name)  # an invalid name is refused before the vehicle moves
             if (shape_name := request.get("shape")) is None:
                 closed = request.get("closed")
                 return MissionPlan(
                     Mission("teach"),
-                    file,
-                    keep=keep,
+                    vehicle_file,
+                    keep=stored_name,
                     closed=None if closed is None else bool(closed),
                     seed=seed,
                 )
             route = shape(
                 str(shape_name), _number(request, "size_m", SIZE_M), _number(request, "speed_m_s", SPEED_M_S)
             )
-            return MissionPlan(Mission("teach", route=route), file, keep, keep, bool(route.closed), seed)
+            return MissionPlan(
+                Mission("teach", route=route),
+                vehicle_file,
+                stored_name,
+                stored_name,
+                bool(route.closed),
+                seed,
+            )
         case "repeat":
             name = str(request.get("route", ""))
             laps = max(0, round(_number(request, "laps", 1)))
             mission = Mission("repeat", route=routes.read(name), laps=laps, blocks=_blocks(request))
-            return MissionPlan(mission, file, name, seed=seed)
+            return MissionPlan(mission, vehicle_file, name, seed=seed)
         case "experiment":
             from baqueano.identify.design.signals import excitation
 
-            length_s = min(_number(request, "seconds", SECONDS), MOST_SECONDS)
+            length_s = min(_number(request, "seconds", DEFAULT_DURATION_S), MAX_DURATION_S)
             signal = str(request.get("signal", "random_steps")).replace("-", "_")
-            u = excitation(signal, file.command.limit, length_s, file.rate_hz, seed)
-            return MissionPlan(Mission("experiment", u=u), file, seed=seed)
-    return MissionPlan(Mission(kind), file, seed=seed)
+            u = excitation(signal, vehicle_file.command.limit, length_s, vehicle_file.rate_hz, seed)
+            return MissionPlan(Mission("experiment", u=u), vehicle_file, seed=seed)
+    return MissionPlan(Mission(kind), vehicle_file, seed=seed)
 
 
 def _blocks(request: JsonObject) -> dict[str, str]:
@@ -181,15 +192,15 @@ def _blocks(request: JsonObject) -> dict[str, str]:
     Raise UsageError if they are malformed.
     """
     blocks = request.get("blocks", {})
-    is_mapping = isinstance(blocks, dict) and set(blocks) <= set(ROOMS)
+    is_mapping = isinstance(blocks, dict) and set(blocks) <= set(ROLES)
     if not is_mapping or not all(isinstance(kind, str) for kind in blocks.values()):
         raise UsageError(fault("mission.damaged", kind="TypeError", error="blocks"))
     return dict(blocks)
 
 
-def _number(request: JsonObject, name: str, usual: float) -> float:
+def _number(request: JsonObject, name: str, default: float) -> float:
     try:
-        value = float(request.get(name, usual))
+        value = float(request.get(name, default))
     except (TypeError, ValueError):
         value = float("nan")
     if not np.isfinite(value):

@@ -2,7 +2,7 @@
 
   due_{k+1} = due_k + 1/(f · pace)                                                                       (1)
 
-No tick is skipped: if the computer is more than BEHIND_S behind the pace, simulated time slows down.
+No tick is skipped: if the computer is more than MAX_DELAY_S behind the pace, simulated time slows down.
 """
 
 import time
@@ -12,8 +12,8 @@ from baqueano.diagnostics import fault
 from baqueano.errors import Invalid
 from baqueano.signals import NANOSECONDS
 
-BEHIND_S = 0.1
-STANDING_S = 0.01  # between two checks during a pause
+MAX_DELAY_S = 0.1
+PAUSE_POLL_S = 0.01  # between two checks during a pause
 SLOWEST, FASTEST = 0.05, 50.0
 
 
@@ -60,7 +60,7 @@ class PacedClock:
                 yield round(k * NANOSECONDS / rate_hz)
                 continue
             while self.paused and not self._more and not interrupted():
-                self._sleep(STANDING_S)
+                self._sleep(PAUSE_POLL_S)
                 due_s = self._now_s()
             self._more = max(0, self._more - 1)
             due_s += 1.0 / (rate_hz * self.factor)
@@ -68,7 +68,7 @@ class PacedClock:
             if early_s > 0.0:
                 self._sleep(early_s)
             self.late_ms = 1e3 * max(0.0, self._now_s() - due_s)
-            if early_s < -BEHIND_S:
+            if early_s < -MAX_DELAY_S:
                 due_s = self._now_s()
             k += 1
             yield round(k * NANOSECONDS / rate_hz)

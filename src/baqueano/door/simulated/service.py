@@ -17,13 +17,13 @@ from typing import TYPE_CHECKING
 from baqueano.contracts.values import JsonObject
 from baqueano.diagnostics import Diagnostic, Severity, StopReason, note, stop
 from baqueano.door.adjusting import Adjusting
-from baqueano.door.frames.descriptions import drive_words
+from baqueano.door.frames.descriptions import drive_description
 from baqueano.door.frames.rows import Frames
-from baqueano.door.operator import STOP, Operator
+from baqueano.door.operator import STOP_COMMAND, Operator
 from baqueano.door.outcome import outcome_of
 from baqueano.door.simulated.missions import MissionPlan, StoredRoutes, mission_plan, reload
 from baqueano.door.simulated.pace import PacedClock
-from baqueano.door.simulated.shaking import FaultWords
+from baqueano.door.simulated.shaking import FaultRequests
 from baqueano.door.states import DoorState, Machine
 from baqueano.drive.mission import perform
 from baqueano.drive.observers import LastLine, Observer
@@ -45,10 +45,10 @@ IDLE_S, TELL_S = 0.02, 0.2
 
 @dataclass
 class SimulatedService:
-    """The service of the vehicle `file`, whose body is simulated by `truth`. `broadcast` sends a message to
+    """The service of the vehicle `vehicle_file`, whose body is simulated by `truth`. `broadcast` sends a message to
     all clients."""
 
-    file: "VehicleFile"
+    vehicle_file: "VehicleFile"
     truth: "VehicleFile"
     folder: Path  # folder of the runs
     routes: StoredRoutes
@@ -67,9 +67,9 @@ class SimulatedService:
         self._run: str | None = None  # name of the run that is being written
         self._record: Record | None = None
         self._published_s = float("-inf")
-        self.shaken = FaultWords(self.operator, lambda message: self.broadcast(message))
+        self.shaken = FaultRequests(self.operator, lambda message: self.broadcast(message))
 
-    def words(self) -> dict[str, Word]:
+    def handlers(self) -> dict[str, Word]:
         """Return the handlers of the messages that only a simulation accepts."""
         return {
             "pause": lambda guest, request: self._while_holding(guest, self.pace.pause),
@@ -84,12 +84,12 @@ class SimulatedService:
 
     def run(self) -> None:
         """Run until `done` is set."""
-        self.frames.begin(self.file, "simulated", self.seed)
+        self.frames.begin(self.vehicle_file, "simulated", self.seed)
         while not self.done.is_set():
             self.idle()
-            waiting = self.operator.next()
-            if waiting is not None:
-                self.take(*waiting)
+            next_mission = self.operator.next()
+            if next_mission is not None:
+                self.take(*next_mission)
             else:
                 time.sleep(IDLE_S)
 
@@ -99,11 +99,11 @@ class SimulatedService:
         clear_requested, self.operator.clear_requested = self.operator.clear_requested, False
         if (stop_reason := self.operator.stop_reason(attended=False)) is not None:
             self.operator.forget(stop_reason)
-            machine.go("stop", stop_reason)
+            machine.transition("stop", stop_reason)
         elif clear_requested and machine.state is DoorState.STOPPED:
-            machine.go("clear", stop(StopReason.CHECKED_AGAIN))
+            machine.transition("clear", stop(StopReason.CHECKED_AGAIN))
         elif machine.state is DoorState.DISARMED:
-            machine.go("ready")
+            machine.transition("ready")
         self.publish()
 
     def take(self, mission_json: str, attended: bool, name: str = "") -> None:
@@ -119,21 +119,21 @@ class SimulatedService:
 
     def _drive_mission(self, mission_json: str, attended: bool, outcome: JsonObject) -> None:
         """Drive a mission until it ends or is stopped, and write the result into `outcome`."""
-        self.file = reload(self.file)
-        with mission_plan(mission_json, self.file, self.routes, self.seed + self._drives - 1) as plan:
+        self.vehicle_file = reload(self.vehicle_file)
+        with mission_plan(mission_json, self.vehicle_file, self.routes, self.seed + self._drives - 1) as plan:
             path = claim(self.folder, plan.mission.kind)
             try:
                 by_hand = plan.mission.kind in ("drive", "teach") and plan.mission.route is None
-                self.machine.go("manual" if by_hand else "mission")
+                self.machine.transition("manual" if by_hand else "mission")
                 self._plan, self._run = plan, path.name
                 self.publish(at_once=True)
                 reason, code = outcome_of(lambda: self._drive(plan, mission_json, attended, path))
                 regular_end = reason is None or code or self.operator.done
-                late = self.operator.stop_reason(
+                late_stop = self.operator.stop_reason(
                     attended=False
                 )  # requested while the drive was prepared, or its run closed
-                stop_reason = late if regular_end else reason
-                self.machine.go("done" if stop_reason is None else "stop", stop_reason)
+                stop_reason = late_stop if regular_end else reason
+                self.machine.transition("done" if stop_reason is None else "stop", stop_reason)
                 self.operator.forget(stop_reason)
                 outcome |= {"run": path.name if path.exists() else None, "why": reason, "code": code}
                 if plan.keep and stop_reason is None and not code and path.exists():
@@ -143,12 +143,12 @@ class SimulatedService:
 
     def _drive(self, plan: MissionPlan, mission_json: str, attended: bool, path: Path) -> Diagnostic | None:
         """Drive a plan, and return the reason of the stop, or None if the vehicle was not stopped."""
-        truth, start = self.truth, plan.start
+        truth, start_pose = self.truth, plan.start
         seed = self.seed if plan.seed is None else plan.seed
         world = ShakenWorld(
-            truth.vehicle, truth.sensors, truth.rate_hz, seed, start, self.backend, plan.shake
+            truth.vehicle, truth.sensors, truth.rate_hz, seed, start_pose, self.backend, plan.shake
         )
-        self.operator.marks()  # drop marks from before this drive
+        self.operator.pop_mark_count()  # drop marks from before this drive
         watching = _DriveObserver(self, plan, world, attended)
         observers = (
             watching,
@@ -157,8 +157,8 @@ class SimulatedService:
         )
         try:
             perform(
-                plan.mission, plan.file, hand=lambda: self.operator.command(world.commands), world=world,
-                live=True, path=path, ticking=self._ticks(plan, attended), observers=observers, eta=start,
+                plan.mission, plan.vehicle_file, hand=lambda: self.operator.command(world.commands), world=world,
+                live=True, path=path, ticking=self._ticks(plan, attended), observers=observers, eta=start_pose,
                 seed=seed, backend=self.backend,
             )  # fmt: skip
         except FileError as error:
@@ -172,7 +172,7 @@ class SimulatedService:
             self.publish()
             return self.operator.done or self.operator.stop_reason(attended) is not None
 
-        for t_ns in self.pace.ticks(plan.file.rate_hz, is_interrupted, plan.hurry_s):
+        for t_ns in self.pace.ticks(plan.vehicle_file.rate_hz, is_interrupted, plan.hurry_s):
             if self.operator.done:
                 raise KeyboardInterrupt
             yield t_ns
@@ -197,13 +197,13 @@ class SimulatedService:
             return
         self._published_s, plan, record = now_s, self._plan, self._record
         mission = None if plan is None else plan.mission
-        rate_hz = self.file.rate_hz if plan is None else plan.file.rate_hz
+        rate_hz = self.vehicle_file.rate_hz if plan is None else plan.vehicle_file.rate_hz
         self.broadcast(
             {
                 "is": "state", "state": str(self.machine.state), "why": self.machine.reason, "run": self._run,
                 "world": "simulated", "pace": self.pace.factor, "paused": self.pace.paused, "battery_v": None,
                 "tilt_rad": None, "temperature_c": None, "uno_trip_ms": None, "lost_telemetry": 0, "resets": 0,
-                **drive_words(mission, rate_hz, record),
+                **drive_description(mission, rate_hz, record),
             }
         )  # fmt: skip
 
@@ -218,7 +218,7 @@ class SimulatedService:
         Raise SafetyStop otherwise.
         """
         if self.operator.is_busy and not self.operator.holds(guest):
-            raise SafetyStop(note("door.somebody", Severity.ERROR, STOP))
+            raise SafetyStop(note("door.somebody", Severity.ERROR, STOP_COMMAND))
         act()
         self.publish(at_once=True)
 
@@ -235,18 +235,18 @@ class _DriveObserver(Observer):
 
     def begin(self, blocks: Blocks) -> Blocks:
         plan, frames = self._plan, self._service.frames
-        frames.begin(plan.file, "simulated", plan.seed, blocks.estimator, plan.mission, plan.name)
+        frames.begin(plan.vehicle_file, "simulated", plan.seed, blocks.estimator, plan.mission, plan.name)
         return blocks
 
     def stop_reason(self, t_ns: int) -> Diagnostic | None:
         return self._service.operator.stop_reason(self._attended)
 
-    def marks(self) -> int:
-        return self._service.operator.marks()
+    def pop_mark_count(self) -> int:
+        return self._service.operator.pop_mark_count()
 
-    def look(self, record: Record) -> None:
+    def on_record(self, record: Record) -> None:
         self._service._record = record
-        self._service.frames.look(record, self._world.truth, late_ms=self._service.pace.late_ms)
+        self._service.frames.on_record(record, self._world.truth, late_ms=self._service.pace.late_ms)
 
     def on_disk_full(self, reason: Diagnostic) -> None:
         self._service.event("error", reason)

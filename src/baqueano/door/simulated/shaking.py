@@ -28,10 +28,10 @@ if TYPE_CHECKING:
     from baqueano.loop import Blocks, Record
     from baqueano.worlds.shaken import ShakenWorld
 
-EVERY_S = 0.5  # drive time between two ledgers while a fault is watched
+LEDGER_PERIOD_S = 0.5  # drive time between two ledgers while a fault is watched
 
 
-class FaultWords:
+class FaultRequests:
     """The handler of the messages about faults, for one service."""
 
     def __init__(self, operator: "Operator", broadcast: "Callable[[JsonObject], None]") -> None:
@@ -57,11 +57,11 @@ class FaultWords:
         if (world := self._world) is None:
             raise UsageError(fault("shake.no-drive"))
         if "over" in request:
-            world.over(int(request["over"]))
+            world.end_fault(int(request["over"]))
         else:
             world.shake({name: value for name, value in request.items() if name not in ("do", "is", "at_s")})
 
-    def repeat_mission(self, guest: object, request: JsonObject) -> None:
+    def repeat_mission(self, client: object, request: JsonObject) -> None:
         """Request the last mission again, and end the present drive first.
 
         Raise UsageError without a previous mission, or if a person drove it.
@@ -71,15 +71,15 @@ class FaultWords:
         if self._by_hand:
             raise UsageError(fault("shake.by-hand"))
         mission, attended, world = self._last
-        without = {int(n) for n in request["without"]} if request.get("without") is not None else None
+        omitted_numbers = {int(n) for n in request["without"]} if request.get("without") is not None else None
         faults = [
             fault_.to_json() for number, fault_ in enumerate(world.faults, 1)
-            if without is not None and number not in without
+            if omitted_numbers is not None and number not in omitted_numbers
         ]  # fmt: skip
         hurry = {"hurry_s": max(0.0, float(request.get("from_s", 0.0)))}
-        self._next_mission = guest, mission | hurry | {"shake": faults}, attended, self._operator.silence_s
+        self._next_mission = client, mission | hurry | {"shake": faults}, attended, self._operator.silence_s
         if self._operator.is_busy:
-            self._operator.end(guest)
+            self._operator.end(client)
         else:
             self.ask_again()
 
@@ -87,11 +87,11 @@ class FaultWords:
         """Queue the mission to repeat, if one is requested; call this when no mission is under way."""
         if self._next_mission is None:
             return
-        (guest, mission, attended, silence_s), self._next_mission = self._next_mission, None
-        if not self._operator.holds(guest) and self._operator.is_busy:
+        (client, mission, attended, silence_s), self._next_mission = self._next_mission, None
+        if not self._operator.holds(client) and self._operator.is_busy:
             return
         try:
-            self._operator.queue_mission(guest, json.dumps(mission), attended, "again", silence_s)
+            self._operator.queue_mission(client, json.dumps(mission), attended, "again", silence_s)
         except SafetyStop as error:
             self._tell({"is": "event", "level": str(Severity.ERROR), "said": error.diagnostic})
 
@@ -103,8 +103,8 @@ class FaultWords:
 class _LedgerKeeper(Observer):
     """Observer that keeps the ledger of a drive, and sends it when it changes."""
 
-    def __init__(self, faults: FaultWords, plan: "MissionPlan", world: "ShakenWorld") -> None:
-        self._faults, self._file, self._world = faults, plan.file, world
+    def __init__(self, faults: FaultRequests, plan: "MissionPlan", world: "ShakenWorld") -> None:
+        self._faults, self._file, self._world = faults, plan.vehicle_file, world
         self._ledger: Ledger | None = None
         self._published_s, self._changed = 0.0, True
 
@@ -117,18 +117,18 @@ class _LedgerKeeper(Observer):
             self._ledger.on_event(t_ns, source, event)
             self._changed = self._changed or bool(self._ledger.rows)
 
-    def look(self, record: "Record") -> None:
+    def on_record(self, record: "Record") -> None:
         ledger, estimate = self._ledger, record.estimate
         if ledger is None:
             return
-        before = sum(len(row.noticed) for row in ledger.rows)
-        ledger.look(
+        previous_count = sum(len(row.noticed) for row in ledger.rows)
+        ledger.record_tick(
             record.tick.t_ns, estimate.innovation, estimate.innovation_cov, estimate.weight, estimate.eta,
             estimate.cov, self._world.truth.eta,
         )  # fmt: skip
         t_s = float(seconds(record.tick.t_ns))
-        due = t_s - self._published_s >= EVERY_S and any(row.covers(t_s) for row in ledger.rows)
-        if self._changed or due or before != sum(len(row.noticed) for row in ledger.rows):
+        due = t_s - self._published_s >= LEDGER_PERIOD_S and any(row.covers(t_s) for row in ledger.rows)
+        if self._changed or due or previous_count != sum(len(row.noticed) for row in ledger.rows):
             self._changed, self._published_s = False, t_s
             self._faults.broadcast_ledger(ledger)
 
@@ -148,5 +148,6 @@ def _row(ledger: Ledger, row: LedgerRow) -> JsonObject:
             {"who": note(f"ledger.who-{notice.witness}"), "after_s": notice.after_s, "said": notice.message}
             for notice in row.noticed
         ],
-        "silent": [note(f"ledger.who-{source}") for source in row.silent()], "nobody": ledger.nobody(row),
+        "silent": [note(f"ledger.who-{source}") for source in row.silent_witnesses()],
+        "nobody": ledger.unnoticed_diagnostic(row),
     }  # fmt: skip

@@ -1,12 +1,13 @@
 """Combine keys, a game pad, a screen and a heartbeat of the terminal into one hand, for a person who drives.
 
-  u = share · limit · (ahead, 0, to the left) · min(1, FAR_MS / T)                                      (1)
+  u = share · limit · (ahead, 0, to the left) · min(1, FULL_SPEED_DELAY_MS / T)                                      (1)
 
-T is the round-trip time between the driver and the vehicle. If it is longer than FAR_MS, the vehicle drives more
-slowly, so that the distance driven during T is not longer than at FAR_MS.
+T is the round-trip time between the driver and the vehicle. If it is longer than FULL_SPEED_DELAY_MS, the vehicle
+drives more slowly, so that the distance driven during T is not longer than at FULL_SPEED_DELAY_MS.
 
-`words` returns the other requests for a remote vehicle (door/remote.py); `stop_reason` and `marks` return them for a
-world in this process. Four events stop the vehicle permanently. The driver presses space or the stop button of the pad.
+`pop_messages` returns the other requests for a remote vehicle (door/remote.py); `stop_reason` and `pop_mark_count`
+return them for a world in this process. Four events stop the vehicle permanently. The driver presses space or the stop
+button of the pad.
 The terminal is lost (no answer for 0.35 s, or closed). The pad is unplugged. Another process ends the program (SIGHUP,
 SIGTERM).
 
@@ -21,11 +22,11 @@ from types import TracebackType
 import numpy as np
 
 from baqueano.contracts.values import JsonObject, TableRow
-from baqueano.controllers.heading_hold import AUTHORITY
+from baqueano.controllers.heading_hold import MAX_TURN_SHARE
 from baqueano.diagnostics import Diagnostic, StopReason, stop
 from baqueano.drive.by_hand import pad as pads
 from baqueano.drive.by_hand import screen
-from baqueano.drive.by_hand.dead_zone import short_of_motion
+from baqueano.drive.by_hand.dead_zone import dead_zone_violation
 from baqueano.drive.by_hand.key_hold import LATCHED, RELEASES, REPEATS, KeyHold
 from baqueano.drive.by_hand.keys import ALIVE, KITTY, PRESS, KeyEvent
 from baqueano.drive.by_hand.terminal_heartbeat import START_S, Heartbeat
@@ -38,19 +39,19 @@ from baqueano.messages.language import mark as N_
 from baqueano.messages.language import translate as _
 from baqueano.vehicles.drivetrain import Drivetrain
 
-ASK_KITTY = b"\x1b[?u"
+KITTY_QUERY = b"\x1b[?u"
 RELEASES_ON, RELEASES_OFF = b"\x1b[>11u", b"\x1b[<u"  # 1 distinct keys + 2 kinds + 8 all keys
 WINDOW_ON, WINDOW_OFF = b"\x1b[?1004h", b"\x1b[?1004l"
-DRAW_S = 0.1
-LEAST_SHARE, SHARE_STEP = 0.1, 0.1
+DRAW_PERIOD_S = 0.1
+MIN_SHARE, SHARE_STEP = 0.1, 0.1
 PAUSE_S = 0.01
-FAR_MS = 80.0
-HOW = {
+FULL_SPEED_DELAY_MS = 80.0
+KEY_USE = {
     RELEASES: N_("hold to drive"),
     REPEATS: N_("hold to drive, press briefly for a short move"),
     LATCHED: N_("latched: each press adds a step"),
 }
-MORE = {RELEASES: N_("press +"), REPEATS: N_("press +"), LATCHED: N_("that key again, or +")}
+HOW_TO_INCREASE = {RELEASES: N_("press +"), REPEATS: N_("press +"), LATCHED: N_("that key again, or +")}
 
 
 class Cockpit(Observer):
@@ -98,15 +99,15 @@ class Cockpit(Observer):
             self._line.write if self._trusted and self._line.answers else lambda data: None
         )
         try:
-            self._meet()
+            self._query_terminal()
         except BaseException:
             self._line.close()
             raise
         return self
 
     def __exit__(self, kind: type | None, error: BaseException | None, trace: TracebackType | None) -> None:
-        end = self._now() + 3.0 * 1e-3 * min(200.0, np.nan_to_num(self._life.trip_ms, nan=0.0))
-        while self._now() < end and self._line.read() is not None:  # receive the answers to the last queries
+        end_s = self._now() + 3.0 * 1e-3 * min(200.0, np.nan_to_num(self._life.trip_ms, nan=0.0))
+        while self._now() < end_s and self._line.read() is not None:  # the answers to the last queries
             self._sleep(PAUSE_S)
         self._line.close()
         if self._pad is not None:
@@ -117,24 +118,24 @@ class Cockpit(Observer):
 
         Raise KeyboardInterrupt once the driver has ended the drive.
         """
-        unsent = self._new_marks and self._sent_marks < self._marks
-        if self._ended and not unsent:
+        has_unsent_marks = self._new_marks and self._sent_marks < self._marks
+        if self._ended and not has_unsent_marks:
             raise KeyboardInterrupt
         now_s = self._now()
         self._listen(now_s)
-        ahead, left = (0.0, 0.0) if self._stop or self._ended else self._direction(now_s)
+        forward, left = (0.0, 0.0) if self._stop or self._ended else self._direction(now_s)
         u = np.zeros(len(self._limit))
-        u[0], u[-1] = ahead, left
-        self.status.requested = u * self.status.share * self._limit * self.near  # (1)
-        self.status.still = self._standstill_reason()
+        u[0], u[-1] = forward, left
+        self.status.requested = u * self.status.share * self._limit * self.delay_factor  # (1)
+        self.status.standstill_reason = self._standstill_reason()
         self._draw(now_s)
         return self.status.requested.copy()
 
     @property
-    def near(self) -> float:
+    def delay_factor(self) -> float:
         """Return the share of the speed, in (0, 1], that the present round-trip time allows.  (1)"""
         delays = [ms for ms in (self.status.link_ms, self.status.terminal_ms) if np.isfinite(ms)]
-        return min(1.0, FAR_MS / max(sum(delays), 1e-3))
+        return min(1.0, FULL_SPEED_DELAY_MS / max(sum(delays), 1e-3))
 
     def stop(self, reason: Diagnostic) -> None:
         """Stop the vehicle permanently. The reason of an earlier stop is kept."""
@@ -145,12 +146,12 @@ class Cockpit(Observer):
         """Return the reason to stop the vehicle, or None if it may continue."""
         return self._stop
 
-    def marks(self) -> int:
+    def pop_mark_count(self) -> int:
         """Return how often the driver has pressed "on the mark" since the last call."""
-        new, self._new_marks = self._new_marks, 0
-        return new
+        new_count, self._new_marks = self._new_marks, 0
+        return new_count
 
-    def words(self) -> list[TableRow]:
+    def pop_messages(self) -> list[TableRow]:
         """Return the driver's messages to the vehicle since the last call: marks, and a stop."""
         commands: list[TableRow] = [{"do": "mark"}] * (self._marks - self._sent_marks)
         self._sent_marks = self._marks
@@ -159,7 +160,7 @@ class Cockpit(Observer):
             commands.append({"do": "stop", "why": self._stop})
         return commands
 
-    def look(self, record: Record) -> None:
+    def on_record(self, record: Record) -> None:
         """Show a tick on the screen, for a world in this process."""
         self.status.applied = np.asarray(record.tick.u)
         self._update_hold(record.requested.u)
@@ -189,47 +190,50 @@ class Cockpit(Observer):
         s, turn = self.status, float(requested[-1])
         if s.hold is not None:
             straight = s.requested[0] != 0.0 and s.requested[-1] == 0.0
-            s.hold = turn if straight and abs(turn) <= AUTHORITY * self._limit[-1] else float("nan")
+            s.hold = turn if straight and abs(turn) <= MAX_TURN_SHARE * self._limit[-1] else float("nan")
 
     def _standstill_reason(self) -> str:
         """Return, as text for the screen, why the vehicle stays at rest although the driver commands motion.
 
         Return "" if it can move, and during the nudge of a tap, which is too short to read a reason.
         """
-        by_pad = self._pad is not None and self._pad.holds
-        short = None
-        if by_pad or not self._key_hold.nudges:
-            short = short_of_motion(self._drivetrain, self.status.requested)
-        if short is None:
+        by_pad = self._pad is not None and self._pad.is_held
+        violation = None
+        if by_pad or not self._key_hold.is_nudge:
+            violation = dead_zone_violation(self._drivetrain, self.status.requested)
+        if violation is None:
             return ""
-        more = _("push further, or press +") if by_pad else _(MORE[self._key_hold.way])
+        advice = _("push further, or press +") if by_pad else _(HOW_TO_INCREASE[self._key_hold.mode])
         return _(
             "{channel:.2f} is below the dead zone of {dead_zone:.2f}: nothing moves; {more}",
-            channel=short.channel, dead_zone=short.dead_zone, more=more,
+            channel=violation.channel, dead_zone=violation.dead_zone, more=advice,
         )  # fmt: skip
 
-    def _meet(self) -> None:
+    def _query_terminal(self) -> None:
         """Send queries to the terminal, and choose by its answers how keys count (key_hold.py)."""
-        start, releases = self._now(), False
+        start_s, releases = self._now(), False
         if self._line.answers:
-            self._line.write(ASK_KITTY)
+            self._line.write(KITTY_QUERY)
         while (
-            self._line.answers and self._trusted and not self._life.answers and self._now() - start < START_S
+            self._line.answers
+            and self._trusted
+            and not self._life.has_answered
+            and self._now() - start_s < START_S
         ):
-            self._life.look(self._now())
+            self._life.poll(self._now())
             for event in self._line.read() or []:
                 releases = releases or event.kind == KITTY
                 if event.kind == ALIVE:
                     self._life.record_answer(self._now())
             self._sleep(PAUSE_S)
-        alive = self._life.answers
+        alive = self._life.has_answered
         if alive and releases:
             self._line.change(RELEASES_ON, RELEASES_OFF)
         if alive:
             self._line.change(WINDOW_ON, WINDOW_OFF)
         self._plain = RELEASES if alive and releases else REPEATS
         self._key_hold = KeyHold(LATCHED if alive and self._wishes_latch else self._plain)
-        self.status.way = HOW[self._key_hold.way]
+        self.status.key_mode = KEY_USE[self._key_hold.mode]
         if not alive:
             self.show_message(
                 _("this terminal does not confirm that it is active: each key counts for a short time")
@@ -237,7 +241,7 @@ class Cockpit(Observer):
 
     def _listen(self, now_s: float) -> None:
         """Process the events of keys and pad since the last call, and stop if the terminal or the pad is lost."""
-        self._life.look(now_s)
+        self._life.poll(now_s)
         events = self._line.read()
         if events is None:
             self.stop(stop(StopReason.TERMINAL_CLOSED))
@@ -246,13 +250,13 @@ class Cockpit(Observer):
         if self._life.is_lost(now_s):
             self.stop(stop(StopReason.TERMINAL_SILENT, silent_ms=1e3 * self._life.silent_s(now_s)))
         self.status.terminal_ms = self._life.trip_ms
-        self.status.near = self.near
+        self.status.delay_factor = self.delay_factor
         if self._pad is not None:
             for button in self._pad.read():
                 self._hear(
                     KeyEvent(PRESS, "m" if button in pads.MARK else " " if button in pads.STOP else ""), now_s
                 )
-            if self._pad.gone:
+            if self._pad.is_gone:
                 self.stop(stop(StopReason.PAD_UNPLUGGED))
             self.status.pad = self._pad.hint
 
@@ -272,7 +276,7 @@ class Cockpit(Observer):
                 self.status.marks = self._marks
             case "+" | "=" | "-":
                 step = SHARE_STEP if event.key != "-" else -SHARE_STEP
-                self.status.share = min(1.0, max(LEAST_SHARE, round(self.status.share + step, 6)))
+                self.status.share = min(1.0, max(MIN_SHARE, round(self.status.share + step, 6)))
             case "l":
                 self._latch()
 
@@ -281,19 +285,19 @@ class Cockpit(Observer):
 
         A terminal that does not answer cannot switch.
         """
-        if not self._life.answers:
+        if not self._life.has_answered:
             return
-        self._key_hold.let_go()
-        self._key_hold.way = self._plain if self._key_hold.way == LATCHED else LATCHED
-        self.status.way = HOW[self._key_hold.way]
+        self._key_hold.release_all()
+        self._key_hold.mode = self._plain if self._key_hold.mode == LATCHED else LATCHED
+        self.status.key_mode = KEY_USE[self._key_hold.mode]
 
     def _direction(self, now_s: float) -> tuple[float, float]:
-        if self._pad is not None and self._pad.holds:
+        if self._pad is not None and self._pad.is_held:
             return self._pad.direction()
         return self._key_hold.direction(now_s)
 
     def _draw(self, now_s: float) -> None:
-        if now_s - self._drawn_s < DRAW_S:
+        if now_s - self._drawn_s < DRAW_PERIOD_S:
             return
         self._drawn_s, self.status.t_s = now_s, now_s - self._begun_s
         columns, height = self._line.size()

@@ -19,7 +19,7 @@ class BelowDeadZone(NamedTuple):
     dead_zone: float
 
 
-def short_of_motion(drivetrain: Drivetrain | None, u: np.ndarray) -> BelowDeadZone | None:
+def dead_zone_violation(drivetrain: Drivetrain | None, u: np.ndarray) -> BelowDeadZone | None:
     """Return the motor command nearest to motion, if a command u (n,) does not turn any motor; None otherwise.
 
     Return None also if u is zero, or for a vehicle without a drivetrain (`drivetrain` None).

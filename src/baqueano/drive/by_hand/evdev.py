@@ -20,14 +20,14 @@ SYN, REPORT, DROPPED = 0x00, 0, 3
 X, Y = 0x00, 0x01
 LONGEST_NAME, KEYS, AXES = 256, 0x300, 0x40
 LAYOUTS = {4: struct.Struct("=iiHHi"), 8: struct.Struct("=qqHHi")}  # (1), by the bytes of a long
-AXIS = struct.Struct("=6i")
-MOST_EVENTS = 64  # most events of one read
+AXIS_LAYOUT = struct.Struct("=6i")
+MAX_EVENTS = 64  # most events of one read
 
 
 class InputEvent(NamedTuple):
     """A change of a key or an axis, by kind, code and new value."""
 
-    kind: int
+    event_type: int
     code: int
     value: int
 
@@ -66,19 +66,19 @@ class InputDevice:
 
     def axis(self, code: int) -> Axis:
         """Return the value and the range of the axis with this code."""
-        value, low, high, _, flat, _ = AXIS.unpack(self._query(0x40 + code, AXIS.size))
+        value, low, high, _, flat, _ = AXIS_LAYOUT.unpack(self._query(0x40 + code, AXIS_LAYOUT.size))
         return Axis(value, low, high, flat)
 
-    def down(self) -> set[int]:
+    def pressed_codes(self) -> set[int]:
         """Return the codes of the keys that are pressed now."""
-        return _numbers(self._query(0x18, KEYS // 8))
+        return _set_bits(self._query(0x18, KEYS // 8))
 
     def read(self) -> list[InputEvent]:
         """Return the events since the last call."""
         events: list[InputEvent] = []
         while True:
             try:
-                data = os.read(self._fd, MOST_EVENTS * self._event.size)
+                data = os.read(self._fd, MAX_EVENTS * self._event.size)
             except BlockingIOError:
                 return events
             if not data:
@@ -89,8 +89,8 @@ class InputDevice:
         """Close the file."""
         os.close(self._fd)
 
-    def _bits(self, kind: int, most: int) -> set[int]:
-        return _numbers(self._query(0x20 + kind, most // 8))
+    def _bits(self, event_type: int, max_code: int) -> set[int]:
+        return _set_bits(self._query(0x20 + event_type, max_code // 8))
 
     def _query(self, number: int, size: int) -> bytes:
         call: Callable[..., Any] = self._ioctl
@@ -99,5 +99,5 @@ class InputDevice:
         return bytes(answer)
 
 
-def _numbers(bits: bytes) -> set[int]:
+def _set_bits(bits: bytes) -> set[int]:
     return {8 * k + bit for k, byte in enumerate(bits) for bit in range(8) if byte >> bit & 1}

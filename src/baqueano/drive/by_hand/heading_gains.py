@@ -1,10 +1,10 @@
 """Compute the gains of the heading hold for the vehicle of a file.
 
   model (2) of controllers/heading_hold.py     k, τ by a difference of one tick, at half the limit ahead
-                                               T = delay + lag + 1.5 ticks + LINK_S
+                                               T = delay + lag + 1.5 ticks + LINK_DELAY_S
 
-If the model hardly turns at half the limit, as in its dead zone, the full limit is used.
-A model without a fit is a guess: the real vehicle is then assumed to turn DOUBT times as strongly as the model.
+If the model hardly turns at half the limit, as in its dead zone, the full limit is used. A model without a fit is a
+guess: the real vehicle is then assumed to turn GUESS_GAIN_FACTOR times as strongly as the model.
 """
 
 from math import inf
@@ -13,41 +13,41 @@ import numpy as np
 
 from baqueano.contracts import optional
 from baqueano.contracts.blocks import Controller
-from baqueano.controllers.heading_hold import OF_SPEED, Gains, Gyro, HeadingHold, place_poles
+from baqueano.controllers.heading_hold import MAX_SPEED_SHARE, Gains, Gyro, HeadingHold, place_poles
 from baqueano.estimators.readings.gate import gate
 from baqueano.vehicle_file.file import VehicleFile
-from baqueano.vehicles.effort import steady
-from baqueano.vehicles.freedoms import steers, turns
+from baqueano.vehicles.effort import constant_effort
+from baqueano.vehicles.freedoms import is_steered, is_turned_by_last_command
 from baqueano.vehicles.state import DynamicVehicle
 
-LINK_S = 0.02  # delay of the gyro's filter, of the estimate, and of the wire in both directions
-DOUBT = 2.0
-SHARE = 0.5  # of the limit ahead, for the linearisation
+LINK_DELAY_S = 0.02  # delay of the gyro's filter, of the estimate, and of the wire in both directions
+GUESS_GAIN_FACTOR = 2.0
+LINEARISATION_SHARE = 0.5  # of the limit ahead, for the linearisation
 STEP, STEP_RAD_S = 0.1, 0.2  # half the width of a difference: in the turn command, and in the yaw rate
-REACH_S = 3.0  # a vehicle reaches its speed within this time
-SLOWEST_S = 10.0  # a larger τ does not matter for (3)
+SETTLING_S = 3.0  # a vehicle reaches its speed within this time
+MAX_TIME_CONSTANT_S = 10.0  # a larger τ does not matter for (3)
 
 
-def holding(hand: Controller, vehicle_file: VehicleFile) -> Controller:
+def with_heading_hold(hand: Controller, vehicle_file: VehicleFile) -> Controller:
     """Return the controller `hand` extended by the heading hold; unchanged if `gains_of` returns None."""
     gains = gains_of(vehicle_file)
     if gains is None:
         return hand
-    limit = float(_limit(vehicle_file)[-1])
+    limit = float(_command_limit(vehicle_file)[-1])
     wheels = getattr(vehicle_file.vehicle.drivetrain, "mixing", "none") == "two_wheels"
-    return HeadingHold(hand, gains, limit, OF_SPEED if wheels else inf, _gyro_of(vehicle_file))
+    return HeadingHold(hand, gains, limit, MAX_SPEED_SHARE if wheels else inf, _gyro_of(vehicle_file))
 
 
 def _gyro_of(vehicle_file: VehicleFile) -> Gyro | None:
     estimator, sensors = vehicle_file.estimator(), vehicle_file.sensors
     if not optional.of(estimator, "stacks_innovations") or "imu" not in estimator.use:
         return None
-    first = sum(getattr(sensors, name).size for name in estimator.use[: estimator.use.index("imu")])
-    size = sensors.imu.size
+    first_index = sum(getattr(sensors, name).size for name in estimator.use[: estimator.use.index("imu")])
+    imu_size = sensors.imu.size
     return Gyro(
-        slice(first, first + size),
+        slice(first_index, first_index + imu_size),
         vehicle_file.value("sensors.imu.gyro_scale"),
-        gate(estimator.gate_sigma, size),
+        gate(estimator.gate_sigma, imu_size),
     )
 
 
@@ -57,27 +57,32 @@ def gains_of(vehicle_file: VehicleFile) -> Gains | None:
     Return None for a vehicle without a gyro, without a command ahead or to turn, or with a turn response that is too
     small.
     """
-    limit, vehicle = _limit(vehicle_file), vehicle_file.vehicle
-    if "imu" not in vehicle_file.sensors._fields or limit[0] <= 0.0 or limit[-1] <= 0.0 or not turns(vehicle):
+    limit, vehicle = _command_limit(vehicle_file), vehicle_file.vehicle
+    if (
+        "imu" not in vehicle_file.sensors._fields
+        or limit[0] <= 0.0
+        or limit[-1] <= 0.0
+        or not is_turned_by_last_command(vehicle)
+    ):
         return None
-    for share in (SHARE, 1.0):  # at half the limit a vehicle may be in its dead zone
-        speed, k, tau_s = _answer(vehicle, limit, share, vehicle_file.rate_hz)
+    for share in (LINEARISATION_SHARE, 1.0):  # at half the limit a vehicle may be in its dead zone
+        speed, k, tau_s = _turn_response(vehicle, limit, share, vehicle_file.rate_hz)
         if abs(k) * limit[-1] > STEP_RAD_S:
             break
     else:
         return None
     drivetrain = vehicle.drivetrain
-    late_s = drivetrain.lag_s + drivetrain.delay_s + 1.5 / vehicle_file.rate_hz + LINK_S
-    gains = place_poles(DOUBT * k if vehicle_file.is_guess else k, tau_s, late_s)
-    return gains._replace(speed_m_s=speed if steers(vehicle) else 0.0)
+    dead_time_s = drivetrain.lag_s + drivetrain.delay_s + 1.5 / vehicle_file.rate_hz + LINK_DELAY_S
+    gains = place_poles(GUESS_GAIN_FACTOR * k if vehicle_file.is_guess else k, tau_s, dead_time_s)
+    return gains._replace(speed_m_s=speed if is_steered(vehicle) else 0.0)
 
 
-def _limit(vehicle_file: VehicleFile) -> np.ndarray:
+def _command_limit(vehicle_file: VehicleFile) -> np.ndarray:
     limit = np.asarray(vehicle_file.command.limit, dtype=float)
     return np.where(np.isfinite(limit), limit, 1.0)
 
 
-def _answer(
+def _turn_response(
     vehicle: DynamicVehicle, limit: np.ndarray, share: float, rate_hz: float
 ) -> tuple[float, float, float]:
     """Return speed [m/s], k [rad/s per unit of u_ψ] and τ [s] at the part `share` of the limit ahead.
@@ -87,15 +92,15 @@ def _answer(
     u, du, dt_s = np.zeros(len(limit)), np.zeros(len(limit)), 1.0 / rate_hz
     u[0], du[-1] = share * limit[0], STEP * limit[-1]
     state, drivetrain = vehicle.init(), vehicle.drivetrain
-    for _ in range(round(REACH_S * rate_hz)):
+    for _ in range(round(SETTLING_S * rate_hz)):
         state, _ = vehicle.step(state, u, dt_s, np.zeros(3))
     v = float(state.nu[0])
 
-    def after(r: float, u: np.ndarray) -> float:
-        effort = steady(drivetrain.unmix(drivetrain.static(drivetrain.mix(u))))
+    def next_yaw_rate(r: float, u: np.ndarray) -> float:
+        effort = constant_effort(drivetrain.unmix(drivetrain.static(drivetrain.mix(u))))
         return float(vehicle.advance(np.zeros(3), np.array([v, 0.0, r]), effort, dt_s)[1][2])
 
-    a = (after(STEP_RAD_S, u) - after(-STEP_RAD_S, u)) / (2.0 * STEP_RAD_S)
-    a = min(max(a, 0.0), np.exp(-dt_s / SLOWEST_S))
-    k = (after(0.0, u + du) - after(0.0, u - du)) / (2.0 * du[-1] * (1.0 - a))
+    a = (next_yaw_rate(STEP_RAD_S, u) - next_yaw_rate(-STEP_RAD_S, u)) / (2.0 * STEP_RAD_S)
+    a = min(max(a, 0.0), np.exp(-dt_s / MAX_TIME_CONSTANT_S))
+    k = (next_yaw_rate(0.0, u + du) - next_yaw_rate(0.0, u - du)) / (2.0 * du[-1] * (1.0 - a))
     return v, k, -dt_s / np.log(a) if a > 0.0 else 0.0

@@ -16,14 +16,14 @@ from typing import NamedTuple
 
 PRESS, REPEAT, RELEASE = "press", "repeat", "release"
 ALIVE, KITTY, LEFT_WINDOW = "alive", "kitty", "left window"
-KINDS = {"": PRESS, "1": PRESS, "2": REPEAT, "3": RELEASE}
+EVENT_KINDS = {"": PRESS, "1": PRESS, "2": REPEAT, "3": RELEASE}
 ARROWS = {"A": "up", "B": "down", "C": "right", "D": "left"}
-CTRL = 4  # bit of the modifiers, which are sent plus one
+CTRL_BIT = 4  # bit of the modifiers, which are sent plus one
 INTERRUPT = "ctrl-c"
-LONGEST = 64  # most bytes of a sequence
+MAX_SEQUENCE_BYTES = 64  # most bytes of a sequence
 
-_WHOLE = re.compile(r"\x1b(?:\[([<-?]?)([0-9;:]*)[ -/]*([@-~])|O([A-D]))")
-_BEGUN = re.compile(r"\x1b(?:\[[0-?]*[ -/]*|O)?\Z")
+_SEQUENCE = re.compile(r"\x1b(?:\[([<-?]?)([0-9;:]*)[ -/]*([@-~])|O([A-D]))")
+_PREFIX = re.compile(r"\x1b(?:\[[0-?]*[ -/]*|O)?\Z")
 
 
 class KeyEvent(NamedTuple):
@@ -37,22 +37,22 @@ class KeyDecoder:
     """A decoder of bytes to events; a sequence may be divided between two calls."""
 
     def __init__(self) -> None:
-        self._rest = ""
+        self._incomplete = ""
 
     def feed(self, data: bytes) -> list[KeyEvent]:
         """Return the events that these bytes complete. Unknown sequences are ignored."""
-        text, self._rest = self._rest + data.decode("utf-8", errors="ignore"), ""
-        events, at = [], 0
-        while at < len(text):
-            if match := _WHOLE.match(text, at):
+        text, self._incomplete = self._incomplete + data.decode("utf-8", errors="ignore"), ""
+        events, position = [], 0
+        while position < len(text):
+            if match := _SEQUENCE.match(text, position):
                 events += _event(*(part or "" for part in match.groups()))
-                at = match.end()
-            elif (partial := _BEGUN.match(text, at)) and len(partial[0]) < LONGEST:
-                self._rest = partial[0]
+                position = match.end()
+            elif (partial := _PREFIX.match(text, position)) and len(partial[0]) < MAX_SEQUENCE_BYTES:
+                self._incomplete = partial[0]
                 break
             else:
-                events += _events_of(text[at])
-                at += 1
+                events += _events_of(text[position])
+                position += 1
         return events
 
 
@@ -65,18 +65,18 @@ def _event(private: str, numbers: str, final: str, application: str) -> list[Key
         return [KeyEvent(ALIVE)] if numbers == "0" else []
     if final == "O" and not numbers:
         return [KeyEvent(LEFT_WINDOW)]
-    code, _, rest = numbers.partition(";")
-    modifiers, _, kind = rest.partition(";")[0].partition(":")
-    if private or kind not in KINDS:
+    code, _, modifier_field = numbers.partition(";")
+    modifiers, _, kind = modifier_field.partition(";")[0].partition(":")
+    if private or kind not in EVENT_KINDS:
         return []
     if final in ARROWS:
-        return [KeyEvent(KINDS[kind], ARROWS[final])]
+        return [KeyEvent(EVENT_KINDS[kind], ARROWS[final])]
     letter = code.partition(":")[0]
     if final != "u" or not letter or int(letter) > 0x10FFFF:
         return []
     key = chr(int(letter)).lower()
     modifier_bits = int(modifiers or 1) - 1
-    return [KeyEvent(KINDS[kind], INTERRUPT if modifier_bits & CTRL and key == "c" else key)]
+    return [KeyEvent(EVENT_KINDS[kind], INTERRUPT if modifier_bits & CTRL_BIT and key == "c" else key)]
 
 
 def _events_of(letter: str) -> list[KeyEvent]:

@@ -18,7 +18,7 @@ from baqueano.messages.language import translate as _
 from baqueano.messages.printable import one_line
 
 _ACCENTS = str.maketrans("áéíóúüñÁÉÍÓÚÑ", "aeiouunAEIOUN", "¿¡")  # of Spanish
-BAR = 20  # letters for a duty of 1
+BAR_LETTERS = 20  # letters for a duty of 1
 HOLD, UNHOLD = "\x1b[?2026h", "\x1b[?2026l"
 
 
@@ -40,59 +40,67 @@ class Status:
     link_ms: float = nan  # round trip to the vehicle
     terminal_ms: float = nan  # round trip to the terminal
     share: float = 0.5
-    near: float = 1.0  # share of the speed that the round trip allows
-    way: str = ""  # how keys are held
+    delay_factor: float = 1.0  # share of the speed that the round trip allows
+    key_mode: str = ""  # how keys are held
     hold: float | None = None  # turn command of the heading hold; NaN: not active now, None: not used
     marks: int = 0
     pad: str = ""
     degraded: str = ""  # the degraded sensors
-    still: str = ""  # why the vehicle stays at rest although motion is commanded
+    standstill_reason: str = ""  # why the vehicle stays at rest although motion is commanded
     line: str = ""  # the last message to the driver
 
 
 def lines(s: Status, columns: int = 80) -> list[str]:
     """Return the lines of the block, each with at most `columns` − 1 letters."""
     link = "  ".join(
-        f"{_(name)} {figure(value, 0)} ms"
+        f"{_(name)} {decimal_text(value, 0)} ms"
         for name, value in ((N_("vehicle"), s.link_ms), (N_("terminal"), s.terminal_ms))
     )
     active = [k for k in range(len(s.limit)) if s.limit[k] > 0.0]
     rows = [
         f"== baqueano drive: {s.name} " + "=" * columns,
         f"   {s.state or '...':10} {number(s.t_s):7.1f} s    "
-        + _("battery {battery_v} V    marks {marks}", battery_v=figure(s.battery_v, 2), marks=s.marks),
+        + _("battery {battery_v} V    marks {marks}", battery_v=decimal_text(s.battery_v, 2), marks=s.marks),
         "   "
         + _(
             "speed {speed:>6} m/s    yaw rate {yaw_rate:>6} rad/s ({degrees:>4} deg/s)",
-            speed=figure(s.speed_m_s, 2),
-            yaw_rate=figure(s.yaw_rate_rad_s, 2),
-            degrees=figure(degrees(s.yaw_rate_rad_s), 0),
+            speed=decimal_text(s.speed_m_s, 2),
+            yaw_rate=decimal_text(s.yaw_rate_rad_s, 2),
+            degrees=decimal_text(degrees(s.yaw_rate_rad_s), 0),
         ),
         *(
             f"   {s.names[k]:6} {_bar(s.applied[k])} {number(float(s.applied[k])):+5.2f}   "
             + _("wanted {wanted:+5.2f}", wanted=float(s.requested[k]))
-            + (f"   {_hold(s.hold)}" if k == len(s.limit) - 1 else "")
+            + (f"   {_hold_text(s.hold)}" if k == len(s.limit) - 1 else "")
             for k in active
         ),
         "   "
         + _("round trip: {link}", link=link)
-        + (": " + _("slowed to {percent:.0f} %", percent=100 * s.near) if s.near < 1.0 else ""),
+        + (
+            ": " + _("slowed to {percent:.0f} %", percent=100 * s.delay_factor)
+            if s.delay_factor < 1.0
+            else ""
+        ),
         "   "
-        + _("full keys are {percent:.0f} % of the limit;  keys: {way}", percent=100 * s.share, way=_(s.way)),
+        + _(
+            "full keys are {percent:.0f} % of the limit;  keys: {way}",
+            percent=100 * s.share,
+            way=_(s.key_mode),
+        ),
         *([f"   {s.pad}"] if s.pad else []),
         "   " + _("arrows or w a s d, 7 9 1 3 arcs | x zero | + - speed | l latch"),
         "   " + _("SPACE stops the vehicle | m on the mark now | q ends the drive"),
-        f"   {s.reason or s.degraded or s.still or s.line}",
+        f"   {s.reason or s.degraded or s.standstill_reason or s.line}",
     ]
     return [one_line(row)[: columns - 1] for row in rows]
 
 
-def figure(value: float, digits: int) -> str:
+def decimal_text(value: float, digits: int) -> str:
     """Return a number as text with this many decimals, "-" if it is unknown."""
     return f"{number(value):.{digits}f}" if value is not None and isfinite(value) else "-"
 
 
-def _hold(u: float | None) -> str:
+def _hold_text(u: float | None) -> str:
     if u is None:
         return _("heading not corrected")
     return _("heading hold {u:+.2f}", u=u) if isfinite(u) else _("heading free")
@@ -100,10 +108,10 @@ def _hold(u: float | None) -> str:
 
 def _bar(duty: float) -> str:
     """Return a duty in [-1, 1] as a bar that begins in the middle."""
-    half = BAR // 2
-    n = min(half, round(abs(duty) * half)) if isfinite(duty) else 0
-    left, right = ("#" * n, "") if duty < 0.0 else ("", "#" * n)
-    return f"[{left:.>{half}}|{right:.<{half}}]"
+    half_width = BAR_LETTERS // 2
+    n = min(half_width, round(abs(duty) * half_width)) if isfinite(duty) else 0
+    left_part, right_part = ("#" * n, "") if duty < 0.0 else ("", "#" * n)
+    return f"[{left_part:.>{half_width}}|{right_part:.<{half_width}}]"
 
 
 class Screen:
@@ -115,8 +123,8 @@ class Screen:
     def frame(self, block: list[str], height: int = 24) -> bytes:
         """Return the bytes that draw this block, or only its last lines if the block is higher than the screen."""
         block = block[-max(1, height - 1) :]
-        up = f"\r\x1b[{self._height}A" if self._height else "\r"
-        rest = max(0, self._height - len(block))
-        text = "".join(f"{row}\x1b[K\r\n" for row in block) + "\x1b[K\r\n" * rest
-        self._height = len(block) + rest
-        return (HOLD + up + text + UNHOLD).translate(_ACCENTS).encode("ascii", errors="replace")
+        cursor_up = f"\r\x1b[{self._height}A" if self._height else "\r"
+        blank_count = max(0, self._height - len(block))
+        text = "".join(f"{row}\x1b[K\r\n" for row in block) + "\x1b[K\r\n" * blank_count
+        self._height = len(block) + blank_count
+        return (HOLD + cursor_up + text + UNHOLD).translate(_ACCENTS).encode("ascii", errors="replace")

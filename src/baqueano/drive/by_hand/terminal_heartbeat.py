@@ -1,21 +1,21 @@
 """Detect a lost terminal by a heartbeat, because a lost network is not reported as the end of the input.
 
-  every ASK_S           ESC [ 5 n, a status query, which the terminal answers by ESC [ 0 n                  (1)
-  GONE_S no answer      the terminal, or the connection to it, is lost                                      (2)
-  START_S no answer     at the start: this terminal never answers, so its held keys are not trusted         (3)
+  every QUERY_PERIOD_S      ESC [ 5 n, a status query, which the terminal answers by ESC [ 0 n              (1)
+  MAX_SILENCE_S no answer   the terminal, or the connection to it, is lost                                  (2)
+  START_S no answer         at the start: this terminal never answers, so its held keys are not trusted     (3)
 
 The answers arrive in order, so each belongs to the oldest query; the time between the two is the round trip. If this
 program was delayed, it did not send queries, so that silence does not prove a loss. (2) therefore counts from the last
-answer, or from ASK_S before the oldest unanswered query if that is later.
+answer, or from QUERY_PERIOD_S before the oldest unanswered query if that is later.
 """
 
 from collections import deque
 from collections.abc import Callable
 from statistics import median
 
-ASK = b"\x1b[5n"
-ASK_S = 0.1
-GONE_S = 0.35  # 0.5 s is guaranteed; transmission, loop, slew and firmware need the rest
+QUERY = b"\x1b[5n"
+QUERY_PERIOD_S = 0.1
+MAX_SILENCE_S = 0.35  # 0.5 s is guaranteed; transmission, loop, slew and firmware need the rest
 START_S = 1.0
 
 
@@ -23,26 +23,26 @@ class Heartbeat:
     """A monitor of the terminal by its answers. `query_message` sends a query; the caller passes the time [s]."""
 
     def __init__(self, query_message: Callable[[bytes], object]) -> None:
-        self._ask = query_message
+        self._send_query = query_message
         self._query_times_s: deque[float] = deque(maxlen=100)
         self._last_s, self._answer_s = float("-inf"), float("-inf")
         self._looked_s, self._paused_s = float("-inf"), float("-inf")
         self._trips_ms: deque[float] = deque(maxlen=20)
-        self.answers = False  # True once it has answered
+        self.has_answered = False  # True once it has answered
 
-    def look(self, now_s: float) -> None:
+    def poll(self, now_s: float) -> None:
         """Send a query if one is due."""
-        if now_s - self._looked_s > ASK_S:  # this program was delayed: answers have waited here
+        if now_s - self._looked_s > QUERY_PERIOD_S:  # this program was delayed: answers have waited here
             self._paused_s = now_s
         self._looked_s = now_s
-        if now_s - self._last_s >= ASK_S:
+        if now_s - self._last_s >= QUERY_PERIOD_S:
             self._last_s = now_s
             self._query_times_s.append(now_s)
-            self._ask(ASK)
+            self._send_query(QUERY)
 
     def record_answer(self, now_s: float) -> None:
         """Record an answer of the terminal, received at this time [s]."""
-        self.answers, self._answer_s = True, now_s
+        self.has_answered, self._answer_s = True, now_s
         if self._query_times_s:
             query_s = self._query_times_s.popleft()
             if query_s >= self._paused_s:
@@ -50,13 +50,13 @@ class Heartbeat:
 
     def silent_s(self, now_s: float) -> float:
         """Return the time [s] without an answer; 0 if the terminal never answers, or without an open query.  (2)"""
-        if not self.answers or not self._query_times_s:
+        if not self.has_answered or not self._query_times_s:
             return 0.0
-        return now_s - max(self._answer_s, self._query_times_s[0] - ASK_S)
+        return now_s - max(self._answer_s, self._query_times_s[0] - QUERY_PERIOD_S)
 
     def is_lost(self, now_s: float) -> bool:
         """Return True if the terminal, or the connection to it, is lost.  (2)"""
-        return self.silent_s(now_s) > GONE_S
+        return self.silent_s(now_s) > MAX_SILENCE_S
 
     @property
     def trip_ms(self) -> float:

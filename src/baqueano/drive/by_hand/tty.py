@@ -15,7 +15,7 @@ from baqueano.drive.by_hand.keys import PRESS, KeyDecoder, KeyEvent
 from baqueano.errors import UsageError
 
 CURSOR_OFF, CURSOR_ON = b"\x1b[?25l", b"\x1b[?25h"
-PENDING = 4096  # bytes that may wait: half a second of frames
+MAX_PENDING_BYTES = 4096  # bytes that may wait: half a second of frames
 
 
 class TerminalLine(Protocol):
@@ -31,8 +31,8 @@ class TerminalLine(Protocol):
         """Send the bytes or drop them, without waiting."""
         ...
 
-    def change(self, on: bytes, off: bytes) -> None:
-        """Send `on` now, and `off` when the terminal is closed."""
+    def change(self, on_bytes: bytes, off_bytes: bytes) -> None:
+        """Send `on_bytes` now, and `off_bytes` when the terminal is closed."""
         ...
 
     def size(self) -> tuple[int, int]:
@@ -55,7 +55,7 @@ class Tty:
 
         self._fd = os.open(os.ttyname(fd), os.O_RDWR | os.O_NOCTTY | os.O_NONBLOCK)
         self._decoder, self._waits, self._undo = KeyDecoder(), b"", b""
-        self._before = termios.tcgetattr(self._fd)
+        self._previous_mode = termios.tcgetattr(self._fd)
         tty.setcbreak(self._fd)
         mode = termios.tcgetattr(self._fd)
         mode[6][termios.VSUSP] = b"\0"  # Ctrl-Z would return the terminal to the shell with these settings
@@ -76,17 +76,17 @@ class Tty:
         return None if not data else self._decoder.feed(data)
 
     def write(self, data: bytes) -> None:
-        """Queue the bytes and send what the terminal accepts; drop them if more than PENDING bytes wait."""
-        if len(self._waits) + len(data) <= PENDING:
+        """Queue the bytes and send what the terminal accepts; drop them if more than MAX_PENDING_BYTES bytes wait."""
+        if len(self._waits) + len(data) <= MAX_PENDING_BYTES:
             self._waits += data
         if self._waits:
             with suppress(OSError):
                 self._waits = self._waits[os.write(self._fd, self._waits) :]
 
-    def change(self, on: bytes, off: bytes) -> None:
-        """Send `on` now, and `off` in `close`."""
-        self._undo = off + self._undo
-        self.write(on)
+    def change(self, on_bytes: bytes, off_bytes: bytes) -> None:
+        """Send `on_bytes` now, and `off_bytes` in `close`."""
+        self._undo = off_bytes + self._undo
+        self.write(on_bytes)
 
     def size(self) -> tuple[int, int]:
         """Return the numbers of columns and lines, (80, 24) if they are unknown."""
@@ -104,7 +104,7 @@ class Tty:
         self.write(self._undo)
         with suppress(OSError, termios.error):
             termios.tcsetattr(
-                self._fd, termios.TCSAFLUSH, self._before
+                self._fd, termios.TCSAFLUSH, self._previous_mode
             )  # discard answers that are still on their way, as they are not typed text
         os.close(self._fd)
 
@@ -133,7 +133,7 @@ class WindowsConsole:
         sys.stdout.write(data.decode())
         sys.stdout.flush()
 
-    def change(self, on: bytes, off: bytes) -> None:
+    def change(self, on_bytes: bytes, off_bytes: bytes) -> None:
         """Do nothing: this console does not have modes to change."""
 
     def size(self) -> tuple[int, int]:

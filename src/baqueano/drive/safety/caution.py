@@ -1,6 +1,6 @@
 """Slow down a drive while its estimate is doubtful, and stop it if the doubt lasts.
 
-  doubt = a sensor is DEGRADED, or σ > SHARE · max_position_std_m of the supervisor                     (1)
+  doubt = a sensor is DEGRADED, or σ > SLOW_SHARE · max_position_std_m of the supervisor                     (1)
   pace  = SLOW while there is doubt, 0 after WAIT_S of severe doubt, 1 again once it is over              (2)
   stop  after STAND_S at pace 0 under severe doubt                                                      (3)
 
@@ -8,7 +8,7 @@ The monitor (monitor/) sets a sensor DEGRADED. If the monitor cannot decide if t
 doubt is not severe: the vehicle only slows down. A model that is certainly wrong does not make the estimate doubtful.
 """
 
-from baqueano.diagnostics import Diagnostic, Severity, StopReason, merge, note, stop
+from baqueano.diagnostics import Diagnostic, Severity, StopReason, merge_diagnostics, note, stop
 from baqueano.drive.observers import LastLine, Observer
 from baqueano.drive.safety.paced_guide import PacedGuide
 from baqueano.loop import Blocks, Record
@@ -17,7 +17,7 @@ from baqueano.signals import seconds
 from baqueano.supervisor import position_std
 
 SLOW, WAIT_S, STAND_S = 0.5, 3.0, 1.0
-SHARE = 0.7
+SLOW_SHARE = 0.7
 SOURCE = WHO = "caution"
 
 
@@ -27,11 +27,11 @@ class Caution(Observer):
     If `watches` is False, the observer only wraps the guide, so that the holder can set its pace (door/adjusting.py).
     """
 
-    def __init__(self, most_m: float = float("inf"), watches: bool = True) -> None:
-        self._most_m, self._watches = most_m, watches
+    def __init__(self, max_std_m: float = float("inf"), is_watching: bool = True) -> None:
+        self._max_std_m, self._is_watching = max_std_m, is_watching
         self._guide: PacedGuide | None = None
-        self._doubt: Diagnostic | None = None
-        self._grave = False
+        self._reason: Diagnostic | None = None
+        self._is_grave = False
         self._since_ns = 0
         self._lines: list[LastLine] = []
 
@@ -40,40 +40,40 @@ class Caution(Observer):
         self._guide = PacedGuide(blocks.guide)
         return blocks._replace(guide=self._guide)
 
-    def look(self, record: Record) -> None:
+    def on_record(self, record: Record) -> None:
         """Set the pace of the guide from the next tick on.  (2)"""
         assert self._guide is not None
         t_ns = record.tick.t_ns
-        doubt, grave = self._doubt_of(record)
-        if grave != self._grave:
+        reason, is_grave = self._reason_of(record)
+        if is_grave != self._is_grave:
             self._since_ns = t_ns
-        if (doubt is None) != (self._doubt is None):
-            code = "caution.over" if doubt is None else "caution.slow"
-            level = Severity.INFO if doubt is None else Severity.WARNING
-            self._lines.append((SOURCE, str(level), note(code, level, cause=doubt or self._doubt)))
-        self._doubt, self._grave = doubt, grave
-        stands = grave and seconds(t_ns, self._since_ns) >= WAIT_S
-        self._guide.set_pace(WHO, 1.0 if doubt is None else 0.0 if stands else SLOW)
+        if (reason is None) != (self._reason is None):
+            code = "caution.over" if reason is None else "caution.slow"
+            level = Severity.INFO if reason is None else Severity.WARNING
+            self._lines.append((SOURCE, str(level), note(code, level, cause=reason or self._reason)))
+        self._reason, self._is_grave = reason, is_grave
+        is_standing = is_grave and seconds(t_ns, self._since_ns) >= WAIT_S
+        self._guide.set_pace(WHO, 1.0 if reason is None else 0.0 if is_standing else SLOW)
 
     def stop_reason(self, t_ns: int) -> Diagnostic | None:
         """Return the reason to stop the vehicle, None if it may continue.  (3)"""
-        if not self._grave or seconds(t_ns, self._since_ns) < WAIT_S + STAND_S:
+        if not self._is_grave or seconds(t_ns, self._since_ns) < WAIT_S + STAND_S:
             return None
-        return stop(StopReason.ESTIMATE_DOUBTFUL, cause=self._doubt)
+        return stop(StopReason.ESTIMATE_DOUBTFUL, cause=self._reason)
 
     def events(self) -> list[LastLine]:
         """Return the new messages about the begin and the end of slow driving, with the reason."""
         lines, self._lines = self._lines, []
         return lines
 
-    def _doubt_of(self, record: Record) -> tuple[Diagnostic | None, bool]:
+    def _reason_of(self, record: Record) -> tuple[Diagnostic | None, bool]:
         """Return the doubt about the estimate, or None, and True if the doubt is severe.  (1)"""
-        if not self._watches:
+        if not self._is_watching:
             return None, False
         std_m = float(position_std(record.estimate.cov))
-        if std_m > SHARE * self._most_m:
-            return note("caution.uncertain", Severity.WARNING, std_m=std_m, most_m=self._most_m), True
+        if std_m > SLOW_SHARE * self._max_std_m:
+            return note("caution.uncertain", Severity.WARNING, std_m=std_m, most_m=self._max_std_m), True
         findings = [finding for finding in record.degraded if finding.off != MODEL]
-        return merge(finding.diagnostic for finding in findings), any(
+        return merge_diagnostics(finding.diagnostic for finding in findings), any(
             finding.off == SENSOR for finding in findings
         )

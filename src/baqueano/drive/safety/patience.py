@@ -26,13 +26,13 @@ class Patience(Observer):
         self._origin = np.full(3, np.nan)
         self._since_ns, self._away_m = 0, 0.0
 
-    def look(self, record: Record) -> None:
+    def on_record(self, record: Record) -> None:
         """Restart the waiting time if the vehicle has moved, or is at its reference."""
         eta, reference = record.estimate.eta, record.reference.eta
-        moved = not np.hypot(*(eta - self._origin)[:2]) < STILL_M
-        moved = moved or not abs(wrap(eta[2] - self._origin[2])) < STILL_RAD
+        has_moved = not np.hypot(*(eta - self._origin)[:2]) < STILL_M
+        has_moved = has_moved or not abs(wrap(eta[2] - self._origin[2])) < STILL_RAD
         self._away_m = float(np.hypot(*(reference - eta)[:2]))
-        if moved or self._away_m <= AWAY_M:
+        if has_moved or self._away_m <= AWAY_M:
             self._origin, self._since_ns = eta, record.tick.t_ns
 
     def stop_reason(self, t_ns: int) -> Diagnostic | None:

@@ -16,7 +16,7 @@ from baqueano.drive.safety.room_watch import RoomWatch
 from baqueano.errors import UsageError
 from baqueano.geometry import wrap
 from baqueano.guides import InTurn
-from baqueano.guides.drive_to import NEAR_M, NEAR_RAD
+from baqueano.guides.drive_to import MAX_GOAL_ANGLE_RAD, MAX_GOAL_DISTANCE_M
 from baqueano.guides.route import Route
 from baqueano.routes.capability import Capability
 from baqueano.symbolic import TraceError
@@ -25,16 +25,16 @@ if TYPE_CHECKING:
     from baqueano.routes.examine import Walls
     from baqueano.vehicle_file import VehicleFile
 
-STILL_M_S = 0.01  # a slower sample counts as rest
-LEAST_M, LARGEST_M = 0.15, 20.0  # limits of the radius of a path to the route
-SPARE = 1.3  # margin of the radius, for the controller
+MIN_SPEED_M_S = 0.01  # a slower sample counts as rest
+MIN_RADIUS_M, MAX_RADIUS_M = 0.15, 20.0  # limits of the radius of a path to the route
+RADIUS_MARGIN = 1.3  # margin of the radius, for the controller
 PATIENCE_S = 20.0
 
 
 class PlainRoom(NamedTuple):
     """A room as plain numbers, as a mission contains it: see `routes.examine.Walls`."""
 
-    free: Value
+    free_half_width_m: Value
     start: tuple[float, float, float]
 
 
@@ -59,38 +59,40 @@ class Precautions:
     @classmethod
     def of(cls, options: JsonObject) -> "tuple[Precautions, JsonObject]":
         """Split `options` into precautions and other options, and return both."""
-        own = {field.name for field in fields(cls)}
-        own_options = {name: value for name, value in options.items() if name in own}
-        return cls(**own_options), {name: value for name, value in options.items() if name not in own}
+        field_names = {field.name for field in fields(cls)}
+        own_options = {name: value for name, value in options.items() if name in field_names}
+        return cls(**own_options), {name: value for name, value in options.items() if name not in field_names}
 
     def to_json(self) -> JsonObject:
         """Return the values that differ from the defaults, as data for JSON."""
-        usual = Precautions()
+        defaults = Precautions()
         row = {f.name: getattr(self, f.name) for f in fields(self)}
-        row = {name: value for name, value in row.items() if value != getattr(usual, name)}
+        row = {name: value for name, value in row.items() if value != getattr(defaults, name)}
         if self.room is not None:
-            free = tuple(float(x) for x in self.room.free)
-            row["room"] = {"free": list(free), "start": list(self.room.start)}
+            half_widths = tuple(float(x) for x in self.room.free_half_width_m)
+            row["room"] = {"free": list(half_widths), "start": list(self.room.start)}
         return row
 
     @classmethod
     def of_json(cls, document: JsonObject) -> "Precautions":
         """Return the precautions in this JSON, the inverse of `to_json`. Raise UsageError for other data."""
         try:
-            usual, row = asdict(cls()), dict(document)
+            defaults, row = asdict(cls()), dict(document)
             room = row.pop("room", None)
             if room is not None:
-                free, start = (tuple(map(float, room[name])) for name in ("free", "start"))
-                room = PlainRoom((free[0], free[1]), (start[0], start[1], start[2]))
+                half_widths, start_pose = (tuple(map(float, room[name])) for name in ("free", "start"))
+                room = PlainRoom(
+                    (half_widths[0], half_widths[1]), (start_pose[0], start_pose[1], start_pose[2])
+                )
             for name, value in row.items():
-                right = isinstance(value, int | float) if name == "patience_s" else isinstance(value, bool)
-                if name not in usual or not right:
+                is_valid = isinstance(value, int | float) if name == "patience_s" else isinstance(value, bool)
+                if name not in defaults or not is_valid:
                     raise ValueError(f"{name} = {value!r:.80}")
             return cls(room=room, **row)
         except (KeyError, TypeError, ValueError, IndexError, AttributeError) as error:
             raise UsageError(fault("mission.damaged", kind=type(error).__name__, error=error)) from error
 
-    def around(
+    def guide_of(
         self, guide: Guide, route: Route, vehicle_file: "VehicleFile", start: np.ndarray, estimator: Estimator,
     ) -> Guide:  # fmt: skip
         """Return the guide with a path to the start of the route (`lead_in`) and a path back to it (`way_back`).
@@ -98,20 +100,22 @@ class Precautions:
         The path to the start is added only if the vehicle is not there. An estimator without a start pose begins at the
         pose that its sensors measure; with such an estimator the path is always added.
         """
-        off = start[:3] - route.eta[0]
-        away = np.hypot(off[0], off[1]) > NEAR_M or abs(wrap(off[2])) > NEAR_RAD
-        leads = self.lead_in and (away or not signature(estimator.init).parameters)
-        if not (leads or self.way_back):
+        offset = start[:3] - route.eta[0]
+        is_away = (
+            np.hypot(offset[0], offset[1]) > MAX_GOAL_DISTANCE_M or abs(wrap(offset[2])) > MAX_GOAL_ANGLE_RAD
+        )
+        with_lead_in = self.lead_in and (is_away or not signature(estimator.init).parameters)
+        if not (with_lead_in or self.way_back):
             return guide
         limits = limits_of(route, vehicle_file)
-        if leads:
+        if with_lead_in:
             guide = InTurn.led_in(guide, route, **limits)
         return InTurn.with_way_back(guide, route, **limits) if self.way_back else guide
 
     def observers(self, vehicle_file: "VehicleFile", route: Route) -> tuple[Observer, ...]:
         """Return the observers that slow down and stop the drive."""
-        most_m = getattr(vehicle_file.supervisor(), "max_position_std_m", float("inf"))
-        watch: list[Observer] = [Caution(most_m, self.caution)]
+        max_std_m = getattr(vehicle_file.supervisor(), "max_position_std_m", float("inf"))
+        watch: list[Observer] = [Caution(max_std_m, self.caution)]
         if np.isfinite(self.patience_s):
             watch.append(Patience(self.patience_s))
         if self.room is not None:
@@ -122,11 +126,11 @@ class Precautions:
 def limits_of(route: Route, vehicle_file: "VehicleFile") -> dict[str, float]:
     """Return the median speed of a route [m/s], and a turning radius [m] for this speed, with a margin."""
     speed = np.abs(route.nu[:, 0])
-    moving = speed[speed > STILL_M_S]
-    v = float(np.median(moving)) if moving.size else 0.2
+    moving_speeds = speed[speed > MIN_SPEED_M_S]
+    v = float(np.median(moving_speeds)) if moving_speeds.size else 0.2
     try:
         turn = float(Capability(vehicle_file).fastest_turn(np.array([v]))[0])
     except TraceError:  # a user's vehicle that cannot be compiled
         turn = 0.0
-    radius_m = SPARE * v / turn if turn > 0.0 else 2.0 * LEAST_M
-    return {"speed_m_s": v, "radius_m": float(np.clip(radius_m, LEAST_M, LARGEST_M))}
+    radius_m = RADIUS_MARGIN * v / turn if turn > 0.0 else 2.0 * MIN_RADIUS_M
+    return {"speed_m_s": v, "radius_m": float(np.clip(radius_m, MIN_RADIUS_M, MAX_RADIUS_M))}

@@ -1,7 +1,7 @@
 """Stop the vehicle before it may leave the room.
 
   p̂ = p_start + R(ψ_start) R(ψ_0)ᵀ (p − p_0)                in the room, from the route's first pose η_0 (1)
-  |p̂_i| + STOP_S |v_i| + √(χ² Σ_ii) < free_i,   χ² = 5.99    the 95 % region, and the stopping distance  (2)
+  |p̂_i| + STOPPING_S |v_i| + √(χ² Σ_ii) < free_i,   χ² = 5.99    the 95 % region, and the stopping distance  (2)
 
 free is the space of the room in which the body's origin may be (identify/design/room.py). With commands and IMU only, Σ
 grows from lap to lap. The drive therefore ends when the vehicle may touch a wall, before it touches one.
@@ -20,33 +20,33 @@ if TYPE_CHECKING:
     from baqueano.contracts.values import JsonObject
     from baqueano.routes.examine import Walls
 
-CHI_SQUARE = 5.991  # 95 % of two normal numbers
-STOP_S = 0.3
+CHI_SQUARE_95 = 5.991  # 95 % of two normal numbers
+STOPPING_S = 0.3
 
 
 class RoomWatch(Observer):
     """Observer of a drive along a route whose first pose is `origin` (3,) in the map and `room.start` in the room."""
 
     def __init__(self, room: "Walls", origin: np.ndarray) -> None:
-        self._free, self._start = np.asarray(room.free), np.asarray(room.start)
+        self._free, self._start = np.asarray(room.free_half_width_m), np.asarray(room.start)
         self._origin = origin
         self._turn = map_from_body(self._start[2] - origin[2])[:2, :2]
         self._reason: Diagnostic | None = None
 
-    def look(self, record: Record) -> None:
+    def on_record(self, record: Record) -> None:
         """Test (2), and store the reason to stop if it fails."""
         eta, nu, cov = record.estimate.eta, record.estimate.nu, record.estimate.cov
-        place = self._start[:2] + self._turn @ (eta[:2] - self._origin[:2])  # (1)
+        position = self._start[:2] + self._turn @ (eta[:2] - self._origin[:2])  # (1)
         v = self._turn @ map_from_body(eta[2])[:2, :2] @ nu[:2]
         std = np.sqrt(np.maximum(np.diag(self._turn @ cov[:2, :2] @ self._turn.T), 0.0))
-        region = np.sqrt(CHI_SQUARE) * std
-        stop_m = STOP_S * np.abs(v)
-        beyond = np.abs(place) + stop_m + region - self._free
-        if np.max(beyond) > 0.0 and self._reason is None:
-            i = int(np.argmax(beyond))
-            wall_m = float(self._free[i] - abs(place[i]))
-            figures: JsonObject = {"wall_m": wall_m, "region_m": float(region[i]), "stop_m": float(stop_m[i])}
-            self._reason = stop(StopReason.ROOM, axis="xy"[i], **figures)
+        region = np.sqrt(CHI_SQUARE_95) * std
+        stop_m = STOPPING_S * np.abs(v)
+        excess = np.abs(position) + stop_m + region - self._free
+        if np.max(excess) > 0.0 and self._reason is None:
+            i = int(np.argmax(excess))
+            wall_m = float(self._free[i] - abs(position[i]))
+            values: JsonObject = {"wall_m": wall_m, "region_m": float(region[i]), "stop_m": float(stop_m[i])}
+            self._reason = stop(StopReason.ROOM, axis="xy"[i], **values)
 
     def stop_reason(self, t_ns: int) -> Diagnostic | None:
         """Return the reason to stop the vehicle, None if it may continue."""

@@ -12,8 +12,8 @@ if TYPE_CHECKING:
     from baqueano.routes.examine import Walls
     from baqueano.vehicle_file import VehicleFile
 
-FASTER = ("route.speed-too-high", "route.turns-too-fast")  # the vehicle falls behind
-UNSURE = (*FASTER, "route.gap")  # findings that the user may accept
+SPEED_CODES = ("route.speed-too-high", "route.turns-too-fast")  # the vehicle falls behind
+ACCEPTABLE_CODES = (*SPEED_CODES, "route.gap")  # findings that the user may accept
 
 
 def warnings_of(
@@ -35,7 +35,9 @@ def warnings_of(
     except TraceError:  # a user's vehicle that cannot be compiled: its limits are unknown
         report = examine(route, None, room)
     for finding in report.findings:
-        passes = (finding.code in UNSURE and anyway) or (finding.code in FASTER and not measured)
+        passes = (finding.code in ACCEPTABLE_CODES and anyway) or (
+            finding.code in SPEED_CODES and not measured
+        )
         if finding.severity == Severity.ERROR and not passes:
             raise AnswerNo(finding)
     return report.findings

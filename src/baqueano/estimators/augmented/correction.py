@@ -4,7 +4,7 @@ A channel beyond `gate_sigma` loses its weight; the other channels keep theirs. 
 previous innovation was similar: an outlier is a single reading, but a turn that the model did not predict lasts. With
 the whitened innovation e, the previous innovation e₋, and the limit l of the gate, the weight w is
 
-    w = 1/(1 + (a/l)⁸),   a = max(min(|e|, |e − e₋|/√2), |e|/ABSURD)                                       (1)
+    w = 1/(1 + (a/l)⁸),   a = max(min(|e|, |e − e₋|/√2), |e|/ABSURD_GATE_RATIO)                                      (1)
 
 place_gate.py judges the sensors that measure the pose. augmented/state.py defines which states a channel may correct.
 """
@@ -16,14 +16,14 @@ import numpy as np
 from baqueano.contracts import optional
 from baqueano.contracts.values import Value
 from baqueano.estimators.augmented.motion import disturbance_acceleration
-from baqueano.estimators.augmented.state import BIASES, SCALES, layout, start_std
+from baqueano.estimators.augmented.state import BIAS_INDEX, SCALE_INDEX, layout, start_std
 from baqueano.estimators.covariance import block_diagonal, mirror_upper
 from baqueano.estimators.kalman import Gaussian, boxplus, correct
-from baqueano.estimators.readings.place_gate import TURN_STD, PlaceDoubt, PlaceNumbers, gate_decision, growth
+from baqueano.estimators.readings.place_gate import TURN_STD, PoseChannels, PoseMemory, gate_decision, growth
 from baqueano.estimators.readings.sensor_numbers import age_s
 from baqueano.geometry import map_from_body
 from baqueano.parameter import INF
-from baqueano.sensors.sampling import difference, mistakes
+from baqueano.sensors.sampling import difference, mistake_corrections
 from baqueano.signals import Motion, Slot, Tick
 from baqueano.symbolic import get, jacobian, put
 from baqueano.vehicles.effort import Effort
@@ -31,16 +31,16 @@ from baqueano.vehicles.effort import Effort
 if TYPE_CHECKING:
     from baqueano.estimators.augmented_ekf import AugmentedEkf
 
-ABSURD = 1.5  # times the gate: a number beyond this always gets a weight below 0.5
-WITHIN = 0.9999  # of a sensor's range: a reading at its end is not used
+ABSURD_GATE_RATIO = 1.5  # times the gate: a number beyond this always gets a weight below 0.5
+USABLE_RANGE = 0.9999  # of a sensor's range: a reading at its end is not used
 
 
 class Innovations(NamedTuple):
     """The measured channels of a tick, compared with their prediction."""
 
-    gap: np.ndarray  # (m,) the last innovations, in order of use
-    place_doubt: PlaceDoubt
-    refused: Value  # count of channels that lost their weight
+    latest: np.ndarray  # (m,) the last innovations, in order of use
+    place_doubt: PoseMemory
+    rejected_count: Value  # count of channels that lost their weight
     y: np.ndarray  # (m,) innovations; NaN for a channel without a measurement
     S: np.ndarray  # (m, m)
     weight: np.ndarray  # (m,) weights; NaN for a channel without a measurement
@@ -49,7 +49,7 @@ class Innovations(NamedTuple):
 def correct_tick(
     estimator: "AugmentedEkf",
     x: Gaussian,
-    previous: tuple[np.ndarray, PlaceDoubt],
+    previous: tuple[np.ndarray, PoseMemory],
     effort: Effort,
     nu_dot: Value,
     tick: Tick,
@@ -58,53 +58,57 @@ def correct_tick(
 ) -> tuple[Gaussian, Innovations]:
     """Return the state after the measurements that arrived, and the innovations.
 
-    `previous` contains the innovations and the PlaceDoubt of the previous row. `nu_dot` (3,) is the acceleration of a
+    `previous` contains the innovations and the PoseMemory of the previous row. `nu_dot` (3,) is the acceleration of a
     kinematic model; None for a dynamic model.
     """
-    its, (last, place_doubt) = layout(estimator), previous
-    if not len(its.moving):
-        return x, Innovations(last, place_doubt, 0.0, last, np.zeros((0, 0)), last)
-    gaps, slopes, noise, arrivals, ways = [], [], [], [], []
-    for name, rows in zip(its.names, its.entries, strict=True):
-        sensor, slot, at = getattr(estimator.sensors, name), getattr(tick.sensors, name), np.array(rows)
+    states, (last_innovations, place_doubt) = layout(estimator), previous
+    if not len(states.moving_mask):
+        return x, Innovations(
+            last_innovations, place_doubt, 0.0, last_innovations, np.zeros((0, 0)), last_innovations
+        )
+    innovations, jacobians, noise, arrivals, corrections = [], [], [], [], []
+    for name, rows in zip(states.names, states.entries, strict=True):
+        sensor, slot, indices = getattr(estimator.sensors, name), getattr(tick.sensors, name), np.array(rows)
 
         def h(mean: np.ndarray, name: str = name) -> np.ndarray:
             return predict_measurement(estimator, mean, name, effort, nu_dot, getattr(tick.sensors, name))
 
-        within = np.abs(slot.z) < WITHIN * optional.of(sensor, "limit")
-        predicted, has = h(x.mean), (slot.has > 0.0) & np.isfinite(slot.z) & within
+        is_within_range = np.abs(slot.z) < USABLE_RANGE * optional.of(sensor, "limit")
+        predicted, has = h(x.mean), (slot.has > 0.0) & np.isfinite(slot.z) & is_within_range
         z = np.where(has, slot.z, predicted)
-        gaps.append(difference(sensor, z, predicted)[at])
-        slopes.append(jacobian(h)(x.mean)[at])
-        noise.append(sensor.cov[at][:, at])
-        arrivals.append(np.where(has, 1.0, 0.0)[at])
-        ways += list(mistakes(sensor, z).T[at])
-    y, H, has = (np.concatenate(parts) for parts in (gaps, slopes, arrivals))
+        innovations.append(difference(sensor, z, predicted)[indices])
+        jacobians.append(jacobian(h)(x.mean)[indices])
+        noise.append(sensor.cov[indices][:, indices])
+        arrivals.append(np.where(has, 1.0, 0.0)[indices])
+        corrections += list(mistake_corrections(sensor, z).T[indices])
+    y, H, has = (np.concatenate(arrays) for arrays in (innovations, jacobians, arrivals))
     Q, H_of_present = block_diagonal(noise), H * has[:, None]
-    numbers = PlaceNumbers(y * has, H_of_present @ x.cov @ H_of_present.T + Q, has, ways)
-    of_place = gate_decision(its.places, numbers, place_doubt, dt_s, estimator.gate_sigma)
-    if its.places:
-        D = growth(of_place.grown, np.sqrt(np.diag(x.cov)), _most(estimator), its.doubt_mask)
+    channels = PoseChannels(y * has, H_of_present @ x.cov @ H_of_present.T + Q, has, corrections)
+    decision = gate_decision(states.pose_groups, channels, place_doubt, dt_s, estimator.gate_sigma)
+    if states.pose_groups:
+        D = growth(
+            decision.growth_factor, np.sqrt(np.diag(x.cov)), _max_std(estimator), states.pose_error_mask
+        )
         x = x._replace(cov=mirror_upper(x.cov * np.outer(D, D)))
 
     def weight(c: int, e: Value, s: Value) -> Value:
-        if c in of_place.weights:
-            return of_place.weights[c]
-        limit = estimator.gate_sigma * np.sqrt((Q[c, c] + its.patience[c] ** 2 * (s - Q[c, c])) / s)
-        least_error = np.minimum(np.abs(e), np.abs(e - last[c] / np.sqrt(s)) / np.sqrt(2.0))
-        return 1.0 / (1.0 + (np.maximum(least_error, np.abs(e) / ABSURD) / limit) ** 8)
+        if c in decision.weights:
+            return decision.weights[c]
+        limit = estimator.gate_sigma * np.sqrt((Q[c, c] + states.gate_factors[c] ** 2 * (s - Q[c, c])) / s)
+        least_error = np.minimum(np.abs(e), np.abs(e - last_innovations[c] / np.sqrt(s)) / np.sqrt(2.0))
+        return 1.0 / (1.0 + (np.maximum(least_error, np.abs(e) / ABSURD_GATE_RATIO) / limit) ** 8)
 
-    E = its.resting if at_rest else its.moving
+    E = states.resting_mask if at_rest else states.moving_mask
     # a channel without a measurement has weight 0, and its noise is independent of the others
-    own = np.where(np.eye(len(y)) > 0.0, Q, Q * np.outer(has, has))
-    update = correct(x.cov, y * has, H, own, E, lambda c, e, s: has[c] * weight(c, e, s))
+    noise_cov = np.where(np.eye(len(y)) > 0.0, Q, Q * np.outer(has, has))
+    update = correct(x.cov, y * has, H, noise_cov, E, lambda c, e, s: has[c] * weight(c, e, s))
     w = np.array([weight(c, update.e[c], update.s[c]) for c in range(len(y))])
-    refusals = np.sum(np.where(w < 0.5, has, 0.0))
-    gap = np.where(has > 0.0, update.e * np.sqrt(update.s), last)
+    rejected_count = np.sum(np.where(w < 0.5, has, 0.0))
+    latest_innovations = np.where(has > 0.0, update.e * np.sqrt(update.s), last_innovations)
     S = mirror_upper(H @ x.cov @ H.T + Q)
     x = Gaussian(boxplus(x.mean, update.move), update.cov)
     y, w = (np.where(has > 0.0, values, np.nan) for values in (y, w))
-    return x, Innovations(gap, of_place.doubt, refusals, y, S, w)
+    return x, Innovations(latest_innovations, decision.memory, rejected_count, y, S, w)
 
 
 def predict_measurement(
@@ -114,21 +118,21 @@ def predict_measurement(
 
     The state at that time is computed to first order.
     """
-    sensor, eta, nu, d = getattr(estimator.sensors, name), mean[:3], mean[3:6], mean[6:SCALES]
+    sensor, eta, nu, d = getattr(estimator.sensors, name), mean[:3], mean[3:6], mean[6:SCALE_INDEX]
     for k, bias in enumerate(layout(estimator).biases):
         if bias.sensor == name:
-            sensor = put(sensor, bias.path, get(sensor, bias.path) + mean[BIASES + k])
+            sensor = put(sensor, bias.path, get(sensor, bias.path) + mean[BIAS_INDEX + k])
     if nu_dot is None:
         nu_dot = estimator.vehicle.nu_dot(nu, effort.last, eta[2]) + disturbance_acceleration(
             estimator.vehicle, d
         )
     old_s = age_s(sensor, slot)
     turn = old_s * nu[2]
-    way = map_from_body(eta[2] - 0.5 * turn) @ (old_s * nu)
-    eta = np.array([eta[0] - way[0], eta[1] - way[1], eta[2] - turn])
+    displacement = map_from_body(eta[2] - 0.5 * turn) @ (old_s * nu)
+    eta = np.array([eta[0] - displacement[0], eta[1] - displacement[1], eta[2] - turn])
     return sensor.h(Motion(eta, nu - old_s * nu_dot, nu_dot, estimator.vehicle.gravity(eta[2])))
 
 
-def _most(estimator: "AugmentedEkf") -> np.ndarray:
+def _max_std(estimator: "AugmentedEkf") -> np.ndarray:
     """Return the standard deviations (n,) to which a doubt of the pose may increase the covariance at most."""
     return np.concatenate([np.array([INF, INF, TURN_STD]), start_std(estimator)[3:]])

@@ -23,11 +23,11 @@ import numpy as np
 from baqueano.contracts import optional
 from baqueano.contracts.optional import is_dynamic
 from baqueano.contracts.values import Value
-from baqueano.estimators.augmented.state import BEND, BIASES, SCALES, layout
+from baqueano.estimators.augmented.state import BEND_INDEX, BIAS_INDEX, SCALE_INDEX, layout
 from baqueano.estimators.covariance import block_diagonal
 from baqueano.estimators.kalman import Gaussian, predict
 from baqueano.estimators.pauses import FilterRow, limit_covariance, unmoved_cov
-from baqueano.estimators.readings.sensor_numbers import slips
+from baqueano.estimators.readings.sensor_numbers import slip_statistics
 from baqueano.geometry import map_from_body, wrap
 from baqueano.vehicles.effort import Effort
 from baqueano.vehicles.state import DynamicVehicle
@@ -36,59 +36,66 @@ if TYPE_CHECKING:
     from baqueano.estimators.augmented_ekf import AugmentedEkf
 
 
-SLOW_S = 2.0  # time constant with which d̄ follows d: about one bend of the path
+MEAN_DISTURBANCE_S = 2.0  # time constant with which d̄ follows d: about one bend of the path
 
 
-def ahead(
-    estimator: "AugmentedEkf", x: Gaussian, slow: np.ndarray, effort: Effort, row: FilterRow
+def predict_row(
+    estimator: "AugmentedEkf", x: Gaussian, mean_disturbance: np.ndarray, effort: Effort, row: FilterRow
 ) -> Gaussian:
-    """Return mean (n,) and covariance (n, n) of the state one row later; `slow` (2,) is d̄.  (2)-(4)"""
+    """Return mean (n,) and covariance (n, n) of the state one row later; `mean_disturbance` (2,) is d̄.  (2)-(4)"""
     n = len(x.mean)
     walks = [
-        np.array([bias.of(estimator.sensors, bias.walk) ** 2 * row.dt_s]) for bias in layout(estimator).biases
+        np.array([bias.value_at(estimator.sensors, bias.walk) ** 2 * row.dt_s])
+        for bias in layout(estimator).biases
     ]
-    constant = np.diag(np.concatenate([np.zeros(BIASES - SCALES), *walks]))
+    constant = np.diag(np.concatenate([np.zeros(BIAS_INDEX - SCALE_INDEX), *walks]))
 
     def R(mean: np.ndarray, G: np.ndarray) -> np.ndarray:
-        unsure = unmoved_cov(row, mean, x.cov) + slip_covariance(estimator, mean, row.dt_s)
+        unmoved = unmoved_cov(row, mean, x.cov) + slip_covariance(estimator, mean, row.dt_s)
         return block_diagonal(
             [process_noise_cov(estimator, mean[2], row, G[4, 4]), constant]
-        ) + block_diagonal([unsure, np.zeros((n - 3, n - 3))])
+        ) + block_diagonal([unmoved, np.zeros((n - 3, n - 3))])
 
-    motion = predict(x, lambda mean: move(estimator, mean, slow, effort, row.moved_s, x.cov[2, 2]), R)
+    motion = predict(
+        x, lambda mean: move(estimator, mean, mean_disturbance, effort, row.moved_s, x.cov[2, 2]), R
+    )
     return Gaussian(motion.mean, limit_covariance(motion.cov))
 
 
 def move(
     estimator: "AugmentedEkf",
     mean: np.ndarray,
-    slow: np.ndarray,
+    mean_disturbance: np.ndarray,
     effort: Effort,
     dt_s: Value,
-    spread: Value = 0.0,
+    heading_variance: Value = 0.0,
 ) -> np.ndarray:
-    """Return the mean (n,) after a row; `spread` [rad²] is the variance of the heading before it.  (2)-(4)"""
-    vehicle, d, nu = estimator.vehicle, mean[6:SCALES], mean[3:6]
+    """Return the mean (n,) after a row; `heading_variance` [rad²] is the variance of the heading before it.  (2)-(4)"""
+    vehicle, d, nu = estimator.vehicle, mean[6:SCALE_INDEX], mean[3:6]
     D = disturbance_acceleration(vehicle, d)
-    step, way = (dt_s, 0.5 * dt_s**2) if is_dynamic(vehicle) else (1.0, dt_s)
+    step, d_weight = (dt_s, 0.5 * dt_s**2) if is_dynamic(vehicle) else (1.0, dt_s)
     eta, nu_next, _ = vehicle.advance(mean[:3], nu, effort, dt_s)
     nu_next = nu_next + step * D
-    along = 0.5 * dt_s * velocity_error(mean[SCALES:BIASES], nu + nu_next)
-    short = 0.5 * dt_s * mean[BEND] * np.sqrt(0.75) * spread / (1.0 + 0.5 * spread)
-    along = along - short * np.array([1.0, 1.0, 0.0]) * (nu + nu_next)
-    eta = eta + map_from_body(eta[2]) @ (way * D + along)
-    fading = slow + (d - slow) * np.exp(-dt_s / estimator.disturbance_fade_s)
-    return np.concatenate([eta[:2], np.array([wrap(eta[2])]), nu_next, fading, mean[SCALES:]])
+    scale_displacement = 0.5 * dt_s * velocity_error(mean[SCALE_INDEX:BIAS_INDEX], nu + nu_next)
+    bend_loss = (
+        0.5 * dt_s * mean[BEND_INDEX] * np.sqrt(0.75) * heading_variance / (1.0 + 0.5 * heading_variance)
+    )
+    scale_displacement = scale_displacement - bend_loss * np.array([1.0, 1.0, 0.0]) * (nu + nu_next)
+    eta = eta + map_from_body(eta[2]) @ (d_weight * D + scale_displacement)
+    next_disturbance = mean_disturbance + (d - mean_disturbance) * np.exp(
+        -dt_s / estimator.disturbance_fade_s
+    )
+    return np.concatenate([eta[:2], np.array([wrap(eta[2])]), nu_next, next_disturbance, mean[SCALE_INDEX:]])
 
 
-def slow_part(previous: np.ndarray, d: np.ndarray, dt_s: Value) -> np.ndarray:
+def mean_disturbance_after(previous: np.ndarray, d: np.ndarray, dt_s: Value) -> np.ndarray:
     """Return d̄ (2,) one row later.  (3)"""
-    return previous + (d - previous) * (1.0 - np.exp(-dt_s / SLOW_S))
+    return previous + (d - previous) * (1.0 - np.exp(-dt_s / MEAN_DISTURBANCE_S))
 
 
 def disturbance_acceleration(vehicle: DynamicVehicle, d: np.ndarray) -> np.ndarray:
     """Return D (3,), the acceleration (or velocity, in a kinematic model) that the disturbance d (2,) adds.  (2)"""
-    return _to_axes(vehicle) @ np.array([d[0], 0.0, d[1]])
+    return _push_matrix(vehicle) @ np.array([d[0], 0.0, d[1]])
 
 
 def slip_covariance(estimator: "AugmentedEkf", mean: np.ndarray, dt_s: Value) -> np.ndarray:
@@ -103,23 +110,29 @@ def wheel_velocity_cov(estimator: "AugmentedEkf", speed: Value, gain: Value) -> 
     return np.diag(np.array([variance * speed**2 + (period_s * gain) ** 2 / 3.0, 0.0, 0.0]))
 
 
-def process_noise_cov(estimator: "AugmentedEkf", psi: Value, row: FilterRow, kept: Value) -> np.ndarray:
+def process_noise_cov(
+    estimator: "AugmentedEkf", psi: Value, row: FilterRow, nu_y_factor: Value
+) -> np.ndarray:
     """Return the covariance (8, 8) that a row adds to (η, ν, d): the walks of ν and d, and their displacement.
 
     The displacement has the variance σ² δ³/3: σ² δ³/4 is correlated with the change of ν, σ² δ³/12 is not. The change
-    of ν by d is computed in the same manner. `kept` is the part of ν_y that remains after a row.  (7)
+    of ν by d is computed in the same manner. `nu_y_factor` is the part of ν_y that remains after a row.  (7)
     """
-    W, E = _to_axes(estimator.vehicle), np.array([[1.0, 0.0], [0.0, 0.0], [0.0, 1.0]])
+    W, E = _push_matrix(estimator.vehicle), np.array([[1.0, 0.0], [0.0, 0.0], [0.0, 1.0]])
     J, D, moved_s = map_from_body(psi) @ W, W @ E, row.moved_s
     d = estimator.disturbance_std**2 * (1.0 - np.exp(-2.0 * row.dt_s / estimator.disturbance_fade_s))
-    walk, of_nu, of_eta = estimator.velocity_walk_std**2 * row.dt_s, D, 0.5 * moved_s * J @ E
+    walk, nu_gain, eta_gain = estimator.velocity_walk_std**2 * row.dt_s, D, 0.5 * moved_s * J @ E
     if is_dynamic(estimator.vehicle):
-        aside = np.maximum(kept, 0.0)
-        lasts = np.array([1.0, (1.0 + aside * (4.0 + aside)) / 6.0, 1.0])
-        walk = walk * lasts + moved_s**2 / 12.0 * (E @ d)
-        of_nu, of_eta = 0.5 * moved_s * D, moved_s**2 / 6.0 * J @ E
-    way, none = moved_s * J, np.zeros((3, 3))
-    rows = [(0.5 * way, of_eta, way), (W, of_nu, none), (none[:2], np.eye(2), none[:2])]
+        sideways_factor = np.maximum(nu_y_factor, 0.0)
+        fading_weights = np.array([1.0, (1.0 + sideways_factor * (4.0 + sideways_factor)) / 6.0, 1.0])
+        walk = walk * fading_weights + moved_s**2 / 12.0 * (E @ d)
+        nu_gain, eta_gain = 0.5 * moved_s * D, moved_s**2 / 6.0 * J @ E
+    displacement, zeros = moved_s * J, np.zeros((3, 3))
+    rows = [
+        (0.5 * displacement, eta_gain, displacement),
+        (W, nu_gain, zeros),
+        (zeros[:2], np.eye(2), zeros[:2]),
+    ]
     B = np.concatenate([np.concatenate(row, axis=1) for row in rows])
     return (B * np.concatenate([walk, d, walk / 12.0])) @ B.T
 
@@ -129,7 +142,7 @@ def velocity_error(kappa: np.ndarray, nu: np.ndarray) -> np.ndarray:
     return np.array([kappa[0] * nu[0], kappa[0] * nu[1] + kappa[2] * nu[0], kappa[1] * nu[2]])
 
 
-def _to_axes(vehicle: DynamicVehicle) -> np.ndarray:
+def _push_matrix(vehicle: DynamicVehicle) -> np.ndarray:
     """Return the matrix (3, 3) from a push (forward, sideways, in rotation) to the change of ν."""
     arm = optional.of(vehicle, "turning_arm_m")
     return np.array([[1.0, 0.0, 0.0], [0.0, 1.0, 0.0 if arm is None else arm], [0.0, 0.0, 1.0]])
@@ -138,5 +151,5 @@ def _to_axes(vehicle: DynamicVehicle) -> np.ndarray:
 @lru_cache(maxsize=256)
 def _slips(estimator: "AugmentedEkf") -> tuple[Value, Value, Value]:
     """Return the relative variance of the slip, its fading time [s], and the time between wheel readings [s]."""
-    its = layout(estimator)
-    return slips(estimator.sensors, dict(zip(its.names, its.entries, strict=True)))
+    states = layout(estimator)
+    return slip_statistics(estimator.sensors, dict(zip(states.names, states.entries, strict=True)))

@@ -21,23 +21,27 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 
 from baqueano.contracts.blocks import Sensor
-from baqueano.estimators.readings.doubt import AXES
+from baqueano.estimators.readings.doubt import SPEED_AND_YAW_RATE
 from baqueano.estimators.readings.sensor_numbers import (
-    UncertainNumber,
+    UncertainParameter,
+    measurement_jacobian,
     rows_of,
     scale_std,
-    slopes,
-    split,
-    uncertain,
+    split_use,
+    uncertain_parameters,
 )
 
 if TYPE_CHECKING:
     from baqueano.estimators.augmented_ekf import AugmentedEkf
 
-SCALES, BIASES = 8, 12  # index of the first of κ, β, w, and of the first bias
-BEND = 11  # index of w: a large variance of the heading bends the region of the position; w is not estimated
-PLACE, TURNING, FORWARD = (0, 1), (2, 4, 5, 7), (3, 4, 6)  # entries of x
-LEADING = 2.5  # factor on the model's part of the gate of a gyro, because no model predicts each turn
+SCALE_INDEX, BIAS_INDEX = 8, 12  # index of the first of κ, β, w, and of the first bias
+BEND_INDEX = (
+    11  # index of w: a large variance of the heading bends the region of the position; w is not estimated
+)
+POSITION_STATES, TURNING_STATES, FORWARD_STATES = (0, 1), (2, 4, 5, 7), (3, 4, 6)  # entries of x
+LEADING_GYRO_FACTOR = (
+    2.5  # factor on the model's part of the gate of a gyro, because no model predicts each turn
+)
 
 
 class Layout(NamedTuple):
@@ -45,85 +49,115 @@ class Layout(NamedTuple):
 
     names: tuple[str, ...]  # the sensors
     entries: tuple[tuple[int, ...], ...]  # the numbers of each sensor that correct the state
-    biases: tuple[UncertainNumber, ...]
-    moving: np.ndarray  # (m, n) E of kalman.py for each number, while the vehicle drives  (2)
-    resting: np.ndarray  # (m, n) at rest
-    patience: np.ndarray  # (m,) factor on the model's part of the gate of each number
-    slope: np.ndarray  # (m, 2) derivative of each channel by speed and yaw rate; 0 if it may not correct them
-    places: tuple[tuple[int, ...], ...]  # the numbers of each sensor that measures the pose: place_gate.py
+    biases: tuple[UncertainParameter, ...]
+    moving_mask: np.ndarray  # (m, n) E of kalman.py for each number, while the vehicle drives  (2)
+    resting_mask: np.ndarray  # (m, n) at rest
+    gate_factors: np.ndarray  # (m,) factor on the model's part of the gate of each number
+    rest_jacobian: (
+        np.ndarray
+    )  # (m, 2) derivative of each channel by speed and yaw rate; 0 if it may not correct them
+    pose_groups: tuple[
+        tuple[int, ...], ...
+    ]  # the numbers of each sensor that measures the pose: place_gate.py
 
     @property
-    def doubt_mask(self) -> np.ndarray:
+    def pose_error_mask(self) -> np.ndarray:
         """Return a mask (n,): 1 for η, κ, β and b, the states that may be wrong if the pose is wrong."""
         mask = np.ones(self.size)
-        mask[[*range(3, SCALES), BEND]] = 0.0
+        mask[[*range(3, SCALE_INDEX), BEND_INDEX]] = 0.0
         return mask
 
     @property
     def size(self) -> int:
         """Return the number n of states."""
-        return BIASES + len(self.biases)
+        return BIAS_INDEX + len(self.biases)
 
 
 @lru_cache(maxsize=256)
 def layout(estimator: "AugmentedEkf") -> Layout:
     """Return the layout for `sensors`, `use` and `speed_from` of an estimator."""
     sensors, uses = estimator.sensors, estimator.use
-    names, at = tuple(split(use)[0] for use in uses), tuple(rows_of(sensors, use) for use in uses)
+    names, channel_indices = (
+        tuple(split_use(use)[0] for use in uses),
+        tuple(rows_of(sensors, use) for use in uses),
+    )
     biases = tuple(
         bias
-        for name, rows in zip(names, at, strict=True)
-        for bias in uncertain(sensors, name, rows, np.zeros(3))
+        for name, rows in zip(names, channel_indices, strict=True)
+        for bias in uncertain_parameters(sensors, name, rows, np.zeros(3))
         if bias.walk
     )
-    reliable = {(split(use)[0], i) for use in estimator.speed_from for i in rows_of(sensors, use)}
-    numbers = [(name, i) for name, rows in zip(names, at, strict=True) for i in rows]
-    signals = {name: _shows(getattr(sensors, name)) for name in names}
-    shows = [signals[name][i] for name, i in numbers]
-    own = [
-        [biases.index(bias) for bias in uncertain(sensors, name, (i,), np.zeros(3)) if bias.walk]
-        for name, i in numbers
+    reliable = {(split_use(use)[0], i) for use in estimator.speed_from for i in rows_of(sensors, use)}
+    channels = [(name, i) for name, rows in zip(names, channel_indices, strict=True) for i in rows]
+    signals = {name: _dependencies(getattr(sensors, name)) for name in names}
+    dependencies = [signals[name][i] for name, i in channels]
+    bias_indices = [
+        [biases.index(bias) for bias in uncertain_parameters(sensors, name, (i,), np.zeros(3)) if bias.walk]
+        for name, i in channels
     ]
-    leads = [turning and not (pose or forward) for pose, forward, turning in shows]
-    moving = np.zeros((len(numbers), BIASES + len(biases)))
-    for k, (number, (pose, forward, turning)) in enumerate(zip(numbers, shows, strict=True)):
-        if pose:
-            moving[k] = 1.0
+    is_leading = [
+        depends_on_yaw_rate and not (depends_on_pose or depends_on_speed)
+        for depends_on_pose, depends_on_speed, depends_on_yaw_rate in dependencies
+    ]
+    moving_mask = np.zeros((len(channels), BIAS_INDEX + len(biases)))
+    for k, (channel, (depends_on_pose, depends_on_speed, depends_on_yaw_rate)) in enumerate(
+        zip(channels, dependencies, strict=True)
+    ):
+        if depends_on_pose:
+            moving_mask[k] = 1.0
             continue
-        if (forward and not own[k]) or number in reliable:
-            moving[k, [*PLACE, *FORWARD]] = 1.0
-        if number in reliable:
-            moving[k, [BIASES + j for j in own[k]]] = 1.0
-        if turning and not (any(leads) and forward):
-            moving[k, [*TURNING]] = 1.0
-    if any(pose for pose, _, _ in shows):
-        moving[:, BIASES:] = 1.0
-    moving[:, BEND] = 0.0
-    resting = moving.copy()
-    for k, own_biases in enumerate(own):
-        resting[k, [BIASES + j for j in own_biases]] = 1.0
-    at_rest = {name: slopes(getattr(sensors, name), np.zeros(9)) for name in names}
-    slope = np.array([at_rest[name][i, AXES] for name, i in numbers]).reshape(-1, 2) * moving[:, AXES]
-    places = tuple(
+        if (depends_on_speed and not bias_indices[k]) or channel in reliable:
+            moving_mask[k, [*POSITION_STATES, *FORWARD_STATES]] = 1.0
+        if channel in reliable:
+            moving_mask[k, [BIAS_INDEX + j for j in bias_indices[k]]] = 1.0
+        if depends_on_yaw_rate and not (any(is_leading) and depends_on_speed):
+            moving_mask[k, [*TURNING_STATES]] = 1.0
+    if any(depends_on_pose for depends_on_pose, _, _ in dependencies):
+        moving_mask[:, BIAS_INDEX:] = 1.0
+    moving_mask[:, BEND_INDEX] = 0.0
+    resting_mask = moving_mask.copy()
+    for k, indices in enumerate(bias_indices):
+        resting_mask[k, [BIAS_INDEX + j for j in indices]] = 1.0
+    at_rest = {name: measurement_jacobian(getattr(sensors, name), np.zeros(9)) for name in names}
+    rest_jacobian = (
+        np.array([at_rest[name][i, SPEED_AND_YAW_RATE] for name, i in channels]).reshape(-1, 2)
+        * moving_mask[:, SPEED_AND_YAW_RATE]
+    )
+    pose_groups = tuple(
         group
         for name in dict.fromkeys(names)
-        if (group := tuple(k for k, (name_k, _) in enumerate(numbers) if name_k == name and shows[k][0]))
+        if (
+            group := tuple(
+                k for k, (name_k, _) in enumerate(channels) if name_k == name and dependencies[k][0]
+            )
+        )
     )
-    return Layout(names, at, biases, moving, resting, np.where(leads, LEADING, 1.0), slope, places)
+    return Layout(
+        names,
+        channel_indices,
+        biases,
+        moving_mask,
+        resting_mask,
+        np.where(is_leading, LEADING_GYRO_FACTOR, 1.0),
+        rest_jacobian,
+        pose_groups,
+    )
 
 
 def start_std(estimator: "AugmentedEkf") -> np.ndarray:
     """Return the standard deviations (n,) of the state at the start."""
-    its = layout(estimator)
-    biases = np.array([bias.of(estimator.sensors, bias.std) for bias in its.biases])
-    scales = scale_std(estimator.sensors, dict(zip(its.names, its.entries, strict=True)))
+    states = layout(estimator)
+    biases = np.array([bias.value_at(estimator.sensors, bias.std) for bias in states.biases])
+    scales = scale_std(estimator.sensors, dict(zip(states.names, states.entries, strict=True)))
     course = np.array([estimator.course_std, 1.0])
     return np.concatenate([estimator.initial_std, estimator.disturbance_std, scales, course, biases])
 
 
-def _shows(sensor: Sensor) -> list[tuple[bool, bool, bool]]:
+def _dependencies(sensor: Sensor) -> list[tuple[bool, bool, bool]]:
     """Return three booleans for each channel of a sensor: it depends on the pose; on ν_x at rest; on ν_ψ at rest."""
     return [
-        (bool(np.any(anywhere[:3])), bool(at_rest[3] != 0.0), bool(at_rest[5] != 0.0))
-        for anywhere, at_rest in zip(slopes(sensor), slopes(sensor, np.zeros(9)), strict=True)
+        (bool(np.any(row[:3])), bool(at_rest[3] != 0.0), bool(at_rest[5] != 0.0))
+        for row, at_rest in zip(
+            measurement_jacobian(sensor), measurement_jacobian(sensor, np.zeros(9)), strict=True
+        )
     ]

@@ -2,7 +2,7 @@
 
 A doubt a [m/s or rad/s] belongs to the speed ν_x, another to the yaw rate ν_ψ. While a channel of ν_x or ν_ψ is
 refused, a = |y / h'| with its innovation y and derivative h'. While the filter follows a channel against its model,
-a = |ν − ν of the model|; this is detected by |d| > gate_sigma σ_d. If the doubt lasts at least DOUBT_S:
+a = |ν − ν of the model|; this is detected by |d| > gate_sigma σ_d. If the doubt lasts at least MIN_INCONSISTENT_S:
 
     var ν ← var ν + a²  in the estimate only,   P_ηη ← P_ηη + J g (2 a² t δ) gᵀ Jᵀ                         (1)
 
@@ -18,71 +18,93 @@ from typing import NamedTuple
 import numpy as np
 
 from baqueano.contracts.values import Value
-from baqueano.estimators.pauses import FARTHEST
+from baqueano.estimators.pauses import MAX_POSE_VARIANCE
 from baqueano.geometry import map_from_body
 
-DOUBT_S = 0.5
-AXES = (3, 5)  # of a state (η, ν, …)
-# when readings agree again, the duration of a doubt falls to HELD_S, and then FADING times as fast as time
-HELD_S, FADING = 1.0, 2.0
+MIN_INCONSISTENT_S = 0.5
+SPEED_AND_YAW_RATE = (3, 5)  # of a state (η, ν, …)
+# when readings agree again, the duration of a doubt falls to MAX_HELD_S, and then FADING_RATE times as fast as time
+MAX_HELD_S, FADING_RATE = 1.0, 2.0
 
 
-class DoubtUpdate(NamedTuple):
+class InconsistencyUpdate(NamedTuple):
     """The doubt after a row, and its contributions to the covariances of pose and velocity."""
 
-    doubt: np.ndarray  # (2, 2) of speed and yaw rate: size of the last refused innovations, and duration [s]
-    of_pose: np.ndarray  # (3, 3)
-    of_nu: np.ndarray  # (3, 3)
+    inconsistency: (
+        np.ndarray
+    )  # (2, 2) of speed and yaw rate: size of the last refused innovations, and duration [s]
+    pose_cov: np.ndarray  # (3, 3)
+    nu_cov: np.ndarray  # (3, 3)
 
 
-def update_doubt(
-    doubt: np.ndarray, slope: np.ndarray, innovations: Value, against: np.ndarray, psi: Value, dt_s: Value
-) -> DoubtUpdate:
+def update_inconsistency(
+    inconsistency: np.ndarray,
+    channel_jacobian: np.ndarray,
+    innovations: Value,
+    model_error: np.ndarray,
+    psi: Value,
+    dt_s: Value,
+) -> InconsistencyUpdate:
     """Return the doubt of speed and yaw rate after a row of `dt_s`, with its contributions to the covariances.
 
-    `slope` (m, 2) is the derivative of each channel with respect to speed and yaw rate; 0 if the channel may not
-    correct them. `innovations` contains y (m,), NaN for a channel without a measurement, and the weights (m,).
-    `against` (2,) is the size of the correction against the model.
+    `channel_jacobian` (m, 2) is the derivative of each channel with respect to speed and yaw rate; 0 if the channel may
+    not correct them. `innovations` contains y (m,), NaN for a channel without a measurement, and the weights (m,).
+    `model_error` (2,) is the size of the correction against the model.
     """
-    refusals, came = [], []
-    for h in slope.T:
-        numbers = np.flatnonzero(h)
-        refusals.append(
+    rejected_sizes, has_reading = [], []
+    for h in channel_jacobian.T:
+        channels = np.flatnonzero(h)
+        rejected_sizes.append(
             _largest(
                 [
                     np.where(innovations.weight[c] < 0.5, np.abs(innovations.y[c]) / abs(h[c]), 0.0)
-                    for c in numbers
+                    for c in channels
                 ]
             )
         )
-        came.append(_largest([np.where(np.isfinite(innovations.y[c]), 1.0, 0.0) for c in numbers]))
-    now = updated_doubt(doubt, np.array(refusals), against, np.array(came) > 0.0, dt_s)
-    return DoubtUpdate(now, *wider(np.maximum(now[0], against), doubt[1], now[1], psi, dt_s))
+        has_reading.append(_largest([np.where(np.isfinite(innovations.y[c]), 1.0, 0.0) for c in channels]))
+    next_inconsistency = inconsistency_after(
+        inconsistency, np.array(rejected_sizes), model_error, np.array(has_reading) > 0.0, dt_s
+    )
+    return InconsistencyUpdate(
+        next_inconsistency,
+        *added_covariances(
+            np.maximum(next_inconsistency[0], model_error), inconsistency[1], next_inconsistency[1], psi, dt_s
+        ),
+    )
 
 
-def updated_doubt(
-    doubt: np.ndarray, refused: np.ndarray, against: np.ndarray, came: np.ndarray, dt_s: Value
+def inconsistency_after(
+    inconsistency: np.ndarray,
+    rejected: np.ndarray,
+    model_error: np.ndarray,
+    has_reading: np.ndarray,
+    dt_s: Value,
 ) -> np.ndarray:
     """Return the doubt (2, 2) one row later: the size of the last refused innovations, and the duration [s].
 
-    `refused` (2,) is the size of the refused innovations of this row, `against` (2,) the size of the correction against
-    the model; both are 0 if absent. `came` (2,) is True if a reading arrived.
+    `rejected` (2,) is the size of the refused innovations of this row, `model_error` (2,) the size of the correction
+    against the model; both are 0 if absent. `has_reading` (2,) is True if a reading arrived.
     """
-    by = np.where(came, refused, doubt[0])
-    less = np.maximum(np.minimum(doubt[1], HELD_S) - FADING * dt_s, 0.0)
-    return np.stack([by, np.where(np.maximum(by, against) > 0.0, doubt[1] + dt_s, less)])
+    size = np.where(has_reading, rejected, inconsistency[0])
+    shorter_s = np.maximum(np.minimum(inconsistency[1], MAX_HELD_S) - FADING_RATE * dt_s, 0.0)
+    return np.stack([size, np.where(np.maximum(size, model_error) > 0.0, inconsistency[1] + dt_s, shorter_s)])
 
 
-def wider(
-    by: np.ndarray, before_s: np.ndarray, now_s: np.ndarray, psi: Value, dt_s: Value
+def added_covariances(
+    size: np.ndarray, before_s: np.ndarray, now_s: np.ndarray, psi: Value, dt_s: Value
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Return the covariances of pose (3, 3) and velocity (3, 3) that a doubt of size `by` (2,) adds.  (1)"""
-    lasts, way = now_s >= DOUBT_S, map_from_body(psi)[:, [0, 2]]
-    longer = np.where(before_s >= DOUBT_S, dt_s * (2.0 * before_s + dt_s), now_s**2)
-    grows = lasts & (now_s > before_s)
-    of_pose = way @ np.diag(np.where(grows, np.minimum(by**2 * longer, FARTHEST), 0.0)) @ way.T
-    of_nu = np.where(lasts, by**2, 0.0)
-    return of_pose, np.diag(np.array([of_nu[0], 0.0, of_nu[1]]))
+    """Return the covariances of pose (3, 3) and velocity (3, 3) that a doubt of size `size` (2,) adds.  (1)"""
+    is_lasting, directions = now_s >= MIN_INCONSISTENT_S, map_from_body(psi)[:, [0, 2]]
+    added_s2 = np.where(before_s >= MIN_INCONSISTENT_S, dt_s * (2.0 * before_s + dt_s), now_s**2)
+    is_growing = is_lasting & (now_s > before_s)
+    pose_cov = (
+        directions
+        @ np.diag(np.where(is_growing, np.minimum(size**2 * added_s2, MAX_POSE_VARIANCE), 0.0))
+        @ directions.T
+    )
+    variances = np.where(is_lasting, size**2, 0.0)
+    return pose_cov, np.diag(np.array([variances[0], 0.0, variances[1]]))
 
 
 def _largest(values: list[Value]) -> Value:

@@ -15,10 +15,15 @@ import numpy as np
 
 from baqueano.contracts.blocks import Sensor, SensorBlocks
 from baqueano.contracts.values import Value
-from baqueano.estimators.readings.sensor_numbers import REST, check_use, has_measurement, slopes
+from baqueano.estimators.readings.sensor_numbers import (
+    REST_MOTION,
+    check_use,
+    has_measurement,
+    measurement_jacobian,
+)
 from baqueano.signals import ByName, Slot
 
-SIDEWAYS, TURNING = 1, 2
+SIDEWAYS_INDEX, TURNING_INDEX = 1, 2
 
 
 class Reading(NamedTuple):
@@ -26,47 +31,49 @@ class Reading(NamedTuple):
 
     name: str  # of the sensor
     rows: tuple[int, ...]  # of its z
-    of: tuple[int, ...]  # entries of ν that it measures
+    entries: tuple[int, ...]  # entries of ν that it measures
     at_rest: np.ndarray  # h(0) (m,)
-    slopes: np.ndarray  # H (m, 3)
+    jacobian: np.ndarray  # H (m, 3)
     inverse: np.ndarray  # L (3, m); rows of zeros for the entries that it does not measure
 
     @property
     def is_gyro(self) -> bool:
         """Return True if the sensor measures only the yaw rate."""
-        return self.of == (TURNING,)
+        return self.entries == (TURNING_INDEX,)
 
 
 def readings_of(sensors: SensorBlocks, use: tuple[str, ...] = ()) -> tuple[Reading, ...]:
     """Return the readings of the sensors named in `use`, or of all sensors if it is empty; gyros are first."""
     check_use(sensors, use)
-    slopes = {name: slopes_of(getattr(sensors, name)) for name in use or getattr(sensors, "_fields", ())}
-    gyros = [name for name, rows in slopes.items() if any(is_turning(slope) for slope in rows.values())]
+    jacobians = {
+        name: velocity_rows(getattr(sensors, name)) for name in use or getattr(sensors, "_fields", ())
+    }
+    gyros = [name for name, rows in jacobians.items() if any(is_turning(row) for row in rows.values())]
     readings: list[Reading] = []
-    for name in [*gyros, *(name for name in slopes if name not in gyros)]:
-        rows = {k: slope for k, slope in slopes[name].items() if name not in gyros or is_turning(slope)}
-        taken_numbers = {i for reading in readings for i in reading.of}
-        of = [
-            i for i in range(3) if i not in taken_numbers and any(slope[i] != 0.0 for slope in rows.values())
+    for name in [*gyros, *(name for name in jacobians if name not in gyros)]:
+        rows = {k: row for k, row in jacobians[name].items() if name not in gyros or is_turning(row)}
+        taken_entries = {i for reading in readings for i in reading.entries}
+        entries = [
+            i for i in range(3) if i not in taken_entries and any(row[i] != 0.0 for row in rows.values())
         ]
-        if len(of) > len(rows):
-            of = [i for i in of if i != SIDEWAYS]  # ν_y follows from the model
-        if of and len(of) <= len(rows):
-            H, at_rest = np.array(list(rows.values())), getattr(sensors, name).h(REST)[list(rows)]
-            readings.append(Reading(name, tuple(rows), tuple(of), at_rest, H, left_inverse(H, of)))
+        if len(entries) > len(rows):
+            entries = [i for i in entries if i != SIDEWAYS_INDEX]  # ν_y follows from the model
+        if entries and len(entries) <= len(rows):
+            H, at_rest = np.array(list(rows.values())), getattr(sensors, name).h(REST_MOTION)[list(rows)]
+            readings.append(Reading(name, tuple(rows), tuple(entries), at_rest, H, left_inverse(H, entries)))
     return tuple(readings)
 
 
-def slopes_of(sensor: Sensor) -> dict[int, np.ndarray]:
+def velocity_rows(sensor: Sensor) -> dict[int, np.ndarray]:
     """Return ∂h/∂ν (3,) of each row of h that depends only on ν."""
     return {
         k: row[3:6]
-        for k, row in enumerate(slopes(sensor))
+        for k, row in enumerate(measurement_jacobian(sensor))
         if np.any(row[3:6]) and not np.any(row[[0, 1, 2, 6, 7, 8]])
     }
 
 
-def velocity(
+def measured_velocity(
     readings: tuple[Reading, ...], sensors: SensorBlocks, slots: ByName[Slot], nu: np.ndarray
 ) -> Value:
     """Return ν (3,) in which the readings that arrived replace the entries that they measure."""
@@ -77,18 +84,20 @@ def velocity(
 
 def pose_sensors(sensors: SensorBlocks) -> tuple[str, ...]:
     """Return the names of the sensors that measure the pose: their h depends on η."""
-    return tuple(name for name, sensor in sensors._asdict().items() if np.any(slopes(sensor)[:, :3]))
+    return tuple(
+        name for name, sensor in sensors._asdict().items() if np.any(measurement_jacobian(sensor)[:, :3])
+    )
 
 
-def is_turning(slope: np.ndarray) -> bool:
+def is_turning(row: np.ndarray) -> bool:
     """Return True for a row of ∂h/∂ν (3,) that depends only on the yaw rate, as for a gyro."""
-    return not np.any(slope[:TURNING])
+    return not np.any(row[:TURNING_INDEX])
 
 
-def left_inverse(H: np.ndarray, of: list[int]) -> np.ndarray:
-    """Return L (3, m); its rows are zero for the entries of ν that are not in `of`.  (1)"""
-    part, L = H[:, of], np.zeros((3, len(H)))
-    L[of] = np.linalg.solve(part.T @ part, part.T)
+def left_inverse(H: np.ndarray, entries: list[int]) -> np.ndarray:
+    """Return L (3, m); its rows are zero for the entries of ν that are not in `entries`.  (1)"""
+    columns, L = H[:, entries], np.zeros((3, len(H)))
+    L[entries] = np.linalg.solve(columns.T @ columns, columns.T)
     return L
 
 
@@ -96,7 +105,7 @@ def replace_velocity(
     reading: Reading, sensor: Sensor, slot: Slot, nu: np.ndarray, bias: Value = 0.0, scale: Value = 0.0
 ) -> Value:
     """Return ν (3,) with the reading, after removal of `bias` and `scale`; `nu` if no reading arrived.  (1)"""
-    came = has_measurement(sensor, slot)
-    z = np.where(came, slot.z[list(reading.rows)], reading.at_rest)
-    measured = reading.inverse @ ((z - reading.at_rest - bias) / (1.0 + scale) - reading.slopes @ nu)
-    return nu + np.where(came, measured, 0.0)
+    has_reading = has_measurement(sensor, slot)
+    z = np.where(has_reading, slot.z[list(reading.rows)], reading.at_rest)
+    correction = reading.inverse @ ((z - reading.at_rest - bias) / (1.0 + scale) - reading.jacobian @ nu)
+    return nu + np.where(has_reading, correction, 0.0)

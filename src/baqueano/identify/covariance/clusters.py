@@ -18,35 +18,35 @@ from baqueano.identify.residuals.simulation import HUBER
 
 
 def batch_covariance(
-    slopes: np.ndarray, residuals: np.ndarray, weights: np.ndarray, batch: np.ndarray
+    jacobian: np.ndarray, residuals: np.ndarray, weights: np.ndarray, batch: np.ndarray
 ) -> np.ndarray:
     """Return the covariance (p, p) of (2). It is infinite if a direction has zero derivative, or with at most p
     batches.
 
-    `slopes` (N, p) are the derivatives, `residuals` and `weights` (N,) belong to the rows, and `batch` (N,) is the
+    `jacobian` (N, p) are the derivatives, `residuals` and `weights` (N,) belong to the rows, and `batch` (N,) is the
     batch number of each row. Rows whose weight is below 1 are Huber's outliers, where ρ'' = 0.
     """
-    p, count = slopes.shape[1], len(np.unique(batch))
-    scale = np.sqrt(np.maximum(np.sum(slopes**2, axis=0), 1e-300))
-    J = slopes / scale
+    p, count = jacobian.shape[1], len(np.unique(batch))
+    scale = np.sqrt(np.maximum(np.sum(jacobian**2, axis=0), 1e-300))
+    J = jacobian / scale
     A = J[weights >= 1.0].T @ J[weights >= 1.0]
     values, vectors = np.linalg.eigh(A)
     if count <= p or values[0] < 1e-10 * values[-1]:
         return np.full((p, p), np.inf)
     scores = np.zeros((int(batch.max()) + 1, p))
     np.add.at(scores, batch, (weights * residuals)[:, None] * J)
-    half = (vectors / values) @ vectors.T @ scores.T  # A⁻¹ s_b
-    return half @ half.T / np.outer(scale, scale) * (count / (count - p))
+    factor = (vectors / values) @ vectors.T @ scores.T  # A⁻¹ s_b
+    return factor @ factor.T / np.outer(scale, scale) * (count / (count - p))
 
 
-def regress(slopes: np.ndarray, y: np.ndarray, iterations: int = 10) -> tuple[np.ndarray, np.ndarray]:
-    """Return Huber's regression of y (N,) on `slopes` (N, p): the estimate (p,) and the weights (N,)."""
+def regress(jacobian: np.ndarray, y: np.ndarray, iterations: int = 10) -> tuple[np.ndarray, np.ndarray]:
+    """Return Huber's regression of y (N,) on `jacobian` (N, p): the estimate (p,) and the weights (N,)."""
     weights = np.ones(len(y))
-    x = np.zeros(slopes.shape[1])
+    x = np.zeros(jacobian.shape[1])
     for _ in range(iterations):
-        root = np.sqrt(weights)
-        x = np.linalg.lstsq(root[:, None] * slopes, root * y, rcond=None)[0]
-        residuals = np.abs(y - slopes @ x)
+        root_weights = np.sqrt(weights)
+        x = np.linalg.lstsq(root_weights[:, None] * jacobian, root_weights * y, rcond=None)[0]
+        residuals = np.abs(y - jacobian @ x)
         sigma = max(1.4826 * float(np.median(residuals)), 1e-12 * float(np.max(np.abs(y), initial=1e-300)))
         weights = np.minimum(1.0, HUBER * sigma / np.maximum(residuals, 1e-300))
     return x, weights

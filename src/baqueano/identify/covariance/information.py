@@ -16,13 +16,17 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from baqueano.identify.parallel import gram, inner, parallel_map
-from baqueano.identify.residuals.noise_level import FEW
+from baqueano.identify.residuals.noise_level import MIN_MEASUREMENTS
 from baqueano.identify.residuals.simulation import HUBER, Residuals
 
 WINDOW_S = 5.0
 LAGS = 20  # ticks over which the autocorrelation is summed
-FAR = 1e100  # derivatives beyond it belong to a model that diverged; their squares are still finite
-MANY = 2  # segments for each shared parameter: with fewer, the fit draws the sums of scores to 0
+MAX_DERIVATIVE = (
+    1e100  # derivatives beyond it belong to a model that diverged; their squares are still finite
+)
+MIN_SEGMENTS_PER_PARAMETER = (
+    2  # segments for each shared parameter: with fewer, the fit draws the sums of scores to 0
+)
 WHITE_LIMIT = 0.15  # of the variance: the least sum of autocorrelation that is not taken for white noise
 
 
@@ -31,10 +35,10 @@ class Information(NamedTuple):
 
     bread: np.ndarray  # A (p, p)
     meat: np.ndarray  # B (p, p)
-    channels: np.ndarray  # (m, p) diagonal of Σ ∂r ∂rᵀ, channel by channel
+    information_by_channel: np.ndarray  # (m, p) diagonal of Σ ∂r ∂rᵀ, channel by channel
     autocorrelated: bool  # True if B is that of (2)
     autocorrelation: np.ndarray  # (m,) sum of the autocorrelation of the residuals over LAGS ticks
-    samples: int
+    sample_count: int
     scores: np.ndarray | None = None  # (K, p) s_k of (3); None if the runs are whole, or the residuals white
     shared: int = 0  # q
 
@@ -42,70 +46,74 @@ class Information(NamedTuple):
 def information(problem: Residuals, theta: np.ndarray) -> Information:
     """Return A and B at θ (p,): B of (2) if the residuals are autocorrelated, else of (1)."""
     p, m = problem.size, len(problem.sigma)
-    A, B, channels = np.zeros((p, p)), np.zeros((p, p)), np.zeros((m, p))
+    A, B, by_channel = np.zeros((p, p)), np.zeros((p, p)), np.zeros((m, p))
     segments = problem.sensitivities(theta)
     autocorrelation = autocorrelation_sums([r for r, _, _ in segments], problem.has)
     is_autocorrelated = bool(np.any(autocorrelation > WHITE_LIMIT))
-    few = np.sum([has.sum(axis=0) for has in problem.has], axis=0) < FEW
+    is_sparse = np.sum([has.sum(axis=0) for has in problem.has], axis=0) < MIN_MEASUREMENTS
 
-    def parts(segment: Any, record: Any, has: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    def segment_sums(segment: Any, record: Any, has: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         r, d, _ = segment
-        if not (np.max(d, initial=0.0) < FAR and np.min(d, initial=0.0) > -FAR and np.isfinite(r).all()):
+        if not (
+            np.max(d, initial=0.0) < MAX_DERIVATIVE
+            and np.min(d, initial=0.0) > -MAX_DERIVATIVE
+            and np.isfinite(r).all()
+        ):
             r, d = np.zeros_like(r), np.zeros_like(d)  # a model that diverges gives no information
-        bread, meat = _white(np.where(few & (has > 0.0) & (np.abs(r) < HUBER), 1.0, r), d)
+        bread, meat = _white_sums(np.where(is_sparse & (has > 0.0) & (np.abs(r) < HUBER), 1.0, r), d)
         if is_autocorrelated:
-            scores_of_few = np.where(few, 0.0, np.clip(r, -HUBER, HUBER))
+            scores_of_few = np.where(is_sparse, 0.0, np.clip(r, -HUBER, HUBER))
             meat = autocorrelated_scores(scores_of_few, has, d, record.dt_s)
-            meat += np.einsum("tmp,tmq->pq", d[:, few], d[:, few])
+            meat += np.einsum("tmp,tmq->pq", d[:, is_sparse], d[:, is_sparse])
         return np.einsum("tmp,tmp->mp", d, d), bread, meat
 
-    sums = parallel_map(parts, segments, problem.records, problem.has, rows=sum(map(len, problem.has)))
-    for (_, _, index), (channel, bread, meat) in zip(segments, sums, strict=True):
-        channels[:, index] += channel
+    sums = parallel_map(segment_sums, segments, problem.records, problem.has, rows=sum(map(len, problem.has)))
+    for (_, _, index), (of_channels, bread, meat) in zip(segments, sums, strict=True):
+        by_channel[:, index] += of_channels
         A[np.ix_(index, index)] += bread
         B[np.ix_(index, index)] += meat
-    scores = _by_segment(problem, segments) if is_autocorrelated else None
+    scores = _scores_by_segment(problem, segments) if is_autocorrelated else None
     samples = int(sum(has.sum() for has in problem.has))
     return Information(
-        A, B, channels, is_autocorrelated, autocorrelation, samples, scores, problem.layout.starts
+        A, B, by_channel, is_autocorrelated, autocorrelation, samples, scores, problem.layout.first_start
     )
 
 
-def _by_segment(problem: Residuals, segments: list[Any]) -> np.ndarray | None:
+def _scores_by_segment(problem: Residuals, segments: list[Any]) -> np.ndarray | None:
     """Return s_k (K, p) of (3), or None if the runs are whole or the segments too few."""
     layout, count = problem.layout, len(segments)
-    if count == max(layout.runs) + 1 or count < MANY * layout.starts:
+    if count == max(layout.runs) + 1 or count < MIN_SEGMENTS_PER_PARAMETER * layout.first_start:
         return None
     scores = np.zeros((count, problem.size))
     for k, (r, d, index) in enumerate(segments):
-        if np.max(np.abs(d), initial=0.0) < FAR and np.isfinite(r).all():
+        if np.max(np.abs(d), initial=0.0) < MAX_DERIVATIVE and np.isfinite(r).all():
             scores[k, index] = np.einsum("tm,tmp->p", np.clip(r, -HUBER, HUBER), d)
     return scores
 
 
-def _white(r: np.ndarray, d: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def _white_sums(r: np.ndarray, d: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Return A and B (p, p) for residuals (N, m) with derivatives (N, m, p).  (1)"""
-    size, d = np.abs(r).ravel(), d.reshape(r.size, d.shape[-1])
+    magnitude, d = np.abs(r).ravel(), d.reshape(r.size, d.shape[-1])
     # few residuals are clipped: to subtract them costs less than to select the others
-    return gram(d) - gram(d[size >= HUBER]), gram(d, np.minimum(size, HUBER) ** 2)
+    return gram(d) - gram(d[magnitude >= HUBER]), gram(d, np.minimum(magnitude, HUBER) ** 2)
 
 
 def covariance_of(info: Information, identifiable: np.ndarray) -> np.ndarray:
     """Return the covariance (k, k) of the entries `identifiable` of θ, with the others fixed.  (1), (3)"""
-    at = np.ix_(identifiable, identifiable)
+    index = np.ix_(identifiable, identifiable)
     scale = np.sqrt(np.diagonal(info.bread)[identifiable])
     scale = np.where(scale > 0.0, scale, 1.0)
-    A = info.bread[at] / np.outer(scale, scale)
-    B = info.meat[at] / np.outer(scale, scale)
-    half = np.linalg.solve(A, _root(B))
-    cov = half @ half.T  # A⁻¹ B A⁻¹
-    cov = cov * (info.samples / max(1, info.samples - len(identifiable)))
+    A = info.bread[index] / np.outer(scale, scale)
+    B = info.meat[index] / np.outer(scale, scale)
+    factor = np.linalg.solve(A, _root(B))
+    cov = factor @ factor.T  # A⁻¹ B A⁻¹
+    cov = cov * (info.sample_count / max(1, info.sample_count - len(identifiable)))
     if info.scores is not None:
         count = len(info.scores)
         moves = np.linalg.solve(A, (info.scores[:, identifiable] / scale).T)
-        spread = np.sum(moves**2, axis=1) * (count / (count - info.shared))
-        wider = np.sqrt(np.maximum(spread / np.maximum(np.diagonal(cov), 1e-300), 1.0))
-        cov = cov * np.outer(wider, wider)
+        move_variance = np.sum(moves**2, axis=1) * (count / (count - info.shared))
+        widening = np.sqrt(np.maximum(move_variance / np.maximum(np.diagonal(cov), 1e-300), 1.0))
+        cov = cov * np.outer(widening, widening)
     return cov / np.outer(scale, scale)
 
 
@@ -118,59 +126,61 @@ def inverse(A: np.ndarray) -> np.ndarray:
 def autocorrelation_sums(residuals: list[np.ndarray], has: list[np.ndarray]) -> np.ndarray:
     """Return the sum (m,) of the autocorrelation over lags 1 to LAGS, 0 if not significant. Residuals are clipped;
     rows without a measurement are excluded."""
-    sums = parallel_map(_products, residuals, has, rows=sum(map(len, has)))
+    sums = parallel_map(_lag_products, residuals, has, rows=sum(map(len, has)))
     total, power, count = np.sum(sums, axis=0)
     rho = total / np.maximum(power, 1e-300)
-    scatter = 4.0 * np.sqrt(LAGS / np.maximum(count, 1.0))
-    return np.where(np.abs(rho) > scatter, rho, 0.0)
+    threshold = 4.0 * np.sqrt(LAGS / np.maximum(count, 1.0))
+    return np.where(np.abs(rho) > threshold, rho, 0.0)
 
 
-def _products(r: np.ndarray, presence: np.ndarray) -> np.ndarray:
+def _lag_products(r: np.ndarray, is_present: np.ndarray) -> np.ndarray:
     """Return (3, m) for residuals (N, m): Σ_l Σ_t x_t x_{t+l}, Σ x², and the number of values x."""
-    out = np.zeros((3, r.shape[1]))
+    products = np.zeros((3, r.shape[1]))
     for c in range(r.shape[1]):
-        x = r[presence[:, c] > 0.0, c]
+        x = r[is_present[:, c] > 0.0, c]
         if len(x) <= 2 * LAGS:
             continue
         x = np.minimum(np.maximum(x, -3.0), 3.0)
         x -= x.mean()
         sums = np.cumsum(x)
-        ahead = np.full(len(x), sums[-1])
-        ahead[:-LAGS] = sums[LAGS:]
-        out[:, c] = x @ (ahead - sums), x @ x, len(x)
-    return out
+        later_sums = np.full(len(x), sums[-1])
+        later_sums[:-LAGS] = sums[LAGS:]
+        products[:, c] = x @ (later_sums - sums), x @ x, len(x)
+    return products
 
 
 def autocorrelated_scores(psi: np.ndarray, has: np.ndarray, d: np.ndarray, dt_s: np.ndarray) -> np.ndarray:
     """Return B (p, p) of scores ψ (N, m) with derivatives d (N, m, p), by the autocovariance of ψ.  (2)"""
     n, m, p = d.shape
     lags = int(np.clip(WINDOW_S / np.mean(dt_s), 1, max(1, n // 10)))
-    size = 1 << int(np.ceil(np.log2(2 * n)))
-    taper = np.zeros(size)
+    fft_length = 1 << int(np.ceil(np.log2(2 * n)))
+    taper = np.zeros(fft_length)
     taper[: lags + 1] = 1.0 - np.arange(lags + 1) / (lags + 1.0)
     taper[-lags:] = taper[lags:0:-1]
     B = np.zeros((p, p))
     for c in range(m):
-        spectrum = np.fft.rfft(has[:, c], size)
-        pairs = np.fft.irfft(np.abs(spectrum) ** 2, size)
-        cov = np.fft.irfft(np.abs(np.fft.rfft(psi[:, c], size)) ** 2, size)
-        gamma = np.where(pairs > 0.5, cov / np.maximum(pairs, 0.5), 0.0) * taper
+        spectrum = np.fft.rfft(has[:, c], fft_length)
+        pair_counts = np.fft.irfft(np.abs(spectrum) ** 2, fft_length)
+        cov = np.fft.irfft(np.abs(np.fft.rfft(psi[:, c], fft_length)) ** 2, fft_length)
+        gamma = np.where(pair_counts > 0.5, cov / np.maximum(pair_counts, 0.5), 0.0) * taper
         power = np.maximum(np.fft.rfft(gamma).real, 0.0)
-        slopes = np.ascontiguousarray(d[:, c, :])
-        smooth = np.fft.irfft(np.fft.rfft(slopes, size, axis=0) * power[:, None], size, axis=0)[:n]
-        B += inner(slopes, smooth)
+        derivatives = np.ascontiguousarray(d[:, c, :])
+        filtered = np.fft.irfft(
+            np.fft.rfft(derivatives, fft_length, axis=0) * power[:, None], fft_length, axis=0
+        )[:n]
+        B += inner(derivatives, filtered)
     return 0.5 * (B + B.T)
 
 
 def _root(B: np.ndarray) -> np.ndarray:
     """Return F (k, k) with F Fᵀ = B plus a small number on its diagonal. If rounding makes eigenvalues of B
     negative, that number replaces them."""
-    little = 1e-13 * max(float(np.trace(B)), 1e-300)
+    jitter = 1e-13 * max(float(np.trace(B)), 1e-300)
     try:
-        return np.linalg.cholesky(B + little * np.eye(len(B)))
+        return np.linalg.cholesky(B + jitter * np.eye(len(B)))
     except np.linalg.LinAlgError:
         values, vectors = np.linalg.eigh(B)
-        return vectors * np.sqrt(np.maximum(values, little))
+        return vectors * np.sqrt(np.maximum(values, jitter))
 
 
 def own_information(A: np.ndarray, index: np.ndarray, others: np.ndarray) -> float:
@@ -178,23 +188,23 @@ def own_information(A: np.ndarray, index: np.ndarray, others: np.ndarray) -> flo
     eliminated. Return 0 if one of the entries `index` is without information."""
     if not np.all(np.diagonal(A)[index] > 0.0):
         return 0.0
-    both = np.concatenate([index, others])
-    root = np.sqrt(np.diagonal(A)[both])
-    C = A[np.ix_(both, both)] / np.outer(root, root)
+    indices = np.concatenate([index, others])
+    root = np.sqrt(np.diagonal(A)[indices])
+    C = A[np.ix_(indices, indices)] / np.outer(root, root)
     n = len(index)
     values, vectors = np.linalg.eigh(C[n:, n:])
     positive = values > 1e-12 * max(float(values[-1]), 1e-300) if len(values) else np.zeros(0, bool)
     gain = C[:n, n:] @ vectors[:, positive]
-    own = C[:n, :n] - (gain / values[positive]) @ gain.T
-    return float(np.linalg.eigvalsh(own)[0])
+    remaining = C[:n, :n] - (gain / values[positive]) @ gain.T
+    return float(np.linalg.eigvalsh(remaining)[0])
 
 
-def own_sd(A: np.ndarray, index: np.ndarray, free: np.ndarray) -> np.ndarray:
-    """Return the standard errors (q,) of the entries `index` of θ, if these and the entries in the mask `free` (p,)
+def own_std(A: np.ndarray, index: np.ndarray, is_free: np.ndarray) -> np.ndarray:
+    """Return the standard errors (q,) of the entries `index` of θ, if these and the entries in the mask `is_free` (p,)
     are estimated together. A (p, p) is the information. An entry without information has an infinite error."""
-    entries = np.flatnonzero((free | np.isin(np.arange(len(free)), index)) & (np.diagonal(A) > 0.0))
+    entries = np.flatnonzero((is_free | np.isin(np.arange(len(is_free)), index)) & (np.diagonal(A) > 0.0))
     root = np.sqrt(np.diagonal(A)[entries])
     inverse = np.linalg.pinv(A[np.ix_(entries, entries)] / np.outer(root, root), hermitian=True)
-    sd = np.full(len(free), np.inf)
-    sd[entries] = np.sqrt(np.maximum(np.diagonal(inverse), 0.0)) / root
-    return np.asarray(sd[index])
+    std = np.full(len(is_free), np.inf)
+    std[entries] = np.sqrt(np.maximum(np.diagonal(inverse), 0.0)) / root
+    return np.asarray(std[index])

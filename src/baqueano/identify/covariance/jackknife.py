@@ -18,19 +18,19 @@ from itertools import pairwise
 
 import numpy as np
 
-from baqueano.identify.covariance.information import FAR, Information
+from baqueano.identify.covariance.information import MAX_DERIVATIVE, Information
 from baqueano.identify.data.record import FitRecord
-from baqueano.identify.data.segments import slopes_without_start
+from baqueano.identify.data.segments import derivatives_without_start
 from baqueano.identify.parallel import gram
 from baqueano.identify.residuals.simulation import HUBER, Residuals
 
 BLOCK_S = 2.0  # one minute contains more blocks than a fit has parameters
-FEWEST, MOST = 10, 60  # blocks
-FEWEST_SEGMENTS = 3  # fewer segments agree or disagree by chance
-SURE = 4.0  # times the scatter of white noise
-LEAST = 1e-3  # part of the information on each entry that stays without a block; a start would have 0
-MOST_KNOWN = 0.9  # largest part of the information on any direction that one block may have
-MOST_OF_SEGMENT = 0.99  # the same for one segment
+MIN_BLOCKS, MAX_BLOCKS = 10, 60  # blocks
+MIN_SEGMENTS = 3  # fewer segments agree or disagree by chance
+SIGNIFICANT_SIGMA = 4.0  # times the scatter of white noise
+MIN_REMAINDER = 1e-3  # part of the information on each entry that stays without a block; a start would have 0
+MAX_BLOCK_SHARE = 0.9  # largest part of the information on any direction that one block may have
+MAX_SEGMENT_SHARE = 0.99  # the same for one segment
 
 
 def jackknife(
@@ -52,33 +52,41 @@ def jackknife(
     A = bread[np.ix_(identifiable, identifiable)]
     root = np.sqrt(np.maximum(np.diagonal(A), 1e-300))
     inverse = np.linalg.inv(A / np.outer(root, root))
-    place = np.full(problem.size, -1)
-    place[identifiable] = np.arange(len(identifiable))
-    block_s = np.inf if by_segment else block_of(problem)
-    fewest, most = (FEWEST_SEGMENTS, MOST_OF_SEGMENT) if by_segment else (FEWEST, MOST_KNOWN)
-    moves, shared_entries = [], np.flatnonzero(identifiable < problem.layout.shared)
-    for (r, d, index), record in zip(slopes_of(problem, theta), problem.records, strict=True):
-        inside = place[index] >= 0
-        at = place[index[inside]]
-        g, A_b = _blocks(r, d, edges_of(record, block_s, len(r)))
-        g, A_b = g[:, inside] / root[at], A_b[:, inside][:, :, inside] / np.outer(root[at], root[at])
+    position = np.full(problem.size, -1)
+    position[identifiable] = np.arange(len(identifiable))
+    block_s = np.inf if by_segment else block_duration_s(problem)
+    min_count, max_share = (MIN_SEGMENTS, MAX_SEGMENT_SHARE) if by_segment else (MIN_BLOCKS, MAX_BLOCK_SHARE)
+    moves, shared_entries = [], np.flatnonzero(identifiable < problem.layout.shared_count)
+    for (r, d, index), record in zip(segment_derivatives(problem, theta), problem.records, strict=True):
+        is_identifiable = position[index] >= 0
+        positions = position[index[is_identifiable]]
+        g, A_b = _block_sums(r, d, edges_of(record, block_s, len(r)))
+        g, A_b = (
+            g[:, is_identifiable] / root[positions],
+            A_b[:, is_identifiable][:, :, is_identifiable] / np.outer(root[positions], root[positions]),
+        )
         # a run has information on few entries: (A − A_b)⁻¹ g = A⁻¹ (1 − A_b C)⁻¹ g, with C the part of A⁻¹ of these
-        remainder = (1.0 + LEAST) * np.eye(len(at)) - A_b @ inverse[np.ix_(at, at)]
-        moves.append(np.linalg.solve(remainder, g[:, :, None])[:, :, 0] @ inverse[at] / root)
-        between, own = inverse[np.ix_(at, shared_entries)], inverse[np.ix_(shared_entries, shared_entries)]
-        if alike and _of_one_block_only(A_b, remainder, between, own, most):
+        remainder = (1.0 + MIN_REMAINDER) * np.eye(len(positions)) - A_b @ inverse[
+            np.ix_(positions, positions)
+        ]
+        moves.append(np.linalg.solve(remainder, g[:, :, None])[:, :, 0] @ inverse[positions] / root)
+        cross_cov, shared_cov = (
+            inverse[np.ix_(positions, shared_entries)],
+            inverse[np.ix_(shared_entries, shared_entries)],
+        )
+        if alike and _is_dominated_by_one_block(A_b, remainder, cross_cov, shared_cov, max_share):
             return None
-    every = np.concatenate(moves)
-    n = len(every)
-    if n < fewest or not np.isfinite(every).all():
+    all_moves = np.concatenate(moves)
+    n = len(all_moves)
+    if n < min_count or not np.isfinite(all_moves).all():
         return None
-    off = every - np.mean(every, axis=0)
-    return (n - 1) / n * off.T @ off
+    deviations = all_moves - np.mean(all_moves, axis=0)
+    return (n - 1) / n * deviations.T @ deviations
 
 
-def block_of(problem: Residuals) -> float:
+def block_duration_s(problem: Residuals) -> float:
     """Return the duration of one block [s]."""
-    return max(BLOCK_S, _driven_s(problem) / MOST)
+    return max(BLOCK_S, _total_s(problem) / MAX_BLOCKS)
 
 
 def edges_of(record: FitRecord, block_s: float, n: int) -> list[int]:
@@ -88,16 +96,18 @@ def edges_of(record: FitRecord, block_s: float, n: int) -> list[int]:
     return [*first.tolist(), n]
 
 
-def slopes_of(problem: Residuals, theta: np.ndarray) -> Iterator[tuple[np.ndarray, np.ndarray, np.ndarray]]:
+def segment_derivatives(
+    problem: Residuals, theta: np.ndarray
+) -> Iterator[tuple[np.ndarray, np.ndarray, np.ndarray]]:
     """Yield for each segment r (N, m), ∂r (N, m, q) and the indices of the q entries in θ. If runs are cut, the
     starts are eliminated, and ∂r is NaN in a segment in which the model diverged."""
     for r, d, index in problem.sensitivities(theta):
         if not _is_cut(problem):
             yield r, d, index
             continue
-        start = index >= problem.layout.starts
-        if np.max(d, initial=0.0) < FAR and np.min(d, initial=0.0) > -FAR:
-            yield r, slopes_without_start(d, np.abs(r) < HUBER, start), index[~start]
+        start = index >= problem.layout.first_start
+        if np.max(d, initial=0.0) < MAX_DERIVATIVE and np.min(d, initial=0.0) > -MAX_DERIVATIVE:
+            yield r, derivatives_without_start(d, np.abs(r) < HUBER, start), index[~start]
         else:
             yield r, np.full_like(d[..., ~start], np.nan), index[~start]
 
@@ -107,27 +117,29 @@ def _is_cut(problem: Residuals) -> bool:
     return len(problem.records) > max(problem.layout.runs) + 1
 
 
-def _driven_s(problem: Residuals) -> float:
+def _total_s(problem: Residuals) -> float:
     """Return the duration of all runs [s], without the leads of their segments."""
     return sum(float(np.sum(record.dt_s[record.lead :])) for record in problem.records)
 
 
-def _of_one_block_only(
-    A_b: np.ndarray, remainder: np.ndarray, between: np.ndarray, own: np.ndarray, most: float
+def _is_dominated_by_one_block(
+    A_b: np.ndarray, remainder: np.ndarray, cross_cov: np.ndarray, shared_cov: np.ndarray, max_share: float
 ) -> bool:
-    """Return True if a block has more than `most` of the information on a direction of the shared entries. `own`
-    (k, k) is the covariance of the shared entries, `between` (q, k) the covariance of the entries of this run with
-    the shared entries."""
-    more = between.T @ np.linalg.solve(remainder, A_b @ between)  # increase of `own` without the block
-    room = most / (1.0 - most) * own - 0.5 * (more + more.transpose(0, 2, 1))
+    """Return True if a block has more than `max_share` of the information on a direction of the shared entries.
+    `shared_cov` (k, k) is the covariance of the shared entries, `cross_cov` (q, k) the covariance of the entries of
+    this run with the shared entries."""
+    increase = cross_cov.T @ np.linalg.solve(
+        remainder, A_b @ cross_cov
+    )  # increase of `own` without the block
+    slack = max_share / (1.0 - max_share) * shared_cov - 0.5 * (increase + increase.transpose(0, 2, 1))
     try:
-        np.linalg.cholesky(room)
+        np.linalg.cholesky(slack)
     except np.linalg.LinAlgError:
         return True
-    return not np.isfinite(room).all()
+    return not np.isfinite(slack).all()
 
 
-def _blocks(r: np.ndarray, d: np.ndarray, edges: list[int]) -> tuple[np.ndarray, np.ndarray]:
+def _block_sums(r: np.ndarray, d: np.ndarray, edges: list[int]) -> tuple[np.ndarray, np.ndarray]:
     """Return g (n, q) and A (n, q, q) of (1), from residuals (N, m), derivatives (N, m, q) and the rows `edges`."""
     (m, q), r, d = d.shape[1:], r.ravel(), d.reshape(-1, d.shape[2])
     g, A = np.zeros((len(edges) - 1, q)), np.zeros((len(edges) - 1, q, q))
@@ -139,36 +151,39 @@ def _blocks(r: np.ndarray, d: np.ndarray, edges: list[int]) -> tuple[np.ndarray,
     return g, A
 
 
-def no_smaller(
-    problem: Residuals, cov: np.ndarray, other: np.ndarray | None, k: int, by_segment: bool = False
+def with_larger_errors(
+    problem: Residuals, cov: np.ndarray, jackknife_cov: np.ndarray | None, k: int, by_segment: bool = False
 ) -> np.ndarray:
-    """Return `cov` (p, p) with the errors of the first k entries raised to their errors in `other` (p, p), if larger.
+    """Return `cov` (p, p) with the errors of the first k entries raised to their errors in `jackknife_cov` (p, p), if
+    larger.
 
-    All runs share the first k entries. Return `cov` unchanged without `other`, or if the blocks (`by_segment`: the
-    segments) agree.  (4)"""
-    if other is None or not k:
+    All runs share the first k entries. Return `cov` unchanged without `jackknife_cov`, or if the blocks (`by_segment`:
+    the segments) agree.  (4)"""
+    if jackknife_cov is None or not k:
         return cov
-    shared_cov, blocks = cov[:k, :k], other[:k, :k]
-    n = len(problem.records) if by_segment else min(MOST, int(_driven_s(problem) / BLOCK_S))
-    disagree = np.trace(np.linalg.solve(shared_cov, blocks)) / k
-    if not disagree > 1.0 + SURE * np.sqrt(2.0 / (n * k)):
+    shared_cov, block_cov = cov[:k, :k], jackknife_cov[:k, :k]
+    n = len(problem.records) if by_segment else min(MAX_BLOCKS, int(_total_s(problem) / BLOCK_S))
+    disagreement = np.trace(np.linalg.solve(shared_cov, block_cov)) / k
+    if not disagreement > 1.0 + SIGNIFICANT_SIGMA * np.sqrt(2.0 / (n * k)):
         return cov
-    wider = np.ones(len(cov))
-    wider[:k] = np.sqrt(np.maximum(np.diagonal(blocks) / np.maximum(np.diagonal(shared_cov), 1e-300), 1.0))
-    return cov * np.outer(wider, wider)
+    widening = np.ones(len(cov))
+    widening[:k] = np.sqrt(
+        np.maximum(np.diagonal(block_cov) / np.maximum(np.diagonal(shared_cov), 1e-300), 1.0)
+    )
+    return cov * np.outer(widening, widening)
 
 
-def with_blocks(info: Information, identifiable: np.ndarray, cov: np.ndarray) -> Information:
+def with_jackknife(info: Information, identifiable: np.ndarray, cov: np.ndarray) -> Information:
     """Return `info` with the error of each `identifiable` entry raised to its error in `cov` (k, k), if that is
     larger.  (3)"""
-    at = np.ix_(identifiable, identifiable)
-    A, meat = info.bread[at], info.meat.copy()
+    index = np.ix_(identifiable, identifiable)
+    A, meat = info.bread[index], info.meat.copy()
     root = np.sqrt(np.maximum(np.diagonal(A), 1e-300))
     inverse = np.linalg.inv(A / np.outer(root, root))
-    own = inverse @ (meat[at] / np.outer(root, root)) @ inverse
+    sandwich = inverse @ (meat[index] / np.outer(root, root)) @ inverse
     variance = np.diagonal(cov) * root**2
-    most = np.maximum(variance, np.maximum(np.diagonal(own), np.diagonal(inverse)))
-    D = np.sqrt(most / np.maximum(variance, 1e-300))
+    max_variance = np.maximum(variance, np.maximum(np.diagonal(sandwich), np.diagonal(inverse)))
+    D = np.sqrt(max_variance / np.maximum(variance, 1e-300))
     product = A @ (cov * np.outer(D, D)) @ A
-    meat[at] = 0.5 * (product + product.T)
+    meat[index] = 0.5 * (product + product.T)
     return info._replace(meat=meat)

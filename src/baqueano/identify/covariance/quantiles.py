@@ -10,10 +10,10 @@ import numpy as np
 QUANTILE_95 = 1.959963984540054  # standard deviations within which 95 % of a normal distribution lie
 
 
-def students(probability: float, freedom: float) -> float:
+def student_quantile(probability: float, freedom: float) -> float:
     """Return the quantile of Student's t with `freedom` degrees of freedom, a whole number if below 5."""
     if freedom < 5:
-        return _students_of_few(probability, int(freedom))
+        return _exact_student_quantile(probability, int(freedom))
     z, n = NormalDist().inv_cdf(probability), float(freedom)
     first = (z**3 + z) / (4.0 * n)
     second = (5.0 * z**5 + 16.0 * z**3 + 3.0 * z) / (96.0 * n**2)
@@ -21,9 +21,9 @@ def students(probability: float, freedom: float) -> float:
     return z + first + second + third
 
 
-def _students_of_few(probability: float, freedom: int) -> float:
+def _exact_student_quantile(probability: float, freedom: int) -> float:
     """Return the exact quantile for n = 1 to 4 degrees of freedom, by bisection of the integral over θ = atan(t/√n)."""
-    of = {
+    distribution = {
         1: lambda x: x / np.pi,
         2: lambda x: 0.5 * np.sin(x),
         3: lambda x: (x + np.sin(x) * np.cos(x)) / np.pi,
@@ -32,5 +32,5 @@ def _students_of_few(probability: float, freedom: int) -> float:
     low, high = -0.5 * np.pi, 0.5 * np.pi
     for _ in range(60):
         middle = 0.5 * (low + high)
-        low, high = (middle, high) if of(middle) < probability - 0.5 else (low, middle)
+        low, high = (middle, high) if distribution(middle) < probability - 0.5 else (low, middle)
     return float(np.sqrt(freedom) * np.tan(low))

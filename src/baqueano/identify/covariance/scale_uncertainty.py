@@ -22,133 +22,160 @@ from baqueano.contracts.optional import has_field
 from baqueano.diagnostics import fault
 from baqueano.errors import UsageError
 from baqueano.identify.covariance.information import Information, inverse
-from baqueano.identify.covariance.jackknife import slopes_of
+from baqueano.identify.covariance.jackknife import segment_derivatives
 from baqueano.identify.residuals.simulation import HUBER, Residuals
 from baqueano.symbolic import get
 
 if TYPE_CHECKING:
     from baqueano.vehicle_file import VehicleFile
 
-STEP = 1e-3  # part of a reading, and of 1 rad/s
-ZERO_RAD_S = np.radians(20.0)  # ±, the zero-rate output of the MPU-6050's data sheet
-GYRO = 2  # channel of an IMU
-SHEET = {"accel": 0.02, "gyro": 0.03}  # ±, of small IMUs without calibration
+RELATIVE_STEP = 1e-3  # part of a reading, and of 1 rad/s
+ZERO_RATE_RAD_S = np.radians(20.0)  # ±, the zero-rate output of the MPU-6050's data sheet
+GYRO_CHANNEL = 2  # channel of an IMU
+DATA_SHEET_TOLERANCES = {"accel": 0.02, "gyro": 0.03}  # ±, of small IMUs without calibration
 CHANNELS = (("accel", "accel_scale", 0), ("accel", "accel_scale", 1), ("gyro", "gyro_scale", 0))
 
 
-def of_tolerance(tolerance: float) -> float:
+def std_of_tolerance(tolerance: float) -> float:
     """Return the standard deviation of a value that lies within ± `tolerance`."""
     return tolerance / np.sqrt(3.0)
 
 
-def scales_of(file: "VehicleFile", imu: str, tolerance: Mapping[str, float] | None = None) -> np.ndarray:
+def scale_stds(
+    vehicle_file: "VehicleFile", imu: str, tolerance: Mapping[str, float] | None = None
+) -> np.ndarray:
     """Return the relative standard deviations (3,) of the scales of an IMU. They are computed from `tolerance`
     {"accel", "gyro"}, else from the measurement in the file, else from a data sheet. Raise UsageError for an
     unknown key, or a tolerance outside 0 to 1."""
     tolerances = dict(tolerance or {})
-    if not set(tolerances) <= set(SHEET) or any(not 0.0 <= x < 1.0 for x in tolerances.values()):
-        raise UsageError(fault("tolerance.keys", given=tolerances, keys=SHEET))
-    sd = []
+    if not set(tolerances) <= set(DATA_SHEET_TOLERANCES) or any(
+        not 0.0 <= x < 1.0 for x in tolerances.values()
+    ):
+        raise UsageError(fault("tolerance.keys", given=tolerances, keys=DATA_SHEET_TOLERANCES))
+    stds = []
     for kind, field, entry in CHANNELS:
-        measured = None if kind in tolerances else _measured_part(file, f"sensors.{imu}.{field}", entry)
-        sd.append(of_tolerance(tolerances.get(kind, SHEET[kind])) if measured is None else measured)
-    return np.array(sd)
+        measured_std = (
+            None
+            if kind in tolerances
+            else _measured_relative_std(vehicle_file, f"sensors.{imu}.{field}", entry)
+        )
+        stds.append(
+            std_of_tolerance(tolerances.get(kind, DATA_SHEET_TOLERANCES[kind]))
+            if measured_std is None
+            else measured_std
+        )
+    return np.array(stds)
 
 
-def with_tolerance(file: "VehicleFile", tolerance: Mapping[str, float]) -> "VehicleFile":
+def with_tolerance(vehicle_file: "VehicleFile", tolerance: Mapping[str, float]) -> "VehicleFile":
     """Return the file with standard deviations of scales: {"sensors.imu.gyro_scale": 0.01} means ± 1 % of the value.
 
     Raise UsageError for a path that is not a scale of an IMU of the file, and for a tolerance outside 0 to 1.
     """
     from baqueano.vehicle_file import Provenance
 
-    within = [
+    scale_paths = [
         f"sensors.{name}.{field}"
-        for name, sensor in file.sensors._asdict().items()
+        for name, sensor in vehicle_file.sensors._asdict().items()
         for field in ("gyro_scale", "accel_scale")
         if has_field(sensor, field)
     ]
     values, origins = {}, {}
-    for path, part in tolerance.items():
-        if path not in within:
-            raise UsageError(fault("tolerance.no-scale", path=path, vehicle=file.name, known=within))
-        if not 0.0 < part < 1.0:
-            raise UsageError(fault("tolerance.no-part", path=path, part=part))
-        value = np.asarray(get(file, path), float)
-        sd = np.abs(value) * of_tolerance(part)
+    for path, relative_tolerance in tolerance.items():
+        if path not in scale_paths:
+            raise UsageError(
+                fault("tolerance.no-scale", path=path, vehicle=vehicle_file.name, known=scale_paths)
+            )
+        if not 0.0 < relative_tolerance < 1.0:
+            raise UsageError(fault("tolerance.no-part", path=path, part=relative_tolerance))
+        value = np.asarray(get(vehicle_file, path), float)
+        std = np.abs(value) * std_of_tolerance(relative_tolerance)
         values[path] = value.tolist()
-        origins[path] = Provenance(f"told, ± {100.0 * part:g} %", date.today(), sd.tolist())
-    return file.with_values(values, origins) if values else file
+        origins[path] = Provenance(f"told, ± {100.0 * relative_tolerance:g} %", date.today(), std.tolist())
+    return vehicle_file.with_values(values, origins) if values else vehicle_file
 
 
-def _measured_part(file: "VehicleFile", path: str, entry: int) -> float | None:
+def _measured_relative_std(vehicle_file: "VehicleFile", path: str, entry: int) -> float | None:
     """Return the relative standard error of a scale, or None if it was not measured."""
-    origin = file.provenance.get(path)
+    origin = vehicle_file.provenance.get(path)
     if origin is None or origin.sd is None:
         return None
-    sd, value = (np.ravel(np.asarray(x, float)) for x in (origin.sd, get(file, path)))
-    relative = float(sd[min(entry, len(sd) - 1)] / abs(value[min(entry, len(value) - 1)]))
+    std, value = (np.ravel(np.asarray(x, float)) for x in (origin.sd, get(vehicle_file, path)))
+    relative = float(std[min(entry, len(std) - 1)] / abs(value[min(entry, len(value) - 1)]))
     return relative if np.isfinite(relative) else None
 
 
-def zero_of(file: "VehicleFile", imu: str) -> float:
+def zero_std(vehicle_file: "VehicleFile", imu: str) -> float:
     """Return the standard deviation of a gyro's zero [rad/s], from the file if measured, else from a data sheet."""
-    sd_rad_s = _measured_zero(file, imu)
-    return of_tolerance(ZERO_RAD_S) if sd_rad_s is None else sd_rad_s
+    std_rad_s = _measured_zero_std(vehicle_file, imu)
+    return std_of_tolerance(ZERO_RATE_RAD_S) if std_rad_s is None else std_rad_s
 
 
-def _measured_zero(file: "VehicleFile", imu: str) -> float | None:
-    origin = file.provenance.get(f"sensors.{imu}.gyro_bias")
-    sd_rad_s = np.nan if origin is None or origin.sd is None else float(np.ravel(origin.sd)[0])
-    return sd_rad_s if np.isfinite(sd_rad_s) else None
+def _measured_zero_std(vehicle_file: "VehicleFile", imu: str) -> float | None:
+    origin = vehicle_file.provenance.get(f"sensors.{imu}.gyro_bias")
+    std_rad_s = np.nan if origin is None or origin.sd is None else float(np.ravel(origin.sd)[0])
+    return std_rad_s if np.isfinite(std_rad_s) else None
 
 
-def covariance_by_zeros(
-    problem: Residuals, theta: np.ndarray, identifiable: np.ndarray, bread: np.ndarray, file: "VehicleFile"
+def covariance_of_zeros(
+    problem: Residuals,
+    theta: np.ndarray,
+    identifiable: np.ndarray,
+    bread: np.ndarray,
+    vehicle_file: "VehicleFile",
 ) -> np.ndarray:
     """Return the covariance (p, p) that fixed zeros of gyros add to the `identifiable` (p,) entries of θ. A zero
     that θ contains adds 0. `bread` (p, p) is the information.  (3), (4)"""
-    cov, at, end = np.zeros_like(bread), np.flatnonzero(identifiable), 0
-    free = {*problem.shape.shared, *problem.shape.per_run}
-    gyros = [name for name, sensor in file.sensors._asdict().items() if has_field(sensor, "gyro_bias")]
+    cov, positions, end = np.zeros_like(bread), np.flatnonzero(identifiable), 0
+    free_paths = {*problem.shape.shared, *problem.shape.per_run}
+    gyros = [
+        name for name, sensor in vehicle_file.sensors._asdict().items() if has_field(sensor, "gyro_bias")
+    ]
     for name, size in zip(problem.names, problem.sizes, strict=True):
         end += size
-        if name not in gyros or f"sensors.{name}.gyro_bias" in free or not len(at):
+        if name not in gyros or f"sensors.{name}.gyro_bias" in free_paths or not len(positions):
             continue
         g, score, power = np.zeros(problem.size), 0.0, 0.0
-        for (r, d, index), weight in zip(slopes_of(problem, theta), problem.weights, strict=True):
+        for (r, d, index), weight in zip(segment_derivatives(problem, theta), problem.weights, strict=True):
             r, W = r[:, end - 1], weight[:, end - 1]
-            inside = W * (np.abs(r) < HUBER)
-            g[index] += inside @ d[:, end - 1]
-            score, power = score + float(np.clip(r, -HUBER, HUBER) @ W), power + float(inside @ W)
-        A = bread[np.ix_(at, at)]
+            inlier_weight = W * (np.abs(r) < HUBER)
+            g[index] += inlier_weight @ d[:, end - 1]
+            score, power = score + float(np.clip(r, -HUBER, HUBER) @ W), power + float(inlier_weight @ W)
+        A = bread[np.ix_(positions, positions)]
         if not (np.isfinite(g).all() and np.isfinite(A).all()):
             continue  # a model that diverged
-        v, measured = inverse(A) @ g[at], _measured_zero(file, name)
-        sd = _gyro_zero_std(score, power - float(g[at] @ v)) if measured is None else measured
-        cov[np.ix_(at, at)] += sd**2 * np.outer(v, v)
+        v, measured_std = inverse(A) @ g[positions], _measured_zero_std(vehicle_file, name)
+        std = _gyro_zero_std(score, power - float(g[positions] @ v)) if measured_std is None else measured_std
+        cov[np.ix_(positions, positions)] += std**2 * np.outer(v, v)
     return cov
 
 
 def _gyro_zero_std(score: float, power: float) -> float:
     """Return the standard deviation σ [rad/s] of a zero that was not measured.  (4)"""
-    sheet = of_tolerance(ZERO_RAD_S)
-    return min(sheet, float(np.hypot(score / power, power**-0.5))) if power > sheet**-2 else sheet
+    sheet_std = std_of_tolerance(ZERO_RATE_RAD_S)
+    return min(sheet_std, float(np.hypot(score / power, power**-0.5))) if power > sheet_std**-2 else sheet_std
 
 
-def with_systematic(
-    info: Information, slope: Callable[[int, float, float], np.ndarray], scales: np.ndarray, zero: float
+def with_systematic_errors(
+    info: Information,
+    gradient: Callable[[int, float, float], np.ndarray],
+    scales: np.ndarray,
+    zero_rad_s: float,
 ) -> Information:
     """Return `info` with the effect of errors in the scales and in the zero of the gyro.  (2)
 
-    `scales` (m,) and `zero` [rad/s] are standard deviations. `slope(c, scale, shift)` returns the gradient (p,) if
-    channel c is divided by `scale` and raised by `shift`.
+    `scales` (m,) and `zero_rad_s` [rad/s] are standard deviations. `slope(c, scale, shift)` returns the gradient (p,)
+    if channel c is divided by `scale` and raised by `shift`.
     """
     meat = info.meat.copy()
     for c in np.flatnonzero(scales > 0.0):
-        g = (slope(int(c), 1.0 + STEP, 0.0) - slope(int(c), 1.0 - STEP, 0.0)) / (2.0 * STEP)
+        g = (gradient(int(c), 1.0 + RELATIVE_STEP, 0.0) - gradient(int(c), 1.0 - RELATIVE_STEP, 0.0)) / (
+            2.0 * RELATIVE_STEP
+        )
         meat += scales[c] ** 2 * np.outer(g, g)
-    if zero > 0.0:
-        g = (slope(GYRO, 1.0, STEP) - slope(GYRO, 1.0, -STEP)) / (2.0 * STEP)
-        meat += zero**2 * np.outer(g, g)
+    if zero_rad_s > 0.0:
+        g = (gradient(GYRO_CHANNEL, 1.0, RELATIVE_STEP) - gradient(GYRO_CHANNEL, 1.0, -RELATIVE_STEP)) / (
+            2.0 * RELATIVE_STEP
+        )
+        meat += zero_rad_s**2 * np.outer(g, g)
     return info._replace(meat=meat)

@@ -22,16 +22,16 @@ from baqueano.identify.data.record import FitRecord, FittedBlocks, Measurements
 from baqueano.parameter import parameter
 from baqueano.runs.run import Channel, Run
 from baqueano.sensors import Pose
-from baqueano.sensors.pose import rotate
+from baqueano.sensors.pose import rotate_vector
 from baqueano.signals import ByName, Motion, seconds, sensor_slots
 from baqueano.symbolic import put
 from baqueano.vehicles.bounds import check_bounds
 
 TRUTH = "truth"
-MOUNT = f"sensors.{TRUTH}."  # prefix of parameters that belong to a recording
-CHANNEL = "battery"  # of the run
-VOLTAGE = "voltage of the battery"  # its key in a record; not the name of a sensor
-LIKELY = (0.5, 2.0)  # of the nominal voltage
+MOUNT_PREFIX = f"sensors.{TRUTH}."  # prefix of parameters that belong to a recording
+BATTERY_CHANNEL = "battery"  # of the run
+VOLTAGE_KEY = "voltage of the battery"  # its key in a record; not the name of a sensor
+VOLTAGE_RATIO_RANGE = (0.5, 2.0)  # of the nominal voltage
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -52,23 +52,23 @@ class Velocity:
     def h(self, motion: Motion) -> np.ndarray:
         """Return ν (3,) of the mark, in the axes of the mark.  (1)"""
         vx, vy, w = motion.nu
-        way = np.array([vx - self.lever_arm_m[1] * w, vy + self.lever_arm_m[0] * w])
-        return np.array([*rotate(way, -self.heading_rad), w])
+        velocity = np.array([vx - self.lever_arm_m[1] * w, vy + self.lever_arm_m[0] * w])
+        return np.array([*rotate_vector(velocity, -self.heading_rad), w])
 
 
 def with_truth(runs: Sequence[Run], sensors: ByName[Tree]) -> tuple[list[Run], Any]:
     """Return the runs with their truth as a sensor, and the sensor blocks with a block for the truth. Raise
     UsageError if a run does not contain a truth."""
-    out = []
-    velocity = all(run.truth is not None and np.isfinite(run.truth.nu).all() for run in runs)
+    runs_with_truth = []
+    has_velocity = all(run.truth is not None and np.isfinite(run.truth.nu).all() for run in runs)
     for run in runs:
         truth = run.truth
-        if truth is None or not (velocity or np.isfinite(truth.eta).any()):
+        if truth is None or not (has_velocity or np.isfinite(truth.eta).any()):
             raise UsageError(fault("truth.not-held", run=run.name))
-        channel = Channel(truth.t_ns, truth.t_ns, truth.nu if velocity else truth.eta)
-        out.append(replace(run, sensors={**run.sensors, TRUTH: channel}))
-    block = Velocity() if velocity else Pose()
-    return out, sensor_slots((*sensors._fields, TRUTH))(*sensors, block)
+        channel = Channel(truth.t_ns, truth.t_ns, truth.nu if has_velocity else truth.eta)
+        runs_with_truth.append(replace(run, sensors={**run.sensors, TRUTH: channel}))
+    block = Velocity() if has_velocity else Pose()
+    return runs_with_truth, sensor_slots((*sensors._fields, TRUTH))(*sensors, block)
 
 
 def with_voltage(records: Sequence[FitRecord], runs: Sequence[Run], blocks: FittedBlocks) -> list[FitRecord]:
@@ -78,33 +78,33 @@ def with_voltage(records: Sequence[FitRecord], runs: Sequence[Run], blocks: Fitt
     if getattr(drivetrain, "battery", "steady") != "logged":
         return list(records)
     if not any(_has_voltage(run) for run in runs):
-        raise UsageError(fault("battery.no-voltage", channel=CHANNEL))
-    out = []
+        raise UsageError(fault("battery.no-voltage", channel=BATTERY_CHANNEL))
+    records_with_voltage = []
     for record in records:
-        volts = _volts(record, runs[record.run], drivetrain)
+        volts = _voltage_at_rows(record, runs[record.run], drivetrain)
         measured = Measurements(volts[:, None], np.zeros((len(volts), 1)), None)
-        out.append(record._replace(sensors={**record.sensors, VOLTAGE: measured}))
-    return out
+        records_with_voltage.append(record._replace(sensors={**record.sensors, VOLTAGE_KEY: measured}))
+    return records_with_voltage
 
 
-def at_voltage(blocks: FittedBlocks, row: np.ndarray, volts: bool) -> FittedBlocks:
-    """Return the blocks with `battery_v` from the end of the row if `volts`, else unchanged."""
-    return put(blocks, "model.drivetrain.battery_v", row[-1]) if volts else blocks
+def at_voltage(blocks: FittedBlocks, row: np.ndarray, is_logged: bool) -> FittedBlocks:
+    """Return the blocks with `battery_v` from the end of the row if `is_logged`, else unchanged."""
+    return put(blocks, "model.drivetrain.battery_v", row[-1]) if is_logged else blocks
 
 
 def _has_voltage(run: Run) -> bool:
-    return CHANNEL in run.sensors and bool(np.isfinite(run.sensors[CHANNEL].z[:, 0]).any())
+    return BATTERY_CHANNEL in run.sensors and bool(np.isfinite(run.sensors[BATTERY_CHANNEL].z[:, 0]).any())
 
 
-def _volts(record: FitRecord, run: Run, drivetrain: Tree) -> np.ndarray:
+def _voltage_at_rows(record: FitRecord, run: Run, drivetrain: Tree) -> np.ndarray:
     """Return the voltage (N,) [V] at the rows of the record."""
     if not _has_voltage(run):
         return np.full(len(record.dt_s), float(drivetrain.battery_v))
-    channel = run.sensors[CHANNEL]
-    good = np.isfinite(channel.z[:, 0])
-    t_s, z = seconds(channel.t_ns[good], run.t_ns[0]), channel.z[good, 0]
+    channel = run.sensors[BATTERY_CHANNEL]
+    is_finite = np.isfinite(channel.z[:, 0])
+    t_s, z = seconds(channel.t_ns[is_finite], run.t_ns[0]), channel.z[is_finite, 0]
     nominal = drivetrain.battery_nominal_v
-    if not LIKELY[0] < np.median(z) / nominal < LIKELY[1]:
+    if not VOLTAGE_RATIO_RANGE[0] < np.median(z) / nominal < VOLTAGE_RATIO_RANGE[1]:
         raise UsageError(
             fault("battery.other-voltage", run=run.name, voltage_v=np.median(z), nominal_v=nominal)
         )

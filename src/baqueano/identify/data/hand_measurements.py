@@ -32,12 +32,12 @@ from baqueano.symbolic import scan
 LENGTH_STD_M, ANGLE_STD_RAD = 0.01, float(np.radians(2.0))  # accuracy of a tape and a line of chalk
 LENGTHS = {"m": 1.0, "cm": 0.01, "mm": 0.001}
 ANGLES = {"deg": np.pi / 180.0, "°": np.pi / 180.0, "rad": 1.0, "turn": 2.0 * np.pi, "turns": 2.0 * np.pi}
-DRAWN = 24  # simulated vehicles; they give σ to 15 %
-SMALL_M = 1e-3  # keeps the root of (1) smooth at the mark
-LINE = re.compile(
+DRAWN_VEHICLES = 24  # simulated vehicles; they give σ to 15 %
+SMOOTHING_M = 1e-3  # keeps the root of (1) smooth at the mark
+LINE_PATTERN = re.compile(
     r"^\s*(?:(?P<run>\S.*?)\s+)?(?:0(?:\.0*)?\s*s?\s*\.\.\s*)?(?P<t>end|[\d.]+\s*s)\s*:(?P<what>.+)$"
 )
-NUMBER = re.compile(
+NUMBER_PATTERN = re.compile(
     r"^\s*(?P<x>[+-]?[\d.]+(?:e[+-]?\d+)?)\s*(?:(?:±|\+-|\+/-)\s*(?P<sd>[\d.]+)\s*)?(?P<unit>[a-z°]+)\s*$"
 )
 
@@ -48,37 +48,37 @@ class HandMeasurement(NamedTuple):
     kind: str  # a key of KINDS
     t_ns: int
     z: np.ndarray  # (m,)
-    sd: float
+    std: float
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Tape:
     """Sensor block of a distance: z = (√(x² + y²),) [m], from the start of the run."""
 
-    sd: float = LENGTH_STD_M
+    std: float = LENGTH_STD_M
     size: int = 1
 
     @property
     def cov(self) -> np.ndarray:
         """Return the covariance Q (1, 1) [m²]."""
-        return np.eye(1) * self.sd**2
+        return np.eye(1) * self.std**2
 
     def h(self, motion: Motion) -> np.ndarray:
         """Return the distance (1,) [m].  (1)"""
-        return np.sqrt(np.array([motion.eta[0] ** 2 + motion.eta[1] ** 2 + SMALL_M**2]))
+        return np.sqrt(np.array([motion.eta[0] ** 2 + motion.eta[1] ** 2 + SMOOTHING_M**2]))
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class BackOnMark:
     """Sensor block of a position: z = (x, y) [m]."""
 
-    sd: float = LENGTH_STD_M
+    std: float = LENGTH_STD_M
     size: int = 2
 
     @property
     def cov(self) -> np.ndarray:
         """Return the covariance Q (2, 2) [m²]."""
-        return np.eye(2) * self.sd**2
+        return np.eye(2) * self.std**2
 
     def h(self, motion: Motion) -> np.ndarray:
         """Return the position (2,) [m]."""
@@ -89,13 +89,13 @@ class BackOnMark:
 class TurnAngle:
     """Sensor block of an angle: z = (cos ψ, sin ψ), without a jump at half a turn."""
 
-    sd: float = ANGLE_STD_RAD
+    std: float = ANGLE_STD_RAD
     size: int = 2
 
     @property
     def cov(self) -> np.ndarray:
         """Return the covariance Q (2, 2); along the circle it is the variance of the angle."""
-        return np.eye(2) * self.sd**2
+        return np.eye(2) * self.std**2
 
     def h(self, motion: Motion) -> np.ndarray:
         """Return the direction (2,).  (1)"""
@@ -112,29 +112,32 @@ def with_tape(
 ) -> tuple[list[Run], FittedBlocks]:
     """Return the runs with the hand measurements among their sensors, one channel each, and the blocks with these
     sensors added."""
-    out, sensors = list(runs), blocks.sensors._asdict()
+    runs_with_tape, sensors = list(runs), blocks.sensors._asdict()
     for line in measured:
-        at, parts = read(line, runs)
-        for measurement in parts:
+        run_index, measurements = read_line(line, runs)
+        for measurement in measurements:
             block = KINDS[measurement.kind](
-                sd=float(np.hypot(measurement.sd, drift(blocks.model, runs[at], measurement)))
+                sd=float(np.hypot(measurement.std, drift_std(blocks.model, runs[run_index], measurement)))
             )
             name = measurement.kind
             while name in sensors:
                 name += "_"
             sensors[name] = block
-            by_run = [[measurement] if k == at else [] for k in range(len(out))]
-            out = [_with_channel(run, name, some, block) for run, some in zip(out, by_run, strict=True)]
-    return out, blocks._replace(sensors=sensor_slots(tuple(sensors))(*sensors.values()))
+            by_run = [[measurement] if k == run_index else [] for k in range(len(runs_with_tape))]
+            runs_with_tape = [
+                _with_channel(run, name, of_run, block)
+                for run, of_run in zip(runs_with_tape, by_run, strict=True)
+            ]
+    return runs_with_tape, blocks._replace(sensors=sensor_slots(tuple(sensors))(*sensors.values()))
 
 
-def drift(vehicle: Tree, run: Run, measurement: HandMeasurement) -> float:
+def drift_std(vehicle: Tree, run: Run, measurement: HandMeasurement) -> float:
     """Return the standard deviation that process noise adds to the measurement, in its unit.  (2)"""
     if not np.any(getattr(vehicle, "process_noise_std", 0.0)):
         return 0.0
-    ticks = int(np.searchsorted(run.t_ns, measurement.t_ns)) + 1
-    dt_s = seconds(np.diff(run.t_ns[:ticks], prepend=2 * run.t_ns[0] - run.t_ns[1]))
-    columns = np.column_stack([dt_s, np.nan_to_num(run.applied[:ticks])])
+    tick_count = int(np.searchsorted(run.t_ns, measurement.t_ns)) + 1
+    dt_s = seconds(np.diff(run.t_ns[:tick_count], prepend=2 * run.t_ns[0] - run.t_ns[1]))
+    columns = np.column_stack([dt_s, np.nan_to_num(run.applied[:tick_count])])
     n = 1 + vehicle.commands
 
     def step(state: Tree, row: np.ndarray) -> tuple[Tree, np.ndarray]:
@@ -143,29 +146,29 @@ def drift(vehicle: Tree, run: Run, measurement: HandMeasurement) -> float:
 
     kernel = scan(step, vehicle.init(), np.zeros(n + 3))
     rng, ends = np.random.default_rng(0), []
-    for noise in (np.zeros((ticks, 3)), *rng.standard_normal((DRAWN, ticks, 3))):
+    for noise in (np.zeros((tick_count, 3)), *rng.standard_normal((DRAWN_VEHICLES, tick_count, 3))):
         eta = np.asarray(kernel.run(np.ascontiguousarray(np.column_stack([columns, noise])))[1])[-1]
         ends.append(KINDS[measurement.kind]().h(Motion(eta, np.zeros(3), np.zeros(3), np.zeros(2))))
-    away = np.array(ends[1:]) - ends[0]
+    deviations = np.array(ends[1:]) - ends[0]
     per_entry = 1 if measurement.kind == "turned" else len(measurement.z)  # both entries describe one angle
-    return float(np.sqrt(np.sum(away**2) / (DRAWN * per_entry)))
+    return float(np.sqrt(np.sum(deviations**2) / (DRAWN_VEHICLES * per_entry)))
 
 
-def read(line: str, runs: Sequence[Run]) -> tuple[int, list[HandMeasurement]]:
+def read_line(line: str, runs: Sequence[Run]) -> tuple[int, list[HandMeasurement]]:
     """Return the index of the run, and its measurements in `line`. Raise UsageError for a line that cannot be
     parsed."""
-    match = LINE.match(line.replace(",", ", "))
+    match = LINE_PATTERN.match(line.replace(",", ", "))
     if match is None:
         raise UsageError(fault("tape.unreadable", EXAMPLE, line=line))
-    at = _run_index(match["run"], line, runs)
-    run = runs[at]
+    run_index = _run_index(match["run"], line, runs)
+    run = runs[run_index]
     t_s = run.duration_s if match["t"] == "end" else float(match["t"].rstrip("s "))
     if not 0.0 < t_s <= run.duration_s:
         raise UsageError(
             fault("tape.after-the-end", line=line, run=run.name, duration_s=run.duration_s, t_s=t_s)
         )
     t_ns = int(run.t_ns[0]) + round(t_s * NANOSECONDS)
-    return at, [_part(part, line, t_ns) for part in match["what"].split(",")]
+    return run_index, [_measurement(part, line, t_ns) for part in match["what"].split(",")]
 
 
 def _run_index(name: str | None, line: str, runs: Sequence[Run]) -> int:
@@ -179,26 +182,26 @@ def _run_index(name: str | None, line: str, runs: Sequence[Run]) -> int:
     return names.index(name)
 
 
-def _part(part: str, line: str, t_ns: int) -> HandMeasurement:
-    number = NUMBER.match(part)
+def _measurement(text: str, line: str, t_ns: int) -> HandMeasurement:
+    number = NUMBER_PATTERN.match(text)
     unit = number["unit"] if number else ""
     if number is None or unit not in {**LENGTHS, **ANGLES}:
         raise UsageError(
-            fault("tape.no-length", EXAMPLE, line=line, part=part.strip(), units=(*LENGTHS, *ANGLES))
+            fault("tape.no-length", EXAMPLE, line=line, part=text.strip(), units=(*LENGTHS, *ANGLES))
         )
     factor = {**LENGTHS, **ANGLES}[unit]
-    x, sd = float(number["x"]) * factor, float(number["sd"] or 0.0) * factor
+    x, std = float(number["x"]) * factor, float(number["sd"] or 0.0) * factor
     if unit in ANGLES:
-        return HandMeasurement("turned", t_ns, np.array([np.cos(x), np.sin(x)]), sd or ANGLE_STD_RAD)
+        return HandMeasurement("turned", t_ns, np.array([np.cos(x), np.sin(x)]), std or ANGLE_STD_RAD)
     if x < 0.0:
         raise UsageError(fault("tape.negative", line=line, length_m=x))
     if x == 0.0:
-        return HandMeasurement("back_on_mark", t_ns, np.zeros(2), sd or LENGTH_STD_M)
-    return HandMeasurement("tape", t_ns, np.array([x]), sd or LENGTH_STD_M)
+        return HandMeasurement("back_on_mark", t_ns, np.zeros(2), std or LENGTH_STD_M)
+    return HandMeasurement("tape", t_ns, np.array([x]), std or LENGTH_STD_M)
 
 
-def _with_channel(run: Run, kind: str, measurement: list[HandMeasurement], block: Tree) -> Run:
-    measurement = sorted(measurement, key=lambda reading: reading.t_ns)
-    t_ns = np.array([reading.t_ns for reading in measurement], dtype=np.int64)
-    z = np.array([reading.z for reading in measurement]) if measurement else np.zeros((0, block.size))
+def _with_channel(run: Run, kind: str, measurements: list[HandMeasurement], block: Tree) -> Run:
+    measurements = sorted(measurements, key=lambda reading: reading.t_ns)
+    t_ns = np.array([reading.t_ns for reading in measurements], dtype=np.int64)
+    z = np.array([reading.z for reading in measurements]) if measurements else np.zeros((0, block.size))
     return replace(run, sensors={**run.sensors, kind: Channel(t_ns, t_ns, z)})

@@ -23,12 +23,12 @@ from baqueano.diagnostics import Diagnostic, fault, note
 from baqueano.errors import UsageError
 from baqueano.runs.run import Channel, Run
 from baqueano.signals import ByName, seconds
-from baqueano.vehicles.rk4 import ROW_S, rows_in
+from baqueano.vehicles.rk4 import MAX_ROW_S, row_counts
 
-LONG_STEP = 2.5  # median steps, above which a step is a gap
-JUST = 1e-6  # of a row: rounding
-LATE = 0.02  # of a step: how far a stamp may lie from its tick to count as on it
-CLOCK_S = 0.25  # the largest clock offset that a fit estimates
+GAP_STEPS = 2.5  # median steps, above which a step is a gap
+ROW_TOLERANCE = 1e-6  # of a row: rounding
+MAX_EARLY_FRACTION = 0.02  # of a step: how far a stamp may lie from its tick to count as on it
+MAX_CLOCK_OFFSET_S = 0.25  # the largest clock offset that a fit estimates
 
 
 class Measurements(NamedTuple):
@@ -58,10 +58,10 @@ class FitRecord(NamedTuple):
 def record_of(
     run: Run,
     sensors: dict[str, Tree],
-    only: Mapping[str, list[int]] | None = None,
+    used_channels: Mapping[str, list[int]] | None = None,
     clocks: Sequence[str] = (),
 ) -> FitRecord:
-    """Return the rows of `run` for the sensor blocks, by name. `only` limits a sensor to the listed channels.
+    """Return the rows of `run` for the sensor blocks, by name. `used_channels` limits a sensor to the listed channels.
     Readings of the sensors in `clocks` are assigned CLOCK_S after their timestamp. Raise UsageError for a run with
     fewer than 2 ticks."""
     if len(run.t_ns) < 2:
@@ -70,18 +70,20 @@ def record_of(
     median_ns = int(np.median(steps))
     dt_s = seconds(np.concatenate([[median_ns], steps]))
     u, notes = _command(run)
-    gaps = dt_s > LONG_STEP * median_ns * 1e-9
+    gaps = dt_s > GAP_STEPS * median_ns * 1e-9
     if gaps.any():
         notes.append(note("data.gaps", gaps=int(gaps.sum()), longest_s=float(dt_s.max())))
-    splits = rows_in(dt_s)
-    splits[gaps] = np.maximum(splits[gaps], np.ceil(dt_s[gaps] / (LONG_STEP * median_ns * 1e-9)).astype(int))
+    splits = row_counts(dt_s)
+    splits[gaps] = np.maximum(splits[gaps], np.ceil(dt_s[gaps] / (GAP_STEPS * median_ns * 1e-9)).astype(int))
     ends = np.cumsum(splits) - 1
     readings = {}
     for name, block in sensors.items():
-        readings[name] = _measurements(run, name, block, ends, notes, CLOCK_S if name in clocks else 0.0)
-        if only and name in only:
-            left_out = np.setdiff1d(np.arange(block.size), only[name])
-            readings[name].has[:, left_out] = 0.0
+        readings[name] = _measurements(
+            run, name, block, ends, notes, MAX_CLOCK_OFFSET_S if name in clocks else 0.0
+        )
+        if used_channels and name in used_channels:
+            unused = np.setdiff1d(np.arange(block.size), used_channels[name])
+            readings[name].has[:, unused] = 0.0
     t_s = seconds(run.t_ns, run.t_ns[0])
     if np.any(splits > 1):
         dt_s = np.repeat(dt_s / splits, splits)
@@ -90,32 +92,36 @@ def record_of(
     return FitRecord(run.name, t_s, dt_s, u, readings, tuple(notes))
 
 
-def past_of(runs: Sequence[Run]) -> Callable[[float], int]:
+def past_rows_of(runs: Sequence[Run]) -> Callable[[float], int]:
     """Return a function that returns the number of past rows that a delay [s] needs, in the rows of `runs`."""
     ticks = [seconds(np.diff(run.t_ns)) for run in runs if len(run.t_ns) > 1]
-    rows = [np.repeat(dt_s / rows_in(dt_s), rows_in(dt_s)) for dt_s in ticks]
-    usual_s = min((float(np.median(dt_s)) for dt_s in rows), default=ROW_S)
+    rows = [np.repeat(dt_s / row_counts(dt_s), row_counts(dt_s)) for dt_s in ticks]
+    typical_s = min((float(np.median(dt_s)) for dt_s in rows), default=MAX_ROW_S)
 
-    def slots(delay_s: float) -> int:
+    def row_count(delay_s: float) -> int:
         if delay_s <= 0.0:
             return 0
-        count = int(np.ceil(delay_s / usual_s - JUST))
+        count = int(np.ceil(delay_s / typical_s - ROW_TOLERANCE))
         ends = [np.concatenate([[0.0], np.cumsum(dt_s)]) for dt_s in rows]
         spans = [np.min(t[count:] - t[:-count], initial=np.inf) for t in ends]
         return count + bool(
-            min(spans, default=np.inf) < delay_s * (1.0 - JUST)
+            min(spans, default=np.inf) < delay_s * (1.0 - ROW_TOLERANCE)
         )  # one more where ticks are uneven
 
-    return slots
+    return row_count
 
 
-def first_rows(record: FitRecord, rows: int) -> FitRecord:
-    """Return the record with its first `rows` rows only."""
+def first_rows(record: FitRecord, row_count: int) -> FitRecord:
+    """Return the record with its first `row_count` rows only."""
     sensors = {
-        name: Measurements(z[:rows], has[:rows], None if sample_fraction is None else sample_fraction[:rows])
+        name: Measurements(
+            z[:row_count], has[:row_count], None if sample_fraction is None else sample_fraction[:row_count]
+        )
         for name, (z, has, sample_fraction) in record.sensors.items()
     }
-    return record._replace(t_s=record.t_s[:rows], dt_s=record.dt_s[:rows], u=record.u[:rows], sensors=sensors)
+    return record._replace(
+        t_s=record.t_s[:row_count], dt_s=record.dt_s[:row_count], u=record.u[:row_count], sensors=sensors
+    )
 
 
 def _command(run: Run) -> tuple[np.ndarray, list[Diagnostic]]:
@@ -126,16 +132,16 @@ def _command(run: Run) -> tuple[np.ndarray, list[Diagnostic]]:
         return run.applied, []
     if not finite.any():
         raise UsageError(fault("runs.no-command", run=run.name))
-    last = np.maximum.accumulate(np.where(finite, np.arange(len(finite)), 0))
-    u = np.where(finite[last][:, None], run.applied[last], 0.0)
+    last_finite = np.maximum.accumulate(np.where(finite, np.arange(len(finite)), 0))
+    u = np.where(finite[last_finite][:, None], run.applied[last_finite], 0.0)
     return u, [note("data.command-unknown", ticks=int((~finite).sum()))]
 
 
 def _measurements(
-    run: Run, name: str, block: Tree, ends: np.ndarray, notes: list[Diagnostic], late_s: float
+    run: Run, name: str, block: Tree, ends: np.ndarray, notes: list[Diagnostic], max_offset_s: float
 ) -> Measurements:
     """Return the measurements of one sensor in ends[-1] + 1 rows. `ends` contains the last row of each tick. Each
-    reading is assigned `late_s` after its timestamp."""
+    reading is assigned `max_offset_s` after its timestamp."""
     channel = run.sensors.get(name)
     if channel is None:
         raise UsageError(fault("runs.no-sensor", run=run.name, sensor=name, known=run.sensors))
@@ -150,49 +156,55 @@ def _measurements(
                 size=block.size,
             )
         )
-    m, rows = block.size, int(ends[-1]) + 1
-    z, has = np.zeros((rows, m)), np.zeros((rows, m))
-    good = _sound(name, block, channel, notes)
-    tick = np.searchsorted(run.t_ns, channel.t_ns + round(late_s * 1e9))
-    first_ns = run.t_ns[0] - round(LATE * float(np.median(np.diff(run.t_ns))))
-    inside = (tick < len(run.t_ns)) & ((channel.t_ns >= first_ns) | (late_s > 0.0))
-    at = ends[tick[inside]]
-    z[at] = np.where(good[inside], channel.z[inside], 0.0)
-    has[at] = good[inside]
-    if late_s > 0.0:
-        age_s = np.zeros(rows)
-        age_s[at] = seconds(run.t_ns[tick[inside]], channel.t_ns[inside])
-        has[: int(ends[np.searchsorted(run.t_ns - run.t_ns[0], round(2e9 * CLOCK_S))])] = (
+    m, row_count = block.size, int(ends[-1]) + 1
+    z, has = np.zeros((row_count, m)), np.zeros((row_count, m))
+    is_sound = _sound_mask(name, block, channel, notes)
+    tick = np.searchsorted(run.t_ns, channel.t_ns + round(max_offset_s * 1e9))
+    first_ns = run.t_ns[0] - round(MAX_EARLY_FRACTION * float(np.median(np.diff(run.t_ns))))
+    is_inside = (tick < len(run.t_ns)) & ((channel.t_ns >= first_ns) | (max_offset_s > 0.0))
+    row_index = ends[tick[is_inside]]
+    z[row_index] = np.where(is_sound[is_inside], channel.z[is_inside], 0.0)
+    has[row_index] = is_sound[is_inside]
+    if max_offset_s > 0.0:
+        age_s = np.zeros(row_count)
+        age_s[row_index] = seconds(run.t_ns[tick[is_inside]], channel.t_ns[is_inside])
+        has[: int(ends[np.searchsorted(run.t_ns - run.t_ns[0], round(2e9 * MAX_CLOCK_OFFSET_S))])] = (
             0.0  # delay line fills
         )
         return Measurements(z, has, age_s)
-    return Measurements(z, has, _early(run, channel.t_ns[inside], tick[inside], at, rows))
+    return Measurements(
+        z, has, _sample_fraction(run, channel.t_ns[is_inside], tick[is_inside], row_index, row_count)
+    )
 
 
-def _early(run: Run, t_ns: np.ndarray, tick: np.ndarray, index: np.ndarray, rows: int) -> np.ndarray | None:
+def _sample_fraction(
+    run: Run, t_ns: np.ndarray, tick: np.ndarray, index: np.ndarray, row_count: int
+) -> np.ndarray | None:
     """Return the fraction (rows,) of the step by which each timestamp precedes the end of its tick. Return None if
     all fractions are negligible."""
     if not len(tick):
         return None
-    before = run.t_ns[np.maximum(tick, 1) - 1]
-    part: np.ndarray = (run.t_ns[tick] - t_ns) / np.maximum(run.t_ns[np.maximum(tick, 1)] - before, 1)
-    if np.all(part < LATE):
+    previous_ns = run.t_ns[np.maximum(tick, 1) - 1]
+    fraction: np.ndarray = (run.t_ns[tick] - t_ns) / np.maximum(
+        run.t_ns[np.maximum(tick, 1)] - previous_ns, 1
+    )
+    if np.all(fraction < MAX_EARLY_FRACTION):
         return None
-    sample_fraction = np.zeros(rows)
-    sample_fraction[index] = np.clip(part, 0.0, 1.0)
+    sample_fraction = np.zeros(row_count)
+    sample_fraction[index] = np.clip(fraction, 0.0, 1.0)
     return sample_fraction
 
 
-def _sound(name: str, block: Tree, channel: Channel, notes: list[Diagnostic]) -> np.ndarray:
+def _sound_mask(name: str, block: Tree, channel: Channel, notes: list[Diagnostic]) -> np.ndarray:
     """Return a mask (M, m), True where an entry is finite and not at the end of the range."""
-    good = np.isfinite(channel.z)
+    is_sound = np.isfinite(channel.z)
     limit = range_of(block)
     if limit is not None:
-        at_limit = good & (np.abs(channel.z) >= limit)
+        at_limit = is_sound & (np.abs(channel.z) >= limit)
         if at_limit.any():
             notes.append(note("data.end-of-range", subject=name, lost=int(at_limit.sum())))
-        good &= ~at_limit
-    return good
+        is_sound &= ~at_limit
+    return is_sound
 
 
 def range_of(block: Tree) -> np.ndarray | None:
@@ -203,9 +215,9 @@ def range_of(block: Tree) -> np.ndarray | None:
     return np.array([block.accel_limit, block.accel_limit, block.gyro_limit]) * (1.0 - 1e-9) - step
 
 
-def slots_for(dt_s: np.ndarray) -> int:
+def offset_rows(dt_s: np.ndarray) -> int:
     """Return the number of past rows that offsets of ± CLOCK_S need, with steps `dt_s` (N,) [s]."""
-    return int(np.ceil(2.0 * CLOCK_S / float(np.median(dt_s)))) + 2
+    return int(np.ceil(2.0 * MAX_CLOCK_OFFSET_S / float(np.median(dt_s)))) + 2
 
 
 class FittedBlocks(NamedTuple):

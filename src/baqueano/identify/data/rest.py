@@ -26,66 +26,78 @@ if TYPE_CHECKING:
     from baqueano.vehicle_file import VehicleFile
 
 REST_S = 1.0  # without any command, before the vehicle counts as at rest
-TINY = 1e-9  # tolerance for readings without noise
-LEAST_S = 1.0  # of measurements after REST_S, the shortest time for a bias
-FAR = 4.0  # times w, the largest reading of a speed that counts as 0
-FIRST = 5  # readings of a speed; 0 s to 0.05 s at 100 Hz
-QUIET = 2.0  # times w, or the noise of the file: a gyro that scatters more is being turned by hand
+TOLERANCE = 1e-9  # tolerance for readings without noise
+MIN_REST_S = 1.0  # of measurements after REST_S, the shortest time for a bias
+ZERO_SPEED_FACTOR = 4.0  # times w, the largest reading of a speed that counts as 0
+FIRST_READINGS = 5  # readings of a speed; 0 s to 0.05 s at 100 Hz
+REST_NOISE_FACTOR = (
+    2.0  # times w, or the noise of the file: a gyro that scatters more is being turned by hand
+)
 
 
-def with_gyro_at_rest(file: "VehicleFile", runs: Sequence[Run]) -> tuple["VehicleFile", Diagnostic | None]:
+def with_gyro_at_rest(
+    vehicle_file: "VehicleFile", runs: Sequence[Run]
+) -> tuple["VehicleFile", Diagnostic | None]:
     """Return the file with the bias of the first gyro that was at rest in the runs, and a message. Return the file
     unchanged and None if the runs do not contain a rest."""
-    for name, sensor in file.sensors._asdict().items():
+    for name, sensor in vehicle_file.sensors._asdict().items():
         if not has_field(sensor, "gyro_bias"):
             continue
         residuals = {run.name: _residuals_at_rest(run, name, sensor) for run in runs}
-        stood = [name for name, x in residuals.items() if len(x)]
+        runs_at_rest = [name for name, x in residuals.items() if len(x)]
         x = np.concatenate(list(residuals.values()))
         if not len(x):
             continue
-        bias, sd = float(sensor.gyro_bias + x.mean()), float(x.std(ddof=1) / np.sqrt(len(x)))
-        message = note("bias.at-rest", subject=name, bias_rad_s=bias, sd_rad_s=sd, runs=", ".join(stood))
-        return _rest_file(file, name, bias, sd, stood), message
-    return file, None
+        bias, std = float(sensor.gyro_bias + x.mean()), float(x.std(ddof=1) / np.sqrt(len(x)))
+        message = note(
+            "bias.at-rest", subject=name, bias_rad_s=bias, sd_rad_s=std, runs=", ".join(runs_at_rest)
+        )
+        return _rest_file(vehicle_file, name, bias, std, runs_at_rest), message
+    return vehicle_file, None
 
 
 def begins_at_rest(run: "Run", sensors: ByName["Tree"]) -> bool:
     """Return True if a run begins at rest, as far as its commands and `sensors` show.  (2)"""
     driven_ticks = np.flatnonzero(np.any(run.applied != 0.0, axis=1))  # NaN counts as driven
     first_ns = run.t_ns[max(driven_ticks[0] - 1, 0)] if len(driven_ticks) else run.t_ns[-1]
-    quiet = not len(driven_ticks) or driven_ticks[0] > 0
+    is_quiet = not len(driven_ticks) or driven_ticks[0] > 0
     for name, sensor in sensors._asdict().items():
         channel = run.sensors.get(name)
-        if channel is None or len(channel.z) <= FIRST:
+        if channel is None or len(channel.z) <= FIRST_READINGS:
             continue
         finite = np.isfinite(channel.z)
         step = np.diff(np.where(finite, channel.z, 0.0), axis=0) * (finite[1:] & finite[:-1])
-        white = np.sqrt(0.5 * np.mean(step**2, axis=0))
+        white_std = np.sqrt(0.5 * np.mean(step**2, axis=0))
         if not has_field(sensor, "gyro_bias") and shows_speed(sensor).any():
-            first = np.abs(channel.z[:FIRST, shows_speed(sensor)])
-            return not np.any(first > FAR * white[shows_speed(sensor)] + TINY)  # NaN does not count as moving
-        before = np.where(finite, channel.z, 0.0)[channel.t_ns <= first_ns]
-        quiet = (
-            quiet and len(before) >= FIRST and bool(np.all(np.std(before, axis=0) <= QUIET * white + TINY))
+            first_speeds = np.abs(channel.z[:FIRST_READINGS, shows_speed(sensor)])
+            return not np.any(
+                first_speeds > ZERO_SPEED_FACTOR * white_std[shows_speed(sensor)] + TOLERANCE
+            )  # NaN does not count as moving
+        readings_before = np.where(finite, channel.z, 0.0)[channel.t_ns <= first_ns]
+        is_quiet = (
+            is_quiet
+            and len(readings_before) >= FIRST_READINGS
+            and bool(np.all(np.std(readings_before, axis=0) <= REST_NOISE_FACTOR * white_std + TOLERANCE))
         )
-    return quiet
+    return is_quiet
 
 
 def shows_speed(sensor: "Tree") -> np.ndarray:
     """Return a mask (m,) of the channels that depend on ν and not on ν̇."""
-    none, no_force = np.zeros(3), np.zeros(2)
-    at_rest, moving = (sensor.h(Motion(none, nu, none, no_force)) for nu in (none, np.array([1.0, 0.0, 1.0])))
-    faster = sensor.h(Motion(none, none, np.ones(3), no_force))
-    return np.asarray((moving != at_rest) & (faster == at_rest))
+    zeros, no_force = np.zeros(3), np.zeros(2)
+    z_at_rest, z_moving = (
+        sensor.h(Motion(zeros, nu, zeros, no_force)) for nu in (zeros, np.array([1.0, 0.0, 1.0]))
+    )
+    z_accelerating = sensor.h(Motion(zeros, zeros, np.ones(3), no_force))
+    return np.asarray((z_moving != z_at_rest) & (z_accelerating == z_at_rest))
 
 
-def standing(run: "Run", t_ns: np.ndarray) -> np.ndarray:
+def is_at_rest(run: "Run", t_ns: np.ndarray) -> np.ndarray:
     """Return a mask (K,), True at the times `t_ns` (K,) that follow REST_S without a command."""
     driven_ticks = np.any(run.applied != 0.0, axis=1)  # NaN counts as driven
-    last = np.maximum.accumulate(np.where(driven_ticks, run.t_ns, run.t_ns[0]))
+    last_driven_ns = np.maximum.accumulate(np.where(driven_ticks, run.t_ns, run.t_ns[0]))
     tick = np.clip(np.searchsorted(run.t_ns, t_ns), 0, len(run.t_ns) - 1)
-    return ~driven_ticks[tick] & (t_ns - last[tick] > REST_S * NANOSECONDS)
+    return ~driven_ticks[tick] & (t_ns - last_driven_ns[tick] > REST_S * NANOSECONDS)
 
 
 def _residuals_at_rest(run: "Run", name: str, sensor: "Tree") -> np.ndarray:
@@ -93,16 +105,20 @@ def _residuals_at_rest(run: "Run", name: str, sensor: "Tree") -> np.ndarray:
     channel = run.sensors.get(name)
     if channel is None or channel.z.shape[1] != sensor.size or not len(run.t_ns):
         return np.zeros(0)
-    at_rest = standing(run, channel.t_ns) & np.isfinite(channel.z[:, -1])
+    at_rest = is_at_rest(run, channel.t_ns) & np.isfinite(channel.z[:, -1])
     at_standstill = Motion(np.zeros(3), np.zeros(3), np.zeros(3), np.zeros(2))
     residuals = channel.z[at_rest, -1] - sensor.h(at_standstill)[-1]
-    turns = len(residuals) and np.std(residuals) > QUIET * np.sqrt(sensor.cov[-1, -1]) > 0.0
-    return np.zeros(0) if turns or len(residuals) < LEAST_S * sensor.rate_hz else residuals
+    is_turned = len(residuals) and np.std(residuals) > REST_NOISE_FACTOR * np.sqrt(sensor.cov[-1, -1]) > 0.0
+    return np.zeros(0) if is_turned or len(residuals) < MIN_REST_S * sensor.rate_hz else residuals
 
 
-def _rest_file(file: "VehicleFile", name: str, bias: float, sd: float, stood: list[str]) -> "VehicleFile":
+def _rest_file(
+    vehicle_file: "VehicleFile", name: str, bias: float, std: float, run_names: list[str]
+) -> "VehicleFile":
     from baqueano.vehicle_file import Provenance
     from baqueano.vehicle_file.file import today
 
     path = f"sensors.{name}.gyro_bias"
-    return file.with_values({path: bias}, {path: Provenance(", ".join(stood), today(), sd, Verdict.USABLE)})
+    return vehicle_file.with_values(
+        {path: bias}, {path: Provenance(", ".join(run_names), today(), std, Verdict.USABLE)}
+    )

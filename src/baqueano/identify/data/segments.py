@@ -18,32 +18,34 @@ import numpy as np
 
 from baqueano.identify.data.record import FitRecord, Measurements
 
-LEAST = 1e-9  # of the largest eigenvalue of a start's information: smaller directions are unobservable
+MIN_RELATIVE_EIGENVALUE = (
+    1e-9  # of the largest eigenvalue of a start's information: smaller directions are unobservable
+)
 
 
 class ThetaLayout(NamedTuple):
     """Positions in θ of the entries of each segment."""
 
-    shared: int
-    by_run: int
-    by_segment: int
+    shared_count: int
+    run_entry_count: int
+    start_size: int
     runs: tuple[int, ...]  # of each segment
 
     @property
-    def starts(self) -> int:
+    def first_start(self) -> int:
         """Return the index of the first start."""
-        return self.shared + self.by_run * (max(self.runs) + 1)
+        return self.shared_count + self.run_entry_count * (max(self.runs) + 1)
 
     @property
     def size(self) -> int:
         """Return the length of θ."""
-        return self.starts + self.by_segment * len(self.runs)
+        return self.first_start + self.start_size * len(self.runs)
 
     @property
     def indices(self) -> list[np.ndarray]:
         """Return for each segment the indices of its entries in θ."""
-        s, o, q = self.shared, self.by_run, self.by_segment
-        first = self.starts
+        s, o, q = self.shared_count, self.run_entry_count, self.start_size
+        first = self.first_start
         return [
             np.concatenate(
                 [
@@ -55,12 +57,12 @@ class ThetaLayout(NamedTuple):
             for k, run in enumerate(self.runs)
         ]
 
-    def of_starts(self, k: int) -> slice:
+    def start_slice(self, k: int) -> slice:
         """Return the slice of θ with the start of segment k."""
-        return slice(self.starts + k * self.by_segment, self.starts + (k + 1) * self.by_segment)
+        return slice(self.first_start + k * self.start_size, self.first_start + (k + 1) * self.start_size)
 
 
-def cut(record: FitRecord, segment_s: float, lead_s: float) -> list[FitRecord]:
+def split_record(record: FitRecord, segment_s: float, lead_s: float) -> list[FitRecord]:
     """Return segments of about `segment_s` [s]. Each segment after the first has a lead of `lead_s` [s].
 
     The lead does not contain measurements. It is at least one row long, because a reading between ticks is
@@ -70,11 +72,11 @@ def cut(record: FitRecord, segment_s: float, lead_s: float) -> list[FitRecord]:
     count = max(1, round(float(ends[-1]) / segment_s))
     edges = np.searchsorted(ends, ends[-1] * np.arange(1, count) / count)
     edges = np.unique(np.concatenate([[0], edges, [len(ends)]]))
-    out = []
+    segments = []
     for first, last in pairwise(edges):
         begin = int(np.searchsorted(ends, ends[first] - lead_s))
-        out.append(_segment(record, max(min(begin, int(first) - 1), 0), int(first), int(last)))
-    return out
+        segments.append(_segment(record, max(min(begin, int(first) - 1), 0), int(first), int(last)))
+    return segments
 
 
 def _segment(record: FitRecord, begin: int, first: int, last: int) -> FitRecord:
@@ -89,39 +91,45 @@ def _segment(record: FitRecord, begin: int, first: int, last: int) -> FitRecord:
     return record._replace(t_s=t_s, dt_s=dt_s, u=u, sensors=sensors, lead=first - begin)
 
 
-def without_starts(bread: np.ndarray, meat: np.ndarray, layout: ThetaLayout) -> tuple[np.ndarray, np.ndarray]:
+def eliminate_starts(
+    bread: np.ndarray, meat: np.ndarray, layout: ThetaLayout
+) -> tuple[np.ndarray, np.ndarray]:
     """Return A and B (r, r) of the shared entries and of the entries by run, with the starts eliminated.  (1)"""
-    return without(bread, meat, layout.starts, [layout.of_starts(k) for k in range(len(layout.runs))])
+    return eliminate(
+        bread, meat, layout.first_start, [layout.start_slice(k) for k in range(len(layout.runs))]
+    )
 
 
-def without(
+def eliminate(
     bread: np.ndarray, meat: np.ndarray, first: int, blocks: Sequence[slice]
 ) -> tuple[np.ndarray, np.ndarray]:
     """Return A and B (r, r) of the `first` r entries, with the `blocks` eliminated. Different blocks must not share
     information.  (1)"""
     A, B = bread[:first, :first].copy(), meat[:first, :first].copy()
-    for at in blocks:
-        gain = bread[:first, at] @ _inverse(bread[at, at])  # A_s A_ss⁻¹
-        A -= gain @ bread[at, :first]
-        cross = gain @ meat[at, :first]
-        B += gain @ meat[at, at] @ gain.T - cross - cross.T
+    for entries in blocks:
+        gain = bread[:first, entries] @ _inverse(bread[entries, entries])  # A_s A_ss⁻¹
+        A -= gain @ bread[entries, :first]
+        cross = gain @ meat[entries, :first]
+        B += gain @ meat[entries, entries] @ gain.T - cross - cross.T
     return 0.5 * (A + A.T), 0.5 * (B + B.T)
 
 
-def slopes_without_start(d: np.ndarray, w: np.ndarray, start: np.ndarray) -> np.ndarray:
+def derivatives_without_start(d: np.ndarray, w: np.ndarray, start: np.ndarray) -> np.ndarray:
     """Return d⊥ (N, m, q) from the derivatives d (N, m, p) of a segment with weights w (N, m). `start` (p,) bool
     marks the entries of its start.  (2)"""
-    own, rest = d[..., start], d[..., ~start]
-    weighted_slopes = own * w[..., None]
+    start_derivatives, other_derivatives = d[..., start], d[..., ~start]
+    weighted_derivatives = start_derivatives * w[..., None]
     axes = (0, 1), (0, 1)
-    ties = _inverse(np.tensordot(weighted_slopes, own, axes)) @ np.tensordot(weighted_slopes, rest, axes)
-    return rest - own @ ties
+    projection = _inverse(np.tensordot(weighted_derivatives, start_derivatives, axes)) @ np.tensordot(
+        weighted_derivatives, other_derivatives, axes
+    )
+    return other_derivatives - start_derivatives @ projection
 
 
 def _inverse(A: np.ndarray) -> np.ndarray:
     """Return the pseudo-inverse of a small information matrix; directions without information get 0."""
     root = np.sqrt(np.maximum(np.diagonal(A), 1e-300))
     values, vectors = np.linalg.eigh(A / np.outer(root, root))
-    positive = values > LEAST * np.max(values, initial=1e-300)
+    positive = values > MIN_RELATIVE_EIGENVALUE * np.max(values, initial=1e-300)
     columns = vectors[:, positive]
     return (columns / values[positive]) @ columns.T / np.outer(root, root)

@@ -35,21 +35,21 @@ if TYPE_CHECKING:
     from baqueano.vehicle_file.file import VehicleFile
 
 BIASES = ("accel_bias", "gyro_bias")
-NUISANCE_SD = 0.3  # m/s², rad/s, m/s: prior standard deviation of a bias or a start
+NUISANCE_STD = 0.3  # m/s², rad/s, m/s: prior standard deviation of a bias or a start
 
 
 class Unknowns(NamedTuple):
     """Parameters θ and nuisance of (1)."""
 
     paths: tuple[str, ...]  # (q,), those of interest first
-    interest: int  # number of paths of interest
-    start: tuple[int, ...]  # entries of ν₀, after the paths
+    interest_count: int  # number of paths of interest
+    start_axes: tuple[int, ...]  # entries of ν₀, after the paths
     size: np.ndarray  # (q + starts,) size of each: its value, or its prior standard deviation
 
     @property
     def names(self) -> tuple[str, ...]:
         """Return the paths of the parameters of interest."""
-        return self.paths[: self.interest]
+        return self.paths[: self.interest_count]
 
 
 def unknowns(vehicle_file: "VehicleFile") -> Unknowns:
@@ -57,90 +57,96 @@ def unknowns(vehicle_file: "VehicleFile") -> Unknowns:
     blocks = FittedBlocks(vehicle_file.vehicle, vehicle_file.sensors)
     candidates = [free_parameter(blocks, p, {}) for p in default_free(blocks)]
     constant = frozen_columns(candidates, np.asarray(vehicle_file.command.limit)[None])
-    free = [parameter.path for k, parameter in enumerate(candidates) if k not in constant]
-    interest = [p for p in free if value(blocks, p) != 0.0]
-    zero = [p for p in free if p not in interest]
-    own = [
+    free_paths = [parameter.path for k, parameter in enumerate(candidates) if k not in constant]
+    interest_paths = [p for p in free_paths if value(blocks, p) != 0.0]
+    zero_paths = [p for p in free_paths if p not in interest_paths]
+    bias_paths = [
         p
         for name in blocks.sensors._fields
         for field in BIASES
         if has_field(getattr(blocks.sensors, name), field)
         for p in entries(blocks, f"sensors.{name}.{field}")
     ]
-    start = coasting_axes(blocks.model)
-    size = [abs(value(blocks, p)) for p in interest] + [_size(blocks, p, candidates) for p in zero]
-    size += [NUISANCE_SD] * (len(own) + len(start))
-    return Unknowns((*interest, *zero, *own), len(interest), start, np.array(size))
+    start_axes = coasting_axes(blocks.model)
+    size = [abs(value(blocks, p)) for p in interest_paths] + [
+        _size(blocks, p, candidates) for p in zero_paths
+    ]
+    size += [NUISANCE_STD] * (len(bias_paths) + len(start_axes))
+    return Unknowns(
+        (*interest_paths, *zero_paths, *bias_paths), len(interest_paths), start_axes, np.array(size)
+    )
 
 
 class Informant:
     """Fisher information F of drives of one vehicle file."""
 
     def __init__(self, vehicle_file: "VehicleFile", backend: str = "auto") -> None:
-        self.of = unknowns(vehicle_file)
-        blocks, of = FittedBlocks(vehicle_file.vehicle, vehicle_file.sensors), self.of
+        self.unknowns = unknowns(vehicle_file)
+        blocks, free_parameters = FittedBlocks(vehicle_file.vehicle, vehicle_file.sensors), self.unknowns
         dt_s, n = 1.0 / vehicle_file.rate_hz, vehicle_file.vehicle.commands
         var = np.concatenate([np.diag(s.cov) for s in blocks.sensors])
         weight = 1.0 / np.sqrt(np.where(var > 0.0, var, 1.0))
 
         def start(theta: np.ndarray) -> "Tree":
             nu = np.zeros(3)
-            for k, i in enumerate(of.start):
-                nu = nu + theta[len(of.paths) + k] * np.eye(3)[i]
-            return substitute(blocks, of.paths, theta).model.init(nu=nu)
+            for k, i in enumerate(free_parameters.start_axes):
+                nu = nu + theta[len(free_parameters.paths) + k] * np.eye(3)[i]
+            return substitute(blocks, free_parameters.paths, theta).model.init(nu=nu)
 
         def step(theta: np.ndarray, state: "Tree", u: np.ndarray) -> tuple["Tree", np.ndarray]:
-            blocks_at = substitute(blocks, of.paths, theta)
+            blocks_at = substitute(blocks, free_parameters.paths, theta)
             state, motion = blocks_at.model.step(state, u, dt_s, np.zeros(3))
             return state, weight * np.concatenate([s.h(motion) for s in blocks_at.sensors])
 
         self.start, self.tick, self.commands = start, step, n
-        self.nominal = np.array([*(value(blocks, p) for p in of.paths), *np.zeros(len(of.start))])
+        self.nominal = np.array(
+            [*(value(blocks, p) for p in free_parameters.paths), *np.zeros(len(free_parameters.start_axes))]
+        )
         self.kernel = scan(step, start, np.zeros(n), self.nominal, backend=backend)
 
-    def theta(self, paths: Sequence[str], numbers: np.ndarray) -> np.ndarray:
-        """Return the nominal θ with `numbers` (p,) in the entries `paths`. Paths that θ does not contain are
+    def theta(self, paths: Sequence[str], values: np.ndarray) -> np.ndarray:
+        """Return the nominal θ with `values` (p,) in the entries `paths`. Paths that θ does not contain are
         ignored."""
         theta = self.nominal.copy()
-        for path, x in zip(paths, numbers, strict=True):
-            if path in self.of.paths:
-                theta[self.of.paths.index(path)] = x
+        for path, x in zip(paths, values, strict=True):
+            if path in self.unknowns.paths:
+                theta[self.unknowns.paths.index(path)] = x
         return theta
 
     def information(self, u: np.ndarray, theta: np.ndarray | None = None) -> np.ndarray:
         """Return D F D (q, q) of the drive with the commands `u` (N, n).  (1)"""
         F = self.kernel.normal_equations(u, self.nominal if theta is None else theta).hessian
-        return F * np.outer(self.of.size, self.of.size)
+        return F * np.outer(self.unknowns.size, self.unknowns.size)
 
     def score(self, F: np.ndarray) -> np.ndarray:
         """Return log det (…,) of (3) from D F D (…, q, q)."""
-        whole = F + np.eye(F.shape[-1])
-        k = self.of.interest
-        return np.linalg.slogdet(whole)[1] - np.linalg.slogdet(whole[..., k:, k:])[1]
+        augmented = F + np.eye(F.shape[-1])
+        k = self.unknowns.interest_count
+        return np.linalg.slogdet(augmented)[1] - np.linalg.slogdet(augmented[..., k:, k:])[1]
 
-    def relative_sd(self, F: np.ndarray) -> np.ndarray:
+    def relative_std(self, F: np.ndarray) -> np.ndarray:
         """Return the relative standard error (p,) of each parameter of interest. It is at most 1, the prior."""
-        return np.sqrt(np.diagonal(np.linalg.inv(F + np.eye(len(F))))[: self.of.interest])
+        return np.sqrt(np.diagonal(np.linalg.inv(F + np.eye(len(F))))[: self.unknowns.interest_count])
 
 
-def mean_error(relative_sd: np.ndarray) -> float:
+def mean_error(relative_std: np.ndarray) -> float:
     """Return the geometric mean of the relative standard errors."""
-    return float(np.exp(np.mean(np.log(relative_sd))))
+    return float(np.exp(np.mean(np.log(relative_std))))
 
 
 def _size(blocks: FittedBlocks, path: str, candidates: Sequence[Free]) -> float:
     """Return the size of a parameter that is 0. It is the largest value in its matrix row, or among the frictions of
     its axis (at 1 m/s or 1 rad/s). If this is 0, it is the largest value of its field, else 1."""
     parameter = free_parameter(blocks, path, {})
-    same = [
+    same_axis = [
         candidate
         for candidate in candidates
         if parameter.axis is not None and candidate.axis == parameter.axis
     ]
-    row = [
+    row_sizes = [
         abs(value(blocks, candidate.path))
-        for candidate in same
+        for candidate in same_axis
         if (candidate.of.role == "gain") == (parameter.of.role == "gain")
     ]
-    whole = [abs(value(blocks, p)) for p in entries(blocks, path.partition("[")[0])]
-    return max(row, default=0.0) or max(whole) or 1.0
+    matrix_sizes = [abs(value(blocks, p)) for p in entries(blocks, path.partition("[")[0])]
+    return max(row_sizes, default=0.0) or max(matrix_sizes) or 1.0

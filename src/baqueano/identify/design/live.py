@@ -24,7 +24,7 @@ from baqueano.symbolic.graph.tree import Shape, build, leaves, shape_of, values
 if TYPE_CHECKING:
     from baqueano.contracts.values import Tree
 
-WINDOW = 10  # ticks
+WINDOW_TICKS = 10  # ticks
 
 
 class InformationState(NamedTuple):
@@ -40,33 +40,35 @@ class RecursiveInformation:
     """Fisher information F of a drive in progress. `add` accepts any number of ticks; whole windows are fastest."""
 
     def __init__(self, informant: Informant) -> None:
-        self.of, self.nominal = informant.of, informant.nominal
+        self.unknowns, self.nominal = informant.unknowns, informant.nominal
         begin, tick = informant.start, informant.tick
         example = begin(self.nominal)
         shape = shape_of(example, "x")
         names = [name for leaf in leaves(shape) for name in leaf.names]
-        self._live = [
+        self._live_indices = [
             k
             for k, name in enumerate(names)
             if name.replace("x", "carry", 1) not in informant.kernel.unused_carry
         ]
-        rest, q = _flat(shape, example), len(self.nominal)
+        initial_values, q = _flatten(shape, example), len(self.nominal)
 
         def state_of(numbers: np.ndarray) -> "Tree":
-            flat = list(rest)
-            for k, at in enumerate(self._live):
-                flat[at] = numbers[q + k]
-            return _unflat(shape, flat)
+            flat = list(initial_values)
+            for k, index in enumerate(self._live_indices):
+                flat[index] = numbers[q + k]
+            return _unflatten(shape, flat)
 
         def step(numbers: np.ndarray, state: "Tree", u: np.ndarray) -> tuple["Tree", np.ndarray]:
             state, outputs = tick(numbers[:q], state, u)
-            flat = _flat(shape, state)
-            return state, np.concatenate([outputs, np.array([flat[k] for k in self._live])])
+            flat = _flatten(shape, state)
+            return state, np.concatenate([outputs, np.array([flat[k] for k in self._live_indices])])
 
-        numbers = np.concatenate([self.nominal, np.array([rest[k] for k in self._live], dtype=float)])
+        numbers = np.concatenate(
+            [self.nominal, np.array([initial_values[k] for k in self._live_indices], dtype=float)]
+        )
         commands, backend = np.zeros(informant.commands), informant.kernel.backend
         self._kernel = scan(step, state_of, commands, numbers, backend=backend)
-        self._begin = lambda theta: np.array([_flat(shape, begin(theta))[k] for k in self._live])
+        self._begin = lambda theta: np.array([_flatten(shape, begin(theta))[k] for k in self._live_indices])
         self._slope = jacobian(self._begin)
 
     def begin(self, theta: np.ndarray | None = None) -> InformationState:
@@ -80,29 +82,35 @@ class RecursiveInformation:
         measured; None means all.  (1), (2)"""
         theta, x, S, F = state
         q = len(theta)
-        for at in range(0, len(u), WINDOW):
-            outputs, slopes = self._kernel.sensitivities(u[at : at + WINDOW], np.concatenate([theta, x]))
+        for offset in range(0, len(u), WINDOW_TICKS):
+            outputs, derivatives = self._kernel.sensitivities(
+                u[offset : offset + WINDOW_TICKS], np.concatenate([theta, x])
+            )
             m = outputs.shape[1] - len(x)
-            whole = slopes[:, :, :q] + slopes[:, :, q:] @ S
-            H = whole[:, :m] if has is None else whole[:, :m] * has[at : at + WINDOW, :, None]
+            total_derivatives = derivatives[:, :, :q] + derivatives[:, :, q:] @ S
+            H = (
+                total_derivatives[:, :m]
+                if has is None
+                else total_derivatives[:, :m] * has[offset : offset + WINDOW_TICKS, :, None]
+            )
             H = H.reshape(-1, q)
-            x, S, F = outputs[-1, m:], whole[-1, m:], F + H.T @ H
+            x, S, F = outputs[-1, m:], total_derivatives[-1, m:], F + H.T @ H
         return InformationState(theta, x, S, F)
 
-    def relative_sd(self, state: InformationState, size: np.ndarray | None = None) -> np.ndarray:
+    def relative_std(self, state: InformationState, size: np.ndarray | None = None) -> np.ndarray:
         """Return the standard error (p,) of each parameter of interest, relative to `size` (q,) or to the size in
         the file."""
-        size = self.of.size if size is None else size
-        whole = state.F * np.outer(size, size) + np.eye(len(size))
-        return np.sqrt(np.diagonal(np.linalg.inv(whole))[: self.of.interest])
+        size = self.unknowns.size if size is None else size
+        augmented = state.F * np.outer(size, size) + np.eye(len(size))
+        return np.sqrt(np.diagonal(np.linalg.inv(augmented))[: self.unknowns.interest_count])
 
 
-def bits(relative_sd: np.ndarray) -> float:
+def bits(relative_std: np.ndarray) -> float:
     """Return the information on all parameters together [bit].  (3)"""
-    return float(-np.sum(np.log2(relative_sd)))
+    return float(-np.sum(np.log2(relative_std)))
 
 
-def _flat(shape: Shape, tree: "Tree") -> list["Tree"]:
+def _flatten(shape: Shape, tree: "Tree") -> list["Tree"]:
     """Return all scalar entries of a tree (numbers or symbols) as one list."""
     pairs = zip(leaves(shape), values(shape, tree), strict=True)
     return [
@@ -112,10 +120,10 @@ def _flat(shape: Shape, tree: "Tree") -> list["Tree"]:
     ]
 
 
-def _unflat(shape: Shape, numbers: list["Tree"]) -> "Tree":
-    """Return the tree with these scalar entries, in the order of `_flat`."""
-    at, parts = 0, []
+def _unflatten(shape: Shape, numbers: list["Tree"]) -> "Tree":
+    """Return the tree with these scalar entries, in the order of `_flatten`."""
+    offset, leaf_values = 0, []
     for leaf in leaves(shape):
-        some, at = numbers[at : at + leaf.size], at + leaf.size
-        parts.append(np.array(some).reshape(leaf.shape) if leaf.is_array else some[0])
-    return build(shape, iter(parts))
+        piece, offset = numbers[offset : offset + leaf.size], offset + leaf.size
+        leaf_values.append(np.array(piece).reshape(leaf.shape) if leaf.is_array else piece[0])
+    return build(shape, iter(leaf_values))

@@ -18,26 +18,28 @@ from typing import NamedTuple
 import numpy as np
 
 LEVELS = (1, 2, 3, 5, 8, 13)
-BACK = 4  # kinds of way back; the last one is no way back
-GENTLE = 1.0 / 3.0  # factor on the turning channels of a gentler piece
+RETURN_KINDS = 4  # kinds of way back; the last one is no way back
+GENTLE_FACTOR = 1.0 / 3.0  # factor on the turning channels of a gentler piece
 
 
 class MotionPiece(NamedTuple):
     """A piece of motion: its commands, and the kind of its return to the start."""
 
-    out: np.ndarray  # (T, n) relative to the limit, over the whole length of a piece without its coast
-    back: int  # 0 all signs, 1 the first channel's, 2 the others', 3 none
+    outbound: np.ndarray  # (T, n) relative to the limit, over the whole length of a piece without its coast
+    return_kind: int  # 0 all signs, 1 the first channel's, 2 the others', 3 none
 
     def u(self, ticks: int, limit: np.ndarray) -> np.ndarray:
         """Return the commands (ticks, n).  (1)"""
-        n, first = len(limit), np.arange(len(limit)) == np.argmax(limit > 0.0)
+        n, is_first = len(limit), np.arange(len(limit)) == np.argmax(limit > 0.0)
         u = np.zeros((ticks, n))
-        if self.back == BACK - 1:
-            u[: len(self.out)] = self.out
+        if self.return_kind == RETURN_KINDS - 1:
+            u[: len(self.outbound)] = self.outbound
         else:
-            sign = (-np.ones(n), np.where(first, -1.0, 1.0), np.where(first, 1.0, -1.0))[self.back]
-            out = self.out[: len(self.out) // 2]
-            u[: 2 * len(out)] = np.concatenate([out, out * sign])
+            sign = (-np.ones(n), np.where(is_first, -1.0, 1.0), np.where(is_first, 1.0, -1.0))[
+                self.return_kind
+            ]
+            half = self.outbound[: len(self.outbound) // 2]
+            u[: 2 * len(half)] = np.concatenate([half, half * sign])
         return u * limit
 
 
@@ -45,7 +47,7 @@ class PieceShape(NamedTuple):
     """Length, coast and limits that all pieces share."""
 
     ticks: int
-    coast: int  # of these ticks, those without command
+    coast_ticks: int  # of these ticks, those without command
     limit: np.ndarray  # (n,)
 
     @classmethod
@@ -56,46 +58,46 @@ class PieceShape(NamedTuple):
         return cls(ticks, min(2 * ticks // 5, round(coast_s * rate_hz)), np.asarray(limit, dtype=float))
 
     @property
-    def moving(self) -> np.ndarray:
+    def moving_channels(self) -> np.ndarray:
         """Return the indices of the usable channels, whose limit is above 0."""
         return np.flatnonzero(self.limit > 0.0)
 
 
 def random_pieces(shape: PieceShape, count: int, rng: np.random.Generator) -> list[MotionPiece]:
     """Return `count` random pieces. The first piece stays at rest."""
-    length = shape.ticks - shape.coast
-    pieces = [MotionPiece(np.zeros((length, len(shape.limit))), BACK - 1)]
+    length = shape.ticks - shape.coast_ticks
+    pieces = [MotionPiece(np.zeros((length, len(shape.limit))), RETURN_KINDS - 1)]
     while len(pieces) < count:
-        out, back = np.zeros((length, len(shape.limit))), int(rng.integers(BACK))
-        ticks_used = length if back == BACK - 1 else length // 2
-        for j in shape.moving:
-            out[:ticks_used, j] = _levels(rng, ticks_used)
+        outbound, return_kind = np.zeros((length, len(shape.limit))), int(rng.integers(RETURN_KINDS))
+        ticks_used = length if return_kind == RETURN_KINDS - 1 else length // 2
+        for j in shape.moving_channels:
+            outbound[:ticks_used, j] = _levels(rng, ticks_used)
         if rng.random() < 0.25:  # only one channel moves
-            out[:, rng.permutation(shape.moving)[1:]] = 0.0
-        pieces.append(MotionPiece(out, back))
+            outbound[:, rng.permutation(shape.moving_channels)[1:]] = 0.0
+        pieces.append(MotionPiece(outbound, return_kind))
     return pieces
 
 
-def children(
+def mutated_pieces(
     parents: Sequence[MotionPiece], shape: PieceShape, count: int, rng: np.random.Generator
 ) -> list[MotionPiece]:
     """Return `count` pieces. Each piece differs from a parent in one or two changes."""
-    out = []
+    pieces = []
     for _ in range(count):
         piece = parents[int(rng.integers(len(parents)))]
         for _ in range(int(rng.integers(1, 3))):
             piece = _mutation(piece, parents[int(rng.integers(len(parents)))], shape, rng)
-        out.append(piece)
-    return out
+        pieces.append(piece)
+    return pieces
 
 
-def gentler(piece: MotionPiece, shape: PieceShape) -> MotionPiece:
+def gentler_piece(piece: MotionPiece, shape: PieceShape) -> MotionPiece:
     """Return the piece with all channels except the first reduced to a third, for a vehicle that would slide in
     curves. If only one channel moves, reduce this channel."""
-    rest = shape.moving[1:] if len(shape.moving) > 1 else shape.moving
-    out = piece.out.copy()
-    out[:, rest] *= GENTLE
-    return MotionPiece(out, piece.back)
+    other_channels = shape.moving_channels[1:] if len(shape.moving_channels) > 1 else shape.moving_channels
+    outbound = piece.outbound.copy()
+    outbound[:, other_channels] *= GENTLE_FACTOR
+    return MotionPiece(outbound, piece.return_kind)
 
 
 def in_map(pose: np.ndarray, path: np.ndarray) -> np.ndarray:
@@ -107,34 +109,34 @@ def in_map(pose: np.ndarray, path: np.ndarray) -> np.ndarray:
 
 
 def _mutation(
-    piece: MotionPiece, second: MotionPiece, shape: PieceShape, rng: np.random.Generator
+    piece: MotionPiece, other_piece: MotionPiece, shape: PieceShape, rng: np.random.Generator
 ) -> MotionPiece:
-    out, mode, j = piece.out.copy(), int(rng.integers(8)), int(rng.choice(shape.moving))
-    ticks_used = len(out) if piece.back == BACK - 1 else len(out) // 2
+    outbound, mode, j = piece.outbound.copy(), int(rng.integers(8)), int(rng.choice(shape.moving_channels))
+    ticks_used = len(outbound) if piece.return_kind == RETURN_KINDS - 1 else len(outbound) // 2
     a, b = np.sort(rng.integers(0, ticks_used + 1, 2))
     if mode < 4:  # another level for a while
         b = min(ticks_used, a + 1 + int(rng.integers(1, max(2, ticks_used // 3))))
-        out[a:b, j] = _level(rng)
+        outbound[a:b, j] = _level(rng)
     elif mode == 4:
-        out[:, j] = np.clip(out[:, j] * rng.uniform(0.5, 1.5), -1.0, 1.0)
+        outbound[:, j] = np.clip(outbound[:, j] * rng.uniform(0.5, 1.5), -1.0, 1.0)
     elif mode == 5:
-        out[a:] = second.out[a:]
+        outbound[a:] = other_piece.outbound[a:]
     elif mode == 6:
-        out[:, j] = second.out[:, j] * rng.choice([-1.0, 1.0])
+        outbound[:, j] = other_piece.outbound[:, j] * rng.choice([-1.0, 1.0])
     else:
-        return MotionPiece(out, int(rng.integers(BACK)))
-    return MotionPiece(out, piece.back)
+        return MotionPiece(outbound, int(rng.integers(RETURN_KINDS)))
+    return MotionPiece(outbound, piece.return_kind)
 
 
 def _levels(rng: np.random.Generator, ticks: int) -> np.ndarray:
     """Return a random level in [−1, 1] for each tick (ticks,); it changes a few times."""
     count = int(rng.choice(LEVELS))
     cuts = np.sort(rng.uniform(0.0, 1.0, count - 1))
-    at = np.searchsorted(cuts, (np.arange(ticks) + 0.5) / ticks)
-    return np.array([_level(rng) for _ in range(count)])[at]
+    level_index = np.searchsorted(cuts, (np.arange(ticks) + 0.5) / ticks)
+    return np.array([_level(rng) for _ in range(count)])[level_index]
 
 
 def _level(rng: np.random.Generator) -> float:
-    kind = rng.random()
-    size = 0.0 if kind < 0.15 else 1.0 if kind < 0.5 else rng.uniform(0.03, 1.0)
-    return float(size * rng.choice([-1.0, 1.0]))
+    draw = rng.random()
+    magnitude = 0.0 if draw < 0.15 else 1.0 if draw < 0.5 else rng.uniform(0.03, 1.0)
+    return float(magnitude * rng.choice([-1.0, 1.0]))

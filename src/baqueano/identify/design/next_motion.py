@@ -15,13 +15,13 @@ import numpy as np
 
 from baqueano.diagnostics import Diagnostic, note
 from baqueano.identify.design.information import Informant
-from baqueano.identify.design.motion_library import BACK, MotionPiece
+from baqueano.identify.design.motion_library import RETURN_KINDS, MotionPiece
 
-SECONDS = 4.0
+MOTION_S = 4.0
 LEVELS = (1.0, 0.6, 0.35)  # of the limit
-GOAL = 0.01  # relative standard error that is good enough
+GOAL_STD = 0.01  # relative standard error that is good enough
 STEP_S = 0.4  # between sudden changes
-THERE_AND_BACK, ON_AND_ON = 0, BACK - 1
+THERE_AND_BACK, ON_AND_ON = 0, RETURN_KINDS - 1
 
 
 class NamedMotion(NamedTuple):
@@ -42,27 +42,27 @@ class NextMotion(NamedTuple):
 
 def named_motions(limit: np.ndarray, rate_hz: float) -> list[NamedMotion]:
     """Return motions within the limits. The first usable channel drives ahead, the last one turns; [] without any."""
-    moving, ticks = np.flatnonzero(limit > 0.0), round(SECONDS * rate_hz)
+    moving, ticks = np.flatnonzero(limit > 0.0), round(MOTION_S * rate_hz)
     if not len(moving):
         return []
-    ahead, turn = moving[0], moving[-1]
-    kinds = [("straight", (ahead,), THERE_AND_BACK)]
-    if turn != ahead:
-        kinds += [("turn", (turn,), THERE_AND_BACK), ("curve", (ahead, turn), THERE_AND_BACK)]
-        kinds += [("circle", (ahead, turn), ON_AND_ON)]
+    forward, turning = moving[0], moving[-1]
+    kinds = [("straight", (forward,), THERE_AND_BACK)]
+    if turning != forward:
+        kinds += [("turn", (turning,), THERE_AND_BACK), ("curve", (forward, turning), THERE_AND_BACK)]
+        kinds += [("circle", (forward, turning), ON_AND_ON)]
     t = np.arange(ticks) / rate_hz
     shapes = {
         "steady": np.ones(ticks), "steps": np.where(np.floor(t / STEP_S) % 2 == 0.0, 1.0, 0.0),
-        "ramp": np.minimum(1.0, 2.0 * t / SECONDS),
+        "ramp": np.minimum(1.0, 2.0 * t / MOTION_S),
     }  # fmt: skip
     motions = []
-    for kind, channels, back in kinds:
+    for kind, channels, return_kind in kinds:
         for shape_name, shape in shapes.items():
             for level in LEVELS if shape_name == "steady" else LEVELS[:1]:
-                out = np.zeros((ticks, len(limit)))
-                out[:, list(channels)] = level * shape[:, None]
-                words = note(f"motion.{kind}-{shape_name}", percent=round(100.0 * level), t_s=SECONDS)
-                motions.append(NamedMotion(words, MotionPiece(out, back).u(ticks, limit)))
+                outbound = np.zeros((ticks, len(limit)))
+                outbound[:, list(channels)] = level * shape[:, None]
+                words = note(f"motion.{kind}-{shape_name}", percent=round(100.0 * level), t_s=MOTION_S)
+                motions.append(NamedMotion(words, MotionPiece(outbound, return_kind).u(ticks, limit)))
     return motions
 
 
@@ -74,22 +74,24 @@ class MotionAdvisor:
         self._F, self._theta = np.zeros(0), np.zeros(0)  # of each motion, at θ
 
     def next(
-        self, F: np.ndarray, theta: np.ndarray, size: np.ndarray, wider: np.ndarray
+        self, F: np.ndarray, theta: np.ndarray, size: np.ndarray, widening: np.ndarray
     ) -> NextMotion | None:
         """Return the motion after F (q, q) [SI units] that most reduces the error of one parameter.  (1)
 
-        Return None for a vehicle without motions. `size` (q,) contains the sizes of the parameters. `wider` (p,) is
+        Return None for a vehicle without motions. `size` (q,) contains the sizes of the parameters. `widening` (p,) is
         the ratio of the errors of a fit to the errors that F predicts.
         """
         if not self._motions:
             return None
         if not np.array_equal(theta, self._theta):
-            scale = np.outer(self._informant.of.size, self._informant.of.size)
-            each = [self._informant.information(motion.u, theta) / scale for motion in self._motions]
-            self._F, self._theta = np.stack(each), theta
-        D, sd = np.outer(size, size), self._informant.relative_sd
-        before = np.minimum(wider * sd(F * D), 1.0)
-        after = np.array([np.minimum(wider * sd((F + more) * D), 1.0) for more in self._F])
-        gain = np.log(before**2 + GOAL**2) - np.log(after**2 + GOAL**2)
+            scale = np.outer(self._informant.unknowns.size, self._informant.unknowns.size)
+            informations = [self._informant.information(motion.u, theta) / scale for motion in self._motions]
+            self._F, self._theta = np.stack(informations), theta
+        D, relative_std = np.outer(size, size), self._informant.relative_std
+        std_before = np.minimum(widening * relative_std(F * D), 1.0)
+        std_after = np.array(
+            [np.minimum(widening * relative_std((F + gained) * D), 1.0) for gained in self._F]
+        )
+        gain = np.log(std_before**2 + GOAL_STD**2) - np.log(std_after**2 + GOAL_STD**2)
         k, i = np.unravel_index(np.argmax(gain), gain.shape)
-        return NextMotion(self._motions[k].words, int(i), float(before[i]), float(after[k, i]))
+        return NextMotion(self._motions[k].words, int(i), float(std_before[i]), float(std_after[k, i]))

@@ -22,7 +22,13 @@ from baqueano.diagnostics import fault
 from baqueano.errors import UsageError
 from baqueano.identify.design.compose import Composer
 from baqueano.identify.design.information import Informant, mean_error
-from baqueano.identify.design.motion_library import MotionPiece, PieceShape, children, gentler, random_pieces
+from baqueano.identify.design.motion_library import (
+    MotionPiece,
+    PieceShape,
+    gentler_piece,
+    mutated_pieces,
+    random_pieces,
+)
 from baqueano.identify.design.room import COAST_S, SAMPLE_S, VEHICLES, Room, contain, first_allowed
 from baqueano.identify.design.vehicle_cloud import Cloud, VehicleDistribution, possible_vehicles
 from baqueano.identify.parallel import parallel_map
@@ -36,14 +42,20 @@ if TYPE_CHECKING:
     from baqueano.vehicle_file.file import VehicleFile
 
 PIECE_S = 4.0
-COVERED = 0.9
-SCOUTS = 30  # vehicles that drive all pieces: with the nominal one, 31 fill four vectors of eight lanes
-FIRST, ROUNDS, EACH = 240, 5, 60  # pieces at first; rounds of children, and how many in each
-KEPT, FINAL = 300, 120  # pieces kept after a round, and those that all vehicles drive
-WEIGHED = 3  # possible vehicles over which J is the mean
-TURNS = 8  # pieces that have different noise
+COVERED_FRACTION = 0.9
+SCOUT_VEHICLES = (
+    30  # vehicles that drive all pieces: with the nominal one, 31 fill four vectors of eight lanes
+)
+FIRST_PIECES, ROUNDS, PIECES_PER_ROUND = (
+    240,
+    5,
+    60,
+)  # pieces at first; rounds of children, and how many in each
+KEPT_PIECES, FINAL_PIECES = 300, 120  # pieces kept after a round, and those that all vehicles drive
+WEIGHED_VEHICLES = 3  # possible vehicles over which J is the mean
+NOISE_SLOTS = 8  # pieces that have different noise
 PRICES = (1.0, 5.0, 25.0)  # in J for a reach of one room: each price gives one order of the pieces to try
-TRIED = 6  # pieces for each of these prices, and pieces driven at once
+TRIED_PIECES = 6  # pieces for each of these prices, and pieces driven at once
 
 
 class Plan(NamedTuple):
@@ -53,13 +65,13 @@ class Plan(NamedTuple):
     room: "Room"
     margin_m: float  # least distance between the corridor and the walls
     names: tuple[str, ...]  # of the parameters (p,)
-    relative_sd: np.ndarray  # (p,) expected relative standard error; 1 for a parameter that does not show
+    relative_std: np.ndarray  # (p,) expected relative standard error; 1 for a parameter that does not show
     eta: np.ndarray  # (L, N, 3) poses of the possible vehicles
 
     @property
     def mean_error(self) -> float:
         """Return the geometric mean of the standard errors."""
-        return mean_error(self.relative_sd)
+        return mean_error(self.relative_std)
 
     def table(self) -> str:
         """Return a table with one row for each parameter and one row for the room."""
@@ -67,7 +79,7 @@ class Plan(NamedTuple):
         lines = [
             f"{_('parameter'):{width}}  " + _("expected standard error, due only to the noise of the sensors")
         ]
-        for name, sd in zip(self.names, self.relative_sd, strict=True):
+        for name, sd in zip(self.names, self.relative_std, strict=True):
             lines.append(
                 f"{name:{width}}  {number(100.0 * sd):.3g} %"
                 + (f" ({_('will hardly be visible')})" if sd > 0.3 else "")
@@ -108,24 +120,31 @@ def design_plan(
     ((200, 3), True)
     """
     rate, limit = vehicle_file.rate_hz, np.asarray(vehicle_file.command.limit, dtype=float)
-    ticks, rest = round(duration_s * rate), round(rest_s * rate)
+    ticks, rest_ticks = round(duration_s * rate), round(rest_s * rate)
     if not (np.all(np.isfinite(limit)) and np.any(limit > 0.0)):
         raise UsageError(fault("design.limit", vehicle=vehicle_file.name, limit=limit.tolist()))
-    if ticks - rest < rate:
+    if ticks - rest_ticks < rate:
         raise UsageError(fault("design.short", duration_s=duration_s))
-    places = max(1, round((ticks - rest) / (PIECE_S * rate)))
+    place_count = max(1, round((ticks - rest_ticks) / (PIECE_S * rate)))
     search = PlanSearch(
-        vehicle_file, room, possible_vehicles(vehicle_file, vehicles=VEHICLES), places, seed, backend
+        vehicle_file,
+        room,
+        possible_vehicles(vehicle_file, vehicle_count=VEHICLES),
+        place_count,
+        seed,
+        backend,
     )
     search.fill(
-        (ticks - rest) // places / rate, limit, (lambda text: False) if progress is None else progress
+        (ticks - rest_ticks) // place_count / rate,
+        limit,
+        (lambda text: False) if progress is None else progress,
     )
-    u, eta = search.rollout(ticks, rest)
+    u, eta = search.rollout(ticks, rest_ticks)
     if room.margin(eta) < 0.0:
-        safe = contain(u, vehicle_file, room, cloud=search.judges)
-        u, eta = safe.u, safe.eta
-    sd = search.informant.relative_sd(search.informant.information(u))
-    return Plan(u, room, float(room.margin(eta)), search.informant.of.names, sd, eta)
+        contained = contain(u, vehicle_file, room, cloud=search.judge_cloud)
+        u, eta = contained.u, contained.eta
+    relative_std = search.informant.relative_std(search.informant.information(u))
+    return Plan(u, room, float(room.margin(eta)), search.informant.unknowns.names, relative_std, eta)
 
 
 class PlanSearch:
@@ -136,7 +155,7 @@ class PlanSearch:
         vehicle_file: "VehicleFile",
         room: "Room",
         belief: VehicleDistribution,
-        places: int,
+        place_count: int,
         seed: int,
         backend: str,
     ) -> None:
@@ -144,16 +163,16 @@ class PlanSearch:
         self.informant = Informant(vehicle_file, backend)
         with ThreadPoolExecutor(1) as thread:  # both kernels compile at once
             future = thread.submit(self.informant.information, np.zeros((2, vehicle_file.vehicle.commands)))
-            self.cloud = Cloud(vehicle_file, belief.some(SCOUTS), seed, backend)
+            self.cloud = Cloud(vehicle_file, belief.subset(SCOUT_VEHICLES), seed, backend)
             future.result()
-        self.all = Cloud(vehicle_file, belief, seed, backend)
-        vehicle_files = possible_vehicles(vehicle_file, vehicles=VEHICLES, seed=seed + 1)
-        self.judges = Cloud(vehicle_file, vehicle_files, seed + 1, backend)
-        self.thetas = [self.informant.theta(belief.paths, x) for x in belief.theta[:WEIGHED]]
-        self.composer = Composer(room, places, self.informant.of.interest)
+        self.all_vehicles = Cloud(vehicle_file, belief, seed, backend)
+        vehicle_files = possible_vehicles(vehicle_file, vehicle_count=VEHICLES, seed=seed + 1)
+        self.judge_cloud = Cloud(vehicle_file, vehicle_files, seed + 1, backend)
+        self.thetas = [self.informant.theta(belief.paths, x) for x in belief.theta[:WEIGHED_VEHICLES]]
+        self.composer = Composer(room, place_count, self.informant.unknowns.interest_count)
         self.pieces: list[MotionPiece] = []
         self.shape = PieceShape(0, 0, np.zeros(0))  # `fill` sets it when the coast of the vehicle is known
-        self.to_rest = np.zeros(
+        self.rest_commands = np.zeros(
             (0, 0)
         )  # zero commands for another coast: after it 1 % of the stopping distance is left
 
@@ -162,8 +181,8 @@ class PlanSearch:
         follows."""
         coast_s = self._coast_s(limit)
         self.shape = PieceShape.of(piece_s, coast_s, limit, self.cloud.rate_hz)
-        self.to_rest = np.zeros((round(min(coast_s, COAST_S) * self.cloud.rate_hz), len(limit)))
-        self._grow(random_pieces(self.shape, FIRST, self.rng))
+        self.rest_commands = np.zeros((round(min(coast_s, COAST_S) * self.cloud.rate_hz), len(limit)))
+        self._grow(random_pieces(self.shape, FIRST_PIECES, self.rng))
         self.composer.search()
         for turn in range(ROUNDS):
             if (
@@ -172,40 +191,44 @@ class PlanSearch:
                         "{turn} of {rounds} rounds: standard errors of {percent:.2g} %",
                         turn=turn,
                         rounds=ROUNDS,
-                        percent=100.0 * self.expected_sd,
+                        percent=100.0 * self.expected_std,
                     )
                 )
                 is True
             ):
                 break
-            best = [self.pieces[k] for k in self.composer.chosen]
-            self._grow(children(best, self.shape, EACH, self.rng))
+            parents = [self.pieces[k] for k in self.composer.chosen]
+            self._grow(mutated_pieces(parents, self.shape, PIECES_PER_ROUND, self.rng))
             self.composer.search()
-            self.pieces = [self.pieces[k] for k in self.composer.keep(KEPT)]
-        self.pieces = [self.pieces[k] for k in self.composer.keep(FINAL)]
-        paths = self._of_each(lambda tick, u: self._path(self.all, tick, u, 2), self.pieces)
-        slow, path = zip(*paths, strict=True)
-        self.composer.restart(np.stack(path), np.flatnonzero(slow))
-        self.pieces = [piece for piece, ok in zip(self.pieces, slow, strict=True) if ok]
+            self.pieces = [self.pieces[k] for k in self.composer.keep(KEPT_PIECES)]
+        self.pieces = [self.pieces[k] for k in self.composer.keep(FINAL_PIECES)]
+        paths = self._map_pieces(lambda tick, u: self._path(self.all_vehicles, tick, u, 2), self.pieces)
+        is_slow, path = zip(*paths, strict=True)
+        self.composer.restart(np.stack(path), np.flatnonzero(is_slow))
+        self.pieces = [piece for piece, is_kept in zip(self.pieces, is_slow, strict=True) if is_kept]
 
-    def rollout(self, ticks: int, rest: int) -> tuple[np.ndarray, np.ndarray]:
-        """Return the commands (N, n), which begin with `rest` ticks at rest, and the poses (L, N, 3) of the vehicles
-        in `judges`."""
-        ticks_each, limit = self.shape.ticks, self.shape.limit
-        us = [piece.u(ticks_each, limit) for piece in self.pieces]
+    def rollout(self, ticks: int, rest_ticks: int) -> tuple[np.ndarray, np.ndarray]:
+        """Return the commands (N, n), which begin with `rest_ticks` ticks at rest, and the poses (L, N, 3) of the
+        vehicles in `judges`."""
+        piece_ticks, limit = self.shape.ticks, self.shape.limit
+        commands = [piece.u(piece_ticks, limit) for piece in self.pieces]
 
         def trial(order: list[int]) -> tuple[float, np.ndarray]:
-            pieces = feasible_pieces(self.composer, order, us.__getitem__, self.judges, self.room, rest)
+            pieces = feasible_pieces(
+                self.composer, order, commands.__getitem__, self.judge_cloud, self.room, rest_ticks
+            )
             u = np.zeros((ticks, len(limit)))
-            u[rest : rest + ticks_each * len(pieces)] = np.concatenate([us[k] for k in pieces])
+            u[rest_ticks : rest_ticks + piece_ticks * len(pieces)] = np.concatenate(
+                [commands[k] for k in pieces]
+            )
             F = np.array([self.informant.information(u, theta) for theta in self.thetas])
             return float(self.composer.score(F)), u
 
         pieces, reach = self.composer.chosen, self.composer.reach
-        near = sorted(pieces, key=lambda k: reach[k])
+        by_reach = sorted(pieces, key=lambda k: reach[k])
         with ThreadPoolExecutor() as threads:  # separate threads, because a drive uses the threads of `each`
-            u = max(threads.map(trial, [pieces, near, near[::-1]]), key=lambda paths: paths[0])[1]
-        _, eta = self.judges.drive(self.judges.state_at(self.room.start), u)
+            u = max(threads.map(trial, [pieces, by_reach, by_reach[::-1]]), key=lambda paths: paths[0])[1]
+        _, eta = self.judge_cloud.drive(self.judge_cloud.state_at(self.room.start), u)
         return u, eta
 
     def _coast_s(self, limit: np.ndarray) -> float:
@@ -213,57 +236,59 @@ class PlanSearch:
 
         It rolls after one second at the limit of its first usable command.
         """
-        second = round(self.cloud.rate_hz)
-        u = np.zeros((3 * second, len(limit)))
-        first = int(np.argmax(limit > 0.0))
-        u[:second, first] = limit[first]
+        second_ticks = round(self.cloud.rate_hz)
+        u = np.zeros((3 * second_ticks, len(limit)))
+        channel = int(np.argmax(limit > 0.0))
+        u[:second_ticks, channel] = limit[channel]
         _, eta = self.cloud.drive(self.cloud.state_at(np.zeros(3)), u)
-        way_m = np.hypot(*(eta[0, second:, :2] - eta[0, second - 1, :2]).T)
-        return float(np.argmax(way_m >= COVERED * way_m[-1]) + 1) / second
+        distance_m = np.hypot(*(eta[0, second_ticks:, :2] - eta[0, second_ticks - 1, :2]).T)
+        return float(np.argmax(distance_m >= COVERED_FRACTION * distance_m[-1]) + 1) / second_ticks
 
     def _grow(self, pieces: list[MotionPiece]) -> None:
         """Add the pieces that keep the speed limits to the library.
 
         Add a gentler form of each other piece, if this form keeps the limits.
         """
-        drives = self._of_each(self._weigh, pieces)
-        hasty = [k for k, drive in enumerate(drives) if not drive[0]]
-        calm = [gentler(pieces[k], self.shape) for k in hasty]
-        drives += self._of_each(self._weigh, calm) if calm else []
-        fits = [k for k, drive in enumerate(drives) if drive[0]]
-        self.pieces += [[*pieces, *calm][k] for k in fits]
-        self.composer.grow(np.array([drives[k][2] for k in fits]), np.array([drives[k][1] for k in fits]))
+        drives = self._map_pieces(self._weigh, pieces)
+        too_fast = [k for k, drive in enumerate(drives) if not drive[0]]
+        gentler_pieces = [gentler_piece(pieces[k], self.shape) for k in too_fast]
+        drives += self._map_pieces(self._weigh, gentler_pieces) if gentler_pieces else []
+        kept = [k for k, drive in enumerate(drives) if drive[0]]
+        self.pieces += [[*pieces, *gentler_pieces][k] for k in kept]
+        self.composer.grow(np.array([drives[k][2] for k in kept]), np.array([drives[k][1] for k in kept]))
 
-    def _of_each(self, work: Callable[[int, np.ndarray], object], pieces: list[MotionPiece]) -> list[Any]:
+    def _map_pieces(self, work: Callable[[int, np.ndarray], object], pieces: list[MotionPiece]) -> list[Any]:
         """Return `work(tick, u)` for the commands u (T, n) of each piece, computed on all cores. The tick selects
         one of TURNS different noises in turn."""
-        us = [piece.u(self.shape.ticks, self.shape.limit) for piece in pieces]
-        at = [k % TURNS * self.shape.ticks for k in range(len(us))]
-        return parallel_map(work, at, us, rows=self.cloud.size * sum(map(len, us)))
+        commands = [piece.u(self.shape.ticks, self.shape.limit) for piece in pieces]
+        first_ticks = [k % NOISE_SLOTS * self.shape.ticks for k in range(len(commands))]
+        return parallel_map(work, first_ticks, commands, rows=self.cloud.size * sum(map(len, commands)))
 
     def _weigh(self, tick: int, u: np.ndarray) -> tuple[bool, np.ndarray, np.ndarray | None]:
         """Return True if the piece (T, n) keeps the speed limits, its poses (L, S, 3), and its information
         (M, q, q). The information is None for a piece that exceeds the limits."""
-        slow, path = self._path(self.cloud, tick, u, 4)
-        F = np.stack([self.informant.information(u, theta) for theta in self.thetas]) if slow else None
-        return slow, path, F
+        is_slow, path = self._path(self.cloud, tick, u, 4)
+        F = np.stack([self.informant.information(u, theta) for theta in self.thetas]) if is_slow else None
+        return is_slow, path, F
 
     def _path(self, cloud: Cloud, tick: int, u: np.ndarray, count: int) -> tuple[bool, np.ndarray]:
         """Return True if a cloud keeps the speed limits in the piece (T, n), and its poses (L, S, 3) at every
         `count`-th sample. The last pose is the pose at rest."""
         stride, ticks = max(1, round(SAMPLE_S * cloud.rate_hz)), len(u)
-        rest, eta = cloud.drive(cloud.state_at(np.zeros(3)), np.concatenate([u, self.to_rest]), tick)
+        final_state, eta = cloud.drive(
+            cloud.state_at(np.zeros(3)), np.concatenate([u, self.rest_commands]), tick
+        )
         samples = eta[:, stride - 1 : ticks : stride]
-        slow = bool(self.room.slow(samples, cloud.rate_hz / stride))
-        return slow, np.concatenate(
-            [samples[:, count - 1 :: count], samples[:, -1:], rest.eta[:, None]], axis=1
+        is_slow = bool(self.room.is_slow(samples, cloud.rate_hz / stride))
+        return is_slow, np.concatenate(
+            [samples[:, count - 1 :: count], samples[:, -1:], final_state.eta[:, None]], axis=1
         )
 
     @property
-    def expected_sd(self) -> float:
+    def expected_std(self) -> float:
         """Return the geometric mean of the expected standard errors of the present sequence."""
         F = self.composer.F[self.composer.chosen].sum(axis=0)[0]
-        return mean_error(self.informant.relative_sd(F))
+        return mean_error(self.informant.relative_std(F))
 
 
 def feasible_pieces(
@@ -272,32 +297,34 @@ def feasible_pieces(
     commands: Callable[[int], np.ndarray],
     cloud: Cloud,
     room: Room,
-    rest: int,
+    rest_ticks: int,
 ) -> list[int]:
     """Return the pieces that the vehicles of `cloud` may drive one after the other in place of `order`.
 
-    The drive begins after `rest` ticks at rest; `commands` returns (T, n) of a piece. (4) of room.py decides.
+    The drive begins after `rest_ticks` ticks at rest; `commands` returns (T, n) of a piece. (4) of room.py decides.
     """
-    state, tick, order_kept = cloud.state_at(room.start), rest, list(order)
-    if rest:
-        state, _ = cloud.drive(state, np.zeros((rest, commands(0).shape[1])))
+    state, tick, order_kept = cloud.state_at(room.start), rest_ticks, list(order)
+    if rest_ticks:
+        state, _ = cloud.drive(state, np.zeros((rest_ticks, commands(0).shape[1])))
     for place in range(len(order_kept)):
-        at = commands, cloud, room, state, tick
-        later = list(dict.fromkeys(order_kept[place:]))
-        options = _first(later[:1], *at) or _first(later[1:], *at)
+        arguments = commands, cloud, room, state, tick
+        remaining = list(dict.fromkeys(order_kept[place:]))
+        options = _first_allowed_piece(remaining[:1], *arguments) or _first_allowed_piece(
+            remaining[1:], *arguments
+        )
         if options:
             order_kept.insert(place, order_kept.pop(order_kept.index(options[0], place)))
         else:
             substitutes = composer.substitutes(
-                order_kept, place, state.eta[: composer.path.shape[1]], PRICES, TRIED
+                order_kept, place, state.eta[: composer.path.shape[1]], PRICES, TRIED_PIECES
             )
-            options = _first([*substitutes, 0], *at)
+            options = _first_allowed_piece([*substitutes, 0], *arguments)
         order_kept[place], state = options or (0, cloud.drive(state, commands(0), tick)[0])
         tick += len(commands(0))
     return order_kept
 
 
-def _first(
+def _first_allowed_piece(
     indices: list[int],
     commands: Callable[[int], np.ndarray],
     cloud: Cloud,
@@ -306,9 +333,9 @@ def _first(
     tick: int,
 ) -> tuple[int, VehicleState] | None:
     """Return the first allowed index of `indices`, and the cloud after this piece, or None."""
-    for at in range(0, len(indices), TRIED):
-        us = [commands(k) for k in indices[at : at + TRIED]]
-        place = first_allowed(cloud, room, state, us, tick)
-        if place:
-            return indices[at + place[0]], place[1]
+    for offset in range(0, len(indices), TRIED_PIECES):
+        options = [commands(k) for k in indices[offset : offset + TRIED_PIECES]]
+        found = first_allowed(cloud, room, state, options, tick)
+        if found:
+            return indices[offset + found[0]], found[1]
     return None

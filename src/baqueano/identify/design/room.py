@@ -29,16 +29,16 @@ if TYPE_CHECKING:
     from baqueano.vehicle_file.file import VehicleFile
     from baqueano.vehicles import VehicleState
 
-DEVIATIONS = 3.0  # k of (1): one normal position in 370 lies further out
-TAIL = 1.5  # c of (3)
-SIDEWAYS_M_S2 = 3.0  # half of the grip of rubber on a smooth floor, 0.6 g: below it tyres hardly slip
+CORRIDOR_SIGMA = 3.0  # k of (1): one normal position in 370 lies further out
+TAIL_FACTOR = 1.5  # c of (3)
+MAX_SIDEWAYS_M_S2 = 3.0  # half of the grip of rubber on a smooth floor, 0.6 g: below it tyres hardly slip
 CHUNK_S = 0.5
 COAST_S = 2.0  # without command, in which a small vehicle comes to rest
 RESERVE_M = 0.01  # distance that a chunk leaves for floor noise at rest, and for the path between samples
 SAMPLE_S = 0.05  # between the poses that are tested: with 10 m/s² a path bulges by 3 mm between them
-SIZES = (1.0, 0.5, 0.25)
+SIZE_FACTORS = (1.0, 0.5, 0.25)
 VEHICLES = 128  # possible vehicles: they give the standard deviation of their position to 6 %
-AT_ONCE = 2  # alternatives that are driven to their end together: mostly the first is allowed
+OPTIONS_AT_ONCE = 2  # alternatives that are driven to their end together: mostly the first is allowed
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -54,8 +54,8 @@ class Room:
     sideways_m_s2: float = float("inf")
 
     def __post_init__(self) -> None:
-        free = 0.5 * min(self.width_m, self.height_m) - self.radius_m
-        if not (np.isfinite(self.width_m + self.height_m) and free > 0.0):
+        free_m = 0.5 * min(self.width_m, self.height_m) - self.radius_m
+        if not (np.isfinite(self.width_m + self.height_m) and free_m > 0.0):
             raise UsageError(
                 fault(
                     "room.small",
@@ -66,19 +66,19 @@ class Room:
                     least_m=2.0 * self.radius_m,
                 )
             )
-        if np.any(np.abs(self.start[:2]) > self.free):
+        if np.any(np.abs(self.start[:2]) > self.free_half_width_m):
             raise UsageError(
                 fault(
                     "room.start",
                     x_m=self.start[0],
                     y_m=self.start[1],
-                    along_m=self.free[0],
-                    across_m=self.free[1],
+                    along_m=self.free_half_width_m[0],
+                    across_m=self.free_half_width_m[1],
                 )
             )
 
     @property
-    def free(self) -> np.ndarray:
+    def free_half_width_m(self) -> np.ndarray:
         """Return the largest distance (2,) from the middle at which the origin of the body may be [m]."""
         return 0.5 * np.array([self.width_m, self.height_m]) - self.radius_m
 
@@ -86,27 +86,28 @@ class Room:
         """Return the least distance (…,) over time between a wall and clouds (…, L, T, 3) [m], negative if some
         leave. The corridor and the outermost vehicle are tested.  (1), (3)"""
         xy = eta[..., :2]
-        mean, sd = xy.mean(axis=-3), xy.std(axis=-3)
-        corridor = np.abs(mean) + DEVIATIONS * sd
+        mean, std = xy.mean(axis=-3), xy.std(axis=-3)
+        corridor = np.abs(mean) + CORRIDOR_SIGMA * std
         return np.min(
-            self.free - np.maximum(corridor, reach(xy.min(axis=-3), mean, xy.max(axis=-3))), axis=(-2, -1)
+            self.free_half_width_m - np.maximum(corridor, reach(xy.min(axis=-3), mean, xy.max(axis=-3))),
+            axis=(-2, -1),
         )
 
-    def slow(self, eta: np.ndarray, rate_hz: float) -> np.ndarray:
+    def is_slow(self, eta: np.ndarray, rate_hz: float) -> np.ndarray:
         """Return a mask (…,), True for clouds (…, L, T, 3) that keep the speed limits.  (2)"""
         if not np.isfinite(min(self.speed_m_s, self.turn_rad_s, self.sideways_m_s2)):
             return np.ones(eta.shape[:-3], bool)
         step = np.diff(eta, axis=-2) * rate_hz
         speed = np.hypot(step[..., 0], step[..., 1])
-        half = np.pi * rate_hz
-        turn = np.abs((step[..., 2] + half) % (2.0 * half) - half)
-        slow = (_upper(speed) <= self.speed_m_s) & (_upper(turn) <= self.turn_rad_s)
-        return slow & (_upper(speed * turn) <= self.sideways_m_s2)
+        half_turn_rad_s = np.pi * rate_hz
+        turn = np.abs((step[..., 2] + half_turn_rad_s) % (2.0 * half_turn_rad_s) - half_turn_rad_s)
+        is_within = (_upper_limit(speed) <= self.speed_m_s) & (_upper_limit(turn) <= self.turn_rad_s)
+        return is_within & (_upper_limit(speed * turn) <= self.sideways_m_s2)
 
 
 def reach(low: np.ndarray, mean: np.ndarray, high: np.ndarray) -> np.ndarray:
     """Return the largest distance (…,) of a vehicle from the middle, from extremes and mean of the clouds.  (3)"""
-    return np.maximum(np.abs(mean + TAIL * (low - mean)), np.abs(mean + TAIL * (high - mean)))
+    return np.maximum(np.abs(mean + TAIL_FACTOR * (low - mean)), np.abs(mean + TAIL_FACTOR * (high - mean)))
 
 
 def room_of(vehicle_file: "VehicleFile", size: str, **options: Any) -> Room:
@@ -117,7 +118,7 @@ def room_of(vehicle_file: "VehicleFile", size: str, **options: Any) -> Room:
 
     >>> from baqueano.vehicle_file import load
     >>> room = room_of(load("small"), "2x2.5", start=(0.5, 0.0, 0.0))
-    >>> print(room.height_m, room.radius_m, room.free)
+    >>> print(room.height_m, room.radius_m, room.free_half_width_m)
     2.5 0.07 [0.93 1.18]
     """
     match = re.fullmatch(r"\s*([\d.]+)\s*[x×]\s*([\d.]+)\s*m?\s*", size)
@@ -132,7 +133,7 @@ def room_of(vehicle_file: "VehicleFile", size: str, **options: Any) -> Room:
         "radius_m": body_radius(vehicle_file),
         "speed_m_s": getattr(supervisor, "max_speed_m_s", float("inf")),
         "turn_rad_s": getattr(supervisor, "max_yaw_rate_rad_s", float("inf")),
-        "sideways_m_s2": SIDEWAYS_M_S2,
+        "sideways_m_s2": MAX_SIDEWAYS_M_S2,
     }
     return Room(sides[0], sides[1], **(limits | options))
 
@@ -144,9 +145,9 @@ def body_radius(vehicle_file: "VehicleFile") -> float:
     return max(g.radius_m or 0.0, box, (g.track_m or 0.0) / 2.0)
 
 
-def _upper(x: np.ndarray) -> np.ndarray:
+def _upper_limit(x: np.ndarray) -> np.ndarray:
     """Return the maximum (…,) over time of mean + k sd over the cloud (…, L, T)."""
-    return np.max(x.mean(axis=-2) + DEVIATIONS * x.std(axis=-2), axis=-1)
+    return np.max(x.mean(axis=-2) + CORRIDOR_SIGMA * x.std(axis=-2), axis=-1)
 
 
 class ContainedSignal(NamedTuple):
@@ -154,7 +155,7 @@ class ContainedSignal(NamedTuple):
 
     u: np.ndarray  # (N, n)
     margin_m: float  # least distance between the corridor and the walls, (1) of room.py
-    replaced: float  # part of the chunks that were replaced
+    replaced_fraction: float  # part of the chunks that were replaced
     eta: np.ndarray  # (L, N, 3) poses of the possible vehicles
 
 
@@ -183,33 +184,33 @@ def contain(
     if u.ndim != 2 or u.shape[1] != vehicle_file.vehicle.commands or not len(u):
         raise UsageError(fault("signal.shape", rows=u.shape, commands=vehicle_file.vehicle.commands))
     if cloud is None:
-        cloud = Cloud(vehicle_file, possible_vehicles(vehicle_file, vehicles=VEHICLES), seed, backend)
-    state, rate = cloud.state_at(room.start), vehicle_file.rate_hz
-    chunk = max(1, round(CHUNK_S * rate))
-    out, poses, changes = np.empty_like(u), [], 0
-    for begin in range(0, len(u), chunk):
-        chunk_u = u[begin : begin + chunk]
+        cloud = Cloud(vehicle_file, possible_vehicles(vehicle_file, vehicle_count=VEHICLES), seed, backend)
+    state, rate_hz = cloud.state_at(room.start), vehicle_file.rate_hz
+    chunk_ticks = max(1, round(CHUNK_S * rate_hz))
+    contained, poses, change_count = np.empty_like(u), [], 0
+    for begin in range(0, len(u), chunk_ticks):
+        chunk_u = u[begin : begin + chunk_ticks]
         options = alternatives(chunk_u)
-        best, state, path = _first_allowed(cloud, room, state, options, begin)
-        out[begin : begin + chunk] = options[best]
+        index, state, path = _first_allowed(cloud, room, state, options, begin)
+        contained[begin : begin + chunk_ticks] = options[index]
         poses.append(path)
-        changes += not np.array_equal(options[best], chunk_u)
+        change_count += not np.array_equal(options[index], chunk_u)
     eta = np.concatenate(poses, axis=1)
     margin = float(room.margin(eta))
     if margin < 0.0:
         raise AnswerNo(
             fault("room.too-small", width_m=room.width_m, height_m=room.height_m, beyond_m=-margin)
         )
-    return ContainedSignal(out, margin, changes / len(poses), eta)
+    return ContainedSignal(contained, margin, change_count / len(poses), eta)
 
 
 def alternatives(u: np.ndarray) -> np.ndarray:
     """Return a chunk (T, n) and its alternatives (C, T, n), in order; the last one is the command zero."""
     n = u.shape[1]
-    first = np.where(np.arange(n) == 0, -1.0, 1.0)
-    signs = (np.ones(n), -np.ones(n), first, -first)
-    both = [size * sign * u for size in SIZES for sign in signs]
-    return np.stack([*both, np.zeros_like(u)])
+    first_sign = np.where(np.arange(n) == 0, -1.0, 1.0)
+    signs = (np.ones(n), -np.ones(n), first_sign, -first_sign)
+    variants = [size * sign * u for size in SIZE_FACTORS for sign in signs]
+    return np.stack([*variants, np.zeros_like(u)])
 
 
 def first_allowed(
@@ -218,16 +219,16 @@ def first_allowed(
     """Return index, cloud afterwards and poses (L, T, 3) of the first option (T, n) that is allowed, or None.  (4)"""
     stride = max(1, round(SAMPLE_S * cloud.rate_hz))
     rate_hz, ticks = cloud.rate_hz / stride, len(options[0])
-    drives = cloud.under([state] * len(options), options, tick)
+    drives = cloud.drive_each([state] * len(options), options, tick)
     paths = [eta[:, ticks % stride :: stride] for _, eta in drives]
-    may = [k for k, eta in enumerate(paths) if room.margin(eta) >= RESERVE_M]
+    allowed_indices = [k for k, eta in enumerate(paths) if room.margin(eta) >= RESERVE_M]
     no_command = np.zeros((round(COAST_S * cloud.rate_hz), options[0].shape[1]))
-    for at in range(0, len(may), AT_ONCE):
-        some = may[at : at + AT_ONCE]
-        coasts = cloud.under([drives[k][0] for k in some], [no_command] * len(some), tick + ticks)
-        for k, (_, eta) in zip(some, coasts, strict=True):
-            whole = np.concatenate([paths[k], eta[:, ::stride]], axis=1)
-            if room.margin(whole) >= RESERVE_M and room.slow(whole, rate_hz):
+    for offset in range(0, len(allowed_indices), OPTIONS_AT_ONCE):
+        indices = allowed_indices[offset : offset + OPTIONS_AT_ONCE]
+        coasts = cloud.drive_each([drives[k][0] for k in indices], [no_command] * len(indices), tick + ticks)
+        for k, (_, eta) in zip(indices, coasts, strict=True):
+            full_path = np.concatenate([paths[k], eta[:, ::stride]], axis=1)
+            if room.margin(full_path) >= RESERVE_M and room.is_slow(full_path, rate_hz):
                 return k, *drives[k]
     return None
 
@@ -238,7 +239,7 @@ def _first_allowed(
     """Return index, cloud afterwards and poses (L, T, 3) of the first option of (C, T, n) that is allowed, else of
     the last one."""
     for begin, end in ((0, 1), (1, len(options))):  # mostly the requested chunk is allowed
-        place = first_allowed(cloud, room, state, list(options[begin:end]), tick)
-        if place is not None:
-            return begin + place[0], *place[1:]
+        found = first_allowed(cloud, room, state, list(options[begin:end]), tick)
+        if found is not None:
+            return begin + found[0], *found[1:]
     return len(options) - 1, *cloud.drive(state, options[-1], tick)

@@ -56,9 +56,9 @@ def random_steps(
     (6, 1)
     """
     limit, n_ticks = _validate(limit, duration_s, rate_hz)
-    hold = _ticks(hold_s, rate_hz, "hold_s")
-    levels = np.random.default_rng(seed).uniform(-1.0, 1.0, (-(-n_ticks // hold), len(limit)))
-    return np.repeat(levels, hold, axis=0)[:n_ticks] * limit
+    hold_ticks = _ticks(hold_s, rate_hz, "hold_s")
+    levels = np.random.default_rng(seed).uniform(-1.0, 1.0, (-(-n_ticks // hold_ticks), len(limit)))
+    return np.repeat(levels, hold_ticks, axis=0)[:n_ticks] * limit
 
 
 def multisine(
@@ -124,8 +124,8 @@ def multisine(
         )
     rng = np.random.default_rng(seed)
     u = np.zeros((n_ticks, len(limit)))
-    for turn, j in enumerate(moving):
-        f_hz = bins[turn :: len(moving)] / duration_s
+    for order, j in enumerate(moving):
+        f_hz = bins[order :: len(moving)] / duration_s
         phase = rng.uniform(0.0, 2.0 * np.pi, len(f_hz))
         wave = np.zeros(n_ticks)
         for f, phi in zip(f_hz, phase, strict=True):
@@ -167,9 +167,9 @@ def prbs(
     [-0.5, 0.5]
     """
     limit, n_ticks = _validate(limit, duration_s, rate_hz)
-    bit = _ticks(bit_s, rate_hz, "bit_s")
-    signs = np.random.default_rng(seed).integers(0, 2, (-(-n_ticks // bit), len(limit))) * 2.0 - 1.0
-    return np.repeat(signs, bit, axis=0)[:n_ticks] * limit
+    bit_ticks = _ticks(bit_s, rate_hz, "bit_s")
+    signs = np.random.default_rng(seed).integers(0, 2, (-(-n_ticks // bit_ticks), len(limit))) * 2.0 - 1.0
+    return np.repeat(signs, bit_ticks, axis=0)[:n_ticks] * limit
 
 
 def ramps(
@@ -205,13 +205,13 @@ def ramps(
     (400, 2)
     """
     limit, n_ticks = _validate(limit, duration_s, rate_hz)
-    ramp = _ticks(ramp_s, rate_hz, "ramp_s")
+    ramp_ticks = _ticks(ramp_s, rate_hz, "ramp_s")
     rng = np.random.default_rng(seed)
-    triangle = 1.0 - np.abs(2.0 * (np.arange(ramp) + 0.5) / ramp - 1.0)
+    triangle = 1.0 - np.abs(2.0 * (np.arange(ramp_ticks) + 0.5) / ramp_ticks - 1.0)
     u = np.zeros((n_ticks, len(limit)))
     for j in range(len(limit)):
-        shift = (j * ramp) // max(1, len(limit))
-        count = -(-(n_ticks + shift) // ramp)
+        shift = (j * ramp_ticks) // max(1, len(limit))
+        count = -(-(n_ticks + shift) // ramp_ticks)
         heights = rng.uniform(0.3, 1.0, count) * rng.choice([-1.0, 1.0], count)
         u[:, j] = limit[j] * (heights[:, None] * triangle).ravel()[shift : shift + n_ticks]
     return u

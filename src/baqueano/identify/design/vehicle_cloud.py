@@ -30,10 +30,10 @@ if TYPE_CHECKING:
     from baqueano.vehicle_file.file import VehicleFile
 
 RELATIVE_STD = 0.2  # of a parameter without a fit
-LEAST_KNOWN = 0.5  # largest standard deviation of a parameter, relative to its value
+MAX_RELATIVE_STD = 0.5  # largest standard deviation of a parameter, relative to its value
 VEHICLES = 48  # of the cloud: they give its standard deviation to 10 %
-DRAWN_S = 64.0  # of noise at once, more if requested
-WINDOWS = 16  # spans of the noise that are cached in the memory layout of the kernel
+NOISE_S = 64.0  # of noise at once, more if requested
+CACHED_WINDOWS = 16  # spans of the noise that are cached in the memory layout of the kernel
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -43,17 +43,21 @@ class VehicleDistribution:
     paths: tuple[str, ...]  # (p,) the uncertain numbers, each with its entry
     theta: np.ndarray  # (L, p)
 
-    def some(self, vehicles: int) -> "VehicleDistribution":
-        """Return the nominal vehicle and `vehicles` of the others, in pairs ± n."""
-        half = (len(self.theta) - 1) // 2
-        few = min(vehicles // 2, half)
+    def subset(self, vehicle_count: int) -> "VehicleDistribution":
+        """Return the nominal vehicle and `vehicle_count` of the others, in pairs ± n."""
+        half_count = (len(self.theta) - 1) // 2
+        pair_count = min(vehicle_count // 2, half_count)
         return VehicleDistribution(
-            self.paths, self.theta[[0, *range(1, 1 + few), *range(1 + half, 1 + half + few)]]
+            self.paths,
+            self.theta[[0, *range(1, 1 + pair_count), *range(1 + half_count, 1 + half_count + pair_count)]],
         )
 
 
 def possible_vehicles(
-    vehicle_file: "VehicleFile", relative_std: float = RELATIVE_STD, vehicles: int = VEHICLES, seed: int = 0
+    vehicle_file: "VehicleFile",
+    relative_std: float = RELATIVE_STD,
+    vehicle_count: int = VEHICLES,
+    seed: int = 0,
 ) -> VehicleDistribution:
     """Return the vehicles that are possible according to the file.  (1), (2)"""
     blocks, fit = FittedBlocks(vehicle_file.vehicle, vehicle_file.sensors), vehicle_file.parameter_cov
@@ -62,14 +66,14 @@ def possible_vehicles(
     guesses = [p for p in default_free(blocks) if p not in names and value(blocks, p) != 0.0]
     paths = (*names, *guesses)
     mean = np.array([value(blocks, p) for p in paths])
-    half = stream(seed, "possible_vehicles").standard_normal((vehicles // 2, len(paths)))
-    unit = np.concatenate([np.zeros((1, len(paths))), half, -half])
-    theta = mean * np.exp(relative_std * unit)
+    half_draws = stream(seed, "possible_vehicles").standard_normal((vehicle_count // 2, len(paths)))
+    unit_draws = np.concatenate([np.zeros((1, len(paths))), half_draws, -half_draws])
+    theta = mean * np.exp(relative_std * unit_draws)
     system = System(vehicle_file.vehicle, vehicle_file.sensors)
     low, high = np.array([bounds(system, p) for p in paths]).T
     if fit is not None and names:
         k, cov = len(names), fit.cov[np.ix_(fitted, fitted)]
-        theta[:, :k] = _draw(unit[:, :k], mean[:k], cov, low[:k], high[:k])
+        theta[:, :k] = _draw(unit_draws[:, :k], mean[:k], cov, low[:k], high[:k])
     return VehicleDistribution(paths, np.clip(theta, low, high))
 
 
@@ -77,24 +81,33 @@ def _draw(
     unit: np.ndarray, mean: np.ndarray, cov: np.ndarray, low: np.ndarray, high: np.ndarray
 ) -> np.ndarray:
     """Return θ (L, p) from unit normals (L, p), between bounds (p,).  (2), (4)"""
-    sd = np.sqrt(np.maximum(np.diagonal(cov), 1e-300))
-    P, part = cov / np.outer(sd, sd), LEAST_KNOWN * np.abs(mean) / sd
-    wide = part < 1.0
-    sheet = np.diag(part[wide] ** 2 / (1.0 - part[wide] ** 2))
-    P = P - P[:, wide] @ np.linalg.pinv(P[np.ix_(wide, wide)] + sheet, hermitian=True) @ P[wide]
-    size, axes = np.linalg.eigh(P)
-    draws, low, high = (unit * np.sqrt(np.maximum(size, 0.0))) @ axes.T, (low - mean) / sd, (high - mean) / sd
-    return mean + sd * np.array([_inside(low, high, draw, P) for draw in draws])
+    std = np.sqrt(np.maximum(np.diagonal(cov), 1e-300))
+    P, ratio = cov / np.outer(std, std), MAX_RELATIVE_STD * np.abs(mean) / std
+    is_wide = ratio < 1.0
+    prior_cov = np.diag(ratio[is_wide] ** 2 / (1.0 - ratio[is_wide] ** 2))
+    P = (
+        P
+        - P[:, is_wide] @ np.linalg.pinv(P[np.ix_(is_wide, is_wide)] + prior_cov, hermitian=True) @ P[is_wide]
+    )
+    eigenvalues, axes = np.linalg.eigh(P)
+    draws, low, high = (
+        (unit * np.sqrt(np.maximum(eigenvalues, 0.0))) @ axes.T,
+        (low - mean) / std,
+        (high - mean) / std,
+    )
+    return mean + std * np.array([_move_inside(low, high, draw, P) for draw in draws])
 
 
-def _inside(low: np.ndarray, high: np.ndarray, x: np.ndarray, P: np.ndarray) -> np.ndarray:
+def _move_inside(low: np.ndarray, high: np.ndarray, x: np.ndarray, P: np.ndarray) -> np.ndarray:
     """Return a draw (p,) of covariance P (p, p), moved between its bounds.  (4)"""
-    out, is_fixed = x, np.zeros(len(x), bool)
-    while (beyond := ~is_fixed & ((out < low) | (out > high))).any():
-        is_fixed |= beyond
-        back = np.clip(x, low, high)[is_fixed] - x[is_fixed]
-        out = x + P[:, is_fixed] @ np.linalg.pinv(P[np.ix_(is_fixed, is_fixed)], hermitian=True) @ back
-    return out
+    moved, is_fixed = x, np.zeros(len(x), bool)
+    while (is_beyond := ~is_fixed & ((moved < low) | (moved > high))).any():
+        is_fixed |= is_beyond
+        correction = np.clip(x, low, high)[is_fixed] - x[is_fixed]
+        moved = (
+            x + P[:, is_fixed] @ np.linalg.pinv(P[np.ix_(is_fixed, is_fixed)], hermitian=True) @ correction
+        )
+    return moved
 
 
 class Cloud:
@@ -106,9 +119,9 @@ class Cloud:
         self.belief, self.seed, self.rate_hz = belief, seed, vehicle_file.rate_hz
         system = System(vehicle_file.vehicle, vehicle_file.sensors)
         self.kernel = lanes_kernel(system, belief.paths, self.rate_hz, True, backend)
-        self.rest = vehicle_file.vehicle.init()
+        self.rest_state = vehicle_file.vehicle.init()
         self.size = len(belief.theta)
-        self.noisy = bool(np.any(getattr(vehicle_file.vehicle, "process_noise_std", 1.0)))
+        self.has_noise = bool(np.any(getattr(vehicle_file.vehicle, "process_noise_std", 1.0)))
         self._draw = np.zeros((self.size, 0, 3))
         self._windows: dict[tuple[int, int], np.ndarray] = {}
         self._settle(np.asarray(vehicle_file.command.limit, dtype=float))
@@ -116,16 +129,18 @@ class Cloud:
     def state_at(self, pose: Any) -> VehicleState:
         """Return the state of the cloud with all vehicles at rest at the pose (3,)."""
         pose = np.tile(np.array(pose, dtype=float), (self.size, 1))
-        lanes = (np.repeat(np.asarray(x, dtype=float)[None], self.size, axis=0) for x in self.rest.drivetrain)
-        nu, nu_dot = (np.tile(x, (self.size, 1)) for x in (self.rest.nu, self.rest.nu_dot))
-        return VehicleState(pose, nu, nu_dot, type(self.rest.drivetrain)(*lanes))
+        lanes = (
+            np.repeat(np.asarray(x, dtype=float)[None], self.size, axis=0) for x in self.rest_state.drivetrain
+        )
+        nu, nu_dot = (np.tile(x, (self.size, 1)) for x in (self.rest_state.nu, self.rest_state.nu_dot))
+        return VehicleState(pose, nu, nu_dot, type(self.rest_state.drivetrain)(*lanes))
 
     def drive(self, state: VehicleState, u: np.ndarray, tick: int = 0) -> tuple[VehicleState, np.ndarray]:
         """Return the cloud (L, …) after the commands `u` (T, n) from `tick` on, and its poses (L, T, 3).  (3)"""
         noise = self._noise(tick, len(u))
-        return self.kernel.batch((u, noise), self.belief.theta, carry=state, outputs=True)
+        return self.kernel.batch((u, noise), self.belief.theta, carry=state, with_outputs=True)
 
-    def under(
+    def drive_each(
         self, states: Sequence[VehicleState], us: Sequence[np.ndarray], tick: int = 0
     ) -> list[tuple[VehicleState, np.ndarray]]:
         """Return `drive` for each pair of state and commands, all with the noise from `tick` on, on all cores."""
@@ -138,29 +153,31 @@ class Cloud:
 
         Such draws have a very high friction: a fit with little information on friction does not limit its value.
         """
-        full = np.tile(np.where(np.isfinite(limit), limit, 1.0), (round(self.rate_hz), 1))
+        full_commands = np.tile(np.where(np.isfinite(limit), limit, 1.0), (round(self.rate_hz), 1))
         for _ in range(8):
             with np.errstate(all="ignore"):
-                _, eta = self.drive(self.state_at(np.zeros(3)), full)
-            wild = ~np.isfinite(eta).all(axis=(1, 2))
-            if not wild.any():
+                _, eta = self.drive(self.state_at(np.zeros(3)), full_commands)
+            diverged = ~np.isfinite(eta).all(axis=(1, 2))
+            if not diverged.any():
                 break
             theta = self.belief.theta.copy()
-            theta[wild] = 0.5 * (theta[0] + theta[wild])
+            theta[diverged] = 0.5 * (theta[0] + theta[diverged])
             self.belief = VehicleDistribution(self.belief.paths, theta)
 
-    def _noise(self, tick: int, ticks: int) -> np.ndarray:
+    def _noise(self, tick: int, row_count: int) -> np.ndarray:
         """Return unit normals (L, T, 3), 0 for the nominal vehicle. A tick has the same noise in every call."""
         draws = self._draw
-        if draws.shape[1] < tick + ticks:
-            size = max(2 * draws.shape[1], tick + ticks, round(DRAWN_S * self.rate_hz))
-            draws = self._draw = np.zeros((self.size, size, 3))
-            if self.noisy:
-                normals = unit_normals(self.seed, "cloud", size, 3 * (self.size - 1)).reshape(size, -1, 3)
+        if draws.shape[1] < tick + row_count:
+            tick_count = max(2 * draws.shape[1], tick + row_count, round(NOISE_S * self.rate_hz))
+            draws = self._draw = np.zeros((self.size, tick_count, 3))
+            if self.has_noise:
+                normals = unit_normals(self.seed, "cloud", tick_count, 3 * (self.size - 1)).reshape(
+                    tick_count, -1, 3
+                )
                 draws[1:] = normals.transpose(1, 0, 2)
-        key, windows = (tick, ticks), self._windows
+        key, windows = (tick, row_count), self._windows
         if key not in windows:
-            if len(windows) >= WINDOWS:
+            if len(windows) >= CACHED_WINDOWS:
                 windows = self._windows = {}
-            windows[key] = np.ascontiguousarray(draws[:, tick : tick + ticks])
+            windows[key] = np.ascontiguousarray(draws[:, tick : tick + row_count])
         return windows[key]

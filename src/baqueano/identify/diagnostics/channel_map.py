@@ -23,42 +23,42 @@ from baqueano.identify.diagnostics import gain_changes
 from baqueano.identify.estimation.search import Search, Task, search
 from baqueano.identify.residuals.noise_level import MAD
 from baqueano.identify.residuals.simulation import Residuals
-from baqueano.runs.diagnostics.signal_map import NO_RELATION, MappedChannel, relations, signal_map
+from baqueano.runs.diagnostics.signal_map import MAX_CHANCE_CORRELATION, MappedChannel, relations, signal_map
 
 if TYPE_CHECKING:
     from baqueano.identify.identifiability.identifiable import FinishedFit
 
-MOST = 2000  # samples that are tested, evenly spaced
-FAR = 4.0
-RAN_AWAY = 1e6  # SI units: a larger prediction counts as diverged
-MOST_ROWS = 3000  # rows of each run
-WORTH = 0.1  # least gain of the logarithm of σ, per reading of the IMU
-ALIKE = 0.5  # of the largest gain: the data cannot separate mounts with a larger gain
-AXES = ("axes.swapped", "axes.inverted", "file.swapped", "file.inverted")
+MAX_SAMPLES = 2000  # samples that are tested, evenly spaced
+CLIP_SIGMA = 4.0
+DIVERGED_PREDICTION = 1e6  # SI units: a larger prediction counts as diverged
+MAX_ROWS = 3000  # rows of each run
+MIN_LOG_GAIN = 0.1  # least gain of the logarithm of σ, per reading of the IMU
+SIMILAR_GAIN_FRACTION = 0.5  # of the largest gain: the data cannot separate mounts with a larger gain
+AXIS_CODES = ("axes.swapped", "axes.inverted", "file.swapped", "file.inverted")
 
 
 def check_channels(problem: Residuals, theta: np.ndarray) -> list[Diagnostic]:
     """Return an error for each swapped or inverted channel."""
     out = []
     for name, size in zip(problem.names, problem.sizes, strict=True):
-        hypotheses = signal_map(*of_sensor(problem, theta, name), [MappedChannel()] * size)
+        hypotheses = signal_map(*sensor_samples(problem, theta, name), [MappedChannel()] * size)
         for i, hypothesis in enumerate(hypotheses):
             rho, channel = hypothesis.relation.correlation, f"{name}[{i}]"
             if hypothesis.code == "inverted":
                 out.append(note("axes.inverted", Severity.ERROR, subject=channel, correlation=rho))
-            elif hypothesis.code == "swapped" and (j := hypothesis.of) < i:
-                both = {"other": channel, "first": hypotheses[j].relation.correlation, "second": rho}
-                out.append(note("axes.swapped", Severity.ERROR, subject=f"{name}[{j}]", **both))
+            elif hypothesis.code == "swapped" and (j := hypothesis.prediction_index) < i:
+                correlations = {"other": channel, "first": hypotheses[j].relation.correlation, "second": rho}
+                out.append(note("axes.swapped", Severity.ERROR, subject=f"{name}[{j}]", **correlations))
     return out
 
 
-def of_sensor(problem: Residuals, theta: np.ndarray, name: str) -> tuple[np.ndarray, np.ndarray]:
+def sensor_samples(problem: Residuals, theta: np.ndarray, name: str) -> tuple[np.ndarray, np.ndarray]:
     """Return the measurements of the channels of a sensor, and their predictions, (n, m) each."""
     k = problem.names.index(name)
     span = slice(sum(problem.sizes[:k]), sum(problem.sizes[: k + 1]))
     z, h = measurements(problem)[:, span], predictions(problem, theta)[:, span]
     rows = np.flatnonzero(np.isfinite(z).any(axis=1))
-    rows = rows[:: max(1, len(rows) // MOST)]
+    rows = rows[:: max(1, len(rows) // MAX_SAMPLES)]
     return clip(z[rows]), clip(h[rows])
 
 
@@ -70,7 +70,7 @@ def measurements(problem: Residuals) -> np.ndarray:
 def predictions(problem: Residuals, theta: np.ndarray) -> np.ndarray:
     """Return the predictions of all segments (N, m), NaN where the model diverged."""
     h = np.concatenate(problem.predictions(theta))
-    return np.where(np.abs(h) < RAN_AWAY, h, np.nan)
+    return np.where(np.abs(h) < DIVERGED_PREDICTION, h, np.nan)
 
 
 def clip(x: np.ndarray) -> np.ndarray:
@@ -78,13 +78,15 @@ def clip(x: np.ndarray) -> np.ndarray:
     x = x.copy()
     for column in x.T:
         if len(finite := column[np.isfinite(column)]):
-            middle = float(np.median(finite))
-            size = FAR * max(MAD * float(np.median(np.abs(finite - middle))), 0.1 * float(np.std(finite)))
-            np.clip(column, middle - size, middle + size, out=column)
+            median = float(np.median(finite))
+            limit = CLIP_SIGMA * max(
+                MAD * float(np.median(np.abs(finite - median))), 0.1 * float(np.std(finite))
+            )
+            np.clip(column, median - limit, median + limit, out=column)
     return x
 
 
-class MountWay(NamedTuple):
+class MountHypothesis(NamedTuple):
     """A mount of the IMU: corrected readings z are its columns `order`, times `sign`."""
 
     order: tuple[int, int, int]
@@ -92,14 +94,14 @@ class MountWay(NamedTuple):
     code: str
 
 
-WAYS = (
-    MountWay((1, 0, 2), (1.0, 1.0, 1.0), "mount.swapped"),
-    MountWay((0, 1, 2), (-1.0, 1.0, 1.0), "mount.first-inverted"),
-    MountWay((0, 1, 2), (1.0, -1.0, 1.0), "mount.second-inverted"),
-    MountWay((0, 1, 2), (1.0, 1.0, -1.0), "mount.third-inverted"),
-    MountWay((0, 1, 2), (-1.0, -1.0, 1.0), "mount.half-turn"),
-    MountWay((1, 0, 2), (1.0, -1.0, 1.0), "mount.quarter-turn-second"),
-    MountWay((1, 0, 2), (-1.0, 1.0, 1.0), "mount.quarter-turn-first"),
+MOUNTS = (
+    MountHypothesis((1, 0, 2), (1.0, 1.0, 1.0), "mount.swapped"),
+    MountHypothesis((0, 1, 2), (-1.0, 1.0, 1.0), "mount.first-inverted"),
+    MountHypothesis((0, 1, 2), (1.0, -1.0, 1.0), "mount.second-inverted"),
+    MountHypothesis((0, 1, 2), (1.0, 1.0, -1.0), "mount.third-inverted"),
+    MountHypothesis((0, 1, 2), (-1.0, -1.0, 1.0), "mount.half-turn"),
+    MountHypothesis((1, 0, 2), (1.0, -1.0, 1.0), "mount.quarter-turn-second"),
+    MountHypothesis((1, 0, 2), (-1.0, 1.0, 1.0), "mount.quarter-turn-first"),
 )  # fmt: skip
 
 
@@ -110,53 +112,65 @@ def with_mount(end: "FinishedFit", messages: list[Diagnostic]) -> list[Diagnosti
     if type(task.problem) is not Residuals or all(message.severity == Severity.INFO for message in messages):
         return messages
     for name, block in blocks.sensors._asdict().items():
-        if has_field(block, "gyro_scale") and _astray(task, name) and (mount := _better_mount(end, name)):
-            kind = "axes.swapped" if mount[0].order[0] else "axes.inverted"
-            rest = [message for message in messages if message.code not in AXES or message.code == kind]
-            return [mount[1], *rest]
+        if (
+            has_field(block, "gyro_scale")
+            and _has_wrong_axes(task, name)
+            and (mount := _better_mount(end, name))
+        ):
+            code = "axes.swapped" if mount[0].order[0] else "axes.inverted"
+            other_messages = [
+                message for message in messages if message.code not in AXIS_CODES or message.code == code
+            ]
+            return [mount[1], *other_messages]
     return messages
 
 
-def _astray(task: Task, name: str) -> bool:
+def _has_wrong_axes(task: Task, name: str) -> bool:
     """Return True if a channel of the IMU does not follow its prediction, or follows the prediction of another
     channel more closely."""
-    hypotheses = relations(*of_sensor(task.problem, task.first, name))
+    hypotheses = relations(*sensor_samples(task.problem, task.first, name))
     rho = np.array([[hypothesis.correlation for hypothesis in row] for row in hypotheses])
-    own, any_of = np.diagonal(rho), np.max(np.abs(rho), axis=1)
+    own_rho, max_rho = np.diagonal(rho), np.max(np.abs(rho), axis=1)
     is_related = any(hypothesis.is_clear() for row in hypotheses for hypothesis in row)
-    return is_related and bool(np.any((own < NO_RELATION) | (own < any_of)))
+    return is_related and bool(np.any((own_rho < MAX_CHANCE_CORRELATION) | (own_rho < max_rho)))
 
 
-def _better_mount(end: "FinishedFit", name: str) -> tuple[MountWay, Diagnostic] | None:
+def _better_mount(end: "FinishedFit", name: str) -> tuple[MountHypothesis, Diagnostic] | None:
     """Return the mount with smaller residuals whose gains agree with the file, and its diagnostic, or None."""
     task, blocks = end.task, end.blocks
-    records = [first_rows(record, MOST_ROWS) for record in task.problem.records]
-    at = sum(task.problem.sizes[: task.problem.names.index(name)])
-    own = slice(at, at + 3)
+    records = [first_rows(record, MAX_ROWS) for record in task.problem.records]
+    first_channel = sum(task.problem.sizes[: task.problem.names.index(name)])
+    channels = slice(first_channel, first_channel + 3)
     n = np.sum([r.sensors[name].has.sum(axis=0) for r in records], axis=0)
-    starts = [
+    start_thetas = [
         task.first,
         np.where(np.isfinite(end.search.solution.theta), end.search.solution.theta, task.first),
     ]
     as_in_file = min(
-        (_search_from(task, blocks, records, theta) for theta in starts),
-        key=lambda result: _log_sigma(result, own, n),
+        (_search_from(task, blocks, records, theta) for theta in start_thetas),
+        key=lambda result: _log_sigma(result, channels, n),
     )
-    ways = [
-        (way, _search_from(task, blocks, [_other_way(r, name, way) for r in records], starts[0]))
-        for way in WAYS
+    searches = [
+        (
+            hypothesis,
+            _search_from(task, blocks, [_remounted(r, name, hypothesis) for r in records], start_thetas[0]),
+        )
+        for hypothesis in MOUNTS
     ]
     gains = [
-        _log_sigma(as_in_file, own, n) - _log_sigma(result, own, n[list(way.order)]) for way, result in ways
+        _log_sigma(as_in_file, channels, n) - _log_sigma(result, channels, n[list(hypothesis.order)])
+        for hypothesis, result in searches
     ]
-    best = max(gains)
-    if not best > WORTH * n.sum():
+    max_gain = max(gains)
+    if not max_gain > MIN_LOG_GAIN * n.sum():
         return None
-    for gain, (way, result) in zip(gains, ways, strict=True):
-        if gain > ALIKE * best and _as_in_the_file(task, blocks, result):
-            sigma = result.sigma[own][np.argsort(way.order)]  # in the column order of the run
-            less = ", ".join(f"{a:.2g} → {b:.2g}" for a, b in zip(as_in_file.sigma[own], sigma, strict=True))
-            return way, note(way.code, Severity.ERROR, subject=name, less=less)
+    for gain, (hypothesis, result) in zip(gains, searches, strict=True):
+        if gain > SIMILAR_GAIN_FRACTION * max_gain and _agrees_with_file(task, blocks, result):
+            sigma = result.sigma[channels][np.argsort(hypothesis.order)]  # in the column order of the run
+            sigma_changes = ", ".join(
+                f"{a:.2g} → {b:.2g}" for a, b in zip(as_in_file.sigma[channels], sigma, strict=True)
+            )
+            return hypothesis, note(hypothesis.code, Severity.ERROR, subject=name, less=sigma_changes)
     return None
 
 
@@ -165,19 +179,21 @@ def _search_from(task: Task, blocks: FittedBlocks, records: list[FitRecord], the
     return search(task._replace(problem=problem, progress=None), theta, rough=True)
 
 
-def _other_way(record: FitRecord, name: str, way: MountWay) -> FitRecord:
-    order, readings = list(way.order), record.sensors[name]
-    z, has = readings.z[:, order] * np.array(way.sign), readings.has[:, order]
+def _remounted(record: FitRecord, name: str, hypothesis: MountHypothesis) -> FitRecord:
+    order, readings = list(hypothesis.order), record.sensors[name]
+    z, has = readings.z[:, order] * np.array(hypothesis.sign), readings.has[:, order]
     return record._replace(sensors={**record.sensors, name: readings._replace(z=z, has=has)})
 
 
-def _log_sigma(end: Search, own: slice, n: np.ndarray) -> float:
+def _log_sigma(end: Search, channels: slice, n: np.ndarray) -> float:
     """Return Σ n log σ over the channels of the IMU, which have n (3,) readings.  (1)"""
-    log_sigma = float(n @ np.log(end.sigma[own]))
+    log_sigma = float(n @ np.log(end.sigma[channels]))
     return log_sigma if np.isfinite(log_sigma) and np.isfinite(end.solution.evaluation.cost) else np.inf
 
 
-def _as_in_the_file(task: Task, blocks: FittedBlocks, end: Search) -> bool:
+def _agrees_with_file(task: Task, blocks: FittedBlocks, end: Search) -> bool:
     names = task.problem.shape.shared
-    messages = gain_changes.gains(blocks, names, end.solution.theta[: len(names)], np.zeros(len(names)))
-    return not any(message.code in AXES for message in messages)
+    messages = gain_changes.gain_findings(
+        blocks, names, end.solution.theta[: len(names)], np.zeros(len(names))
+    )
+    return not any(message.code in AXIS_CODES for message in messages)

@@ -24,8 +24,8 @@ from baqueano.identify.diagnostics import channel_map
 from baqueano.identify.options import FitOptions
 from baqueano.identify.parameters.free import Free, value
 from baqueano.identify.parameters.setup import first_theta
-from baqueano.runs.diagnostics.physical_limits import FASTEST_RAD_S
-from baqueano.runs.diagnostics.signal_map import NOTHING, Hypothesis, MappedChannel, signal_map
+from baqueano.runs.diagnostics.physical_limits import MAX_YAW_RATE_RAD_S
+from baqueano.runs.diagnostics.signal_map import MAX_CHANCE_GAIN, Hypothesis, MappedChannel, signal_map
 from baqueano.runs.run import Channel as Log
 from baqueano.runs.run import Run
 from baqueano.runs.windows import means
@@ -38,43 +38,50 @@ if TYPE_CHECKING:
     from baqueano.runs.run import Run
     from baqueano.vehicle_file import VehicleFile
 
-CURVE = "gyro.or-accelerometer"  # the code of a message that names two suspects
-NEAR = 2.0  # either way: the tolerances of data sheet and scale together
-WINDOW_S, SAMPLES = 0.2, 4.0
-FEW = 20  # rows
-TOO_FAST = {np.degrees(1.0): "deg/s", np.radians(1.0): "rad/s"}  # r → unit of the gyro
-TOO_SLOW = {1.0 / r: unit for r, unit in TOO_FAST.items()}  # and by 1/r
-HARDEST_M_S2 = 300.0  # the largest acceleration on a small vehicle, apart from shocks
-TILTED_M_S2 = 3.0  # of gravity in the plane: mounted 18° off
-OVER = 1.2  # times the limit: rounding and trims are less
-FEW_AT_REST = 20  # ticks at rest
-FULL = ((200.0, 256.0, "PWM (0 … 255)"), (90.0, 101.0, "%"))  # from, to
+CURVE_CODE = "gyro.or-accelerometer"  # the code of a message that names two suspects
+MAX_UNIT_RATIO = 2.0  # either way: the tolerances of data sheet and scale together
+WINDOW_S, WINDOW_SAMPLES = 0.2, 4.0
+MIN_ROWS = 20  # rows
+UNIT_BY_RATIO = {np.degrees(1.0): "deg/s", np.radians(1.0): "rad/s"}  # r → unit of the gyro
+UNIT_BY_INVERSE_RATIO = {1.0 / r: unit for r, unit in UNIT_BY_RATIO.items()}  # and by 1/r
+MAX_ACCELERATION_M_S2 = 300.0  # the largest acceleration on a small vehicle, apart from shocks
+TILT_M_S2 = 3.0  # of gravity in the plane: mounted 18° off
+LIMIT_TOLERANCE = 1.2  # times the limit: rounding and trims are less
+MIN_REST_TICKS = 20  # ticks at rest
+FULL_SCALES = ((200.0, 256.0, "PWM (0 … 255)"), (90.0, 101.0, "%"))  # from, to
 
 
-def check_gyro_unit(run: Run, file: "VehicleFile", name: str) -> list[Diagnostic]:
+def check_gyro_unit(run: Run, vehicle_file: "VehicleFile", name: str) -> list[Diagnostic]:
     """Return a message if the gyro is in another unit than the wheels, or than speed and sideways acceleration.
 
     Return no message if the wheels of a sensor show the same yaw rate as the gyro. If only a curve shows the fault,
     the message names gyro or accelerometer.  (3), (4)
     """
-    sensors, by_wheels, curves = file.sensors._asdict(), [], []
+    sensors, by_wheels, curves = vehicle_file.sensors._asdict(), [], []
     for sensor_name, channel in run.sensors.items():
         block: Tree = sensors.get(sensor_name)
-        wheels = has_field(block, "track_m")
-        if not (wheels or has_field(block, "scale")) or channel.z.shape[1] != block.size:
+        is_wheels = has_field(block, "track_m")
+        if not (is_wheels or has_field(block, "scale")) or channel.z.shape[1] != block.size:
             continue
-        if (both := _windows(run.sensors[name], channel)) is None:
+        if (windows := _windows(run.sensors[name], channel)) is None:
             continue
-        imu, wheel_speeds = both
-        if wheels:
+        imu, wheel_speeds = windows
+        if is_wheels:
             by_wheels.append(
                 (
-                    _map(imu[:, 2], (wheel_speeds[:, 1] - wheel_speeds[:, 0]) / block.track_m, TOO_FAST),
+                    _unit_hypothesis(
+                        imu[:, 2], (wheel_speeds[:, 1] - wheel_speeds[:, 0]) / block.track_m, UNIT_BY_RATIO
+                    ),
                     sensor_name,
                 )
             )
-        curves.append((_map(imu[:, 1], wheel_speeds.mean(axis=1) * imu[:, 2], TOO_SLOW), sensor_name))
-    if any(_near(hypothesis) for hypothesis, _ in by_wheels):
+        curves.append(
+            (
+                _unit_hypothesis(imu[:, 1], wheel_speeds.mean(axis=1) * imu[:, 2], UNIT_BY_INVERSE_RATIO),
+                sensor_name,
+            )
+        )
+    if any(_is_near(hypothesis) for hypothesis, _ in by_wheels):
         return []
     messages = [
         _wrong_unit(
@@ -82,11 +89,11 @@ def check_gyro_unit(run: Run, file: "VehicleFile", name: str) -> list[Diagnostic
         )
         for hypothesis, sensor_name in by_wheels
     ]
-    messages += [_of_a_curve(name, hypothesis, sensor_name) for hypothesis, sensor_name in curves]
+    messages += [_curve_message(name, hypothesis, sensor_name) for hypothesis, sensor_name in curves]
     return [message for message in messages if message is not None][:1]
 
 
-def _of_a_curve(name: str, curve: Hypothesis, speed_name: str) -> Diagnostic | None:
+def _curve_message(name: str, curve: Hypothesis, speed_name: str) -> Diagnostic | None:
     """Return a message if a_y = v ω_z / r shows a wrong unit, else None. The test cannot separate a wrong gyro from
     a wrong accelerometer.  (4)"""
     slope = abs(curve.relation.slope) or np.nan
@@ -95,10 +102,10 @@ def _of_a_curve(name: str, curve: Hypothesis, speed_name: str) -> Diagnostic | N
     )
     if message is None:
         return None
-    return note(CURVE, Severity.ERROR, subject=f"{name}[1]", gyro=message, times=slope)
+    return note(CURVE_CODE, Severity.ERROR, subject=f"{name}[1]", gyro=message, times=slope)
 
 
-def against_model(end: "FinishedFit") -> tuple[list[Diagnostic], bool]:
+def check_gyro_against_model(end: "FinishedFit") -> tuple[list[Diagnostic], bool]:
     """Return messages on gyros in another unit than the file's predictions, and True if all gyros are cleared.
 
     A gyro is cleared if it agrees with the file, with the wheels, or with a converged fit that keeps the file's
@@ -107,36 +114,40 @@ def against_model(end: "FinishedFit") -> tuple[list[Diagnostic], bool]:
     problem, sensors = end.task.problem, end.blocks.sensors._asdict()
     unbounded = [end.requested[k]._replace(low=-np.inf, high=np.inf) for k in end.in_theta]
     by_file, _, _ = first_theta(end.blocks, unbounded, problem.shape, problem.records, FitOptions())
-    at = dict(zip(problem.names, np.cumsum([0, *problem.sizes[:-1]]), strict=True))
+    first_channel = dict(zip(problem.names, np.cumsum([0, *problem.sizes[:-1]]), strict=True))
     z, h = channel_map.measurements(problem), channel_map.predictions(problem, by_file)
-    wheels = [(k, sensors[name]) for name, k in at.items() if has_field(sensors[name], "track_m")]
+    wheels = [(k, sensors[name]) for name, k in first_channel.items() if has_field(sensors[name], "track_m")]
     wheel_rates = [(z[:, k + 1] - z[:, k]) / block.track_m for k, block in wheels]
-    fitted = [channel_map.predictions(problem, end.search.solution.theta)] if _as_promised(end) else []
+    fitted = (
+        [channel_map.predictions(problem, end.search.solution.theta)] if _keeps_turning_gains(end) else []
+    )
     messages, is_cleared = [], True
-    for name in (name for name in at if has_field(sensors[name], "gyro_scale")):
-        i = at[name] + 2
-        of = h[:, i], *wheel_rates, *(fit[:, i] for fit in fitted)
-        model, *rest = (_map(z[:, i], omega, TOO_FAST) for omega in of)
-        if not any(map(_near, (model, *rest))):
+    for name in (name for name in first_channel if has_field(sensors[name], "gyro_scale")):
+        i = first_channel[name] + 2
+        turn_rates = h[:, i], *wheel_rates, *(fit[:, i] for fit in fitted)
+        model, *other_hypotheses = (_unit_hypothesis(z[:, i], omega, UNIT_BY_RATIO) for omega in turn_rates)
+        if not any(map(_is_near, (model, *other_hypotheses))):
             slope, is_cleared = abs(model.relation.slope), False
             messages.append(_wrong_unit(name, model, slope, note("gyro.as-commands")))
     return [message for message in messages if message is not None], is_cleared
 
 
-def _as_promised(end: "FinishedFit") -> bool:
+def _keeps_turning_gains(end: "FinishedFit") -> bool:
     """Return True if a converged fit left the turning gains, and the known numbers on which they act, near their
     values in the file. A fit in which none of these is identifiable is not evidence."""
     free = end.free
-    now, is_identifiable = end.search.solution.theta[: len(free)], end.identifiability.mask[: len(free)]
-    was = [value(end.blocks, parameter.path) if _turns(parameter) else 0.0 for parameter in free]
+    fitted, is_identifiable = end.search.solution.theta[: len(free)], end.identifiability.mask[: len(free)]
+    file_values = [value(end.blocks, parameter.path) if _turns(parameter) else 0.0 for parameter in free]
     ratios = [
-        x / x_0 for x, x_0, free_here in zip(now, was, is_identifiable, strict=True) if free_here and x_0
+        x / x_0
+        for x, x_0, is_shown in zip(fitted, file_values, is_identifiable, strict=True)
+        if is_shown and x_0
     ]
-    identifiable = bool(ratios) or not any(was)
+    identifiable = bool(ratios) or not any(file_values)
     return (
         end.search.solution.converged
         and identifiable
-        and all(1.0 / NEAR < abs(ratio) < NEAR for ratio in ratios)
+        and all(1.0 / MAX_UNIT_RATIO < abs(ratio) < MAX_UNIT_RATIO for ratio in ratios)
     )
 
 
@@ -146,13 +157,13 @@ def _turns(parameter: Free) -> bool:
     return is_gain and parameter.axis in (None, 2) and not parameter.unit.startswith("m/s")
 
 
-def _map(z: np.ndarray, h: np.ndarray, units: dict[float, str]) -> Hypothesis:
+def _unit_hypothesis(z: np.ndarray, h: np.ndarray, units: dict[float, str]) -> Hypothesis:
     """Return the signal map from h (N,) to z (N,)."""
     z, h = (channel_map.clip(x[:, None]) for x in (z, h))
-    return signal_map(z, h, [MappedChannel(1.0 / NEAR, NEAR, units)], NOTHING)[0]
+    return signal_map(z, h, [MappedChannel(1.0 / MAX_UNIT_RATIO, MAX_UNIT_RATIO, units)], MAX_CHANCE_GAIN)[0]
 
 
-def _near(hypothesis: Hypothesis) -> bool:
+def _is_near(hypothesis: Hypothesis) -> bool:
     return hypothesis.is_clear and hypothesis.ratio == 1.0
 
 
@@ -166,80 +177,85 @@ def _wrong_unit(name: str, hypothesis: Hypothesis, r: float, source: Diagnostic)
 def _windows(log: Log, second_log: Log) -> tuple[np.ndarray, np.ndarray] | None:
     """Return the means (W, m) of both logs over the windows in which both have samples, or None if one has fewer
     than FEW samples."""
-    if min(len(log.t_ns), len(second_log.t_ns)) < FEW:
+    if min(len(log.t_ns), len(second_log.t_ns)) < MIN_ROWS:
         return None
-    usual_s = max(float(np.median(np.diff(c.t_ns))) for c in (log, second_log)) / NANOSECONDS
-    width = max(WINDOW_S, SAMPLES * usual_s)
+    typical_s = max(float(np.median(np.diff(c.t_ns))) for c in (log, second_log)) / NANOSECONDS
+    width = max(WINDOW_S, WINDOW_SAMPLES * typical_s)
     origin = int(min(log.t_ns[0], second_log.t_ns[0]))
-    both = [means(c, origin, width) for c in (log, second_log)]
-    same = np.intersect1d(both[0][0], both[1][0])
-    first, second = (mean[np.searchsorted(windows, same)] for windows, mean in both)
+    window_means = [means(c, origin, width) for c in (log, second_log)]
+    common_windows = np.intersect1d(window_means[0][0], window_means[1][0])
+    first, second = (mean[np.searchsorted(windows, common_windows)] for windows, mean in window_means)
     return first, second
 
 
-def implausible(run: Run, file: "VehicleFile", sensors: dict[str, Tree]) -> list[Diagnostic]:
+def implausible_values(run: Run, vehicle_file: "VehicleFile", sensors: dict[str, Tree]) -> list[Diagnostic]:
     """Return messages on commands and readings that no small vehicle reaches, or that exceed the limits in its file."""
-    messages = _commands(run, file)
+    messages = _command_messages(run, vehicle_file)
     for name, block in sensors.items():
         if (
             has_field(block, "gyro_scale")
             and name in run.sensors
             and run.sensors[name].z.shape[1] == block.size
         ):
-            messages += _imu(run, name, block)
-            messages += check_gyro_unit(run, file, name)
+            messages += _imu_messages(run, name, block)
+            messages += check_gyro_unit(run, vehicle_file, name)
     return messages
 
 
-def _commands(run: Run, file: "VehicleFile") -> list[Diagnostic]:
+def _command_messages(run: Run, vehicle_file: "VehicleFile") -> list[Diagnostic]:
     messages = []
-    for j, (name, limit) in enumerate(zip(file.command.names, file.command.limit, strict=True)):
-        most = float(np.nanmax(np.abs(run.applied[:, j]), initial=0.0))
-        if not np.isfinite(limit) or most <= OVER * limit or most == 0.0:
+    for j, (name, limit) in enumerate(
+        zip(vehicle_file.command.names, vehicle_file.command.limit, strict=True)
+    ):
+        peak = float(np.nanmax(np.abs(run.applied[:, j]), initial=0.0))
+        if not np.isfinite(limit) or peak <= LIMIT_TOLERANCE * limit or peak == 0.0:
             continue
         if limit == 0.0:
-            messages.append(note("command.beyond-zero", Severity.WARNING, subject=name, most=most))
+            messages.append(note("command.beyond-zero", Severity.WARNING, subject=name, most=peak))
             continue
-        guess = next((unit for low, high, unit in FULL if low <= most <= high), "V")
-        details = {"most": most, "limit": float(limit), "of_file": file.command.unit, "guess": guess}
+        guess = next((unit for low, high, unit in FULL_SCALES if low <= peak <= high), "V")
+        details = {"most": peak, "limit": float(limit), "of_file": vehicle_file.command.unit, "guess": guess}
         messages.append(note("command.unit", Severity.ERROR, subject=name, **details))
     return messages
 
 
-def _imu(run: Run, name: str, block: Tree) -> list[Diagnostic]:
+def _imu_messages(run: Run, name: str, block: Tree) -> list[Diagnostic]:
     z, messages = run.sensors[name].z, []
-    size = np.abs(z[np.isfinite(z).all(axis=1)])
-    if not len(size):
+    magnitudes = np.abs(z[np.isfinite(z).all(axis=1)])
+    if not len(magnitudes):
         return []
-    far = np.any(size > [HARDEST_M_S2, HARDEST_M_S2, FASTEST_RAD_S])
-    most = np.quantile(size, 0.99, axis=0) if far else np.zeros(3)
-    if most[2] > FASTEST_RAD_S:
-        rates: JsonObject = {"most_rad_s": float(most[2]), "fastest_rad_s": FASTEST_RAD_S}
+    is_implausible = np.any(magnitudes > [MAX_ACCELERATION_M_S2, MAX_ACCELERATION_M_S2, MAX_YAW_RATE_RAD_S])
+    peaks = np.quantile(magnitudes, 0.99, axis=0) if is_implausible else np.zeros(3)
+    if peaks[2] > MAX_YAW_RATE_RAD_S:
+        rates: JsonObject = {"most_rad_s": float(peaks[2]), "fastest_rad_s": MAX_YAW_RATE_RAD_S}
         messages.append(note("gyro.too-fast", Severity.ERROR, subject=f"{name}[2]", **rates))
-    for i in np.flatnonzero(most[:2] > HARDEST_M_S2):
-        figures = {"subject": f"{name}[{i}]", "most_m_s2": float(most[i])}
+    for i in np.flatnonzero(peaks[:2] > MAX_ACCELERATION_M_S2):
+        figures = {"subject": f"{name}[{i}]", "most_m_s2": float(peaks[i])}
         messages.append(note("accelerometer.unit", Severity.ERROR, **figures))
-    return messages + _gravity(run, name, block)
+    return messages + _gravity_messages(run, name, block)
 
 
-def _gravity(run: Run, name: str, block: Tree) -> list[Diagnostic]:
+def _gravity_messages(run: Run, name: str, block: Tree) -> list[Diagnostic]:
     channel = run.sensors[name]
     tick = np.minimum(np.searchsorted(run.t_ns, channel.t_ns), len(run.t_ns) - 1)
-    rest = ~np.any(run.applied != 0.0, axis=1)[tick]
-    rows = rest if rest.sum() >= FEW_AT_REST else np.ones(len(tick), bool)
+    is_at_rest = ~np.any(run.applied != 0.0, axis=1)[tick]
+    rows = is_at_rest if is_at_rest.sum() >= MIN_REST_TICKS else np.ones(len(tick), bool)
     phi, theta = block.tilt_rad
     expected = block.accel_bias + STANDARD_GRAVITY * np.array([-np.sin(theta), np.sin(phi) * np.cos(theta)])
     messages = []
     for i in range(2):
         x = channel.z[rows, i]
         x = x[np.isfinite(x)]
-        tilted_rows = np.count_nonzero(
-            np.abs(x - expected[i]) > TILTED_M_S2
-        )  # fewer than half move no median
-        off = float(np.median(x)) - float(expected[i]) if tilted_rows and 2 * tilted_rows >= len(x) else 0.0
-        if abs(off) > TILTED_M_S2:
-            whole = abs(abs(off) - STANDARD_GRAVITY) < 0.1 * STANDARD_GRAVITY and rest.sum() >= FEW_AT_REST
-            code = "gravity.at-rest" if rest.sum() >= FEW_AT_REST else "gravity.all-the-time"
-            grave = Severity.ERROR if whole else Severity.WARNING
-            messages.append(note(code, grave, subject=f"{name}[{i}]", off_m_s2=off))
+        tilted_rows = np.count_nonzero(np.abs(x - expected[i]) > TILT_M_S2)  # fewer than half move no median
+        offset = (
+            float(np.median(x)) - float(expected[i]) if tilted_rows and 2 * tilted_rows >= len(x) else 0.0
+        )
+        if abs(offset) > TILT_M_S2:
+            is_full_gravity = (
+                abs(abs(offset) - STANDARD_GRAVITY) < 0.1 * STANDARD_GRAVITY
+                and is_at_rest.sum() >= MIN_REST_TICKS
+            )
+            code = "gravity.at-rest" if is_at_rest.sum() >= MIN_REST_TICKS else "gravity.all-the-time"
+            severity = Severity.ERROR if is_full_gravity else Severity.WARNING
+            messages.append(note(code, severity, subject=f"{name}[{i}]", off_m_s2=offset))
     return messages

@@ -38,7 +38,7 @@ from baqueano.identify.residuals.noise_level import MAD
 from baqueano.identify.residuals.simulation import Residuals
 
 # of Student's t at 1.25e-5 on each side, by degrees of freedom
-SURE = (
+CRITICAL_T = (
     (1, 2.5e4),
     (2, 200.0),
     (3, 44.5),
@@ -50,14 +50,17 @@ SURE = (
     (29, 5.0),
     (59, 4.6),
 )
-LIKELY = 3.0  # standard errors for a low-pass: nearly every IMU has one, so less evidence suffices
-MOVES_SD, MOVES = 2.0, 0.02  # least shift: in standard errors, and relative to the parameter
-DIFFERS = 0.05  # relative to the parameter
-SHARE, EXCESS = 0.05, 1.3  # (1), (2)
-ENOUGH = 20  # measurements of a channel
-FAR, FEW, FAR_Z = 4.0, 8, 5.0  # (3): standard deviations, readings, standard errors
-MOST_REPORTED = 2  # results that are reported, the most significant first
-RUNS = 8  # up to this number, each run is compared with the others
+LOW_PASS_Z = 3.0  # standard errors for a low-pass: nearly every IMU has one, so less evidence suffices
+MIN_SHIFT_STD, MIN_RELATIVE_SHIFT = (
+    2.0,
+    0.02,
+)  # least shift: in standard errors, and relative to the parameter
+MIN_RELATIVE_DIFFERENCE = 0.05  # relative to the parameter
+MIN_SHARE, MIN_EXCESS = 0.05, 1.3  # (1), (2)
+MIN_MEASUREMENTS = 20  # measurements of a channel
+OUTLIER_SIGMA, MIN_OUTLIERS, LATE_Z = 4.0, 8, 5.0  # (3): standard deviations, readings, standard errors
+MAX_REPORTED = 2  # results that are reported, the most significant first
+MAX_COMPARED_RUNS = 8  # up to this number, each run is compared with the others
 
 
 def check_residuals(
@@ -65,114 +68,121 @@ def check_residuals(
     problem: Residuals,
     theta: np.ndarray,
     identifiable: np.ndarray,
-    sd: np.ndarray,
+    std: np.ndarray,
 ) -> tuple[list[Diagnostic], dict[str, float]]:
     """Return findings at θ (p,), and the error of each parameter that they cause, by path.
 
-    The `identifiable` (p,) entries have standard errors `sd` (p,); the problem is weighted with the estimated
+    The `identifiable` (p,) entries have standard errors `std` (p,); the problem is weighted with the estimated
     noise.
     """
-    index = np.flatnonzero(identifiable[: problem.layout.shared])
+    index = np.flatnonzero(identifiable[: problem.layout.shared_count])
     if not len(index):
-        return _of_residuals(problem, problem.residuals(theta)), {}
-    now = fitted_motion(blocks, problem, theta)
-    candidates = list if now is None else term_columns(blocks, problem, now)
+        return _residual_messages(problem, problem.residuals(theta)), {}
+    motion = fitted_motion(blocks, problem, theta)
+    candidates = list if motion is None else term_columns(blocks, problem, motion)
     fit = fit_residuals(problem, theta, identifiable)
-    fit_evidence = _FitEvidence(fit, [problem.shape.shared[i] for i in index], theta[index], sd[index])
-    messages, parts = _of_residuals(problem, fit.residuals), _parts(fit_evidence, now)
-    answers = [pair for names, D in candidates() for pair in zip(names, score_test(fit, D), strict=True)]
-    off: dict[str, float] = {}
-    for clear in (missing := _missing(fit_evidence, answers)) + parts:
-        for path, by in fit_evidence.widens(clear.by):
-            off[path] = max(by, off.get(path, 0.0))
-    return [*messages, *(clear.message for clear in (*missing[:MOST_REPORTED], *parts[:MOST_REPORTED]))], off
+    fit_evidence = _FitEvidence(fit, [problem.shape.shared[i] for i in index], theta[index], std[index])
+    messages, differences = _residual_messages(problem, fit.residuals), _differing_parts(fit_evidence, motion)
+    tests = [pair for names, D in candidates() for pair in zip(names, score_test(fit, D), strict=True)]
+    error_by_path: dict[str, float] = {}
+    for result in (missing_terms := _missing_terms(fit_evidence, tests)) + differences:
+        for path, error in fit_evidence.errors_by_path(result.errors):
+            error_by_path[path] = max(error, error_by_path.get(path, 0.0))
+    return [
+        *messages,
+        *(result.message for result in (*missing_terms[:MAX_REPORTED], *differences[:MAX_REPORTED])),
+    ], error_by_path
 
 
-class _Clear(NamedTuple):
+class _SignificantResult(NamedTuple):
     """A significant result of a test."""
 
     z: float
     message: Diagnostic
-    by: np.ndarray  # (k,) possible errors of the parameters
+    errors: np.ndarray  # (k,) possible errors of the parameters
 
 
 class _FitEvidence:
     """A fit, its residuals, and the standard errors of its parameters."""
 
     def __init__(
-        self, residuals: FitResiduals, paths: Sequence[str], theta: np.ndarray, sd: np.ndarray
+        self, residuals: FitResiduals, paths: Sequence[str], theta: np.ndarray, std: np.ndarray
     ) -> None:
-        self.residuals, self.paths, self.theta, self.sd = residuals, paths, theta, sd
+        self.residuals, self.paths, self.theta, self.std = residuals, paths, theta, std
         self.names = [path.removeprefix("model.") for path in paths]
 
-    def clear(self, answer: ScoreTest) -> bool:
+    def is_significant(self, test: ScoreTest) -> bool:
         """Return True if the result is significant."""
-        if abs(answer.z) <= SURE[-1][1]:
+        if abs(test.z) <= CRITICAL_T[-1][1]:
             return False
-        dof = [-1.0 / d for d, _ in SURE]
-        sure = np.exp(np.interp(-1.0 / max(answer.freedom, 1.0), dof, np.log([t for _, t in SURE])))
-        return bool(abs(answer.z) > sure)
+        dof = [-1.0 / d for d, _ in CRITICAL_T]
+        critical_z = np.exp(np.interp(-1.0 / max(test.freedom, 1.0), dof, np.log([t for _, t in CRITICAL_T])))
+        return bool(abs(test.z) > critical_z)
 
-    def widens(self, by: np.ndarray) -> tuple[tuple[str, float], ...]:
-        """Return (path, error) for each parameter whose error in `by` (k,) is above 0."""
-        return tuple((path, float(x)) for path, x in zip(self.paths, by, strict=True) if x > 0.0)
+    def errors_by_path(self, errors: np.ndarray) -> tuple[tuple[str, float], ...]:
+        """Return (path, error) for each parameter whose error in `errors` (k,) is above 0."""
+        return tuple((path, float(x)) for path, x in zip(self.paths, errors, strict=True) if x > 0.0)
 
-    def most_biased(self, answer: ScoreTest) -> int | None:
+    def most_biased(self, test: ScoreTest) -> int | None:
         """Return the index of the parameter with the largest shift, in standard errors, or None if all are small."""
-        far = np.abs(answer.shift) / np.maximum(self.sd, 1e-300)
-        counts = (far > MOVES_SD) & (np.abs(answer.shift) > MOVES * np.abs(self.theta))
-        return int(np.argmax(np.where(counts, far, -1.0))) if counts.any() else None
+        relative_shift = np.abs(test.shift) / np.maximum(self.std, 1e-300)
+        is_large = (relative_shift > MIN_SHIFT_STD) & (
+            np.abs(test.shift) > MIN_RELATIVE_SHIFT * np.abs(self.theta)
+        )
+        return int(np.argmax(np.where(is_large, relative_shift, -1.0))) if is_large.any() else None
 
 
-def _missing(fit: _FitEvidence, answers: Sequence[tuple[LabelledTerm, ScoreTest]]) -> list[_Clear]:
-    by_size = sorted(answers, key=lambda pair: -abs(pair[1].z))
-    out = []
-    for (code, term_note), answer in by_size:
-        filtered = term_note.code == "term.low-pass"
-        if not (abs(answer.z) > LIKELY if filtered else fit.clear(answer)):
+def _missing_terms(
+    fit: _FitEvidence, tests: Sequence[tuple[LabelledTerm, ScoreTest]]
+) -> list[_SignificantResult]:
+    ranked = sorted(tests, key=lambda pair: -abs(pair[1].z))
+    results = []
+    for (code, term_note), test in ranked:
+        is_filter = term_note.code == "term.low-pass"
+        if not (abs(test.z) > LOW_PASS_Z if is_filter else fit.is_significant(test)):
             continue
-        k, delay = fit.most_biased(answer), code == "delay"
-        if delay and DELAY in fit.paths:
+        k, is_delay = fit.most_biased(test), code == "delay"
+        if is_delay and DELAY in fit.paths:
             continue  # the delay is in the model: this effect has another shape
         if k is not None:
-            path = f"sensors.{term_note.subject}.low_pass_hz" if filtered else DELAY
+            path = f"sensors.{term_note.subject}.low_pass_hz" if is_filter else DELAY
             message = note(
-                "residual.missing-free" if delay or filtered else "residual.missing", Severity.WARNING,
-                f"--free +{path}" if delay or filtered else "", fit.paths[k], term=code, what=term_note,
-                z=abs(answer.z), errors=abs(answer.shift[k]) / fit.sd[k],
+                "residual.missing-free" if is_delay or is_filter else "residual.missing", Severity.WARNING,
+                f"--free +{path}" if is_delay or is_filter else "", fit.paths[k], term=code, what=term_note,
+                z=abs(test.z), errors=abs(test.shift[k]) / fit.std[k],
             )  # fmt: skip
-            out.append(_Clear(abs(answer.z), message, np.abs(answer.shift)))
-    return out
+            results.append(_SignificantResult(abs(test.z), message, np.abs(test.shift)))
+    return results
 
 
-def _parts(fit: _FitEvidence, now: FittedMotion | None) -> list[_Clear]:
-    worst: list[_Clear] = []
-    parts = list(_masks(fit.residuals, now))
-    for (part, _), answers in zip(
+def _differing_parts(fit: _FitEvidence, motion: FittedMotion | None) -> list[_SignificantResult]:
+    results: list[_SignificantResult] = []
+    parts = list(_masks(fit.residuals, motion))
+    for (part, _), tests in zip(
         parts, score_test_parts(fit.residuals, [mask for _, mask in parts]), strict=True
     ):
-        for k, answer in enumerate(answers):
-            if abs(answer.size) > DIFFERS * abs(fit.theta[k]) and fit.clear(answer):
+        for k, test in enumerate(tests):
+            if abs(test.size) > MIN_RELATIVE_DIFFERENCE * abs(fit.theta[k]) and fit.is_significant(test):
                 message = note(
-                    "residual.parts-differ", Severity.WARNING, subject=fit.paths[k], off=answer.size, part=part,
-                    over_all=fit.theta[k], z=abs(answer.z),
+                    "residual.parts-differ", Severity.WARNING, subject=fit.paths[k], off=test.size, part=part,
+                    over_all=fit.theta[k], z=abs(test.z),
                 )  # fmt: skip
-                half = 0.5 * abs(answer.size) * (np.arange(len(fit.theta)) == k)
-                worst.append(_Clear(abs(answer.z), message, half))
-    return sorted(worst, key=lambda clear: -clear.z)
+                errors = 0.5 * abs(test.size) * (np.arange(len(fit.theta)) == k)
+                results.append(_SignificantResult(abs(test.z), message, errors))
+    return sorted(results, key=lambda result: -result.z)
 
 
-def _masks(residuals: FitResiduals, now: FittedMotion | None) -> Iterator[tuple[Diagnostic, np.ndarray]]:
+def _masks(residuals: FitResiduals, motion: FittedMotion | None) -> Iterator[tuple[Diagnostic, np.ndarray]]:
     n = len(residuals.run)
-    for part in (0.25, 1 / 3, 0.5, 2 / 3, 0.75):
-        yield note("part.first", percent=100.0 * part), np.arange(n) < part * n
+    for fraction in (0.25, 1 / 3, 0.5, 2 / 3, 0.75):
+        yield note("part.first", percent=100.0 * fraction), np.arange(n) < fraction * n
     count = int(residuals.run.max()) + 1
-    if 2 < count <= RUNS:
-        for number in range(count):
-            yield note("part.run", number=number + 1), residuals.run == number
-    if now is None:
+    if 2 < count <= MAX_COMPARED_RUNS:
+        for run_index in range(count):
+            yield note("part.run", number=run_index + 1), residuals.run == run_index
+    if motion is None:
         return
-    (x, _, w), (x_dot, _, w_dot) = now.nu.T, now.nu_dot.T
+    (x, _, w), (x_dot, _, w_dot) = motion.nu.T, motion.nu_dot.T
     yield note("part.forward"), x > 0.0
     yield note("part.left"), w > 0.0
     yield note("part.fast"), np.abs(x) > np.median(np.abs(x))
@@ -188,33 +198,33 @@ def _channels(
     in standard deviations."""
     labels = [f"{name}[{i}]" for name, m in zip(problem.names, problem.sizes, strict=True) for i in range(m)]
     for c, label in enumerate(labels):
-        has_samples = [has[:, c] > 0.0 for has in problem.has]
-        r = [x[t, c] for x, t in zip(residuals, has_samples, strict=True)]
-        z = [x[t, c] * w[t, c] for x, w, t in zip(problem.z, problem.weights, has_samples, strict=True)]
+        is_present = [has[:, c] > 0.0 for has in problem.has]
+        r = [x[t, c] for x, t in zip(residuals, is_present, strict=True)]
+        z = [x[t, c] * w[t, c] for x, w, t in zip(problem.z, problem.weights, is_present, strict=True)]
         yield label, r, [a - b for a, b in zip(z, r, strict=True)]
 
 
-def _of_residuals(problem: Residuals, residuals: Sequence[np.ndarray]) -> list[Diagnostic]:
+def _residual_messages(problem: Residuals, residuals: Sequence[np.ndarray]) -> list[Diagnostic]:
     """Return messages on autocorrelated residuals, and on outliers during fast changes."""
     out = []
     for label, r, h in _channels(problem, residuals):
-        if sum(map(len, r)) >= ENOUGH:
+        if sum(map(len, r)) >= MIN_MEASUREMENTS:
             out += _autocorrelation_messages(label, r, h) + _late_outliers(label, r, h)
     return out
 
 
 def _autocorrelation_messages(label: str, r: list[np.ndarray], h: list[np.ndarray]) -> list[Diagnostic]:
     """Return a message if the residuals are autocorrelated and large.  (1), (2)"""
-    limited = [np.clip(x, -3.0, 3.0) for x in r]
-    count = sum(max(0, len(x) - 1) for x in limited)
-    gamma = sum(float(x[1:] @ x[:-1]) for x in limited) / max(count, 1)
-    model = float(np.std(np.concatenate(h)))
+    clipped = [np.clip(x, -3.0, 3.0) for x in r]
+    count = sum(max(0, len(x) - 1) for x in clipped)
+    gamma = sum(float(x[1:] @ x[:-1]) for x in clipped) / max(count, 1)
+    prediction_std = float(np.std(np.concatenate(h)))
     if not gamma > 5.0 / np.sqrt(max(count, 1)):
         return []
-    share = np.sqrt(gamma) / model if model > 0.0 else np.inf
-    rough = MAD * float(np.median(np.abs(np.concatenate([np.diff(x, 2) for x in r])))) / np.sqrt(6.0)
-    excess = MAD * float(np.median(np.abs(np.concatenate(r)))) / max(rough, 1e-9)
-    if not (share > SHARE or (share > 0.1 * SHARE and excess > EXCESS)):
+    share = np.sqrt(gamma) / prediction_std if prediction_std > 0.0 else np.inf
+    white_std = MAD * float(np.median(np.abs(np.concatenate([np.diff(x, 2) for x in r])))) / np.sqrt(6.0)
+    excess = MAD * float(np.median(np.abs(np.concatenate(r)))) / max(white_std, 1e-9)
+    if not (share > MIN_SHARE or (share > 0.1 * MIN_SHARE and excess > MIN_EXCESS)):
         return []
     percent = 100.0 * float(share) if np.isfinite(share) else 100.0
     return [note("residual.autocorrelated", Severity.WARNING, subject=label, percent=percent, times=excess)]
@@ -222,16 +232,18 @@ def _autocorrelation_messages(label: str, r: list[np.ndarray], h: list[np.ndarra
 
 def _late_outliers(label: str, r: list[np.ndarray], h: list[np.ndarray]) -> list[Diagnostic]:
     """Return a message if outliers occur during fast changes of the prediction.  (3)"""
-    far = np.abs(np.concatenate(r)) > FAR
-    n = int(far.sum())
-    if n < FEW:
+    is_outlier = np.abs(np.concatenate(r)) > OUTLIER_SIGMA
+    n = int(is_outlier.sum())
+    if n < MIN_OUTLIERS:
         return []
     speed = np.concatenate(
         [np.maximum(np.abs(np.diff(x, prepend=x[:1])), np.abs(np.diff(x, append=x[-1:]))) for x in h]
     )
     rank = np.empty(len(speed))
     rank[np.argsort(speed, kind="stable")] = np.arange(len(speed)) / len(speed)
-    z = (float(rank[far].mean()) - 0.5) * np.sqrt(12.0 * n)
-    if z < FAR_Z:
+    z = (float(rank[is_outlier].mean()) - 0.5) * np.sqrt(12.0 * n)
+    if z < LATE_Z:
         return []
-    return [note("residual.late", Severity.WARNING, subject=label, readings=n, beyond=FAR, z=float(z))]
+    return [
+        note("residual.late", Severity.WARNING, subject=label, readings=n, beyond=OUTLIER_SIGMA, z=float(z))
+    ]

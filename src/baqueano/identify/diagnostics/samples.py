@@ -5,8 +5,8 @@
     n(z = max) ≥ 5,   n(z = max) > 5 n(max − w ≤ z < max),   w = max(2 q, σ / 5),   on three visits        (2)
     median of z_{k−4} … z_{k+4} > max − 2 σ,   or three samples in a row at the end                       (3)
 
-Samples that repeat the previous one, and exact zeros, are removed if they are `FACTOR` times more frequent than (1).
-They stay if the signal moves by less than a step. For encoders, the values between two jumps decide
+Samples that repeat the previous one, and exact zeros, are removed if they are `CHANCE_FACTOR` times more frequent than
+(1). They stay if the signal moves by less than a step. For encoders, the values between two jumps decide
 (runs/diagnostics/repeated_readings.py). Many equal values are their top speed, and a zero counts only between two
 readings far from it. Many samples at one extreme (2) show a range that the file does not contain, as the tails of noise
 contain few samples. The samples of (3) are then removed. (3) does not depend on the noise of the sample itself, so the
@@ -23,19 +23,22 @@ from baqueano.contracts.optional import has_field
 from baqueano.contracts.values import Tree
 from baqueano.diagnostics import Diagnostic, Severity, note
 from baqueano.identify.residuals.noise_level import MAD
-from baqueano.runs.diagnostics.repeated_readings import are_held, repeats
+from baqueano.runs.diagnostics.repeated_readings import are_held, find_repeats
 from baqueano.runs.run import Channel
 
-FACTOR, FEW = 3.0, 5  # more samples than FACTOR times the expected number plus FEW are significant
-ENOUGH = 20  # samples for a test
-PILE, VISITS = 5, 3  # (2)
-MUCH = 0.1  # part of the samples of a channel that may be lost without a warning
-AROUND, IN_A_ROW = 9, 3  # samples, (3)
+CHANCE_FACTOR, EXTRA_SAMPLES = (
+    3.0,
+    5,
+)  # more samples than FACTOR times the expected number plus FEW are significant
+MIN_SAMPLES = 20  # samples for a test
+MIN_END_SAMPLES, MIN_VISITS = 5, 3  # (2)
+MAX_LOST_FRACTION = 0.1  # part of the samples of a channel that may be lost without a warning
+MEDIAN_SAMPLES, MIN_CONSECUTIVE = 9, 3  # samples, (3)
 ROUNDING = 1e-12  # of the largest value: rounding difference between two ways to compute a reading
-FAR = 10.0  # standard deviations between an isolated zero and its neighbours
+ISOLATED_ZERO_SIGMA = 10.0  # standard deviations between an isolated zero and its neighbours
 
 
-class Grain(NamedTuple):
+class ChannelResolution(NamedTuple):
     """Noise and resolution of one channel."""
 
     sigma: float  # from second differences; 0 if too few values change
@@ -48,147 +51,170 @@ def check_samples(name: str, block: Tree, channel: Channel) -> tuple[Channel, li
     lost_count = int(np.sum(~np.isfinite(z)))
     if lost_count:
         messages.append(note("data.not-finite", subject=name, lost=lost_count))
-    if len(z) < ENOUGH or optional.of(block, "cov") is None:
+    if len(z) < MIN_SAMPLES or optional.of(block, "cov") is None:
         return channel, messages
-    imu, noise = has_field(block, "gyro_scale"), np.sqrt(np.maximum(np.diagonal(block.cov), 0.0))
+    is_imu, noise = has_field(block, "gyro_scale"), np.sqrt(np.maximum(np.diagonal(block.cov), 0.0))
     for i in range(z.shape[1]):
-        bad, of_channel = _channel(f"{name}[{i}]", z[:, i], imu, float(noise[i]))
-        z[bad, i] = np.nan
-        messages += of_channel
-    return channel._replace(z=z), _together(name, z.shape[1], messages)
+        is_invalid, channel_messages = _check_channel(f"{name}[{i}]", z[:, i], is_imu, float(noise[i]))
+        z[is_invalid, i] = np.nan
+        messages += channel_messages
+    return channel._replace(z=z), _merge_messages(name, z.shape[1], messages)
 
 
-def _channel(label: str, x: np.ndarray, imu: bool, noise: float) -> tuple[np.ndarray, list[Diagnostic]]:
+def _check_channel(
+    label: str, x: np.ndarray, is_imu: bool, noise: float
+) -> tuple[np.ndarray, list[Diagnostic]]:
     """Return the mask (M,) of invalid samples of one channel, and messages about them."""
-    good, none = np.isfinite(x), np.zeros(len(x), bool)
-    if good.sum() < ENOUGH:
-        return none, []
-    if np.ptp(x[good]) == 0.0:
-        return (~none, [_dead(label, x[good])]) if noise > 0.0 else (none, [])
-    sample_grain = grain(x[good])
-    if sample_grain.sigma <= 0.0:
-        return none, []
-    end, messages = _limit_samples(label, x, sample_grain) if imu else (none, [])
-    x = np.where(end, np.nan, x)
-    zero, zero_message = _zeros(label, x, sample_grain, imu)
-    same, more = _repeats(label, x, sample_grain, imu)
-    return end | zero | same, messages + zero_message + more
+    is_finite, no_samples = np.isfinite(x), np.zeros(len(x), bool)
+    if is_finite.sum() < MIN_SAMPLES:
+        return no_samples, []
+    if np.ptp(x[is_finite]) == 0.0:
+        return (~no_samples, [_dead_channel(label, x[is_finite])]) if noise > 0.0 else (no_samples, [])
+    resolution = channel_resolution(x[is_finite])
+    if resolution.sigma <= 0.0:
+        return no_samples, []
+    is_at_end, messages = _limit_samples(label, x, resolution) if is_imu else (no_samples, [])
+    x = np.where(is_at_end, np.nan, x)
+    is_zero, zero_message = _lost_frames(label, x, resolution, is_imu)
+    is_repeated, repeat_messages = _repeated_samples(label, x, resolution, is_imu)
+    return is_at_end | is_zero | is_repeated, messages + zero_message + repeat_messages
 
 
-def _together(name: str, m: int, messages: list[Diagnostic]) -> list[Diagnostic]:
+def _merge_messages(name: str, m: int, messages: list[Diagnostic]) -> list[Diagnostic]:
     """Return the findings, merged to one if all m channels have the same finding."""
-    out: list[Diagnostic] = []
+    merged: list[Diagnostic] = []
     for message in messages:
-        same = [o for o in messages if (o.code, o.figures) == (message.code, message.figures)]
-        if m > 1 and len(same) == m:
-            out += [replace(message, subject=name)] if message is same[0] else []
+        equal_messages = [o for o in messages if (o.code, o.figures) == (message.code, message.figures)]
+        if m > 1 and len(equal_messages) == m:
+            merged += [replace(message, subject=name)] if message is equal_messages[0] else []
         else:
-            out.append(message)
-    return out
+            merged.append(message)
+    return merged
 
 
-def grain(x: np.ndarray) -> Grain:
+def channel_resolution(x: np.ndarray) -> ChannelResolution:
     """Return σ and q of finite values x (M,), both 0 if too few values change.  (1)"""
-    fresh = x[np.concatenate([[True], np.diff(x) != 0.0])]
+    changed = x[np.concatenate([[True], np.diff(x) != 0.0])]
     levels = np.unique(x)
-    if len(fresh) < ENOUGH or len(levels) < 3:
-        return Grain(0.0, 0.0)
+    if len(changed) < MIN_SAMPLES or len(levels) < 3:
+        return ChannelResolution(0.0, 0.0)
     gaps = np.diff(levels)
     gaps = gaps[gaps > ROUNDING * np.max(np.abs(levels))]
     if not len(gaps):
-        return Grain(0.0, 0.0)
+        return ChannelResolution(0.0, 0.0)
     step = float(np.quantile(gaps, 0.01))
-    sigma = MAD * float(np.median(np.abs(np.diff(fresh, 2)))) / np.sqrt(6.0)
-    return Grain(sigma, step)
+    sigma = MAD * float(np.median(np.abs(np.diff(changed, 2)))) / np.sqrt(6.0)
+    return ChannelResolution(sigma, step)
 
 
-def _dead(label: str, x: np.ndarray) -> Diagnostic:
+def _dead_channel(label: str, x: np.ndarray) -> Diagnostic:
     return note("data.dead-channel", Severity.WARNING, subject=label, value=float(x[0]), samples=len(x))
 
 
-def _part(bad: np.ndarray, finite: np.ndarray) -> float:
-    """Return the percentage of `bad` (M,) samples among the `finite` (M,) samples."""
-    return 100.0 * float(bad.sum()) / max(1, int(finite.sum()))
+def _percentage(is_invalid: np.ndarray, is_finite: np.ndarray) -> float:
+    """Return the percentage of `is_invalid` (M,) samples among the `is_finite` (M,) samples."""
+    return 100.0 * float(is_invalid.sum()) / max(1, int(is_finite.sum()))
 
 
-def _zeros(label: str, x: np.ndarray, sample_grain: Grain, imu: bool) -> tuple[np.ndarray, list[Diagnostic]]:
+def _lost_frames(
+    label: str, x: np.ndarray, resolution: ChannelResolution, is_imu: bool
+) -> tuple[np.ndarray, list[Diagnostic]]:
     """Return the mask of lost frames that were logged as zero, and a message."""
-    zero, none = x == 0.0, np.zeros(len(x), bool)
-    chance = len(x) * sample_grain.step / (np.sqrt(2.0 * np.pi) * sample_grain.sigma)
-    if zero.sum() <= FACTOR * chance + FEW:
-        return none, []
-    if not imu:
-        nonzero = np.flatnonzero(np.isfinite(x) & ~zero)
+    is_zero, no_samples = x == 0.0, np.zeros(len(x), bool)
+    chance = len(x) * resolution.step / (np.sqrt(2.0 * np.pi) * resolution.sigma)
+    if is_zero.sum() <= CHANCE_FACTOR * chance + EXTRA_SAMPLES:
+        return no_samples, []
+    if not is_imu:
+        nonzero = np.flatnonzero(np.isfinite(x) & ~is_zero)
         if len(nonzero) < 2:
-            return none, []
+            return no_samples, []
         row = np.arange(len(x))
-        after = np.searchsorted(nonzero, row)
-        before, after = nonzero[np.maximum(after - 1, 0)], nonzero[np.minimum(after, len(nonzero) - 1)]
-        zero &= (before < row) & (row < after)
-        far = np.minimum(np.abs(x[before]), np.abs(x[after])) > FAR * sample_grain.sigma
-        zero &= far & (x[before] * x[after] > 0.0) & (after - before <= FEW)
-        if zero.sum() <= FEW:
-            return none, []
-    part = _part(zero, np.isfinite(x))
-    return zero, [note("data.zeros", subject=label, lost=int(zero.sum()), percent=part)]
+        next_row = np.searchsorted(nonzero, row)
+        previous_row, next_row = (
+            nonzero[np.maximum(next_row - 1, 0)],
+            nonzero[np.minimum(next_row, len(nonzero) - 1)],
+        )
+        is_zero &= (previous_row < row) & (row < next_row)
+        is_isolated = (
+            np.minimum(np.abs(x[previous_row]), np.abs(x[next_row])) > ISOLATED_ZERO_SIGMA * resolution.sigma
+        )
+        is_zero &= (
+            is_isolated & (x[previous_row] * x[next_row] > 0.0) & (next_row - previous_row <= EXTRA_SAMPLES)
+        )
+        if is_zero.sum() <= EXTRA_SAMPLES:
+            return no_samples, []
+    percent = _percentage(is_zero, np.isfinite(x))
+    return is_zero, [note("data.zeros", subject=label, lost=int(is_zero.sum()), percent=percent)]
 
 
-def _repeats(
-    label: str, x: np.ndarray, sample_grain: Grain, imu: bool
+def _repeated_samples(
+    label: str, x: np.ndarray, resolution: ChannelResolution, is_imu: bool
 ) -> tuple[np.ndarray, list[Diagnostic]]:
     """Return the mask of samples that repeat the previous one (held or stuck), and a message."""
-    same = np.concatenate([[False], x[1:] == x[:-1]])
-    chance = len(x) * sample_grain.step / (2.0 * np.sqrt(np.pi) * sample_grain.sigma)
-    if same.sum() <= FACTOR * chance + FEW if imu else not are_held(repeats(x).lasting):
+    is_repeated = np.concatenate([[False], x[1:] == x[:-1]])
+    chance = len(x) * resolution.step / (2.0 * np.sqrt(np.pi) * resolution.sigma)
+    if (
+        is_repeated.sum() <= CHANCE_FACTOR * chance + EXTRA_SAMPLES
+        if is_imu
+        else not are_held(find_repeats(x).hold_counts)
+    ):
         return np.zeros(len(x), bool), []
-    edges = np.flatnonzero(~same)
+    edges = np.flatnonzero(~is_repeated)
     longest = int(np.max(np.diff(np.concatenate([edges, [len(x)]])))) - 1
-    same &= imu | (x != 0.0)
-    part = _part(same, np.isfinite(x))
-    return same, [note("data.repeats", subject=label, lost=int(same.sum()), percent=part, longest=longest)]
+    is_repeated &= is_imu | (x != 0.0)
+    percent = _percentage(is_repeated, np.isfinite(x))
+    return is_repeated, [
+        note("data.repeats", subject=label, lost=int(is_repeated.sum()), percent=percent, longest=longest)
+    ]
 
 
-def _limit_samples(label: str, x: np.ndarray, sample_grain: Grain) -> tuple[np.ndarray, list[Diagnostic]]:
+def _limit_samples(
+    label: str, x: np.ndarray, resolution: ChannelResolution
+) -> tuple[np.ndarray, list[Diagnostic]]:
     """Return the mask of samples at the end of a range, and a message.  (2), (3)"""
-    finite, bad, ends, count = np.isfinite(x), np.zeros(len(x), bool), [], 0
-    if finite.sum() < ENOUGH or sample_grain.sigma < sample_grain.step:
-        return bad, []  # too coarse: every level has many samples
-    width = max(2.0 * sample_grain.step, 0.2 * sample_grain.sigma)
+    finite, is_invalid, ends, end_count = np.isfinite(x), np.zeros(len(x), bool), [], 0
+    if finite.sum() < MIN_SAMPLES or resolution.sigma < resolution.step:
+        return is_invalid, []  # too coarse: every level has many samples
+    width = max(2.0 * resolution.step, 0.2 * resolution.sigma)
     for sign in (1.0, -1.0):
         y = np.where(finite, sign * x, -np.inf)
-        most = float(np.max(y))
-        at = y == most
-        inner = int(np.sum((y < most) & (y >= most - width)))
-        visits = int(np.sum(at[1:] & ~at[:-1])) + int(at[0])
-        if visits >= VISITS and at.sum() >= PILE and at.sum() > PILE * inner:
-            bad |= _beyond(y, at, most, sample_grain.sigma)
-            ends.append(sign * most)
-            count += int(at.sum())
+        maximum = float(np.max(y))
+        is_maximum = y == maximum
+        inner_count = int(np.sum((y < maximum) & (y >= maximum - width)))
+        visit_count = int(np.sum(is_maximum[1:] & ~is_maximum[:-1])) + int(is_maximum[0])
+        if (
+            visit_count >= MIN_VISITS
+            and is_maximum.sum() >= MIN_END_SAMPLES
+            and is_maximum.sum() > MIN_END_SAMPLES * inner_count
+        ):
+            is_invalid |= _is_beyond_end(y, is_maximum, maximum, resolution.sigma)
+            ends.append(sign * maximum)
+            end_count += int(is_maximum.sum())
     if not ends:
-        return bad, []
-    bad, part = bad & finite, _part(bad & finite, finite)
-    grave = Severity.WARNING if part > 100.0 * MUCH else Severity.INFO
+        return is_invalid, []
+    is_invalid, percent = is_invalid & finite, _percentage(is_invalid & finite, finite)
+    severity = Severity.WARNING if percent > 100.0 * MAX_LOST_FRACTION else Severity.INFO
     ends_at = ", ".join(f"{end:.4g}" for end in ends)
-    return bad, [
+    return is_invalid, [
         note(
             "data.clipped",
-            grave,
+            severity,
             subject=label,
-            lost=int(bad.sum()),
-            percent=part,
+            lost=int(is_invalid.sum()),
+            percent=percent,
             ends=ends_at,
-            at_end=count,
+            at_end=end_count,
         )
     ]
 
 
-def _beyond(y: np.ndarray, index: np.ndarray, most: float, sigma: float) -> np.ndarray:
-    """Return the mask (M,) of samples whose signal, apart from noise, is at the end `most` of the range.  (3)"""
-    extended = np.pad(y, AROUND // 2, mode="edge")
-    middle = np.median(np.lib.stride_tricks.sliding_window_view(extended, AROUND), axis=1)
-    near = middle > most - 2.0 * sigma
+def _is_beyond_end(y: np.ndarray, index: np.ndarray, end: float, sigma: float) -> np.ndarray:
+    """Return the mask (M,) of samples whose signal, apart from noise, is at the end `end` of the range.  (3)"""
+    extended = np.pad(y, MEDIAN_SAMPLES // 2, mode="edge")
+    median = np.median(np.lib.stride_tricks.sliding_window_view(extended, MEDIAN_SAMPLES), axis=1)
+    is_beyond = median > end - 2.0 * sigma
     edges = np.flatnonzero(np.diff(np.concatenate([[0], index.astype(int), [0]])))
     for first, last in zip(edges[::2], edges[1::2], strict=True):
-        if last - first >= IN_A_ROW:
-            near[first:last] = True
-    return near
+        if last - first >= MIN_CONSECUTIVE:
+            is_beyond[first:last] = True
+    return is_beyond

@@ -24,18 +24,18 @@ from baqueano.identify.covariance.information import inverse
 from baqueano.identify.parallel import in_cache
 from baqueano.identify.residuals.simulation import HUBER, Residuals
 
-BLOCKS = 60
-SHORTEST_BLOCK = 20  # rows
-PROMISING = 3.0  # standard errors of white noise
-AT_ONCE = 16  # effects
-UNSEEN = 1e-6  # an effect with a smaller part that θ cannot imitate is not tested
+MAX_BLOCKS = 60
+MIN_BLOCK_ROWS = 20  # rows
+PROMISING_Z = 3.0  # standard errors of white noise
+EFFECTS_AT_ONCE = 16  # effects
+MIN_OWN_FRACTION = 1e-6  # an effect with a smaller part that θ cannot imitate is not tested
 
 
-class NuisanceSlopes(NamedTuple):
+class NuisanceDerivatives(NamedTuple):
     """Derivatives of the nuisance parameters of one run or one segment."""
 
     rows: slice  # of N
-    at: slice  # of N m
+    columns: slice  # of N m
     d: np.ndarray  # (q, n m) derivatives, with earlier nuisance parameters eliminated
     weighted: np.ndarray  # (q, n m) d w
     inverse: np.ndarray  # (q, q) of d w dᵀ
@@ -45,11 +45,11 @@ class FitResiduals(NamedTuple):
     """Residuals of all runs, row after row; k shared entries of θ are identifiable."""
 
     residuals: list[np.ndarray]  # per segment (n, m)
-    psi: np.ndarray  # (N m,)
+    clipped_residuals: np.ndarray  # (N m,)
     w: np.ndarray  # (N m,) 1 where a residual exists and is not clipped
     d: np.ndarray  # (k, N m) derivatives of the prediction, in standard deviations, without nuisance
     score: np.ndarray  # (k,) d ψ
-    nuisances: list[NuisanceSlopes]
+    nuisances: list[NuisanceDerivatives]
     run: np.ndarray  # (N,) the number of the run
     blocks: np.ndarray  # (B,) first row of each block
     inverse: np.ndarray  # A⁻¹ (k, k)
@@ -69,7 +69,7 @@ class ScoreTest(NamedTuple):
 class _Sums(NamedTuple):
     """Sums over the rows for K columns D, for (1) to (3)."""
 
-    whole: np.ndarray  # (K,) D w D
+    energy: np.ndarray  # (K,) D w D
     total: np.ndarray  # (K,) D ψ
     cross: np.ndarray  # (K, k) D w dᵀ
     nuisances: list[np.ndarray]  # (K, q) D w dᵀ with each nuisance
@@ -78,7 +78,7 @@ class _Sums(NamedTuple):
 def fit_residuals(problem: Residuals, theta: np.ndarray, identifiable: np.ndarray) -> FitResiduals:
     """Return the residuals at θ; `identifiable` (p,) bool marks the entries of θ that the data determine."""
     layout, segments = problem.layout, problem.sensitivities(theta, last=True)
-    s, m = layout.shared, len(problem.sigma)
+    s, m = layout.shared_count, len(problem.sigma)
     has = np.concatenate(problem.has).ravel() > 0.0
     r = np.concatenate([r.ravel() for r, _, _ in segments])
     psi, w = np.where(has, np.clip(r, -HUBER, HUBER), 0.0), (has & (np.abs(r) < HUBER)).astype(float)
@@ -88,105 +88,120 @@ def fit_residuals(problem: Residuals, theta: np.ndarray, identifiable: np.ndarra
     q = len(flat)
     run = np.concatenate([np.full(len(r), k) for (r, _, _), k in zip(segments, layout.runs, strict=True)])
     ends = np.cumsum([0, *(len(r) for r, _, _ in segments)])
-    count = int(np.clip(len(run) // SHORTEST_BLOCK, 2, BLOCKS))
+    count = int(np.clip(len(run) // MIN_BLOCK_ROWS, 2, MAX_BLOCKS))
     first = np.rint(np.linspace(0, len(run), count + 1)).astype(int)[:-1]
-    own: list[NuisanceSlopes] = []
+    nuisances: list[NuisanceDerivatives] = []
     for k, (a, b) in enumerate(pairwise(ends.tolist())):
-        keep = identifiable[layout.of_starts(k)]
-        own += _own(
-            flat, w, slice(a, b), m, range(q - layout.by_segment, q), keep, range(q - layout.by_segment)
+        is_shown = identifiable[layout.start_slice(k)]
+        nuisances += _nuisance_derivatives(
+            flat, w, slice(a, b), m, range(q - layout.start_size, q), is_shown, range(q - layout.start_size)
         )
     for k in range(max(layout.runs) + 1):
         rows = np.flatnonzero(run == k)
-        keep = identifiable[s + k * layout.by_run : s + (k + 1) * layout.by_run]
-        at = slice(int(rows[0]), int(rows[-1]) + 1)
-        own += _own(flat, w, at, m, range(s, s + layout.by_run), keep, range(s))
+        is_shown = identifiable[s + k * layout.run_entry_count : s + (k + 1) * layout.run_entry_count]
+        segment_rows = slice(int(rows[0]), int(rows[-1]) + 1)
+        nuisances += _nuisance_derivatives(
+            flat, w, segment_rows, m, range(s, s + layout.run_entry_count), is_shown, range(s)
+        )
     d = flat if identifiable[:s].all() and q == s else np.ascontiguousarray(flat[:s][identifiable[:s]].T).T
     weighted_rows = np.empty((len(w), len(d) + 1)).T
     np.multiply(d, w, out=weighted_rows[:-1])
     weighted_rows[-1] = psi
-    both = _product(weighted_rows, d.T)
+    products = _product(weighted_rows, d.T)
     power = float(np.sum(psi * psi) / max(np.sum(w), 1.0))
     residuals = [r for r, _, _ in segments]
     return FitResiduals(
-        residuals, psi, w, d, both[-1], own, run, first, inverse(both[:-1]), weighted_rows, power
+        residuals,
+        psi,
+        w,
+        d,
+        products[-1],
+        nuisances,
+        run,
+        first,
+        inverse(products[:-1]),
+        weighted_rows,
+        power,
     )
 
 
 def _product(x: np.ndarray, y: np.ndarray) -> np.ndarray:
     """Return x y for x (a, n) and y (n,) or (n, b), over n measurements, in parts that stay in the cache."""
     out = np.zeros((len(x), *y.shape[1:]))
-    for at in in_cache(len(y), out.size):
-        out += x[:, at] @ y[at]
+    for rows in in_cache(len(y), out.size):
+        out += x[:, rows] @ y[rows]
     return out
 
 
-def _own(
+def _nuisance_derivatives(
     flat: np.ndarray,
     w: np.ndarray,
     rows: slice,
     m: int,
     entries: range,
     identifiable: np.ndarray,
-    rest_rows: range,
-) -> list[NuisanceSlopes]:
-    """Return the derivatives of the identifiable `entries` of a run or segment; eliminate them from the `rest_rows`
+    other_entries: range,
+) -> list[NuisanceDerivatives]:
+    """Return the derivatives of the identifiable `entries` of a run or segment; eliminate them from the `other_entries`
     of `flat` (q, N m)."""
     index = [i for i, is_shown in zip(entries, identifiable, strict=True) if is_shown]
     if not index:
         return []
-    at = slice(rows.start * m, rows.stop * m)
-    d = flat[index, at].copy()
-    weighted_slopes = d * w[at]
-    own = NuisanceSlopes(rows, at, d, weighted_slopes, inverse(_product(weighted_slopes, d.T)))
-    rest = flat[rest_rows.start : rest_rows.stop, at]
-    _take_out(rest, _product(rest, weighted_slopes.T) @ own.inverse, d)
-    return [own]
+    columns = slice(rows.start * m, rows.stop * m)
+    d = flat[index, columns].copy()
+    weighted_slopes = d * w[columns]
+    nuisance = NuisanceDerivatives(rows, columns, d, weighted_slopes, inverse(_product(weighted_slopes, d.T)))
+    other_rows = flat[other_entries.start : other_entries.stop, columns]
+    _subtract(other_rows, _product(other_rows, weighted_slopes.T) @ nuisance.inverse, d)
+    return [nuisance]
 
 
-def _take_out(D: np.ndarray, ties: np.ndarray, d: np.ndarray) -> None:
-    """Subtract `ties` (K, q) times `d` (q, n) from D (K, n), in place."""
-    for at in in_cache(D.shape[1], ties.size):
-        D[:, at] -= ties @ d[:, at]
+def _subtract(D: np.ndarray, projection: np.ndarray, d: np.ndarray) -> None:
+    """Subtract `projection` (K, q) times `d` (q, n) from D (K, n), in place."""
+    for columns in in_cache(D.shape[1], projection.size):
+        D[:, columns] -= projection @ d[:, columns]
 
 
 def score_test(fit: FitResiduals, D: np.ndarray) -> list[ScoreTest]:
     """Return the test of each effect, a column of D (K, N m): the change of the prediction in standard deviations.
     A column that diverged counts as 0."""
     sums = _sums(fit, D)
-    away = ~np.isfinite(sums.whole)
-    for part in (sums.whole, sums.total, sums.cross, *sums.nuisances) if away.any() else ():
-        part[away] = 0.0
+    is_infinite = ~np.isfinite(sums.energy)
+    for sums_of_effect in (sums.energy, sums.total, sums.cross, *sums.nuisances) if is_infinite.any() else ():
+        sums_of_effect[is_infinite] = 0.0
     return _score_tests(fit, sums, lambda k: D[k])
 
 
 def _sums(fit: FitResiduals, D: np.ndarray) -> _Sums:
     """Return the sums for the columns D (K, N m)."""
-    whole, both = np.zeros(len(D)), np.zeros((len(fit.weighted), len(D)))
+    energy, products = np.zeros(len(D)), np.zeros((len(fit.weighted), len(D)))
     with np.errstate(invalid="ignore", over="ignore"):
-        for at in in_cache(D.shape[1], both.size):
-            some = D.T[at]
-            whole += fit.w[at] @ (some * some)
-            both += fit.weighted[:, at] @ some
+        for rows in in_cache(D.shape[1], products.size):
+            columns = D.T[rows]
+            energy += fit.w[rows] @ (columns * columns)
+            products += fit.weighted[:, rows] @ columns
         return _Sums(
-            whole, both[-1], both[:-1].T, [_product(D[:, own.at], own.weighted.T) for own in fit.nuisances]
+            energy,
+            products[-1],
+            products[:-1].T,
+            [_product(D[:, own.columns], own.weighted.T) for own in fit.nuisances],
         )
 
 
 def score_test_parts(fit: FitResiduals, masks: Sequence[np.ndarray]) -> list[list[ScoreTest]]:
     """Test if each of the k entries differs in the rows of each mask (N,), by D = 1_part d."""
     k, n = len(fit.d), len(fit.run)
-    m, part_masks = len(fit.psi) // n, np.array(masks)
+    m, part_masks = len(fit.clipped_residuals) // n, np.array(masks)
     rows = fit.weighted[:-1].T.reshape(n, m, k)
     code = 2 ** np.arange(len(part_masks)) @ part_masks
-    alike = (np.cumsum(np.bincount(code) > 0) - 1)[code]
-    A = _in_parts(rows, rows, alike, part_masks)  # w is 0 or 1
-    scores = np.einsum("nmk,nm->nk", fit.d.T.reshape(n, m, k), fit.psi.reshape(n, m))
-    own = [
-        _in_parts(
+    pattern = (np.cumsum(np.bincount(code) > 0) - 1)[code]
+    A = _sums_by_part(rows, rows, pattern, part_masks)  # w is 0 or 1
+    scores = np.einsum("nmk,nm->nk", fit.d.T.reshape(n, m, k), fit.clipped_residuals.reshape(n, m))
+    nuisance_sums = [
+        _sums_by_part(
             rows[slopes.rows],
             slopes.weighted.T.reshape(-1, m, len(slopes.d)),
-            alike[slopes.rows],
+            pattern[slopes.rows],
             part_masks[:, slopes.rows],
         )
         for slopes in fit.nuisances
@@ -195,7 +210,7 @@ def score_test_parts(fit: FitResiduals, masks: Sequence[np.ndarray]) -> list[lis
         np.einsum("pkk->pk", A).ravel(),
         _product(part_masks.astype(float), scores).ravel(),
         A.reshape(-1, k),
-        [products.reshape(len(part_masks) * k, -1) for products in own],
+        [products.reshape(len(part_masks) * k, -1) for products in nuisance_sums],
     )
 
     def column(at: np.ndarray) -> np.ndarray:
@@ -205,15 +220,15 @@ def score_test_parts(fit: FitResiduals, masks: Sequence[np.ndarray]) -> list[lis
     return [tests[i : i + k] for i in range(0, len(tests), k)]
 
 
-def _in_parts(x: np.ndarray, y: np.ndarray, alike: np.ndarray, part_masks: np.ndarray) -> np.ndarray:
+def _sums_by_part(x: np.ndarray, y: np.ndarray, pattern: np.ndarray, part_masks: np.ndarray) -> np.ndarray:
     """Return Σ xᵀ y (P, k, q) of the rows x (n, m, k), y (n, m, q) of each part (P, n).
 
-    Rows with the same number in `alike` (n,) are in the same parts, so that each row is multiplied once.
+    Rows with the same number in `pattern` (n,) are in the same parts, so that each row is multiplied once.
     """
     order = np.argsort(
-        alike.astype(np.min_scalar_type(alike.max())), kind="stable"
+        pattern.astype(np.min_scalar_type(pattern.max())), kind="stable"
     )  # a small type sorts faster
-    edges = np.flatnonzero(np.diff(alike[order], prepend=-1, append=-1))
+    edges = np.flatnonzero(np.diff(pattern[order], prepend=-1, append=-1))
     k, q = x.shape[2], y.shape[2]
     x, y = x[order].reshape(-1, k), y[order].reshape(-1, q)
     sums, m = np.empty((len(edges) - 1, k, q)), len(x) // max(len(order), 1)
@@ -228,37 +243,40 @@ def _score_tests(
     """Return the test of each effect: (1) to (3) from the `sums`, and (4) if it may be significant. `column` returns
     D for the given indices."""
     ties = sums.cross @ fit.inverse
-    power = sums.whole - np.einsum("ki,ki->k", sums.cross, ties)
+    power = sums.energy - np.einsum("ki,ki->k", sums.cross, ties)
     total = sums.total - ties @ fit.score
-    ties_own = []
-    for own, own_sums in zip(fit.nuisances, sums.nuisances, strict=True):
-        ties_own.append(own_sums @ own.inverse)
-        power -= np.einsum("ki,ki->k", own_sums, ties_own[-1])
-        total = total - ties_own[-1] @ _product(own.d, fit.psi[own.at])
-    is_shown = power > UNSEEN * np.maximum(
-        sums.whole, 1e-300
+    nuisance_ties = []
+    for nuisance, nuisance_sums in zip(fit.nuisances, sums.nuisances, strict=True):
+        nuisance_ties.append(nuisance_sums @ nuisance.inverse)
+        power -= np.einsum("ki,ki->k", nuisance_sums, nuisance_ties[-1])
+        total = total - nuisance_ties[-1] @ _product(nuisance.d, fit.clipped_residuals[nuisance.columns])
+    is_shown = power > MIN_OWN_FRACTION * np.maximum(
+        sums.energy, 1e-300
     )  # else θ imitates the effect, or no measurement shows it
     size = np.where(is_shown, total / np.where(is_shown, power, 1.0), 0.0)
-    clear = np.flatnonzero(
-        is_shown & (np.abs(total) > PROMISING * np.sqrt(np.maximum(power, 0.0) * fit.power))
+    candidates = np.flatnonzero(
+        is_shown & (np.abs(total) > PROMISING_Z * np.sqrt(np.maximum(power, 0.0) * fit.power))
     )
     shift = -ties * size[:, None]
     out = [ScoreTest(d, 0.0, 1.0, move) for d, move in zip(size.tolist(), shift, strict=True)]
-    for first in range(0, len(clear), AT_ONCE):
-        some = clear[first : first + AT_ONCE]
-        D = column(some)
-        _take_out(D, ties[some], fit.d)
-        for own, tie in zip(fit.nuisances, ties_own, strict=True):
-            _take_out(D[:, own.at], tie[some], own.d)
-        for k, (z, freedom) in zip(some, _jackknife(fit, D), strict=True):
+    for first in range(0, len(candidates), EFFECTS_AT_ONCE):
+        indices = candidates[first : first + EFFECTS_AT_ONCE]
+        D = column(indices)
+        _subtract(D, ties[indices], fit.d)
+        for nuisance, tie in zip(fit.nuisances, nuisance_ties, strict=True):
+            _subtract(D[:, nuisance.columns], tie[indices], nuisance.d)
+        for k, (z, freedom) in zip(indices, _jackknife(fit, D), strict=True):
             out[k] = out[k]._replace(z=z, freedom=freedom)
     return out
 
 
 def _jackknife(fit: FitResiduals, D: np.ndarray) -> list[tuple[float, float]]:
     """Return z and the degrees of freedom for each D⊥ (K, N m).  (4)"""
-    first = fit.blocks * (len(fit.psi) // len(fit.run))
-    S, P = np.add.reduceat(D * fit.psi, first, axis=1), np.add.reduceat(D * D * fit.w, first, axis=1)
+    first = fit.blocks * (len(fit.clipped_residuals) // len(fit.run))
+    S, P = (
+        np.add.reduceat(D * fit.clipped_residuals, first, axis=1),
+        np.add.reduceat(D * D * fit.w, first, axis=1),
+    )
     total, power = S.sum(axis=1, keepdims=True), P.sum(axis=1, keepdims=True)
     h = P / power
     e = (S - total * h) / np.maximum(1.0 - h, 1e-3)

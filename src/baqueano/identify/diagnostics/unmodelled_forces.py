@@ -22,30 +22,41 @@ from baqueano.contracts.values import Tree
 from baqueano.diagnostics import Diagnostic, note
 from baqueano.identify.data.record import FitRecord
 
-AFTER_S = 0.2  # duration of an effect that begins when a sign changes
-SMALL = 0.1  # of the largest value: width of the tanh at a change of sign
-COMMANDED = ("dead zone", "saturation", "asymmetry", "fading", "backlash")
-MOVED = ("dry friction", "drag", "steep drag", "one-sided drag", "caster", "cornering", "turning", "slip")
-SIDEWAYS = {0: note("term.sideways-slip"), 2: note("term.sideways-push")}
+DECAY_S = 0.2  # duration of an effect that begins when a sign changes
+SIGN_WIDTH = 0.1  # of the largest value: width of the tanh at a change of sign
+COMMAND_TERMS = ("dead zone", "saturation", "asymmetry", "fading", "backlash")
+MOTION_TERMS = (
+    "dry friction",
+    "drag",
+    "steep drag",
+    "one-sided drag",
+    "caster",
+    "cornering",
+    "turning",
+    "slip",
+)
+SIDEWAYS_TERMS = {0: note("term.sideways-slip"), 2: note("term.sideways-push")}
 
 
 class Force(NamedTuple):
     """One force φ along one axis, and its channel for a force of (1)."""
 
     code: str
-    what: Diagnostic
+    description: Diagnostic
     axis: int
     channel: int | None = None
 
 
-def force_terms(axis: int, channels: int) -> list[Force]:
+def force_terms(axis: int, channel_count: int) -> list[Force]:
     """Return the forces along `axis`, 0 or 2, and last a sideways force, in the order of `command_features` and
     `motion_features`."""
-    of_commands = [
-        Force(f"{code} of channel {j}", _term(code), axis, j) for code in COMMANDED for j in range(channels)
+    command_forces = [
+        Force(f"{code} of channel {j}", _term(code), axis, j)
+        for code in COMMAND_TERMS
+        for j in range(channel_count)
     ]
-    of_motion = [Force(code, _term(code), axis) for code in MOVED]
-    return [*of_commands, *of_motion, Force("sideways", SIDEWAYS[axis], 1)]
+    motion_forces = [Force(code, _term(code), axis) for code in MOTION_TERMS]
+    return [*command_forces, *motion_forces, Force("sideways", SIDEWAYS_TERMS[axis], 1)]
 
 
 def _term(code: str) -> Diagnostic:
@@ -54,19 +65,23 @@ def _term(code: str) -> Diagnostic:
 
 def command_features(w: np.ndarray, record: FitRecord) -> np.ndarray:
     """Return φ (N, 5 c) of one segment with channels w (N, c), relative to their largest value.  (1)"""
-    t, size = np.cumsum(record.dt_s), np.abs(w)
+    t, magnitude = np.cumsum(record.dt_s), np.abs(w)
     fading = w * (t / t[-1] - 0.5)[:, None]
-    return np.concatenate([np.tanh(w / SMALL), w * size, size, fading, _since_turn(w, t)], axis=1)
+    return np.concatenate(
+        [np.tanh(w / SIGN_WIDTH), w * magnitude, magnitude, fading, _since_turn(w, t)], axis=1
+    )
 
 
 def motion_features(axis: int, nu: np.ndarray, record: FitRecord) -> np.ndarray:
     """Return φ (N, 9) of one segment with motion ν (N, 3): (2), then (3) or (4)."""
     v = nu[:, axis : axis + 1] / max(float(np.max(np.abs(nu[:, axis]))), 1e-9)
-    x, w, size = nu[:, :1], nu[:, 2:], np.abs(v)
+    x, w, magnitude = nu[:, :1], nu[:, 2:], np.abs(v)
     along, about = (x * np.abs(w), w * w, x * np.abs(x) * w * w), (w * np.abs(x), x * w, w * x * x)
     corners = (*along, x * w) if axis == 0 else (*about, w * np.abs(w))
     flips = _since_turn(v, np.cumsum(record.dt_s))
-    return np.concatenate([np.tanh(v / SMALL), v * size, v * v * v, size, flips, *corners], axis=1)
+    return np.concatenate(
+        [np.tanh(v / SIGN_WIDTH), v * magnitude, v * v * v, magnitude, flips, *corners], axis=1
+    )
 
 
 def driven_channels(model: Tree, u: np.ndarray) -> np.ndarray:
@@ -79,12 +94,16 @@ def driven_channels(model: Tree, u: np.ndarray) -> np.ndarray:
 
 def _since_turn(x: np.ndarray, t: np.ndarray) -> np.ndarray:
     """Return sign x e^(−s/0.2 s) (N, c), with s the time since the last change of sign; 0 before any."""
-    out = np.zeros_like(x)
+    decay = np.zeros_like(x)
     for c, sign in enumerate(np.sign(x).T):
-        moving = np.flatnonzero(sign != 0.0)
-        reversals = moving[1:][sign[moving[1:]] != sign[moving[:-1]]] if len(moving) else moving
+        moving_rows = np.flatnonzero(sign != 0.0)
+        reversals = (
+            moving_rows[1:][sign[moving_rows[1:]] != sign[moving_rows[:-1]]]
+            if len(moving_rows)
+            else moving_rows
+        )
         if len(reversals):
             edges = np.append(reversals, len(t))
-            since = t[reversals[0] :] - np.repeat(t[reversals], np.diff(edges))
-            out[reversals[0] :, c] = np.exp(-since / AFTER_S) * sign[reversals[0] :]
-    return out
+            elapsed_s = t[reversals[0] :] - np.repeat(t[reversals], np.diff(edges))
+            decay[reversals[0] :, c] = np.exp(-elapsed_s / DECAY_S) * sign[reversals[0] :]
+    return decay

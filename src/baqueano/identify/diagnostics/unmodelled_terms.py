@@ -21,27 +21,27 @@ import numpy as np
 from baqueano.contracts.optional import has_field
 from baqueano.contracts.values import Tree
 from baqueano.diagnostics import Diagnostic, note
-from baqueano.identify.data.added_channels import VOLTAGE, at_voltage
+from baqueano.identify.data.added_channels import VOLTAGE_KEY, at_voltage
 from baqueano.identify.data.record import FitRecord, FittedBlocks
 from baqueano.identify.diagnostics.unmodelled_forces import (
-    COMMANDED,
+    COMMAND_TERMS,
     Force,
     command_features,
     driven_channels,
     force_terms,
     motion_features,
 )
-from baqueano.identify.parallel import ahead, parallel_map
+from baqueano.identify.parallel import parallel_map, prefetch
 from baqueano.identify.parameters.free import DELAY, substitute
-from baqueano.identify.parameters.setup import Shape, example, initial_state, shown_by
+from baqueano.identify.parameters.setup import Shape, example, initial_state, read_sensors
 from baqueano.identify.residuals.simulation import Residuals, cached_kernel
 from baqueano.sensors.sampling import Signal
 from baqueano.symbolic import scan
 from baqueano.symbolic.scan import Scan
 
 LOW_PASS_S = 3.6e-3  # 44 Hz, the usual setting of a small IMU
-SIDEWAYS = np.array([0.0, 1.0, 0.0])
-AXES = (0, 2)  # of all forces but the last one of each axis, which acts sideways
+SIDEWAYS_AXIS = np.array([0.0, 1.0, 0.0])
+FORCE_AXES = (0, 2)  # of all forces but the last one of each axis, which acts sideways
 
 LabelledTerm: TypeAlias = tuple[str, Diagnostic]  # code of a term, and its description
 TermColumns: TypeAlias = tuple[
@@ -75,8 +75,8 @@ class Motions(NamedTuple):
 class Kernels(NamedTuple):
     """Kernels of one structure of vehicle and sensors, without and with a push."""
 
-    going: Tree
-    pushed: Tree
+    motion: Tree
+    push: Tree
 
 
 class FittedMotion(NamedTuple):
@@ -105,79 +105,81 @@ def fitted_motion(blocks: FittedBlocks, problem: Residuals, theta: np.ndarray) -
     begin = initial_state(blocks, problem.shape)
     starts, motions = [], []
     for record, index in zip(problem.records, problem.layout.indices, strict=True):
-        own = theta[index]
-        starts.append(PushedState(*begin(own), own))
-        motions.append(kernels.going.run(_rows(record), own)[1])
+        segment_theta = theta[index]
+        starts.append(PushedState(*begin(segment_theta), segment_theta))
+        motions.append(kernels.motion.run(_rows(record), segment_theta)[1])
     return FittedMotion(kernels, starts, motions)
 
 
 def term_columns(
-    blocks: FittedBlocks, problem: Residuals, now: FittedMotion
+    blocks: FittedBlocks, problem: Residuals, fitted: FittedMotion
 ) -> Callable[[], list[TermColumns]]:
     """Return a function that computes the columns of a fitted motion; their slow part already runs on another core."""
-    of_forces = _of_forces(blocks, problem, now)
-    return lambda: [of_forces(), _of_readings(blocks, problem, now)]
+    force_columns = _force_columns(blocks, problem, fitted)
+    return lambda: [force_columns(), _reading_columns(blocks, problem, fitted)]
 
 
-def _of_readings(blocks: FittedBlocks, problem: Residuals, now: FittedMotion) -> TermColumns:
+def _reading_columns(blocks: FittedBlocks, problem: Residuals, fitted: FittedMotion) -> TermColumns:
     """Return the terms that change only the readings.  (2)"""
     labels: list[LabelledTerm] = []
     columns = []
-    for record, motion, weight in zip(problem.records, now.motions, problem.weights, strict=True):
-        readings = _readings(blocks, problem, record, motion)
+    for record, motion, weight in zip(problem.records, fitted.motions, problem.weights, strict=True):
+        readings = _reading_terms(blocks, problem, record, motion)
         labels = [(code, term_note) for code, term_note, _ in readings]
         columns.append(np.stack([(D * weight).ravel() for _, _, D in readings]))
     return labels, np.concatenate(columns, axis=1)
 
 
-def _of_forces(blocks: FittedBlocks, problem: Residuals, now: FittedMotion) -> Callable[[], TermColumns]:
+def _force_columns(
+    blocks: FittedBlocks, problem: Residuals, fitted: FittedMotion
+) -> Callable[[], TermColumns]:
     """Return a function that computes the columns of the forces.  (1)"""
     channels = [driven_channels(blocks.model, record.u) for record in problem.records]
-    most = np.max([np.max(np.abs(w), axis=0) for w in channels], axis=0)
-    kernel, scale = now.kernels.pushed, np.where(most > 0.0, most, 1.0)
+    largest = np.max([np.max(np.abs(w), axis=0) for w in channels], axis=0)
+    kernel, scale = fitted.kernels.push, np.where(largest > 0.0, largest, 1.0)
 
     def rows_of(k: int) -> np.ndarray:
-        record, nu = problem.records[k], now.motions[k].nu
+        record, nu = problem.records[k], fitted.motions[k].nu
         phi = [
             command_features(channels[k] / scale, record),
-            *(motion_features(axis, nu, record) for axis in AXES),
+            *(motion_features(axis, nu, record) for axis in FORCE_AXES),
         ]
         return _rows(record, problem.weights[k], *phi)
 
-    def slopes(k: int, rows: np.ndarray) -> np.ndarray:
-        return np.asarray(kernel.sensitivities(rows, np.zeros(kernel.parameters), now.starts[k])[1])
+    def derivatives(k: int, rows: np.ndarray) -> np.ndarray:
+        return np.asarray(kernel.sensitivities(rows, np.zeros(kernel.parameters), fitted.starts[k])[1])
 
-    count = sum(map(len, channels)) if problem.scan.backend == "c" else 0
+    work_rows = sum(map(len, channels)) if problem.scan.backend == "c" else 0
     if len(channels) == 1:
-        whole = ahead(partial(slopes, 0, rows_of(0)), rows=count)
+        all_columns = prefetch(partial(derivatives, 0, rows_of(0)), rows=work_rows)
     else:
-        segments = parallel_map(lambda k: slopes(k, rows_of(k)), range(len(channels)), rows=count)
-        whole = partial(np.concatenate, segments)
-    candidates = [force for axis in AXES for force in force_terms(axis, len(most))]
-    some = [k for k, force in enumerate(candidates) if force.channel is None or most[force.channel] > 0.0]
+        segments = parallel_map(lambda k: derivatives(k, rows_of(k)), range(len(channels)), rows=work_rows)
+        all_columns = partial(np.concatenate, segments)
+    candidates = [force for axis in FORCE_AXES for force in force_terms(axis, len(largest))]
+    shown = [k for k, force in enumerate(candidates) if force.channel is None or largest[force.channel] > 0.0]
 
     def columns() -> TermColumns:
-        D = whole().reshape(-1, len(candidates)).T  # (K, N m)
-        return [_words(candidates[k]) for k in some], D if len(some) == len(candidates) else D[some]
+        D = all_columns().reshape(-1, len(candidates)).T  # (K, N m)
+        return [_label(candidates[k]) for k in shown], D if len(shown) == len(candidates) else D[shown]
 
     return columns
 
 
-def _words(force: Force) -> LabelledTerm:
-    return f"{force.code}, {('x', 'y', 'psi')[force.axis]}", force.what
+def _label(force: Force) -> LabelledTerm:
+    return f"{force.code}, {('x', 'y', 'psi')[force.axis]}", force.description
 
 
-def _rows(record: FitRecord, *more: np.ndarray) -> np.ndarray:
-    """Return rows (N, q): dt, u, the columns `more`, and the battery voltage if it is recorded."""
-    volts = [record.sensors[VOLTAGE].z] if VOLTAGE in record.sensors else []
-    return np.concatenate([record.dt_s[:, None], record.u, *more, *volts], axis=1)
+def _rows(record: FitRecord, *columns: np.ndarray) -> np.ndarray:
+    """Return rows (N, q): dt, u, the columns `columns`, and the battery voltage if it is recorded."""
+    voltage = [record.sensors[VOLTAGE_KEY].z] if VOLTAGE_KEY in record.sensors else []
+    return np.concatenate([record.dt_s[:, None], record.u, *columns, *voltage], axis=1)
 
 
 def _trace(blocks: FittedBlocks, shape: Shape, backend: str) -> Kernels:
-    return Kernels(_going(blocks, shape, backend), _push_scan(blocks, shape, backend))
+    return Kernels(_motion_scan(blocks, shape, backend), _push_scan(blocks, shape, backend))
 
 
-def _going(blocks: FittedBlocks, shape: Shape, backend: str) -> Scan:
+def _motion_scan(blocks: FittedBlocks, shape: Shape, backend: str) -> Scan:
     n, paths = blocks.model.commands, (*shape.shared, *shape.per_run)
     begin = initial_state(blocks, shape)
 
@@ -185,12 +187,12 @@ def _going(blocks: FittedBlocks, shape: Shape, backend: str) -> Scan:
         return MotionState(*begin(theta))
 
     def step(theta: np.ndarray, state: MotionState, row: np.ndarray) -> tuple[MotionState, Motions]:
-        blocks_at = at_voltage(substitute(blocks, paths, theta), row, shape.volts)
+        blocks_at = at_voltage(substitute(blocks, paths, theta), row, shape.has_voltage)
         vehicle, motion = blocks_at.model.step(state.vehicle, row[1 : 1 + n], row[0], np.zeros(3))
-        readings, signals = shown_by(blocks_at.sensors, state.signals, motion, row[0])
+        readings, signals = read_sensors(blocks_at.sensors, state.signals, motion, row[0])
         return MotionState(vehicle, signals), Motions(np.concatenate(readings), motion.nu, motion.nu_dot)
 
-    return scan(step, start, np.zeros(1 + n + shape.volts), example(blocks, shape), backend=backend)
+    return scan(step, start, np.zeros(1 + n + shape.has_voltage), example(blocks, shape), backend=backend)
 
 
 def _push_scan(blocks: FittedBlocks, shape: Shape, backend: str) -> Scan:
@@ -198,65 +200,65 @@ def _push_scan(blocks: FittedBlocks, shape: Shape, backend: str) -> Scan:
     last force of each axis acts sideways.  (1)"""
     n, paths, m = blocks.model.commands, (*shape.shared, *shape.per_run), sum(s.size for s in blocks.sensors)
     channels = driven_channels(blocks.model, np.zeros((1, n))).shape[1]
-    c, count = len(COMMANDED) * channels, len(force_terms(0, channels))
-    theta, every = example(blocks, shape), c + len(AXES) * (count - c)
+    c, count = len(COMMAND_TERMS) * channels, len(force_terms(0, channels))
+    theta, column_count = example(blocks, shape), c + len(FORCE_AXES) * (count - c)
     start = PushedState(*initial_state(blocks, shape)(theta), theta)
 
     def pushes(epsilon: np.ndarray, phi: np.ndarray) -> Iterator[np.ndarray]:
-        for k, axis in enumerate(AXES):
+        for k, axis in enumerate(FORCE_AXES):
             e, of_motion = epsilon[k * count : (k + 1) * count], phi[c + k * (count - c) :]
             along = e[:c] @ phi[:c] + e[c:-1] @ of_motion[: count - c - 1]
-            yield along * np.eye(3)[axis] + e[-1] * of_motion[count - c - 1] * SIDEWAYS
+            yield along * np.eye(3)[axis] + e[-1] * of_motion[count - c - 1] * SIDEWAYS_AXIS
 
     def step(epsilon: np.ndarray, state: PushedState, row: np.ndarray) -> tuple[PushedState, np.ndarray]:
-        blocks_at = at_voltage(substitute(blocks, paths, state.theta), row, shape.volts)
+        blocks_at = at_voltage(substitute(blocks, paths, state.theta), row, shape.has_voltage)
         dt_s, u, weight = row[0], row[1 : 1 + n], row[1 + n : 1 + n + m]
-        push = sum(pushes(epsilon, row[1 + n + m : 1 + n + m + every]))
+        push = sum(pushes(epsilon, row[1 + n + m : 1 + n + m + column_count]))
         vehicle = state.vehicle._replace(nu=state.vehicle.nu + push * dt_s)
         vehicle, motion = blocks_at.model.step(vehicle, u, dt_s, np.zeros(3))
         tick = motion.tick and tuple(
             motion_k._replace(nu_dot=motion_k.nu_dot + push) for motion_k in motion.tick
         )
         motion = motion._replace(nu_dot=motion.nu_dot + push, tick=tick)
-        readings, signals = shown_by(blocks_at.sensors, state.signals, motion, dt_s)
+        readings, signals = read_sensors(blocks_at.sensors, state.signals, motion, dt_s)
         return state._replace(vehicle=vehicle, signals=signals), weight * np.concatenate(readings)
 
-    rows = np.zeros(1 + n + m + every + shape.volts)
-    return scan(step, start, rows, np.zeros(len(AXES) * count), backend=backend)
+    rows = np.zeros(1 + n + m + column_count + shape.has_voltage)
+    return scan(step, start, rows, np.zeros(len(FORCE_AXES) * count), backend=backend)
 
 
-def _readings(
+def _reading_terms(
     blocks: FittedBlocks, problem: Residuals, record: FitRecord, motions: Motions
 ) -> list[tuple[str, Diagnostic, np.ndarray]]:
     """Return code, message and column (N, m) of each term that changes only the readings.  (2)"""
     h = motions.h
     h_dot = -np.gradient(h, axis=0) / np.maximum(record.dt_s, 1e-6)[:, None]
-    terms, at = [("delay", note("term.delay"), h_dot)], 0
+    terms, offset = [("delay", note("term.delay"), h_dot)], 0
     for name, block, size in zip(problem.names, blocks.sensors, problem.sizes, strict=True):
-        span = slice(at, at + size)
-        at += size
+        span = slice(offset, offset + size)
+        offset += size
         if len(problem.names) > 1:
-            own = np.zeros_like(h)
-            own[:, span] = h_dot[:, span]
-            terms.append((f"delay of {name}", note("term.delay-of-sensor", subject=name), own))
+            sensor_dot = np.zeros_like(h)
+            sensor_dot[:, span] = h_dot[:, span]
+            terms.append((f"delay of {name}", note("term.delay-of-sensor", subject=name), sensor_dot))
         if has_field(block, "lever_arm_m"):
-            terms += _mount(name, h, motions, span)
+            terms += _mount_terms(name, h, motions, span)
         if not getattr(block, "has_low_pass", True) and DELAY in problem.shape.shared:
-            smooth = np.zeros_like(h)
-            smooth[:, span] = LOW_PASS_S * h_dot[:, span]
-            bend = np.diff(h[:, span], 2, axis=0) / np.maximum(record.dt_s[1:-1], 1e-6)[:, None] ** 2
-            smooth[1:-1, span] += LOW_PASS_S**2 * bend
-            terms.append((f"low-pass of {name}", note("term.low-pass", subject=name), smooth))
+            filtered = np.zeros_like(h)
+            filtered[:, span] = LOW_PASS_S * h_dot[:, span]
+            curvature = np.diff(h[:, span], 2, axis=0) / np.maximum(record.dt_s[1:-1], 1e-6)[:, None] ** 2
+            filtered[1:-1, span] += LOW_PASS_S**2 * curvature
+            terms.append((f"low-pass of {name}", note("term.low-pass", subject=name), filtered))
     return terms
 
 
-def _mount(
+def _mount_terms(
     name: str, h: np.ndarray, motions: Motions, span: slice
 ) -> list[tuple[str, Diagnostic, np.ndarray]]:
     """Return the terms of an IMU that is at another place, turned, or follows the other measurement model."""
     x, y = span.start, span.start + 1
     w, w_dot = motions.nu[:, 2], motions.nu_dot[:, 2]
-    out = []
+    terms = []
     for code, along, across in (
         ("term.imu-ahead", -w * w, w_dot),
         ("term.imu-beside", -w_dot, -w * w),
@@ -265,5 +267,5 @@ def _mount(
     ):
         D = np.zeros_like(h)
         D[:, x], D[:, y] = along, across
-        out.append((f"mount of {name}", note(code, subject=name), D))
-    return out
+        terms.append((f"mount of {name}", note(code, subject=name), D))
+    return terms

@@ -21,21 +21,21 @@ from baqueano.contracts.values import Tree
 from baqueano.identify.covariance.information import information
 from baqueano.identify.data.record import FittedBlocks
 from baqueano.identify.estimation.least_squares import Solution
-from baqueano.identify.estimation.search import ROUGH, Search, Task, best_search, search
+from baqueano.identify.estimation.search import ROUGH_DECREMENT, Search, Task, best_search, search
 from baqueano.identify.parameters.free import DELAY
 from baqueano.identify.residuals.simulation import Residuals
 from baqueano.vehicles.drivetrain import mix, quantise
 
-SCAN_S = 0.025
-PART = 1e-2  # of the least cost: tolerance of the searches at the other delays of the grid (1)
-FINE = 0.25  # of a tick: the deepest valley is wider on both sides, however large the dead zone
-MOST = 6  # ticks that (2) searches
-MOST_EACH = 8  # evaluations at one delay: the next delay begins where they end
-INSIDE = 1e-6  # of a tick: least distance from a whole tick, where the derivative is one-sided
-STEPS = 6  # ticks by which (4) may move
-PATH = "model.drivetrain.duty_step"
+GRID_STEP_S = 0.025
+COST_TOLERANCE = 1e-2  # of the least cost: tolerance of the searches at the other delays of the grid (1)
+FINE_TICKS = 0.25  # of a tick: the deepest valley is wider on both sides, however large the dead zone
+MAX_FINE_TICKS = 6  # ticks that (2) searches
+MAX_EVALUATIONS = 8  # evaluations at one delay: the next delay begins where they end
+EDGE_TICKS = 1e-6  # of a tick: least distance from a whole tick, where the derivative is one-sided
+MAX_STEPS = 6  # ticks by which (4) may move
+DUTY_STEP_PATH = "model.drivetrain.duty_step"
 TIMERS = (255, 100, 1023)  # 8 bits, per cent, 10 bits
-CLEAR = 25.0
+MIN_COST_GAIN = 25.0
 
 
 def best_search_of_all(task: Task, begin: np.ndarray) -> tuple[Task, Search]:
@@ -46,23 +46,23 @@ def best_search_of_all(task: Task, begin: np.ndarray) -> tuple[Task, Search]:
         return task, best_search(task, begin)
     i = shared_names.index(DELAY)
     tick_s = float(np.median(np.concatenate([record.dt_s for record in task.problem.records])))
-    signal, count = task.problem.signal(), 0
+    signal, evaluation_count = task.problem.signal(), 0
     # if the first is not sound, the second begins again from other starts
-    for first in (_roughly, best_search):
-        end, scan_count = _scan(task, begin, i, max(SCAN_S, tick_s), first)
-        end, approach_count = _closer(task, end, i, max(SCAN_S, tick_s), tick_s)
-        within, end, walk_count = _walk(task, end, i, tick_s)
-        count += scan_count + approach_count + walk_count
-        if end.stopped or end.sound(signal):
+    for first in (_rough_search, best_search):
+        end, scan_count = _scan(task, begin, i, max(GRID_STEP_S, tick_s), first)
+        end, approach_count = _refine(task, end, i, max(GRID_STEP_S, tick_s), tick_s)
+        bounded_task, end, walk_count = _walk_ticks(task, end, i, tick_s)
+        evaluation_count += scan_count + approach_count + walk_count
+        if end.stopped or end.is_sound(signal):
             break
-    return within, end._replace(evaluations=count)
+    return bounded_task, end._replace(evaluations=evaluation_count)
 
 
 def bounds_of(task: Task, end: Search) -> Search:
     """Return `end` with `bound` marking the entries at a bound of `task`, but not a delay at the edge of a tick."""
-    theta, near = end.solution.theta, 1e-3 * (task.high - task.low)
-    near = np.where(np.isfinite(near), np.minimum(near, 1e-6), 0.0)
-    bound = np.where(theta <= task.low + near, -1, np.where(theta >= task.high - near, 1, 0))
+    theta, tolerance = end.solution.theta, 1e-3 * (task.high - task.low)
+    tolerance = np.where(np.isfinite(tolerance), np.minimum(tolerance, 1e-6), 0.0)
+    bound = np.where(theta <= task.low + tolerance, -1, np.where(theta >= task.high - tolerance, 1, 0))
     return end._replace(solution=end.solution._replace(bound=bound))
 
 
@@ -77,124 +77,140 @@ def _scan(
     middle = search_first(_with_bounds(task, i, grid[first], grid[first]), _with_value(begin, i, grid[first]))
     if middle.stopped:
         return middle, middle.evaluations
-    total, best, lighter_task = middle.evaluations, middle.solution, task._replace(problem=middle.problem)
+    evaluation_count, best_solution, lighter_task = (
+        middle.evaluations,
+        middle.solution,
+        task._replace(problem=middle.problem),
+    )
     for side in (grid[first + 1 :], grid[:first][::-1]):
         last = middle.solution
         for delay_s in side:
-            last = _fitted_at(lighter_task, last.theta, i, delay_s, PART * best.evaluation.cost)
-            total += last.evaluations
-            best = last if _least(last) < _least(best) else best
-    if best is middle.solution:
-        return middle, total
-    end = _fixed_at(task, middle._replace(solution=best), i, float(best.theta[i]))
-    return end, total + end.evaluations
+            last = _fitted_at(
+                lighter_task, last.theta, i, delay_s, COST_TOLERANCE * best_solution.evaluation.cost
+            )
+            evaluation_count += last.evaluations
+            best_solution = last if _expected_cost(last) < _expected_cost(best_solution) else best_solution
+    if best_solution is middle.solution:
+        return middle, evaluation_count
+    end = _fixed_at(task, middle._replace(solution=best_solution), i, float(best_solution.theta[i]))
+    return end, evaluation_count + end.evaluations
 
 
-def _closer(task: Task, end: Search, i: int, step_s: float, tick_s: float) -> tuple[Search, int]:
+def _refine(task: Task, end: Search, i: int, step_s: float, tick_s: float) -> tuple[Search, int]:
     """Return `end` with θ at the best delay of a finer grid, and the number of evaluations. The grid extends one
     step of the first grid to both sides.  (2)"""
-    total, best = 0, end
-    while 2.0 * step_s > MOST * tick_s and not best.stopped:
+    evaluation_count, best = 0, end
+    while 2.0 * step_s > MAX_FINE_TICKS * tick_s and not best.stopped:
         step_s, middle = 0.5 * step_s, best
         for delay_s in middle.solution.theta[i] + np.array([-step_s, step_s]):
             if task.low[i] <= delay_s <= task.high[i]:
                 trial = _fixed_at(task, middle, i, delay_s)
-                total += trial.evaluations
-                best = _better(task, best, trial)
-    at, fine_s = best.solution.theta[i], FINE * tick_s
+                evaluation_count += trial.evaluations
+                best = _better_search(task, best, trial)
+    centre_s, fine_s = best.solution.theta[i], FINE_TICKS * tick_s
     task = task._replace(problem=best.problem)
-    middle = solution = _fitted_at(task, best.solution.theta, i, at)
-    total += middle.evaluations
+    middle = solution = _fitted_at(task, best.solution.theta, i, centre_s)
+    evaluation_count += middle.evaluations
     for side in (fine_s, -fine_s):
         last = middle
         for n in range(1, 1 + round(step_s / fine_s)):
-            if best.stopped or not task.low[i] <= at + n * side <= task.high[i]:
+            if best.stopped or not task.low[i] <= centre_s + n * side <= task.high[i]:
                 break
-            last = _fitted_at(task, last.theta, i, at + n * side, PART * solution.evaluation.cost)
-            total += last.evaluations
-            solution = last if _least(last) < _least(solution) else solution
+            last = _fitted_at(
+                task, last.theta, i, centre_s + n * side, COST_TOLERANCE * solution.evaluation.cost
+            )
+            evaluation_count += last.evaluations
+            solution = last if _expected_cost(last) < _expected_cost(solution) else solution
     if not best.stopped:
-        solution, more = _search_both_sides(task, solution, i, fine_s, tick_s)
-        total += more
-    return best._replace(solution=solution), total
+        solution, further_count = _search_both_sides(task, solution, i, fine_s, tick_s)
+        evaluation_count += further_count
+    return best._replace(solution=solution), evaluation_count
 
 
 def _search_both_sides(
-    task: Task, near: Solution, i: int, fine_s: float, tick_s: float
+    task: Task, nearest: Solution, i: int, fine_s: float, tick_s: float
 ) -> tuple[Solution, int]:
-    """Return the solution with the least cost in the one or two ticks within `fine_s` of `near`, and the number of
+    """Return the solution with the least cost in the one or two ticks within `fine_s` of `nearest`, and the number of
     evaluations.  (3)"""
-    best, total = near, 0
+    best_solution, evaluation_count = nearest, 0
     for side in (-fine_s, fine_s):
-        begin = float(near.theta[i]) + 0.5 * side
+        begin = float(nearest.theta[i]) + 0.5 * side
         k = int(np.floor(begin / tick_s))
-        low, high = sorted((float(near.theta[i]), float(near.theta[i]) + side))
-        inside = _with_bounds(task, i, max(low, (k + INSIDE) * tick_s), min(high, (k + 1 - INSIDE) * tick_s))
-        if inside.low[i] < inside.high[i]:
-            end = _fit(inside, _with_value(near.theta, i, begin), None)
-            total += end.evaluations
-            best = end if end.evaluation.cost < best.evaluation.cost else best
-    return best, total
+        low, high = sorted((float(nearest.theta[i]), float(nearest.theta[i]) + side))
+        bounded_task = _with_bounds(
+            task, i, max(low, (k + EDGE_TICKS) * tick_s), min(high, (k + 1 - EDGE_TICKS) * tick_s)
+        )
+        if bounded_task.low[i] < bounded_task.high[i]:
+            end = _fit(bounded_task, _with_value(nearest.theta, i, begin), None)
+            evaluation_count += end.evaluations
+            best_solution = end if end.evaluation.cost < best_solution.evaluation.cost else best_solution
+    return best_solution, evaluation_count
 
 
-def _fitted_at(task: Task, theta: np.ndarray, i: int, delay_s: float, least: float = ROUGH) -> Solution:
-    """Return the solution of least cost at this delay, with the present σ. `least` is the tolerance of the
+def _fitted_at(
+    task: Task, theta: np.ndarray, i: int, delay_s: float, tolerance: float = ROUGH_DECREMENT
+) -> Solution:
+    """Return the solution of least cost at this delay, with the present σ. `tolerance` is the tolerance of the
     decrement."""
-    return _fit(task, _with_value(theta, i, delay_s), np.arange(len(theta)) == i, least)
+    return _fit(task, _with_value(theta, i, delay_s), np.arange(len(theta)) == i, tolerance)
 
 
-def _least(end: Solution) -> float:
+def _expected_cost(end: Solution) -> float:
     """Return the expected final cost of the search, by a parabola through its end."""
     return end.evaluation.cost - 0.5 * end.decrement
 
 
-def _fit(task: Task, theta: np.ndarray, is_fixed: np.ndarray | None, least: float = ROUGH) -> Solution:
+def _fit(
+    task: Task, theta: np.ndarray, is_fixed: np.ndarray | None, min_tolerance: float = ROUGH_DECREMENT
+) -> Solution:
     return task.minimise(
         task.problem.evaluate, theta, task.low, task.high,
-        fixed=is_fixed, tolerance=max(least, ROUGH), most=MOST_EACH, damping=1e-6,
+        fixed=is_fixed, tolerance=max(min_tolerance, ROUGH_DECREMENT), most=MAX_EVALUATIONS, damping=1e-6,
     )  # fmt: skip
 
 
-def _fixed_at(task: Task, near: Search, i: int, delay_s: float) -> Search:
-    """Return the search with this fixed delay, started at the end of `near`."""
+def _fixed_at(task: Task, nearest: Search, i: int, delay_s: float) -> Search:
+    """Return the search with this fixed delay, started at the end of `nearest`."""
     is_fixed = np.arange(len(task.first)) == i
-    return search(task, _with_value(near.solution.theta, i, delay_s), is_fixed, near, rough=True)
+    return search(task, _with_value(nearest.solution.theta, i, delay_s), is_fixed, nearest, rough=True)
 
 
-def _better(task: Task, first: Search, second: Search) -> Search:
+def _better_search(task: Task, first: Search, second: Search) -> Search:
     counts = np.sum([has.sum(axis=0) for has in task.problem.has], axis=0)
     return second if second.badness(counts) < first.badness(counts) else first
 
 
-def _walk(task: Task, nearest: Search, i: int, tick_s: float) -> tuple[Task, Search, int]:
+def _walk_ticks(task: Task, nearest: Search, i: int, tick_s: float) -> tuple[Task, Search, int]:
     """Move tick by tick, at most STEPS times, to the tick with the least cost. Return its task, its search and the
     number of evaluations. At a kink, select the side with the larger error.  (4)"""
-    k, total, visits = int(nearest.solution.theta[i] / tick_s), 0, {}
+    k, evaluation_count, visits = int(nearest.solution.theta[i] / tick_s), 0, {}
     while True:
-        inside = _inside(task, i, k, tick_s)
-        nearest = search(inside, np.clip(nearest.solution.theta, inside.low, inside.high), None, nearest)
-        total += nearest.evaluations
-        visits[k] = inside, nearest
+        bounded_task = _within_tick(task, i, k, tick_s)
+        nearest = search(
+            bounded_task, np.clip(nearest.solution.theta, bounded_task.low, bounded_task.high), None, nearest
+        )
+        evaluation_count += nearest.evaluations
+        visits[k] = bounded_task, nearest
         side = int(nearest.solution.bound[i])
-        ahead = (k + side + 0.5) * tick_s
-        if nearest.stopped or side == 0 or not task.low[i] < ahead < task.high[i] or len(visits) > STEPS:
-            return inside, nearest, total
+        next_s = (k + side + 0.5) * tick_s
+        if nearest.stopped or side == 0 or not task.low[i] < next_s < task.high[i] or len(visits) > MAX_STEPS:
+            return bounded_task, nearest, evaluation_count
         if k + side in visits:
             ends = visits[k], visits[k + side]
-            return *max(ends, key=lambda end: _width(end[1], i)), total
+            return *max(ends, key=lambda end: _delay_variance(end[1], i)), evaluation_count
         k += side
 
 
-def _width(end: Search, i: int) -> float:
+def _delay_variance(end: Search, i: int) -> float:
     """Return the variance of entry i with all others known, or infinity without information."""
     info = information(end.problem, end.solution.theta)
     bread = float(info.bread[i, i])
     return float(info.meat[i, i]) / bread**2 if bread > 0.0 else np.inf
 
 
-def _inside(task: Task, i: int, k: int, tick_s: float) -> Task:
+def _within_tick(task: Task, i: int, k: int, tick_s: float) -> Task:
     """Return the task with the delay bounded to tick k."""
-    return _with_bounds(task, i, (k + INSIDE) * tick_s, (k + 1 - INSIDE) * tick_s)
+    return _with_bounds(task, i, (k + EDGE_TICKS) * tick_s, (k + 1 - EDGE_TICKS) * tick_s)
 
 
 def _with_bounds(task: Task, i: int, low: float, high: float) -> Task:
@@ -203,14 +219,14 @@ def _with_bounds(task: Task, i: int, low: float, high: float) -> Task:
     return task._replace(low=bounds[0], high=bounds[1])
 
 
-def _roughly(task: Task, theta: np.ndarray) -> Search:
+def _rough_search(task: Task, theta: np.ndarray) -> Search:
     return search(task, theta, rough=True)
 
 
 def _with_value(theta: np.ndarray, i: int, value: float) -> np.ndarray:
-    out = theta.copy()
-    out[i] = value
-    return out
+    changed = theta.copy()
+    changed[i] = value
+    return changed
 
 
 def duty_step(blocks: FittedBlocks, problem: Residuals, theta: np.ndarray) -> int | None:
@@ -230,7 +246,10 @@ def duty_step(blocks: FittedBlocks, problem: Residuals, theta: np.ndarray) -> in
         u = np.stack([0.5 * (duty_left + right), rows[:, 2], 0.5 * (right - duty_left)], axis=1)
         return np.concatenate([rows[:, :1], u, rows[:, 1 + n :]], axis=1)
 
-    before = problem.cost(theta, lambda rows: rows)
-    gains = {steps: before - problem.cost(theta, lambda rows, k=steps: on_timer(k, rows)) for steps in TIMERS}
-    best = max(gains, key=lambda steps: gains[steps])
-    return best if gains[best] > CLEAR else None
+    unrounded_cost = problem.cost(theta, lambda rows: rows)
+    gains = {
+        steps: unrounded_cost - problem.cost(theta, lambda rows, k=steps: on_timer(k, rows))
+        for steps in TIMERS
+    }
+    best_steps = max(gains, key=lambda steps: gains[steps])
+    return best_steps if gains[best_steps] > MIN_COST_GAIN else None

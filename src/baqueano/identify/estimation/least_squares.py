@@ -23,13 +23,13 @@ import numpy as np
 from baqueano.identify.residuals.block_arrow import BlockArrow, Evaluation, dense, rows_times
 
 RIDGE = 1e-11  # of the diagonal: keeps every solve away from exactly singular directions
-MOST = 80  # evaluations
-SHRINK = 1.0 / 9.0  # of λ, at most, after a good step
-OVER = 0.17  # relative lengthening of an undamped step
+MAX_EVALUATIONS = 80  # evaluations
+MIN_SHRINK = 1.0 / 9.0  # of λ, at most, after a good step
+OVERSTEP = 0.17  # relative lengthening of an undamped step
 DAMPING = 1e-2  # λ at the start
-STALLED = 1e-2  # decrement below which a search that no longer improves counts as converged
-STUCK = 1e4  # λ above which the search is stuck
-STEEP, NEAR = 1e-2, 1e-3  # standard deviations: least slope for test (5), and its step h
+STALLED_DECREMENT = 1e-2  # decrement below which a search that no longer improves counts as converged
+STUCK_DAMPING = 1e4  # λ above which the search is stuck
+MIN_KINK_SLOPE, KINK_STEP = 1e-2, 1e-3  # standard deviations: least slope for test (5), and its step h
 
 
 class Solution(NamedTuple):
@@ -111,7 +111,7 @@ def minimise(
     *,
     fixed: np.ndarray | None = None,
     tolerance: float = 1e-8,
-    most: int = MOST,
+    most: int = MAX_EVALUATIONS,
     damping: float = DAMPING,
     evaluation: Evaluation | None = None,
 ) -> Solution:
@@ -120,40 +120,45 @@ def minimise(
     theta = _clip(theta, low, high)
     may_move = np.ones(len(theta), bool) if fixed is None else ~fixed
     current = evaluate(theta) if evaluation is None else evaluation
-    count, grow, idle = 1 if evaluation is None else 0, 2.0, 0
-    if not _finite(current):
+    count, growth, idle_count = 1 if evaluation is None else 0, 2.0, 0
+    if not _is_finite(current):
         return Solution(theta, current, False, np.inf, count, _bound(theta, low, high))
     scale, kinks_tested = np.zeros(len(theta)), False
     while True:
         scale = np.maximum(scale, current.hessian.diagonal())
-        movable = may_move & (scale > 0.0) & ~_leaving(theta, current.gradient, low, high)
+        movable = may_move & (scale > 0.0) & ~_is_leaving(theta, current.gradient, low, high)
         decrement = _decrement(current, scale, movable)
-        if (idle >= 3 or damping > STUCK) and decrement >= STALLED and count < most and not kinks_tested:
+        if (
+            (idle_count >= 3 or damping > STUCK_DAMPING)
+            and decrement >= STALLED_DECREMENT
+            and count < most
+            and not kinks_tested
+        ):
             at_kinks, trial_count = _at_kinks(evaluate, current, theta, scale, movable)
             may_move, count, kinks_tested = may_move & ~at_kinks, count + trial_count, True
             if at_kinks.any():
-                damping, grow, idle = DAMPING, 2.0, 0
+                damping, growth, idle_count = DAMPING, 2.0, 0
                 continue
-        if decrement < tolerance or idle >= 3 or count >= most:
-            converged = decrement < tolerance or (idle >= 3 and decrement < STALLED)
+        if decrement < tolerance or idle_count >= 3 or count >= most:
+            converged = decrement < tolerance or (idle_count >= 3 and decrement < STALLED_DECREMENT)
             return Solution(theta, current, converged, decrement, count, _bound(theta, low, high))
-        over = 1.0 + OVER / (1.0 + 1e3 * damping)
-        s = _bounded_step(current, scale, damping, over, movable, theta, low, high)
+        overstep = 1.0 + OVERSTEP / (1.0 + 1e3 * damping)
+        s = _bounded_step(current, scale, damping, overstep, movable, theta, low, high)
         trial = _clip(theta + s, low, high)
-        trial_at = evaluate(trial)
+        trial_evaluation = evaluate(trial)
         count += 1
         expected = -float(s @ (current.gradient + 0.5 * (current.hessian @ s)))
-        gain = current.cost - trial_at.cost
-        if _finite(trial_at) and gain > 0.0 and expected > 0.0:
-            damping *= max(SHRINK, 1.0 - (2.0 * gain / expected - 1.0) ** 3)
-            grow = 2.0
-            idle = idle + 1 if gain < 1e-12 * current.cost else 0
-            theta, current, kinks_tested = trial, trial_at, False
+        gain = current.cost - trial_evaluation.cost
+        if _is_finite(trial_evaluation) and gain > 0.0 and expected > 0.0:
+            damping *= max(MIN_SHRINK, 1.0 - (2.0 * gain / expected - 1.0) ** 3)
+            growth = 2.0
+            idle_count = idle_count + 1 if gain < 1e-12 * current.cost else 0
+            theta, current, kinks_tested = trial, trial_evaluation, False
         else:
-            damping, grow = damping * grow, 2.0 * grow
-            idle += gain == 0.0
+            damping, growth = damping * growth, 2.0 * growth
+            idle_count += gain == 0.0
             if damping > 1e14:
-                idle = 3
+                idle_count = 3
 
 
 def _at_kinks(
@@ -168,19 +173,19 @@ def _at_kinks(
     At a kink the cost rises in both directions although the gradient is not zero.
     """
     at_kink, slope = np.zeros(len(theta), bool), current.gradient / np.sqrt(np.maximum(scale, 1e-300))
-    steep = np.flatnonzero(movable & (np.abs(slope) > STEEP))
-    for i in steep:
+    steep_entries = np.flatnonzero(movable & (np.abs(slope) > MIN_KINK_SLOPE))
+    for i in steep_entries:
         shifted_theta = theta.copy()
-        shifted_theta[i] -= NEAR * np.sign(slope[i]) / np.sqrt(scale[i])
+        shifted_theta[i] -= KINK_STEP * np.sign(slope[i]) / np.sqrt(scale[i])
         at_kink[i] = evaluate(shifted_theta).cost > current.cost
-    return at_kink, len(steep)
+    return at_kink, len(steep_entries)
 
 
-def _finite(evaluation: Evaluation) -> bool:
+def _is_finite(evaluation: Evaluation) -> bool:
     """Return False if the model diverges: a robust cost may be finite although its derivatives are not."""
     H = evaluation.hessian
     return bool(
-        np.isfinite(evaluation.cost) and (H.finite if isinstance(H, BlockArrow) else np.isfinite(H).all())
+        np.isfinite(evaluation.cost) and (H.is_finite if isinstance(H, BlockArrow) else np.isfinite(H).all())
     )
 
 
@@ -188,7 +193,7 @@ def _clip(theta: np.ndarray, low: np.ndarray, high: np.ndarray) -> np.ndarray:
     return np.minimum(np.maximum(theta, low), high)
 
 
-def _leaving(theta: np.ndarray, gradient: np.ndarray, low: np.ndarray, high: np.ndarray) -> np.ndarray:
+def _is_leaving(theta: np.ndarray, gradient: np.ndarray, low: np.ndarray, high: np.ndarray) -> np.ndarray:
     """Return a mask (p,) of the entries on a bound that would cross it."""
     return ((theta <= low) & (gradient >= 0.0)) | ((theta >= high) & (gradient <= 0.0))
 
@@ -208,12 +213,12 @@ def _step(
     """Return (H + λ D)⁻¹ g over the entries `index` (k,), solved in units in which D is 1. λ is at least RIDGE."""
     damping = max(damping, RIDGE)
     if isinstance(hessian, BlockArrow):
-        free, whole = np.zeros(len(scale), bool), np.zeros(len(scale))
-        free[index], whole[index] = True, g
-        return hessian.solve(damping, scale, free, whole)[index]
+        is_free, gradient = np.zeros(len(scale), bool), np.zeros(len(scale))
+        is_free[index], gradient[index] = True, g
+        return hessian.solve(damping, scale, is_free, gradient)[index]
     root = 1.0 / np.sqrt(scale[index])
-    part = hessian if len(index) == len(hessian) else hessian[np.ix_(index, index)]
-    A = part * (root[:, None] * root)
+    submatrix = hessian if len(index) == len(hessian) else hessian[np.ix_(index, index)]
+    A = submatrix * (root[:, None] * root)
     A.reshape(-1)[:: len(A) + 1] += damping
     return root * np.linalg.solve(A, root * g)
 
@@ -222,7 +227,7 @@ def _bounded_step(
     current: Evaluation,
     scale: np.ndarray,
     damping: float,
-    over: float,
+    overstep: float,
     movable: np.ndarray,
     theta: np.ndarray,
     low: np.ndarray,
@@ -230,20 +235,20 @@ def _bounded_step(
 ) -> np.ndarray:
     """Return the step s (p,) of (1), kept between the bounds."""
     s = np.zeros(len(theta))
-    free = movable.copy()
+    is_free = movable.copy()
     for _ in range(len(theta)):
-        index = np.flatnonzero(free)
+        index = np.flatnonzero(is_free)
         if not len(index):
             break
-        g = over * current.gradient[index]
+        g = overstep * current.gradient[index]
         if len(index) < len(theta):
-            g += rows_times(current.hessian, index, np.where(free, 0.0, s))
+            g += rows_times(current.hessian, index, np.where(is_free, 0.0, s))
         s[index] = -_step(current.hessian, damping, scale, index, g)
-        crossing = free & ((theta + s < low) | (theta + s > high))
-        if not crossing.any():
+        is_crossing = is_free & ((theta + s < low) | (theta + s > high))
+        if not is_crossing.any():
             break
-        s[crossing] = (_clip(theta + s, low, high) - theta)[crossing]
-        free &= ~crossing
+        s[is_crossing] = (_clip(theta + s, low, high) - theta)[is_crossing]
+        is_free &= ~is_crossing
     return s
 
 

@@ -29,18 +29,18 @@ from baqueano.identify.covariance.information import (
 from baqueano.identify.data.record import FittedBlocks
 from baqueano.identify.estimation.least_squares import DAMPING, Solution, minimise
 from baqueano.identify.parallel import gram, parallel_map
-from baqueano.identify.residuals.block_arrow import Evaluation, add, dense, diagonal_matrix, places_of
+from baqueano.identify.residuals.block_arrow import Evaluation, add, arrow_layout, dense, diagonal_matrix
 from baqueano.identify.residuals.innovations import axes_of, filter_kernel
 from baqueano.identify.residuals.simulation import Residuals, cached_kernel
 from baqueano.messages.language import translate as _
 
 # K of (1): 97.5 % efficient on normal noise; an outlier of 20 σ keeps a two-thousandth of its weight
-FAR = 3.0
+ROBUST_SCALE = 3.0
 BETA = 0.8797543464799179  # E ψ e of a normal e
 TAU = 0.9025241522034412  # E ψ²/E ψ' of a normal e
-WIDEST = 7.0  # of ½ log q: e⁷ is a thousand times the noise
+MAX_LOG_NOISE = 7.0  # of ½ log q: e⁷ is a thousand times the noise
 TOLERANCE = 1e-7  # decrement at the end
-MOST, PATIENCE = 60, 15  # evaluations, in all and between two progress messages
+MAX_EVALUATIONS, EVALUATIONS_AT_ONCE = 60, 15  # evaluations, in all and between two progress messages
 R = TypeVar("R")
 
 
@@ -62,7 +62,7 @@ class MaximumLikelihood(NamedTuple):
     solution: Solution  # in x
     theta: np.ndarray  # (p,)
     noise: FloorNoise
-    floor_sd: np.ndarray  # (k,) standard errors of v
+    floor_std: np.ndarray  # (k,) standard errors of v
     info: Information  # about x
     ratio: float  # (4): likelihood ratio to v = 0
     evaluations: int
@@ -73,14 +73,14 @@ class MaximumLikelihood(NamedTuple):
         return tail(self.ratio, len(self.noise.floor))
 
 
-class Slopes(NamedTuple):
+class InnovationDerivatives(NamedTuple):
     """Innovations of one segment and their derivatives with respect to x, measurement by measurement."""
 
     e: np.ndarray  # (N, m), 0 without a measurement
     log_s: np.ndarray  # (N, m)
-    e_slopes: np.ndarray  # (N, m, p_segment) ∂e
-    s_slopes: np.ndarray  # (N, m, p_segment) ∂log s
-    places: np.ndarray  # (p_segment,) positions of these entries in x
+    e_derivatives: np.ndarray  # (N, m, p_segment) ∂e
+    s_derivatives: np.ndarray  # (N, m, p_segment) ∂log s
+    indices: np.ndarray  # (p_segment,) positions of these entries in x
 
 
 class Prediction:
@@ -99,7 +99,7 @@ class Prediction:
         noise = noise or FloorNoise(np.zeros(len(self.axes)), np.zeros(self.channels))
         return np.concatenate([theta, noise.vector])
 
-    def parts(self, x: np.ndarray) -> tuple[np.ndarray, FloorNoise]:
+    def split_vector(self, x: np.ndarray) -> tuple[np.ndarray, FloorNoise]:
         """Return θ (p,) and the noise of x."""
         floor, sensors = np.split(x[self.size :], [len(self.axes)])
         return x[: self.size], FloorNoise(floor, sensors)
@@ -107,67 +107,78 @@ class Prediction:
     def evaluate(self, x: np.ndarray) -> Evaluation:
         """Return J, its gradient and its Hessian with respect to x.  (1), (2)"""
         cost, g = 0.0, np.zeros(len(x))
-        H = diagonal_matrix(g, places_of(self.simulation.layout, len(x) - self.size))
-        parts, places = self._each(x, _normal), self._places()
-        for part, index in zip(parts, places, strict=True):
+        H = diagonal_matrix(g, arrow_layout(self.simulation.layout, len(x) - self.size))
+        parts, indices = self._map_segments(x, _segment_cost), self._indices()
+        for part, index in zip(parts, indices, strict=True):
             cost += part.cost
             g[index] += part.gradient
-        add(H, places, [dense(part.hessian) for part in parts])
+        add(H, indices, [dense(part.hessian) for part in parts])
         return Evaluation(cost if np.isfinite(cost) else np.inf, g, H)
 
     def innovations(self, x: np.ndarray) -> list[np.ndarray]:
         """Return for each segment e (N, m), 0 without a measurement."""
-        return self._each(x, lambda slopes: slopes.e)
+        return self._map_segments(x, lambda slopes: slopes.e)
 
-    def slopes(self, x: np.ndarray) -> list[Slopes]:
+    def derivatives(self, x: np.ndarray) -> list[InnovationDerivatives]:
         """Return for each segment the innovations and their derivatives."""
-        return self._each(x, lambda slopes: slopes)
+        return self._map_segments(x, lambda slopes: slopes)
 
-    def _each(self, x: np.ndarray, part: Callable[[Slopes], R]) -> list[R]:
+    def _map_segments(self, x: np.ndarray, of_segment: Callable[[InnovationDerivatives], R]) -> list[R]:
         """Return `part(slopes)` of each segment, computed on all cores."""
 
-        def of_piece(rows: np.ndarray, places: np.ndarray) -> R:
-            return part(self._slopes(rows, x, places))
+        def of_rows(rows: np.ndarray, indices: np.ndarray) -> R:
+            return of_segment(self._derivatives(rows, x, indices))
 
         rows = self.simulation.rows
-        worth = sum(map(len, rows)) if self.kernel.backend == "c" else 0
-        return parallel_map(of_piece, rows, self._places(), rows=worth)
+        work_rows = sum(map(len, rows)) if self.kernel.backend == "c" else 0
+        return parallel_map(of_rows, rows, self._indices(), rows=work_rows)
 
-    def _places(self) -> list[np.ndarray]:
+    def _indices(self) -> list[np.ndarray]:
         """Return for each segment the positions of its θ and of the noise in x."""
         noise = self.size + np.arange(len(self.axes) + self.channels)
         return [np.concatenate([index, noise]) for index in self.simulation.layout.indices]
 
-    def _slopes(self, rows: np.ndarray, x: np.ndarray, places: np.ndarray) -> Slopes:
+    def _derivatives(self, rows: np.ndarray, x: np.ndarray, indices: np.ndarray) -> InnovationDerivatives:
         m = self.channels
-        out, d = self.kernel.sensitivities(rows, x[places])
-        return Slopes(out[:, :m], out[:, m:], d[:, :m], d[:, m:], places)
+        innovations, d = self.kernel.sensitivities(rows, x[indices])
+        return InnovationDerivatives(innovations[:, :m], innovations[:, m:], d[:, :m], d[:, m:], indices)
 
     def information(self, x: np.ndarray) -> Information:
         """Return A and B with respect to x.  (3)"""
         A, B = np.zeros((len(x), len(x))), np.zeros((len(x), len(x)))
-        channels = np.zeros((self.channels, len(x)))
+        by_channel = np.zeros((self.channels, len(x)))
         has, records = self.simulation.has, self.simulation.records
         autocorrelation = autocorrelation_sums(self.innovations(x), has)
         is_autocorrelated = bool(np.any(np.abs(autocorrelation) > WHITE_LIMIT))
-        segments = zip(self.simulation.rows, self._places(), has, records, strict=True)
-        for rows, places, presence, record in segments:
-            slopes = self._slopes(rows, x, places)
-            at, psi = np.ix_(slopes.places, slopes.places), weight(slopes.e) * slopes.e
-            A[at] += _square(slope(slopes.e), slopes.e_slopes) + _square(0.25 * BETA, slopes.s_slopes)
-            channels[:, slopes.places] += np.einsum("tmp,tmp->mp", slopes.e_slopes, slopes.e_slopes)
+        segments = zip(self.simulation.rows, self._indices(), has, records, strict=True)
+        for rows, indices, is_present, record in segments:
+            slopes = self._derivatives(rows, x, indices)
+            block, psi = np.ix_(slopes.indices, slopes.indices), weight(slopes.e) * slopes.e
+            A[block] += _hessian_sum(psi_derivative(slopes.e), slopes.e_derivatives) + _hessian_sum(
+                0.25 * BETA, slopes.s_derivatives
+            )
+            by_channel[:, slopes.indices] += np.einsum(
+                "tmp,tmp->mp", slopes.e_derivatives, slopes.e_derivatives
+            )
             if is_autocorrelated:
-                B[at] += autocorrelated_scores(psi, presence, slopes.e_slopes, record.dt_s)
-                B[at] += _square(0.25 * (BETA - psi * slopes.e) ** 2, slopes.s_slopes)
+                B[block] += autocorrelated_scores(psi, is_present, slopes.e_derivatives, record.dt_s)
+                B[block] += _hessian_sum(0.25 * (BETA - psi * slopes.e) ** 2, slopes.s_derivatives)
             else:
-                U = np.einsum("tm,tmp->tp", psi, slopes.e_slopes) + 0.5 * BETA * slopes.s_slopes.sum(axis=1)
-                B[at] += gram(U)
+                U = np.einsum(
+                    "tm,tmp->tp", psi, slopes.e_derivatives
+                ) + 0.5 * BETA * slopes.s_derivatives.sum(axis=1)
+                B[block] += gram(U)
         return Information(
-            A, B, channels, is_autocorrelated, autocorrelation, int(sum(presence.sum() for presence in has))
+            A,
+            B,
+            by_channel,
+            is_autocorrelated,
+            autocorrelation,
+            int(sum(is_present.sum() for is_present in has)),
         )
 
 
-def most_likely(
+def maximum_likelihood(
     prediction: Prediction,
     theta: np.ndarray,
     low: np.ndarray,
@@ -183,23 +194,23 @@ def most_likely(
     True, a search ends.
     """
     k, m, x = len(prediction.axes), prediction.channels, prediction.x(theta)
-    quiet = np.zeros(m) if least is None else least / prediction.simulation.sigma
-    low = np.concatenate([low, np.zeros(k), np.log(np.clip(quiet, np.exp(-WIDEST), 1.0))])
-    high = np.concatenate([high, np.full(k, np.inf), np.full(m, WIDEST)])
-    floor = np.zeros(len(x), bool)
-    floor[len(theta) : len(theta) + k] = True
+    min_factor = np.zeros(m) if least is None else least / prediction.simulation.sigma
+    low = np.concatenate([low, np.zeros(k), np.log(np.clip(min_factor, np.exp(-MAX_LOG_NOISE), 1.0))])
+    high = np.concatenate([high, np.full(k, np.inf), np.full(m, MAX_LOG_NOISE)])
+    is_floor = np.zeros(len(x), bool)
+    is_floor[len(theta) : len(theta) + k] = True
     fixed = np.concatenate([fixed, np.zeros(k + m, bool)])
-    before = _search(prediction, x, low, high, fixed | floor, DAMPING, progress)
-    solution = _search(prediction, before.theta, low, high, fixed, 1e-6, progress)
-    ratio = 2.0 * (before.evaluation.cost - solution.evaluation.cost) / TAU
-    theta, noise = prediction.parts(solution.theta)
+    without_floor = _search(prediction, x, low, high, fixed | is_floor, DAMPING, progress)
+    solution = _search(prediction, without_floor.theta, low, high, fixed, 1e-6, progress)
+    ratio = 2.0 * (without_floor.evaluation.cost - solution.evaluation.cost) / TAU
+    theta, noise = prediction.split_vector(solution.theta)
     info = prediction.information(solution.theta)
-    inside = floor & (solution.theta > 0.0)
-    sd = np.full(len(x), np.nan)
-    entries = np.flatnonzero((inside | (~fixed & ~floor)) & (np.diagonal(info.bread) > 0.0))
-    sd[entries] = np.sqrt(np.diagonal(covariance_of(info, entries)))
+    is_positive = is_floor & (solution.theta > 0.0)
+    std = np.full(len(x), np.nan)
+    entries = np.flatnonzero((is_positive | (~fixed & ~is_floor)) & (np.diagonal(info.bread) > 0.0))
+    std[entries] = np.sqrt(np.diagonal(covariance_of(info, entries)))
     return MaximumLikelihood(
-        solution, theta, noise, sd[floor], info, ratio, before.evaluations + solution.evaluations
+        solution, theta, noise, std[is_floor], info, ratio, without_floor.evaluations + solution.evaluations
     )
 
 
@@ -222,60 +233,67 @@ def _search(
     progress: Callable[[str], object] | None,
 ) -> Solution:
     """Return the minimum of J from `x`. `progress` receives the progress; if it returns True, the search ends."""
-    count, at = 0, None
+    evaluation_count, evaluation = 0, None
     while True:
         solution = minimise(
             prediction.evaluate, x, low, high,
-            fixed=is_fixed, tolerance=TOLERANCE, most=PATIENCE, damping=damping, evaluation=at,
+            fixed=is_fixed, tolerance=TOLERANCE, most=EVALUATIONS_AT_ONCE, damping=damping, evaluation=evaluation,
         )  # fmt: skip
-        count += solution.evaluations
+        evaluation_count += solution.evaluations
         reason = (
             progress is not None
             and progress(
                 _(
                     "innovations: {count} evaluations, cost {cost:.6g}",
-                    count=count,
+                    count=evaluation_count,
                     cost=solution.evaluation.cost,
                 )
             )
             is True
         )
-        if solution.converged or reason or count >= MOST or not np.isfinite(solution.evaluation.cost):
-            return solution._replace(evaluations=count)
-        x, at, damping = solution.theta, solution.evaluation, 1e-6
+        if (
+            solution.converged
+            or reason
+            or evaluation_count >= MAX_EVALUATIONS
+            or not np.isfinite(solution.evaluation.cost)
+        ):
+            return solution._replace(evaluations=evaluation_count)
+        x, evaluation, damping = solution.theta, solution.evaluation, 1e-6
 
 
-def _normal(slopes: Slopes) -> Evaluation:
+def _segment_cost(slopes: InnovationDerivatives) -> Evaluation:
     """Return J of one segment, with its gradient and Hessian.  (1), (2)"""
     with np.errstate(over="ignore", invalid="ignore"):  # a model that diverges
         cost, w = float(np.sum(rho(slopes.e)) + 0.5 * BETA * np.sum(slopes.log_s)), weight(slopes.e)
-    g = _along(w * slopes.e, slopes.e_slopes) + _along(0.5 * BETA, slopes.s_slopes)
-    return Evaluation(cost, g, _square(w, slopes.e_slopes) + _square(0.25 * BETA, slopes.s_slopes))
+    g = _gradient_sum(w * slopes.e, slopes.e_derivatives) + _gradient_sum(0.5 * BETA, slopes.s_derivatives)
+    return Evaluation(
+        cost, g, _hessian_sum(w, slopes.e_derivatives) + _hessian_sum(0.25 * BETA, slopes.s_derivatives)
+    )
 
 
 def rho(e: np.ndarray) -> np.ndarray:
     """Return ρ of the innovations e.  (1)"""
-    return 0.5 * FAR**2 * np.arctan((e / FAR) ** 2)
+    return 0.5 * ROBUST_SCALE**2 * np.arctan((e / ROBUST_SCALE) ** 2)
 
 
 def weight(e: np.ndarray) -> np.ndarray:
     """Return the weight w = ψ/e of the innovations e."""
-    return 1.0 / (1.0 + (e / FAR) ** 4)
+    return 1.0 / (1.0 + (e / ROBUST_SCALE) ** 4)
 
 
-def slope(e: np.ndarray) -> np.ndarray:
+def psi_derivative(e: np.ndarray) -> np.ndarray:
     """Return the derivative ψ' at the innovations e."""
     w = weight(e)
     return w * (4.0 * w - 3.0)
 
 
-def _along(factors: np.ndarray | float, slopes: np.ndarray) -> np.ndarray:
+def _gradient_sum(factors: np.ndarray | float, slopes: np.ndarray) -> np.ndarray:
     """Return Σ f ∂ (p,) for derivatives (N, m, p) and factors f."""
     flat = slopes.reshape(-1, slopes.shape[-1])
     return np.broadcast_to(factors, slopes.shape[:-1]).ravel() @ flat
 
 
-def _square(factors: np.ndarray | float, slopes: np.ndarray) -> np.ndarray:
+def _hessian_sum(factors: np.ndarray | float, slopes: np.ndarray) -> np.ndarray:
     """Return Σ f ∂ ∂ᵀ (p, p) for derivatives (N, m, p) and factors f."""
     flat = slopes.reshape(-1, slopes.shape[-1])
     return gram(flat, np.broadcast_to(factors, slopes.shape[:-1]).ravel())

@@ -14,21 +14,23 @@ from typing import NamedTuple
 import numpy as np
 
 from baqueano.identify.covariance.information import WHITE_LIMIT, autocorrelation_sums
-from baqueano.identify.estimation.least_squares import MOST, Minimiser, Solution, minimise
-from baqueano.identify.residuals.noise_level import informative_rows, spread
+from baqueano.identify.estimation.least_squares import MAX_EVALUATIONS, Minimiser, Solution, minimise
+from baqueano.identify.residuals.noise_level import informative_rows, robust_sigma
 from baqueano.identify.residuals.simulation import Residuals
 from baqueano.messages.language import translate as _
 
-ROUNDS = 15  # of σ
-SETTLED = 5e-3  # relative change of σ below which it is final
-NEAR = 0.2  # relative change below which the next round is run to its end
-ROUGH, FINE = 1e-1, 1e-7  # decrements while σ is still moving, and at the end
-PATIENCE = 20  # evaluations while σ is still moving
-GAINS = ("actuator_matrix", "velocity_matrix", "throttle_gain")
-LACKING = 0.14  # of a channel's own spread: with larger autocorrelated residuals a search is not sound
-SAME = 1e-3  # of the logarithm of σ: closer ends count as the same
-TWICE = 0.7  # of the logarithm of σ: a rough end that is worse by more is dropped
-AGAIN = (1.0, 0.25, 4.0)  # factors on all but the gains, if the search begins again without force
+MAX_ROUNDS = 15  # of σ
+SIGMA_TOLERANCE = 5e-3  # relative change of σ below which it is final
+NEAR_CHANGE = 0.2  # relative change below which the next round is run to its end
+ROUGH_DECREMENT, FINE_DECREMENT = 1e-1, 1e-7  # decrements while σ is still moving, and at the end
+ROUND_EVALUATIONS = 20  # evaluations while σ is still moving
+GAIN_NAMES = ("actuator_matrix", "velocity_matrix", "throttle_gain")
+MAX_RESIDUAL_SHARE = (
+    0.14  # of a channel's own spread: with larger autocorrelated residuals a search is not sound
+)
+EQUAL_LOG_SIGMA = 1e-3  # of the logarithm of σ: closer ends count as the same
+DROPPED_LOG_SIGMA = 0.7  # of the logarithm of σ: a rough end that is worse by more is dropped
+RESTART_FACTORS = (1.0, 0.25, 4.0)  # factors on all but the gains, if the search begins again without force
 
 
 class Task(NamedTuple):
@@ -60,11 +62,13 @@ class Search(NamedTuple):
     profile: list[np.ndarray] | None = None  # per segment (N, m), of mean square 1: relative σ if it varies
     stopped: bool = False  # True if the caller requested to stop; not converged if there was more to do
 
-    def sound(self, signal: np.ndarray) -> bool:
+    def is_sound(self, signal: np.ndarray) -> bool:
         """Return True if the search converged and the residuals are not both autocorrelated and large. `signal` (m,)
         contains the standard deviations of the channels."""
-        lacking = (np.abs(self.autocorrelation) > WHITE_LIMIT) & (self.sigma > LACKING * signal)
-        return self.solution.converged and not lacking.any()
+        is_unexplained = (np.abs(self.autocorrelation) > WHITE_LIMIT) & (
+            self.sigma > MAX_RESIDUAL_SHARE * signal
+        )
+        return self.solution.converged and not is_unexplained.any()
 
     def badness(self, counts: np.ndarray) -> float:
         """Return the logarithm of the residual spread over all samples, by which searches are compared. It is
@@ -75,26 +79,31 @@ class Search(NamedTuple):
 
 def best_search(task: Task, begin: np.ndarray) -> Search:
     """Return the search from `begin` (p,). If it is not sound, return the best of several searches."""
-    best = search(task, begin)
+    best_end = search(task, begin)
     signal, counts = task.problem.signal(), np.sum([has.sum(axis=0) for has in task.problem.has], axis=0)
-    gains = np.array(
-        [path.partition("[")[0].endswith(GAINS) for path in task.problem.shape.shared], dtype=bool
+    is_gain = np.array(
+        [path.partition("[")[0].endswith(GAIN_NAMES) for path in task.problem.shape.shared], dtype=bool
     )
-    for factor in AGAIN if gains.any() and task.again else ():
-        if best.stopped or best.sound(signal):
+    for factor in RESTART_FACTORS if is_gain.any() and task.again else ():
+        if best_end.stopped or best_end.is_sound(signal):
             break
         theta = task.first.copy()
-        theta[: len(gains)] = np.where(gains, 0.0, factor * theta[: len(gains)])
-        second = search(task, np.clip(theta, task.low, task.high), rough=True)
-        if not second.stopped and second.badness(counts) - best.badness(counts) < TWICE * counts.sum():
-            whole = search(task, second.solution.theta, None, second)
-            second = whole._replace(evaluations=whole.evaluations + second.evaluations)
-        gain = (best.badness(counts) - second.badness(counts)) / counts.sum()
-        evaluations = best.evaluations + second.evaluations
-        best = (second if gain > SAME else best)._replace(evaluations=evaluations, stopped=second.stopped)
-        if abs(gain) <= SAME:
+        theta[: len(is_gain)] = np.where(is_gain, 0.0, factor * theta[: len(is_gain)])
+        second_end = search(task, np.clip(theta, task.low, task.high), rough=True)
+        if (
+            not second_end.stopped
+            and second_end.badness(counts) - best_end.badness(counts) < DROPPED_LOG_SIGMA * counts.sum()
+        ):
+            refined = search(task, second_end.solution.theta, None, second_end)
+            second_end = refined._replace(evaluations=refined.evaluations + second_end.evaluations)
+        gain = (best_end.badness(counts) - second_end.badness(counts)) / counts.sum()
+        evaluations = best_end.evaluations + second_end.evaluations
+        best_end = (second_end if gain > EQUAL_LOG_SIGMA else best_end)._replace(
+            evaluations=evaluations, stopped=second_end.stopped
+        )
+        if abs(gain) <= EQUAL_LOG_SIGMA:
             break  # two searches ended at the same place
-    return best
+    return best_end
 
 
 def search(
@@ -117,13 +126,14 @@ def search(
         sigma, profile = (
             sigma_at(task, problem, theta) if task.fixed_sigma is None else (task.fixed_sigma, None)
         )
-    count, turn, near, reason = 0, 1, sigma_fixed, False
+    count, round_number, is_near, reason = 0, 1, sigma_fixed, False
     while True:
         problem = problem.weight(sigma, profile)
-        near = near or turn == ROUNDS
+        is_near = is_near or round_number == MAX_ROUNDS
         solution = task.minimise(
             problem.evaluate, theta, task.low, task.high, fixed=fixed, damping=damping,
-            tolerance=FINE if near else ROUGH, most=MOST if near else PATIENCE,
+            tolerance=FINE_DECREMENT if is_near else ROUGH_DECREMENT,
+            most=MAX_EVALUATIONS if is_near else ROUND_EVALUATIONS,
         )  # fmt: skip
         theta, count, damping = solution.theta, count + solution.evaluations, 1e-6
         if task.progress is not None:
@@ -131,23 +141,23 @@ def search(
                 task.progress(
                     _(
                         "round {turn}: {count} evaluations, cost {cost:.6g}",
-                        turn=turn,
+                        turn=round_number,
                         count=count,
                         cost=solution.evaluation.cost,
                     )
                 )
                 is True
             )
-        if sigma_fixed or turn == ROUNDS or not np.isfinite(solution.evaluation.cost):
+        if sigma_fixed or round_number == MAX_ROUNDS or not np.isfinite(solution.evaluation.cost):
             break
-        now, profile = sigma_at(task, problem, theta)
-        change = float(np.max(np.abs(np.log(now / sigma))))
-        if (near and change < SETTLED) or (rough and change < NEAR):
+        new_sigma, profile = sigma_at(task, problem, theta)
+        change = float(np.max(np.abs(np.log(new_sigma / sigma))))
+        if (is_near and change < SIGMA_TOLERANCE) or (rough and change < NEAR_CHANGE):
             break
         if reason:
             solution = solution._replace(converged=False)
             break
-        sigma, near, turn = now, change < NEAR, turn + 1
+        sigma, is_near, round_number = new_sigma, change < NEAR_CHANGE, round_number + 1
     autocorrelation = autocorrelation_sums(problem.residuals(solution.theta), problem.has)
     return Search(problem, solution, problem.sigma, autocorrelation, count, profile, reason)
 
@@ -157,11 +167,11 @@ def sigma_at(task: Task, problem: Residuals, theta: np.ndarray) -> tuple[np.ndar
     the spread of the measurements."""
     residuals, profile = problem.misfits(theta), None
     if not all(np.isfinite(r).all() for r in residuals):
-        sigma = spread(problem.z, problem.has, task.floor)
+        sigma = robust_sigma(problem.z, problem.has, task.floor)
     elif task.by_speed:
         sigma, profile = problem.spread_and_profile(residuals, theta, task.floor)
     else:
-        sigma = spread(residuals, informative_rows(residuals, problem.has, problem.z), task.floor)
+        sigma = robust_sigma(residuals, informative_rows(residuals, problem.has, problem.z), task.floor)
     if task.prior_sigma is not None:
         sigma = np.where(task.prior_sigma > 0.0, task.prior_sigma, sigma)
     return sigma, profile

@@ -8,54 +8,56 @@ from collections.abc import Sequence
 
 from baqueano.diagnostics import Diagnostic, Severity, note
 from baqueano.identify.parameters.free import Free
-from baqueano.vehicles.freedoms import AXES
+from baqueano.vehicles.freedoms import AXIS_NAMES
 
-MOST = 4  # names in one message
+MAX_NAMES = 4  # names in one message
 WARNING = Severity.WARNING
 
 
-def weakly(parameter: Free, near: Sequence[Free]) -> Diagnostic:
+def weak_reason(parameter: Free, confused: Sequence[Free]) -> Diagnostic:
     """Return the reason for the large error of a parameter, and the motion that would reduce it."""
-    if near:
-        names = _names(near)
+    if confused:
+        names = _names(confused)
         return note(
             "identifiability.weakly-beside",
             WARNING,
             subject=parameter.path,
             others=names,
-            why=_motion_note((parameter, *near)),
-            needs=_needs(parameter),
+            why=_motion_note((parameter, *confused)),
+            needs=_needed_motion(parameter),
         )
     return note(
         "identifiability.weakly",
         WARNING,
         subject=parameter.path,
         why=_motion_note((parameter,)),
-        needs=_needs(parameter),
+        needs=_needed_motion(parameter),
     )
 
 
-def unobservable(
-    parameter: Free, ties: Sequence[Free], value: float, near: Sequence[Free] = ()
+def unobservable_reason(
+    parameter: Free, collinear: Sequence[Free], value: float, confused: Sequence[Free] = ()
 ) -> Diagnostic:
     """Return the reason why a parameter is fixed at `value`, and the motion that would show it."""
-    if ties:
+    if collinear:
         return note(
             "identifiability.tied",
             subject=parameter.path,
-            others=_names(ties),
+            others=_names(collinear),
             at=value,
             how=_by_hand(parameter),
-            apart=_separation((parameter, *ties)),
+            apart=_separation((parameter, *collinear)),
         )
     if parameter.of.role == "scale":
-        return note("identifiability.scale", subject=parameter.path, at=value, needs=_needs(parameter))
-    reason, needs = _motion_note((parameter, *near)), _needs(parameter)
-    if near:
+        return note(
+            "identifiability.scale", subject=parameter.path, at=value, needs=_needed_motion(parameter)
+        )
+    reason, needs = _motion_note((parameter, *confused)), _needed_motion(parameter)
+    if confused:
         return note(
             "identifiability.not-beside",
             subject=parameter.path,
-            others=_names(near),
+            others=_names(confused),
             at=value,
             why=reason,
             needs=needs,
@@ -74,7 +76,9 @@ def missing_command(parameters: Sequence[Free], command: str, never: bool) -> Di
 
 def _names(parameters: Sequence[Free]) -> str:
     """Return the short names as text, at most MOST."""
-    return ", ".join([parameter.short for parameter in parameters[:MOST]] + ["…"] * (len(parameters) > MOST))
+    return ", ".join(
+        [parameter.short for parameter in parameters[:MAX_NAMES]] + ["…"] * (len(parameters) > MAX_NAMES)
+    )
 
 
 def _motion_note(parameters: Sequence[Free]) -> Diagnostic | str:
@@ -108,10 +112,10 @@ def _separation(parameters: Sequence[Free]) -> Diagnostic | str:
     return note("identifiability.apart", motion=motions[0]) if motions else ""
 
 
-def _needs(parameter: Free) -> Diagnostic:
+def _needed_motion(parameter: Free) -> Diagnostic:
     if parameter.shown_by:
         return note("identifiability.needs", motion=parameter.shown_by)
     if parameter.of.role == "gain" and parameter.of.shape == (3, 3):
-        row, column = (AXES[i] for i in parameter.entry)
+        row, column = (AXIS_NAMES[i] for i in parameter.entry)
         return note("identifiability.needs-command", command=column, motion=row)
     return note("identifiability.needs-run")

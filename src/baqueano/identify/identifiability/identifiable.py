@@ -6,11 +6,11 @@
 A_ii^c is the information of the channel c with the most information on θ_i; E_c is the energy of its predicted signal.
 Both are in standard deviations of the noise; 30 is the energy that a fit to noise only may have. A direction v with C v
 ≈ 0 moves no measurement. Then one of its parameters is fixed, preferably a parameter that scale or tape can measure. Of
-two starts, the start with less information is fixed. Parameters with an error above `BLIND` s_i, or half the span of
-their bounds, are fixed too. So is a scale with an error above `TOLERANCE`, the error in its data sheet. A parameter
-with an error above `WEAK_VALUE` of its value and `WEAK_SIGNAL` of (2) is weak. Its variance is Σ_j v_ij²/λ_j. It may be
-confused with parameters that have `LOADING` of the largest entry in the direction v_j of C with most of this variance.
-The messages are in identifiability/advice.py.
+two starts, the start with less information is fixed. Parameters with an error above `BLIND_RATIO` s_i, or half the
+span of their bounds, are fixed too. So is a scale with an error above `SCALE_STD`, the error in its data sheet. A
+parameter with an error above `WEAK_VALUE` of its value and `WEAK_SIGNAL` of (2) is weak. Its variance is Σ_j
+v_ij²/λ_j. It may be confused with parameters that have `MEMBER_LOADING` of the largest entry in the direction v_j of C
+with most of this variance. The messages are in identifiability/advice.py.
 """
 
 from collections.abc import Mapping, Sequence
@@ -21,7 +21,7 @@ import numpy as np
 from baqueano.diagnostics import Diagnostic
 from baqueano.identify.covariance.information import Information, covariance_of, information
 from baqueano.identify.data.record import FittedBlocks
-from baqueano.identify.data.segments import without_starts
+from baqueano.identify.data.segments import eliminate_starts
 from baqueano.identify.estimation.search import Search, Task, search
 from baqueano.identify.parallel import parallel_map
 from baqueano.identify.parameters.free import DELAY, Free
@@ -31,14 +31,14 @@ from baqueano.sensors.sampling import measures_pose
 if TYPE_CHECKING:
     from baqueano.vehicle_file import VehicleFile
 
-SINGULAR = 1e-9  # of the largest eigenvalue of C, below which a direction is unobservable
-BLIND = 0.5
+SINGULAR_EIGENVALUE = 1e-9  # of the largest eigenvalue of C, below which a direction is unobservable
+BLIND_RATIO = 0.5
 NOISE_ENERGY = 30.0  # energy that a model without motion may fit to the noise, 5 σ of one number
-TOLERANCE = 0.03 / 3.0**0.5  # σ of a scale with ± 3 % in its data sheet, such as the MPU-6050
+SCALE_STD = 0.03 / 3.0**0.5  # σ of a scale with ± 3 % in its data sheet, such as the MPU-6050
 WEAK_VALUE = 0.3
 WEAK_SIGNAL = 0.02
-TOUCHED = 0.01  # least part of the largest entry, for a parameter that is fixed to resolve a direction
-LOADING = 0.3  # part of the largest entry of a direction, above which a parameter belongs to it
+MIN_LOADING = 0.01  # least part of the largest entry, for a parameter that is fixed to resolve a direction
+MEMBER_LOADING = 0.3  # part of the largest entry of a direction, above which a parameter belongs to it
 
 
 class Identifiability(NamedTuple):
@@ -63,42 +63,44 @@ def identifiability_of(
     The first entries belong to `shared`, the parameters of the vehicle. `fixed` (p,) bool marks entries that are
     already fixed; `span` (p,) is the distance between the bounds.
     """
-    by_hand = [k < len(shared) and shared[k].of.measured_by != "" for k in range(len(theta))]
-    identifiable, collinear, near = ~fixed & (np.diagonal(info.bread) > 0.0), {}, {}
-    signal = _signal_scale(info.channels, energy)
-    while identifiable.any():
-        direction = _unseen_direction(info.bread, identifiable)
+    is_by_hand = [k < len(shared) and shared[k].of.measured_by != "" for k in range(len(theta))]
+    is_identifiable, collinear, near = ~fixed & (np.diagonal(info.bread) > 0.0), {}, {}
+    signal = _signal_scale(info.information_by_channel, energy)
+    while is_identifiable.any():
+        direction = _unseen_direction(info.bread, is_identifiable)
         if direction is None:
             break
-        part = np.abs(direction) / np.max(np.abs(direction))
-        inside = np.flatnonzero(part >= LOADING).tolist()
-        members, diagonal = np.flatnonzero(part >= TOUCHED), np.diagonal(info.bread)
-        rank = [(by_hand[i], round(part[i], 1), -diagonal[i] if i >= len(shared) else 0.0) for i in members]
-        out = int(members[max(range(len(members)), key=rank.__getitem__)])
-        collinear[out] = tuple(i for i in inside if i != out)
-        identifiable[out] = False
-    of_vehicle = np.arange(len(theta)) < len(shared)
+        loading = np.abs(direction) / np.max(np.abs(direction))
+        main_entries = np.flatnonzero(loading >= MEMBER_LOADING).tolist()
+        members, diagonal = np.flatnonzero(loading >= MIN_LOADING), np.diagonal(info.bread)
+        rank = [
+            (is_by_hand[i], round(loading[i], 1), -diagonal[i] if i >= len(shared) else 0.0) for i in members
+        ]
+        removed = int(members[max(range(len(members)), key=rank.__getitem__)])
+        collinear[removed] = tuple(i for i in main_entries if i != removed)
+        is_identifiable[removed] = False
+    is_of_vehicle = np.arange(len(theta)) < len(shared)
     signal = signal if span is None else np.minimum(signal, span)
-    scales = np.array([k < len(shared) and shared[k].of.role == "scale" for k in range(len(theta))])
-    signal = np.where(scales, np.minimum(signal, TOLERANCE / BLIND), signal)
-    weak = np.zeros(len(theta), bool)
-    while identifiable.any():
-        index = np.flatnonzero(identifiable)
-        sd = np.sqrt(np.diagonal(covariance_of(info, index)))
-        excess = np.where(of_vehicle[index], sd - BLIND * signal[index], -1.0)
+    is_scale = np.array([k < len(shared) and shared[k].of.role == "scale" for k in range(len(theta))])
+    signal = np.where(is_scale, np.minimum(signal, SCALE_STD / BLIND_RATIO), signal)
+    is_weak = np.zeros(len(theta), bool)
+    while is_identifiable.any():
+        index = np.flatnonzero(is_identifiable)
+        std = np.sqrt(np.diagonal(covariance_of(info, index)))
+        excess = np.where(is_of_vehicle[index], std - BLIND_RATIO * signal[index], -1.0)
         if not np.any(excess > 0.0):
-            large = (sd > WEAK_VALUE * np.abs(theta[index])) & (sd > WEAK_SIGNAL * signal[index])
-            weak[index] = large & of_vehicle[index]
+            is_large = (std > WEAK_VALUE * np.abs(theta[index])) & (std > WEAK_SIGNAL * signal[index])
+            is_weak[index] = is_large & is_of_vehicle[index]
             near |= {
-                int(k): _correlated_entries(info.bread, identifiable & of_vehicle, int(k))
-                for k in np.flatnonzero(weak)
+                int(k): _correlated_entries(info.bread, is_identifiable & is_of_vehicle, int(k))
+                for k in np.flatnonzero(is_weak)
             }
             break
-        relative = sd / np.maximum(signal[index], 1e-9 * sd)
-        out = int(index[np.argmax(np.where(excess > 0.0, relative, -1.0))])
-        near[out] = _correlated_entries(info.bread, identifiable & of_vehicle, out)
-        identifiable[out] = False
-    return Identifiability(identifiable, weak, collinear, near)
+        relative = std / np.maximum(signal[index], 1e-9 * std)
+        removed = int(index[np.argmax(np.where(excess > 0.0, relative, -1.0))])
+        near[removed] = _correlated_entries(info.bread, is_identifiable & is_of_vehicle, removed)
+        is_identifiable[removed] = False
+    return Identifiability(is_identifiable, is_weak, collinear, near)
 
 
 def _correlated_entries(A: np.ndarray, identifiable: np.ndarray, k: int) -> tuple[int, ...]:
@@ -108,7 +110,7 @@ def _correlated_entries(A: np.ndarray, identifiable: np.ndarray, k: int) -> tupl
     values, vectors = np.linalg.eigh(A[np.ix_(index, index)] * np.outer(root, root))
     row = vectors[int(np.searchsorted(index, k))]
     v = np.abs(vectors[:, np.argmax(row**2 / np.maximum(values, 1e-12 * values[-1]))])
-    return tuple(int(i) for i in index[v >= LOADING * v.max()] if i != k)
+    return tuple(int(i) for i in index[v >= MEMBER_LOADING * v.max()] if i != k)
 
 
 def _unseen_direction(A: np.ndarray, identifiable: np.ndarray) -> np.ndarray | None:
@@ -116,18 +118,18 @@ def _unseen_direction(A: np.ndarray, identifiable: np.ndarray) -> np.ndarray | N
     index = np.flatnonzero(identifiable)
     root = 1.0 / np.sqrt(np.diagonal(A)[index])
     values, vectors = np.linalg.eigh(A[np.ix_(index, index)] * np.outer(root, root))
-    if values[0] > SINGULAR * values[-1]:
+    if values[0] > SINGULAR_EIGENVALUE * values[-1]:
         return None
     v = np.zeros(len(A))
     v[index] = vectors[:, 0]
     return v
 
 
-def _signal_scale(channels: np.ndarray, energy: np.ndarray) -> np.ndarray:
+def _signal_scale(by_channel: np.ndarray, energy: np.ndarray) -> np.ndarray:
     """Return s (p,), the change of each parameter that is as large as a signal.  (2)"""
-    most = np.argmax(channels, axis=0)
-    info = channels[most, np.arange(channels.shape[1])]
-    return np.sqrt(np.maximum(energy[most] - NOISE_ENERGY, 0.0) / np.maximum(info, 1e-300))
+    strongest = np.argmax(by_channel, axis=0)
+    info = by_channel[strongest, np.arange(by_channel.shape[1])]
+    return np.sqrt(np.maximum(energy[strongest] - NOISE_ENERGY, 0.0) / np.maximum(info, 1e-300))
 
 
 def fix_unidentifiable(
@@ -136,25 +138,29 @@ def fix_unidentifiable(
     """Repeat the search until all unidentifiable entries of θ are fixed at their start. Return the search, the
     identifiability, and the information. `free` are the first entries of θ."""
     problem = end.problem
-    whole = len(problem.layout.runs) == max(problem.layout.runs) + 1
-    count = problem.size if whole else problem.layout.starts  # starts of segments are of no interest
-    is_fixed, ties = np.zeros(count, bool), {}
+    is_uncut = len(problem.layout.runs) == max(problem.layout.runs) + 1
+    count = problem.size if is_uncut else problem.layout.first_start  # starts of segments are of no interest
+    is_fixed, collinear = np.zeros(count, bool), {}
     while True:
         problem, theta = end.problem, end.solution.theta
         info = information(problem, theta)
-        if not whole:
-            A, B = without_starts(info.bread, info.meat, problem.layout)
-            info = info._replace(bread=A, meat=B, channels=info.channels[:, :count])
+        if not is_uncut:
+            A, B = eliminate_starts(info.bread, info.meat, problem.layout)
+            info = info._replace(
+                bread=A, meat=B, information_by_channel=info.information_by_channel[:, :count]
+            )
         if task.prior_sigma is not None:  # a hand measurement is without a signal to compare with
-            info = info._replace(channels=info.channels * (task.prior_sigma == 0.0)[:, None])
+            info = info._replace(
+                information_by_channel=info.information_by_channel * (task.prior_sigma == 0.0)[:, None]
+            )
         span = (task.high - task.low)[:count]
         span[[k for k, parameter in enumerate(free) if parameter.path == DELAY]] = np.inf
         identifiability = identifiability_of(
             info, energy(problem, theta), theta[:count], free, is_fixed, span
         )
-        ties |= identifiability.collinear
+        collinear |= identifiability.collinear
         if np.array_equal(~identifiability.mask, is_fixed):
-            return end, identifiability._replace(collinear=ties), info
+            return end, identifiability._replace(collinear=collinear), info
         is_fixed = ~identifiability.mask
         is_held_fixed = np.concatenate([is_fixed, np.zeros(problem.size - count, bool)])
         second_search = search(task, np.where(is_held_fixed, task.first, theta), is_held_fixed, end)
@@ -167,21 +173,23 @@ def energy(problem: Residuals, theta: np.ndarray) -> np.ndarray:
     The mean is taken over all rows, or over each segment if a parameter of the segment or run can explain it.
     """
 
-    def of(r: np.ndarray, z: np.ndarray, has: np.ndarray, weight: np.ndarray) -> np.ndarray:
+    def channel_sums(r: np.ndarray, z: np.ndarray, has: np.ndarray, weight: np.ndarray) -> np.ndarray:
         h = (z * weight - r) * has
         return np.array([np.einsum("tc,tc->c", h, h), np.einsum("tc->c", h), np.einsum("tc->c", has)])
 
     rows = sum(map(len, problem.z))
     sums = np.array(
-        parallel_map(of, problem.residuals(theta), problem.z, problem.has, problem.weights, rows=rows)
+        parallel_map(
+            channel_sums, problem.residuals(theta), problem.z, problem.has, problem.weights, rows=rows
+        )
     )
     square, total, count = sums.transpose(1, 0, 2)  # (segments, m) each
-    of_segments = np.sum(total**2 / np.maximum(count, 1.0), axis=0)
-    of_all = np.sum(total, axis=0) ** 2 / np.maximum(np.sum(count, axis=0), 1.0)
-    return np.sum(square, axis=0) - np.where(one_mean(problem), of_all, of_segments)
+    segment_means = np.sum(total**2 / np.maximum(count, 1.0), axis=0)
+    common_mean = np.sum(total, axis=0) ** 2 / np.maximum(np.sum(count, axis=0), 1.0)
+    return np.sum(square, axis=0) - np.where(has_one_mean(problem), common_mean, segment_means)
 
 
-def one_mean(problem: Residuals) -> np.ndarray:
+def has_one_mean(problem: Residuals) -> np.ndarray:
     """Return a mask (m,), True for channels whose mean is not explained by a start, a bias, or a position."""
     by_run = {name.split(".")[1] for name in problem.shape.by_run}
     sensors = problem._blocks.sensors._asdict()
@@ -194,7 +202,7 @@ def one_mean(problem: Residuals) -> np.ndarray:
 class FinishedFit(NamedTuple):
     """State of a fit after the search."""
 
-    file: "VehicleFile"
+    vehicle_file: "VehicleFile"
     blocks: FittedBlocks
     task: Task
     requested: list[Free]  # (p,) all requested parameters
@@ -205,8 +213,8 @@ class FinishedFit(NamedTuple):
     note: Diagnostic | None = None  # on changes before the search
     findings: tuple[Diagnostic, ...] = ()  # about the data
     score_test: bool = True  # True to test for effects that the model lacks
-    floor: bool = False  # True if process noise explains the residuals of the simulation
-    filtered: bool = False  # True if θ comes from the innovations
+    is_explained_by_floor: bool = False  # True if process noise explains the residuals of the simulation
+    is_filtered: bool = False  # True if θ comes from the innovations
     systematic: np.ndarray | None = None  # (p, p) covariance of θ from parameters fixed at measured values
 
     @property
@@ -219,7 +227,7 @@ class FinishedFit(NamedTuple):
         """Return the entries of `requested` that are in θ."""
         return [self.requested[k] for k in self.in_theta]
 
-    def like(self, which: Mapping[int, tuple[int, ...]], i: int) -> list[Free]:
+    def confused_with(self, which: Mapping[int, tuple[int, ...]], i: int) -> list[Free]:
         """Return the shared parameters that are confused with entry i of θ, according to `which`, a field of
         `identifiability`."""
         return [self.free[j] for j in which.get(i, ()) if j < len(self.in_theta)]

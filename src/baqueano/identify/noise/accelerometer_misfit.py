@@ -20,7 +20,7 @@ import numpy as np
 
 from baqueano.estimators.augmented.state import layout
 from baqueano.estimators.augmented_ekf import AugmentedEkf
-from baqueano.estimators.readings.sensor_numbers import slopes
+from baqueano.estimators.readings.sensor_numbers import measurement_jacobian
 from baqueano.estimators.readings.velocity_readings import readings_of
 from baqueano.identify.residuals.noise_level import MAD
 
@@ -28,10 +28,10 @@ if TYPE_CHECKING:
     from baqueano.identify.result.fit_result import Fit
 
 WINDOWS_S = (0.4, 0.8, 1.6)  # τ: longer than the delay of wheels, shorter than changes of a bias
-SAMPLES = 4  # of the wheels in a window, at least
-BLOCK_S, FEWEST, DRAWS = 2.0, 8, 1000  # length of a block, least number of blocks, draws
-HIGH, LEAST = 0.975, 1e-3  # quantile of φ; least φ, so that a filter can still follow a misfit
-AHEAD, TURNING, AHEAD_DOT = 0, 2, 6  # of ν; of (η, ν, ν̇)
+MIN_WINDOW_SAMPLES = 4  # of the wheels in a window, at least
+BLOCK_S, MIN_BLOCKS, DRAWS = 2.0, 8, 1000  # length of a block, least number of blocks, draws
+UPPER_QUANTILE, MIN_SHARE = 0.975, 1e-3  # quantile of φ; least φ, so that a filter can still follow a misfit
+FORWARD, YAW, FORWARD_DOT = 0, 2, 6  # of ν; of (η, ν, ν̇)
 
 
 class Series(NamedTuple):
@@ -50,46 +50,51 @@ class Series(NamedTuple):
         return Series(self.t_s, np.concatenate([[0.0], np.cumsum(steps)]))
 
 
-def accelerometer_ahead(ekf: AugmentedEkf, inertial: set[str]) -> tuple[str, int, float] | None:
+def forward_accelerometer(ekf: AugmentedEkf, inertial: set[str]) -> tuple[str, int, float] | None:
     """Return sensor, entry and derivative of the inertial reading that depends most on ν̇_x, or None."""
     readings = [
-        (name, i, float(slope[AHEAD_DOT]))
+        (name, i, float(slope[FORWARD_DOT]))
         for name in sorted(inertial)
-        for i, slope in enumerate(slopes(getattr(ekf.sensors, name)))
+        for i, slope in enumerate(measurement_jacobian(getattr(ekf.sensors, name)))
     ]
-    best = max(readings, key=lambda reading: abs(reading[2]), default=None)
-    return best if best and best[2] != 0.0 else None
+    strongest = max(readings, key=lambda reading: abs(reading[2]), default=None)
+    return strongest if strongest and strongest[2] != 0.0 else None
 
 
 def accelerometer_share(ekf: AugmentedEkf, fit: "Fit", inertial: set[str]) -> float:
     """Return the upper end of the 95 % interval of φ over all runs, in [LEAST, 1]; 1 with too few data.  (2)"""
     sums = np.concatenate([np.zeros((0, 2)), *(sums_of(*each) for each in _series(ekf, fit, inertial))])
-    if len(sums) < FEWEST or not np.sum(sums[:, 1]) > 0.0:
+    if len(sums) < MIN_BLOCKS or not np.sum(sums[:, 1]) > 0.0:
         return 1.0
     pick = np.random.default_rng(0).integers(0, len(sums), (DRAWS, len(sums)))
-    both, by_wheels = np.moveaxis(sums[pick].sum(axis=1), 1, 0)
-    part = np.where(by_wheels > 0.0, both / np.where(by_wheels > 0.0, by_wheels, 1.0), 1.0)
-    return float(np.clip(np.quantile(part, HIGH), LEAST, 1.0))
+    products, by_wheels = np.moveaxis(sums[pick].sum(axis=1), 1, 0)
+    share = np.where(by_wheels > 0.0, products / np.where(by_wheels > 0.0, by_wheels, 1.0), 1.0)
+    return float(np.clip(np.quantile(share, UPPER_QUANTILE), MIN_SHARE, 1.0))
 
 
-def sums_of(speed: Series, ahead: Series, rate: Series) -> np.ndarray:
+def sums_of(speed: Series, acceleration: Series, rate: Series) -> np.ndarray:
     """Return Σ w A B and Σ w (B² − 6 q/τ²) for each block (K, 2), over all τ; `rate` is the yaw rate.  (1), (2)"""
-    begin, end = (cut(each.t_s[k] for each in (speed, ahead, rate)) for cut, k in ((max, 0), (min, -1)))
-    way, psi = ahead.integral(), rate.integral()
-    floor = [Series(psi.t_s, np.cos(psi.x)), Series(psi.t_s, np.sin(psi.x))]
-    floor += [series.integral() for series in floor]
-    white = (MAD * float(np.median(np.abs(np.diff(speed.x, 2))))) ** 2 / 6.0
-    least, sums = SAMPLES * float(np.median(np.diff(speed.t_s))), np.zeros((int((end - begin) / BLOCK_S), 2))
-    for tau in (window_s for window_s in WINDOWS_S if len(sums) and window_s >= least):
+    begin, end = (
+        cut(each.t_s[k] for each in (speed, acceleration, rate)) for cut, k in ((max, 0), (min, -1))
+    )
+    velocity, psi = acceleration.integral(), rate.integral()
+    regressors = [Series(psi.t_s, np.cos(psi.x)), Series(psi.t_s, np.sin(psi.x))]
+    regressors += [series.integral() for series in regressors]
+    white_variance = (MAD * float(np.median(np.abs(np.diff(speed.x, 2))))) ** 2 / 6.0
+    min_window_s, sums = (
+        MIN_WINDOW_SAMPLES * float(np.median(np.diff(speed.t_s))),
+        np.zeros((int((end - begin) / BLOCK_S), 2)),
+    )
+    for tau in (window_s for window_s in WINDOWS_S if len(sums) and window_s >= min_window_s):
         t_s = np.arange(begin, end, 0.5 * tau)
         A, B, *of_floor = (
             (x[4:] - 2.0 * x[2:-2] + x[:-4]) / tau
-            for x in (signal.interpolate(t_s) for signal in (way, speed, *floor))
+            for x in (signal.interpolate(t_s) for signal in (velocity, speed, *regressors))
         )
         X = np.stack(of_floor, axis=1)
         B = B - X @ np.linalg.lstsq(X, B, rcond=None)[0]
         block = np.minimum(((t_s[2:-2] - begin) / BLOCK_S).astype(int), len(sums) - 1)
-        each = np.stack([A * B, B**2 - 6.0 * white / tau**2]) / np.mean(A**2)
+        each = np.stack([A * B, B**2 - 6.0 * white_variance / tau**2]) / np.mean(A**2)
         sums += np.stack([np.bincount(block, x, len(sums)) for x in each], axis=1)
     return sums
 
@@ -97,30 +102,40 @@ def sums_of(speed: Series, ahead: Series, rate: Series) -> np.ndarray:
 def _series(ekf: AugmentedEkf, fit: "Fit", inertial: set[str]) -> Iterator[tuple[Series, Series, Series]]:
     """Yield for each run the residuals of the wheels' speed and of the forward accelerometer, and the gyro's yaw
     rate."""
-    ahead, readings = accelerometer_ahead(ekf, inertial), readings_of(ekf.sensors, layout(ekf).names)
+    accelerometer, readings = (
+        forward_accelerometer(ekf, inertial),
+        readings_of(ekf.sensors, layout(ekf).names),
+    )
     wheels = next(
-        (reading for reading in readings if AHEAD in reading.of and reading.name not in inertial), None
+        (reading for reading in readings if FORWARD in reading.entries and reading.name not in inertial), None
     )
     gyro = next((reading for reading in readings if reading.is_gyro), None)
-    if ahead is None or wheels is None or gyro is None:
+    if accelerometer is None or wheels is None or gyro is None:
         return
     for run in fit.runs:
-        by = {(c.sensor, c.entry): c for c in fit.channels if c.run == run}
+        channel_of = {(c.sensor, c.entry): c for c in fit.channels if c.run == run}
         if (
-            not {ahead[:2], *((reading.name, k) for reading in (wheels, gyro) for k in reading.rows)}
-            <= by.keys()
+            not {accelerometer[:2], *((reading.name, k) for reading in (wheels, gyro) for k in reading.rows)}
+            <= channel_of.keys()
         ):
             continue
-        of, its = by[ahead[:2]], [by[gyro.name, k] for k in gyro.rows]
-        z = np.stack([c.measured for c in its], axis=1) - gyro.at_rest
+        accelerometer_channel, gyro_channels = (
+            channel_of[accelerometer[:2]],
+            [channel_of[gyro.name, k] for k in gyro.rows],
+        )
+        z = np.stack([c.measured for c in gyro_channels], axis=1) - gyro.at_rest
         r = np.stack(
-            [by[wheels.name, k].measured - by[wheels.name, k].predicted for k in wheels.rows], axis=1
+            [channel_of[wheels.name, k].measured - channel_of[wheels.name, k].predicted for k in wheels.rows],
+            axis=1,
         )
-        each = (
-            (by[wheels.name, wheels.rows[0]].t_s, r @ wheels.inverse[AHEAD]),
-            (of.t_s, (of.measured - of.predicted) / ahead[2]),
-            (its[0].t_s, z @ gyro.inverse[TURNING]),
+        pairs = (
+            (channel_of[wheels.name, wheels.rows[0]].t_s, r @ wheels.inverse[FORWARD]),
+            (
+                accelerometer_channel.t_s,
+                (accelerometer_channel.measured - accelerometer_channel.predicted) / accelerometer[2],
+            ),
+            (gyro_channels[0].t_s, z @ gyro.inverse[YAW]),
         )
-        series = [Series(t_s[np.isfinite(x)], x[np.isfinite(x)]) for t_s, x in each]
-        if min(len(signal.t_s) for signal in series) >= 2 * SAMPLES:
+        series = [Series(t_s[np.isfinite(x)], x[np.isfinite(x)]) for t_s, x in pairs]
+        if min(len(signal.t_s) for signal in series) >= 2 * MIN_WINDOW_SAMPLES:
             yield series[0], series[1], series[2]

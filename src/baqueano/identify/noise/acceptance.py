@@ -21,7 +21,7 @@ from baqueano.contracts.values import JsonObject, Tree
 from baqueano.diagnostics import Diagnostic, Severity, note
 from baqueano.estimators.augmented.state import layout
 from baqueano.estimators.augmented_ekf import AugmentedEkf
-from baqueano.identify.noise.filter_noise import FAR
+from baqueano.identify.noise.filter_noise import ROBUST_SIGMA
 from baqueano.identify.noise.most_likely import example_of, ticks_of
 from baqueano.identify.noise.simulated_nees import simulated_errors
 from baqueano.identify.noise.speed_channels import ratio_of_blocks
@@ -31,9 +31,9 @@ from baqueano.symbolic import scan
 from baqueano.symbolic.scan import Scan
 
 BLOCK_S = 2.0  # longer than innovations are correlated, as in held_out.py
-CLOSE = 1.2  # factor on a variance: a smaller error does not degrade a filter
+CLOSE_FACTOR = 1.2  # factor on a variance: a smaller error does not degrade a filter
 # factor on the variance of a state: larger, as considered scales and slips are partly nonlinear
-CLOSE_ON_DRIVES = 1.5
+CLOSE_FACTOR_ON_DRIVES = 1.5
 STATES = ("x", "y", "heading", "v_x", "v_y", "yaw_rate")
 
 
@@ -53,16 +53,16 @@ class NormalisedSquare(NamedTuple):
     mean: float
     low: float  # NaN with too few blocks
     high: float
-    close: float  # factor within which the mean agrees with 1
+    close_factor: float  # factor within which the mean agrees with 1
 
     @property
     def verdict(self) -> NoiseVerdict:
         """Return the verdict on the noise."""
         if not np.isfinite(self.low):
             return NoiseVerdict.CANNOT_TELL
-        if self.low > self.close:
+        if self.low > self.close_factor:
             return NoiseVerdict.TOO_SURE
-        return NoiseVerdict.TOO_CAREFUL if self.high < 1.0 / self.close else NoiseVerdict.TRUE
+        return NoiseVerdict.TOO_CAREFUL if self.high < 1.0 / self.close_factor else NoiseVerdict.TRUE
 
     @property
     def disagrees(self) -> bool:
@@ -93,46 +93,52 @@ def accept(
     ]
     if not decisive:
         return ekf, Acceptance(note("noise.too-short", runs=runs), False)
-    off, code = [square for square in decisive if square.disagrees], "noise.holds"
+    disagreeing, code = [square for square in decisive if square.disagrees], "noise.holds"
     figures: JsonObject = {"runs": runs, "nis": _figures(decisive)}
-    if off:
+    if disagreeing:
         ekf, code = refit(), "noise.found-again"
-        kernel, names = _filter_scan(ekf, backend), {square.name for square in off}
-        then = [
+        kernel, names = _filter_scan(ekf, backend), {square.name for square in disagreeing}
+        new_squares = [
             square
             for square in nis_of(ekf, validation_runs, kernel)
             if square.name in names or square.disagrees
         ]
-        figures |= {"nis": _figures(off), "again": _figures(then)}
-        if rest := [square for square in then if square.disagrees]:
+        figures |= {"nis": _figures(disagreeing), "again": _figures(new_squares)}
+        if remaining := [square for square in new_squares if square.disagrees]:
             return ekf, Acceptance(
-                note("noise.still-off", Severity.WARNING, **figures, **_by_belief(rest)), True
+                note("noise.still-off", Severity.WARNING, **figures, **_by_belief(remaining)), True
             )
     nees = nees_of(ekf, validation_runs[0], kernel)
-    if wrong := [square for square in nees if square.disagrees]:
-        figures = {"nees": _figures(nees), **_by_belief(wrong)}
+    if disagreeing_states := [square for square in nees if square.disagrees]:
+        figures = {"nees": _figures(nees), **_by_belief(disagreeing_states)}
         return ekf, Acceptance(note("noise.nees-off", Severity.WARNING, **figures), True)
-    if nees and not off:
+    if nees and not disagreeing:
         code, figures = "noise.holds-simulated", figures | {"nees": _figures(nees)}
     return ekf, Acceptance(note(code, **figures), False)
 
 
 def nis_of(ekf: AugmentedEkf, runs: Sequence[Run], kernel: Scan) -> list[NormalisedSquare]:
     """Return the NIS of each channel that corrects the motion, in the order of the layout.  (1)"""
-    its = layout(ekf)
-    names = [f"{name}[{i}]" for name, rows in zip(its.names, its.entries, strict=True) for i in rows]
+    filter_layout = layout(ekf)
+    names = [
+        f"{name}[{i}]"
+        for name, rows in zip(filter_layout.names, filter_layout.entries, strict=True)
+        for i in rows
+    ]
     squares, counts = [], []
     for run in runs:
         ticks = ticks_of(run, ekf, len(run.t_ns))
         square = np.asarray(kernel.run(ticks)[1][0])
-        came = np.isfinite(square)
+        is_present = np.isfinite(square)
         block = (seconds(ticks.t_ns, int(ticks.t_ns[0])) // BLOCK_S).astype(int)
-        square = np.minimum(np.where(came, square, 0.0), FAR**2)
+        square = np.minimum(np.where(is_present, square, 0.0), ROBUST_SIGMA**2)
         squares.append(np.stack([np.bincount(block, column) for column in square.T], axis=1))
-        counts.append(np.stack([np.bincount(block, column) for column in came.T], axis=1))
+        counts.append(np.stack([np.bincount(block, column) for column in is_present.T], axis=1))
     return [
-        _mean(names[k], np.concatenate(squares)[:, k], np.concatenate(counts)[:, k], CLOSE)
-        for k in np.flatnonzero(np.any(its.moving > 0.0, axis=1))
+        _normalised_square(
+            names[k], np.concatenate(squares)[:, k], np.concatenate(counts)[:, k], CLOSE_FACTOR
+        )
+        for k in np.flatnonzero(np.any(filter_layout.moving_mask > 0.0, axis=1))
     ]
 
 
@@ -141,8 +147,11 @@ def nees_of(ekf: AugmentedEkf, run: Run, kernel: Scan) -> list[NormalisedSquare]
     e, P = simulated_errors(ekf, run, kernel)
     square = e**2 / np.diagonal(P, axis1=2, axis2=3)
     return [
-        _mean(
-            name, square[:, :, k].sum(axis=1), np.full(len(square), float(square.shape[1])), CLOSE_ON_DRIVES
+        _normalised_square(
+            name,
+            square[:, :, k].sum(axis=1),
+            np.full(len(square), float(square.shape[1])),
+            CLOSE_FACTOR_ON_DRIVES,
         )
         for k, name in enumerate(STATES if len(square) else ())
     ]
@@ -161,21 +170,23 @@ def _filter_scan(ekf: AugmentedEkf, backend: str) -> Scan:
     return scan(step, ekf.init(), example_of(ekf), backend=backend)
 
 
-def _mean(name: str, square: np.ndarray, count: np.ndarray, close: float) -> NormalisedSquare:
+def _normalised_square(
+    name: str, square: np.ndarray, count: np.ndarray, close_factor: float
+) -> NormalisedSquare:
     has_samples = count > 0.0
     mean, low, high = (
         ratio_of_blocks(square[has_samples], count[has_samples]) if has_samples.any() else (float("nan"),) * 3
     )
-    return NormalisedSquare(name, mean**2, low**2, high**2, close)
+    return NormalisedSquare(name, mean**2, low**2, high**2, close_factor)
 
 
-def _by_belief(off: Sequence[NormalisedSquare]) -> JsonObject:
+def _by_belief(squares: Sequence[NormalisedSquare]) -> JsonObject:
     """Return the channels or states for which the filter is overconfident, and those with a too cautious filter."""
-    sure, careful = (
-        [square.name for square in off if square.verdict == belief]
+    overconfident, cautious = (
+        [square.name for square in squares if square.verdict == belief]
         for belief in (NoiseVerdict.TOO_SURE, NoiseVerdict.TOO_CAREFUL)
     )
-    return {"too_sure": sure, "too_careful": careful}
+    return {"too_sure": overconfident, "too_careful": cautious}
 
 
 def _figures(noise: Sequence[NormalisedSquare]) -> str:

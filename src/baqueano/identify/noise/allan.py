@@ -21,9 +21,9 @@ from baqueano.diagnostics import fault
 from baqueano.errors import UsageError
 from baqueano.identify.covariance.quantiles import QUANTILE_95
 
-FEWEST = 16  # samples
-LEAST_FREEDOM = 1.0  # degrees of freedom, below which an average is not shown
-MOST_FREEDOM = 200.0  # of (1) in the fit of (2): 7 % of σ
+MIN_SAMPLES = 16  # samples
+MIN_FREEDOM = 1.0  # degrees of freedom, below which an average is not shown
+MAX_FREEDOM = 200.0  # of (1) in the fit of (2): 7 % of σ
 ROUNDS = 20  # of the weights of (2)
 FLICKER = 2.0 * np.log(2.0) / np.pi
 
@@ -35,31 +35,31 @@ class Allan(NamedTuple):
     deviation: np.ndarray  # (K,) in the unit of the signal
     low: np.ndarray  # (K,)
     high: np.ndarray  # (K,)
-    freedom: np.ndarray  # (K,) degrees of freedom
+    degrees_of_freedom: np.ndarray  # (K,) degrees of freedom
 
 
 class Coefficients(NamedTuple):
     """Coefficients W, B, K with their standard errors; 0 for a coefficient that the data do not show."""
 
     value: np.ndarray  # (3,) per √Hz, in the unit of the signal, per s^1.5 times √Hz·s
-    sd: np.ndarray  # (3,)
+    std: np.ndarray  # (3,)
 
     @property
-    def measurable(self) -> np.ndarray:
+    def is_measurable(self) -> np.ndarray:
         """Return a mask (3,) of the coefficients above twice their error."""
-        return self.value > 2.0 * self.sd
+        return self.value > 2.0 * self.std
 
 
-def averages(samples: int) -> np.ndarray:
+def averages(sample_count: int) -> np.ndarray:
     """Return the numbers of samples n of (1): octaves with at least one degree of freedom."""
-    n = 2 ** np.arange(int(np.log2(max(2, samples))) + 1)
-    return n[(2 * n <= samples) & (freedom(samples, n) >= LEAST_FREEDOM)]
+    n = 2 ** np.arange(int(np.log2(max(2, sample_count))) + 1)
+    return n[(2 * n <= sample_count) & (degrees_of_freedom(sample_count, n) >= MIN_FREEDOM)]
 
 
-def freedom(samples: int, n: np.ndarray) -> np.ndarray:
+def degrees_of_freedom(sample_count: int, n: np.ndarray) -> np.ndarray:
     """Return the degrees of freedom ν (K,) of averages over n samples.  (3)"""
     n = np.asarray(n, dtype=float)
-    N = samples + 1.0  # points of the integral
+    N = sample_count + 1.0  # points of the integral
     return (3.0 * (N - 1.0) / (2.0 * n) - 2.0 * (N - 2.0) / N) * 4.0 * n**2 / (4.0 * n**2 + 5.0)
 
 
@@ -75,8 +75,8 @@ def allan(y: np.ndarray, rate_hz: float, n: np.ndarray | None = None) -> Allan:
     array([0.01, 0.  , 0.  ])
     """
     y = np.asarray(y, dtype=float)
-    if y.ndim != 1 or len(y) < FEWEST or not np.all(np.isfinite(y)):
-        raise UsageError(fault("allan.numbers", least=FEWEST, found=y.size))
+    if y.ndim != 1 or len(y) < MIN_SAMPLES or not np.all(np.isfinite(y)):
+        raise UsageError(fault("allan.numbers", least=MIN_SAMPLES, found=y.size))
     if not rate_hz > 0.0:
         raise UsageError(fault("allan.rate", rate_hz=rate_hz))
     n = averages(len(y)) if n is None else np.atleast_1d(n).astype(int)
@@ -87,7 +87,7 @@ def allan(y: np.ndarray, rate_hz: float, n: np.ndarray | None = None) -> Allan:
     for k, count in enumerate(n.tolist()):
         second = x[2 * count :] - 2.0 * x[count:-count] + x[: -2 * count]
         variance[k] = np.mean(second**2) / (2.0 * (count / rate_hz) ** 2)
-    nu = np.maximum(freedom(len(y), n), LEAST_FREEDOM)
+    nu = np.maximum(degrees_of_freedom(len(y), n), MIN_FREEDOM)
     high = variance * nu / chi_square(nu, -QUANTILE_95)
     low = variance * nu / chi_square(nu, QUANTILE_95)
     return Allan(n / rate_hz, np.sqrt(variance), np.sqrt(low), np.sqrt(high), nu)
@@ -96,31 +96,33 @@ def allan(y: np.ndarray, rate_hz: float, n: np.ndarray | None = None) -> Allan:
 def coefficients(curve: Allan) -> Coefficients:
     """Return W, B, K of (2), none below 0, for the combination of coefficients that fits best."""
     tau, variance = curve.tau_s, np.maximum(curve.deviation**2, 1e-300)
-    parts = np.stack([1.0 / tau, np.full_like(tau, FLICKER), tau / 3.0], axis=1)
-    best, least = (np.zeros(3), np.full(3, np.nan)), np.inf
-    for size in (1, 2, 3):
-        for members in combinations(range(3), size):
-            nu = np.minimum(curve.freedom, MOST_FREEDOM)
-            squares, sd, cost = _fit(parts[:, members], variance, nu)
-            if np.all(squares > 0.0) and cost < least - 2.0 * (size > 1):  # penalty for another coefficient
-                least, full, full_sd = cost, np.zeros(3), np.full(3, np.nan)
-                full[list(members)], full_sd[list(members)] = squares, sd
-                best = (full, full_sd)
-    squares, sd = best
+    terms = np.stack([1.0 / tau, np.full_like(tau, FLICKER), tau / 3.0], axis=1)
+    best_fit, min_cost = (np.zeros(3), np.full(3, np.nan)), np.inf
+    for term_count in (1, 2, 3):
+        for members in combinations(range(3), term_count):
+            nu = np.minimum(curve.degrees_of_freedom, MAX_FREEDOM)
+            squares, stds, cost = _fit(terms[:, members], variance, nu)
+            if np.all(squares > 0.0) and cost < min_cost - 2.0 * (
+                term_count > 1
+            ):  # penalty for another coefficient
+                min_cost, all_squares, all_stds = cost, np.zeros(3), np.full(3, np.nan)
+                all_squares[list(members)], all_stds[list(members)] = squares, stds
+                best_fit = (all_squares, all_stds)
+    squares, stds = best_fit
     value = np.sqrt(squares)
-    return Coefficients(value, np.where(value > 0.0, sd / (2.0 * np.maximum(value, 1e-300)), np.nan))
+    return Coefficients(value, np.where(value > 0.0, stds / (2.0 * np.maximum(value, 1e-300)), np.nan))
 
 
-def _fit(parts: np.ndarray, variance: np.ndarray, nu: np.ndarray) -> tuple[np.ndarray, np.ndarray, float]:
+def _fit(terms: np.ndarray, variance: np.ndarray, nu: np.ndarray) -> tuple[np.ndarray, np.ndarray, float]:
     """Return the squares (c,) of the coefficients, their standard errors (c,), and −2 log of the likelihood of (1)."""
-    model, squares, cov = variance, np.zeros(parts.shape[1]), np.eye(parts.shape[1])
+    model, squares, cov = variance, np.zeros(terms.shape[1]), np.eye(terms.shape[1])
     for _ in range(ROUNDS):
         weight = np.sqrt(0.5 * nu) / model  # the variance of σ² is 2 σ⁴/ν
-        A, b = parts * weight[:, None], variance * weight
+        A, b = terms * weight[:, None], variance * weight
         scale = np.linalg.norm(A, axis=0)
         cov = np.linalg.pinv((A / scale).T @ (A / scale)) / np.outer(scale, scale)
         squares = cov @ (A.T @ b)
-        model = np.maximum(parts @ squares, 1e-3 * variance)
+        model = np.maximum(terms @ squares, 1e-3 * variance)
     cost = float(np.sum(nu * (np.log(model) + variance / model)))
     return squares, np.sqrt(np.diagonal(cov)), cost
 
@@ -130,5 +132,5 @@ def chi_square(nu: np.ndarray, normal: float) -> np.ndarray:
 
     Its probability is the probability of the standard normal quantile `normal`.
     """
-    part = 2.0 / (9.0 * nu)
-    return nu * np.maximum(1.0 - part + normal * np.sqrt(part), 0.05) ** 3
+    term = 2.0 / (9.0 * nu)
+    return nu * np.maximum(1.0 - term + normal * np.sqrt(term), 0.05) ** 3

@@ -9,8 +9,8 @@ Q is the measurement noise, R the process noise of (ν, ν̇) per tick (Thrun's 
 z − h are the residuals of the fit, clipped at 4 σ. If they are autocorrelated, Q is half the covariance of the
 differences of neighbours, which removes a drift. g is the prediction of the estimator, in its mode; (3) is the
 likelihood of its innovations y with covariance S (most_likely.py). Both are symmetric positive definite: standard
-deviations are at least FLOOR of the signal's size, eigenvalues of the correlation at least `LEAST`. `notes` lists the
-raised values. Errata 5: the paper's printed Q and R are not positive definite.
+deviations are at least FLOOR of the signal's size, eigenvalues of the correlation at least `MIN_EIGENVALUE`. `notes`
+lists the raised values. Errata 5: the paper's printed Q and R are not positive definite.
 """
 
 from collections.abc import Sequence
@@ -27,12 +27,12 @@ from baqueano.estimators import AugmentedEkf
 from baqueano.estimators.augmented.state import layout
 from baqueano.identify.covariance.information import WHITE_LIMIT
 from baqueano.identify.data.hand_measurements import KINDS
-from baqueano.identify.data.rest import standing
+from baqueano.identify.data.rest import is_at_rest
 from baqueano.identify.noise.acceptance import Acceptance, accept
 from baqueano.identify.noise.filter_noise import FIELDS, filter_noise
-from baqueano.identify.noise.most_likely import FLOOR, most_likely, process_errors
+from baqueano.identify.noise.most_likely import MIN_RELATIVE_STD, process_covariance, process_errors
 from baqueano.identify.noise.speed_channels import SpeedChannels, speed_channels
-from baqueano.identify.noise.unfitted_channels import not_fitted
+from baqueano.identify.noise.unfitted_channels import unfitted_covariance
 from baqueano.identify.result.fit_result import Fit
 from baqueano.messages import texts
 from baqueano.messages.language import number, shown_unit
@@ -46,10 +46,10 @@ if TYPE_CHECKING:
     from baqueano.contracts.values import JsonObject, TableRow
     from baqueano.vehicle_file import VehicleFile
 
-LEAST = 1e-6  # least eigenvalue of a correlation matrix
-LEAST_SD = 1e-9  # least standard deviation, in its unit
-CLIP = 4.0  # standard deviations
-FEWEST = 30  # samples for a covariance
+MIN_EIGENVALUE = 1e-6  # least eigenvalue of a correlation matrix
+MIN_STD = 1e-9  # least standard deviation, in its unit
+CLIP_SIGMA = 4.0  # standard deviations
+MIN_SAMPLES = 30  # samples for a covariance
 STATES = ("nu_x", "nu_y", "nu_psi", "nu_dot_x", "nu_dot_y", "nu_dot_psi")
 STATE_UNITS = ("m/s", "m/s", "rad/s", "m/s²", "m/s²", "rad/s²")
 
@@ -127,12 +127,12 @@ class Noise(Result):
     def table(self) -> str:
         """Return the table as text."""
         rows = self.rows()
-        wide = max([12, *(len(row["name"]) for row in rows)])
-        lines = [f"{'':{wide}} {_('in motion'):>11} {_('at rest'):>11}   {_('standard deviations')}"]
+        width = max([12, *(len(row["name"]) for row in rows)])
+        lines = [f"{'':{width}} {_('in motion'):>11} {_('at rest'):>11}   {_('standard deviations')}"]
         for row in rows:
             rest = "-" if row["sd_at_rest"] is None else f"{number(row['sd_at_rest']):.3g}"
             lines.append(
-                f"{row['name']:{wide}} {number(row['sd']):>11.3g} {rest:>11}   {shown_unit(row['unit'])}".rstrip()
+                f"{row['name']:{width}} {number(row['sd']):>11.3g} {rest:>11}   {shown_unit(row['unit'])}".rstrip()
             )
         if len(self.process):
             lines.append(
@@ -145,7 +145,7 @@ class Noise(Result):
         lines += texts(message.message for message in (self.speed, self.accepted) if message)
         return "\n".join([*lines, *(f"- {message}" for message in texts(self.notes))])
 
-    def updated_file(self, file: "VehicleFile", run: str = "") -> "VehicleFile":
+    def updated_file(self, vehicle_file: "VehicleFile", run: str = "") -> "VehicleFile":
         """Return the file with Q of each sensor (in motion) and R of the estimator."""
         from baqueano.vehicle_file import Provenance
         from baqueano.vehicle_file.file import today
@@ -153,7 +153,7 @@ class Noise(Result):
         values: JsonObject = {
             f"sensors.{name}.measurement_noise_cov": q.tolist()
             for name, q in self.in_motion.items()
-            if name in file.sensors._fields
+            if name in vehicle_file.sensors._fields
         }
         if len(self.process):
             values["estimator.process_noise_cov"] = self.process.tolist()
@@ -161,7 +161,7 @@ class Noise(Result):
         if self.speed and self.speed.decided:
             values["estimator.speed_from"] = list(self.speed.names)
         origin = Provenance(run, today(), None, self.verdict)
-        return file.with_values(values, dict.fromkeys(values, origin))
+        return vehicle_file.with_values(values, dict.fromkeys(values, origin))
 
 
 def measure_noise(
@@ -214,90 +214,111 @@ def measure_noise(
     if source not in ("auto", "truth", "innovations"):
         raise UsageError(fault("noise.unknown-source", found=source))
     notes: list[Diagnostic] = []
-    moving, at_rest = _measurement(fit, runs, notes)
+    in_motion, at_rest = _measurement(fit, runs, notes)
     units = {
-        f"{name}[{i}]": channel_unit(fit.file, name, i) for name, q in moving.items() for i in range(len(q))
+        f"{name}[{i}]": channel_unit(fit.file, name, i)
+        for name, q in in_motion.items()
+        for i in range(len(q))
     }
     if fit.file.kind("estimator") is AugmentedEkf:
-        own, covariances = fit.file.estimator(), dict(moving)
+        estimator, covariances = fit.file.estimator(), dict(in_motion)
         filters = cache(lambda names: filter_noise(fit, runs, covariances, at_rest, backend, names))
-        speed = speed_channels(filters, own.speed_from, held_out, backend)
-        names, check = speed.names if speed else own.speed_from, None
+        speed = speed_channels(filters, estimator.speed_from, held_out, backend)
+        names, check = speed.names if speed else estimator.speed_from, None
         ekf = filters(names)
         if held_out:
             make_filter = partial(filter_noise, fit, [*runs, *held_out], covariances, at_rest, backend, names)
             ekf, check = accept(ekf, make_filter, held_out, backend)
-        moving |= {name: getattr(ekf.sensors, name).cov for name in layout(ekf).names}
+        in_motion |= {name: getattr(ekf.sensors, name).cov for name in layout(ekf).names}
         fields = {name: np.array(getattr(ekf, name), dtype=float) for name in FIELDS}
-        none = np.zeros((0, 0))
+        no_process = np.zeros((0, 0))
         return Noise(
-            moving, at_rest, none, fit.file.rate_hz, "innovations", tuple(notes), units, fields, speed, check
+            in_motion,
+            at_rest,
+            no_process,
+            fit.file.rate_hz,
+            "innovations",
+            tuple(notes),
+            units,
+            fields,
+            speed,
+            check,
         )
-    with_truth = [
+    runs_with_truth = [
         r for r in runs if r.truth is not None and np.isfinite(r.truth.nu_dot).all() and len(r.truth.t_ns)
     ]
-    if source == "truth" and not with_truth:
+    if source == "truth" and not runs_with_truth:
         raise UsageError(fault("noise.no-truth"))
     rate = fit.file.rate_hz
-    if with_truth and source != "innovations":
-        errors, size = process_errors(fit, with_truth, backend)
-        R = valid(np.cov(errors.T), (FLOOR * size) ** 2, "R", notes)
-        return Noise(moving, at_rest, R, rate, "truth", tuple(notes), units)
-    of_file = {name: q for name, q in moving.items() if name in fit.file.sensors._fields}
-    R, size = most_likely(fit, runs, of_file, backend)
-    R = valid(R, (FLOOR * size) ** 2, "R", notes)
-    return Noise(moving, at_rest, R, rate, "innovations", tuple(notes), units)
+    if runs_with_truth and source != "innovations":
+        errors, size = process_errors(fit, runs_with_truth, backend)
+        R = positive_definite(np.cov(errors.T), (MIN_RELATIVE_STD * size) ** 2, "R", notes)
+        return Noise(in_motion, at_rest, R, rate, "truth", tuple(notes), units)
+    file_covariances = {name: q for name, q in in_motion.items() if name in fit.file.sensors._fields}
+    R, size = process_covariance(fit, runs, file_covariances, backend)
+    R = positive_definite(R, (MIN_RELATIVE_STD * size) ** 2, "R", notes)
+    return Noise(in_motion, at_rest, R, rate, "innovations", tuple(notes), units)
 
 
-def valid(matrix: np.ndarray, floor: np.ndarray, name: str, notes: list[Diagnostic]) -> np.ndarray:
+def positive_definite(
+    matrix: np.ndarray, floor: np.ndarray, name: str, notes: list[Diagnostic]
+) -> np.ndarray:
     """Return a symmetric positive definite matrix (n, n) with variances of at least `floor` (n,) and LEAST_SD².
 
     LEAST_SD is for a vehicle on a rail, which never moves sideways.
     """
     matrix = np.atleast_2d(np.asarray(matrix, dtype=float))
     matrix = np.where(np.isfinite(matrix), matrix, 0.0)
-    variance, floor = np.diagonal(matrix), np.maximum(floor, LEAST_SD**2)
-    low = variance < floor
-    if low.any():
-        notes.append(note("noise.lifted", Severity.WARNING, subject=name, lifted=int(low.sum()), of=len(low)))
+    variance, floor = np.diagonal(matrix), np.maximum(floor, MIN_STD**2)
+    is_low = variance < floor
+    if is_low.any():
+        notes.append(
+            note("noise.lifted", Severity.WARNING, subject=name, lifted=int(is_low.sum()), of=len(is_low))
+        )
     d = np.sqrt(np.maximum(variance, floor))
     C = np.clip(0.5 * (matrix + matrix.T) / np.outer(d, d), -1.0, 1.0)
-    C = np.where(low[:, None] | low[None, :], 0.0, C)
+    C = np.where(is_low[:, None] | is_low[None, :], 0.0, C)
     np.fill_diagonal(C, 1.0)
     values, vectors = np.linalg.eigh(C)
-    if values[0] < LEAST:
+    if values[0] < MIN_EIGENVALUE:
         notes.append(note("noise.correlations-reduced", Severity.WARNING, subject=name))
-        C = (vectors * np.maximum(values, 2.0 * LEAST)) @ vectors.T
+        C = (vectors * np.maximum(values, 2.0 * MIN_EIGENVALUE)) @ vectors.T
         C = C / np.sqrt(np.outer(np.diagonal(C), np.diagonal(C)))
-    full = np.triu(C) * np.outer(d, d)
-    return full + np.triu(full, 1).T
+    upper = np.triu(C) * np.outer(d, d)
+    return upper + np.triu(upper, 1).T
 
 
 def _measurement(
     fit: Fit, runs: Sequence[Run], notes: list[Diagnostic]
 ) -> tuple[dict[str, np.ndarray], dict[str, np.ndarray | None]]:
     """Return Q of each sensor, in motion and at rest: (1), or unfitted_channels.py if a channel was not fitted."""
-    moving: dict[str, np.ndarray] = {}
+    in_motion: dict[str, np.ndarray] = {}
     at_rest: dict[str, np.ndarray | None] = {}
     for name, block in {**fit.file.sensors._asdict(), **fit.blocks.sensors._asdict()}.items():
         if name in KINDS:
             continue  # the error of a hand measurement is given by the user
-        columns = _took_part(fit, name)
+        columns = _fitted_channels(fit, name)
         r, q, floor = _residuals(fit, runs, name, columns)
-        both = r if len(r) >= FEWEST else np.concatenate([r, q])
-        if len(both) >= FEWEST and len(columns) == block.size:
-            moving[name] = valid(_cov(both), floor, f"Q of {name}", notes)
-            at_rest[name] = valid(_cov(q), floor, f"Q of {name} at rest", notes) if len(q) >= FEWEST else None
+        residuals = r if len(r) >= MIN_SAMPLES else np.concatenate([r, q])
+        if len(residuals) >= MIN_SAMPLES and len(columns) == block.size:
+            in_motion[name] = positive_definite(_cov(residuals), floor, f"Q of {name}", notes)
+            at_rest[name] = (
+                positive_definite(_cov(q), floor, f"Q of {name} at rest", notes)
+                if len(q) >= MIN_SAMPLES
+                else None
+            )
         elif name in fit.sigma or not np.all(np.diagonal(block.cov) > 0.0):
             variances = np.zeros(block.size)
-            variances[columns] = np.maximum(np.diagonal(_cov(both)), floor) if len(both) >= FEWEST else 0.0
-            q_of_file = not_fitted(name, block, variances, runs, notes)
+            variances[columns] = (
+                np.maximum(np.diagonal(_cov(residuals)), floor) if len(residuals) >= MIN_SAMPLES else 0.0
+            )
+            q_of_file = unfitted_covariance(name, block, variances, runs, notes)
             if q_of_file is not None:
-                moving[name], at_rest[name] = q_of_file, None
-    return moving, at_rest
+                in_motion[name], at_rest[name] = q_of_file, None
+    return in_motion, at_rest
 
 
-def _took_part(fit: "Fit", name: str) -> list[int]:
+def _fitted_channels(fit: "Fit", name: str) -> list[int]:
     """Return the channels of a sensor for which the fit has residuals."""
     return sorted({c.entry for c in fit.channels if c.sensor == name and np.isfinite(c.measured).any()})
 
@@ -309,38 +330,38 @@ def _residuals(
     variances."""
     if not columns:
         return np.zeros((0, 0)), np.zeros((0, 0)), np.zeros(0)
-    drifting = bool(np.any([c.autocorrelation > WHITE_LIMIT for c in fit.channels if c.sensor == name]))
-    sigma, in_motion, rest, size = fit.sigma[name][columns], [], [], np.zeros(len(columns))
+    is_drifting = bool(np.any([c.autocorrelation > WHITE_LIMIT for c in fit.channels if c.sensor == name]))
+    sigma, in_motion, at_rest, size = fit.sigma[name][columns], [], [], np.zeros(len(columns))
     for run_name, run in zip(fit.runs, runs, strict=True):
-        own = {c.entry: c for c in fit.channels if c.sensor == name and c.run == run_name}
-        channels = [own[i] for i in columns]
+        by_entry = {c.entry: c for c in fit.channels if c.sensor == name and c.run == run_name}
+        channels = [by_entry[i] for i in columns]
         r = np.stack([c.measured - c.predicted for c in channels], axis=1)
         h = np.stack([c.predicted for c in channels], axis=1)
-        whole = np.isfinite(r).all(axis=1)
-        at_standstill = _standing(run, channels[0].t_s, h, sigma)
-        r = np.clip(r, -CLIP * sigma, CLIP * sigma)
-        in_motion.append(_white(r, whole & ~at_standstill, drifting))
-        rest.append(_white(r, whole & at_standstill, drifting))
+        is_complete = np.isfinite(r).all(axis=1)
+        at_standstill = _is_at_rest(run, channels[0].t_s, h, sigma)
+        r = np.clip(r, -CLIP_SIGMA * sigma, CLIP_SIGMA * sigma)
+        in_motion.append(_white_residuals(r, is_complete & ~at_standstill, is_drifting))
+        at_rest.append(_white_residuals(r, is_complete & at_standstill, is_drifting))
         size = np.maximum(size, np.sqrt(np.mean(h**2, axis=0)))
-    return np.concatenate(in_motion), np.concatenate(rest), (FLOOR * size) ** 2
+    return np.concatenate(in_motion), np.concatenate(at_rest), (MIN_RELATIVE_STD * size) ** 2
 
 
-def _white(r: np.ndarray, rows: np.ndarray, drifting: bool) -> np.ndarray:
-    """Return the residuals (K, m) at `rows` (N,) or, if `drifting`, the differences of neighbours divided by √2."""
-    if not drifting:
+def _white_residuals(r: np.ndarray, rows: np.ndarray, is_drifting: bool) -> np.ndarray:
+    """Return the residuals (K, m) at `rows` (N,) or, if `is_drifting`, the differences of neighbours divided by √2."""
+    if not is_drifting:
         return r[rows]
     steps = np.diff(np.flatnonzero(rows))
-    near = steps <= np.median(steps) if len(steps) else steps > 0
-    return np.diff(r[rows], axis=0)[near] / np.sqrt(2.0)
+    is_neighbour = steps <= np.median(steps) if len(steps) else steps > 0
+    return np.diff(r[rows], axis=0)[is_neighbour] / np.sqrt(2.0)
 
 
-def _standing(run: Run, t_s: np.ndarray, h: np.ndarray, sigma: np.ndarray) -> np.ndarray:
+def _is_at_rest(run: Run, t_s: np.ndarray, h: np.ndarray, sigma: np.ndarray) -> np.ndarray:
     """Return a mask (N,) of the rows without a command for REST_S in which the model is at rest."""
-    candidate = standing(run, run.t_ns[0] + np.rint(t_s * NANOSECONDS).astype(np.int64))
-    if not candidate.any():
-        return candidate
-    middle = np.median(h[candidate], axis=0)
-    return candidate & np.all(np.abs(h - middle) <= sigma, axis=1)
+    is_candidate = is_at_rest(run, run.t_ns[0] + np.rint(t_s * NANOSECONDS).astype(np.int64))
+    if not is_candidate.any():
+        return is_candidate
+    median = np.median(h[is_candidate], axis=0)
+    return is_candidate & np.all(np.abs(h - median) <= sigma, axis=1)
 
 
 def _cov(r: np.ndarray) -> np.ndarray:

@@ -21,10 +21,16 @@ import numpy as np
 
 from baqueano.contracts.optional import is_dynamic
 from baqueano.contracts.values import Tree
-from baqueano.estimators.augmented.state import FORWARD, TURNING, Layout, layout
+from baqueano.estimators.augmented.state import FORWARD_STATES, TURNING_STATES, Layout, layout
 from baqueano.estimators.augmented_ekf import AugmentedEkf
-from baqueano.identify.noise.accelerometer_misfit import accelerometer_ahead, accelerometer_share
-from baqueano.identify.noise.most_likely import TICKS, example_of, log_det_and_square, ticks_of, valley
+from baqueano.identify.noise.accelerometer_misfit import accelerometer_share, forward_accelerometer
+from baqueano.identify.noise.most_likely import (
+    TICKS,
+    example_of,
+    log_det_and_square,
+    minimise_by_steps,
+    ticks_of,
+)
 from baqueano.identify.residuals.noise_level import MAD
 from baqueano.runs.run import Run
 from baqueano.signals import Tick
@@ -33,26 +39,28 @@ from baqueano.symbolic import get, put, scan
 if TYPE_CHECKING:
     from baqueano.identify.result.fit_result import Fit
 
-SLOW_S = 0.3  # least T of a misfit; faster changes belong to the walk of ν, the effect of the floor
-OF_FORWARD = (
+MIN_FADE_S = 0.3  # least T of a misfit; faster changes belong to the walk of ν, the effect of the floor
+FORWARD_NOISE = (
     ("disturbance_std[0]", 1e-4, 1e2),
-    ("disturbance_fade_s[0]", SLOW_S, 30.0),
+    ("disturbance_fade_s[0]", MIN_FADE_S, 30.0),
     ("velocity_walk_std[0]", 1e-4, 10.0),
 )
-OF_TURNING = (
+TURNING_NOISE = (
     ("disturbance_std[1]", 1e-4, 1e3),
-    ("disturbance_fade_s[1]", SLOW_S, 30.0),
+    ("disturbance_fade_s[1]", MIN_FADE_S, 30.0),
     ("velocity_walk_std[2]", 1e-4, 30.0),
 )
 FIELDS = ("disturbance_std", "disturbance_fade_s", "velocity_walk_std", "course_std")
-FAR = 6.0  # ρ is a square up to here: the long tails of model errors must not enlarge the noise of a sensor
-WIDE = 5.0  # of the logarithm of a sensor's σ, to both sides of the file's value
-FEWEST = 30  # residuals for (2), (3), readings for the noise of a sensor
-SOME = 6  # readings for the size of a misfit: known to ± 30 %
-REPEATED = 0.5  # of the readings: with fewer levels they are quantised
+ROBUST_SIGMA = (
+    6.0  # ρ is a square up to here: the long tails of model errors must not enlarge the noise of a sensor
+)
+LOG_RANGE = 5.0  # of the logarithm of a sensor's σ, to both sides of the file's value
+MIN_RESIDUALS = 30  # residuals for (2), (3), readings for the noise of a sensor
+MIN_READINGS = 6  # readings for the size of a misfit: known to ± 30 %
+MAX_LEVEL_SHARE = 0.5  # of the readings: with fewer levels they are quantised
 LAGS_S = (0.1, 2.0)  # lags of (3): from LAGS_S[0] seconds, beyond the noise, to LAGS_S[1] times T
-CLIP = 4.0  # σ, of a residual for (3)
-STRAIGHT_S, LEAST_M_S = 1.0, 0.02  # of the drive that shows a model's course
+CLIP_SIGMA = 4.0  # σ, of a residual for (3)
+STRAIGHT_S, MIN_SPEED_M_S = 1.0, 0.02  # of the drive that shows a model's course
 TOE_RAD = 0.01  # of wheels mounted by hand
 
 
@@ -75,24 +83,25 @@ def filter_noise(
 ) -> AugmentedEkf:
     """Return the filter of the fitted file, with the noise of the model and of its sensors. `q` and `rest` are the
     sensors' covariances from the residuals of the fit."""
-    own = replace(fit.file.estimator(), speed_from=speed_from)
-    its = layout(own)
-    inertial = {bias.sensor for bias in its.biases}
-    sensors, sensors_of_fit, rounding = own.sensors, fit.vehicle_file.sensors, {}
+    estimator = replace(fit.file.estimator(), speed_from=speed_from)
+    filter_layout = layout(estimator)
+    inertial = {bias.sensor for bias in filter_layout.biases}
+    sensors, sensors_of_fit, rounding = estimator.sensors, fit.vehicle_file.sensors, {}
     readings = {
-        name: sum(len(run.sensors[name].z) for run in runs if name in run.sensors) for name in its.names
+        name: sum(len(run.sensors[name].z) for run in runs if name in run.sensors)
+        for name in filter_layout.names
     }
-    for name in its.names:
+    for name in filter_layout.names:
         sensor = getattr(sensors_of_fit, name)
-        Q = q.get(name, sensor.cov) if readings[name] >= FEWEST else sensor.cov
+        Q = q.get(name, sensor.cov) if readings[name] >= MIN_RESIDUALS else sensor.cov
         variance = np.array(np.diagonal(Q), dtype=float)
-        for i in _corrects(its, name) if name in inertial else ():
-            rounding[name, i] = _range(fit, name, i, rest.get(name), variance[i])
+        for i in _correcting_entries(filter_layout, name) if name in inertial else ():
+            rounding[name, i] = _variance_range(fit, name, i, rest.get(name), variance[i])
             variance[i] = rounding[name, i][1]
         sensors = sensors._replace(**{name: replace(sensor, measurement_noise_cov=np.diag(variance))})
-    ekf = replace(own, vehicle=fit.blocks.model, sensors=sensors)
-    rounding |= _rounding(its, inertial, runs)
-    free = _free(ekf, inertial, rounding, readings)
+    ekf = replace(estimator, vehicle=fit.blocks.model, sensors=sensors)
+    rounding |= _rounding(filter_layout, inertial, runs)
+    free = _free_noise(ekf, inertial, rounding, readings)
     kernel = scan(_likelihood(ekf, free), ekf.init(), example_of(ekf), np.zeros(len(free)), backend=backend)
     ticks = [ticks_of(run, ekf, TICKS.get(kernel.backend, 600) // len(runs)) for run in runs]
 
@@ -102,12 +111,14 @@ def filter_noise(
 
     low, high = (np.log([getattr(parameter, side) for parameter in free]) for side in ("low", "high"))
     start = np.clip([np.log(get(ekf, parameter.path)) / parameter.power for parameter in free], low, high)
-    x = valley(cost, start, low, high) if free else start
+    x = minimise_by_steps(cost, start, low, high) if free else start
     for value, parameter in zip(x, free, strict=True):
         ekf = put(ekf, parameter.path, float(np.exp(parameter.power * value)))
     if is_dynamic(ekf.vehicle):
-        speed_is_measured = np.any(its.moving[:, FORWARD[0]])
-        ekf = (_with_measured_misfit if speed_is_measured else _with_unmeasured_misfit)(ekf, fit, inertial)
+        speed_is_measured = np.any(filter_layout.moving_mask[:, FORWARD_STATES[0]])
+        ekf = (_without_wheel_slip if speed_is_measured else _with_misfit_from_accelerometer)(
+            ekf, fit, inertial
+        )
     return replace(ekf, course_std=float(np.hypot(TOE_RAD, _crab_rad(fit))))
 
 
@@ -120,55 +131,55 @@ def _crab_rad(fit: "Fit") -> float:
     for _ in range(round(STRAIGHT_S / dt_s)):
         state, motion = vehicle.step(state, u, dt_s, np.zeros(3))
         nu = np.asarray(motion.nu)
-    return float(np.arctan2(abs(nu[1]), abs(nu[0]))) if abs(nu[0]) > LEAST_M_S else 0.0
+    return float(np.arctan2(abs(nu[1]), abs(nu[0]))) if abs(nu[0]) > MIN_SPEED_M_S else 0.0
 
 
-def _with_measured_misfit(ekf: AugmentedEkf, fit: "Fit", inertial: set[str]) -> AugmentedEkf:
+def _without_wheel_slip(ekf: AugmentedEkf, fit: "Fit", inertial: set[str]) -> AugmentedEkf:
     """Return the filter without the part of the speed misfit that is slip of wheels (accelerometer_misfit.py)."""
-    part = np.sqrt(accelerometer_share(ekf, fit, inertial))
-    for path, low, _ in (OF_FORWARD[0], OF_FORWARD[2]):
-        ekf = put(ekf, path, max(low, float(part * get(ekf, path))))
+    share = np.sqrt(accelerometer_share(ekf, fit, inertial))
+    for path, low, _ in (FORWARD_NOISE[0], FORWARD_NOISE[2]):
+        ekf = put(ekf, path, max(low, float(share * get(ekf, path))))
     return ekf
 
 
-def _with_unmeasured_misfit(ekf: AugmentedEkf, fit: "Fit", inertial: set[str]) -> AugmentedEkf:
+def _with_misfit_from_accelerometer(ekf: AugmentedEkf, fit: "Fit", inertial: set[str]) -> AugmentedEkf:
     """Return the filter with the speed misfit from the residuals of the forward accelerometer, or unchanged with too
     few residuals.  (3)"""
-    ahead = accelerometer_ahead(ekf, inertial)
-    if ahead is None:
+    accelerometer = forward_accelerometer(ekf, inertial)
+    if accelerometer is None:
         return ekf
-    sensor, entry, slope = ahead
+    sensor, entry, slope = accelerometer
     dt_s, T = 1.0 / ekf.rate_hz, float(ekf.disturbance_fade_s[0])
     lags = np.unique(np.rint(np.linspace(LAGS_S[0], LAGS_S[1] * T, 40) / dt_s).astype(int))
     lags = lags[lags > 0]
-    products, count, white = np.zeros(len(lags)), np.zeros(len(lags)), []
+    products, count, second_differences = np.zeros(len(lags)), np.zeros(len(lags)), []
     for c in (c for c in fit.channels if (c.sensor, c.entry) == (sensor, entry)):
-        r = np.clip(c.measured - c.predicted, -CLIP * c.sigma, CLIP * c.sigma) / slope
-        white.append(np.diff(r[np.isfinite(r)], 2))
+        r = np.clip(c.measured - c.predicted, -CLIP_SIGMA * c.sigma, CLIP_SIGMA * c.sigma) / slope
+        second_differences.append(np.diff(r[np.isfinite(r)], 2))
         for k, lag in enumerate(lags[lags < len(r)]):
             pairs = r[:-lag] * r[lag:]
             products[k] += np.nansum(pairs)
             count[k] += np.isfinite(pairs).sum()
-    if np.min(count, initial=np.inf) < FEWEST:
+    if np.min(count, initial=np.inf) < MIN_RESIDUALS:
         return ekf
     fading = np.exp(-lags * dt_s / T)
     variance = float(np.sum(fading * products / count) / np.sum(fading**2))
-    noise_std = MAD * float(np.median(np.abs(np.concatenate(white)))) / np.sqrt(6.0)
-    low, high = OF_FORWARD[0][1:]
+    noise_std = MAD * float(np.median(np.abs(np.concatenate(second_differences)))) / np.sqrt(6.0)
+    low, high = FORWARD_NOISE[0][1:]
     ekf = put(ekf, "disturbance_std[0]", float(np.clip(np.sqrt(max(variance, 0.0)), low, high)))
     return put(ekf, "velocity_walk_std[0]", float(min(ekf.velocity_walk_std[0], noise_std * np.sqrt(dt_s))))
 
 
-def _corrects(layout: Layout, name: str) -> list[int]:
+def _correcting_entries(layout: Layout, name: str) -> list[int]:
     """Return the entries of a sensor that correct the motion while the vehicle drives."""
     return [
         i
-        for (name_i, i), E in zip(_numbers(layout), layout.moving, strict=True)
+        for (name_i, i), E in zip(_layout_channels(layout), layout.moving_mask, strict=True)
         if name_i == name and np.any(E > 0.0)
     ]
 
 
-def _free(
+def _free_noise(
     ekf: AugmentedEkf,
     inertial: set[str],
     rounding: Mapping[tuple[str, int], tuple[float, float]],
@@ -176,46 +187,55 @@ def _free(
 ) -> list[FreeNoise]:
     """Return the noise parameters that some measurement shows. `rounding` contains the least and greatest variance
     of some entries, `readings` the number of readings of each sensor."""
-    its = layout(ekf)
-    of = np.array([readings[name] for name, _ in _numbers(its)])
-    out = []
-    for entries, paths in ((FORWARD[:1], OF_FORWARD), (TURNING[2:3], OF_TURNING)):
-        most = np.max(of * np.any(its.moving[:, list(entries)] > 0.0, axis=1), initial=0)
-        out += [
-            FreeNoise(*path, 1.0) for path in (paths if most >= FEWEST else paths[:1] if most >= SOME else ())
+    filter_layout = layout(ekf)
+    reading_counts = np.array([readings[name] for name, _ in _layout_channels(filter_layout)])
+    free_noise = []
+    for entries, paths in ((FORWARD_STATES[:1], FORWARD_NOISE), (TURNING_STATES[2:3], TURNING_NOISE)):
+        max_count = np.max(
+            reading_counts * np.any(filter_layout.moving_mask[:, list(entries)] > 0.0, axis=1), initial=0
+        )
+        free_noise += [
+            FreeNoise(*path, 1.0)
+            for path in (
+                paths if max_count >= MIN_RESIDUALS else paths[:1] if max_count >= MIN_READINGS else ()
+            )
         ]
-    for name, rows in zip(its.names, its.entries, strict=True):
-        for i in rows if readings[name] >= FEWEST else ():
-            sd = float(np.sqrt(getattr(ekf.sensors, name).cov[i, i]))
+    for name, rows in zip(filter_layout.names, filter_layout.entries, strict=True):
+        for i in rows if readings[name] >= MIN_RESIDUALS else ():
+            std = float(np.sqrt(getattr(ekf.sensors, name).cov[i, i]))
             low, high = np.sqrt(rounding.get((name, i), (0.0, 0.0)))
             if name not in inertial:
-                low, high = max(low, sd * np.exp(-WIDE)), sd * np.exp(WIDE)
+                low, high = max(low, std * np.exp(-LOG_RANGE)), std * np.exp(LOG_RANGE)
             if low < high:
                 path = f"sensors.{name}.measurement_noise_cov[{i},{i}]"
-                out.append(FreeNoise(path, float(low), float(high), 2.0))
-    return out
+                free_noise.append(FreeNoise(path, float(low), float(high), 2.0))
+    return free_noise
 
 
 def _rounding(
     layout: Layout, inertial: set[str], runs: Sequence[Run]
 ) -> dict[tuple[str, int], tuple[float, float]]:
     """Return the least and greatest variance of quantised entries that measure a velocity, for example of a counter."""
-    numbers, out = _numbers(layout), {}
-    places = {
-        numbers[k] for group in layout.places for k in group
+    channels, variances = _layout_channels(layout), {}
+    position_channels = {
+        channels[k] for group in layout.pose_groups for k in group
     }  # repeated positions of a tag are not quantised
-    for name, i in numbers:
+    for name, i in channels:
         z = np.concatenate(
             [run.sensors[name].z[:, i] for run in runs if name in run.sensors] or [np.zeros(0)]
         )
         z = z[np.isfinite(z)]
         levels = np.unique(z)
-        if name not in inertial and (name, i) not in places and 1 < len(levels) < REPEATED * len(z):
-            out[name, i] = float(np.median(np.diff(levels))) ** 2 / 12.0, np.inf
-    return out
+        if (
+            name not in inertial
+            and (name, i) not in position_channels
+            and 1 < len(levels) < MAX_LEVEL_SHARE * len(z)
+        ):
+            variances[name, i] = float(np.median(np.diff(levels))) ** 2 / 12.0, np.inf
+    return variances
 
 
-def _numbers(layout: Layout) -> list[tuple[str, int]]:
+def _layout_channels(layout: Layout) -> list[tuple[str, int]]:
     """Return the sensor and the entry of each channel, in the order of the layout."""
     return [(name, i) for name, rows in zip(layout.names, layout.entries, strict=True) for i in rows]
 
@@ -223,7 +243,7 @@ def _numbers(layout: Layout) -> list[tuple[str, int]]:
 def _likelihood(ekf: AugmentedEkf, free: Sequence[FreeNoise]) -> Callable[..., Tree]:
     """Return the step of a scan with the logarithms of the free noise as parameters. Its output is the term of J
     from the channels that correct the motion.  (1)"""
-    corrects = np.any(layout(ekf).moving > 0.0, axis=1)
+    is_correcting = np.any(layout(ekf).moving_mask > 0.0, axis=1)
 
     def step(x: np.ndarray, belief: Tree, tick: Tick) -> tuple[Tree, Tree]:
         trial = ekf
@@ -233,19 +253,21 @@ def _likelihood(ekf: AugmentedEkf, free: Sequence[FreeNoise]) -> Callable[..., T
         y, S = estimate.innovation, estimate.innovation_cov
         assert y is not None
         assert S is not None
-        has = np.where(corrects & np.isfinite(y), 1.0, 0.0)
+        is_used = np.where(is_correcting & np.isfinite(y), 1.0, 0.0)
         log_det, square = log_det_and_square(
-            S * has[:, None] * has[None, :] + np.diag(1.0 - has), np.where(has > 0.0, y, 0.0)
+            S * is_used[:, None] * is_used[None, :] + np.diag(1.0 - is_used), np.where(is_used > 0.0, y, 0.0)
         )
-        m = np.maximum(np.sum(has), 1.0)
-        far = FAR * np.sqrt(m)
+        m = np.maximum(np.sum(is_used), 1.0)
+        outlier_limit = ROBUST_SIGMA * np.sqrt(m)
         d = np.sqrt(np.maximum(square, 1e-12))
-        return belief, 0.5 * (log_det + np.where(d < far, square, 2.0 * far * d - far**2))
+        return belief, 0.5 * (
+            log_det + np.where(d < outlier_limit, square, 2.0 * outlier_limit * d - outlier_limit**2)
+        )
 
     return step
 
 
-def _range(
+def _variance_range(
     fit: "Fit", name: str, entry: int, rest: np.ndarray | None, otherwise: float
 ) -> tuple[float, float]:
     """Return the least and the greatest variance of an inertial channel. With few residuals, the greatest is
@@ -254,8 +276,12 @@ def _range(
         np.diff(r[np.isfinite(r)], 2)
         for r in (c.measured - c.predicted for c in fit.channels if c.sensor == name and c.entry == entry)
     ]
-    every = np.concatenate([np.zeros(0), *steps])
-    most = (MAD * float(np.median(np.abs(every)))) ** 2 / 6.0 if len(every) >= FEWEST else 0.0
-    most = most if most > 0.0 else otherwise
-    sd_at_rest = np.inf if rest is None else float(rest[entry, entry])
-    return sd_at_rest if sd_at_rest < most else most * np.exp(-2.0 * WIDE), most
+    differences = np.concatenate([np.zeros(0), *steps])
+    max_variance = (
+        (MAD * float(np.median(np.abs(differences)))) ** 2 / 6.0 if len(differences) >= MIN_RESIDUALS else 0.0
+    )
+    max_variance = max_variance if max_variance > 0.0 else otherwise
+    variance_at_rest = np.inf if rest is None else float(rest[entry, entry])
+    return variance_at_rest if variance_at_rest < max_variance else max_variance * np.exp(
+        -2.0 * LOG_RANGE
+    ), max_variance

@@ -20,7 +20,13 @@ from baqueano.diagnostics import Verdict, fault
 from baqueano.errors import UsageError
 from baqueano.estimators import Ekf
 from baqueano.identify.covariance.quantiles import QUANTILE_95
-from baqueano.identify.noise.most_likely import FAR, example_of, filter_of, log_det_and_square, ticks_of
+from baqueano.identify.noise.most_likely import (
+    ROBUST_SIGMA,
+    example_of,
+    filter_of,
+    log_det_and_square,
+    ticks_of,
+)
 from baqueano.messages.language import number
 from baqueano.messages.language import translate as _
 from baqueano.runs.run import Run
@@ -56,28 +62,28 @@ class NoiseTrial(NamedTuple):
 class NoiseComparison:
     """Results of all noise matrices R, the best first."""
 
-    tried: tuple[NoiseTrial, ...]
+    trials: tuple[NoiseTrial, ...]
     runs: tuple[str, ...]
 
     @property
     def best(self) -> str:
         """Return the name of the noise matrix R with the largest L.  (2)"""
-        return self.tried[0].name
+        return self.trials[0].name
 
     @property
     def verdict(self) -> Verdict:
         """Return USABLE if the best R is consistent, else WARN."""
-        return Verdict.USABLE if self.tried[0].consistent == "consistent" else Verdict.WARN
+        return Verdict.USABLE if self.trials[0].consistent == "consistent" else Verdict.WARN
 
     def rows(self) -> list[TableRow]:
         """Return one flat row per noise matrix R."""
-        return [trial._asdict() | {"consistent": trial.consistent} for trial in self.tried]
+        return [trial._asdict() | {"consistent": trial.consistent} for trial in self.trials]
 
     def table(self) -> str:
         """Return the table as text."""
         on = _("on {runs}", runs=", ".join(self.runs))
         lines = [f"{_('R from'):16}{'NIS':>8} {'95 %':>15}  {_('log-likelihood'):>18}   {on}"]
-        for trial in self.tried:
+        for trial in self.trials:
             interval = _("{low:.2f} to {high:.2f}", low=trial.low, high=trial.high)
             likelihood = f"{number(trial.likelihood):>18.4f}"
             lines.append(
@@ -114,14 +120,16 @@ def compare_noise(
         raise UsageError(fault("noise.fitted-to", run=runs_of_fit[0]))
     if fit.file.kind("estimator") is not Ekf:
         raise UsageError(fault("noise.not-ekf", vehicle=fit.file.name))
-    ekf = filter_of(fit, _of_file(fit, next(iter(noises.values()))))
-    kernel = scan(_innovations(ekf), ekf.init(), example_of(ekf), np.zeros(_size(ekf)), backend=backend)
-    most = TICKS.get(kernel.backend, 500) // len(runs)
-    ticks = [ticks_of(run, ekf, most) for run in runs]
+    ekf = filter_of(fit, _sensor_covariances(fit, next(iter(noises.values()))))
+    kernel = scan(
+        _innovations(ekf), ekf.init(), example_of(ekf), np.zeros(_parameter_count(ekf)), backend=backend
+    )
+    max_ticks = TICKS.get(kernel.backend, 500) // len(runs)
+    ticks = [ticks_of(run, ekf, max_ticks) for run in runs]
     per_block = max(1, round(BLOCK_S * fit.file.rate_hz))
     trials = []
     for name, noise in noises.items():
-        q = _of_file(fit, noise)
+        q = _sensor_covariances(fit, noise)
         theta = np.concatenate([noise.process.ravel(), *(q[sensor].ravel() for sensor in ekf.use)])
         trials.append(
             _trial(name, [np.asarray(kernel.run(run_ticks, theta)[1]) for run_ticks in ticks], per_block)
@@ -130,29 +138,29 @@ def compare_noise(
     return NoiseComparison(tuple(trials), tuple(run.name for run in runs))
 
 
-def _of_file(fit: "Fit", noise: "Noise") -> dict[str, np.ndarray]:
+def _sensor_covariances(fit: "Fit", noise: "Noise") -> dict[str, np.ndarray]:
     """Return Q of the sensors that are in the file."""
     return {name: q for name, q in noise.in_motion.items() if name in fit.file.sensors._fields}
 
 
-def _size(ekf: Ekf) -> int:
+def _parameter_count(ekf: Ekf) -> int:
     """Return the number of entries in R and in Q of the sensors that are used."""
     return 36 + sum(getattr(ekf.sensors, name).size ** 2 for name in ekf.use)
 
 
-def _trial(name: str, label: list[np.ndarray], per_block: int) -> NoiseTrial:
+def _trial(name: str, logs: list[np.ndarray], per_block: int) -> NoiseTrial:
     """Return the result for one R from (square, log |S|, count) per tick (N, 3) of each run."""
-    square, log_det, count = np.concatenate(label).T
+    square, log_det, count = np.concatenate(logs).T
     blocks = []
-    for run_logs in label:
+    for run_logs in logs:
         rows = len(run_logs) // per_block * per_block
         blocks.append(run_logs[:rows, [0, 2]].reshape(-1, per_block, 2).sum(axis=1))
     measured = max(1.0, float(count.sum()))
     nis = float(square.sum() / measured)
     total, weight = np.concatenate(blocks).T
-    sd = float(np.sqrt(np.sum((total - nis * weight) ** 2)) / max(1.0, float(weight.sum())))
+    std = float(np.sqrt(np.sum((total - nis * weight) ** 2)) / max(1.0, float(weight.sum())))
     likelihood = float(-0.5 * np.sum(log_det + square) / measured)
-    return NoiseTrial(name, nis, nis - QUANTILE_95 * sd, nis + QUANTILE_95 * sd, likelihood)
+    return NoiseTrial(name, nis, nis - QUANTILE_95 * std, nis + QUANTILE_95 * std, likelihood)
 
 
 def _innovations(ekf: Ekf) -> Callable[..., Tree]:
@@ -161,23 +169,28 @@ def _innovations(ekf: Ekf) -> Callable[..., Tree]:
     sizes = [getattr(ekf.sensors, name).size for name in ekf.use]
 
     def step(theta: np.ndarray, belief: Tree, tick: Tick) -> tuple[Tree, np.ndarray]:
-        trial_filter, at = put(ekf, "process_noise_cov", theta[:36].reshape(6, 6)), 36
+        trial_filter, offset = put(ekf, "process_noise_cov", theta[:36].reshape(6, 6)), 36
         for name, m in zip(ekf.use, sizes, strict=True):
-            q = theta[at : at + m * m].reshape(m, m)
-            trial_filter, at = put(trial_filter, f"sensors.{name}.measurement_noise_cov", q), at + m * m
+            q = theta[offset : offset + m * m].reshape(m, m)
+            trial_filter, offset = (
+                put(trial_filter, f"sensors.{name}.measurement_noise_cov", q),
+                offset + m * m,
+            )
         belief, estimate = trial_filter.row(belief, tick)
         innovation, cov = estimate.innovation, estimate.innovation_cov
         assert innovation is not None
         assert cov is not None
-        square, log_det, count, at = 0.0, 0.0, 0.0, 0
+        square, log_det, count, offset = 0.0, 0.0, 0.0, 0
         for name, m in zip(ekf.use, sizes, strict=True):
             has = getattr(tick.sensors, name).has > 0.0
-            span = slice(at, at + m)
-            one_log, squared = log_det_and_square(cov[span, span], np.where(has, innovation[span], 0.0))
-            square = square + np.where(has, np.minimum(squared, FAR**2 * m), 0.0)
-            log_det = log_det + np.where(has, one_log, 0.0)
+            span = slice(offset, offset + m)
+            sensor_log_det, squared = log_det_and_square(
+                cov[span, span], np.where(has, innovation[span], 0.0)
+            )
+            square = square + np.where(has, np.minimum(squared, ROBUST_SIGMA**2 * m), 0.0)
+            log_det = log_det + np.where(has, sensor_log_det, 0.0)
             count = count + np.where(has, float(m), 0.0)
-            at += m
+            offset += m
         return belief, np.array([square, log_det, count])
 
     return step

@@ -23,7 +23,7 @@ from baqueano.contracts import optional
 from baqueano.contracts.optional import is_dynamic
 from baqueano.contracts.values import Tree, Value
 from baqueano.estimators import Ekf
-from baqueano.estimators.pauses import split
+from baqueano.estimators.pauses import rows_of_ticks
 from baqueano.runs.run import Run, age_s
 from baqueano.signals import Slot, Tick, seconds, sensor_slots
 from baqueano.symbolic import put, scan
@@ -34,48 +34,48 @@ if TYPE_CHECKING:
 if TYPE_CHECKING:
     from baqueano.identify.result.fit_result import Fit
 
-FAR = 3.0  # standard deviations
+ROBUST_SIGMA = 3.0  # standard deviations
 STEPS = (2.0, 1.0, 0.5, 0.25, 0.125)  # of the logarithm of a standard deviation
-TRADED = 0.5
+EXCHANGE_STEP = 0.5
 TICKS = {"c": 12_000, "python": 600, "numpy": 200}  # ticks that are used, by backend
-FLOOR = 1e-4  # least standard deviation, relative to the root mean square of the state
+MIN_RELATIVE_STD = 1e-4  # least standard deviation, relative to the root mean square of the state
 
 
-def most_likely(
+def process_covariance(
     fit: "Fit", runs: Sequence[Run], measurement: dict[str, np.ndarray], backend: str = "auto"
 ) -> tuple[np.ndarray, np.ndarray]:
     """Return R (6, 6), diagonal, given Q of each sensor, and the size (6,) of (ν, ν̇)."""
     ekf = filter_of(fit, measurement)
     kernel = scan(_likelihood(ekf), ekf.init(), example_of(ekf), np.zeros(6), backend=backend)
-    most = TICKS.get(kernel.backend, 600) // len(runs)
-    ticks = [ticks_of(run, ekf, most) for run in runs]
-    size = np.max([_size(fit, run) for run in runs], axis=0)
-    low, high = np.log(FLOOR * size), np.log(size)
+    max_ticks = TICKS.get(kernel.backend, 600) // len(runs)
+    ticks = [ticks_of(run, ekf, max_ticks) for run in runs]
+    size = np.max([_motion_size(fit, run) for run in runs], axis=0)
+    low, high = np.log(MIN_RELATIVE_STD * size), np.log(size)
 
     def cost(q: np.ndarray) -> float:
         total = sum(float(kernel.cost(run_ticks, q)) for run_ticks in ticks)
         return total if np.isfinite(total) else np.inf
 
-    q = valley(cost, np.clip(np.log(0.03 * size), low, high), low, high)
+    q = minimise_by_steps(cost, np.clip(np.log(0.03 * size), low, high), low, high)
     return np.diag(np.exp(2.0 * q)), size
 
 
-def valley(cost: Tree, q: np.ndarray, low: np.ndarray, high: np.ndarray) -> np.ndarray:
+def minimise_by_steps(cost: Tree, q: np.ndarray, low: np.ndarray, high: np.ndarray) -> np.ndarray:
     """Return the q (n,) between `low` and `high` at which no step of STEPS[-1] reduces the cost by over 0.001. A step
     changes one entry. A step of TRADED or less may also raise one entry and lower another, as two noises may
     explain the same error."""
-    least, axes = cost(q), np.eye(len(q))
-    ways = [sign * axis for axis in axes for sign in (1.0, -1.0)]
+    min_cost, axes = cost(q), np.eye(len(q))
+    directions = [sign * axis for axis in axes for sign in (1.0, -1.0)]
     exchanges = [a - b for i, a in enumerate(axes) for j, b in enumerate(axes) if i != j]
     for step in STEPS:
         improves = True
         while improves:
             improves = False
-            for way in ways if step > TRADED else ways + exchanges:
-                trial = np.clip(q + step * way, low, high)
+            for direction in directions if step > EXCHANGE_STEP else directions + exchanges:
+                trial = np.clip(q + step * direction, low, high)
                 cost_of_trial = cost(trial) if np.any(trial != q) else np.inf
-                if cost_of_trial < least - 1e-3:
-                    q, least, improves = trial, cost_of_trial, True
+                if cost_of_trial < min_cost - 1e-3:
+                    q, min_cost, improves = trial, cost_of_trial, True
     return q
 
 
@@ -88,10 +88,10 @@ def log_det_and_square(S: np.ndarray, y: np.ndarray) -> tuple[Tree, Tree]:
         total = total + np.log(pivot)
         square = square + v[k] * v[k] / pivot
         for i in range(k + 1, m):
-            part = rows[i][k] / pivot
-            v[i] = v[i] - part * v[k]
+            factor = rows[i][k] / pivot
+            v[i] = v[i] - factor * v[k]
             for j in range(k + 1, m):
-                rows[i][j] = rows[i][j] - part * rows[k][j]
+                rows[i][j] = rows[i][j] - factor * rows[k][j]
     return total, square
 
 
@@ -102,12 +102,12 @@ def filter_of(fit: "Fit", measurement: dict[str, np.ndarray]) -> Ekf:
     for name, q in measurement.items():
         block = getattr(fit.blocks.sensors, name, getattr(sensors, name))
         sensors = sensors._replace(**{name: replace(block, measurement_noise_cov=q)})
-    own = fit.file.estimator(process_noise_cov=np.eye(6))
-    has_stacks = optional.of(own, "stacks_innovations")
-    use = tuple(n for n in (own.use if has_stacks else measurement) if n in measurement)
+    estimator = fit.file.estimator(process_noise_cov=np.eye(6))
+    has_stacks = optional.of(estimator, "stacks_innovations")
+    use = tuple(n for n in (estimator.use if has_stacks else measurement) if n in measurement)
     use = use or tuple(measurement)
     if has_stacks:
-        return replace(own, vehicle=fit.blocks.model, sensors=sensors, use=use)
+        return replace(estimator, vehicle=fit.blocks.model, sensors=sensors, use=use)
     return Ekf(fit.blocks.model, sensors, np.eye(6), fit.file.rate_hz, use=use)
 
 
@@ -120,17 +120,17 @@ def _likelihood(ekf: Ekf) -> Callable[..., Tree]:
         innovation, cov = estimate.innovation, estimate.innovation_cov
         assert innovation is not None
         assert cov is not None
-        total, at = 0.0, 0
+        total, offset = 0.0, 0
         for name, m in zip(ekf.use, sizes, strict=True):
             has = getattr(tick.sensors, name).has > 0.0
-            span = slice(at, at + m)
+            span = slice(offset, offset + m)
             y = np.where(has, innovation[span], 0.0)
             log_det, square = log_det_and_square(cov[span, span], y)
-            far = FAR * np.sqrt(m)
+            limit = ROBUST_SIGMA * np.sqrt(m)
             d = np.sqrt(np.maximum(square, 1e-12))
-            rho = np.where(d < far, square, 2.0 * far * d - far**2)
+            rho = np.where(d < limit, square, 2.0 * limit * d - limit**2)
             total = total + np.where(has, 0.5 * (log_det + rho), 0.0)
-            at += m
+            offset += m
         return belief, total
 
     return step
@@ -142,27 +142,27 @@ def example_of(ekf: Tree) -> Tick:
     return Tick(1, np.zeros(ekf.vehicle.commands), sensor_slots(tuple(slots))(**slots))
 
 
-def ticks_of(run: Run, ekf: Tree, most: int) -> Any:
-    """Return the first `most` ticks of the run as one tree with a leading axis. Pauses are split into rows without
+def ticks_of(run: Run, ekf: Tree, max_ticks: int) -> Any:
+    """Return the first `max_ticks` ticks of the run as one tree with a leading axis. Pauses are split into rows without
     measurements."""
-    t_ns = run.t_ns[:most]
+    t_ns = run.t_ns[:max_ticks]
     slots: dict[str, Tree] = {}
     for name, sensor in ekf.sensors._asdict().items():
         has, z, age = np.zeros(len(t_ns)), np.zeros((len(t_ns), sensor.size)), np.zeros(len(t_ns))
         channel = run.sensors.get(name)
         if channel is not None:
-            at = np.searchsorted(t_ns, channel.arrival_ns)
-            inside = (at < len(t_ns)) & np.isfinite(channel.z).all(axis=1)
-            z[at[inside]], has[at[inside]] = channel.z[inside], 1.0
-            age[at[inside]] = age_s(channel.t_ns[inside], t_ns[at[inside]])
+            tick_index = np.searchsorted(t_ns, channel.arrival_ns)
+            is_inside = (tick_index < len(t_ns)) & np.isfinite(channel.z).all(axis=1)
+            z[tick_index[is_inside]], has[tick_index[is_inside]] = channel.z[is_inside], 1.0
+            age[tick_index[is_inside]] = age_s(channel.t_ns[is_inside], t_ns[tick_index[is_inside]])
         slots[name] = (has, z, age)
-    u = np.where(np.isfinite(run.applied[:most]), run.applied[:most], 0.0)
+    u = np.where(np.isfinite(run.applied[:max_ticks]), run.applied[:max_ticks], 0.0)
     rows: Any = {name: Slot(*slot) for name, slot in slots.items()}
     columns: Tree = (t_ns, u, sensor_slots(tuple(rows))(**rows))
-    return split(Tick(*columns), ekf.rate_hz)[0]
+    return rows_of_ticks(Tick(*columns), ekf.rate_hz)[0]
 
 
-def _size(fit: "Fit", run: Run) -> np.ndarray:
+def _motion_size(fit: "Fit", run: Run) -> np.ndarray:
     """Return the root mean square (6,) of (ν, ν̇) of the model under the run's commands."""
     vehicle = fit.blocks.model
     dt_s = np.diff(run.t_ns, prepend=2 * run.t_ns[0] - run.t_ns[1]) * 1e-9
@@ -190,7 +190,7 @@ def process_errors(fit: "Fit", runs: Sequence[Run], backend: str = "auto") -> tu
     vehicle = fit.blocks.model
     n = vehicle.commands
 
-    def step(before: PredictionState, row: np.ndarray) -> tuple[PredictionState, np.ndarray]:
+    def step(previous: PredictionState, row: np.ndarray) -> tuple[PredictionState, np.ndarray]:
         dt_s, u, eta, nu, nu_dot = (
             row[0],
             row[1 : 1 + n],
@@ -198,8 +198,8 @@ def process_errors(fit: "Fit", runs: Sequence[Run], backend: str = "auto") -> tu
             row[4 + n : 7 + n],
             row[7 + n : 10 + n],
         )
-        drivetrain, effort = vehicle.drivetrain.step(before.drivetrain, u, dt_s)
-        g = predict(vehicle, mode, fading_s, eta, nu, nu_dot, before.effort, effort, dt_s)
+        drivetrain, effort = vehicle.drivetrain.step(previous.drivetrain, u, dt_s)
+        g = predict(vehicle, mode, fading_s, eta, nu, nu_dot, previous.effort, effort, dt_s)
         return PredictionState(drivetrain, effort.last), g
 
     kernel = scan(
@@ -227,15 +227,15 @@ def predict(
 ) -> np.ndarray:
     """Return g = (ν̄, ν̇̄) (6,), the prediction of one step.  (3), (4), (5)"""
     if not is_dynamic(vehicle):
-        _, ahead, ahead_dot = vehicle.advance(eta, nu, effort, dt_s)
-        return np.concatenate([ahead, ahead_dot])
+        _, nu_bar, nu_dot_bar = vehicle.advance(eta, nu, effort, dt_s)
+        return np.concatenate([nu_bar, nu_dot_bar])
     if mode == "paper":
         return np.concatenate([nu + nu_dot * dt_s, vehicle.nu_dot(nu, effort.last, eta[2])])
     residual = nu_dot - vehicle.nu_dot(nu, previous, eta[2])
-    eta_ahead, ahead, _ = vehicle.advance(eta, nu, effort, dt_s)
-    ahead = ahead + residual * dt_s
-    memory = np.exp(-dt_s / fading_s) * residual
-    return np.concatenate([ahead, vehicle.nu_dot(ahead, effort.last, eta_ahead[2]) + memory])
+    eta_bar, nu_bar, _ = vehicle.advance(eta, nu, effort, dt_s)
+    nu_bar = nu_bar + residual * dt_s
+    faded = np.exp(-dt_s / fading_s) * residual
+    return np.concatenate([nu_bar, vehicle.nu_dot(nu_bar, effort.last, eta_bar[2]) + faded])
 
 
 def prediction_of(fit: "Fit") -> tuple[str, float]:

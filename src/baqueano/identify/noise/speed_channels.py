@@ -18,7 +18,7 @@ import numpy as np
 
 from baqueano.contracts.values import Tree
 from baqueano.diagnostics import Diagnostic, note
-from baqueano.estimators.augmented.state import SCALES, layout
+from baqueano.estimators.augmented.state import SCALE_INDEX, layout
 from baqueano.estimators.augmented_ekf import AugmentedEkf
 from baqueano.estimators.readings.velocity_readings import readings_of
 from baqueano.identify.noise.most_likely import example_of, ticks_of
@@ -28,9 +28,9 @@ from baqueano.signals import Tick, seconds
 from baqueano.symbolic import scan
 
 BLOCK_S = 10.0
-FEWEST = 5  # blocks, for an interval
+MIN_BLOCKS = 5  # blocks, for an interval
 DRAWS = 2000
-AHEAD = 0  # the entry of ν
+FORWARD = 0  # the entry of ν
 
 
 class SpeedChannels(NamedTuple):
@@ -43,38 +43,41 @@ class SpeedChannels(NamedTuple):
 
 def speed_channels(
     filters: Callable[[tuple[str, ...]], AugmentedEkf],
-    own: tuple[str, ...],
+    file_names: tuple[str, ...],
     validation_runs: Sequence[Run],
     backend: str = "auto",
 ) -> SpeedChannels | None:
     """Return the channels that may correct the speed, or None for a filter without accelerometers.  (1)
 
     `filters(channels)` returns the filter with `channels` in its field `speed_from`, and with its noise estimated
-    again. `own` contains the channels in the vehicle file; they are returned if no run shows the speed.
+    again. `file_names` contains the channels in the vehicle file; they are returned if no run shows the speed.
     """
     without_speed = filters(())
-    numbers = tuple(_undecided_numbers(without_speed))
-    if not numbers:
+    channels = tuple(_undecided_channels(without_speed))
+    if not channels:
         return None
-    witnesses = [(run, *_reference_speed(run, without_speed)) for run in validation_runs]
-    with_speed = [(run, speed, by) for run, speed, by in witnesses if speed is not None]
+    references = [(run, *_reference_speed(run, without_speed)) for run in validation_runs]
+    with_speed = [(run, speed, source) for run, speed, source in references if speed is not None]
     if not with_speed:
-        code = "speed.by-the-file" if own else "speed.by-the-model"
-        return SpeedChannels(own, note(code, fix="--held-out RUN", channels=own), decided=False)
-    without, ratios = _errors(without_speed, with_speed, backend), {}
-    if not np.isfinite(without).all():
+        code = "speed.by-the-file" if file_names else "speed.by-the-model"
+        return SpeedChannels(file_names, note(code, fix="--held-out RUN", channels=file_names), decided=False)
+    errors_without, ratios = _errors(without_speed, with_speed, backend), {}
+    if not np.isfinite(errors_without).all():
         return None  # the model itself diverges
-    for names in dict.fromkeys([*((number,) for number in numbers), numbers]):
-        ratios[names] = ratio_of_blocks(_errors(filters(names), with_speed, backend), without)
-    best = min(ratios, key=lambda names: ratios[names][0])
-    ratio, low, high = ratios[best]
-    by, runs = ", ".join(sorted({by for *_, by in with_speed})), ", ".join(run.name for run, *_ in with_speed)
+    for names in dict.fromkeys([*((channel,) for channel in channels), channels]):
+        ratios[names] = ratio_of_blocks(_errors(filters(names), with_speed, backend), errors_without)
+    best_names = min(ratios, key=lambda names: ratios[names][0])
+    ratio, low, high = ratios[best_names]
+    source, runs = (
+        ", ".join(sorted({source for *_, source in with_speed})),
+        ", ".join(run.name for run, *_ in with_speed),
+    )
     if not np.isfinite(high):
-        pieces = {"pieces": len(without), "least": FEWEST, "block_s": BLOCK_S}
+        pieces = {"pieces": len(errors_without), "least": MIN_BLOCKS, "block_s": BLOCK_S}
         return SpeedChannels((), note("speed.too-short", runs=runs, **pieces))
-    details = {"channels": best, "ratio": ratio, "low": low, "high": high, "by": by, "runs": runs}
+    details = {"channels": best_names, "ratio": ratio, "low": low, "high": high, "by": source, "runs": runs}
     if high < 1.0:
-        return SpeedChannels(best, note("speed.corrected", **details))
+        return SpeedChannels(best_names, note("speed.corrected", **details))
     return SpeedChannels((), note("speed.left", **details))
 
 
@@ -82,20 +85,22 @@ def ratio_of_blocks(ours: np.ndarray, reference: np.ndarray) -> tuple[float, flo
     """Return the ratio of two root mean square errors, and its 95 % interval. `ours` and `reference` (B,) are sums
     of squares in B blocks. The interval is NaN with fewer blocks than FEWEST.  (1)"""
     ratio = float(np.sqrt(ours.sum() / reference.sum()))
-    if len(ours) < FEWEST:
+    if len(ours) < MIN_BLOCKS:
         return ratio, float("nan"), float("nan")
     pick = np.random.default_rng(0).integers(0, len(ours), (DRAWS, len(ours)))
     low, high = np.quantile(np.sqrt(ours[pick].sum(axis=1) / reference[pick].sum(axis=1)), [0.025, 0.975])
     return ratio, float(low), float(high)
 
 
-def _undecided_numbers(ekf: AugmentedEkf) -> Iterator[str]:
+def _undecided_channels(ekf: AugmentedEkf) -> Iterator[str]:
     """Yield the inertial channels in use that do not correct the motion yet, as candidates for the speed."""
-    its = layout(ekf)
-    bias_sensors = {bias.sensor for bias in its.biases}
-    numbers = [(name, i) for name, rows in zip(its.names, its.entries, strict=True) for i in rows]
-    for (name, i), E in zip(numbers, its.moving, strict=True):
-        if name in bias_sensors and not np.any(E[:SCALES]):
+    filter_layout = layout(ekf)
+    bias_sensors = {bias.sensor for bias in filter_layout.biases}
+    channels = [
+        (name, i) for name, rows in zip(filter_layout.names, filter_layout.entries, strict=True) for i in rows
+    ]
+    for (name, i), E in zip(channels, filter_layout.moving_mask, strict=True):
+        if name in bias_sensors and not np.any(E[:SCALE_INDEX]):
             yield f"{name}[{i}]"
 
 
@@ -105,13 +110,13 @@ def _reference_speed(run: Run, ekf: AugmentedEkf) -> tuple[np.ndarray | None, st
         return speed, "the truth"
     names_used = set(layout(ekf).names)
     for name in getattr(ekf.sensors, "_fields", ()):
-        readings = [reading for reading in readings_of(ekf.sensors, (name,)) if AHEAD in reading.of]
+        readings = [reading for reading in readings_of(ekf.sensors, (name,)) if FORWARD in reading.entries]
         channel = run.sensors.get(name)
         if name in names_used or channel is None or not readings or len(channel.t_ns) < 2:
             continue
         z = channel.z[:, list(readings[0].rows)]
         finite = np.isfinite(z).all(axis=1)
-        speed = (z[finite] - readings[0].at_rest) @ readings[0].inverse[AHEAD]
+        speed = (z[finite] - readings[0].at_rest) @ readings[0].inverse[FORWARD]
         return np.interp(run.t_s, seconds(channel.t_ns[finite], run.t_ns[0]), speed, np.nan, np.nan), name
     return None, ""
 
@@ -121,7 +126,7 @@ def _errors(ekf: AugmentedEkf, runs: Sequence[tuple[Run, np.ndarray, str]], back
 
     def step(belief: Tree, tick: Tick) -> tuple[Tree, Tree]:
         belief, estimate = ekf.row(belief, tick)
-        return belief, estimate.nu[AHEAD]
+        return belief, estimate.nu[FORWARD]
 
     out = []
     for run, speed, _ in runs:

@@ -13,25 +13,25 @@ import numpy as np
 
 from baqueano.contracts.values import Tree
 from baqueano.diagnostics import Diagnostic, Severity, note
-from baqueano.identify.data.rest import standing
+from baqueano.identify.data.rest import is_at_rest
 from baqueano.runs.run import Run
 
-FEWEST = 30  # samples for a variance
+MIN_SAMPLES = 30  # samples for a variance
 
 
-def not_fitted(
-    name: str, block: Tree, took_part: np.ndarray, runs: Sequence[Run], notes: list[Diagnostic]
+def unfitted_covariance(
+    name: str, block: Tree, fitted_variance: np.ndarray, runs: Sequence[Run], notes: list[Diagnostic]
 ) -> np.ndarray | None:
-    """Return Q (m, m) of a sensor, or None if Q is not in the file and a run lacks the sensor. `took_part` (m,) are the
-    variances of the residuals of its channels, 0 for channels that were not fitted.  (1)"""
-    of_file = np.diagonal(block.cov)
-    if np.all(of_file > 0.0):
+    """Return Q (m, m) of a sensor, or None if Q is not in the file and a run lacks the sensor. `fitted_variance` (m,)
+    are the variances of the residuals of its channels, 0 for channels that were not fitted.  (1)"""
+    file_variance = np.diagonal(block.cov)
+    if np.all(file_variance > 0.0):
         notes.append(note("noise.of-the-file", Severity.WARNING, subject=name))
         return block.cov
     channels = [run.sensors.get(name) for run in runs]
     if any(channel is None or channel.z.shape[1] != block.size for channel in channels):
         return None
-    variance = np.where(of_file > 0.0, of_file, took_part)
+    variance = np.where(file_variance > 0.0, file_variance, fitted_variance)
     for i in np.flatnonzero(variance <= 0.0):
         variance[i] = next((v for v in _candidates(name, int(i), runs) if v > 0.0), 1.0)
         sigma = float(np.sqrt(variance[i]))
@@ -41,12 +41,12 @@ def not_fitted(
 
 def _candidates(name: str, i: int, runs: Sequence[Run]) -> Iterator[float]:
     """Yield the variance of channel i at rest, about the mean of each run, then the white part of all its readings."""
-    rest, steps = [np.zeros(0)], [np.zeros(0)]
+    deviations_at_rest, steps = [np.zeros(0)], [np.zeros(0)]
     for run in runs:
         channel = run.sensors[name]
         z, finite = channel.z[:, i], np.isfinite(channel.z[:, i])
-        at_rest = z[finite & standing(run, channel.t_ns)]
-        rest.append(at_rest - at_rest.mean() if len(at_rest) else at_rest)
+        at_rest = z[finite & is_at_rest(run, channel.t_ns)]
+        deviations_at_rest.append(at_rest - at_rest.mean() if len(at_rest) else at_rest)
         steps.append(np.diff(z[finite]))
-    for x, part in ((np.concatenate(rest), 1.0), (np.concatenate(steps), 0.5)):
-        yield part * float(np.mean(x**2)) if len(x) >= FEWEST else 0.0
+    for x, factor in ((np.concatenate(deviations_at_rest), 1.0), (np.concatenate(steps), 0.5)):
+        yield factor * float(np.mean(x**2)) if len(x) >= MIN_SAMPLES else 0.0

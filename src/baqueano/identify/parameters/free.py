@@ -23,20 +23,25 @@ from baqueano.errors import UsageError
 from baqueano.identify.data.record import FittedBlocks
 from baqueano.parameter import Parameter, Words, all_parameters, parameters
 from baqueano.symbolic import get, put
-from baqueano.vehicles.freedoms import AXES, coasting_axes, rates, slopes
+from baqueano.vehicles.freedoms import AXIS_NAMES, coasting_axes, damping_derivatives, rates
 
-FREED = ("fitted", "gain", "offset")  # roles of fields that are free by default
+FREE_ROLES = ("fitted", "gain", "offset")  # roles of fields that are free by default
 FLOOR = "model.process_noise_std"  # process noise of ν by the floor
 DELAY = "model.drivetrain.delay_s"
 LAG = "model.drivetrain.lag_s"
 LIMIT = "model.drivetrain.limit"
-EFFECT = "model.drivetrain.battery_effect"
-OF_WHEELS = ("model.friction.coulomb_forward", "model.friction.coulomb_backward")
-LONGEST_DELAY_S = 0.25  # upper bound of a delay, if the delay of the file is shorter
-FIRST_LAG, LEAST_LAG = 5.0, 0.1  # ticks: start of the search for a lag, and its lower bound
-LOW_PASS, HIGHEST = ".low_pass_hz", 5.0  # times the rate of the ticks: a higher low-pass is without effect
+BATTERY_EFFECT = "model.drivetrain.battery_effect"
+WHEEL_FRICTIONS = ("model.friction.coulomb_forward", "model.friction.coulomb_backward")
+MAX_DELAY_S = 0.25  # upper bound of a delay, if the delay of the file is shorter
+FIRST_LAG, MIN_LAG = 5.0, 0.1  # ticks: start of the search for a lag, and its lower bound
+LOW_PASS, MAX_LOW_PASS_RATIO = (
+    ".low_pass_hz",
+    5.0,
+)  # times the rate of the ticks: a higher low-pass is without effect
 FIRST_LIMIT = 0.7  # of the largest command: start of the search for the limit of a motor
-STIFFEST = 1.5  # of a friction, per tick: above 1.6 the steps of RK4 decay slower again, above 2.8 they grow
+MAX_DECAY_PER_TICK = (
+    1.5  # of a friction, per tick: above 1.6 the steps of RK4 decay slower again, above 2.8 they grow
+)
 ORDINALS = ("first", "second", "third", "fourth", "fifth", "sixth")
 
 
@@ -84,12 +89,12 @@ def words_of(words: Words, entry: tuple[int, ...]) -> str:
     first = entry[0]
     text = words if isinstance(words, str) else words[min(first, len(words) - 1)]
     nth = ORDINALS[first] if first < len(ORDINALS) else f"{first + 1}th"
-    return text.replace("{nth}", nth).replace("{axis}", AXES[min(first, 2)])
+    return text.replace("{nth}", nth).replace("{axis}", AXIS_NAMES[min(first, 2)])
 
 
 def default_free(blocks: FittedBlocks) -> list[str]:
     """Return the paths, with entries, that are free by default."""
-    paths = [p for path in always_free(blocks) for p in entries(blocks, path)]
+    paths = [p for path in default_fields(blocks) for p in entries(blocks, path)]
     terms = [(path, p) for path, p in all_parameters(blocks.model, "model") if p.role == "term"]
     terms_present = [
         entry for path, p in terms for entry in entries(blocks, path) if value(blocks, entry) != p.neutral
@@ -97,10 +102,10 @@ def default_free(blocks: FittedBlocks) -> list[str]:
     return paths + terms_present
 
 
-def always_free(blocks: FittedBlocks) -> list[str]:
+def default_fields(blocks: FittedBlocks) -> list[str]:
     """Return the paths, without entries, that a default fit frees for any value in the file."""
     paths = all_parameters(blocks.model, "model")
-    return [path for path, p in paths if p.role in FREED and path != FLOOR]
+    return [path for path, p in paths if p.role in FREE_ROLES and path != FLOOR]
 
 
 def has_offset(model: Tree) -> bool:
@@ -147,13 +152,13 @@ def free_parameters(
     """Return the free parameters, in order and once each; an empty list if `free` is empty. Raise UsageError if all
     are fixed."""
     paths = [p for path in requested_paths(free, lambda: default_free(blocks)) for p in entries(blocks, path)]
-    out = {p for path in fixed for p in entries(blocks, path)}
+    fixed_paths = {p for path in fixed for p in entries(blocks, path)}
     for path in bounds:
         entries(blocks, path)
-    paths_left = [p for p in dict.fromkeys(paths) if p not in out]
-    if not paths_left and paths:
+    free_paths = [p for p in dict.fromkeys(paths) if p not in fixed_paths]
+    if not free_paths and paths:
         raise UsageError(fault("parameter.all-fixed"))
-    return [free_parameter(blocks, p, bounds) for p in paths_left]
+    return [free_parameter(blocks, p, bounds) for p in free_paths]
 
 
 def requested_paths(free: Iterable[str] | None, needed: Callable[[], Iterable[str]]) -> list[str]:
@@ -165,11 +170,11 @@ def requested_paths(free: Iterable[str] | None, needed: Callable[[], Iterable[st
 
 
 def enable_parameters(
-    blocks: FittedBlocks, free: list[Free], rate_hz: float, u: np.ndarray, slots: Callable[[float], int]
+    blocks: FittedBlocks, free: list[Free], rate_hz: float, u: np.ndarray, past_rows: Callable[[float], int]
 ) -> tuple[FittedBlocks, list[Free]]:
     """Prepare the model so that every free parameter affects the output; return it with the implied bounds.
 
-    u (N, n) are all commands of the runs. `slots` returns the number of rows that a delay needs.
+    u (N, n) are all commands of the runs. `past_rows` returns the number of rows that a delay needs.
 
     A delay receives a buffer of past rows, and a lag of 0 starts at FIRST_LAG ticks. The limit of a motor stays
     below the largest command, else the data cannot determine it. A free effect of the battery uses the logged
@@ -177,66 +182,71 @@ def enable_parameters(
     wheels if the track is 0.
     """
     paths = [parameter.path for parameter in free]
-    if any(path.startswith(OF_WHEELS) for path in paths) and blocks.model.friction.track_m == 0.0:
+    if any(path.startswith(WHEEL_FRICTIONS) for path in paths) and blocks.model.friction.track_m == 0.0:
         raise UsageError(fault("parameter.no-track"))
-    if EFFECT in paths:
+    if BATTERY_EFFECT in paths:
         blocks = _with_drivetrain(blocks, battery="logged")
-    late_s = float(getattr(getattr(blocks.model, "drivetrain", None), "delay_s", 0.0))
+    delay_s = float(getattr(getattr(blocks.model, "drivetrain", None), "delay_s", 0.0))
     if DELAY in paths:
-        late_s = max(late_s, LONGEST_DELAY_S)
+        delay_s = max(delay_s, MAX_DELAY_S)
         free = [
-            parameter._replace(high=min(parameter.high, late_s)) if parameter.path == DELAY else parameter
+            parameter._replace(high=min(parameter.high, delay_s)) if parameter.path == DELAY else parameter
             for parameter in free
         ]
-    blocks = _with_lines(blocks, late_s, slots)
+    blocks = _with_lines(blocks, delay_s, past_rows)
     if LAG in paths:
         lag_s = blocks.model.drivetrain.lag_s or FIRST_LAG / rate_hz
         blocks = _with_drivetrain(blocks, lag_s=lag_s)
         free = [
-            _with_lower_bound(parameter, LEAST_LAG / rate_hz) if parameter.path == LAG else parameter
+            _with_lower_bound(parameter, MIN_LAG / rate_hz) if parameter.path == LAG else parameter
             for parameter in free
         ]
-    blocks, free = _room_for_low_pass(blocks, free, rate_hz)
+    blocks, free = _bound_low_pass(blocks, free, rate_hz)
     if any(path.startswith(LIMIT) for path in paths):
-        blocks, free = _room_for_limit(blocks, free, u)
-    most = _integrable(blocks, paths, rate_hz)
+        blocks, free = _bound_limit(blocks, free, u)
+    upper_bounds = _friction_bounds(blocks, paths, rate_hz)
     return blocks, [
-        parameter._replace(high=min(parameter.high, most.get(parameter.path, np.inf))) for parameter in free
+        parameter._replace(high=min(parameter.high, upper_bounds.get(parameter.path, np.inf)))
+        for parameter in free
     ]
 
 
-def _integrable(blocks: FittedBlocks, paths: list[str], rate_hz: float) -> dict[str, float]:
+def _friction_bounds(blocks: FittedBlocks, paths: list[str], rate_hz: float) -> dict[str, float]:
     """Return the upper bound of each friction, up to which the motion stays integrable. The free frictions of an
     axis share the remaining range."""
-    kept_model, out = coasting_axes(blocks.model), {}
-    room = np.maximum(STIFFEST * rate_hz - rates(blocks.model, kept_model), 0.0)
+    kept_model, bounds = coasting_axes(blocks.model), {}
+    slack = np.maximum(MAX_DECAY_PER_TICK * rate_hz - rates(blocks.model, kept_model), 0.0)
     requested_paths = {path.partition("[")[0] for path in paths}
     requested_paths = {
         k for k, p in all_parameters(blocks.model, "model") if k in requested_paths and p.role != "known"
     }
-    free = {path: slope for path, slope in slopes(blocks.model, requested_paths, kept_model) if path in paths}
+    free_slopes = {
+        path: slope
+        for path, slope in damping_derivatives(blocks.model, requested_paths, kept_model)
+        if path in paths
+    }
     for i in range(3):
-        paths_of_axis = [path for path, slope in free.items() if slope[i] > 0.0]
+        paths_of_axis = [path for path, slope in free_slopes.items() if slope[i] > 0.0]
         for path in paths_of_axis:
-            most = value(blocks, path) + float(room[i] / (free[path][i] * len(paths_of_axis)))
-            out[path] = min(most, out.get(path, np.inf))
-    return out
+            bound = value(blocks, path) + float(slack[i] / (free_slopes[path][i] * len(paths_of_axis)))
+            bounds[path] = min(bound, bounds.get(path, np.inf))
+    return bounds
 
 
-def _with_lines(blocks: FittedBlocks, late_s: float, slots: Callable[[float], int]) -> FittedBlocks:
-    """Return the blocks with delay lines that are long enough for a command delay of `late_s` [s] and for the delays
+def _with_lines(blocks: FittedBlocks, delay_s: float, past_rows: Callable[[float], int]) -> FittedBlocks:
+    """Return the blocks with delay lines that are long enough for a command delay of `delay_s` [s] and for the delays
     of the sensors."""
     sensors = [
-        replace(sensor, delay_slots=slots(float(sensor.delay_s)))
+        replace(sensor, delay_slots=past_rows(float(sensor.delay_s)))
         if has_field(sensor, "delay_slots")
         else sensor
         for sensor in blocks.sensors
     ]
     blocks = blocks._replace(sensors=type(blocks.sensors)(*sensors))
-    return _with_drivetrain(blocks, delay_slots=slots(late_s)) if late_s > 0.0 else blocks
+    return _with_drivetrain(blocks, delay_slots=past_rows(delay_s)) if delay_s > 0.0 else blocks
 
 
-def _room_for_low_pass(
+def _bound_low_pass(
     blocks: FittedBlocks, free: list[Free], rate_hz: float
 ) -> tuple[FittedBlocks, list[Free]]:
     """Set a low-pass that is off to the rate of the ticks. Limit it to HIGHEST times this rate: a higher low-pass is
@@ -248,31 +258,31 @@ def _room_for_low_pass(
             hz = min(float(sensor.low_pass_hz), rate_hz)
             sensors = blocks.sensors._replace(**{name: replace(sensor, low_pass_hz=hz)})
             blocks = blocks._replace(sensors=sensors)
-    high = HIGHEST * rate_hz
+    high = MAX_LOW_PASS_RATIO * rate_hz
     return blocks, [
         parameter._replace(high=min(parameter.high, high)) if parameter.path.endswith(LOW_PASS) else parameter
         for parameter in free
     ]
 
 
-def _room_for_limit(blocks: FittedBlocks, free: list[Free], u: np.ndarray) -> tuple[FittedBlocks, list[Free]]:
+def _bound_limit(blocks: FittedBlocks, free: list[Free], u: np.ndarray) -> tuple[FittedBlocks, list[Free]]:
     drivetrain = blocks.model.drivetrain
-    size = (
+    magnitude = (
         np.abs(u)
         if drivetrain.mixing == "none"
         else np.abs(np.stack([u[:, 0] - u[:, 2], u[:, 0] + u[:, 2]], 1))
     )
-    most = np.max(size, axis=0)
-    most = np.array([most.max()]) if drivetrain.limit.shape == (1,) else most
-    most = most * (1.0 - 1e-9)  # below the largest command, so that the limit has an effect
+    largest = np.max(magnitude, axis=0)
+    largest = np.array([largest.max()]) if drivetrain.limit.shape == (1,) else largest
+    largest = largest * (1.0 - 1e-9)  # below the largest command, so that the limit has an effect
     paths = entries(blocks, LIMIT)
-    begin = np.where(drivetrain.limit < most, drivetrain.limit, FIRST_LIMIT * most)
+    begin = np.where(drivetrain.limit < largest, drivetrain.limit, FIRST_LIMIT * largest)
     limit = np.where(
         [path in {parameter.path for parameter in free} for path in paths], begin, drivetrain.limit
     )
-    highest = dict(zip(paths, most.tolist(), strict=True))
+    upper_bounds = dict(zip(paths, largest.tolist(), strict=True))
     free = [
-        parameter._replace(high=min(parameter.high, highest.get(parameter.path, np.inf)))
+        parameter._replace(high=min(parameter.high, upper_bounds.get(parameter.path, np.inf)))
         for parameter in free
     ]
     return _with_drivetrain(blocks, limit=limit), free
@@ -305,22 +315,26 @@ def _value_at(blocks: FittedBlocks, path: str) -> np.ndarray:
     except (AttributeError, KeyError, IndexError, TypeError, ValueError) as error:
         field, bracket, entry = path.partition("[")
         names = _fields(blocks)
-        near = _near(field, bracket + entry, names)
+        similar = _similar_paths(field, bracket + entry, names)
         raise UsageError(
             fault(
-                "parameter.unknown", path=path, kind=type(blocks.model).__name__, near=near, example=names[0]
+                "parameter.unknown",
+                path=path,
+                kind=type(blocks.model).__name__,
+                near=similar,
+                example=names[0],
             )
         ) from error
     return values
 
 
-def _near(field: str, entry: str, names: list[str]) -> Diagnostic:
+def _similar_paths(field: str, entry: str, names: list[str]) -> Diagnostic:
     """Return a note with the similar path, including `entry`, and the known paths."""
-    near = nearest(field, names)
-    near = near if "meant" in near.figures else nearest(f"model.{field}", names)
-    if "meant" not in near.figures or field in names:
-        return near
-    return note("name.near", meant=f"{near.figures['meant']}{entry}", known=near.figures["known"])
+    similar = nearest(field, names)
+    similar = similar if "meant" in similar.figures else nearest(f"model.{field}", names)
+    if "meant" not in similar.figures or field in names:
+        return similar
+    return note("name.near", meant=f"{similar.figures['meant']}{entry}", known=similar.figures["known"])
 
 
 def _fields(blocks: FittedBlocks) -> list[str]:
@@ -331,7 +345,7 @@ def _fields(blocks: FittedBlocks) -> list[str]:
 
 def _unit(text: str, first: int) -> str:
     """Return the unit of one entry: "N, N, N m per unit of u" is one unit per row."""
-    parts = text.split(", ")
-    unit = parts[min(first, len(parts) - 1)]
-    tail = parts[-1].partition(" per ")[2]
-    return unit if not tail or " per " in unit else f"{unit} per {tail}"
+    row_units = text.split(", ")
+    unit = row_units[min(first, len(row_units) - 1)]
+    denominator = row_units[-1].partition(" per ")[2]
+    return unit if not denominator or " per " in unit else f"{unit} per {denominator}"

@@ -10,17 +10,17 @@ from baqueano.contracts.optional import has_field
 from baqueano.contracts.values import Tree, Value
 from baqueano.diagnostics import fault
 from baqueano.errors import UsageError
-from baqueano.identify.data.added_channels import VOLTAGE, with_voltage
+from baqueano.identify.data.added_channels import VOLTAGE_KEY, with_voltage
 from baqueano.identify.data.record import (
-    CLOCK_S,
+    MAX_CLOCK_OFFSET_S,
     FitRecord,
     FittedBlocks,
     Measurements,
-    past_of,
+    offset_rows,
+    past_rows_of,
     record_of,
-    slots_for,
 )
-from baqueano.identify.data.segments import ThetaLayout, cut
+from baqueano.identify.data.segments import ThetaLayout, split_record
 from baqueano.identify.options import FitOptions
 from baqueano.identify.parallel import parallel_map
 from baqueano.identify.parameters.free import (
@@ -35,7 +35,7 @@ from baqueano.identify.parameters.free import (
 )
 from baqueano.messages.printable import baqueano_command
 from baqueano.runs.run import Run
-from baqueano.sensors.sampling import Signal, measures_pose, steady_signal, step_signal
+from baqueano.sensors.sampling import Signal, constant_signal, measures_pose, step_signal
 from baqueano.signals import ByName, Motion
 from baqueano.vehicles.freedoms import coasting_axes
 
@@ -44,9 +44,9 @@ if TYPE_CHECKING:
     from baqueano.signals import ByName
 
 BIASES = ("accel_bias", "gyro_bias")
-POSE_S = 5.0  # length of a segment if a pose is used: a simulated heading drifts away
-SETTLED_LAGS = 8.0  # lags of the motors, after which 3e-4 of their earlier state is left
-STARTS = ("nu_x", "nu_y", "nu_psi", "x", "y", "psi")
+POSE_SEGMENT_S = 5.0  # length of a segment if a pose is used: a simulated heading drifts away
+LEAD_LAGS = 8.0  # lags of the motors, after which 3e-4 of their earlier state is left
+START_NAMES = ("nu_x", "nu_y", "nu_psi", "x", "y", "psi")
 
 
 class Shape(NamedTuple):
@@ -59,8 +59,8 @@ class Shape(NamedTuple):
         bool, ...
     ]  # per sensor, True if its stamps lie between ticks, or its clock is free
     clocks: tuple[str, ...] = ()  # sensors whose clock is free
-    slots: int = 0  # rows before the newest that free clocks need
-    volts: bool = False  # True if rows end with the battery's voltage
+    past_rows: int = 0  # rows before the newest that free clocks need
+    has_voltage: bool = False  # True if rows end with the battery's voltage
 
     @property
     def by_run(self) -> tuple[str, ...]:
@@ -106,8 +106,8 @@ def unknowns(
 
     Raise UsageError if no command moved, or if bounds or start values belong to no free parameter.
     """
-    _are_free(options.bounds, [*(parameter.path for parameter in requested), *options.per_run])
-    options = for_sensors(options, blocks)
+    _check_bounds(options.bounds, [*(parameter.path for parameter in requested), *options.per_run])
+    options = with_pose_segments(options, blocks)
     for run in runs:
         if len(run.applied) and not np.any(np.isfinite(run.applied)):
             raise UsageError(fault("runs.no-command", run=run.name))
@@ -115,7 +115,7 @@ def unknowns(
     frozen_numbers = frozen_columns(list(requested), u)
     if (requested and len(frozen_numbers) == len(requested)) or not np.any(u):
         raise UsageError(fault("runs.all-still", baqueano_command("runs", "calibrate", runs[0].name)))
-    blocks, requested = enable_parameters(blocks, list(requested), rate_hz, u, past_of(runs))
+    blocks, requested = enable_parameters(blocks, list(requested), rate_hz, u, past_rows_of(runs))
     records = with_voltage(records_of(runs, blocks, channels, options), runs, blocks)
     free = [parameter for k, parameter in enumerate(requested) if k not in frozen_numbers]
     shape = shape_of(blocks, free, records, options)
@@ -124,7 +124,7 @@ def unknowns(
     return Parameters(blocks, tuple(requested), tuple(frozen_numbers), tuple(records), shape, layout, *begin)
 
 
-def for_sensors(options: FitOptions, blocks: FittedBlocks) -> FitOptions:
+def with_pose_segments(options: FitOptions, blocks: FittedBlocks) -> FitOptions:
     """Return the options, with segments if a pose is used.
 
     Raise UsageError for a clock of a sensor that is not used.
@@ -133,8 +133,8 @@ def for_sensors(options: FitOptions, blocks: FittedBlocks) -> FitOptions:
     for name in options.clocks:
         if name not in names:
             raise UsageError(fault("clock.unreliable", sensor=name, known=names))
-    poses = any(measures_pose(sensor) for sensor in blocks.sensors)
-    return replace(options, segment_s=POSE_S) if poses and options.segment_s is None else options
+    has_pose = any(measures_pose(sensor) for sensor in blocks.sensors)
+    return replace(options, segment_s=POSE_SEGMENT_S) if has_pose and options.segment_s is None else options
 
 
 def layout_of(shape: Shape, records: Sequence[FitRecord]) -> ThetaLayout:
@@ -147,43 +147,43 @@ def records_of(
     runs: Sequence[Run], blocks: FittedBlocks, channels: Mapping[str, list[int]], options: FitOptions
 ) -> list[FitRecord]:
     """Return the rows of all runs, segment by segment."""
-    out, sensors = [], blocks.sensors._asdict()
-    read = parallel_map(
+    segments, sensors = [], blocks.sensors._asdict()
+    records = parallel_map(
         lambda run: record_of(run, sensors, channels, options.clocks),
         runs,
         rows=sum(len(r.t_ns) for r in runs),
     )
-    for k, whole in enumerate(read):
-        whole = whole._replace(run=k)
+    for k, record in enumerate(records):
+        record = record._replace(run=k)
         drivetrain = getattr(blocks.model, "drivetrain", None)
-        late_s = float(np.median(whole.dt_s)) * getattr(drivetrain, "delay_slots", 0)
-        settled_s = SETTLED_LAGS * getattr(drivetrain, "lag_s", 0.0)
-        lead_s = max(late_s, settled_s, 2.0 * CLOCK_S if options.clocks else 0.0)
+        delay_s = float(np.median(record.dt_s)) * getattr(drivetrain, "delay_slots", 0)
+        settled_s = LEAD_LAGS * getattr(drivetrain, "lag_s", 0.0)
+        lead_s = max(delay_s, settled_s, 2.0 * MAX_CLOCK_OFFSET_S if options.clocks else 0.0)
         if not options.at_rest:
-            whole = _after_the_past(whole, float(getattr(drivetrain, "delay_s", 0.0)))
-        out += [whole] if options.segment_s is None else cut(whole, options.segment_s, lead_s)
-    return out
+            record = _after_unknown_commands(record, float(getattr(drivetrain, "delay_s", 0.0)))
+        segments += [record] if options.segment_s is None else split_record(record, options.segment_s, lead_s)
+    return segments
 
 
-def _after_the_past(record: FitRecord, late_s: float) -> FitRecord:
-    """Return the record without the measurements before its commands take effect, `late_s` [s] after it begins.
+def _after_unknown_commands(record: FitRecord, delay_s: float) -> FitRecord:
+    """Return the record without the measurements before its commands take effect, `delay_s` [s] after it begins.
 
-    Earlier commands are unknown, and the start is estimated from later measurements. `late_s` is the delay of the
+    Earlier commands are unknown, and the start is estimated from later measurements. `delay_s` is the delay of the
     file, also if the delay is free: a run from rest shows a delay by its first command. The record stays whole if it
-    begins without a command (not driven before), or is shorter than twice `late_s`.
+    begins without a command (not driven before), or is shorter than twice `delay_s`.
     """
     ends = np.cumsum(record.dt_s)
-    if not np.any(record.u[0]) or ends[-1] < 2.0 * late_s:
+    if not np.any(record.u[0]) or ends[-1] < 2.0 * delay_s:
         return record
-    after_past = (ends > late_s * (1.0 + 1e-9))[:, None]
+    is_after = (ends > delay_s * (1.0 + 1e-9))[:, None]
     sensors = {
-        name: Measurements(z, has * after_past, sample_fraction)
+        name: Measurements(z, has * is_after, sample_fraction)
         for name, (z, has, sample_fraction) in record.sensors.items()
     }
     return record._replace(sensors=sensors)
 
 
-def _are_free(bounds: Mapping[str, tuple[float, float]], free: Sequence[str]) -> None:
+def _check_bounds(bounds: Mapping[str, tuple[float, float]], free: Sequence[str]) -> None:
     """Raise UsageError if a parameter has bounds and is not fitted."""
     for path in bounds:
         if not any(name == path or name.startswith(f"{path}[") for name in free):
@@ -195,12 +195,12 @@ def shape_of(
 ) -> Shape:
     """Return the meaning of θ: the `shared` parameters, the parameters of each run, the start of each segment."""
     paths, names = tuple(parameter.path for parameter in shared), blocks.sensors._fields
-    own = [p for path in options.per_run for p in entries(blocks, path)]
+    run_paths = [p for path in options.per_run for p in entries(blocks, path)]
     for name, sensor in zip(names, blocks.sensors, strict=True):
         zero_names = BIASES[:1] if has_offset(blocks.model) else BIASES
         fields = [f for f in zero_names if has_field(sensor, f)] if options.biases else []
         biases = [p for f in fields for p in entries(blocks, f"sensors.{name}.{f}")]
-        own += [p for p in biases if p not in paths and p not in own]
+        run_paths += [p for p in biases if p not in paths and p not in run_paths]
     is_cut = options.segment_s is not None
     start = () if options.at_rest and not is_cut else coasting_axes(blocks.model)
     if any(measures_pose(sensor) for sensor in blocks.sensors):
@@ -208,9 +208,11 @@ def shape_of(
     sample_fraction = tuple(
         any(r.sensors[name].sample_fraction is not None for r in records) for name in names
     )
-    slots = max(slots_for(record.dt_s) for record in records) if options.clocks else 0
-    volts = any(VOLTAGE in record.sensors for record in records)
-    return Shape(paths, tuple(own), start, sample_fraction, tuple(options.clocks), slots, volts)
+    past_rows = max(offset_rows(record.dt_s) for record in records) if options.clocks else 0
+    has_voltage = any(VOLTAGE_KEY in record.sensors for record in records)
+    return Shape(
+        paths, tuple(run_paths), start, sample_fraction, tuple(options.clocks), past_rows, has_voltage
+    )
 
 
 def first_theta(
@@ -239,7 +241,7 @@ def first_theta(
             parameter.high,
         )
     for run in range(max(layout.runs) + 1):
-        for k, path in enumerate(shape.by_run, layout.shared + run * layout.by_run):
+        for k, path in enumerate(shape.by_run, layout.shared_count + run * layout.run_entry_count):
             if path in shape.per_run:
                 parameter = free_parameter(blocks, path, options.bounds)
                 theta[k], low[k], high[k] = (
@@ -248,10 +250,10 @@ def first_theta(
                     parameter.high,
                 )
             else:
-                low[k], high[k] = -CLOCK_S, CLOCK_S
+                low[k], high[k] = -MAX_CLOCK_OFFSET_S, MAX_CLOCK_OFFSET_S
     for k, record in enumerate(records):
         pose = _first_pose(record, blocks)
-        theta[layout.of_starts(k)] = [pose[i - 3] if i >= 3 else 0.0 for i in shape.start]
+        theta[layout.start_slice(k)] = [pose[i - 3] if i >= 3 else 0.0 for i in shape.start]
     return np.clip(theta, low, high), low, high
 
 
@@ -263,9 +265,9 @@ def _first_pose(record: FitRecord, blocks: FittedBlocks) -> np.ndarray:
         if measures_pose(sensor) and readings.has.any():
             first = np.array(readings.z[np.argmax(readings.has[:, 0] > 0.0)])
             if not readings.has[:, 2].any():
-                way = readings.z[readings.has[:, 0] > 0.0, :2] - first[:2]
-                far = np.hypot(*way.T)
-                first[2] = np.arctan2(*way[np.argmax(far >= 0.5 * far.max())][::-1])
+                displacement = readings.z[readings.has[:, 0] > 0.0, :2] - first[:2]
+                distance_m = np.hypot(*displacement.T)
+                first[2] = np.arctan2(*displacement[np.argmax(distance_m >= 0.5 * distance_m.max())][::-1])
             return first
     return np.zeros(3)
 
@@ -273,15 +275,15 @@ def _first_pose(record: FitRecord, blocks: FittedBlocks) -> np.ndarray:
 def given_sigma(sigma: Mapping[str, Any], sensors: "ByName[Tree]") -> np.ndarray:
     """Return σ (m,) of all channels from {sensor: (m_s,)}. Raise UsageError for a missing sensor, a wrong size, or a
     value that is not positive and finite."""
-    out = []
+    by_sensor = []
     for name, sensor in zip(sensors._fields, sensors, strict=True):
         if name not in sigma or np.shape(np.atleast_1d(sigma[name])) not in ((1,), (sensor.size,)):
             raise UsageError(fault("sigma.size", size=sensor.size, sensor=name))
-        out.append(np.broadcast_to(np.asarray(sigma[name], dtype=float), sensor.size))
-    full = np.concatenate(out)
-    if not np.all(np.isfinite(full) & (full > 0.0)):
-        raise UsageError(fault("sigma.negative", found=full.tolist()))
-    return full
+        by_sensor.append(np.broadcast_to(np.asarray(sigma[name], dtype=float), sensor.size))
+    sigmas = np.concatenate(by_sensor)
+    if not np.all(np.isfinite(sigmas) & (sigmas > 0.0)):
+        raise UsageError(fault("sigma.negative", found=sigmas.tolist()))
+    return sigmas
 
 
 def vehicle_at_start(blocks: FittedBlocks, shape: Shape) -> Callable[[np.ndarray], Tree]:
@@ -290,9 +292,9 @@ def vehicle_at_start(blocks: FittedBlocks, shape: Shape) -> Callable[[np.ndarray
 
     def start(theta: np.ndarray) -> Any:
         blocks_at = substitute(blocks, paths, theta)
-        at_start = np.zeros(len(STARTS))
+        at_start = np.zeros(len(START_NAMES))
         for k, i in enumerate(shape.start):
-            at_start = at_start + theta[shape.size - len(shape.start) + k] * np.eye(len(STARTS))[i]
+            at_start = at_start + theta[shape.size - len(shape.start) + k] * np.eye(len(START_NAMES))[i]
         nu = at_start[:3] if any(i < 3 for i in shape.start) else None
         eta = at_start[3:] if any(i >= 3 for i in shape.start) else None
         return blocks_at.model.init(eta, nu)
@@ -315,16 +317,16 @@ def initial_state(
     def start(theta: np.ndarray) -> tuple[Any, tuple[Signal, ...]]:
         blocks_at, vehicle = substitute(blocks, paths, theta), vehicle_at(theta)
         motion = Motion(vehicle.eta, vehicle.nu, vehicle.nu_dot, blocks_at.model.gravity(vehicle.eta[2]))
-        return vehicle, tuple(steady_signal(sensor, sensor.h(motion)) for sensor in blocks_at.sensors)
+        return vehicle, tuple(constant_signal(sensor, sensor.h(motion)) for sensor in blocks_at.sensors)
 
     return start
 
 
-def shown_by(
+def read_sensors(
     sensors: ByName[Tree], signals: tuple[Signal, ...], motion: Motion, dt_s: Value
 ) -> tuple[list[np.ndarray], tuple[Signal, ...]]:
     """Return h (m,) of each sensor at the end of a row, and its signal."""
-    both = [
+    stepped = [
         step_signal(sensor, signal, motion, dt_s) for sensor, signal in zip(sensors, signals, strict=True)
     ]
-    return [h for _, h in both], tuple(signal for signal, _ in both)
+    return [h for _, h in stepped], tuple(signal for signal, _ in stepped)

@@ -20,45 +20,49 @@ import numpy as np
 
 from baqueano.identify.data.segments import ThetaLayout
 
-ENOUGH = 48  # entries of segments, from which on (2) is faster than to solve all at once
+MIN_OWN_ENTRIES = 48  # entries of segments, from which on (2) is faster than to solve all at once
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Places:
+class ArrowLayout:
     """Positions of the parts of (1) in a vector (p,)."""
 
     common: np.ndarray  # (s,) entries of x
     own: np.ndarray  # (K, q) entries of y_k
     is_own: np.ndarray  # (p,) bool
-    place: np.ndarray  # (p,) index of an entry in x, or in its y_k
+    index_in_part: np.ndarray  # (p,) index of an entry in x, or in its y_k
 
 
-def places_of(layout: ThetaLayout, more: int = 0) -> Places | None:
-    """Return the parts of θ, and of `more` shared entries after it, or None if few entries belong to segments."""
-    count, o, q = len(layout.runs), layout.by_run, layout.by_segment
-    own = layout.starts + np.arange(count * q).reshape(count, q)
+def arrow_layout(layout: ThetaLayout, extra_count: int = 0) -> ArrowLayout | None:
+    """Return the parts of θ, and of `extra_count` shared entries after it, or None if few entries belong to
+    segments."""
+    count, o, q = len(layout.runs), layout.run_entry_count, layout.start_size
+    own_entries = layout.first_start + np.arange(count * q).reshape(count, q)
     if layout.runs == tuple(range(count)):  # runs of one segment: entries of the run belong to it
-        own = np.hstack([layout.shared + np.arange(count * o).reshape(count, o), own])
-    if count < 2 or own.size < ENOUGH:
+        own_entries = np.hstack([layout.shared_count + np.arange(count * o).reshape(count, o), own_entries])
+    if count < 2 or own_entries.size < MIN_OWN_ENTRIES:
         return None
-    is_own = np.zeros(layout.size + more, bool)
-    is_own[own] = True
-    common, place = np.flatnonzero(~is_own), np.zeros(len(is_own), int)
-    place[common], place[own] = np.arange(len(common)), np.arange(own.shape[1])
-    return Places(common, own, is_own, place)
+    is_own = np.zeros(layout.size + extra_count, bool)
+    is_own[own_entries] = True
+    common, index_in_part = np.flatnonzero(~is_own), np.zeros(len(is_own), int)
+    index_in_part[common], index_in_part[own_entries] = (
+        np.arange(len(common)),
+        np.arange(own_entries.shape[1]),
+    )
+    return ArrowLayout(common, own_entries, is_own, index_in_part)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class BlockArrow:
     """Block-arrow matrix of (1)."""
 
-    places: Places
+    places: ArrowLayout
     corner: np.ndarray  # S (s, s)
     border: np.ndarray  # B (K, s, q)
     blocks: np.ndarray  # W (K, q, q)
 
     @classmethod
-    def of_diagonal(cls, places: Places, d: np.ndarray) -> "BlockArrow":
+    def of_diagonal(cls, places: ArrowLayout, d: np.ndarray) -> "BlockArrow":
         """Return the diagonal matrix of d (p,)."""
         x, y = d[places.common], d[places.own]
         s, (count, q) = len(x), y.shape
@@ -67,34 +71,39 @@ class BlockArrow:
     def add(self, indices: np.ndarray, parts: np.ndarray) -> None:
         """Add the matrices `parts` (K, n, n) of the segments at the rows `indices` (K, n)."""
         # in the same order in each segment
-        is_own, at = self.places.is_own[indices[0]], self.places.place[indices]
-        common, own, k = at[:, ~is_own], at[:, is_own], np.arange(len(parts))[:, None, None]
-        wide, tall = parts[:, ~is_own], parts[:, is_own]
-        np.add.at(self.corner, (common[:, :, None], common[:, None, :]), wide[:, :, ~is_own])
-        self.border[k, common[:, :, None], own[:, None, :]] += wide[:, :, is_own]
-        self.blocks[k, own[:, :, None], own[:, None, :]] += tall[:, :, is_own]
+        is_own, part_index = self.places.is_own[indices[0]], self.places.index_in_part[indices]
+        common, own_index, k = (
+            part_index[:, ~is_own],
+            part_index[:, is_own],
+            np.arange(len(parts))[:, None, None],
+        )
+        row_parts, column_parts = parts[:, ~is_own], parts[:, is_own]
+        np.add.at(self.corner, (common[:, :, None], common[:, None, :]), row_parts[:, :, ~is_own])
+        self.border[k, common[:, :, None], own_index[:, None, :]] += row_parts[:, :, is_own]
+        self.blocks[k, own_index[:, :, None], own_index[:, None, :]] += column_parts[:, :, is_own]
 
     @property
-    def finite(self) -> bool:
+    def is_finite(self) -> bool:
         """Return True if all entries are finite."""
         return all(np.isfinite(part).all() for part in (self.corner, self.border, self.blocks))
 
     def diagonal(self) -> np.ndarray:
         """Return the diagonal (p,)."""
-        return self._whole(self.corner.diagonal(), np.einsum("kii->ki", self.blocks))
+        return self._join(self.corner.diagonal(), np.einsum("kii->ki", self.blocks))
 
     def __matmul__(self, v: np.ndarray) -> np.ndarray:
         """Return the product (p,) with v (p,)."""
-        x, y = self._parts(v)
+        x, y = self._split(v)
         up = self.corner @ x + np.einsum("ksq,kq->s", self.border, y)
         down = np.einsum("ksq,s->kq", self.border, x) + np.einsum("kqr,kr->kq", self.blocks, y)
-        return self._whole(up, down)
+        return self._join(up, down)
 
-    def solve(self, damping: float, scale: np.ndarray, free: np.ndarray, g: np.ndarray) -> np.ndarray:
-        """Return (H + λ D)⁻¹ g (p,) over the entries `free` (p,) bool, D = diag(scale), and 0 for the others.  (2)"""
-        root = np.where(free, 1.0 / np.sqrt(np.where(free, scale, 1.0)), 0.0)
-        (r, r_k), (h, h_k) = self._parts(root), self._parts(root * g)
-        extra, extra_k = self._parts(np.where(free, damping, 1.0))
+    def solve(self, damping: float, scale: np.ndarray, is_free: np.ndarray, g: np.ndarray) -> np.ndarray:
+        """Return (H + λ D)⁻¹ g (p,) over the entries `is_free` (p,) bool, D = diag(scale), and 0 for the others.
+        (2)"""
+        root = np.where(is_free, 1.0 / np.sqrt(np.where(is_free, scale, 1.0)), 0.0)
+        (r, r_k), (h, h_k) = self._split(root), self._split(root * g)
+        extra, extra_k = self._split(np.where(is_free, damping, 1.0))
         S = self.corner * (r[:, None] * r) + np.diag(extra)
         B = self.border * (r[None, :, None] * r_k[:, None, :])
         W = self.blocks * (r_k[:, :, None] * r_k[:, None, :])
@@ -103,23 +112,23 @@ class BlockArrow:
         product = np.einsum("ksq,kqn->sn", B, inner, optimize=True)
         x = np.linalg.solve(S - product[:, :-1], h - product[:, -1])
         y = inner[:, :, -1] - inner[:, :, :-1] @ x
-        return root * self._whole(x, y)
+        return root * self._join(x, y)
 
     def dense(self) -> np.ndarray:
         """Return the matrix as a dense array (p, p)."""
         common, own = self.places.common, self.places.own
-        H = np.zeros((len(self.places.place), len(self.places.place)))
+        H = np.zeros((len(self.places.index_in_part), len(self.places.index_in_part)))
         H[np.ix_(common, common)] = self.corner
         for k, index in enumerate(own):
             H[np.ix_(common, index)], H[np.ix_(index, common)] = self.border[k], self.border[k].T
             H[np.ix_(index, index)] = self.blocks[k]
         return H
 
-    def _parts(self, v: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    def _split(self, v: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         return v[self.places.common], v[self.places.own]
 
-    def _whole(self, x: np.ndarray, y: np.ndarray) -> np.ndarray:
-        out = np.zeros(len(self.places.place))
+    def _join(self, x: np.ndarray, y: np.ndarray) -> np.ndarray:
+        out = np.zeros(len(self.places.index_in_part))
         out[self.places.common], out[self.places.own] = x, y
         return out
 
@@ -132,7 +141,7 @@ class Evaluation(NamedTuple):
     hessian: np.ndarray | BlockArrow  # (p, p)
 
 
-def diagonal_matrix(diagonal: np.ndarray, places: Places | None) -> np.ndarray | BlockArrow:
+def diagonal_matrix(diagonal: np.ndarray, places: ArrowLayout | None) -> np.ndarray | BlockArrow:
     """Return diag(diagonal) (p, p), to which parts can be added."""
     return np.diag(diagonal) if places is None else BlockArrow.of_diagonal(places, diagonal)
 

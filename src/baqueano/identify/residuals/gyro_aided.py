@@ -26,20 +26,22 @@ from baqueano.identify.data.added_channels import at_voltage
 from baqueano.identify.data.record import FitRecord, FittedBlocks, Measurements
 from baqueano.identify.parameters.free import DELAY, substitute
 from baqueano.identify.parameters.setup import Shape, example, initial_state, vehicle_at_start
-from baqueano.identify.residuals.noise_level import MAD, profile_of_slow
+from baqueano.identify.residuals.noise_level import MAD, profile_with_slow_noise
 from baqueano.identify.residuals.simulation import Residuals, cached_kernel
 from baqueano.sensors.sampling import Signal, low_pass_s, step_signal
 from baqueano.signals import Motion
 from baqueano.symbolic import scan
 from baqueano.symbolic.scan import Scan
 
-SETTLED = 3.0  # time constants after which a motor has settled
-EXTRA = 2  # entries of a row beyond those of the simulation: ω_z and its derivative, at the end of the row
+SETTLING_LAGS = 3.0  # time constants after which a motor has settled
+EXTRA_COLUMNS = (
+    2  # entries of a row beyond those of the simulation: ω_z and its derivative, at the end of the row
+)
 RATIOS = np.geomspace(1.0 / 64.0, 1024.0, 33)  # ρ, and τ in ticks
-LASTS = np.geomspace(0.5, 256.0, 19)
-FAR = 6.0
-GAIN = 2.0
-FEWEST = 64  # rows of a segment, below which the gyro leads alone
+TIME_CONSTANTS = np.geomspace(0.5, 256.0, 19)
+CLIP_SIGMA = 6.0
+MIN_LOG_GAIN = 2.0
+MIN_ROWS = 64  # rows of a segment, below which the gyro leads alone
 
 
 class GyroAidedState(NamedTuple):
@@ -57,14 +59,14 @@ class GyroAidedResiduals(Residuals):
     def __init__(
         self, blocks: FittedBlocks, shape: Shape, records: Sequence[FitRecord], backend: str = "auto"
     ) -> None:
-        records = [_after_the_start(record, blocks, DELAY in shape.shared) for record in records]
+        records = [_after_unknown_commands(record, blocks, DELAY in shape.shared) for record in records]
         super().__init__(blocks, shape, records, backend)
         self.scan = cached_kernel(blocks, shape, backend, _trace)
         imu = self.names[0]
         self._rows = [
             _gyro_rows(rows, record, imu, blocks) for rows, record in zip(self._rows, records, strict=True)
         ]
-        self._gyro = [rows[:, -EXTRA] for rows in self._rows]
+        self._gyro = [rows[:, -EXTRA_COLUMNS] for rows in self._rows]
 
     def speeds(self, theta: np.ndarray) -> list[np.ndarray]:
         """Return for each segment |ν_x| (N,) of the simulation that the gyro leads."""
@@ -72,12 +74,12 @@ class GyroAidedResiduals(Residuals):
 
     def following(self, theta: np.ndarray) -> "GyroAidedResiduals":
         """Return the residuals led by the mean of the true yaw rate, given the gyro and the model at θ."""
-        leads = []
+        led_columns = []
         for omega, outputs, record in zip(self._gyro, self._outputs(theta), self.records, strict=True):
             slow = slow_part(omega - outputs[:, 1])
-            turn = np.gradient(slow, np.cumsum(record.dt_s))
-            leads.append(np.column_stack([outputs[:, 1] + slow, outputs[:, 2] + turn]))
-        return self.with_columns([-2, -1], leads)
+            slow_derivative = np.gradient(slow, np.cumsum(record.dt_s))
+            led_columns.append(np.column_stack([outputs[:, 1] + slow, outputs[:, 2] + slow_derivative]))
+        return self.with_columns([-2, -1], led_columns)
 
     def _outputs(self, theta: np.ndarray) -> list[np.ndarray]:
         """Return for each segment (N, 3): ν_x of the gyro-led simulation, the gyro reading by the commands, and its
@@ -95,7 +97,7 @@ class GyroAidedResiduals(Residuals):
         """Return σ (m,) and its profile (N, m) per segment, by which channels are weighted, from the residuals
         `misfits` at θ."""
         dt_s = [record.dt_s for record in self.records]
-        return profile_of_slow(misfits, self.has, self.speeds(theta), dt_s, floor)
+        return profile_with_slow_noise(misfits, self.has, self.speeds(theta), dt_s, floor)
 
     def slope(self, theta: np.ndarray, c: int, scale: float, shift: float) -> np.ndarray:
         """Return the gradient (p,) at θ if the readings of channel c were divided by `scale` and raised by `shift`."""
@@ -106,17 +108,17 @@ class GyroAidedResiduals(Residuals):
         return self.with_columns(columns, shifted_columns).evaluate(theta).gradient
 
 
-def _after_the_start(record: FitRecord, blocks: FittedBlocks, delay_is_free: bool) -> FitRecord:
+def _after_unknown_commands(record: FitRecord, blocks: FittedBlocks, delay_is_free: bool) -> FitRecord:
     """Return the record without the first measurements, while unknown earlier commands may still move the vehicle.
 
     A free delay counts as the longest delay, so that every search has the same rows.
     """
     drivetrain, tick_s = blocks.model.drivetrain, float(np.median(record.dt_s))
-    late_s = drivetrain.delay_slots * tick_s if delay_is_free else float(drivetrain.delay_s)
-    late_s += SETTLED * float(drivetrain.lag_s) + float(blocks.sensors[0].delay_s)
+    unknown_s = drivetrain.delay_slots * tick_s if delay_is_free else float(drivetrain.delay_s)
+    unknown_s += SETTLING_LAGS * float(drivetrain.lag_s) + float(blocks.sensors[0].delay_s)
     sensors = {}
     for name, (z, has, sample_fraction) in record.sensors.items():
-        sensors[name] = Measurements(z, has * (np.cumsum(record.dt_s) > late_s)[:, None], sample_fraction)
+        sensors[name] = Measurements(z, has * (np.cumsum(record.dt_s) > unknown_s)[:, None], sample_fraction)
     return record._replace(sensors=sensors)
 
 
@@ -124,25 +126,25 @@ def _gyro_rows(rows: np.ndarray, record: FitRecord, imu: str, blocks: FittedBloc
     """Return the rows (N, q) with ω_z and its derivative added at the end of each row. Raise UsageError with fewer
     than 2 gyro readings."""
     z, has, sample_fraction = record.sensors[imu]
-    has_rate = has[:, 2] > 0.0
-    if np.sum(has_rate) < 2:
+    is_measured = has[:, 2] > 0.0
+    if np.sum(is_measured) < 2:
         raise UsageError(fault("imu-only.silent-gyro", run=record.name))
     block = blocks.sensors[0]
-    late_s = float(block.delay_s) + float(low_pass_s(block))
+    delay_s = float(block.delay_s) + float(low_pass_s(block))
     t_s = (
-        record.t_s - late_s
+        record.t_s - delay_s
         if sample_fraction is None
-        else record.t_s - late_s - sample_fraction * record.dt_s
+        else record.t_s - delay_s - sample_fraction * record.dt_s
     )
-    omega = np.interp(record.t_s, t_s[has_rate], z[has_rate, 2])
+    omega = np.interp(record.t_s, t_s[is_measured], z[is_measured, 2])
     slope = np.gradient(omega, np.cumsum(record.dt_s))
-    out = np.ascontiguousarray(np.concatenate([rows, omega[:, None], slope[:, None]], axis=1))
-    out.flags.writeable = False
-    return out
+    rows_with_gyro = np.ascontiguousarray(np.concatenate([rows, omega[:, None], slope[:, None]], axis=1))
+    rows_with_gyro.flags.writeable = False
+    return rows_with_gyro
 
 
 def _trace(blocks: FittedBlocks, shape: Shape, backend: str) -> Scan:
-    move, n, paths = _mover(blocks), blocks.model.commands, (*shape.shared, *shape.per_run)
+    aided_step, n, paths = _aided_step(blocks), blocks.model.commands, (*shape.shared, *shape.per_run)
     at_start, sample_fraction = initial_state(blocks, shape), shape.sample_fraction[0]
 
     def start(theta: np.ndarray) -> GyroAidedState:
@@ -150,19 +152,21 @@ def _trace(blocks: FittedBlocks, shape: Shape, backend: str) -> Scan:
         return GyroAidedState(vehicle, vehicle, (signal, signal), np.zeros(3 if sample_fraction else 0))
 
     def step(theta: np.ndarray, state: GyroAidedState, row: np.ndarray) -> tuple[GyroAidedState, np.ndarray]:
-        blocks_at = at_voltage(substitute(blocks, paths, theta), row[:-EXTRA], shape.volts)
+        blocks_at = at_voltage(substitute(blocks, paths, theta), row[:-EXTRA_COLUMNS], shape.has_voltage)
         imu = blocks_at.sensors[0]
-        at = with_speed(blocks_at.model, state.free.nu, state.gyro_aided.nu[0])
-        free, motion = blocks_at.model.step(state.free._replace(nu=at), row[1 : 1 + n], row[0], np.zeros(3))
-        aided_state, readings = move(blocks_at, state.gyro_aided, row)
-        of_aided, accel = step_signal(imu, state.signals[0], readings, row[0])
-        of_free, gyro = step_signal(imu, state.signals[1], motion, row[0])
-        h = np.concatenate([accel[:2], gyro[2:]])
-        late = h + row[7 + n] * (state.previous_h - h) if sample_fraction else h
-        moving = GyroAidedState(
-            aided_state, free, (of_aided, of_free), h if sample_fraction else state.previous_h
+        nu_with_speed = with_speed(blocks_at.model, state.free.nu, state.gyro_aided.nu[0])
+        free, motion = blocks_at.model.step(
+            state.free._replace(nu=nu_with_speed), row[1 : 1 + n], row[0], np.zeros(3)
         )
-        return moving, row[4 + n : 7 + n] * (row[1 + n : 4 + n] - late)
+        aided_state, readings = aided_step(blocks_at, state.gyro_aided, row)
+        aided_signal, accel = step_signal(imu, state.signals[0], readings, row[0])
+        free_signal, gyro = step_signal(imu, state.signals[1], motion, row[0])
+        h = np.concatenate([accel[:2], gyro[2:]])
+        h_at_sample = h + row[7 + n] * (state.previous_h - h) if sample_fraction else h
+        next_state = GyroAidedState(
+            aided_state, free, (aided_signal, free_signal), h if sample_fraction else state.previous_h
+        )
+        return next_state, row[4 + n : 7 + n] * (row[1 + n : 4 + n] - h_at_sample)
 
     return scan(step, start, np.zeros(_width(shape, n)), example(blocks, shape), backend=backend)
 
@@ -170,18 +174,20 @@ def _trace(blocks: FittedBlocks, shape: Shape, backend: str) -> Scan:
 def _traced_outputs(blocks: FittedBlocks, shape: Shape, backend: str) -> Scan:
     """Return a scan from the same rows and θ to (3,): ν_x of the gyro-led simulation, the gyro reading by the
     commands, and its derivative."""
-    move, n, paths = _mover(blocks), blocks.model.commands, (*shape.shared, *shape.per_run)
+    aided_step, n, paths = _aided_step(blocks), blocks.model.commands, (*shape.shared, *shape.per_run)
     at_start = vehicle_at_start(blocks, shape)
 
     def start(theta: np.ndarray) -> tuple[Tree, Tree]:
         return at_start(theta), at_start(theta)
 
     def step(theta: np.ndarray, state: Tree, row: np.ndarray) -> tuple[Tree, np.ndarray]:
-        blocks_at = at_voltage(substitute(blocks, paths, theta), row[:-EXTRA], shape.volts)
+        blocks_at = at_voltage(substitute(blocks, paths, theta), row[:-EXTRA_COLUMNS], shape.has_voltage)
         imu, aided_state, free = blocks_at.sensors[0], *state
-        at = with_speed(blocks_at.model, free.nu, aided_state.nu[0])
-        free, motion = blocks_at.model.step(free._replace(nu=at), row[1 : 1 + n], row[0], np.zeros(3))
-        aided_state, readings = move(blocks_at, aided_state, row)
+        nu_with_speed = with_speed(blocks_at.model, free.nu, aided_state.nu[0])
+        free, motion = blocks_at.model.step(
+            free._replace(nu=nu_with_speed), row[1 : 1 + n], row[0], np.zeros(3)
+        )
+        aided_state, readings = aided_step(blocks_at, aided_state, row)
         reading = imu.h(motion)[2]
         slope = imu.h(motion._replace(nu=motion.nu + motion.nu_dot))[2] - reading
         return (aided_state, free), np.array([readings.nu[0], reading, slope])
@@ -189,7 +195,7 @@ def _traced_outputs(blocks: FittedBlocks, shape: Shape, backend: str) -> Scan:
     return scan(step, start, np.zeros(_width(shape, n)), example(blocks, shape), backend=backend)
 
 
-def _mover(blocks: FittedBlocks) -> Callable[[FittedBlocks, Any, np.ndarray], tuple[Tree, Motion]]:
+def _aided_step(blocks: FittedBlocks) -> Callable[[FittedBlocks, Any, np.ndarray], tuple[Tree, Motion]]:
     """Return the function that advances the gyro-led simulation by one row.  (1)"""
     n = blocks.model.commands
     at_standstill = Motion(np.zeros(3), np.zeros(3), np.zeros(3), np.zeros(2))
@@ -229,48 +235,48 @@ def with_speed(model: Tree, nu: np.ndarray, v: Any) -> np.ndarray:
 
 def can_be_gyro_aided(blocks: FittedBlocks) -> bool:
     """Return True for an IMU as the only sensor of a vehicle whose velocity is a state."""
-    only = len(blocks.sensors) == 1 and has_field(blocks.sensors[0], "gyro_scale")
-    return only and optional.of(blocks.model, "turning_arm_m") is not None
+    is_imu_only = len(blocks.sensors) == 1 and has_field(blocks.sensors[0], "gyro_scale")
+    return is_imu_only and optional.of(blocks.model, "turning_arm_m") is not None
 
 
 def _width(shape: Shape, n: int) -> int:
     """Return q, the number of entries of a row with `n` commands."""
-    return 7 + n + sum(shape.sample_fraction) + shape.volts + EXTRA
+    return 7 + n + sum(shape.sample_fraction) + shape.has_voltage + EXTRA_COLUMNS
 
 
 def slow_part(e: np.ndarray) -> np.ndarray:
     """Return the slow part (N,) of residuals e (N,) at uniform ticks.  (4), (5)"""
     n = len(e)
-    if n < FEWEST:
+    if n < MIN_ROWS:
         return e
-    far = FAR * MAD * float(np.median(np.abs(e - np.median(e))))
-    limited = np.clip(e, np.median(e) - far, np.median(e) + far)
-    both = np.fft.rfft(np.concatenate([limited, limited[::-1]]))  # mirrored, so that its ends meet
-    ratio = _ratio(np.abs(np.fft.rfft(limited - limited.mean()))[1:] ** 2 / n, n)
+    limit = CLIP_SIGMA * MAD * float(np.median(np.abs(e - np.median(e))))
+    clipped = np.clip(e, np.median(e) - limit, np.median(e) + limit)
+    spectrum = np.fft.rfft(np.concatenate([clipped, clipped[::-1]]))  # mirrored, so that its ends meet
+    ratio = _likeliest_ratio(np.abs(np.fft.rfft(clipped - clipped.mean()))[1:] ** 2 / n, n)
     if ratio is None:
         return np.zeros(n)
-    power = ratio[0] * _shape(ratio[1], 2 * n)
-    return np.asarray(np.fft.irfft(both * (power / (1.0 + power)), 2 * n)[:n])
+    power = ratio[0] * _spectrum(ratio[1], 2 * n)
+    return np.asarray(np.fft.irfft(spectrum * (power / (1.0 + power)), 2 * n)[:n])
 
 
-def _ratio(periodogram: np.ndarray, n: int) -> tuple[float, float] | None:
+def _likeliest_ratio(periodogram: np.ndarray, n: int) -> tuple[float, float] | None:
     """Return ρ and τ of a periodogram without its mean, or None if white noise explains it equally well.  (4)"""
-    white = len(periodogram) * np.log(max(float(np.mean(periodogram)), 1e-300))
-    best, best_pair = white - GAIN, None
-    for lasts in LASTS:
-        relative = 1.0 + RATIOS[:, None] * _shape(float(lasts), n)[None, 1:]
+    white_cost = len(periodogram) * np.log(max(float(np.mean(periodogram)), 1e-300))
+    best_cost, best_pair = white_cost - MIN_LOG_GAIN, None
+    for time_constant in TIME_CONSTANTS:
+        relative = 1.0 + RATIOS[:, None] * _spectrum(float(time_constant), n)[None, 1:]
         costs = np.sum(np.log(relative), axis=1)
         noise = np.mean(periodogram / relative, axis=1)
         costs = costs + len(periodogram) * np.log(np.maximum(noise, 1e-300))
         k = int(np.argmin(costs))
-        if costs[k] < best:
-            best, best_pair = float(costs[k]), (float(RATIOS[k]), float(lasts))
+        if costs[k] < best_cost:
+            best_cost, best_pair = float(costs[k]), (float(RATIOS[k]), float(time_constant))
     return best_pair
 
 
-def _shape(lasts: float, n: int) -> np.ndarray:
-    """Return P_τ (n/2 + 1,) at the frequencies of a transform of n ticks, τ = `lasts` ticks.  (5)"""
-    a = np.exp(-1.0 / lasts)
+def _spectrum(time_constant: float, n: int) -> np.ndarray:
+    """Return P_τ (n/2 + 1,) at the frequencies of a transform of n ticks, τ = `time_constant` ticks.  (5)"""
+    a = np.exp(-1.0 / time_constant)
     return np.asarray(
         (1.0 - a * a) / (1.0 - 2.0 * a * np.cos(2.0 * np.pi * np.arange(n // 2 + 1) / n) + a * a)
     )

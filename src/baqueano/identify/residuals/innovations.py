@@ -31,11 +31,11 @@ from baqueano.signals import ByName, Motion
 from baqueano.symbolic import jacobian, put, scan
 from baqueano.symbolic.scan import Scan
 from baqueano.vehicles import Effort, VehicleState
-from baqueano.vehicles.delay import SHORTEST_TICK_S
+from baqueano.vehicles.delay import MIN_TICK_S
 from baqueano.vehicles.state import end_of_tick
 
 GATE = 4.0  # G of (3): the gate of the other filters, made smooth
-UNSEEN = 1e-9  # derivative below which a sensor does not depend on the pose
+MIN_DERIVATIVE = 1e-9  # derivative below which a sensor does not depend on the pose
 
 
 class FilterState(NamedTuple):
@@ -77,8 +77,10 @@ def shows_pose(blocks: FittedBlocks) -> bool:
     """Return True if a sensor measures the pose."""
     rng = np.random.default_rng(0)
     nu, nu_dot, eta = rng.normal(size=(3, 3))
-    slopes = [jacobian(lambda x, s=s: s.h(Motion(x, nu, nu_dot, np.zeros(2))))(eta) for s in blocks.sensors]
-    return any(bool(np.any(np.abs(slope) > UNSEEN)) for slope in slopes)
+    jacobians = [
+        jacobian(lambda x, s=s: s.h(Motion(x, nu, nu_dot, np.zeros(2))))(eta) for s in blocks.sensors
+    ]
+    return any(bool(np.any(np.abs(derivative) > MIN_DERIVATIVE)) for derivative in jacobians)
 
 
 def filter_kernel(blocks: FittedBlocks, shape: Shape, backend: str) -> Scan:
@@ -88,34 +90,34 @@ def filter_kernel(blocks: FittedBlocks, shape: Shape, backend: str) -> Scan:
     """
     n, sizes = blocks.model.commands, [s.size for s in blocks.sensors]
     m, paths, axes = sum(sizes), (*shape.shared, *shape.per_run), axes_of(blocks.model)
-    size, q = 6 if shows_pose(blocks) else 3, 1 + n + 2 * m + sum(shape.sample_fraction) + shape.volts
+    size, q = 6 if shows_pose(blocks) else 3, 1 + n + 2 * m + sum(shape.sample_fraction) + shape.has_voltage
 
     start_of = initial_state(blocks, shape)
 
     def start(theta: np.ndarray) -> FilterState:
         vehicle, signals = start_of(theta[: shape.size])
-        before = tuple(np.zeros(k if e else 0) for k, e in zip(sizes, shape.sample_fraction, strict=True))
-        return FilterState(vehicle, np.zeros((size, size)), signals, before)
+        previous_h = tuple(np.zeros(k if e else 0) for k, e in zip(sizes, shape.sample_fraction, strict=True))
+        return FilterState(vehicle, np.zeros((size, size)), signals, previous_h)
 
     def step(theta: np.ndarray, state: FilterState, row: np.ndarray) -> tuple[FilterState, np.ndarray]:
-        blocks_at = at_voltage(substitute(blocks, paths, theta), row, shape.volts)
+        blocks_at = at_voltage(substitute(blocks, paths, theta), row, shape.has_voltage)
         noise = theta[shape.size :]
         z, weight = row[1 + n : 1 + n + m], row[1 + n + m : 1 + n + 2 * m]
         drivetrain, effort = blocks_at.model.drivetrain.step(state.vehicle.drivetrain, row[1 : 1 + n], row[0])
-        ahead, P = _prediction(
+        predicted, P = _prediction(
             blocks_at.model, state, effort, row[0], {i: noise[k] for k, i in enumerate(axes)}
         )
-        gaps, slopes, lines = _innovation(
-            blocks_at.sensors, ahead, state, z, row[1 + n + 2 * m :], row[0], shape
+        innovations, jacobians, lines = _innovation(
+            blocks_at.sensors, predicted, state, z, row[1 + n + 2 * m :], row[0], shape
         )
-        y, H = weight * np.concatenate(gaps), weight[:, None] * np.concatenate(slopes)
-        present = np.where(weight > 0.0, 1.0, 0.0)
+        y, H = weight * np.concatenate(innovations), weight[:, None] * np.concatenate(jacobians)
+        is_present = np.where(weight > 0.0, 1.0, 0.0)
         correction = correct(P, y, H, np.exp(2.0 * noise[len(axes) :]), weight=_smooth_gate)
-        signals, before = _signals_after(lines, slopes, correction.move, shape.sample_fraction)
-        eta, nu = _moved_state(ahead, correction.move)
+        signals, previous_h = _signals_after(lines, jacobians, correction.move, shape.sample_fraction)
+        eta, nu = _moved_state(predicted, correction.move)
         vehicle = state.vehicle._replace(eta=eta, nu=nu, drivetrain=drivetrain)
-        return FilterState(vehicle, correction.cov, signals, before), np.concatenate(
-            [correction.e, present * np.log(correction.s)]
+        return FilterState(vehicle, correction.cov, signals, previous_h), np.concatenate(
+            [correction.e, is_present * np.log(correction.s)]
         )
 
     example = [*(value(blocks, path) for path in paths), *np.zeros(shape.size - len(paths))]
@@ -127,29 +129,29 @@ def _prediction(
     model: Tree, state: FilterState, effort: Effort, dt_s: Value, v: dict[int, Any]
 ) -> tuple[PredictedState, np.ndarray]:
     """Return the state of the vehicle after one row, and P̄ (n, n).  (1)"""
-    before = state.vehicle
+    previous = state.vehicle
 
     def f(x: np.ndarray) -> np.ndarray:
         if len(x) == 3:
-            return model.advance(before.eta, x, effort, dt_s)[1]
+            return model.advance(previous.eta, x, effort, dt_s)[1]
         eta, nu, _ = model.advance(x[:3], x[3:], effort, dt_s)
         return np.concatenate([eta, nu])
 
     size = state.cov.shape[0]
-    x = before.nu if size == 3 else np.concatenate([before.eta, before.nu])
-    eta, nu, _ = model.advance(before.eta, before.nu, effort, dt_s)
+    x = previous.nu if size == 3 else np.concatenate([previous.eta, previous.nu])
+    eta, nu, _ = model.advance(previous.eta, previous.nu, effort, dt_s)
     mean = nu if size == 3 else np.concatenate([eta, nu])
     G, B = jacobian(f)(x), _kick(model, dt_s)
     R = sum((v[i] * B[:, i][:, None] * B[:, i][None, :] for i in v), np.zeros((3, 3)))
     if size == 6:
         O = np.zeros((3, 3))
         R = np.concatenate([np.concatenate([O, O], axis=1), np.concatenate([O, R], axis=1)])
-    return PredictedState(model, before, dt_s, eta, effort, mean), mirror_upper(G @ state.cov @ G.T + R)
+    return PredictedState(model, previous, dt_s, eta, effort, mean), mirror_upper(G @ state.cov @ G.T + R)
 
 
 def _innovation(
     sensors: ByName[Tree],
-    ahead: PredictedState,
+    predicted: PredictedState,
     state: FilterState,
     z: np.ndarray,
     sample_fraction: np.ndarray,
@@ -157,19 +159,21 @@ def _innovation(
     shape: Shape,
 ) -> tuple[list[Any], list[Any], list[Any]]:
     """Return for each sensor z − h (m,), ∂h/∂x̄ (m, n), and its signal with h after the low-pass, without delay."""
-    gaps, slopes, lines, at, turn = [], [], [], 0, 0
+    innovations, jacobians, lines, offset, fraction_index = [], [], [], 0, 0
     for k, sensor in enumerate(sensors):
-        signal, shown_h = step_signal(sensor, state.signals[k], ahead.motion(ahead.mean), dt_s)
-        h = signal.smooth if len(signal.smooth) else sensor.h(ahead.motion(ahead.mean))
+        signal, shown_h = step_signal(sensor, state.signals[k], predicted.motion(predicted.mean), dt_s)
+        h = signal.low_passed if len(signal.low_passed) else sensor.h(predicted.motion(predicted.mean))
         if shape.sample_fraction[k]:
-            shown_h = shown_h + sample_fraction[turn] * difference(sensor, state.previous_h[k], shown_h)
-            turn += 1
-        gaps.append(difference(sensor, z[at : at + sensor.size], shown_h))
-        slope = jacobian(lambda x, s=sensor: s.h(ahead.motion(x)))(ahead.mean)
-        slopes.append(_gain_after_low_pass(sensor, dt_s) * slope)
+            shown_h = shown_h + sample_fraction[fraction_index] * difference(
+                sensor, state.previous_h[k], shown_h
+            )
+            fraction_index += 1
+        innovations.append(difference(sensor, z[offset : offset + sensor.size], shown_h))
+        jacobian_of_h = jacobian(lambda x, s=sensor: s.h(predicted.motion(x)))(predicted.mean)
+        jacobians.append(_gain_after_low_pass(sensor, dt_s) * jacobian_of_h)
         lines.append((signal, h))
-        at += sensor.size
-    return gaps, slopes, lines
+        offset += sensor.size
+    return innovations, jacobians, lines
 
 
 def _gain_after_low_pass(sensor: Tree, dt_s: Value) -> Any:
@@ -178,7 +182,7 @@ def _gain_after_low_pass(sensor: Tree, dt_s: Value) -> Any:
     tau_s = low_pass_s(sensor)
     if isinstance(tau_s, float) and tau_s == 0.0:
         return 1.0
-    ratio = tau_s / np.maximum(dt_s, SHORTEST_TICK_S)
+    ratio = tau_s / np.maximum(dt_s, MIN_TICK_S)
     return 1.0 - ratio * (1.0 - np.exp(-1.0 / ratio))
 
 
@@ -194,22 +198,28 @@ def _kick(model: Tree, dt_s: Value) -> np.ndarray:
     return jacobian(lambda noise: unit.step(unit.init(), u, dt_s, noise)[0].nu)(np.zeros(3))
 
 
-def _moved_state(ahead: PredictedState, move: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def _moved_state(predicted: PredictedState, move: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Return η (3,) and ν (3,) after the correction."""
     if len(move) == 3:
-        return ahead.eta, ahead.mean + move
-    x = boxplus(ahead.mean, move)
+        return predicted.eta, predicted.mean + move
+    x = boxplus(predicted.mean, move)
     return x[:3], x[3:]
 
 
 def _signals_after(
-    lines: list[Any], slopes: list[Any], move: np.ndarray, sample_fraction: tuple[bool, ...]
+    lines: list[Any], jacobians: list[Any], move: np.ndarray, sample_fraction: tuple[bool, ...]
 ) -> Any:
     """Return the signals and h of this row after the correction."""
-    signals, before = [], []
-    for (signal, h), slope, is_needed in zip(lines, slopes, sample_fraction, strict=True):
-        now = h + slope @ move
-        past = np.concatenate([now[None, :], signal.past[1:]]) if signal.past.shape[0] else signal.past
-        signals.append(signal._replace(past=past, smooth=now if len(signal.smooth) else signal.smooth))
-        before.append(now if is_needed else np.zeros(0))
-    return tuple(signals), tuple(before)
+    signals, previous_h = [], []
+    for (signal, h), jacobian_of_h, is_needed in zip(lines, jacobians, sample_fraction, strict=True):
+        corrected_h = h + jacobian_of_h @ move
+        past = (
+            np.concatenate([corrected_h[None, :], signal.past[1:]]) if signal.past.shape[0] else signal.past
+        )
+        signals.append(
+            signal._replace(
+                past=past, low_passed=corrected_h if len(signal.low_passed) else signal.low_passed
+            )
+        )
+        previous_h.append(corrected_h if is_needed else np.zeros(0))
+    return tuple(signals), tuple(previous_h)

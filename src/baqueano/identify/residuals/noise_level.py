@@ -22,21 +22,21 @@ from baqueano.contracts.values import Tree
 from baqueano.signals import ByName
 
 MAD = 1.4826022185056018  # 1 / Φ⁻¹(3/4)
-SMALLEST = 1e-7  # of the largest measurement of a channel
-STILL = 1e-3  # of the largest measurement of a channel
-FEW = 30  # measurements, below which σ is the value in the file
+MIN_RELATIVE_SIGMA = 1e-7  # of the largest measurement of a channel
+STILL_FRACTION = 1e-3  # of the largest measurement of a channel
+MIN_MEASUREMENTS = 30  # measurements, below which σ is the value in the file
 SPEED_RATIOS = np.array([0.0, *np.geomspace(0.125, 32.0, 17)])  # κ times the root mean square of the speed
-FAR_BY_SPEED = 3.0  # standard deviations
-ENOUGH = 50  # measurements of a channel, below which its noise is taken as constant
-GAIN = 5.0  # least gain of the log-likelihood for a noise that grows with speed
+ROBUST_SIGMA = 3.0  # standard deviations
+MIN_FOR_SPEED = 50  # measurements of a channel, below which its noise is taken as constant
+MIN_LOG_GAIN = 5.0  # least gain of the log-likelihood for a noise that grows with speed
 BLOCK_S = 1.0  # longer than a servo's or motor's lag, shorter than a manoeuvre
-FAR_OF_SLOW = 4.0
-FULL = 1.0 / 3.0  # part of a block that must have been measured
-FEWEST = 12  # blocks for (3)
+SLOW_CLIP_SIGMA = 4.0
+MIN_BLOCK_FRACTION = 1.0 / 3.0  # part of a block that must have been measured
+MIN_BLOCKS = 12  # blocks for (3)
 SLOW_RATIOS = np.array([0.0, *np.geomspace(0.25, 16.0, 13)])  # κ times the root mean square of the speed
 
 
-def spread(residuals: Sequence[np.ndarray], has: Sequence[np.ndarray], floor: np.ndarray) -> np.ndarray:
+def robust_sigma(residuals: Sequence[np.ndarray], has: Sequence[np.ndarray], floor: np.ndarray) -> np.ndarray:
     """Return σ (m,) of residuals (N, m) of several runs, in their unit.  (1)"""
     m = residuals[0].shape[1]
     sigma = np.zeros(m)
@@ -56,32 +56,35 @@ def informative_rows(
         [np.max(np.abs(v * presence), axis=0, initial=0.0) for v, presence in zip(z, has, strict=True)],
         axis=0,
     )
-    out = [
-        presence * ~((v == 0.0) & (np.abs(r) <= STILL * largest))
+    informative = [
+        presence * ~((v == 0.0) & (np.abs(r) <= STILL_FRACTION * largest))
         for r, presence, v in zip(residuals, has, z, strict=True)
     ]
-    enough = np.sum([presence.sum(axis=0) for presence in out], axis=0) >= FEW
-    return [np.where(enough, is_telling, presence) for is_telling, presence in zip(out, has, strict=True)]
+    has_enough = np.sum([presence.sum(axis=0) for presence in informative], axis=0) >= MIN_MEASUREMENTS
+    return [
+        np.where(has_enough, is_telling, presence)
+        for is_telling, presence in zip(informative, has, strict=True)
+    ]
 
 
-def smallest_spread(blocks: "ByName[Tree]", z: Sequence[np.ndarray], has: Sequence[np.ndarray]) -> np.ndarray:
+def min_sigma(blocks: "ByName[Tree]", z: Sequence[np.ndarray], has: Sequence[np.ndarray]) -> np.ndarray:
     """Return the least σ (m,): the larger of 1/√12 of a converter's step and SMALLEST of the largest value."""
     steps = np.concatenate([_steps(block) for block in blocks])
     largest = np.max(
         [np.max(np.abs(v * presence), axis=0, initial=0.0) for v, presence in zip(z, has, strict=True)],
         axis=0,
     )
-    return np.maximum(steps / np.sqrt(12.0), np.maximum(SMALLEST * largest, 1e-12))
+    return np.maximum(steps / np.sqrt(12.0), np.maximum(MIN_RELATIVE_SIGMA * largest, 1e-12))
 
 
-def sigma_of_few(blocks: "ByName[Tree]", has: Sequence[np.ndarray]) -> np.ndarray:
+def sigma_of_rare_channels(blocks: "ByName[Tree]", has: Sequence[np.ndarray]) -> np.ndarray:
     """Return σ (m,) from the covariance of the sensor blocks for channels with fewer than FEW measurements, else 0."""
     count = np.sum([presence.sum(axis=0) for presence in has], axis=0)
-    own = [
+    file_sigma = [
         np.zeros(b.size) if (Q := optional.of(b, "cov")) is None else np.sqrt(np.maximum(np.diagonal(Q), 0.0))
         for b in blocks
     ]
-    return np.where(count < FEW, np.concatenate(own), 0.0)
+    return np.where(count < MIN_MEASUREMENTS, np.concatenate(file_sigma), 0.0)
 
 
 def _steps(block: Tree) -> np.ndarray:
@@ -103,31 +106,33 @@ def profile_by_speed(
     profile = [np.ones_like(r) for r in residuals]
     sigma = np.zeros(len(floor))
     for c in range(len(floor)):
-        has_samples = [w[:, c] > 0.0 for w in has]
-        r = np.concatenate([x[t, c] for x, t in zip(residuals, has_samples, strict=True)])
-        at = np.concatenate([x[t] for x, t in zip(speeds, has_samples, strict=True)])
-        kappa = _growth_by_speed(r, at, typical, floor[c]) / typical if len(r) >= ENOUGH else 0.0
-        mean = np.sqrt(1.0 + kappa**2 * np.mean(at**2)) if len(at) else 1.0
+        is_present = [w[:, c] > 0.0 for w in has]
+        r = np.concatenate([x[t, c] for x, t in zip(residuals, is_present, strict=True)])
+        speed = np.concatenate([x[t] for x, t in zip(speeds, is_present, strict=True)])
+        kappa = (
+            _fit_growth_by_speed(r, speed, typical, floor[c]) / typical if len(r) >= MIN_FOR_SPEED else 0.0
+        )
+        mean = np.sqrt(1.0 + kappa**2 * np.mean(speed**2)) if len(speed) else 1.0
         for k, x in enumerate(speeds):
             profile[k][:, c] = np.sqrt(1.0 + (kappa * x) ** 2) / mean
         scaled_residuals = [(x[:, c] / p[:, c])[:, None] for x, p in zip(residuals, profile, strict=True)]
-        sigma[c] = spread(scaled_residuals, [w[:, c : c + 1] for w in has], floor[c : c + 1])[0]
+        sigma[c] = robust_sigma(scaled_residuals, [w[:, c : c + 1] for w in has], floor[c : c + 1])[0]
     return sigma, profile
 
 
-def _growth_by_speed(r: np.ndarray, v: np.ndarray, typical: float, floor: float) -> float:
+def _fit_growth_by_speed(r: np.ndarray, v: np.ndarray, typical: float, floor: float) -> float:
     """Return κ times `typical`, or 0 if the growth is not significant.  (2)"""
     costs = []
     for ratio in SPEED_RATIOS:
         g = np.sqrt(1.0 + (ratio * v / typical) ** 2)
-        base = spread([(r / g)[:, None]], [np.ones((len(r), 1))], np.array([floor]))[0]
-        far = np.minimum((r / (base * g)) ** 2, FAR_BY_SPEED**2)
-        costs.append(float(np.sum(np.log(g)) + 0.5 * np.sum(far)) + len(r) * np.log(base))
-    best = int(np.argmin(costs))
-    return float(SPEED_RATIOS[best]) if costs[0] - costs[best] > GAIN else 0.0
+        sigma = robust_sigma([(r / g)[:, None]], [np.ones((len(r), 1))], np.array([floor]))[0]
+        squares = np.minimum((r / (sigma * g)) ** 2, ROBUST_SIGMA**2)
+        costs.append(float(np.sum(np.log(g)) + 0.5 * np.sum(squares)) + len(r) * np.log(sigma))
+    best_index = int(np.argmin(costs))
+    return float(SPEED_RATIOS[best_index]) if costs[0] - costs[best_index] > MIN_LOG_GAIN else 0.0
 
 
-def profile_of_slow(
+def profile_with_slow_noise(
     residuals: Sequence[np.ndarray],
     has: Sequence[np.ndarray],
     speeds: Sequence[np.ndarray],
@@ -136,27 +141,27 @@ def profile_of_slow(
 ) -> tuple[np.ndarray, list[np.ndarray]]:
     """Return σ (m,) and its profile (N, m) of mean square 1 per segment, of residuals (N, m) at speeds (N,).  (4)"""
     sigma, profile = profile_by_speed(residuals, has, speeds, floor)
-    out, typical = sigma.copy(), float(np.sqrt(np.mean(np.concatenate(speeds) ** 2)))
+    sigma_with_slow, typical = sigma.copy(), float(np.sqrt(np.mean(np.concatenate(speeds) ** 2)))
     for c in range(len(sigma)):
-        single = [(sigma[c] * p[:, c]) ** 2 for p in profile]
-        far = [FAR_OF_SLOW * np.sqrt(variance) for variance in single]
-        left_c = [np.clip(r[:, c], -x, x) for r, x in zip(residuals, far, strict=True)]
-        sums, squares = _blocks(left_c, [w[:, c] for w in has], speeds, dt_s)
-        if len(sums) < FEWEST:
+        variances = [(sigma[c] * p[:, c]) ** 2 for p in profile]
+        limits = [SLOW_CLIP_SIGMA * np.sqrt(variance) for variance in variances]
+        clipped = [np.clip(r[:, c], -x, x) for r, x in zip(residuals, limits, strict=True)]
+        sums, squares = _block_squares(clipped, [w[:, c] for w in has], speeds, dt_s)
+        if len(sums) < MIN_BLOCKS:
             continue
-        s_0, kappa = _growth_of_slow(sums, squares, max(typical, 1e-9))
-        both = [
+        s_0, kappa = _fit_slow_noise(sums, squares, max(typical, 1e-9))
+        stds = [
             np.sqrt(np.maximum(s, s_0 * (1.0 + (kappa * v) ** 2)))
-            for s, v in zip(single, speeds, strict=True)
+            for s, v in zip(variances, speeds, strict=True)
         ]
-        samples = np.concatenate([b[w[:, c] > 0.0] for b, w in zip(both, has, strict=True)])
-        out[c] = np.sqrt(np.mean(samples**2))
-        for p, b in zip(profile, both, strict=True):
-            p[:, c] = b / out[c]
-    return out, profile
+        samples = np.concatenate([b[w[:, c] > 0.0] for b, w in zip(stds, has, strict=True)])
+        sigma_with_slow[c] = np.sqrt(np.mean(samples**2))
+        for p, b in zip(profile, stds, strict=True):
+            p[:, c] = b / sigma_with_slow[c]
+    return sigma_with_slow, profile
 
 
-def _blocks(
+def _block_squares(
     residuals: Sequence[np.ndarray],
     has: Sequence[np.ndarray],
     speeds: Sequence[np.ndarray],
@@ -167,18 +172,18 @@ def _blocks(
     for r, w, v, dt in zip(residuals, has, speeds, dt_s, strict=True):
         block = (np.cumsum(dt) / BLOCK_S).astype(int)
         n, rows = np.bincount(block, w), np.bincount(block)
-        full = n >= max(2.0, FULL * float(np.median(rows)))
-        sums.append((np.bincount(block, r * w)[full]) ** 2 / n[full])
-        squares.append(np.bincount(block, v * v)[full] / rows[full])
+        is_full = n >= max(2.0, MIN_BLOCK_FRACTION * float(np.median(rows)))
+        sums.append((np.bincount(block, r * w)[is_full]) ** 2 / n[is_full])
+        squares.append(np.bincount(block, v * v)[is_full] / rows[is_full])
     return np.concatenate(sums), np.concatenate(squares)
 
 
-def _growth_of_slow(y: np.ndarray, v_squared: np.ndarray, typical: float) -> tuple[float, float]:
+def _fit_slow_noise(y: np.ndarray, v_squared: np.ndarray, typical: float) -> tuple[float, float]:
     """Return S₀ and κ.  (3)"""
-    best = (np.inf, float(np.mean(y)), 0.0)
+    best_fit = (np.inf, float(np.mean(y)), 0.0)
     for ratio in SLOW_RATIOS:
         kappa = ratio / typical
         g = 1.0 + kappa**2 * v_squared
         s_0 = float(np.mean(y / g))
-        best = min(best, (float(np.sum(np.log(g))) + len(y) * np.log(max(s_0, 1e-300)), s_0, kappa))
-    return best[1], best[2]
+        best_fit = min(best_fit, (float(np.sum(np.log(g))) + len(y) * np.log(max(s_0, 1e-300)), s_0, kappa))
+    return best_fit[1], best_fit[2]

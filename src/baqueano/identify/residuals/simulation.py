@@ -20,13 +20,13 @@ from typing import Any, NamedTuple, Self, TypeVar
 import numpy as np
 
 from baqueano.contracts.values import Tree
-from baqueano.identify.data.added_channels import VOLTAGE, at_voltage
+from baqueano.identify.data.added_channels import VOLTAGE_KEY, at_voltage
 from baqueano.identify.data.record import FitRecord, FittedBlocks
 from baqueano.identify.data.segments import ThetaLayout
 from baqueano.identify.parallel import parallel_map
 from baqueano.identify.parameters.free import substitute
-from baqueano.identify.parameters.setup import Shape, example, initial_state, shown_by, vehicle_at_start
-from baqueano.identify.residuals.block_arrow import Evaluation, add, diagonal_matrix, places_of
+from baqueano.identify.parameters.setup import Shape, example, initial_state, read_sensors, vehicle_at_start
+from baqueano.identify.residuals.block_arrow import Evaluation, add, arrow_layout, diagonal_matrix
 from baqueano.identify.residuals.noise_level import informative_rows, profile_by_speed
 from baqueano.sensors.sampling import Signal, difference
 from baqueano.signals import ByName, sensor_slots
@@ -35,8 +35,8 @@ from baqueano.symbolic.scan import Scan
 from baqueano.vehicles.delay import read, with_newest
 
 HUBER = 1.345  # in standard deviations: 95 % efficient on normal noise
-KEPT = 24  # kernels in the cache
-AT_HAND = 3  # cached results of a problem: several tests need those at its end
+CACHED_KERNELS = 24  # kernels in the cache
+CACHED_RESULTS = 3  # cached results of a problem: several tests need those at its end
 START_STD = (10.0, 0.3, 10.0)  # m/s, m/s, rad/s: prior of ν of a start without earlier measurements
 _kernels: "OrderedDict[Any, Any]" = OrderedDict()
 K = TypeVar("K")
@@ -97,7 +97,7 @@ class Residuals:
         )
         parts = len(shape.shared), len(shape.by_run), len(shape.start)
         self.layout = ThetaLayout(*parts, tuple(record.run for record in self.records))
-        self._index, self._places = self.layout.indices, places_of(self.layout)
+        self._index, self._places = self.layout.indices, arrow_layout(self.layout)
         self.size = self.layout.size
         m, n = sum(self.sizes), blocks.model.commands
         self._weights = slice(1 + n + m, 1 + n + 2 * m)
@@ -105,11 +105,11 @@ class Residuals:
         for rows in self._rows:
             rows.flags.writeable = False
         self.z = [rows[:, 1 + n : 1 + n + m].copy() for rows in self._rows]
-        self._prior = self._of_starts()
+        self._prior = self._start_prior()
         self.sigma = np.ones(m)
         self.weights = self._has  # per segment (N, m), 1/σ of each measurement, 0 without one
         self._profile: Sequence[np.ndarray] | None = None
-        self._answers: OrderedDict[tuple[str, bytes], Any] = OrderedDict()
+        self._results: OrderedDict[tuple[str, bytes], Any] = OrderedDict()
         self._slopes: tuple[bytes | None, list[Any]] = None, []  # θ, and the sensitivities there
 
     @classmethod
@@ -147,11 +147,11 @@ class Residuals:
         out.sigma, out._profile, out.weights = sigma, profile, weights
         return out
 
-    def with_columns(self, at: Any, values: Sequence[np.ndarray]) -> Self:
-        """Return a copy with `values` (N, k) per segment in the columns `at` of its rows."""
+    def with_columns(self, columns: Any, values: Sequence[np.ndarray]) -> Self:
+        """Return a copy with `values` (N, k) per segment in the columns `columns` of its rows."""
         out = copy(self)
-        out._rows = self._each(lambda rows, index, x: _fill(rows, at, x), values)
-        out._answers, out._slopes = OrderedDict(), (None, [])
+        out._rows = self._map_segments(lambda rows, index, x: _fill(rows, columns, x), values)
+        out._results, out._slopes = OrderedDict(), (None, [])
         return out
 
     def evaluate(self, theta: np.ndarray) -> Evaluation:
@@ -163,10 +163,10 @@ class Residuals:
 
         def of(rows: np.ndarray, index: np.ndarray) -> float:
             r = np.abs(self.scan.run(np.ascontiguousarray(rows_of(rows)), theta[index])[1])
-            limited = np.minimum(r, HUBER)
-            return float(np.sum(limited * (r - 0.5 * limited)))
+            clipped = np.minimum(r, HUBER)
+            return float(np.sum(clipped * (r - 0.5 * clipped)))
 
-        return sum(self._each(of))
+        return sum(self._map_segments(of))
 
     def information(self, theta: np.ndarray, factors: Sequence[np.ndarray]) -> np.ndarray:
         """Return Σ f² ∂r ∂rᵀ (p, p), with a factor f (N, m) per segment for each residual."""
@@ -176,7 +176,7 @@ class Residuals:
             return self.scan.normal_equations(rows, theta[index], None).hessian
 
         H = np.zeros((self.size, self.size))
-        for part, index in zip(self._each(of, self.weights, factors), self._index, strict=True):
+        for part, index in zip(self._map_segments(of, self.weights, factors), self._index, strict=True):
             H[np.ix_(index, index)] += part
         return H
 
@@ -186,25 +186,25 @@ class Residuals:
         prior = self._prior if huber is not None else np.zeros(self.size)
         cost, g = 0.5 * float(prior @ theta**2), prior * theta
         H = diagonal_matrix(prior, self._places)
-        parts = self._each(lambda rows, index: self.scan.normal_equations(rows, theta[index], huber))
+        parts = self._map_segments(lambda rows, index: self.scan.normal_equations(rows, theta[index], huber))
         for (c, g_r, _), index in zip(parts, self._index, strict=True):
             cost += c
             g[index] += g_r
         add(H, self._index, [H_r for _, _, H_r in parts])
         return Evaluation(cost, g, H)
 
-    def _of_starts(self) -> np.ndarray:
+    def _start_prior(self) -> np.ndarray:
         """Return the weight (p,) of a prior at 0 for start velocities of segments and of runs that begin without
         measurements, else 0. Tyres stop a slip at once; without the prior, slip and speed may diverge together."""
         prior = np.zeros(self.size)
-        cut = len(self.records) > max(self.layout.runs) + 1
+        is_cut = len(self.records) > max(self.layout.runs) + 1
         weight = np.array([START_STD[i] ** -2 if i < len(START_STD) else 0.0 for i in self.shape.start])
         for k, has in enumerate(self._has):
-            if cut or not has[:1].any():
-                prior[self.layout.of_starts(k)] = weight
+            if is_cut or not has[:1].any():
+                prior[self.layout.start_slice(k)] = weight
         return prior
 
-    def _each(self, work: Callable[..., Any], *more: Sequence[Any]) -> list[Any]:
+    def _map_segments(self, work: Callable[..., Any], *more: Sequence[Any]) -> list[Any]:
         """Return `work(rows, index, …)` for each segment, on all cores if that is faster."""
         rows = sum(map(len, self._rows)) if self.scan.backend == "c" else 0
         return parallel_map(work, self._rows, self._index, *more, rows=rows)
@@ -215,7 +215,7 @@ class Residuals:
         def of(rows: np.ndarray, index: np.ndarray) -> np.ndarray:
             return np.asarray(self.scan.run(rows, theta[index])[1])
 
-        return self._once("residuals", theta, lambda: self._each(of))
+        return self._cached("residuals", theta, lambda: self._map_segments(of))
 
     def misfits(self, theta: np.ndarray) -> list[np.ndarray]:
         """Return for each segment z − h (N, m) in the sensors' units, 0 without a measurement."""
@@ -248,16 +248,16 @@ class Residuals:
         """
         key, (last_key, slopes) = theta.tobytes(), self._slopes
         if last_key != key:
-            slopes = self._each(lambda rows, i: (*self.scan.sensitivities(rows, theta[i]), i))
+            slopes = self._map_segments(lambda rows, i: (*self.scan.sensitivities(rows, theta[i]), i))
         self._slopes = (None, []) if last else (key, slopes)
         return slopes
 
     def predictions(self, theta: np.ndarray) -> list[np.ndarray]:
         """Return for each segment h (N, m), also in rows without a measurement. The arrays must not be modified."""
 
-        plain = self.difference is Residuals.difference
+        is_plain = self.difference is Residuals.difference
         kernel = self.scan
-        if not plain:
+        if not is_plain:
             kernel = cached_kernel(self._blocks, self.shape, self.scan.backend, _trace, Residuals.difference)
 
         def of(rows: np.ndarray, index: np.ndarray, z: np.ndarray) -> np.ndarray:
@@ -265,20 +265,20 @@ class Residuals:
             return z - np.asarray(kernel.run(rows, theta[index])[1])
 
         def work() -> list[np.ndarray]:
-            if plain and all(has.all() for has in self._has):
+            if is_plain and all(has.all() for has in self._has):
                 return [z - misfit for z, misfit in zip(self.z, self.misfits(theta), strict=True)]
-            return self._each(of, self.z)
+            return self._map_segments(of, self.z)
 
-        return self._once("predictions", theta, work)
+        return self._cached("predictions", theta, work)
 
-    def _once(self, label: str, theta: np.ndarray, work: Callable[[], object]) -> Any:
+    def _cached(self, label: str, theta: np.ndarray, work: Callable[[], object]) -> Any:
         """Return `work()`, cached by `label` and θ."""
         key = label, theta.tobytes()
-        if key not in self._answers:
-            self._answers[key] = work()
-            if len(self._answers) > AT_HAND:
-                self._answers.popitem(last=False)
-        return self._answers[key]
+        if key not in self._results:
+            self._results[key] = work()
+            if len(self._results) > CACHED_RESULTS:
+                self._results.popitem(last=False)
+        return self._results[key]
 
 
 def _fill(rows: np.ndarray, index: Any, values: np.ndarray | float) -> np.ndarray:
@@ -298,8 +298,8 @@ def _rows(record: FitRecord, names: Sequence[str], shape: Shape) -> np.ndarray:
             columns.append(
                 np.zeros((len(record.dt_s), 1)) if s.sample_fraction is None else s.sample_fraction[:, None]
             )
-    if shape.volts:
-        columns.append(record.sensors[VOLTAGE].z)
+    if shape.has_voltage:
+        columns.append(record.sensors[VOLTAGE_KEY].z)
     return np.ascontiguousarray(np.concatenate(columns, axis=1))
 
 
@@ -313,7 +313,7 @@ def cached_kernel(
     key = (traced, more, _fingerprint(shape_blocks), shape, backend)
     if key not in _kernels:
         _kernels[key] = traced(blocks, shape, backend, *more)
-        if len(_kernels) > KEPT:
+        if len(_kernels) > CACHED_KERNELS:
             _kernels.popitem(last=False)
     _kernels.move_to_end(key)
     return _kernels[key]
@@ -329,14 +329,14 @@ def _trace(blocks: FittedBlocks, shape: Shape, backend: str, residual: Callable[
     def start(theta: np.ndarray) -> SimulationState:
         vehicle, signals = at_start(theta)
         kinds = list(zip(sizes, shape.sample_fraction, free_clock, strict=True))
-        before = tuple(np.zeros(k if e and not c else 0) for k, e, c in kinds)
-        lines = tuple(np.zeros((shape.slots if c else 0, k)) for k, _, c in kinds)
-        return SimulationState(vehicle, signals, before, lines, np.zeros(shape.slots))
+        past_h = tuple(np.zeros(k if e and not c else 0) for k, e, c in kinds)
+        lines = tuple(np.zeros((shape.past_rows if c else 0, k)) for k, _, c in kinds)
+        return SimulationState(vehicle, signals, past_h, lines, np.zeros(shape.past_rows))
 
     def step(
         theta: np.ndarray, state: SimulationState, row: np.ndarray
     ) -> tuple[SimulationState, np.ndarray]:
-        blocks_at = at_voltage(substitute(blocks, paths, theta), row, shape.volts)
+        blocks_at = at_voltage(substitute(blocks, paths, theta), row, shape.has_voltage)
         dt_s, u = row[0], row[1 : 1 + n]
         z, weight, sample_fraction = (
             row[1 + n : 1 + n + m],
@@ -344,40 +344,42 @@ def _trace(blocks: FittedBlocks, shape: Shape, backend: str, residual: Callable[
             row[1 + n + 2 * m :],
         )
         vehicle, motion = blocks_at.model.step(state.vehicle, u, dt_s, np.zeros(3))
-        readings, signals = shown_by(blocks_at.sensors, state.signals, motion, dt_s)
+        readings, signals = read_sensors(blocks_at.sensors, state.signals, motion, dt_s)
         steps_s = with_newest(state.steps_s, dt_s)
-        out, before, lines, at, turn = [], [], [], 0, 0
+        residuals, past_h, lines, offset, fraction_index = [], [], [], 0, 0
         for k, sensor in enumerate(blocks_at.sensors):
             h = readings[k]
             if free_clock[k]:
                 offset_s = theta[len(paths) + shape.clocks.index(names[k])]
-                minus = partial(difference, sensor)
-                h = read(h, state.lines[k], steps_s, sample_fraction[turn] - offset_s, minus)
+                subtract = partial(difference, sensor)
+                h = read(h, state.lines[k], steps_s, sample_fraction[fraction_index] - offset_s, subtract)
             elif shape.sample_fraction[k]:
-                h = h + sample_fraction[turn] * difference(sensor, state.previous_h[k], h)
-            turn += shape.sample_fraction[k]
-            before.append(readings[k] if len(state.previous_h[k]) else state.previous_h[k])
+                h = h + sample_fraction[fraction_index] * difference(sensor, state.previous_h[k], h)
+            fraction_index += shape.sample_fraction[k]
+            past_h.append(readings[k] if len(state.previous_h[k]) else state.previous_h[k])
             lines.append(with_newest(state.lines[k], readings[k]))
-            span = slice(at, at + sizes[k])
-            out.append(weight[span] * residual(sensor, z[span], h))
-            at += sizes[k]
-        return SimulationState(vehicle, signals, tuple(before), tuple(lines), steps_s), np.concatenate(out)
+            span = slice(offset, offset + sizes[k])
+            residuals.append(weight[span] * residual(sensor, z[span], h))
+            offset += sizes[k]
+        return SimulationState(vehicle, signals, tuple(past_h), tuple(lines), steps_s), np.concatenate(
+            residuals
+        )
 
-    q = 1 + n + 2 * m + sum(shape.sample_fraction) + shape.volts
+    q = 1 + n + 2 * m + sum(shape.sample_fraction) + shape.has_voltage
     return scan(step, start, np.zeros(q), example(blocks, shape), backend=backend)
 
 
 def _speed_kernel(blocks: FittedBlocks, shape: Shape, backend: str) -> Scan:
     """Return a scan from the same rows and θ to ν_x of the model."""
-    moving, paths, n = vehicle_at_start(blocks, shape), (*shape.shared, *shape.per_run), blocks.model.commands
+    start, paths, n = vehicle_at_start(blocks, shape), (*shape.shared, *shape.per_run), blocks.model.commands
 
     def step(theta: np.ndarray, state: Tree, row: np.ndarray) -> tuple[Tree, Tree]:
-        blocks_at = at_voltage(substitute(blocks, paths, theta), row, shape.volts)
+        blocks_at = at_voltage(substitute(blocks, paths, theta), row, shape.has_voltage)
         state, motion = blocks_at.model.step(state, row[1 : 1 + n], row[0], np.zeros(3))
         return state, motion.nu[0]
 
-    q = 1 + n + 2 * sum(s.size for s in blocks.sensors) + sum(shape.sample_fraction) + shape.volts
-    return scan(step, moving, np.zeros(q), example(blocks, shape), backend=backend)
+    q = 1 + n + 2 * sum(s.size for s in blocks.sensors) + sum(shape.sample_fraction) + shape.has_voltage
+    return scan(step, start, np.zeros(q), example(blocks, shape), backend=backend)
 
 
 def chosen_sensors(sensors: ByName[Tree], names: Sequence[str]) -> Any:

@@ -9,15 +9,15 @@ import numpy as np
 from baqueano.contracts.optional import has_field
 from baqueano.diagnostics import Diagnostic, Verdict, note
 from baqueano.identify.covariance.information import WHITE_LIMIT, covariance_of, inverse
-from baqueano.identify.covariance.jackknife import jackknife, no_smaller
-from baqueano.identify.data.added_channels import MOUNT, TRUTH
+from baqueano.identify.covariance.jackknife import jackknife, with_larger_errors
+from baqueano.identify.data.added_channels import MOUNT_PREFIX, TRUTH
 from baqueano.identify.data.record import FittedBlocks
 from baqueano.identify.diagnostics import diagnose, inflate_covariance
-from baqueano.identify.identifiability.advice import missing_command, unobservable, weakly
-from baqueano.identify.identifiability.identifiable import FinishedFit, one_mean
+from baqueano.identify.identifiability.advice import missing_command, unobservable_reason, weak_reason
+from baqueano.identify.identifiability.identifiable import FinishedFit, has_one_mean
 from baqueano.identify.parallel import parallel_map
 from baqueano.identify.parameters.free import DELAY, Free, substitute, value
-from baqueano.identify.parameters.setup import STARTS
+from baqueano.identify.parameters.setup import START_NAMES
 from baqueano.identify.residuals.simulation import Residuals
 from baqueano.identify.result.fit_result import ChannelFit, Fit
 from baqueano.identify.result.to_vehicle_file import envelope_of, kept_priors
@@ -27,14 +27,14 @@ from baqueano.messages.language import translate as _
 if TYPE_CHECKING:
     pass
 
-HELD_BACK = 3.0  # standard errors beyond its bound: a parameter that would move less may be there by chance
+HELD_SIGMA = 3.0  # standard errors beyond its bound: a parameter that would move less may be there by chance
 
 
 class VerdictBasis(NamedTuple):
     """Data for the verdict on a finished search: errors, diagnostics, bounds."""
 
     cov: np.ndarray  # (p, p) of θ
-    off: Mapping[str, float]  # path → possible error of a parameter by effects that the model lacks
+    error_by_path: Mapping[str, float]  # path → possible error of a parameter by effects that the model lacks
     evidence: Evidence
     held_back: np.ndarray  # (p,) −1 or 1 if a bound holds a parameter back significantly
     never: tuple[Diagnostic, ...]  # parameters that the vehicle can never show
@@ -43,12 +43,12 @@ class VerdictBasis(NamedTuple):
 def verdict_basis(end: FinishedFit) -> VerdictBasis:
     """Return all data on which the verdict on a finished search depends."""
     cov = _covariance(end)
-    sd = np.sqrt(np.diagonal(cov))
-    unobservable_terms, never = _unobservable(end)
-    findings, off = _findings(end, sd)
+    std = np.sqrt(np.diagonal(cov))
+    unobservable_terms, never_shown = _unobservable(end)
+    findings, error_by_path = _findings(end, std)
     evidence = _evidence(end, findings, unobservable_terms)
-    far = _in_order(end, _held_back(end, sd), 0.0) > HELD_BACK
-    return VerdictBasis(cov, off, evidence, np.where(far, evidence.bound, 0), never)
+    is_held_back = _in_order(end, _held_back(end, std), 0.0) > HELD_SIGMA
+    return VerdictBasis(cov, error_by_path, evidence, np.where(is_held_back, evidence.bound, 0), never_shown)
 
 
 def only_autocorrelated(basis: VerdictBasis) -> bool:
@@ -72,11 +72,11 @@ def fit_of(end: FinishedFit, basis: VerdictBasis | None = None) -> Fit:
     """Return the Fit of a finished search; a given `basis` is not computed again."""
     basis = verdict_basis(end) if basis is None else basis
     problem, solution = end.task.problem, end.search.solution
-    evidence = _without_autocorrelation(basis.evidence) if end.floor else basis.evidence
+    evidence = _without_autocorrelation(basis.evidence) if end.is_explained_by_floor else basis.evidence
     verdict, reasons = verdict_of(evidence._replace(bound=basis.held_back))
     s = len(problem.shape.shared)
-    shared_cov = inflate_covariance(_spread_out(end, basis.cov[:s, :s]), evidence.names, basis.off)
-    own_names, own, own_sd = _own(problem, solution.theta, np.sqrt(np.diagonal(basis.cov)))
+    shared_cov = inflate_covariance(_with_frozen(end, basis.cov[:s, :s]), evidence.names, basis.error_by_path)
+    own_names, run_values, own_sd = _run_entries(problem, solution.theta, np.sqrt(np.diagonal(basis.cov)))
     fit = Fit(
         names=evidence.names,
         units=tuple(parameter.unit for parameter in end.requested),
@@ -87,7 +87,7 @@ def fit_of(end: FinishedFit, basis: VerdictBasis | None = None) -> Fit:
         weak=evidence.weak,
         cov=shared_cov,
         own_names=own_names,
-        own=own,
+        own=run_values,
         own_sd=own_sd,
         unobservable=evidence.unobservable,
         never=basis.never,
@@ -102,9 +102,11 @@ def fit_of(end: FinishedFit, basis: VerdictBasis | None = None) -> Fit:
         evaluations=end.search.evaluations,
         runs=_runs(problem),
         backend=problem.scan.backend,
-        file=end.file,
+        file=end.vehicle_file,
         blocks=_blocks_of_fit(end),
-        envelope=envelope_of(problem.records, evidence.channels, end.blocks.sensors, end.file.command.names),
+        envelope=envelope_of(
+            problem.records, evidence.channels, end.blocks.sensors, end.vehicle_file.command.names
+        ),
     )
     return replace(fit, notes=(*fit.notes, *(prior.message for prior in kept_priors(fit))))
 
@@ -117,22 +119,22 @@ def _findings(end: FinishedFit, sd: np.ndarray) -> tuple[tuple[Diagnostic, ...],
         or _is_interrupted(end, _("testing for effects that the model lacks"))
     ):
         return end.findings, {}
-    messages, off = diagnose(end, sd, sigma_of_file(end.blocks))
-    return tuple(messages), off
+    messages, error_by_path = diagnose(end, sd, sigma_of_file(end.blocks))
+    return tuple(messages), error_by_path
 
 
 def _held_back(end: FinishedFit, sd: np.ndarray) -> np.ndarray:
     """Return the distance (s,), in standard errors, by which each shared entry of θ would move without its bounds.
     It is inf without a requested test or after a stop, and 0 if the search did not converge."""
-    s, solution = end.task.problem.layout.shared, end.search.solution
+    s, solution = end.task.problem.layout.shared_count, end.search.solution
     if not end.score_test or end.search.stopped:
         return np.full(s, np.inf)
-    identifiable, out = np.flatnonzero(end.identifiability.mask), np.zeros(s)
+    identifiable, moves_in_std = np.flatnonzero(end.identifiability.mask), np.zeros(s)
     g = solution.evaluation.gradient[identifiable]
     if solution.converged and len(identifiable) and np.isfinite(g).all():
         moves = np.abs(inverse(end.info.bread[np.ix_(identifiable, identifiable)]) @ g) / sd[identifiable]
-        out[identifiable[identifiable < s]] = moves[identifiable < s]
-    return out
+        moves_in_std[identifiable[identifiable < s]] = moves[identifiable < s]
+    return moves_in_std
 
 
 def _evidence(
@@ -153,9 +155,9 @@ def _evidence(
         end.info.autocorrelation,
         None if end.task.fixed_sigma is not None else sigma_of_file(end.blocks),
         findings,
-        _weakly(end),
-        _moving(end),
-        one_mean(end.task.problem),
+        _weak_reasons(end),
+        _most_moving(end),
+        has_one_mean(end.task.problem),
     )
 
 
@@ -167,36 +169,36 @@ def _is_interrupted(end: FinishedFit, text: str) -> bool:
 def _covariance(end: FinishedFit) -> np.ndarray:
     """Return the covariance of θ (p, p), NaN for fixed entries."""
     identifiable = np.flatnonzero(end.identifiability.mask)
-    full = np.full((len(end.identifiability.mask), len(end.identifiability.mask)), np.nan)
+    full_cov = np.full((len(end.identifiability.mask), len(end.identifiability.mask)), np.nan)
     if len(identifiable):
         cov = covariance_of(end.info, identifiable)
-        if not end.filtered:  # the innovations of a filter are white
+        if not end.is_filtered:  # the innovations of a filter are white
             problem, theta = end.task.problem, end.search.solution.theta
-            k = int(np.sum(identifiable < problem.layout.shared))
+            k = int(np.sum(identifiable < problem.layout.shared_count))
             for by_segment in (False, True):
-                blocks = jackknife(
+                jackknife_cov = jackknife(
                     problem, theta, identifiable, end.info.bread, alike=True, by_segment=by_segment
                 )
-                cov = no_smaller(problem, cov, blocks, k, by_segment)
-        full[np.ix_(identifiable, identifiable)] = (
+                cov = with_larger_errors(problem, cov, jackknife_cov, k, by_segment)
+        full_cov[np.ix_(identifiable, identifiable)] = (
             cov if end.systematic is None else cov + end.systematic[np.ix_(identifiable, identifiable)]
         )
-    return full
+    return full_cov
 
 
-def _own(
+def _run_entries(
     problem: Residuals, theta: np.ndarray, sd: np.ndarray
 ) -> tuple[tuple[str, ...], np.ndarray, np.ndarray]:
     """Return names (q,), values and standard errors (runs, q) of the entries that each run has separately. The
     starts are included if runs are whole."""
     layout, shape = problem.layout, problem.shape
-    runs, s = max(layout.runs) + 1, layout.shared
-    by_run = theta[s : layout.starts].reshape(runs, -1)
-    by_run_sd = sd[s : layout.starts].reshape(runs, -1)
+    runs, s = max(layout.runs) + 1, layout.shared_count
+    by_run = theta[s : layout.first_start].reshape(runs, -1)
+    by_run_sd = sd[s : layout.first_start].reshape(runs, -1)
     if len(layout.runs) > runs:
         return shape.by_run, by_run, by_run_sd
-    names = (*shape.by_run, *(f"start.{STARTS[i]}" for i in shape.start))
-    starts, starts_sd = (x[layout.starts :].reshape(runs, -1) for x in (theta, sd))
+    names = (*shape.by_run, *(f"start.{START_NAMES[i]}" for i in shape.start))
+    starts, starts_sd = (x[layout.first_start :].reshape(runs, -1) for x in (theta, sd))
     return names, np.hstack([by_run, starts]), np.hstack([by_run_sd, starts_sd])
 
 
@@ -205,15 +207,15 @@ def _runs(problem: Residuals) -> tuple[str, ...]:
     return tuple({record.run: record.name for record in problem.records}.values())
 
 
-def _in_order(end: FinishedFit, values: np.ndarray, rest: float) -> np.ndarray:
-    """Return the values of the shared entries of θ in the order of `requested`, with `rest` for the frozen
+def _in_order(end: FinishedFit, values: np.ndarray, frozen_value: float) -> np.ndarray:
+    """Return the values of the shared entries of θ in the order of `requested`, with `frozen_value` for the frozen
     parameters."""
-    out = np.full(len(end.requested), rest, dtype=float)
-    out[end.in_theta] = values
-    return out
+    ordered = np.full(len(end.requested), frozen_value, dtype=float)
+    ordered[end.in_theta] = values
+    return ordered
 
 
-def _spread_out(end: FinishedFit, cov: np.ndarray) -> np.ndarray:
+def _with_frozen(end: FinishedFit, cov: np.ndarray) -> np.ndarray:
     out = np.full((len(end.requested), len(end.requested)), np.nan)
     out[np.ix_(end.in_theta, end.in_theta)] = cov
     return out
@@ -232,27 +234,27 @@ def _channels(
     labels = [(name, i) for name, m in zip(problem.names, problem.sizes, strict=True) for i in range(m)]
     segments = list(zip(problem.records, problem.predictions(theta), problem.z, problem.has, strict=True))
 
-    def of(run: int, record_name: str) -> list[ChannelFit]:
-        own = [
+    def channels_of_run(run: int, run_name: str) -> list[ChannelFit]:
+        segments_of_run = [
             (r.t_s[r.lead :], h[r.lead :], z[r.lead :], w[r.lead :])
             for r, h, z, w in segments
             if r.run == run
         ]
-        t_s, h, z, has = (np.concatenate(column) for column in zip(*own, strict=True))
+        t_s, h, z, has = (np.concatenate(column) for column in zip(*segments_of_run, strict=True))
         out = []
         for c, (name, i) in enumerate(labels):
             finite = has[:, c] > 0.0
             measured = np.where(finite, z[:, c], np.nan)
-            part = explained_variance(z[finite, c], h[finite, c], sigma[c])
+            share = explained_variance(z[finite, c], h[finite, c], sigma[c])
             channel = ChannelFit(
-                record_name, name, i, t_s, measured, h[:, c], float(sigma[c]), part, float(autocorrelation[c])
+                run_name, name, i, t_s, measured, h[:, c], float(sigma[c]), share, float(autocorrelation[c])
             )
             out.append(channel)
         return out
 
     names = list(_runs(problem))
-    every = parallel_map(of, range(len(names)), names, rows=sum(map(len, problem.z)))
-    return tuple(channel_fit for channel in every for channel_fit in channel)
+    channels = parallel_map(channels_of_run, range(len(names)), names, rows=sum(map(len, problem.z)))
+    return tuple(channel_fit for channel in channels for channel_fit in channel)
 
 
 def explained_variance(z: np.ndarray, h: np.ndarray, sigma: float) -> float:
@@ -266,40 +268,49 @@ def explained_variance(z: np.ndarray, h: np.ndarray, sigma: float) -> float:
 
 def _unobservable(end: FinishedFit) -> tuple[tuple[Diagnostic, ...], tuple[Diagnostic, ...]]:
     """Return findings on parameters that a better run would show, and findings on parameters that no run can show."""
-    unobservable_terms, never = [], []
+    unobservable_terms, never_shown = [], []
     columns: dict[int, list[Free]] = {}
     for parameter in (end.requested[k] for k in end.frozen):
         assert parameter.column is not None
         columns.setdefault(parameter.column, []).append(parameter)
-    n, drivetrain = len(end.file.command.names), end.blocks.model.drivetrain
-    for j, some in columns.items():
-        cannot = bool(end.file.command.limit[j] == 0.0) or not np.any(drivetrain.mix(np.eye(n)[j]))
-        message = missing_command(some, end.file.command.names[j], cannot)
-        (never if cannot else unobservable_terms).append(message)
+    n, drivetrain = len(end.vehicle_file.command.names), end.blocks.model.drivetrain
+    for j, frozen in columns.items():
+        is_impossible = bool(end.vehicle_file.command.limit[j] == 0.0) or not np.any(
+            drivetrain.mix(np.eye(n)[j])
+        )
+        message = missing_command(frozen, end.vehicle_file.command.names[j], is_impossible)
+        (never_shown if is_impossible else unobservable_terms).append(message)
     for i, parameter in enumerate(end.free):
         if not end.identifiability.mask[i]:
-            ties, near = end.like(end.identifiability.collinear, i), end.like(end.identifiability.near, i)
-            unobservable_terms.append(unobservable(parameter, ties, float(end.task.first[i]), near))
-    return tuple(unobservable_terms), tuple(never)
+            collinear, confused = (
+                end.confused_with(end.identifiability.collinear, i),
+                end.confused_with(end.identifiability.near, i),
+            )
+            unobservable_terms.append(
+                unobservable_reason(parameter, collinear, float(end.task.first[i]), confused)
+            )
+    return tuple(unobservable_terms), tuple(never_shown)
 
 
-def _weakly(end: FinishedFit) -> tuple[Diagnostic, ...]:
+def _weak_reasons(end: FinishedFit) -> tuple[Diagnostic, ...]:
     """Return findings on parameters with a large error."""
-    weak = [i for i in range(len(end.free)) if end.identifiability.weak[i]]
-    return tuple(weakly(end.free[i], end.like(end.identifiability.near, i)) for i in weak)
+    weak_entries = [i for i in range(len(end.free)) if end.identifiability.weak[i]]
+    return tuple(
+        weak_reason(end.free[i], end.confused_with(end.identifiability.near, i)) for i in weak_entries
+    )
 
 
-def _moving(end: FinishedFit) -> str:
+def _most_moving(end: FinishedFit) -> str:
     """Return the parameter that an unconverged search would still move most, in standard errors, or "" after
     convergence."""
     solution, s = end.search.solution, len(end.task.problem.shape.shared)
-    may = np.flatnonzero(end.identifiability.mask[:s] & (solution.bound[:s] == 0))
-    A, g = end.info.bread[np.ix_(may, may)], solution.evaluation.gradient[may]
-    if solution.converged or not len(may) or not (np.isfinite(A).all() and np.isfinite(g).all()):
+    free_entries = np.flatnonzero(end.identifiability.mask[:s] & (solution.bound[:s] == 0))
+    A, g = end.info.bread[np.ix_(free_entries, free_entries)], solution.evaluation.gradient[free_entries]
+    if solution.converged or not len(free_entries) or not (np.isfinite(A).all() and np.isfinite(g).all()):
         return ""
     inverse = np.linalg.pinv(A, hermitian=True)
-    far = np.abs(inverse @ g) / np.sqrt(np.maximum(np.diagonal(inverse), 1e-300))
-    return end.task.problem.shape.shared[may[np.argmax(far)]]
+    moves = np.abs(inverse @ g) / np.sqrt(np.maximum(np.diagonal(inverse), 1e-300))
+    return end.task.problem.shape.shared[free_entries[np.argmax(moves)]]
 
 
 def _notes(end: FinishedFit) -> tuple[Diagnostic, ...]:
@@ -321,8 +332,8 @@ def _sums(end: FinishedFit) -> list[Diagnostic]:
     shape, blocks = end.task.problem.shape, end.blocks.sensors._asdict().items()
     tilted_names = [
         name for name, block in blocks
-        if has_field(block, "tilt_rad") and not _any_of(shape.shared, f"sensors.{name}.tilt_rad")
-        and _any_of((*shape.shared, *shape.per_run), f"sensors.{name}.accel_bias")
+        if has_field(block, "tilt_rad") and not _has_path(shape.shared, f"sensors.{name}.tilt_rad")
+        and _has_path((*shape.shared, *shape.per_run), f"sensors.{name}.accel_bias")
     ]  # fmt: skip
     without_filter = [name for name, block in blocks if not getattr(block, "has_low_pass", True)]
     delays = without_filter[:1] if DELAY in shape.shared and len(without_filter) == len(blocks) else []
@@ -331,7 +342,7 @@ def _sums(end: FinishedFit) -> list[Diagnostic]:
     ]
 
 
-def _any_of(paths: tuple[str, ...], key: str) -> bool:
+def _has_path(paths: tuple[str, ...], key: str) -> bool:
     return any(path.partition("[")[0] == key for path in paths)
 
 
@@ -339,22 +350,24 @@ def _horizon(problem: Residuals, theta: np.ndarray) -> list[Diagnostic]:
     """Return notes on the time and the distance over which model and truth were compared."""
     if TRUTH not in problem.names:
         return []
-    at, pose = sum(problem.sizes[: problem.names.index(TRUTH)]), any(i >= 3 for i in problem.shape.start)
-    spans, ways = [], []
+    column, pose = sum(problem.sizes[: problem.names.index(TRUTH)]), any(i >= 3 for i in problem.shape.start)
+    spans, lengths_m = [], []
     for record, h, has in zip(problem.records, problem.predictions(theta), problem.has, strict=True):
-        measured = np.flatnonzero(has[:, at] > 0.0)
-        h, span = h[measured[measured >= record.lead], at : at + 2], record.dt_s[record.lead :].sum()
+        rows = np.flatnonzero(has[:, column] > 0.0)
+        h, span = (h[rows[rows >= record.lead], column : column + 2], record.dt_s[record.lead :].sum())
         spans.append(span)
-        ways.append(np.hypot(*np.diff(h, axis=0).T).sum() if pose else span * np.hypot(*h.T).mean())
+        lengths_m.append(np.hypot(*np.diff(h, axis=0).T).sum() if pose else span * np.hypot(*h.T).mean())
     code = "truth.horizon-of-pieces" if len(spans) > max(problem.layout.runs) + 1 else "truth.horizon"
-    far = note(code, subject=TRUTH, span_s=float(np.median(spans)), way_m=float(np.median(ways)))
-    return [far, *_mount(problem, theta)]
+    horizon = note(code, subject=TRUTH, span_s=float(np.median(spans)), way_m=float(np.median(lengths_m)))
+    return [horizon, *_mount_notes(problem, theta)]
 
 
-def _mount(problem: Residuals, theta: np.ndarray) -> list[Diagnostic]:
+def _mount_notes(problem: Residuals, theta: np.ndarray) -> list[Diagnostic]:
     """Return a note on a fitted position of the mark, which belongs to the map and not to the vehicle file."""
-    own = zip(problem.shape.shared, theta, strict=False)
-    values = ", ".join(f"{path.removeprefix(MOUNT)} = {x:.4g}" for path, x in own if path.startswith(MOUNT))
+    pairs = zip(problem.shape.shared, theta, strict=False)
+    values = ", ".join(
+        f"{path.removeprefix(MOUNT_PREFIX)} = {x:.4g}" for path, x in pairs if path.startswith(MOUNT_PREFIX)
+    )
     return [note("truth.mount", subject=TRUTH, keys=values)] if values else []
 
 
@@ -376,5 +389,5 @@ def _blocks_of_fit(end: FinishedFit) -> FittedBlocks:
     """Return the blocks with the estimates; biases are the mean over the runs."""
     problem, theta = end.task.problem, end.search.solution.theta
     shape, layout, s = problem.shape, problem.layout, len(problem.shape.shared)
-    own = theta[s : layout.starts].reshape(max(layout.runs) + 1, -1).mean(axis=0)[: len(shape.per_run)]
-    return substitute(end.blocks, (*shape.shared, *shape.per_run), [float(x) for x in (*theta[:s], *own)])
+    means = theta[s : layout.first_start].reshape(max(layout.runs) + 1, -1).mean(axis=0)[: len(shape.per_run)]
+    return substitute(end.blocks, (*shape.shared, *shape.per_run), [float(x) for x in (*theta[:s], *means)])

@@ -7,12 +7,12 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 
 from baqueano.contracts.result import Result, shorten
-from baqueano.diagnostics import Diagnostic, Verdict, by_weight, fault, nearest, note
+from baqueano.diagnostics import Diagnostic, Verdict, fault, most_severe_first, nearest, note
 from baqueano.errors import UsageError
 from baqueano.identify.covariance.quantiles import QUANTILE_95
 from baqueano.identify.parameters.free import entries, free_parameter
 from baqueano.identify.result.ratios import percent
-from baqueano.identify.result.verdict import short
+from baqueano.identify.result.verdict import without_model_prefix
 from baqueano.messages import group_sentences, text
 from baqueano.messages.language import mark as N_
 from baqueano.messages.language import number, shown_unit
@@ -25,10 +25,14 @@ if TYPE_CHECKING:
     from baqueano.vehicle_file import VehicleFile
     from baqueano.vehicle_file.envelope import Envelope
 
-LISTED = 8  # runs, above which a table summarises them
-REASONS, UNSEEN, NOTES = 5, 3, 4  # lines of each: with the verdict and the line on the others at most 14
+MAX_LISTED_RUNS = 8  # runs, above which a table summarises them
+MAX_REASONS, MAX_UNOBSERVABLE, MAX_NOTES = (
+    5,
+    3,
+    4,
+)  # lines of each: with the verdict and the line on the others at most 14
 BOUNDS = {"low": N_("at its low bound"), "high": N_("at its high bound")}
-MEANS = {Verdict.REFUSED: note("verdict.refused"), Verdict.WARN: note("verdict.warn")}
+VERDICT_MEANINGS = {Verdict.REFUSED: note("verdict.refused"), Verdict.WARN: note("verdict.warn")}
 
 
 class ChannelFit(NamedTuple):
@@ -147,8 +151,8 @@ class Fit(Result):
     @property
     def interval(self) -> np.ndarray:
         """Return the 95 % interval of each parameter (p, 2)."""
-        half = QUANTILE_95 * self.sd
-        return np.stack([self.estimate - half, self.estimate + half], axis=1)
+        half_width = QUANTILE_95 * self.sd
+        return np.stack([self.estimate - half_width, self.estimate + half_width], axis=1)
 
     def value(self, name: str) -> float:
         """Return the estimate of one parameter by its path, NaN if it was not identifiable. Raise UsageError if it
@@ -161,13 +165,13 @@ class Fit(Result):
         """Return the message for a name that was not fitted: the option that frees this parameter, or a similar
         name."""
         try:
-            own = [free_parameter(self.blocks, path, {}).path for path in entries(self.blocks, name)]
+            entry_paths = [free_parameter(self.blocks, path, {}).path for path in entries(self.blocks, name)]
         except UsageError:
-            own = []
-        fitted = [path for path in own if path in self.names]
-        if own and not fitted:
+            entry_paths = []
+        fitted_paths = [path for path in entry_paths if path in self.names]
+        if entry_paths and not fitted_paths:
             return fault("fit.not-free", f"--free +{name}", path=name, fitted=self.names)
-        return fault("fit.not-fitted", path=name, near=nearest(name, fitted[:1] or self.names))
+        return fault("fit.not-fitted", path=name, near=nearest(name, fitted_paths[:1] or self.names))
 
     @property
     def vehicle_file(self) -> "VehicleFile":
@@ -201,40 +205,45 @@ class Fit(Result):
         return out
 
     def __repr__(self) -> str:
-        identified_count, every = int(np.isfinite(self.estimate).sum()), self.rows()
+        identified_count, rows_ = int(np.isfinite(self.estimate).sum()), self.rows()
         runs = self.runs[0] if len(self.runs) == 1 else _("{runs} runs", runs=len(self.runs))
         head = text(
             note(
-                "front.fit", vehicle=self.file.name, runs=runs, known=identified_count, parameters=len(every)
+                "front.fit",
+                vehicle=self.file.name,
+                runs=runs,
+                known=identified_count,
+                parameters=len(rows_),
             )
         )
-        wide = max(len(short(row["name"])) for row in every)
+        width = max(len(without_model_prefix(row["name"])) for row in rows_)
         rows = []
-        for row in (row for row in every if row["estimate"] is not None):
+        for row in (row for row in rows_ if row["estimate"] is not None):
             value, sd = round_to_error(row["estimate"], row["sd"]), np.nan if row["sd"] is None else row["sd"]
             rows.append(
-                f"{short(row['name']):{wide}}  {number(value):>10.5g} ± {number(sd):<8.2g} {shown_unit(row['unit'])}"
+                f"{without_model_prefix(row['name']):{width}}  {number(value):>10.5g} ± {number(sd):<8.2g} "
+                f"{shown_unit(row['unit'])}"
             )
         return shorten([head], rows, verdict_lines(self)[:3])
 
     def table(self, reported: bool = False) -> str:
         """Return the table as text, with the most severe diagnostics below it. `reported` is True if a report with
         all diagnostics is written."""
-        wide = max(map(len, (*map(short, self.names), _("parameter"))))
-        lines = [f"{_('parameter'):{wide}}  {_('estimate'):>12}   {_('± sd'):>10}  {_('unit')}"]
+        width = max(map(len, (*map(without_model_prefix, self.names), _("parameter"))))
+        lines = [f"{_('parameter'):{width}}  {_('estimate'):>12}   {_('± sd'):>10}  {_('unit')}"]
         for row in self.rows():
             if row["estimate"] is None:
                 start_text = _("fixed at {start:.4g}", start=row["start"])
                 lines.append(
-                    f"{short(row['name']):{wide}}  {_('not identifiable'):>12}   {'':>10}  {start_text}"
+                    f"{without_model_prefix(row['name']):{width}}  {_('not identifiable'):>12}   {'':>10}  {start_text}"
                 )
                 continue
-            remarks = marks(row)
+            remarks = row_remarks(row)
             sd = f"{number(row['sd']):.2g}" if row["sd"] is not None else "?"
             value = round_to_error(row["estimate"], row["sd"])
             lines.append(
-                f"{short(row['name']):{wide}}  {number(value):>12.5g} ± {sd:>10}  {shown_unit(row['unit'])}"
-                + (f"  ({remarks})" if remarks else "")
+                f"{without_model_prefix(row['name']):{width}}  {number(value):>12.5g} ± {sd:>10}  "
+                f"{shown_unit(row['unit'])}" + (f"  ({remarks})" if remarks else "")
             )
         lines += ["", *self._per_run_lines(), *self._channel_lines(), "", *verdict_lines(self, reported)]
         return "\n".join(lines)
@@ -255,7 +264,7 @@ class Fit(Result):
     def _per_run_lines(self) -> list[str]:
         """Return lines on the entries of each run that the user requested; biases and starts are excluded."""
         rows = [row for row in self.run_by_run() if is_requested(row["name"])]
-        if len(self.runs) > LISTED:
+        if len(self.runs) > MAX_LISTED_RUNS:
             return self._per_run_summary(rows)
         out = []
         for row in rows:
@@ -285,22 +294,22 @@ class Fit(Result):
 
     def _channel_lines(self) -> list[str]:
         out = []
-        if len(self.runs) > LISTED:
+        if len(self.runs) > MAX_LISTED_RUNS:
             return self._channels_together()
         for c in self.channels:
             if not np.isfinite(c.explained):
                 continue  # it was not fitted
-            place = f"{c.sensor}[{c.entry}]"
-            place = _("{channel} of {run}", channel=place, run=c.run) if len(self.runs) > 1 else place
+            label = f"{c.sensor}[{c.entry}]"
+            label = _("{channel} of {run}", channel=label, run=c.run) if len(self.runs) > 1 else label
             unit = channel_unit(self.file, c.sensor, c.entry)
             noise = f"{number(c.sigma):.3g} {unit}".rstrip()
-            part = percent(c.explained)
+            explained = percent(c.explained)
             out.append(
                 _(
                     "{channel}: noise {noise}, the model explains {part}",
-                    channel=place,
+                    channel=label,
                     noise=noise,
-                    part=part,
+                    part=explained,
                 )
             )
         return out
@@ -309,22 +318,22 @@ class Fit(Result):
         """Return one line per channel on all runs: the median run, and the run with the least explained part."""
         out, finite_channels = [], [c for c in self.channels if np.isfinite(c.explained)]
         for sensor, entry in dict.fromkeys((c.sensor, c.entry) for c in finite_channels):
-            same = sorted(
+            by_explained = sorted(
                 (c for c in finite_channels if (c.sensor, c.entry) == (sensor, entry)),
                 key=lambda c: c.explained,
             )
-            middle, least = same[len(same) // 2], same[0]
-            noise = f"{number(middle.sigma):.3g} {channel_unit(self.file, sensor, entry)}".rstrip()
+            median, lowest = by_explained[len(by_explained) // 2], by_explained[0]
+            noise = f"{number(median.sigma):.3g} {channel_unit(self.file, sensor, entry)}".rstrip()
             out.append(
                 _(
                     "{channel} of {runs} runs: noise {noise}; the model explains {middle} of the median "
                     "run and {least} of {run}",
                     channel=f"{sensor}[{entry}]",
-                    runs=len(same),
+                    runs=len(by_explained),
                     noise=noise,
-                    middle=percent(middle.explained),
-                    least=percent(least.explained),
-                    run=least.run,
+                    middle=percent(median.explained),
+                    least=percent(lowest.explained),
+                    run=lowest.run,
                 )
             )
         return out
@@ -342,7 +351,7 @@ def round_to_error(value: float, sd: float | None) -> float:
     return round(value, 3 - int(np.floor(np.log10(sd))))
 
 
-def marks(row: dict[str, Any]) -> str:
+def row_remarks(row: dict[str, Any]) -> str:
     """Return the remarks on a row of `Fit.rows()`, or "" without remarks."""
     value, sd = row["estimate"], row["sd"]
     if value is None:
@@ -364,17 +373,17 @@ def verdict_lines(fit: Any, reported: bool = False) -> list[str]:
     The last line counts the omitted messages. If `reported`, it states that a report contains them.
     """
     lists = (fit.reasons, fit.unobservable, fit.never + fit.notes)
-    reasons, unobservable, notes = (group_sentences(by_weight(messages)) for messages in lists)
+    reasons, unobservable, notes = (group_sentences(most_severe_first(messages)) for messages in lists)
     if len(reasons) == 1:
         lines = [f"{_(fit.verdict)}: {reasons[0]}"]
     else:
-        lines = [f"{_(fit.verdict)}: {text(MEANS.get(fit.verdict))}"]
-        lines += [f"- {line}" for line in reasons[:REASONS]]
-    lines += [f"- {line}" for line in (*unobservable[:UNSEEN], *notes[:NOTES])]
-    more = sum(
+        lines = [f"{_(fit.verdict)}: {text(VERDICT_MEANINGS.get(fit.verdict))}"]
+        lines += [f"- {line}" for line in reasons[:MAX_REASONS]]
+    lines += [f"- {line}" for line in (*unobservable[:MAX_UNOBSERVABLE], *notes[:MAX_NOTES])]
+    omitted_count = sum(
         max(0, len(lines_of) - n)
-        for lines_of, n in ((reasons, REASONS), (unobservable, UNSEEN), (notes, NOTES))
+        for lines_of, n in ((reasons, MAX_REASONS), (unobservable, MAX_UNOBSERVABLE), (notes, MAX_NOTES))
     )
-    if not more:
+    if not omitted_count:
         return lines
-    return [*lines, text(note("verdict.more-in-report" if reported else "verdict.more", more=more))]
+    return [*lines, text(note("verdict.more-in-report" if reported else "verdict.more", more=omitted_count))]

@@ -23,15 +23,21 @@ import numpy as np
 
 from baqueano.contracts.values import JsonObject
 from baqueano.diagnostics import Diagnostic, note
-from baqueano.identify.covariance.jackknife import FEWEST, LEAST, block_of, edges_of, slopes_of
-from baqueano.identify.covariance.quantiles import students
-from baqueano.identify.data.segments import slopes_without_start
+from baqueano.identify.covariance.jackknife import (
+    MIN_BLOCKS,
+    MIN_REMAINDER,
+    block_duration_s,
+    edges_of,
+    segment_derivatives,
+)
+from baqueano.identify.covariance.quantiles import student_quantile
+from baqueano.identify.data.segments import derivatives_without_start
 from baqueano.identify.estimation.prediction_error import (
     BETA,
+    InnovationDerivatives,
     MaximumLikelihood,
     Prediction,
-    Slopes,
-    slope,
+    psi_derivative,
     weight,
 )
 from baqueano.identify.parallel import gram
@@ -39,10 +45,12 @@ from baqueano.identify.residuals.simulation import HUBER, Residuals
 from baqueano.identify.result.verdict import ABOVE_NOISE
 from baqueano.messages.language import number
 
-RARE = 1e-3  # probability below which process noise is significant
+FLOOR_P_VALUE = 1e-3  # probability below which process noise is significant
 UNITS = ("m/s", "m/s", "rad/s")
-WORSE = 0.05  # probability below which the left-out error of the innovations' fit is significantly larger
-TWO = 0.01  # probability below which the two fits differ significantly
+LARGER_ERROR_P_VALUE = (
+    0.05  # probability below which the left-out error of the innovations' fit is significantly larger
+)
+DIFFERENCE_P_VALUE = 0.01  # probability below which the two fits differ significantly
 
 
 class ObjectiveChoice(NamedTuple):
@@ -55,38 +63,42 @@ class ObjectiveChoice(NamedTuple):
 
 
 def choose_objective(
-    likely: MaximumLikelihood, axes: Sequence[int], both: "LeftOutBlocks | None", times: np.ndarray
+    likely: MaximumLikelihood, axes: Sequence[int], comparison: "LeftOutBlocks | None", times: np.ndarray
 ) -> ObjectiveChoice:
     """Return the choice of the cost. `times` (m,) is the sensor noise without the floor's part, relative to the
     noise in the file; 0 if the file does not contain it."""
     odds: JsonObject = {"ratio": float(likely.ratio), "chance": _chance(likely.chance)}
-    if likely.chance >= RARE:
+    if likely.chance >= FLOOR_P_VALUE:
         return ObjectiveChoice("simulation", note("cost.floor-still", **odds), False)
     odds["floor"] = _floor(likely, axes)
-    if both is None:
+    if comparison is None:
         return ObjectiveChoice("simulation", note("cost.too-short", **odds), False)
-    difference, name = both.furthest
-    details = odds | {"apart": difference, "open_loop": _open_loop(both)}
-    if difference > both.limit or both.worse:
+    difference, name = comparison.furthest
+    details = odds | {"apart": difference, "open_loop": _open_loop(comparison)}
+    if difference > comparison.limit or comparison.is_worse:
         return ObjectiveChoice("simulation", note("cost.neither", subject=name, **details), False, True)
     explains = not likely.info.autocorrelated and not np.any(times > ABOVE_NOISE)
-    if both.better:
+    if comparison.is_better:
         return ObjectiveChoice("innovations", note("cost.innovations", **details), explains)
     return ObjectiveChoice("simulation", note("cost.simulation", **details), explains)
 
 
-def _open_loop(both: "LeftOutBlocks") -> Diagnostic:
+def _open_loop(comparison: "LeftOutBlocks") -> Diagnostic:
     """Return a note on the open-loop error of the innovations' fit on held-out blocks."""
-    if not np.isfinite(both.percent):
+    if not np.isfinite(comparison.percent):
         return note("cost.runs-away")
-    percent = abs(both.percent)
-    return note("cost.smaller", percent=percent) if both.better else note("cost.larger", percent=percent)
+    percent = abs(comparison.percent)
+    return (
+        note("cost.smaller", percent=percent)
+        if comparison.is_better
+        else note("cost.larger", percent=percent)
+    )
 
 
 def _floor(likely: MaximumLikelihood, axes: Sequence[int]) -> str:
     """Return the process noise with its error, axis by axis, as text."""
     messages = []
-    for axis, v, sd in zip(axes, likely.noise.floor, likely.floor_sd, strict=True):
+    for axis, v, sd in zip(axes, likely.noise.floor, likely.floor_std, strict=True):
         if v > 0.0:
             error = f" ± {number(sd / (2.0 * np.sqrt(v))):.1g}" if np.isfinite(sd) else ""
             messages.append(f"{number(float(np.sqrt(v))):.2g}{error} {UNITS[axis]}")
@@ -100,45 +112,50 @@ def _chance(p: float) -> str:
 class LeftOutBlocks(NamedTuple):
     """Comparison of both fits, block by block."""
 
-    more: np.ndarray  # (n,) D_b of (2)
+    cost_changes: np.ndarray  # (n,) D_b of (2)
     cost: float  # Σ C_b(θ̂_b)
-    apart: np.ndarray  # (k,) |t_i| of (3)
+    distances: np.ndarray  # (k,) |t_i| of (3)
     names: Sequence[str]  # (k,)
 
     @property
     def z(self) -> float:
         """Return Σ D_b in standard errors, inf if the model diverged.  (2)"""
-        if not np.isfinite(self.more).all():
+        if not np.isfinite(self.cost_changes).all():
             return float("inf")
-        return float(self.more.sum() / max(np.sqrt(len(self.more) * np.var(self.more, ddof=1)), 1e-300))
+        return float(
+            self.cost_changes.sum()
+            / max(np.sqrt(len(self.cost_changes) * np.var(self.cost_changes, ddof=1)), 1e-300)
+        )
 
     @property
     def percent(self) -> float:
         """Return the relative increase of the cost with the innovations' fit [%], negative for a decrease."""
-        return 100.0 * float(self.more.sum()) / max(self.cost, 1e-300)
+        return 100.0 * float(self.cost_changes.sum()) / max(self.cost, 1e-300)
 
     @property
-    def better(self) -> bool:
+    def is_better(self) -> bool:
         """Return True if the innovations' fit has the smaller error on the held-out blocks."""
-        return bool(self.more.sum() < 0.0)
+        return bool(self.cost_changes.sum() < 0.0)
 
     @property
-    def worse(self) -> bool:
+    def is_worse(self) -> bool:
         """Return True if the innovations' fit has a significantly larger error on the held-out blocks."""
-        return self.z > students(1.0 - WORSE, len(self.more) - 1)
+        return self.z > student_quantile(1.0 - LARGER_ERROR_P_VALUE, len(self.cost_changes) - 1)
 
     @property
     def limit(self) -> float:
         """Return the critical value of (3) above which the two fits differ significantly (Bonferroni)."""
-        return students(1.0 - 0.5 * TWO / max(1, len(self.names)), len(self.more) - 1)
+        return student_quantile(
+            1.0 - 0.5 * DIFFERENCE_P_VALUE / max(1, len(self.names)), len(self.cost_changes) - 1
+        )
 
     @property
     def furthest(self) -> tuple[float, str]:
         """Return the largest value of (3), and the name of its parameter."""
-        if not len(self.apart):
+        if not len(self.distances):
             return 0.0, ""
-        k = int(np.argmax(self.apart))
-        return float(self.apart[k]), self.names[k]
+        k = int(np.argmax(self.distances))
+        return float(self.distances[k]), self.names[k]
 
 
 class _ObjectiveBlock(NamedTuple):
@@ -149,7 +166,7 @@ class _ObjectiveBlock(NamedTuple):
     indices: np.ndarray  # (q,) their indices in the fit
     r: np.ndarray  # (N m,)
     d: np.ndarray  # (N m, s) by the entries `of`
-    of: np.ndarray  # (s,)
+    entries: np.ndarray  # (s,)
 
 
 def leave_one_out(
@@ -162,83 +179,99 @@ def leave_one_out(
 ) -> LeftOutBlocks | None:
     """Return the comparison of two fits, or None with too few blocks. The fitted entries are `identifiable` of
     `theta` (p,) and `free` of `x`."""
-    simulation = list(_of_simulation(problem, theta))
-    innovation = list(_of_innovations(problem, prediction, x))
-    if len(simulation) < FEWEST:
+    simulation = list(_simulation_blocks(problem, theta))
+    innovation = list(_innovation_blocks(problem, prediction, x))
+    if len(simulation) < MIN_BLOCKS:
         return None
-    without = _without(simulation, identifiable), _without(innovation, free)
-    cost = [_cost(block, change) for block, change in zip(simulation, without[0], strict=True)]
-    more = [_cost(block, change) for block, change in zip(innovation, without[1], strict=True)]
+    changes = _leave_out(simulation, identifiable), _leave_out(innovation, free)
+    cost = [_cost(block, change) for block, change in zip(simulation, changes[0], strict=True)]
+    other_cost = [_cost(block, change) for block, change in zip(innovation, changes[1], strict=True)]
     names = problem.shape.shared
-    both = np.intersect1d(identifiable, free)
-    both = both[both < len(names)]
-    delta = without[0][:, both] - without[1][:, both]
+    common = np.intersect1d(identifiable, free)
+    common = common[common < len(names)]
+    delta = changes[0][:, common] - changes[1][:, common]
     n = len(delta)
-    sd = np.sqrt((n - 1) / n * np.sum((delta - delta.mean(axis=0)) ** 2, axis=0))
-    difference = np.abs(theta[both] - x[both]) / np.maximum(sd, 1e-300)
-    return LeftOutBlocks(np.subtract(more, cost), float(np.sum(cost)), difference, [names[k] for k in both])
-
-
-def _of_simulation(problem: Residuals, theta: np.ndarray) -> Iterator[_ObjectiveBlock]:
-    block_s = block_of(problem)
-    for (r, d, at), record in zip(slopes_of(problem, theta), problem.records, strict=True):
-        for a, b in pairwise(edges_of(record, block_s, len(r))):
-            e, slopes = r[a:b].ravel(), d[a:b].reshape(-1, d.shape[2])
-            inside = slopes[np.abs(e) < HUBER]
-            g = np.clip(e, -HUBER, HUBER) @ slopes
-            yield _ObjectiveBlock(g, gram(inside), at, e, slopes, at)
-
-
-def _of_innovations(problem: Residuals, prediction: Prediction, x: np.ndarray) -> Iterator[_ObjectiveBlock]:
-    block_s, p = block_of(problem), problem.size
-    segments = zip(
-        slopes_of(problem, x[:p]), prediction.slopes(x), problem.records, strict=True
-    )  # fmt: skip
-    for (r, d, of), slopes, record in segments:
-        slopes = _without_start(slopes, problem) if d.shape[2] < np.sum(slopes.places < p) else slopes
-        for a, b in pairwise(edges_of(record, block_s, len(r))):
-            e, by_e, by_s = (
-                slopes.e[a:b].ravel(),
-                *(s[a:b].reshape(-1, s.shape[2]) for s in (slopes.e_slopes, slopes.s_slopes)),
-            )
-            g = (weight(e) * e) @ by_e + 0.5 * BETA * by_s.sum(axis=0)
-            A = gram(by_e, slope(e)) + 0.25 * BETA * gram(by_s)
-            yield _ObjectiveBlock(g, A, slopes.places, r[a:b].ravel(), d[a:b].reshape(-1, d.shape[2]), of)
-
-
-def _without_start(slopes: Slopes, problem: Residuals) -> Slopes:
-    """Return the derivatives of a segment with its start eliminated."""
-    start = (slopes.places >= problem.layout.starts) & (slopes.places < problem.size)
-    w = np.maximum(slope(slopes.e), 0.0)
-    return slopes._replace(
-        e_slopes=slopes_without_start(slopes.e_slopes, w, start),
-        s_slopes=slopes.s_slopes[..., ~start],
-        places=slopes.places[~start],
+    std = np.sqrt((n - 1) / n * np.sum((delta - delta.mean(axis=0)) ** 2, axis=0))
+    difference = np.abs(theta[common] - x[common]) / np.maximum(std, 1e-300)
+    return LeftOutBlocks(
+        np.subtract(other_cost, cost), float(np.sum(cost)), difference, [names[k] for k in common]
     )
 
 
-def _without(blocks: Sequence[_ObjectiveBlock], identifiable: np.ndarray) -> np.ndarray:
+def _simulation_blocks(problem: Residuals, theta: np.ndarray) -> Iterator[_ObjectiveBlock]:
+    block_s = block_duration_s(problem)
+    for (r, d, entries), record in zip(segment_derivatives(problem, theta), problem.records, strict=True):
+        for a, b in pairwise(edges_of(record, block_s, len(r))):
+            e, derivatives = r[a:b].ravel(), d[a:b].reshape(-1, d.shape[2])
+            inliers = derivatives[np.abs(e) < HUBER]
+            g = np.clip(e, -HUBER, HUBER) @ derivatives
+            yield _ObjectiveBlock(g, gram(inliers), entries, e, derivatives, entries)
+
+
+def _innovation_blocks(
+    problem: Residuals, prediction: Prediction, x: np.ndarray
+) -> Iterator[_ObjectiveBlock]:
+    block_s, p = block_duration_s(problem), problem.size
+    segments = zip(
+        segment_derivatives(problem, x[:p]), prediction.derivatives(x), problem.records, strict=True
+    )  # fmt: skip
+    for (r, d, entries), derivatives, record in segments:
+        derivatives = (
+            _eliminate_start(derivatives, problem)
+            if d.shape[2] < np.sum(derivatives.indices < p)
+            else derivatives
+        )
+        for a, b in pairwise(edges_of(record, block_s, len(r))):
+            e, e_derivatives, s_derivatives = (
+                derivatives.e[a:b].ravel(),
+                *(
+                    s[a:b].reshape(-1, s.shape[2])
+                    for s in (derivatives.e_derivatives, derivatives.s_derivatives)
+                ),
+            )
+            g = (weight(e) * e) @ e_derivatives + 0.5 * BETA * s_derivatives.sum(axis=0)
+            A = gram(e_derivatives, psi_derivative(e)) + 0.25 * BETA * gram(s_derivatives)
+            yield _ObjectiveBlock(
+                g, A, derivatives.indices, r[a:b].ravel(), d[a:b].reshape(-1, d.shape[2]), entries
+            )
+
+
+def _eliminate_start(derivatives: InnovationDerivatives, problem: Residuals) -> InnovationDerivatives:
+    """Return the derivatives of a segment with its start eliminated."""
+    start = (derivatives.indices >= problem.layout.first_start) & (derivatives.indices < problem.size)
+    w = np.maximum(psi_derivative(derivatives.e), 0.0)
+    return derivatives._replace(
+        e_derivatives=derivatives_without_start(derivatives.e_derivatives, w, start),
+        s_derivatives=derivatives.s_derivatives[..., ~start],
+        place_count=derivatives.indices[~start],
+    )
+
+
+def _leave_out(blocks: Sequence[_ObjectiveBlock], identifiable: np.ndarray) -> np.ndarray:
     """Return the change (n, p) of a fit without each block; only the entries `identifiable` change.  (1)"""
-    place = np.full(1 + max(int(max(block.indices.max(), block.of.max())) for block in blocks), -1)
-    place[identifiable] = np.arange(len(identifiable))
+    position = np.full(1 + max(int(max(block.indices.max(), block.entries.max())) for block in blocks), -1)
+    position[identifiable] = np.arange(len(identifiable))
     g, A = (
         np.zeros((len(blocks), len(identifiable))),
         np.zeros((len(blocks), len(identifiable), len(identifiable))),
     )
     for k, block in enumerate(blocks):
-        inside = place[block.indices] >= 0
-        at = place[block.indices[inside]]
-        g[k, at], A[k][np.ix_(at, at)] = block.g[inside], block.A[np.ix_(inside, inside)]
+        is_included = position[block.indices] >= 0
+        rows = position[block.indices[is_included]]
+        g[k, rows], A[k][np.ix_(rows, rows)] = block.g[is_included], block.A[np.ix_(is_included, is_included)]
     root = np.sqrt(np.maximum(np.diagonal(A.sum(axis=0)), 1e-300))
     g, A = g / root, A / np.outer(root, root)
-    rest, out = A.sum(axis=0) + LEAST * np.eye(len(root)) - A, np.zeros((len(blocks), len(place)))
-    out[:, identifiable] = np.linalg.solve(rest, g[:, :, None])[:, :, 0] / root
-    return out
+    remainder, changes = (
+        A.sum(axis=0) + MIN_REMAINDER * np.eye(len(root)) - A,
+        np.zeros((len(blocks), len(position))),
+    )
+    changes[:, identifiable] = np.linalg.solve(remainder, g[:, :, None])[:, :, 0] / root
+    return changes
 
 
 def _cost(block: _ObjectiveBlock, change: np.ndarray) -> float:
     """Return C_b from the open-loop residuals after the `change` of the fit."""
     with np.errstate(invalid="ignore", over="ignore"):  # a model that diverged
-        r = np.abs(block.r + block.d @ change[block.of])
-        limited = np.minimum(r, HUBER)
-        return float(np.sum(limited * (r - 0.5 * limited)))
+        r = np.abs(block.r + block.d @ change[block.entries])
+        clipped = np.minimum(r, HUBER)
+        return float(np.sum(clipped * (r - 0.5 * clipped)))

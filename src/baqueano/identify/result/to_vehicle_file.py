@@ -17,7 +17,7 @@ import numpy as np
 
 from baqueano.contracts.values import Tree
 from baqueano.diagnostics import Diagnostic, note
-from baqueano.identify.data.added_channels import MOUNT
+from baqueano.identify.data.added_channels import MOUNT_PREFIX
 from baqueano.identify.data.record import FitRecord
 from baqueano.identify.data.rest import shows_speed
 from baqueano.identify.result.fit_result import ChannelFit
@@ -31,8 +31,8 @@ if TYPE_CHECKING:
     from baqueano.identify.result.fit_result import Fit
     from baqueano.vehicle_file import VehicleFile
 
-FAR = 4.0  # standard deviations, as in the gates of the filters
-OUTLIER = 4.0
+CONTRADICTION_SIGMA = 4.0  # standard deviations, as in the gates of the filters
+OUTLIER_SIGMA = 4.0
 
 
 class Prior(NamedTuple):
@@ -77,7 +77,7 @@ def file_of_fit(fit: "Fit", on: date | None = None) -> "VehicleFile":
     if getattr(getattr(fit.blocks.model, "drivetrain", None), "battery", "steady") == "logged":
         values["model.drivetrain.battery"] = "logged"
     entries_ = [
-        k for k, name in enumerate(fit.names) if np.isfinite(fit.sd[k]) and not name.startswith(MOUNT)
+        k for k, name in enumerate(fit.names) if np.isfinite(fit.sd[k]) and not name.startswith(MOUNT_PREFIX)
     ]
     cov = ParameterCov(tuple(fit.names[k] for k in entries_), fit.cov[np.ix_(entries_, entries_)], run, on)
     return fit.file.with_values(values, provenance, cov, fit.envelope)
@@ -93,15 +93,15 @@ def kept_priors(fit: "Fit") -> tuple[Prior, ...]:
         if not path.startswith("sensors.") or sensor not in fit.file.sensors._fields:
             continue
         name = field.partition("[")[0]
-        about = dict(parameters(getattr(fit.file.sensors, sensor))).get(name)
-        if about is None or not about.std or not np.isfinite(sd):
+        description = dict(parameters(getattr(fit.file.sensors, sensor))).get(name)
+        if description is None or not description.std or not np.isfinite(sd):
             continue
-        std_path = f"sensors.{sensor}.{about.std}{field.removeprefix(name)}"
+        std_path = f"sensors.{sensor}.{description.std}{field.removeprefix(name)}"
         prior, std = float(get(fit.file, path)), float(get(fit.file, std_path))
         if sd > std:
-            unit = about.unit.split(", ")[0]
-            far = abs(x - prior) > FAR * np.hypot(sd, std)
-            out.append(Prior(path, unit, prior, std, std_path, float(sd), bool(far)))
+            unit = description.unit.split(", ")[0]
+            is_contradicted = abs(x - prior) > CONTRADICTION_SIGMA * np.hypot(sd, std)
+            out.append(Prior(path, unit, prior, std, std_path, float(sd), bool(is_contradicted)))
     return tuple(out)
 
 
@@ -118,16 +118,16 @@ def _fields(fit: "Fit", prior_paths: Sequence[str]) -> "JsonObject":
         if name.startswith("sensors.") and np.isfinite(sd) and name not in prior_paths:
             sd_of[name] = sd
             fitted_names.add(name)
-    out: dict[str, Tree] = {}
-    for path in (path for path in fitted_names if not path.startswith(MOUNT)):
+    std_of_field: dict[str, Tree] = {}
+    for path in (path for path in fitted_names if not path.startswith(MOUNT_PREFIX)):
         field, bracket, _ = path.partition("[")
         if not bracket:
-            out[field] = float(sd_of[path])
+            std_of_field[field] = float(sd_of[path])
             continue
-        if field not in out:
-            out[field] = np.full(np.shape(get(fit.blocks, field)), np.nan)
-        out[field][_index(path)] = sd_of[path]
-    return {k: v.tolist() if isinstance(v, np.ndarray) else v for k, v in out.items()}
+        if field not in std_of_field:
+            std_of_field[field] = np.full(np.shape(get(fit.blocks, field)), np.nan)
+        std_of_field[field][_index(path)] = sd_of[path]
+    return {k: v.tolist() if isinstance(v, np.ndarray) else v for k, v in std_of_field.items()}
 
 
 def envelope_of(
@@ -141,8 +141,12 @@ def envelope_of(
     ranges = {name: (float(u[:, k].min()), float(u[:, k].max())) for k, name in enumerate(commands)}
     for name, sensor in sensors._asdict().items():
         for entry in np.flatnonzero(shows_speed(sensor)):
-            same = [c for c in channels if (c.sensor, c.entry) == (name, entry) and np.isfinite(c.explained)]
-            z = [c.measured[np.abs(c.measured - c.predicted) <= OUTLIER * c.sigma] for c in same]
+            channel_fits = [
+                c for c in channels if (c.sensor, c.entry) == (name, entry) and np.isfinite(c.explained)
+            ]
+            z = [
+                c.measured[np.abs(c.measured - c.predicted) <= OUTLIER_SIGMA * c.sigma] for c in channel_fits
+            ]
             if sum(map(len, z)):
                 ranges[f"{name}[{entry}]"] = (
                     min(x.min() for x in z if len(x)),

@@ -21,26 +21,31 @@ import numpy as np
 from baqueano.contracts.values import JsonObject
 from baqueano.diagnostics import Diagnostic, Severity, Verdict, note
 from baqueano.identify.covariance.information import WHITE_LIMIT
-from baqueano.identify.covariance.quantiles import students
-from baqueano.identify.estimation.search import LACKING
+from baqueano.identify.covariance.quantiles import student_quantile
+from baqueano.identify.estimation.search import MAX_RESIDUAL_SHARE
 from baqueano.vehicle_file.units import CHANNEL_UNITS
 
 if TYPE_CHECKING:
     from baqueano.identify.result.fit_result import ChannelFit
 
-EXPLAINS = 0.5  # least explained part of the variance of the best channel
-UNSEEN = 0.5  # largest part of the parameters that may be unidentifiable
+MIN_EXPLAINED = 0.5  # least explained part of the variance of the best channel
+MAX_UNSEEN_SHARE = 0.5  # largest part of the parameters that may be unidentifiable
 ABOVE_NOISE = 3.0  # times the noise of the file that residuals may have
-OUTLIER, OUTLIERS = 4.0, 0.2  # standard deviations, and part of the samples that may lie beyond; the Huber
+OUTLIER_SIGMA, MAX_OUTLIER_SHARE = (
+    4.0,
+    0.2,
+)  # standard deviations, and part of the samples that may lie beyond; the Huber
 # cost tolerates them if they are equally frequent on both sides
 # part of the samples; fewer outliers, even to one side, move a fit by less than its error
 OUTLIER_CHANCE = 0.01
 WARNING, ERROR = Severity.WARNING, Severity.ERROR
-LEAN = 5.0  # standard deviations of a fair coin by which outliers may prefer a side
-FAR = 2.0  # times the square about its own mean: a channel with larger residuals does not follow the model
-CLIPPED = 4.0  # standard deviations, beyond which an error is clipped
-NAMED = 3  # runs
-CHANCE = 0.01  # α, the probability that a normal run is reported as unlike the others
+ONE_SIDED_SIGMA = 5.0  # standard deviations of a fair coin by which outliers may prefer a side
+MAX_SQUARE_RATIO = (
+    2.0  # times the square about its own mean: a channel with larger residuals does not follow the model
+)
+CLIP_SIGMA = 4.0  # standard deviations, beyond which an error is clipped
+MAX_NAMED_RUNS = 3  # runs
+FALSE_ALARM_RATE = 0.01  # α, the probability that a normal run is reported as unlike the others
 
 
 class Evidence(NamedTuple):
@@ -57,8 +62,8 @@ class Evidence(NamedTuple):
     autocorrelation: np.ndarray  # (m,)
     prior_sigma: np.ndarray | None  # (m,) noise in the file, 0 without one; None: σ was given
     messages: tuple[Diagnostic, ...] = ()  # by the detectors
-    weakly: tuple[Diagnostic, ...] = ()  # reasons for the weak parameters
-    moving: str = ""  # the parameter that a search without convergence would still move most
+    weak_reasons: tuple[Diagnostic, ...] = ()  # reasons for the weak parameters
+    most_moving: str = ""  # the parameter that a search without convergence would still move most
     # (m,) True for channels with one mean over all runs; None: each run has a separate mean
     one_mean: np.ndarray | None = None
 
@@ -71,17 +76,21 @@ def verdict_of(e: Evidence) -> tuple[Verdict, tuple[Diagnostic, ...]]:
 
 def remarks(e: Evidence) -> list[Diagnostic]:
     """Return notes that are not a reason to doubt. `e.bound` marks parameters that may be at a bound by chance."""
-    out = _of(e, Severity.INFO)
-    out += unlike(by_channel(e.channels, e.one_mean), hardly=True)
-    out += [_at_bound(e, int(k), "by-chance", Severity.INFO) for k in np.flatnonzero(e.bound)]
-    for label, (n, above, below) in zip(_labels(e), _beyond(e), strict=True):
-        far = (above + below) / max(n, 1)
-        if OUTLIER_CHANCE < far <= OUTLIERS and not _lean(above, below):
-            out.append(note("outliers.both-sides", subject=label, percent=100.0 * far, beyond=OUTLIER))
-    return out
+    notes = _findings_of(e, Severity.INFO)
+    notes += unlike_runs(by_channel(e.channels, e.one_mean), hardly=True)
+    notes += [_at_bound(e, int(k), "by-chance", Severity.INFO) for k in np.flatnonzero(e.bound)]
+    for label, (n, above, below) in zip(_labels(e), _outlier_counts(e), strict=True):
+        outlier_share = (above + below) / max(n, 1)
+        if OUTLIER_CHANCE < outlier_share <= MAX_OUTLIER_SHARE and not _is_one_sided(above, below):
+            notes.append(
+                note(
+                    "outliers.both-sides", subject=label, percent=100.0 * outlier_share, beyond=OUTLIER_SIGMA
+                )
+            )
+    return notes
 
 
-def _of(e: Evidence, severity: Severity) -> list[Diagnostic]:
+def _findings_of(e: Evidence, severity: Severity) -> list[Diagnostic]:
     """Return the findings of the detectors with this severity."""
     return [message for message in e.messages if message.severity == severity]
 
@@ -92,102 +101,106 @@ def _at_bound(e: Evidence, k: int, kind: str, severity: Severity) -> Diagnostic:
 
 
 def _refusals(e: Evidence) -> list[Diagnostic]:
-    out = _of(e, ERROR)
-    if not e.converged and e.moving:
-        out.append(note("fit.not-converged-moving", ERROR, f"--fix {e.moving}", e.moving, key=e.moving))
+    refusals = _findings_of(e, ERROR)
+    if not e.converged and e.most_moving:
+        refusals.append(
+            note(
+                "fit.not-converged-moving", ERROR, f"--fix {e.most_moving}", e.most_moving, key=e.most_moving
+            )
+        )
     elif not e.converged:
-        out.append(note("fit.not-converged", ERROR, "--fix KEY"))
+        refusals.append(note("fit.not-converged", ERROR, "--fix KEY"))
     shares = [c.explained for c in e.channels if np.isfinite(c.explained)]
-    over_all = {label: whole(runs) for label, runs in by_channel(e.channels, e.one_mean).items()}
-    best = max([0.0, *shares, *(channel.explained_variance for channel in over_all.values())])
-    far = {
-        label: np.sqrt(channel.squares / max(channel.moved, 1e-300))
+    over_all = {label: sum_of_runs(runs) for label, runs in by_channel(e.channels, e.one_mean).items()}
+    max_explained = max([0.0, *shares, *(channel.explained_variance for channel in over_all.values())])
+    error_ratios = {
+        label: np.sqrt(channel.squares / max(channel.signal_squares, 1e-300))
         for label, channel in over_all.items()
-        if channel.unlike
+        if channel.is_unlike
     }
-    if not best > EXPLAINS:
-        out.append(note("fit.explains-nothing", ERROR, percent=100.0 * max(best, 0.0)))
-    if far and best > EXPLAINS:
-        out += [
+    if not max_explained > MIN_EXPLAINED:
+        refusals.append(note("fit.explains-nothing", ERROR, percent=100.0 * max(max_explained, 0.0)))
+    if error_ratios and max_explained > MIN_EXPLAINED:
+        refusals += [
             note("fit.far-channel", ERROR, "--use SENSOR", label, times=float(times))
-            for label, times in far.items()
+            for label, times in error_ratios.items()
         ]
-        out += _of(e, WARNING)  # one of them may be the reason
-    return out + _identifiability(e)
+        refusals += _findings_of(e, WARNING)  # one of them may be the reason
+    return refusals + _identifiability(e)
 
 
 def _identifiability(e: Evidence) -> list[Diagnostic]:
     """Return a finding if too few of the parameters are identified."""
-    free, weak = len(e.names) - e.frozen, int(np.sum(e.weak))
-    missing = free - int(np.sum(np.isfinite(e.estimate)))
-    if free and missing == free:
-        return [note("fit.nothing-seen", ERROR, asked=free)]
-    if missing > UNSEEN * free:
-        return [note("fit.most-unseen", ERROR, unseen=missing, asked=free)]
-    if missing + weak > UNSEEN * free:
-        code = "fit.most-unseen-or-weak" if missing else "fit.most-weak"
-        return [note(code, ERROR, asked=free, unseen=missing, weak=weak)]
+    free_count, weak_count = len(e.names) - e.frozen, int(np.sum(e.weak))
+    missing_count = free_count - int(np.sum(np.isfinite(e.estimate)))
+    if free_count and missing_count == free_count:
+        return [note("fit.nothing-seen", ERROR, asked=free_count)]
+    if missing_count > MAX_UNSEEN_SHARE * free_count:
+        return [note("fit.most-unseen", ERROR, unseen=missing_count, asked=free_count)]
+    if missing_count + weak_count > MAX_UNSEEN_SHARE * free_count:
+        code = "fit.most-unseen-or-weak" if missing_count else "fit.most-weak"
+        return [note(code, ERROR, asked=free_count, unseen=missing_count, weak=weak_count)]
     return []
 
 
 def _warnings(e: Evidence) -> list[Diagnostic]:
-    out = _of(e, WARNING)
-    out += [_at_bound(e, int(k), "held", WARNING) for k in np.flatnonzero(e.bound)]
+    warnings = _findings_of(e, WARNING)
+    warnings += [_at_bound(e, int(k), "held", WARNING) for k in np.flatnonzero(e.bound)]
     if e.weak.any():
-        names = ", ".join(short(e.names[k]) for k in np.flatnonzero(e.weak))
-        out.append(note("fit.weak", WARNING, names=names))
-        out += e.weakly
-    out += unlike(by_channel(e.channels, e.one_mean), hardly=False)
+        names = ", ".join(without_model_prefix(e.names[k]) for k in np.flatnonzero(e.weak))
+        warnings.append(note("fit.weak", WARNING, names=names))
+        warnings += e.weak_reasons
+    warnings += unlike_runs(by_channel(e.channels, e.one_mean), hardly=False)
     if e.unobservable:
-        out.append(note("fit.unseen", WARNING, count=len(e.unobservable)))
+        warnings.append(note("fit.unseen", WARNING, count=len(e.unobservable)))
     subjects = {message.subject for message in e.messages if message.code == "residual.autocorrelated"}
     for label, c, channel in zip(_labels(e), e.autocorrelation, e.channels, strict=False):
-        if abs(c) > WHITE_LIMIT and channel.explained < 1.0 - LACKING**2 and label not in subjects:
-            out.append(note("residual.lacking", WARNING, subject=label))
-    return out + _loud(e)
+        if abs(c) > WHITE_LIMIT and channel.explained < 1.0 - MAX_RESIDUAL_SHARE**2 and label not in subjects:
+            warnings.append(note("residual.lacking", WARNING, subject=label))
+    return warnings + _noise_warnings(e)
 
 
-def _loud(e: Evidence) -> list[Diagnostic]:
+def _noise_warnings(e: Evidence) -> list[Diagnostic]:
     """Return findings on residuals far above the noise of the file, and on outliers."""
-    out, labels = [], _labels(e)
+    warnings, labels = [], _labels(e)
     prior = np.zeros(len(labels)) if e.prior_sigma is None else e.prior_sigma
     for label, c, prior_sigma in zip(labels, e.channels, prior, strict=False):
         if prior_sigma > 0.0 and c.sigma > ABOVE_NOISE * prior_sigma:
             times = float(c.sigma / prior_sigma)
-            out.append(note("residual.loud", WARNING, subject=label, sigma=c.sigma, times=times))
-    for label, (n, above, below) in zip(labels, _beyond(e), strict=True):
-        far = (above + below) / max(n, 1)
-        details: JsonObject = {"subject": label, "percent": 100.0 * far, "beyond": OUTLIER}
-        if far > OUTLIERS and n == 1:
-            out.append(_one_far(e, label))
-        elif far > OUTLIERS:
-            out.append(note("outliers.many", WARNING, **details))
-        elif _lean(above, below) and far > OUTLIER_CHANCE:
-            out.append(note("outliers.one-side", WARNING, **details, above=above, below=below))
-    return out
+            warnings.append(note("residual.loud", WARNING, subject=label, sigma=c.sigma, times=times))
+    for label, (n, above, below) in zip(labels, _outlier_counts(e), strict=True):
+        outlier_share = (above + below) / max(n, 1)
+        details: JsonObject = {"subject": label, "percent": 100.0 * outlier_share, "beyond": OUTLIER_SIGMA}
+        if outlier_share > MAX_OUTLIER_SHARE and n == 1:
+            warnings.append(_single_outlier(e, label))
+        elif outlier_share > MAX_OUTLIER_SHARE:
+            warnings.append(note("outliers.many", WARNING, **details))
+        elif _is_one_sided(above, below) and outlier_share > OUTLIER_CHANCE:
+            warnings.append(note("outliers.one-side", WARNING, **details, above=above, below=below))
+    return warnings
 
 
-def _lean(above: int, below: int) -> bool:
+def _is_one_sided(above: int, below: int) -> bool:
     """Return True if significantly more outliers are on one side."""
-    return bool(abs(above - below) > LEAN * np.sqrt(above + below))
+    return bool(abs(above - below) > ONE_SIDED_SIGMA * np.sqrt(above + below))
 
 
-def _one_far(e: Evidence, label: str) -> Diagnostic:
+def _single_outlier(e: Evidence, label: str) -> Diagnostic:
     """Return the finding on a channel with one outlying reading, such as a hand measurement. It states measurement
     and prediction in place of 100 % outliers."""
-    same = [c for c in e.channels if f"{c.sensor}[{c.entry}]" == label]
+    channel_fits = [c for c in e.channels if f"{c.sensor}[{c.entry}]" == label]
     z, h, sigma = next(
         (float(c.measured[k]), float(c.predicted[k]), c.sigma)
-        for c in same
+        for c in channel_fits
         for k in np.flatnonzero(np.isfinite(c.measured - c.predicted))
     )
-    units = CHANNEL_UNITS.get(same[0].sensor, ())
-    unit = units[same[0].entry] if same[0].entry < len(units) else ""
+    units = CHANNEL_UNITS.get(channel_fits[0].sensor, ())
+    unit = units[channel_fits[0].entry] if channel_fits[0].entry < len(units) else ""
     difference = abs(z - h) / sigma
     return note("residual.one-far", WARNING, subject=label, measured=z, model=h, unit=unit, apart=difference)
 
 
-def _beyond(e: Evidence) -> list[tuple[int, int, int]]:
+def _outlier_counts(e: Evidence) -> list[tuple[int, int, int]]:
     """Return for each channel over all runs the numbers of samples, of samples above OUTLIER, and of samples below
     −OUTLIER."""
     m = len(e.autocorrelation)
@@ -196,8 +209,8 @@ def _beyond(e: Evidence) -> list[tuple[int, int, int]]:
         residuals = (c.measured - c.predicted) / c.sigma
         counts[k % m] += [
             np.sum(np.isfinite(residuals)),
-            np.sum(residuals > OUTLIER),
-            np.sum(residuals < -OUTLIER),
+            np.sum(residuals > OUTLIER_SIGMA),
+            np.sum(residuals < -OUTLIER_SIGMA),
         ]
     return [(int(n), int(above), int(below)) for n, above, below in counts]
 
@@ -206,7 +219,7 @@ def _labels(e: Evidence) -> list[str]:
     return [f"{c.sensor}[{c.entry}]" for c in e.channels[: len(e.autocorrelation)]]
 
 
-def short(name: str) -> str:
+def without_model_prefix(name: str) -> str:
     """Return the path of a parameter in its short form for people."""
     return name.removeprefix("model.")
 
@@ -216,18 +229,18 @@ class ChannelOfRun(NamedTuple):
 
     run: str
     squares: float  # sum of the squared residuals, outliers clipped
-    moved: float  # sum of the squared measurements about their mean
+    signal_squares: float  # sum of the squared measurements about their mean
     samples: int
 
     @property
-    def unlike(self) -> bool:
+    def is_unlike(self) -> bool:
         """Return True if the square about the model exceeds FAR times the square about the mean of the channel."""
-        return self.squares > FAR * self.moved
+        return self.squares > MAX_SQUARE_RATIO * self.signal_squares
 
     @property
     def explained_variance(self) -> float:
         """Return the part of the channel's motion that the model explains."""
-        return 1.0 - self.squares / self.moved if self.moved > 0.0 else 0.0
+        return 1.0 - self.squares / self.signal_squares if self.signal_squares > 0.0 else 0.0
 
 
 def by_channel(
@@ -235,27 +248,27 @@ def by_channel(
 ) -> dict[str, list[ChannelOfRun]]:
     """Return for each channel its runs. `one_mean` (m,), in the order of the first run, marks channels with one
     mean over all runs."""
-    out: dict[str, list[ChannelOfRun]] = {}
+    runs_of_channel: dict[str, list[ChannelOfRun]] = {}
     labels = list(dict.fromkeys(f"{c.sensor}[{c.entry}]" for c in channels))
     means = np.zeros(len(labels)) if one_mean is None else one_mean
     for label, mean_of_runs in zip(labels, means, strict=True):
-        fewest = 1 if mean_of_runs else 2
-        same = [c for c in channels if f"{c.sensor}[{c.entry}]" == label]
-        same = [c for c in same if np.isfinite(c.measured).sum() >= fewest]
-        finite = [np.isfinite(c.measured) for c in same]
-        z = [c.measured[finite_rows] for c, finite_rows in zip(same, finite, strict=True)]
+        min_count = 1 if mean_of_runs else 2
+        channel_fits = [c for c in channels if f"{c.sensor}[{c.entry}]" == label]
+        channel_fits = [c for c in channel_fits if np.isfinite(c.measured).sum() >= min_count]
+        is_finite = [np.isfinite(c.measured) for c in channel_fits]
+        z = [c.measured[finite_rows] for c, finite_rows in zip(channel_fits, is_finite, strict=True)]
         mean = float(np.mean(np.concatenate(z))) if mean_of_runs and z else None
-        for c, finite_rows, measured in zip(same, finite, z, strict=True):
-            most = CLIPPED * max(c.sigma, float(np.std(measured)))
-            residuals = np.clip(measured - c.predicted[finite_rows], -most, most)
+        for c, finite_rows, measured in zip(channel_fits, is_finite, z, strict=True):
+            limit = CLIP_SIGMA * max(c.sigma, float(np.std(measured)))
+            residuals = np.clip(measured - c.predicted[finite_rows], -limit, limit)
             signal = c.predicted[finite_rows] + residuals
             signal = signal - (np.mean(signal) if mean is None else mean)
             left2, moved2 = (float(x @ x) / c.sigma**2 for x in (residuals, signal))
-            out.setdefault(label, []).append(ChannelOfRun(c.run, left2, moved2, len(measured)))
-    return out
+            runs_of_channel.setdefault(label, []).append(ChannelOfRun(c.run, left2, moved2, len(measured)))
+    return runs_of_channel
 
 
-def whole(runs: Sequence[ChannelOfRun]) -> ChannelOfRun:
+def sum_of_runs(runs: Sequence[ChannelOfRun]) -> ChannelOfRun:
     """Return the sums over all runs of a channel."""
     squares, moved2, samples = (
         sum(getattr(channel, name) for channel in runs) for name in ("squares", "moved", "samples")
@@ -263,41 +276,49 @@ def whole(runs: Sequence[ChannelOfRun]) -> ChannelOfRun:
     return ChannelOfRun("", squares, moved2, samples)
 
 
-def unlike(channels: dict[str, list[ChannelOfRun]], hardly: bool) -> list[Diagnostic]:
+def unlike_runs(channels: dict[str, list[ChannelOfRun]], hardly: bool) -> list[Diagnostic]:
     """Return findings on runs that are unlike the model in a channel that other runs support.
 
     If `hardly`, these are runs that moved by less than the model's error in the other runs. Else they are runs that
     moved more and differ significantly.
     """
-    out = []
+    findings = []
     for label, runs in channels.items():
-        rest = [channel for channel in runs if not channel.unlike]
-        if not rest:
+        like_runs = [channel for channel in runs if not channel.is_unlike]
+        if not like_runs:
             continue
-        errs = whole(rest).squares / max(whole(rest).samples, 1)
-        small = [channel.moved <= errs * channel.samples for channel in runs]
+        mean_square = sum_of_runs(like_runs).squares / max(sum_of_runs(like_runs).samples, 1)
+        is_small = [channel.signal_squares <= mean_square * channel.samples for channel in runs]
         outliers = [
             channel.run
-            for channel, quiet in zip(runs, small, strict=True)
-            if channel.unlike
-            and (quiet if hardly else not quiet and _beyond_chance(channel, rest, len(runs)))
+            for channel, is_quiet in zip(runs, is_small, strict=True)
+            if channel.is_unlike
+            and (
+                is_quiet
+                if hardly
+                else not is_quiet and _is_significantly_larger(channel, like_runs, len(runs))
+            )
         ]
         if outliers:
-            code, grave = (
+            code, severity = (
                 ("runs.hardly-moved", Severity.INFO) if hardly else ("runs.unlike-others", Severity.WARNING)
             )
-            run_names = ", ".join(outliers[:NAMED]) + ", …" * (len(outliers) > NAMED)
-            out.append(note(code, grave, subject=label, count=len(outliers), of=len(runs), runs=run_names))
-    return out
+            run_names = ", ".join(outliers[:MAX_NAMED_RUNS]) + ", …" * (len(outliers) > MAX_NAMED_RUNS)
+            findings.append(
+                note(code, severity, subject=label, count=len(outliers), of=len(runs), runs=run_names)
+            )
+    return findings
 
 
-def _beyond_chance(channel: ChannelOfRun, rest: list[ChannelOfRun], count: int) -> bool:
-    """Return True if the residuals of a run are significantly larger than in the `rest`, one of `count` runs.  (1)
-    Return True also if `rest` contains fewer than two runs, because their scatter is then unknown."""
-    g = np.log([max(r.squares / r.samples, 1e-300) for r in (channel, *rest)])
-    if len(rest) < 2:
+def _is_significantly_larger(channel: ChannelOfRun, like_runs: list[ChannelOfRun], count: int) -> bool:
+    """Return True if the residuals of a run are significantly larger than in the `like_runs`, one of `count` runs.  (1)
+    Return True also if `like_runs` contains fewer than two runs, because their scatter is then unknown."""
+    g = np.log([max(r.squares / r.samples, 1e-300) for r in (channel, *like_runs)])
+    if len(like_runs) < 2:
         return True
-    far = (
-        students(1.0 - CHANCE / count, len(rest) - 1) * np.std(g[1:], ddof=1) * np.sqrt(1.0 + 1.0 / len(rest))
+    margin = (
+        student_quantile(1.0 - FALSE_ALARM_RATE / count, len(like_runs) - 1)
+        * np.std(g[1:], ddof=1)
+        * np.sqrt(1.0 + 1.0 / len(like_runs))
     )
-    return bool(g[0] > np.mean(g[1:]) + far)
+    return bool(g[0] > np.mean(g[1:]) + margin)

@@ -153,14 +153,14 @@ class Choice:
 
     def table(self, reported: bool = False) -> str:
         """Return the table as text; `reported` is passed to the table of the fit."""
-        wide = max((len(result.term.name) for result in self.judged), default=0)
-        lines = [f"{_('term'):{wide}}  {'':9}  {_('held out'):>19}  {_('one step ahead'):>19}"]
+        width = max((len(result.term.name) for result in self.judged), default=0)
+        lines = [f"{_('term'):{width}}  {'':9}  {_('held out'):>19}  {_('one step ahead'):>19}"]
         for result in self.judged:
             errors = f"{number(result.without):.4g} → {number(result.with_):.4g}"
-            ahead = f"{number(result.one_step_without):.4g} → {number(result.one_step_with):.4g}"
+            one_step = f"{number(result.one_step_without):.4g} → {number(result.one_step_with):.4g}"
             label = f"{_(result.channel.name)} [{result.channel.unit}]"
             lines.append(
-                f"{result.term.name:{wide}}  {_(result.verdict):9}  {errors:>19}  {ahead:>19}  {label}"
+                f"{result.term.name:{width}}  {_(result.verdict):9}  {errors:>19}  {one_step:>19}  {label}"
             )
         lines += ["", *(f"- {sentence}" for sentence in self.sentences), "", self.rule, _(NO_EVIDENCE), ""]
         return "\n".join(lines) + "\n" + self.fit.table(reported)

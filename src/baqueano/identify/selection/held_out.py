@@ -22,7 +22,7 @@ import numpy as np
 from baqueano.contracts.values import Tree
 from baqueano.diagnostics import fault
 from baqueano.errors import UsageError
-from baqueano.identify.covariance.quantiles import students
+from baqueano.identify.covariance.quantiles import student_quantile
 from baqueano.identify.data.record import FitRecord, FittedBlocks, Measurements
 from baqueano.identify.estimation.least_squares import Solution, minimise
 from baqueano.identify.parallel import parallel_map
@@ -31,16 +31,16 @@ from baqueano.identify.residuals.simulation import HUBER, Residuals
 from baqueano.runs.run import Run
 
 FOLDS = 5
-RUNS = 20  # from which on a run is a block: with fewer, Student's t is too large
-BLOCK_S, SHORT_S, ENOUGH, MOST_BLOCKS = 5.0, 2.0, 40, 60
-LEAST_BLOCKS = 6
-FLOOR = 0.1  # of the variance of the noise
+MIN_RUN_BLOCKS = 20  # from which on a run is a block: with fewer, Student's t is too large
+BLOCK_S, SHORT_BLOCK_S, MIN_BLOCK_COUNT, MAX_BLOCKS = 5.0, 2.0, 40, 60
+MIN_BLOCKS = 6
+MIN_NOISE_SHARE = 0.1  # of the variance of the noise
 GAP_S = 1.0  # on either side of a block that is held out
-DONE = 1e-3  # decrement: every parameter moves by less than 3 % of its standard error
-PATIENCE = 25  # evaluations
-SWING = 0.1
-CHANCE = 0.05
-LEAST = int(np.ceil(-np.log2(CHANCE)))
+FINAL_DECREMENT = 1e-3  # decrement: every parameter moves by less than 3 % of its standard error
+MAX_EVALUATIONS = 25  # evaluations
+MIN_SWING = 0.1
+FALSE_ALARM_RATE = 0.05
+MIN_SIGNS = int(np.ceil(-np.log2(FALSE_ALARM_RATE)))
 
 
 class Score(NamedTuple):
@@ -48,7 +48,7 @@ class Score(NamedTuple):
 
     loss: np.ndarray  # (B, m) of (1)
     samples: np.ndarray  # (B, m) number of samples
-    ahead: np.ndarray  # (m,) Σ of squared one-step errors, in σ²
+    one_step_errors: np.ndarray  # (m,) Σ of squared one-step errors, in σ²
     pairs: np.ndarray  # (m,) their number
     estimates: np.ndarray  # (K, p) shared parameters of each fold
     sigma: np.ndarray  # (m,)
@@ -61,7 +61,7 @@ class Score(NamedTuple):
     @property
     def one_step(self) -> np.ndarray:
         """Return the root mean square (m,) of the error one sample ahead, in the units of the channels."""
-        return self.sigma * np.sqrt(self.ahead / np.maximum(self.pairs, 1.0))
+        return self.sigma * np.sqrt(self.one_step_errors / np.maximum(self.pairs, 1.0))
 
 
 class PairedComparison(NamedTuple):
@@ -73,9 +73,9 @@ class PairedComparison(NamedTuple):
     channel: int  # channel with the largest share of the change
     blocks: int
 
-    def beyond(self, alpha: float) -> float:
+    def critical_value(self, alpha: float) -> float:
         """Return the critical value t_{1−α} for mean g in standard errors."""
-        return students(1.0 - alpha, max(5, self.blocks - 1))
+        return student_quantile(1.0 - alpha, max(5, self.blocks - 1))
 
 
 class Fold(NamedTuple):
@@ -89,39 +89,48 @@ class HeldOut:
     """The folds of the runs for one structure of model."""
 
     def __init__(
-        self, blocks: FittedBlocks, shape: Shape, records: Sequence[FitRecord], rest: Sequence[bool], unseen: int = 0,
+        self, blocks: FittedBlocks, shape: Shape, records: Sequence[FitRecord], begins_at_rest: Sequence[bool],
+        held_out_count: int = 0,
         backend: str = "auto",
     ) -> None:  # fmt: skip
-        """Make the folds: the last `unseen` runs of `records` are held out. If `unseen` is 0, each
+        """Make the folds: the last `held_out_count` runs of `records` are held out. If `held_out_count` is 0, each
         fold holds out other blocks, or other whole runs if there are FOLDS runs or more.
 
-        `rest` marks the runs that begin at rest. The caller sets the bounds of θ, `low` and `high`.
+        `begins_at_rest` marks the runs that begin at rest. The caller sets the bounds of θ, `low` and `high`.
         """
         self.low, self.high = np.zeros(0), np.zeros(0)
-        fitted_runs = len(rest) - unseen
-        self.unseen, self.whole_runs = unseen, bool(unseen) or fitted_runs >= FOLDS
-        judging = [record for record in records if not unseen or record.run >= fitted_runs]
-        self.block_s, numbers, self.count = _blocks(judging, (unseen or fitted_runs) >= RUNS)
-        before = [np.zeros(len(record.dt_s), int) for record in records[: len(records) - len(judging)]]
-        self.blocks = [*before, *numbers]
-        fitted = [_with_mask(r, np.full(len(r.dt_s), not unseen or r.run < fitted_runs)) for r in records]
-        self.all = Residuals(blocks, shape, fitted, backend)
-        self.shared = np.arange(self.all.size) < len(shape.shared)
-        self.starts = np.arange(self.all.size) >= self.all.layout.starts
-        self.still = np.zeros(self.all.size, bool)  # starts that are known to be 0
+        fitted_runs = len(begins_at_rest) - held_out_count
+        self.unseen, self.whole_runs = held_out_count, bool(held_out_count) or fitted_runs >= FOLDS
+        judging = [record for record in records if not held_out_count or record.run >= fitted_runs]
+        self.block_s, block_numbers, self.count = _blocks(
+            judging, (held_out_count or fitted_runs) >= MIN_RUN_BLOCKS
+        )
+        fitted_blocks = [np.zeros(len(record.dt_s), int) for record in records[: len(records) - len(judging)]]
+        self.blocks = [*fitted_blocks, *block_numbers]
+        fitted = [
+            _with_mask(r, np.full(len(r.dt_s), not held_out_count or r.run < fitted_runs)) for r in records
+        ]
+        self.all_data = Residuals(blocks, shape, fitted, backend)
+        self.shared = np.arange(self.all_data.size) < len(shape.shared)
+        self.starts = np.arange(self.all_data.size) >= self.all_data.layout.first_start
+        self.still = np.zeros(self.all_data.size, bool)  # starts that are known to be 0
         for k, record in enumerate(records):
-            self.still[self.all.layout.of_starts(k)] = rest[record.run]
+            self.still[self.all_data.layout.start_slice(k)] = begins_at_rest[record.run]
         self.folds = []
-        if unseen:
+        if held_out_count:
             held_out_records = [_with_mask(r, np.full(len(r.dt_s), r.run >= fitted_runs)) for r in records]
-            self.folds.append(Fold(self.all, Residuals(blocks, shape, held_out_records, backend)))
+            self.folds.append(Fold(self.all_data, Residuals(blocks, shape, held_out_records, backend)))
             return
         for k in range(min(FOLDS, self.count)):
             groups = [np.full(len(r.dt_s), r.run) for r in records] if self.whole_runs else self.blocks
-            out = [number % FOLDS == k for number in groups]
-            near = out if self.whole_runs else [_widen(o, r.dt_s) for o, r in zip(out, records, strict=True)]
-            train = [_with_mask(r, ~n) for r, n in zip(records, near, strict=True)]
-            held_out_records = [_with_mask(r, o) for r, o in zip(records, out, strict=True)]
+            is_held_out = [block_number % FOLDS == k for block_number in groups]
+            is_excluded = (
+                is_held_out
+                if self.whole_runs
+                else [_widen(o, r.dt_s) for o, r in zip(is_held_out, records, strict=True)]
+            )
+            train = [_with_mask(r, ~n) for r, n in zip(records, is_excluded, strict=True)]
+            held_out_records = [_with_mask(r, o) for r, o in zip(records, is_held_out, strict=True)]
             self.folds.append(
                 Fold(
                     Residuals(blocks, shape, train, backend),
@@ -130,49 +139,62 @@ class HeldOut:
             )
 
     def fit(
-        self, theta: np.ndarray, free: np.ndarray, sigma: np.ndarray, problem: Residuals | None = None,
-        most: int = PATIENCE,
+        self, theta: np.ndarray, is_free: np.ndarray, sigma: np.ndarray, problem: Residuals | None = None,
+        max_evaluations: int = MAX_EVALUATIONS,
     ) -> Solution:  # fmt: skip
-        """Return the best θ (p,) from `theta` on all runs, or on the data of `problem`; `free` (p,) may move."""
-        problem = (self.all if problem is None else problem).weight(sigma)
+        """Return the best θ (p,) from `theta` on all runs, or on the data of `problem`; `is_free` (p,) may move."""
+        problem = (self.all_data if problem is None else problem).weight(sigma)
         return minimise(
-            problem.evaluate, theta, self.low, self.high, fixed=~free, tolerance=DONE, most=most, damping=1e-4
+            problem.evaluate,
+            theta,
+            self.low,
+            self.high,
+            fixed=~is_free,
+            tolerance=FINAL_DECREMENT,
+            most=max_evaluations,
+            damping=1e-4,
         )
 
-    def score(self, theta: np.ndarray, free: np.ndarray, sigma: np.ndarray) -> Score:
-        """Return the score of a model with the entries `free` (p,) of θ on held-out data; folds start at `theta`.
+    def score(self, theta: np.ndarray, is_free: np.ndarray, sigma: np.ndarray) -> Score:
+        """Return the score of a model with the entries `is_free` (p,) of θ on held-out data; folds start at `theta`.
         (1)"""
         # else each run uses its own core
-        is_single = len(self.all.records) == 1 and self.all.scan.backend == "c"
+        is_single = len(self.all_data.records) == 1 and self.all_data.scan.backend == "c"
         rows = sum(map(len, self.blocks)) if is_single else 0
-        parts = parallel_map(lambda fold: self._of_fold(fold, theta, free, sigma), self.folds, rows=rows)
-        loss, samples, ahead, pairs = (np.sum([part[i] for part in parts], axis=0) for i in range(4))
-        return Score(loss, samples, ahead, pairs, np.array([part[4] for part in parts]), sigma)
+        fold_scores = parallel_map(
+            lambda fold: self._score_fold(fold, theta, is_free, sigma), self.folds, rows=rows
+        )
+        loss, samples, one_step_errors, pairs = (
+            np.sum([part[i] for part in fold_scores], axis=0) for i in range(4)
+        )
+        return Score(
+            loss, samples, one_step_errors, pairs, np.array([part[4] for part in fold_scores]), sigma
+        )
 
-    def _of_fold(
-        self, fold: Fold, theta: np.ndarray, free: np.ndarray, sigma: np.ndarray
+    def _score_fold(
+        self, fold: Fold, theta: np.ndarray, is_free: np.ndarray, sigma: np.ndarray
     ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
         """Return loss, samples, one-step errors and pairs of one fold, and its shared parameters."""
         loss, samples = np.zeros((self.count, len(sigma))), np.zeros((self.count, len(sigma)))
-        ahead, pairs = np.zeros(len(sigma)), np.zeros(len(sigma))
-        movable = free if self.whole_runs else free & ~self.starts  # a start may be held out itself
+        one_step_errors, pairs = np.zeros(len(sigma)), np.zeros(len(sigma))
+        movable = is_free if self.whole_runs else is_free & ~self.starts  # a start may be held out itself
         theta_ = self.fit(theta, movable, sigma, fold.train).theta
         shared_theta = theta_[self.shared]
         if self.whole_runs:
             theta_ = np.where(self.still, 0.0, theta_)
-            theta_ = self.fit(theta_, free & ~self.shared & ~self.still, sigma, fold.test).theta
+            theta_ = self.fit(theta_, is_free & ~self.shared & ~self.still, sigma, fold.test).theta
         by_segment = zip(fold.test.weight(sigma).residuals(theta_), fold.test.has, self.blocks, strict=True)
         for r, has, block in by_segment:
             a = np.abs(r)
             np.add.at(loss, block, np.where(a < HUBER, r * r, HUBER * (2.0 * a - HUBER)))
             np.add.at(samples, block, has)
             for c, steps in enumerate(np.diff(x[finite]) for x, finite in zip(r.T, has.T > 0.0, strict=True)):
-                ahead[c] += np.sum(np.clip(steps, -1e6, 1e6) ** 2)
+                one_step_errors[c] += np.sum(np.clip(steps, -1e6, 1e6) ** 2)
                 pairs[c] += len(steps)
-        return np.where(np.isfinite(loss), loss, np.inf), samples, ahead, pairs, shared_theta
+        return np.where(np.isfinite(loss), loss, np.inf), samples, one_step_errors, pairs, shared_theta
 
 
-def unseen_only(held_out: Sequence[Run], runs: Sequence[Run]) -> None:
+def check_only_held_out(held_out: Sequence[Run], runs: Sequence[Run]) -> None:
     """Raise UsageError if a run is both held out and fitted."""
     repeats = [run.name for run in held_out if run.name in {run.name for run in runs}]
     if repeats:
@@ -182,16 +204,16 @@ def unseen_only(held_out: Sequence[Run], runs: Sequence[Run]) -> None:
 def paired_comparison(without: Score, with_: Score) -> PairedComparison:
     """Compare two models block by block.  (2), (3)"""
     has_samples = without.samples.sum(axis=1) > 0.0
-    before, after = without.loss[has_samples], with_.loss[has_samples]
-    floor = FLOOR * without.samples[has_samples].sum(axis=1)
-    if not (np.isfinite(before).all() and np.isfinite(after).all()):
+    loss_before, loss_after = without.loss[has_samples], with_.loss[has_samples]
+    floor = MIN_NOISE_SHARE * without.samples[has_samples].sum(axis=1)
+    if not (np.isfinite(loss_before).all() and np.isfinite(loss_after).all()):
         return PairedComparison(-np.inf, np.inf, -np.inf, 0, len(floor))
-    g = 0.5 * np.log((before.sum(axis=1) + floor) / (after.sum(axis=1) + floor))
+    g = 0.5 * np.log((loss_before.sum(axis=1) + floor) / (loss_after.sum(axis=1) + floor))
     mean, se = float(g.mean()), float(g.std(ddof=1) / np.sqrt(len(g)))
     errors = mean / se if se > 1e-12 else 0.0
-    if not after.sum() < before.sum():
+    if not loss_after.sum() < loss_before.sum():
         errors = min(errors, 0.0)
-    channel = int(np.argmax(np.abs((before - after).sum(axis=0))))
+    channel = int(np.argmax(np.abs((loss_before - loss_after).sum(axis=0))))
     return PairedComparison(mean, se, errors, channel, len(g))
 
 
@@ -208,33 +230,33 @@ def jackknife(score: Score, entries: Sequence[int]) -> np.ndarray:
 def _blocks(records: Sequence[FitRecord], whole_runs: bool) -> tuple[float, list[np.ndarray], int]:
     """Return the length of a block, the block number of each row, and the number of blocks."""
     if whole_runs:
-        first = min(r.run for r in records)
+        first_run = min(r.run for r in records)
         return (
             0.0,
-            [np.full(len(r.dt_s), r.run - first) for r in records],
-            max(r.run for r in records) + 1 - first,
+            [np.full(len(r.dt_s), r.run - first_run) for r in records],
+            max(r.run for r in records) + 1 - first_run,
         )
     total = sum(float(np.sum(r.dt_s)) for r in records)
-    if total < LEAST_BLOCKS * SHORT_S:
-        raise UsageError(fault("choose.short", total_s=total, needed_s=LEAST_BLOCKS * SHORT_S))
-    block_s = max(min(max(total / ENOUGH, SHORT_S), BLOCK_S), total / MOST_BLOCKS)
-    out, first = [], 0
+    if total < MIN_BLOCKS * SHORT_BLOCK_S:
+        raise UsageError(fault("choose.short", total_s=total, needed_s=MIN_BLOCKS * SHORT_BLOCK_S))
+    block_s = max(min(max(total / MIN_BLOCK_COUNT, SHORT_BLOCK_S), BLOCK_S), total / MAX_BLOCKS)
+    block_numbers, first_run = [], 0
     for record in records:
         ends = np.cumsum(record.dt_s)
         count = max(1, round(float(ends[-1]) / block_s))
-        out.append(first + np.minimum((ends / ends[-1] * count).astype(int), count - 1))
-        first += count
-    return block_s, out, first
+        block_numbers.append(first_run + np.minimum((ends / ends[-1] * count).astype(int), count - 1))
+        first_run += count
+    return block_s, block_numbers, first_run
 
 
-def _widen(out: np.ndarray, dt_s: np.ndarray) -> np.ndarray:
-    """Return a mask (N,) of the rows `out` (N,) and of the rows within GAP_S of them."""
+def _widen(is_held_out: np.ndarray, dt_s: np.ndarray) -> np.ndarray:
+    """Return a mask (N,) of the rows `is_held_out` (N,) and of the rows within GAP_S of them."""
     ends = np.cumsum(dt_s)
-    edges = np.flatnonzero(np.diff(out.astype(int)) != 0)
-    near = out.copy()
+    edges = np.flatnonzero(np.diff(is_held_out.astype(int)) != 0)
+    is_excluded = is_held_out.copy()
     for k in edges:
-        near |= np.abs(ends - ends[k]) < GAP_S
-    return near
+        is_excluded |= np.abs(ends - ends[k]) < GAP_S
+    return is_excluded
 
 
 def _with_mask(record: FitRecord, mask: np.ndarray) -> FitRecord:
@@ -249,27 +271,27 @@ def _with_mask(record: FitRecord, mask: np.ndarray) -> FitRecord:
 def pieces_of(runs: Sequence[Run], command: int) -> float:
     """Return the number of independent pieces of motion of a command over all runs; 0 if it is always 0.  (4)"""
     u = [run.applied[np.isfinite(run.applied[:, command]), command] for run in runs]
-    every = np.concatenate([np.zeros(1), *u])
-    swing = SWING * float(np.ptp(every))
-    out = 0.0
+    all_commands = np.concatenate([np.zeros(1), *u])
+    swing = MIN_SWING * float(np.ptp(all_commands))
+    piece_count = 0.0
     for run, x in zip(runs, u, strict=True):
         if np.any(x != 0.0):
-            out += min(1.0 + turning_points(x, swing), max(1.0, _lasts(run) / SHORT_S))
-    return out
+            piece_count += min(1.0 + turning_points(x, swing), max(1.0, _duration_s(run) / SHORT_BLOCK_S))
+    return piece_count
 
 
-def _lasts(run: Run) -> float:
+def _duration_s(run: Run) -> float:
     """Return the duration of all ticks of the run [s], including the first tick."""
     return run.duration_s * len(run.t_ns) / max(1, len(run.t_ns) - 1)
 
 
 def turning_points(x: np.ndarray, swing: float) -> int:
     """Return the number of turning points of x (N,), without swings smaller than `swing`."""
-    count, way, low, high = 0, 0, x[0], x[0]
+    count, direction, low, high = 0, 0, x[0], x[0]
     for value in x[np.flatnonzero(np.diff(x, prepend=np.nan) != 0.0)]:
         low, high = min(low, value), max(high, value)
-        if way >= 0 and high - value > swing:
-            count, way, low, high = count + (way > 0), -1, value, value
-        elif way <= 0 and value - low > swing:
-            count, way, low, high = count + (way < 0), 1, value, value
+        if direction >= 0 and high - value > swing:
+            count, direction, low, high = count + (direction > 0), -1, value, value
+        elif direction <= 0 and value - low > swing:
+            count, direction, low, high = count + (direction < 0), 1, value, value
     return count

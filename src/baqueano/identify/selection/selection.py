@@ -18,9 +18,9 @@ import numpy as np
 from baqueano.contracts.values import JsonObject
 from baqueano.diagnostics import Diagnostic, fault, note
 from baqueano.errors import UsageError
-from baqueano.identify.covariance.information import own_information, own_sd
-from baqueano.identify.data.added_channels import CHANNEL, with_voltage
-from baqueano.identify.data.record import FittedBlocks, past_of
+from baqueano.identify.covariance.information import own_information, own_std
+from baqueano.identify.data.added_channels import BATTERY_CHANNEL, with_voltage
+from baqueano.identify.data.record import FittedBlocks, past_rows_of
 from baqueano.identify.data.rest import begins_at_rest, with_gyro_at_rest
 from baqueano.identify.dataset import sensors_of
 from baqueano.identify.estimation.least_squares import Solution
@@ -30,14 +30,14 @@ from baqueano.identify.options import FitOptions
 from baqueano.identify.parameters.free import (
     DELAY,
     LAG,
-    LEAST_LAG,
+    MIN_LAG,
     enable_parameters,
     free_parameters,
     has_offset,
 )
-from baqueano.identify.parameters.setup import first_theta, for_sensors, records_of, shape_of
+from baqueano.identify.parameters.setup import first_theta, records_of, shape_of, with_pose_segments
 from baqueano.identify.residuals.block_arrow import dense
-from baqueano.identify.residuals.noise_level import smallest_spread
+from baqueano.identify.residuals.noise_level import min_sigma
 from baqueano.identify.result.fit_result import Fit
 from baqueano.identify.selection.choice import Choice, Decision, TermResult, channels_of
 from baqueano.identify.selection.held_out import (
@@ -45,17 +45,17 @@ from baqueano.identify.selection.held_out import (
     HeldOut,
     PairedComparison,
     Score,
+    check_only_held_out,
     jackknife,
     paired_comparison,
-    unseen_only,
 )
 from baqueano.identify.selection.terms import (
-    SHORTEST_LAG_S,
+    MIN_LAG_S,
     Term,
     candidate_terms,
-    least_free,
-    not_separated,
-    room_for,
+    minimal_free,
+    separation_problem,
+    with_term_slots,
     with_terms,
     without_terms,
 )
@@ -68,12 +68,11 @@ if TYPE_CHECKING:
     from baqueano.vehicle_file import VehicleFile
 
 ALPHA = 0.05
-TAKEN = ("fixed", "bounds", "at_rest", "backend")  # options of a fit that `choose` accepts
-SINGULAR = 1e-6  # least part of a term's information that is independent of the other parameters
-WORTH = 2.0  # least fall of the cost per parameter: four times the mean fall by fitting pure noise
-NEAR = 0.25  # of a tick
-FEW = 6  # evaluations to find the best start
-AS_LARGE = 0.5  # of the largest start of a term: with a larger standard error it is not identifiable
+ACCEPTED_OPTIONS = ("fixed", "bounds", "at_rest", "backend")  # options of a fit that `choose` accepts
+MIN_INDEPENDENT = 1e-6  # least part of a term's information that is independent of the other parameters
+MIN_COST_FALL = 2.0  # least fall of the cost per parameter: four times the mean fall by fitting pure noise
+CLOSE_TICKS, START_EVALUATIONS = 0.25, 6  # of a tick; evaluations to find the best start
+MAX_ERROR_SHARE = 0.5  # of the largest start of a term: with a larger standard error it is not identifiable
 
 
 class Model(NamedTuple):
@@ -110,27 +109,27 @@ def choose(
     in `identify`; so are the `options` fixed, bounds, at_rest and backend. If given, the runs `held_out` decide the
     terms. Raise UsageError for an unknown name, for other options, or without a command.
     """
-    option_names = [name for name in options.non_defaults if name not in TAKEN]
+    option_names = [name for name in options.non_defaults if name not in ACCEPTED_OPTIONS]
     if option_names:
         raise UsageError(fault("choose.options", options=option_names))
     runs, report = [runs] if isinstance(runs, Run) else list(runs), progress or (lambda text: None)
-    unseen_only(held_out, runs)
+    check_only_held_out(held_out, runs)
     commands = [run.applied[np.isfinite(run.applied).all(axis=1)] for run in runs]
     if not sum(map(len, commands)):
         raise UsageError(fault("choose.no-command"))
     u, setup = np.concatenate(commands), FitSetup(runs, use, options, tuple(held_out))
-    battery = any(CHANNEL in run.sensors for run in runs)
+    battery = any(BATTERY_CHANNEL in run.sensors for run in runs)
     blocks = FittedBlocks(vehicle_file.vehicle, vehicle_file.sensors)
     any_way = np.concatenate([np.eye(u.shape[1]), -np.eye(u.shape[1])])
     bare = without_terms(vehicle_file, candidate_terms(blocks, candidates, any_way, battery))
-    least = [path for path in least_free(bare, free, u) if path.partition("[")[0] not in options.fixed]
+    minimal = [path for path in minimal_free(bare, free, u) if path.partition("[")[0] not in options.fixed]
     report(_("fitting the smallest model"))
-    base = setup.fit(bare, least)
+    base = setup.fit(bare, minimal)
     terms = candidate_terms(base.blocks._replace(sensors=bare.sensors), candidates, u, battery)
     terms = [
         term for term in terms if not any(path.partition("[")[0] in options.fixed for path in term.paths)
     ]
-    growing = _Growing(setup, bare, base, least, terms, report)
+    growing = _ModelSelection(setup, bare, base, minimal, terms, report)
     model, results = growing.grow()
     report(_("fitting the model that was chosen"))
     return Choice(tuple(results), growing.fit_of(model, bare), growing.rule)
@@ -145,79 +144,79 @@ class FitSetup(NamedTuple):
     held_out: tuple[Run, ...]
 
     def fit(
-        self, file: "VehicleFile", free: list[str], start: Mapping[str, float] | None = None,
-        near: Mapping[str, tuple[float, float]] | None = None,
+        self, vehicle_file: "VehicleFile", free: list[str], start: Mapping[str, float] | None = None,
+        close_bounds: Mapping[str, tuple[float, float]] | None = None,
     ) -> Fit:  # fmt: skip
-        """Return the fit of `free`, within the bounds of the user and the bounds `near`."""
+        """Return the fit of `free`, within the bounds of the user and the bounds `close_bounds`."""
         limits = {k: b for k, b in self.options.bounds.items() if any(path.startswith(k) for path in free)}
-        limits |= {k: b for k, b in (near or {}).items() if k not in limits}
+        limits |= {k: b for k, b in (close_bounds or {}).items() if k not in limits}
         options = replace(self.options, fixed=(), bounds=limits, start=start or {}, gyro_leads=False)
-        return identify(self.runs, file, free, use=self.use, options=options)
+        return identify(self.runs, vehicle_file, free, use=self.use, options=options)
 
 
-class _Growing:
+class _ModelSelection:
     """The problem with all terms in it, and the models that are fitted to it."""
 
     def __init__(
-        self, setup: FitSetup, bare: "VehicleFile", base: Fit, least: list[str], terms: list[Term],
+        self, setup: FitSetup, bare: "VehicleFile", base: Fit, least_paths: list[str], terms: list[Term],
         progress: Callable[[str], object],
     ) -> None:  # fmt: skip
         runs, use, options, validation_runs = setup
-        self.how, self.least_paths, self.terms, self.progress = setup, least, terms, progress
+        self.how, self.least_paths, self.terms, self.progress = setup, least_paths, terms, progress
         self.ended: dict[str, tuple[tuple[float, ...], ...]] = {}  # the end of the last trial of each term
-        file = with_gyro_at_rest(bare, runs)[0] if has_offset(bare.vehicle) else bare
-        blocks, runs, only = sensors_of(file, [*runs, *validation_runs], use)
+        base_file = with_gyro_at_rest(bare, runs)[0] if has_offset(bare.vehicle) else bare
+        blocks, runs, only = sensors_of(base_file, [*runs, *validation_runs], use)
         if any(measures_pose(sensor) for sensor in blocks.sensors):
             raise UsageError(fault("choose.pose"))
-        options = for_sensors(FitOptions(at_rest=options.at_rest, bounds=options.bounds), blocks)
-        blocks = room_for(blocks, terms)
+        options = with_pose_segments(FitOptions(at_rest=options.at_rest, bounds=options.bounds), blocks)
+        blocks = with_term_slots(blocks, terms)
         records = records_of(runs, blocks, only, options)
-        paths = list(dict.fromkeys([*least, *(path for term in terms for path in term.paths)]))
+        paths = list(dict.fromkeys([*least_paths, *(path for term in terms for path in term.paths)]))
         candidates = free_parameters(
             blocks, paths, (), {k: v for k, v in options.bounds.items() if k in paths}
         )
         u = np.concatenate([r.u for r in records])
-        blocks, candidates = enable_parameters(blocks, candidates, file.rate_hz, u, past_of(runs))
+        blocks, candidates = enable_parameters(blocks, candidates, base_file.rate_hz, u, past_rows_of(runs))
         records = with_voltage(records, runs, blocks)
         self.paths = [candidate.path for candidate in candidates]
         shape = shape_of(blocks, candidates, records, options)
-        rest = [begins_at_rest(run, blocks.sensors) for run in runs]
-        every = HeldOut(blocks, shape, records, rest, len(validation_runs), setup.options.backend)
-        theta, every.low, every.high = first_theta(blocks, candidates, shape, records, FitOptions())
-        floor = smallest_spread(blocks.sensors, every.all.z, every.all.has)
+        at_rest = [begins_at_rest(run, blocks.sensors) for run in runs]
+        held_out = HeldOut(blocks, shape, records, at_rest, len(validation_runs), setup.options.backend)
+        theta, held_out.low, held_out.high = first_theta(blocks, candidates, shape, records, FitOptions())
+        floor = min_sigma(blocks.sensors, held_out.all_data.z, held_out.all_data.has)
         self.small = np.zeros(len(theta))  # differences from neutral that count as 0
         if LAG in self.paths:
             lag = self.paths.index(LAG)
-            every.low[lag], self.small[lag] = SHORTEST_LAG_S, LEAST_LAG / file.rate_hz
-        self.held_out, self.channels = every, channels_of(blocks)
+            held_out.low[lag], self.small[lag] = MIN_LAG_S, MIN_LAG / base_file.rate_hz
+        self.held_out, self.channels = held_out, channels_of(blocks)
         for path, x in zip(base.names, base.estimate, strict=True):
             theta[self.paths.index(path)] = x if np.isfinite(x) else theta[self.paths.index(path)]
         for term in terms:
-            theta[self._at(term)] = term.neutral
-        self.first = np.clip(theta, every.low, every.high)
+            theta[self._entries(term)] = term.neutral
+        self.first = np.clip(theta, held_out.low, held_out.high)
         self.least = np.ones(len(theta), bool)
-        self.least[len(least) : len(paths)] = False
-        self.task = Task(every.all, self.first, every.low, every.high, floor, None)
+        self.least[len(least_paths) : len(paths)] = False
+        self.task = Task(held_out.all_data, self.first, held_out.low, held_out.high, floor, None)
 
     @property
     def rule(self) -> str:
         """Return the sentences on the held-out data and on the condition for a term."""
         h = self.held_out
         if h.block_s:
-            size = _("{count} blocks of about {block_s:.1f} s", count=h.count, block_s=h.block_s)
+            block_text = _("{count} blocks of about {block_s:.1f} s", count=h.count, block_s=h.block_s)
         else:
-            size = _("{count} runs, each one a block", count=h.count)
+            block_text = _("{count} runs, each one a block", count=h.count)
         gap = _("whole runs") if h.whole_runs else _("{gap_s:g} s on each side were not used", gap_s=GAP_S)
         sentence = _(
             "Each model was fitted without a fifth of the data, and tested by its simulation of "
             "that fifth ({how}; {size}).",
-            how=gap, size=size,
+            how=gap, size=block_text,
         )  # fmt: skip
         if h.unseen:
             sentence = _(
                 "Each model was fitted to the runs, and tested by its simulation of the {unseen} "
                 "held-out runs ({size}).",
-                unseen=h.unseen, size=size,
+                unseen=h.unseen, size=block_text,
             )  # fmt: skip
         needs = _(
             "The fall of the mean error is divided by its standard error. A term is added if the ratio is "
@@ -229,39 +228,40 @@ class _Growing:
 
     def grow(self) -> tuple[Model, list[TermResult]]:
         """Return the model, and the last result for each term."""
-        model, last, excluded_names = self.model((), self.first), {}, set()
+        model, results, excluded_names = self.model((), self.first), {}, set()
         while True:
-            model = self.forward(model, last, excluded_names)
+            model = self.forward(model, results, excluded_names)
             has_dropped = False
-            while (trial := self.superfluous(model, last)) is not None:
+            while (trial := self.superfluous(model, results)) is not None:
                 has_dropped = True
                 excluded_names.add(trial.judged.term.name)
-                last[trial.judged.term.name] = trial.judged
-                rest = tuple(term for term in model.terms if term.name not in excluded_names)
-                model = self.model(rest, trial.theta)
+                results[trial.judged.term.name] = trial.judged
+                others = tuple(term for term in model.terms if term.name not in excluded_names)
+                model = self.model(others, trial.theta)
             if not has_dropped:
                 break
         have = {path for term in model.terms for path in term.paths}
-        rest = [term for term in self.terms if not have.intersection(term.paths)]
-        return model, [last[term.name] for term in (*model.terms, *rest) if term.name in last]
+        others = [term for term in self.terms if not have.intersection(term.paths)]
+        return model, [results[term.name] for term in (*model.terms, *others) if term.name in results]
 
     def fit_of(self, model: Model, bare: "VehicleFile") -> Fit:
         """Return the fit of a model with its error bars, from its θ. A delay, with many minima, stays near."""
         values = {path: float(x) for path, x in zip(self.paths, model.theta, strict=False)}
         paths = [path for term in model.terms for path in term.paths]
-        file = with_terms(bare, self.terms, {path: values[path] for path in paths})
-        near, close_s = {}, NEAR / bare.rate_hz
+        vehicle_file = with_terms(bare, self.terms, {path: values[path] for path in paths})
+        bounds, close_s = {}, CLOSE_TICKS / bare.rate_hz
         if DELAY in paths:
-            near = {DELAY: (max(0.0, values[DELAY] - close_s), values[DELAY] + close_s)}
-        return self.how.fit(file, [*self.least_paths, *paths], {p: values[p] for p in self.least_paths}, near)
+            bounds = {DELAY: (max(0.0, values[DELAY] - close_s), values[DELAY] + close_s)}
+        start = {p: values[p] for p in self.least_paths}
+        return self.how.fit(vehicle_file, [*self.least_paths, *paths], start, bounds)
 
     def model(self, terms: tuple[Term, ...], theta: np.ndarray) -> Model:
         """Return the model with `terms`, with its noise estimated again."""
-        free = self._free(terms)
-        end = search(self.task, np.where(free, theta, self.first), ~free)
-        return Model(terms, end.solution.theta, end.sigma, self._score(end.solution.theta, free, end.sigma))
+        mask = self._mask(terms)
+        end = search(self.task, np.where(mask, theta, self.first), ~mask)
+        return Model(terms, end.solution.theta, end.sigma, self._score(end.solution.theta, mask, end.sigma))
 
-    def forward(self, model: Model, last: dict[str, TermResult], barred: set[str]) -> Model:
+    def forward(self, model: Model, last_results: dict[str, TermResult], barred: set[str]) -> Model:
         """Add a term per round until none improves the model significantly; exclude the `barred` terms.  (2)"""
         while True:
             have = {path for term in model.terms for path in term.paths}
@@ -270,89 +270,91 @@ class _Growing:
             for term in open_:
                 self.progress(_("{terms} terms: trying {term}", terms=len(model.terms), term=term.name))
                 tries.append(self.try_term(model, term, ALPHA / len(open_)))
-                last[term.name] = tries[-1].judged
-            good = [trial for trial in tries if trial.judged.verdict == Decision.TAKEN]
-            if not good:
+                last_results[term.name] = tries[-1].judged
+            accepted = [trial for trial in tries if trial.judged.verdict == Decision.TAKEN]
+            if not accepted:
                 return model
-            best = _first_of_the_best(good)
-            for trial in good:
-                if trial is not best:
-                    last.pop(trial.judged.term.name)
-            self.progress(text(best.judged.message))
-            model = self.model((*model.terms, best.judged.term), best.theta)
+            best_trial = _simplest_of_the_best(accepted)
+            for trial in accepted:
+                if trial is not best_trial:
+                    last_results.pop(trial.judged.term.name)
+            self.progress(text(best_trial.judged.message))
+            model = self.model((*model.terms, best_trial.judged.term), best_trial.theta)
 
     def try_term(self, model: Model, term: Term, alpha: float) -> TermTrial:
         """Return the trial of a term in a model: fitted to all data, then without the held-out data."""
-        at, free = self._at(term), self._free((*model.terms, term))
-        before = self.held_out.all.weight(model.sigma).evaluate(model.theta).cost
-        end = self._from_the_best_start(model, term, free)
-        if ban := self._exclusion(term, end.theta, end.bound, dense(end.evaluation.hessian), free):
+        index, mask = self._entries(term), self._mask((*model.terms, term))
+        cost_before = self.held_out.all_data.weight(model.sigma).evaluate(model.theta).cost
+        end = self._from_the_best_start(model, term, mask)
+        if ban := self._exclusion(term, end.theta, end.bound, dense(end.evaluation.hessian), mask):
             return TermTrial(self._result(term, ban[0], ban[1], model, None, end.theta, 0.0), end.theta, None)
-        if not before - end.evaluation.cost > WORTH * len(at):
-            gain = max(0.0, float((before - end.evaluation.cost) / max(before, 1e-300)))
+        if not cost_before - end.evaluation.cost > MIN_COST_FALL * len(index):
+            gain = max(0.0, float((cost_before - end.evaluation.cost) / max(cost_before, 1e-300)))
             reason = note("term.brings-little", percent=100 * gain)
             result = self._result(term, Decision.LEFT_OUT, reason, model, None, end.theta, 0.0)
             return TermTrial(result, end.theta, None)
-        score = self._score(end.theta, free, model.sigma)
+        score = self._score(end.theta, mask, model.sigma)
         test = paired_comparison(model.score, score)
-        verdict = Decision.TAKEN if test.errors > test.beyond(alpha) else Decision.LEFT_OUT
-        sd = np.fmax(jackknife(score, at.tolist()), own_sd(dense(end.evaluation.hessian), at, free))
-        reason = not_separated(term, end.theta[at], sd) if verdict == Decision.TAKEN else None
+        verdict = Decision.TAKEN if test.errors > test.critical_value(alpha) else Decision.LEFT_OUT
+        std = np.fmax(jackknife(score, index.tolist()), own_std(dense(end.evaluation.hessian), index, mask))
+        reason = separation_problem(term, end.theta[index], std) if verdict == Decision.TAKEN else None
         verdict = Decision.REFUSED if reason else verdict
-        result = self._result(term, verdict, reason, model, (score, test), end.theta, test.beyond(alpha))
+        result = self._result(
+            term, verdict, reason, model, (score, test), end.theta, test.critical_value(alpha)
+        )
         return TermTrial(result, end.theta, score)
 
-    def _from_the_best_start(self, model: Model, term: Term, free: np.ndarray) -> Solution:
+    def _from_the_best_start(self, model: Model, term: Term, is_free: np.ndarray) -> Solution:
         """Return the best fit with a term, from the best of its starts, or of its last end, after a few steps."""
         ends = []
         for start in self.ended.get(term.name, term.starts):
             theta = model.theta.copy()
-            theta[self._at(term)] = start
-            ends.append(self.held_out.fit(theta, free, model.sigma, most=FEW))
-        best = min(ends, key=lambda end: end.evaluation.cost if np.isfinite(end.evaluation.cost) else np.inf)
-        end = self.held_out.fit(best.theta, free, model.sigma)
-        at = self._at(term)
-        if np.any(end.theta[at] != self.first[at]):
-            self.ended[term.name] = (tuple(end.theta[at].tolist()),)
+            theta[self._entries(term)] = start
+            ends.append(self.held_out.fit(theta, is_free, model.sigma, max_evaluations=START_EVALUATIONS))
+        lowest = min(ends, key=lambda e: e.evaluation.cost if np.isfinite(e.evaluation.cost) else np.inf)
+        end = self.held_out.fit(lowest.theta, is_free, model.sigma)
+        entries = self._entries(term)
+        if np.any(end.theta[entries] != self.first[entries]):
+            self.ended[term.name] = (tuple(end.theta[entries].tolist()),)
         return end
 
-    def superfluous(self, model: Model, last: dict[str, TermResult]) -> TermTrial | None:
+    def superfluous(self, model: Model, last_results: dict[str, TermResult]) -> TermTrial | None:
         """Return the trial of the least needed of several terms if the model does not need it, else None.  (3)"""
         weakest: TermTrial | None = None
         for term in model.terms if len(model.terms) > 1 else ():
             self.progress(_("testing if {term} is still needed", term=term.name))
-            rest = tuple(model_term for model_term in model.terms if model_term is not term)
-            free, theta = self._free(rest), model.theta.copy()
-            theta[self._at(term)] = self.first[self._at(term)]
-            end = self.held_out.fit(theta, free, model.sigma)
-            score = self._score(end.theta, free, model.sigma)
+            remaining_terms = tuple(model_term for model_term in model.terms if model_term is not term)
+            is_free, theta = self._mask(remaining_terms), model.theta.copy()
+            theta[self._entries(term)] = self.first[self._entries(term)]
+            end = self.held_out.fit(theta, is_free, model.sigma)
+            score = self._score(end.theta, is_free, model.sigma)
             test = paired_comparison(score, model.score)
-            limit = test.beyond(ALPHA)
+            limit = test.critical_value(ALPHA)
             verdict = Decision.TAKEN if test.errors > limit else Decision.DROPPED
-            without = model._replace(score=score)
-            result = self._result(term, verdict, None, without, (model.score, test), model.theta, limit)
+            smaller_model = model._replace(score=score)
+            result = self._result(term, verdict, None, smaller_model, (model.score, test), model.theta, limit)
             if verdict == Decision.DROPPED and (weakest is None or test.errors < weakest.judged.errors):
                 weakest = TermTrial(result, end.theta, score)
             elif verdict == Decision.TAKEN:
-                last[term.name] = result
+                last_results[term.name] = result
         return weakest
 
     def _exclusion(
-        self, term: Term, theta: np.ndarray, bound: np.ndarray, A: np.ndarray, free: np.ndarray
+        self, term: Term, theta: np.ndarray, bound: np.ndarray, A: np.ndarray, is_free: np.ndarray
     ) -> tuple[Decision, Diagnostic] | None:
         """Return the decision (LEFT_OUT or REFUSED) and its reason if a term is excluded, else None."""
-        at = self._at(term)
-        neutral = np.abs(theta[at] - self.first[at]) <= self.small[at]
+        entries = self._entries(term)
+        neutral = np.abs(theta[entries] - self.first[entries]) <= self.small[entries]
         if neutral.all():
             return Decision.LEFT_OUT, note("term.best-without")
-        for k in at[(bound[at] != 0) & ~neutral]:
+        for k in entries[(bound[entries] != 0) & ~neutral]:
             code = "bound.low-held" if bound[k] < 0 else "bound.high-held"
             return Decision.REFUSED, note(code, subject=self.paths[k], bound=theta[k])
         free_entries = np.flatnonzero(
-            free & (np.diagonal(A) > 0.0) & ~np.isin(np.arange(len(free)), at) & (bound == 0)
+            is_free & (np.diagonal(A) > 0.0) & ~np.isin(np.arange(len(is_free)), entries) & (bound == 0)
         )
-        own = own_information(A, at[~neutral], free_entries)
-        if own < SINGULAR:
+        own_share = own_information(A, entries[~neutral], free_entries)
+        if own_share < MIN_INDEPENDENT:
             return Decision.REFUSED, note("term.same-as-others")
         return None
 
@@ -361,40 +363,40 @@ class _Growing:
         theta: np.ndarray, limit: float,
     ) -> TermResult:  # fmt: skip
         """Return the figures of a term compared with `model`; `pair` is the score with the term, and its test."""
-        at = self._at(term)
+        entries = self._entries(term)
         score, test = pair or (model.score, PairedComparison(0.0, 0.0, 0.0, 0, model.score.loss.shape[0]))
         c = test.channel
-        sd = jackknife(score, at.tolist()) if pair else np.full(len(at), np.nan)
-        large = max(float(np.max(np.abs(np.subtract(start, term.neutral)))) for start in term.starts)
-        if verdict == Decision.LEFT_OUT and pair and float(np.max(sd)) > AS_LARGE * large:
+        std = jackknife(score, entries.tolist()) if pair else np.full(len(entries), np.nan)
+        largest_start = max(float(np.max(np.abs(np.subtract(start, term.neutral)))) for start in term.starts)
+        if verdict == Decision.LEFT_OUT and pair and float(np.max(std)) > MAX_ERROR_SHARE * largest_start:
             fall: JsonObject = {"percent": 100 * test.gain, "percent_sd": 100 * test.sd}
-            reason = note("term.not-identifiable", value=theta[at[0]], sd=sd[0], **fall)
+            reason = note("term.not-identifiable", value=theta[entries[0]], sd=std[0], **fall)
         return TermResult(
             term, verdict, reason, self.channels[c], float(model.score.error[c]), float(score.error[c]),
-            test.gain, test.sd, test.errors, limit, tuple(map(float, theta[at])), tuple(map(float, sd)),
+            test.gain, test.sd, test.errors, limit, tuple(map(float, theta[entries])), tuple(map(float, std)),
             float(model.score.one_step[c]), float(score.one_step[c]),
         )  # fmt: skip
 
-    def _score(self, theta: np.ndarray, free: np.ndarray, sigma: np.ndarray) -> Score:
-        return self.held_out.score(theta, free, sigma)
+    def _score(self, theta: np.ndarray, is_free: np.ndarray, sigma: np.ndarray) -> Score:
+        return self.held_out.score(theta, is_free, sigma)
 
-    def _at(self, term: Term) -> np.ndarray:
+    def _entries(self, term: Term) -> np.ndarray:
         return np.array([self.paths.index(path) for path in term.paths])
 
-    def _free(self, terms: Sequence[Term]) -> np.ndarray:
-        free = self.least.copy()
+    def _mask(self, terms: Sequence[Term]) -> np.ndarray:
+        is_free = self.least.copy()
         for term in terms:
-            free[self._at(term)] = True
-        return free
+            is_free[self._entries(term)] = True
+        return is_free
 
 
-def _first_of_the_best(good: list[TermTrial]) -> TermTrial:
+def _simplest_of_the_best(trials: list[TermTrial]) -> TermTrial:
     """Return the trial of the first term that is not significantly worse than the best."""
-    best = max(good, key=lambda trial: trial.judged.gain)
-    assert best.score is not None
-    for trial in good:
+    best_trial = max(trials, key=lambda trial: trial.judged.gain)
+    assert best_trial.score is not None
+    for trial in trials:
         assert trial.score is not None
-        behind = paired_comparison(trial.score, best.score)
-        if trial is best or not behind.errors > behind.beyond(ALPHA):
+        behind = paired_comparison(trial.score, best_trial.score)
+        if trial is best_trial or not behind.errors > behind.critical_value(ALPHA):
             return trial
-    return best
+    return best_trial

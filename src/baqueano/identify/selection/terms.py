@@ -27,9 +27,9 @@ from baqueano.identify.data.record import FittedBlocks
 from baqueano.identify.parameters.free import (
     DELAY,
     LAG,
-    LONGEST_DELAY_S,
-    OF_WHEELS,
-    always_free,
+    MAX_DELAY_S,
+    WHEEL_FRICTIONS,
+    default_fields,
     entries,
     free_parameter,
     frozen_columns,
@@ -45,12 +45,14 @@ if TYPE_CHECKING:
     from baqueano.contracts.values import JsonObject, Tree
     from baqueano.vehicle_file import VehicleFile
 
-BATTERY = "model.drivetrain.battery_effect"
-SCAN_S = 0.025  # between starts of a delay: half a period of the fastest command that is followed, 20 Hz
-REACH_S, TICK_S, SOON_S = 1.0, 0.005, 1e-6  # of (1): duration, step, and the step for the change of ν̇
-PARTS, UNIT = (0.1, 0.3), 1e-3  # of (1)
-SHORTEST_LAG_S = 1e-5  # without effect, but not 0, so that it can be varied
-DEAD_ZONES = ("model.drivetrain.dead_zone_forward", "model.drivetrain.dead_zone_backward")
+BATTERY_EFFECT_PATH = "model.drivetrain.battery_effect"
+DELAY_GRID_S = (
+    0.025  # between starts of a delay: half a period of the fastest command that is followed, 20 Hz
+)
+TRIAL_S, TICK_S, SHORT_STEP_S = 1.0, 0.005, 1e-6  # of (1): duration, step, and the step for the change of ν̇
+SPEED_FRACTIONS, UNIT_STEP = (0.1, 0.3), 1e-3  # of (1)
+MIN_LAG_S = 1e-5  # without effect, but not 0, so that it can be varied
+DEAD_ZONE_PATHS = ("model.drivetrain.dead_zone_forward", "model.drivetrain.dead_zone_backward")
 
 
 class Term(NamedTuple):
@@ -62,25 +64,27 @@ class Term(NamedTuple):
     starts: tuple[tuple[float, ...], ...]  # (k, q) starts of the searches
 
 
-def least_free(file: "VehicleFile", free: Sequence[str] | None, u: np.ndarray) -> list[str]:
+def minimal_free(vehicle_file: "VehicleFile", free: Sequence[str] | None, u: np.ndarray) -> list[str]:
     """Return the paths, with entries, that the least model fits. `free` contains the paths that the user requested,
     u (N, n) all commands."""
-    blocks = FittedBlocks(file.vehicle, file.sensors)
+    blocks = FittedBlocks(vehicle_file.vehicle, vehicle_file.sensors)
     optional = {path for term in terms_of(blocks, u) for path in term.paths}
-    paths = [p for path in requested_paths(free, lambda: always_free(blocks)) for p in entries(blocks, path)]
+    paths = [
+        p for path in requested_paths(free, lambda: default_fields(blocks)) for p in entries(blocks, path)
+    ]
     candidates = [free_parameter(blocks, p, {}) for p in paths if p not in optional]
     frozen_numbers = frozen_columns(candidates, u)
     return [candidate.path for k, candidate in enumerate(candidates) if k not in frozen_numbers]
 
 
-def without_terms(file: "VehicleFile", terms: Sequence[Term]) -> "VehicleFile":
+def without_terms(vehicle_file: "VehicleFile", terms: Sequence[Term]) -> "VehicleFile":
     """Return the file with all terms at their neutral values."""
-    return with_terms(file, terms, {})
+    return with_terms(vehicle_file, terms, {})
 
 
-def with_terms(file: "VehicleFile", terms: Sequence[Term], fitted: dict[str, float]) -> "VehicleFile":
+def with_terms(vehicle_file: "VehicleFile", terms: Sequence[Term], fitted: dict[str, float]) -> "VehicleFile":
     """Return the file with the values `fitted` at their paths, and all other paths of `terms` neutral."""
-    blocks, fields = room_for(FittedBlocks(file.vehicle, file.sensors), terms), set()
+    blocks, fields = with_term_slots(FittedBlocks(vehicle_file.vehicle, vehicle_file.sensors), terms), set()
     for term in terms:
         for path, none in zip(term.paths, term.neutral, strict=True):
             blocks = put(blocks, path, fitted.get(path, none))
@@ -88,11 +92,11 @@ def with_terms(file: "VehicleFile", terms: Sequence[Term], fitted: dict[str, flo
     values = {field: np.asarray(get(blocks, field), float).tolist() for field in sorted(fields)}
     if LAG in values and LAG not in fitted:
         values[LAG] = 0.0
-    changes = {k: v for k, v in values.items() if not _same(v, file.value(k))}
-    return file.with_values(changes) if changes else file
+    changes = {k: v for k, v in values.items() if not _same(v, vehicle_file.value(k))}
+    return vehicle_file.with_values(changes) if changes else vehicle_file
 
 
-def room_for(blocks: FittedBlocks, terms: Sequence[Term]) -> FittedBlocks:
+def with_term_slots(blocks: FittedBlocks, terms: Sequence[Term]) -> FittedBlocks:
     """Return the blocks in a form that can contain the terms: a lag, and dead zones of each channel."""
     drivetrain = getattr(blocks.model, "drivetrain", None)
     if drivetrain is None:
@@ -100,8 +104,8 @@ def room_for(blocks: FittedBlocks, terms: Sequence[Term]) -> FittedBlocks:
     changes: JsonObject = {}
     requested_paths = {path.partition("[")[0] for term in terms for path in term.paths}
     if LAG in requested_paths and drivetrain.lag_s == 0.0:
-        changes["lag_s"] = SHORTEST_LAG_S
-    for field in (*DEAD_ZONES, "model.drivetrain.gain"):
+        changes["lag_s"] = MIN_LAG_S
+    for field in (*DEAD_ZONE_PATHS, "model.drivetrain.gain"):
         name = field.rpartition(".")[2]
         if field in requested_paths and len(getattr(drivetrain, name)) < drivetrain.channels:
             changes[name] = np.repeat(getattr(drivetrain, name), drivetrain.channels)
@@ -112,8 +116,8 @@ def terms_of(blocks: FittedBlocks, u: np.ndarray, battery: bool = False) -> list
     """Return all terms of a vehicle with the commands u (N, n); `battery` is True if its voltage was logged."""
     blocks = blocks._replace(model=ideal(blocks.model))
     motions = _motions(blocks.model, u)
-    own = _of_fields(blocks, motions)
-    return own + _of_drivetrain(blocks.model, motions, battery) + _cross_talk(blocks, u)
+    field_terms = _field_terms(blocks, motions)
+    return field_terms + _drivetrain_terms(blocks.model, motions, battery) + _cross_talk(blocks, u)
 
 
 def candidate_terms(
@@ -153,7 +157,7 @@ class _TermMotion(NamedTuple):
     w: np.ndarray  # (k,) the channels
     u: np.ndarray  # (n,) the command
     state: "Tree"  # after REACH_S
-    most: np.ndarray  # (3,) largest |ν̇| during the motion
+    max_nu: np.ndarray  # (3,) largest |ν̇| during the motion
 
 
 def _motions(model: "Tree", u: np.ndarray) -> list[_TermMotion]:
@@ -162,51 +166,55 @@ def _motions(model: "Tree", u: np.ndarray) -> list[_TermMotion]:
     channels = np.asarray([drivetrain.mix(row) for row in u[:: max(1, len(u) // 2000)]])
     low, high = np.min(channels, axis=0, initial=0.0), np.max(channels, axis=0, initial=0.0)
     axes = np.eye(len(high))
-    ways = [w for w in (*(axes * high), *(axes * low)) if np.any(w)]
-    ways += [w for w in (high, low) if np.count_nonzero(w) > 1]
+    commands = [w for w in (*(axes * high), *(axes * low)) if np.any(w)]
+    commands += [w for w in (high, low) if np.count_nonzero(w) > 1]
     quick = compile_block(model)
-    return [_drive(quick, w, drivetrain.unmix(w)) for w in ways]
+    return [_drive(quick, w, drivetrain.unmix(w)) for w in commands]
 
 
 def _drive(model: "Tree", w: np.ndarray, u: np.ndarray) -> _TermMotion:
-    state, most = model.init(), np.zeros(3)
+    state, max_nu = model.init(), np.zeros(3)
     with np.errstate(all="ignore"):
-        for _ in range(round(REACH_S / TICK_S)):
+        for _ in range(round(TRIAL_S / TICK_S)):
             state, motion = model.step(state, u, TICK_S, np.zeros(3))
-            most = np.fmax(most, np.abs(motion.nu_dot))
-    return _TermMotion(w, u, state, most)
+            max_nu = np.fmax(max_nu, np.abs(motion.nu_dot))
+    return _TermMotion(w, u, state, max_nu)
 
 
-def _of_fields(blocks: FittedBlocks, motions: Sequence[_TermMotion]) -> list[Term]:
+def _field_terms(blocks: FittedBlocks, motions: Sequence[_TermMotion]) -> list[Term]:
     """Return the terms that the fields of the model define.  (1)"""
     by_name: dict[str, list[tuple[str, float, tuple[float, ...]]]] = {}
     for field, p in all_parameters(blocks.model, "model"):
-        if not p.term or p.role == "gain" or (field.startswith(OF_WHEELS) and not _track(blocks)):
+        if not p.term or p.role == "gain" or (field.startswith(WHEEL_FRICTIONS) and not _track(blocks)):
             continue
         for path in entries(blocks, field):
             neutral = value(blocks, path) if p.neutral is None else p.neutral
-            starts = tuple(neutral + x for x in p.start) or _sizes(blocks, path, neutral, motions)
+            starts = tuple(neutral + x for x in p.start) or _search_starts(blocks, path, neutral, motions)
             if starts:
                 name = words_of(p.term, free_parameter(blocks, path, {}).entry)
                 by_name.setdefault(name, []).append((path, neutral, starts))
     return [
         Term(name, tuple(paths), tuple(neutral), tuple(zip(*starts, strict=True)))
-        for name, (paths, neutral, starts) in ((k, zip(*some, strict=True)) for k, some in by_name.items())
+        for name, (paths, neutral, starts) in ((k, zip(*group, strict=True)) for k, group in by_name.items())
     ]
 
 
-def _sizes(
+def _search_starts(
     blocks: FittedBlocks, path: str, neutral: float, motions: Sequence[_TermMotion]
 ) -> tuple[float, ...]:
     """Return the starts of the search for a parameter; () for a parameter without effect.  (1)"""
-    most = np.max([m.most for m in motions], axis=0, initial=1e-9)
-    with_, without = (put(blocks, path, neutral + x).model for x in (UNIT, 0.0))
-    slope = 0.0
+    max_nu = np.max([m.max_nu for m in motions], axis=0, initial=1e-9)
+    with_, without = (put(blocks, path, neutral + x).model for x in (UNIT_STEP, 0.0))
+    sensitivity = 0.0
     for m in motions:
-        now, then = (x.step(m.state, m.u, SOON_S, np.zeros(3))[1].nu_dot for x in (with_, without))
-        change = np.abs(now - then) / UNIT / most
-        slope = max(slope, float(np.max(change)) if np.all(np.isfinite(change)) else 0.0)
-    return tuple(neutral + part / slope for part in PARTS) if slope > 1e-9 else ()
+        nu_dot_with, nu_dot_without = (
+            x.step(m.state, m.u, SHORT_STEP_S, np.zeros(3))[1].nu_dot for x in (with_, without)
+        )
+        change = np.abs(nu_dot_with - nu_dot_without) / UNIT_STEP / max_nu
+        sensitivity = max(sensitivity, float(np.max(change)) if np.all(np.isfinite(change)) else 0.0)
+    return (
+        tuple(neutral + fraction / sensitivity for fraction in SPEED_FRACTIONS) if sensitivity > 1e-9 else ()
+    )
 
 
 def _track(blocks: FittedBlocks) -> float:
@@ -215,38 +223,40 @@ def _track(blocks: FittedBlocks) -> float:
 
 def _cross_talk(blocks: FittedBlocks, u: np.ndarray) -> list[Term]:
     """Return the terms by which a command acts on other axes."""
-    axes_moved, out = np.flatnonzero(np.any(u != 0.0, axis=0)), []
+    axes_moved, terms = np.flatnonzero(np.any(u != 0.0, axis=0)), []
     for field, p in all_parameters(blocks.model, "model"):
         if p.term and p.role == "gain":
             matrix = get(blocks, field)
-            both = [(i, j) for j in axes_moved for i in range(len(matrix)) if i != j]
-            paths = tuple(f"{field}[{i},{j}]" for i, j in both)
-            start = tuple(0.02 * float(matrix[j, j]) for _, j in both)
+            pairs = [(i, j) for j in axes_moved for i in range(len(matrix)) if i != j]
+            paths = tuple(f"{field}[{i},{j}]" for i, j in pairs)
+            start = tuple(0.02 * float(matrix[j, j]) for _, j in pairs)
             name = words_of(p.term, ())
-            out += [Term(name, paths, (0.0,) * len(paths), (start,))] if paths else []
-    return out
+            terms += [Term(name, paths, (0.0,) * len(paths), (start,))] if paths else []
+    return terms
 
 
-def _of_drivetrain(model: "Tree", motions: Sequence[_TermMotion], battery: bool) -> list[Term]:
-    moving = [m for m in motions if np.any(m.most > 0.0)]  # a servo without a motor moves nothing
-    single, out = [m for m in moving if np.count_nonzero(m.w) == 1], []
-    for way, field, sign in zip(("forward", "backward"), DEAD_ZONES, (1.0, -1.0), strict=True):
-        commands = [(k, abs(float(m.w[k]))) for m in single for k in np.flatnonzero(sign * m.w > 0.0)]
+def _drivetrain_terms(model: "Tree", motions: Sequence[_TermMotion], battery: bool) -> list[Term]:
+    moving_motions = [m for m in motions if np.any(m.max_nu > 0.0)]  # a servo without a motor moves nothing
+    single_channel, terms = [m for m in moving_motions if np.count_nonzero(m.w) == 1], []
+    for direction, field, sign in zip(("forward", "backward"), DEAD_ZONE_PATHS, (1.0, -1.0), strict=True):
+        commands = [(k, abs(float(m.w[k]))) for m in single_channel for k in np.flatnonzero(sign * m.w > 0.0)]
         paths = tuple(f"{field}[{k}]" for k, _ in commands)
-        starts = tuple(tuple(part * size for _, size in commands) for part in (0.05, 0.25))
+        starts = tuple(tuple(fraction * magnitude for _, magnitude in commands) for fraction in (0.05, 0.25))
         if paths:
-            out.append(Term(f"dead zone {way}", paths, (0.0,) * len(paths), starts))
-    if len(out) == 2:
-        paths, starts = out[0].paths + out[1].paths, zip(out[0].starts, out[1].starts, strict=True)
-        out.insert(0, Term("dead zone", paths, (0.0,) * len(paths), tuple(a + b for a, b in starts)))
-    out.append(_term("motor lag", LAG, 0.05)._replace(neutral=(SHORTEST_LAG_S,)))
-    out.append(_term("delay", DELAY, *((k + 0.5) * SCAN_S for k in range(round(LONGEST_DELAY_S / SCAN_S)))))
+            terms.append(Term(f"dead zone {direction}", paths, (0.0,) * len(paths), starts))
+    if len(terms) == 2:
+        paths, starts = terms[0].paths + terms[1].paths, zip(terms[0].starts, terms[1].starts, strict=True)
+        terms.insert(0, Term("dead zone", paths, (0.0,) * len(paths), tuple(a + b for a, b in starts)))
+    terms.append(_term("motor lag", LAG, 0.05)._replace(neutral=(MIN_LAG_S,)))
+    terms.append(
+        _term("delay", DELAY, *((k + 0.5) * DELAY_GRID_S for k in range(round(MAX_DELAY_S / DELAY_GRID_S))))
+    )
     if model.drivetrain.mixing == "two_wheels":
         gain = Term("unequal motors", ("model.drivetrain.gain[1]",), (1.0,), ((1.02,),))
-        out += [gain, _term("battery sag", "model.drivetrain.sag", 0.05)]
+        terms += [gain, _term("battery sag", "model.drivetrain.sag", 0.05)]
     if battery:
-        out.append(_term("battery voltage", BATTERY, 0.5, 1.0))
-    return out
+        terms.append(_term("battery voltage", BATTERY_EFFECT_PATH, 0.5, 1.0))
+    return terms
 
 
 def _term(name: str, path: str, *starts: float) -> Term:
@@ -258,10 +268,12 @@ def _same(a: Any, b: Any) -> bool:
     return x.shape == y.shape and bool(np.all(x == y))
 
 
-def not_separated(term: Term, x: np.ndarray, sd: np.ndarray) -> Diagnostic | None:
+def separation_problem(term: Term, x: np.ndarray, std: np.ndarray) -> Diagnostic | None:
     """Return the reason why the runs do not separate the effect κ of the battery. Return None for other terms, or if
     κ is known to ± 0.5 and, within its error, between 0 and 1."""
-    half = QUANTILE_95 * float(sd[0])
-    if term.paths != (BATTERY,) or (2.0 * half <= 1.0 and -half <= x[0] <= 1.0 + half):
+    half_width = QUANTILE_95 * float(std[0])
+    if term.paths != (BATTERY_EFFECT_PATH,) or (
+        2.0 * half_width <= 1.0 and -half_width <= x[0] <= 1.0 + half_width
+    ):
         return None
-    return note("term.battery-not-separable", value=x[0], half=half)
+    return note("term.battery-not-separable", value=x[0], half=half_width)

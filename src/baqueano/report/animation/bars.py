@@ -13,22 +13,26 @@ if TYPE_CHECKING:
 QUANTILE_95 = 1.96
 
 
-class Stage(NamedTuple):
+class PartialFit(NamedTuple):
     """The estimates of a fit to the first seconds of a drive."""
 
     seconds: float
     verdict: Verdict
-    off: np.ndarray  # (p,) estimate over the truth, minus 1; NaN without an estimate
-    half: np.ndarray  # (p,) half-width of the 95 % interval, in parts of the truth
+    relative_error: np.ndarray  # (p,) estimate over the truth, minus 1; NaN without an estimate
+    half_width: np.ndarray  # (p,) half-width of the 95 % interval, in parts of the truth
 
 
-def bars(fits: Sequence[tuple[float, "Fit"]], names: Sequence[str], truth: Sequence[float]) -> list[Stage]:
+def bars(
+    fits: Sequence[tuple[float, "Fit"]], names: Sequence[str], truth: Sequence[float]
+) -> list[PartialFit]:
     """Return a stage per (seconds, fit) for the parameters `names` with the nonzero true values `truth`."""
-    out = []
+    partial_fits = []
     for seconds, fit in fits:
         rows = {row["name"]: row for row in fit.rows()}
         pairs = [(rows[name]["estimate"], rows[name]["sd"]) for name in names]
-        value, sd = np.array([[np.nan if x is None else x for x in pair] for pair in pairs]).T
+        value, std = np.array([[np.nan if x is None else x for x in pair] for pair in pairs]).T
         true = np.asarray(truth)
-        out.append(Stage(seconds, fit.verdict, value / true - 1.0, QUANTILE_95 * sd / np.abs(true)))
-    return out
+        partial_fits.append(
+            PartialFit(seconds, fit.verdict, value / true - 1.0, QUANTILE_95 * std / np.abs(true))
+        )
+    return partial_fits

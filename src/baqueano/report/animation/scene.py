@@ -50,23 +50,24 @@ def scene(run: Run) -> Scene:
     t_s = np.linspace(0.0, end_s, min(A_LAP * laps, MOST) + 1)
     t_ns = run.t_ns[0] + np.round(t_s * NANOSECONDS).astype(np.int64)
     logs = [
-        None if log is None else _fill(poses_at(t_ns, log.t_ns, log.eta)) for log in (run.estimate, run.truth)
+        None if log is None else _filled(poses_at(t_ns, log.t_ns, log.eta))
+        for log in (run.estimate, run.truth)
     ]
-    half = None
+    half_width = None
     if corridor is not None and len(corridor.t_s) > 1:
-        half = np.interp(t_s, corridor.t_s, corridor.across_m, right=np.nan)
+        half_width = np.interp(t_s, corridor.t_s, corridor.across_m, right=np.nan)
     route = None
     if run.guide_reference is not None and len(run.guide_reference.t_ns) > 1:
-        first = seconds(run.guide_reference.t_ns, run.guide_reference.t_ns[0]) <= lap_s
-        route = run.guide_reference.eta[first, :2][:: max(1, int(first.sum()) // 160)]
-    return Scene(t_s, logs[0], logs[1], half, route, laps, _radius_m(run))
+        is_first_lap = seconds(run.guide_reference.t_ns, run.guide_reference.t_ns[0]) <= lap_s
+        route = run.guide_reference.eta[is_first_lap, :2][:: max(1, int(is_first_lap.sum()) // 160)]
+    return Scene(t_s, logs[0], logs[1], half_width, route, laps, _radius_m(run))
 
 
-def _fill(poses: np.ndarray) -> np.ndarray:
+def _filled(poses: np.ndarray) -> np.ndarray:
     """Return the poses with each gap filled by the previous pose. A gap at the start is filled by the first pose."""
     finite = np.flatnonzero(np.isfinite(poses).all(axis=1))
-    at = np.clip(np.searchsorted(finite, np.arange(len(poses)), side="right") - 1, 0, None)
-    return poses[finite[at]]
+    last_finite = np.clip(np.searchsorted(finite, np.arange(len(poses)), side="right") - 1, 0, None)
+    return poses[finite[last_finite]]
 
 
 def _radius_m(run: Run) -> float:

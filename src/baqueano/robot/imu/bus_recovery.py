@@ -26,14 +26,14 @@ from baqueano.errors import RobotUnreachable
 from baqueano.messages import text
 from baqueano.messages.language import translate as _
 
-BUS = "i2c-1"  # on the pins 3 and 5 of every Raspberry Pi
+BUS_NAME = "i2c-1"  # on the pins 3 and 5 of every Raspberry Pi
 SDA, SCL, BOTH = "2", "3", "2,3"  # GPIO
 I2C, LEFT_BEHIND = "a0", ("ip", "op")
 LOW, LET_GO = ("op", "dl"), ("ip", "pu")
-CLOCKS = 9
+CLOCK_PULSES = 9
 CALL_S, ALL_S = 1.0, 2.0  # time limits of one call, and of all calls before the pins return to I2C mode
-AGAIN_NS = 5_000_000_000
-LINE = re.compile(r"^ *([23]): (\S\S) .*\| (hi|lo)\b", re.MULTILINE)
+RETRY_NS = 5_000_000_000
+LINE_PATTERN = re.compile(r"^ *([23]): (\S\S) .*\| (hi|lo)\b", re.MULTILINE)
 
 
 class RecoveryOutcome(NamedTuple):
@@ -65,20 +65,20 @@ class Recovery:
         self._next_ns = -(1 << 62)
 
     @property
-    def running(self) -> bool:
+    def is_running(self) -> bool:
         """Return True while a recovery runs: the pins may then not be in I2C mode, and no transfer may begin."""
         return self._thread is not None and self._thread.is_alive()
 
     def begin(self, now_ns: int) -> None:
         """Begin a recovery, unless a recovery runs, or the last recovery began less than 5 s ago."""
-        if not self.running and now_ns >= self._next_ns:
-            self._next_ns = now_ns + AGAIN_NS
+        if not self.is_running and now_ns >= self._next_ns:
+            self._next_ns = now_ns + RETRY_NS
             self._thread = threading.Thread(target=self._work, name="bus recovery")
             self._thread.start()
 
     def pop_outcome(self) -> RecoveryOutcome | None:
         """Return the outcome of the last recovery, once; None while a recovery runs, or without a new outcome."""
-        if self.running:
+        if self.is_running:
             return None
         outcome, self._outcome = self._outcome, None
         return outcome
@@ -93,21 +93,21 @@ class Recovery:
             AttributeError, OSError
         ):  # this thread alone loses the real-time priority, which the service's ticks need
             os.sched_setscheduler(0, os.SCHED_OTHER, os.sched_param(0))
-        self._outcome = recover(self._path)
+        self._outcome = recover_bus(self._path)
 
 
-def recover(path: str) -> RecoveryOutcome:
+def recover_bus(path: str) -> RecoveryOutcome:
     """Clock the bus at `path` free if a chip holds SDA, and return the outcome.
 
     A free bus is not clocked. Errors of the bus are part of the outcome and are not raised.
     """
     try:
         pins = _pins(path)
-        sda, scl = pins.look()
+        sda, scl = pins.read_pins()
         foreign_mode = {sda.function, scl.function} != {I2C}
         if foreign_mode:
             pins.give_back()
-            sda, scl = pins.look()
+            sda, scl = pins.read_pins()
         if not scl.high:
             return RecoveryOutcome(False, note("bus.scl-held", Severity.WARNING))
         if sda.high and foreign_mode:
@@ -130,7 +130,7 @@ def check_bus_recovery(path: str, model: Path) -> tuple[str, str, str]:
     if not model.exists() or "Raspberry Pi" not in model.read_text(encoding="utf-8"):
         return "unknown", _("this machine is not a Raspberry Pi"), ""
     try:
-        sda, scl = _pins(path).look()
+        sda, scl = _pins(path).read_pins()
     except RobotUnreachable as error:
         return "warn", _("a blocked bus could not be freed with clock pulses"), str(error)
     levels = _(
@@ -139,14 +139,14 @@ def check_bus_recovery(path: str, model: Path) -> tuple[str, str, str]:
         scl=_("high") if scl.high else _("low"),
     )
     if sda.function != I2C or scl.function != I2C:
-        finding = _(
+        figure_text = _(
             "GPIO 2 is {sda} and GPIO 3 {scl}, expected {i2c}; {levels}",
             sda=sda.function,
             scl=scl.function,
             i2c=I2C,
             levels=levels,
         )
-        return "warn", finding, _("Type: pinctrl set {both} {i2c}", both=BOTH, i2c=I2C)
+        return "warn", figure_text, _("Type: pinctrl set {both} {i2c}", both=BOTH, i2c=I2C)
     return "ok", _("pinctrl reaches GPIO 2 and 3; {levels}", levels=levels), ""
 
 
@@ -159,10 +159,13 @@ class _Pins:
     def __init__(self, program: str) -> None:
         self._program, self._end_s = program, time.monotonic() + ALL_S
 
-    def look(self) -> tuple[BusLine, BusLine]:
+    def read_pins(self) -> tuple[BusLine, BusLine]:
         """Return the states of SDA and SCL."""
         reply = self._call("get", BOTH)
-        lines = {number: BusLine(function, level == "hi") for number, function, level in LINE.findall(reply)}
+        lines = {
+            number: BusLine(function, level == "hi")
+            for number, function, level in LINE_PATTERN.findall(reply)
+        }
         if len(lines) != 2:
             raise RobotUnreachable(fault("bus.pinctrl-said", pins=BOTH, found=repr(reply)))
         return lines[SDA], lines[SCL]
@@ -182,15 +185,15 @@ class _Pins:
         Raise RobotUnreachable if both attempts fail.
         """
         self._end_s = float("inf")
-        cause = ""
+        cause_text = ""
         for _try in range(2):
             try:
                 self.set(BOTH, I2C)
-                if all(line.function == I2C for line in self.look()):
+                if all(line.function == I2C for line in self.read_pins()):
                     return
             except RobotUnreachable as error:
-                cause = f" ({error})"
-        raise RobotUnreachable(fault("bus.not-given-back", f"pinctrl set {BOTH} {I2C}", because=cause))
+                cause_text = f" ({error})"
+        raise RobotUnreachable(fault("bus.not-given-back", f"pinctrl set {BOTH} {I2C}", because=cause_text))
 
     def _call(self, *words: str) -> str:
         import subprocess  # loaded late, for a fast start of the service: a bus is rarely held
@@ -222,15 +225,15 @@ def _pins(path: str) -> _Pins:
 
     Raise RobotUnreachable for another bus, without `pinctrl`, or if the pins have another function.
     """
-    if Path(path).name != BUS:
-        raise RobotUnreachable(fault("bus.not-this", path=path, bus=BUS))
+    if Path(path).name != BUS_NAME:
+        raise RobotUnreachable(fault("bus.not-this", path=path, bus=BUS_NAME))
     import shutil
 
     program = shutil.which("pinctrl")
     if program is None:
         raise RobotUnreachable(note("bus.no-pinctrl", Severity.ERROR, "sudo apt install raspi-utils"))
     pins = _Pins(program)
-    sda, scl = pins.look()
+    sda, scl = pins.read_pins()
     if not {sda.function, scl.function} <= {I2C, *LEFT_BEHIND}:
         raise RobotUnreachable(fault("bus.other-pins", sda=sda.function, scl=scl.function, expected=I2C))
     return pins
@@ -239,16 +242,16 @@ def _pins(path: str) -> _Pins:
 def _send_clocks(pins: _Pins) -> RecoveryOutcome:
     """Run (1) and (2), and return the outcome; the caller puts the pins back into I2C mode."""
     pins.set(BOTH, *LET_GO)
-    for clock in range(1, CLOCKS + 1):
+    for clock in range(1, CLOCK_PULSES + 1):
         pins.set(SCL, *LOW)
         pins.set(SCL, *LET_GO)
-        sda, scl = pins.look()
+        sda, scl = pins.read_pins()
         if not scl.high:
             return RecoveryOutcome(False, note("bus.scl-held-later", Severity.WARNING, clocks=clock))
         if sda.high and _send_stop(pins):
             code = "bus.freed-at-once" if clock == 1 else "bus.freed"
             return RecoveryOutcome(True, note(code, Severity.WARNING, clocks=clock))
-    return RecoveryOutcome(False, note("bus.sda-held", Severity.WARNING, clocks=CLOCKS))
+    return RecoveryOutcome(False, note("bus.sda-held", Severity.WARNING, clocks=CLOCK_PULSES))
 
 
 def _send_stop(pins: _Pins) -> bool:
@@ -257,4 +260,4 @@ def _send_stop(pins: _Pins) -> bool:
     pins.set(SDA, *LOW)
     pins.set(SCL, *LET_GO)
     pins.set(SDA, *LET_GO)
-    return pins.look()[0].high
+    return pins.read_pins()[0].high

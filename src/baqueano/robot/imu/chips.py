@@ -16,7 +16,7 @@ are driven as a 6500, without a temperature, like all chips with an unknown id.
 import math
 from typing import NamedTuple
 
-from baqueano.sensors.imu_filter import BANDS_6050, BANDS_6500, FilterBand
+from baqueano.sensors.imu_filter import MPU6050_BANDS, MPU6500_BANDS, FilterBand
 from baqueano.signals import STANDARD_GRAVITY
 
 ACCEL_RANGES_G = (2, 4, 8, 16)
@@ -37,7 +37,7 @@ class Chip(NamedTuple):
     @property
     def bands(self) -> dict[int, FilterBand]:
         """Return the band of each filter setting, limited to the settings that leave the gyro at 1 kHz."""
-        return BANDS_6500 if self.own_accel_filter else BANDS_6050
+        return MPU6500_BANDS if self.own_accel_filter else MPU6050_BANDS
 
     def celsius(self, raw: int) -> float:
         """Return the temperature [°C]; NaN if the scale is unknown.  (3)"""

@@ -31,12 +31,12 @@ if TYPE_CHECKING:
     from baqueano.vehicle_file.head import Hardware
 
 ADDRESSES = (0x68, 0x69)
-BURST = (0x3B, 14)
+BURST_REGISTERS = (0x3B, 14)
 STEP_S = 0.002
 START_NS = 2 * SECOND
 REST_SAMPLES = 20
-GRAVITY_SLACK = 0.15
-STILL_DPS = 25.0
+GRAVITY_TOLERANCE = 0.15
+MAX_REST_DPS = 25.0
 
 
 def open(
@@ -63,18 +63,20 @@ def open(
     try:
         chip = chip_at(device, who_am_i)
         imu = Mpu6050(device, chip, settings or ImuSettings(), now_ns)
-        identity = _rest(imu, who_am_i, now_ns, sleep)
+        identity = _identity_at_rest(imu, who_am_i, now_ns, sleep)
         identity = replace(identity, warnings=(*warnings, *identity.warnings))
     except BaseException:
         device.close()
         raise
     imu.identity = identity
-    for line in lines(imu, identity) if notify else ():
+    for line in description_lines(imu, identity) if notify else ():
         notify(line)  # type: ignore[misc]
     return imu
 
 
-def of(hardware: "Hardware", notify: Callable[[str], object] | None, in_chip_axes: bool = False) -> Mpu6050:
+def imu_of(
+    hardware: "Hardware", notify: Callable[[str], object] | None, in_chip_axes: bool = False
+) -> Mpu6050:
     """Return the running IMU, with the settings in [robot] of the vehicle file.
 
     With `in_chip_axes` the samples stay in the chip's axes, as needed if the mounting is not yet known.
@@ -89,20 +91,20 @@ def of(hardware: "Hardware", notify: Callable[[str], object] | None, in_chip_axe
     )
 
 
-def time_burst(device: "Device", now_ns: Callable[[], int], times: int = 20) -> float:
-    """Return the shortest duration [s] of a burst of 14 bytes in `times` attempts; NaN if all failed."""
-    best = float("nan")
-    for _time in range(times):
-        start = now_ns()
+def time_burst(device: "Device", now_ns: Callable[[], int], repeat_count: int = 20) -> float:
+    """Return the shortest duration [s] of a burst of 14 bytes in `repeat_count` attempts; NaN if all failed."""
+    best_s = float("nan")
+    for _time in range(repeat_count):
+        start_ns = now_ns()
         try:
-            device.read(*BURST)
+            device.read(*BURST_REGISTERS)
         except OSError:
             continue
-        best = np.fmin(best, (now_ns() - start) / SECOND)
-    return float(best)
+        best_s = np.fmin(best_s, (now_ns() - start_ns) / SECOND)
+    return float(best_s)
 
 
-def lines(imu: Mpu6050, identity: OpenedImu) -> list[str]:
+def description_lines(imu: Mpu6050, identity: OpenedImu) -> list[str]:
     """Return chip, settings, filter, first values and warnings as lines of text."""
     s, band = imu.settings, imu.chip.bands[imu.settings.filter]
     axes = ", ".join(s.axes)
@@ -148,7 +150,7 @@ def lines(imu: Mpu6050, identity: OpenedImu) -> list[str]:
     return lines + ["  " + _("warning: {text}", text=text) for text in identity.warnings]
 
 
-def _rest(
+def _identity_at_rest(
     imu: Mpu6050, who_am_i: int, now_ns: Callable[[], int], sleep: Callable[[float], object]
 ) -> OpenedImu:
     """Start the chip, and return its identity, the means of its first samples, the burst time, and warnings.
@@ -190,39 +192,39 @@ def _doubts(imu: Mpu6050, who_am_i: int, accel: float, gyro: float) -> list[str]
 
     Raise RobotUnreachable for an unlisted chip with implausible values.
     """
-    odd = []
-    if abs(accel / STANDARD_GRAVITY - 1.0) > GRAVITY_SLACK:
-        odd.append(
+    doubts = []
+    if abs(accel / STANDARD_GRAVITY - 1.0) > GRAVITY_TOLERANCE:
+        doubts.append(
             _(
                 "measures {accel:.2f} m/s² at rest; expected {standard_gravity:.2f} ± 15 %",
                 accel=accel,
                 standard_gravity=STANDARD_GRAVITY,
             )
         )
-    if gyro > STILL_DPS:
-        odd.append(
+    if gyro > MAX_REST_DPS:
+        doubts.append(
             _(
                 "turns at {gyro:.1f} °/s at rest; expected less than {still_dps:g}",
                 gyro=gyro,
-                still_dps=STILL_DPS,
+                still_dps=MAX_REST_DPS,
             )
         )
     if imu.chip.is_listed:
-        return odd
-    if odd:
+        return doubts
+    if doubts:
         raise RobotUnreachable(
             fault(
                 "imu.unknown-chip",
                 who_am_i=who_am_i,
                 address=imu.device.address,
-                odd=f" {_('and')} ".join(odd),
+                odd=f" {_('and')} ".join(doubts),
             )
         )
-    odd.append(
+    doubts.append(
         _(
             "WHO_AM_I 0x{who_am_i:02X} is not known: the chip is used as an MPU-6500, with an unknown "
             "temperature. Its values at rest are plausible.",
             who_am_i=who_am_i,
         )
     )
-    return odd
+    return doubts

@@ -22,7 +22,7 @@ from baqueano.errors import RobotUnreachable, UsageError
 
 I2C_RETRIES, I2C_TIMEOUT = 0x0701, 0x0702  # requests of linux/i2c-dev.h that smbus2 does not define
 TIMEOUT_10MS = 4
-HELD = (errno.ETIMEDOUT, errno.EAGAIN)  # a line that stays low; arbitration lost
+HELD_ERRNOS = (errno.ETIMEDOUT, errno.EAGAIN)  # a line that stays low; arbitration lost
 
 
 @dataclass
@@ -48,7 +48,7 @@ class Device:
         except PermissionError:
             raise RobotUnreachable(fault("imu.bus-not-allowed", path=self.path)) from None
         self._message = message
-        self._bound_the_wait()
+        self._set_timeout()
 
     def close(self) -> None:
         """Close the bus if it is open."""
@@ -71,7 +71,7 @@ class Device:
             raise OSError(errno.EBADF, os.strerror(errno.EBADF), self.path)
         self._bus.i2c_rdwr(*messages)
 
-    def _bound_the_wait(self) -> None:
+    def _set_timeout(self) -> None:
         """Set the kernel's timeout for a transfer; adapters that do not support this keep their timeout."""
         import fcntl
 
@@ -85,7 +85,7 @@ class Device:
 
 def is_stuck_low(error: OSError) -> bool:
     """Return True if the error means that the bus is stuck low, False if only the device is silent."""
-    return error.errno in HELD
+    return error.errno in HELD_ERRNOS
 
 
 def _smbus2() -> tuple[Any, Any]:

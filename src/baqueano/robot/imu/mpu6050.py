@@ -23,7 +23,7 @@ import numpy as np
 from baqueano.diagnostics import Diagnostic, Severity, fault, note
 from baqueano.errors import BaqueanoError, RobotUnreachable
 from baqueano.messages.language import mark as N_
-from baqueano.robot.imu.bus_recovery import Recovery, RecoveryOutcome, recover
+from baqueano.robot.imu.bus_recovery import Recovery, RecoveryOutcome, recover_bus
 from baqueano.robot.imu.chips import Chip, accel_scale, chip_of, gyro_scale
 from baqueano.robot.imu.i2c import Device, is_stuck_low
 from baqueano.robot.imu.sample_clock import SampleClock
@@ -35,14 +35,14 @@ SMPLRT_DIV, FIFO_EN, INT_PIN_CFG, INT_STATUS = 0x19, 0x23, 0x37, 0x3A
 USER_CTRL, PWR_MGMT_1, FIFO_COUNT, FIFO_R_W, WHO_AM_I = 0x6A, 0x6B, 0x72, 0x74, 0x75
 RESET, PLL_X, ALL_SENSORS, FIFO_ON, FIFO_RESET = 0x80, 0x01, 0xF8, 0x40, 0x04
 RESET_MS, START_MS, AGAIN_MS = 100, 60, 100
-WORDS = 14  # bytes of a sample: accelerometer, temperature, gyro
-MOST = 16  # samples in one transfer: 5 ms at 400 kHz
-MARGIN = 3  # samples; a FIFO with less free space than this may have lost samples
-FAILURES = 3
-DROUGHT = 5  # missing samples after which the registers of the chip are checked
+SAMPLE_BYTES = 14  # bytes of a sample: accelerometer, temperature, gyro
+MAX_SAMPLES_PER_TRANSFER = 16  # samples in one transfer: 5 ms at 400 kHz
+FIFO_MARGIN = 3  # samples; a FIFO with less free space than this may have lost samples
+MAX_FAILURES = 3
+MAX_MISSING_SAMPLES = 5  # missing samples after which the registers of the chip are checked
 Batch = tuple[list[Row], list[int]]  # raw words and their times
-NOTHING: Batch = ([], [])
-WORD = struct.Struct(">7h")
+EMPTY_BATCH: Batch = ([], [])
+SAMPLE_LAYOUT = struct.Struct(">7h")
 
 
 class Mpu6050:
@@ -157,99 +157,104 @@ class Mpu6050:
 
     def read(self) -> list[Sample]:
         """Return the samples since the last call, oldest first. Errors of the bus are counted and not raised."""
-        if self._closed or self._recovery.running:
+        if self._closed or self._recovery.is_running:
             return []
-        now = self._now_ns()
-        rows, times = NOTHING
+        now_ns = self._now_ns()
+        rows, times = EMPTY_BATCH
         try:
-            if self._advance_start(now):
-                rows, times = self._fresh(now)
+            if self._advance_start(now_ns):
+                rows, times = self._new_batch(now_ns)
                 self._failures = 0
         except OSError as error:
-            self._note_failure(now, error)
-        keep, broken = self._watch.judge(now, rows)
-        if broken and self._steps is None:
-            self._restart(now, quietly=self._watch.rounds > 1)
-        return self._samples(rows, times, keep)
+            self._note_failure(now_ns, error)
+        is_kept, is_broken = self._watch.judge(now_ns, rows)
+        if is_broken and self._steps is None:
+            self._restart(now_ns, quietly=self._watch.rounds > 1)
+        return self._samples(rows, times, is_kept)
 
-    def _samples(self, rows: list[Row], times: list[int], keep: list[bool]) -> list[Sample]:
-        """Convert the raw words of the rows that `keep` selects, and return samples in SI units and body axes."""
+    def _samples(self, rows: list[Row], times: list[int], is_kept: list[bool]) -> list[Sample]:
+        """Convert the raw words of the rows that `is_kept` selects, and return samples in SI units and body axes."""
         if not rows:
             return []
         raw = np.array(rows, dtype=float)
         accel, gyro = raw[:, :3] @ self._accel, raw[:, 4:] @ self._gyro
         celsius = self.chip.celsius
-        return [Sample(times[i], accel[i], gyro[i], celsius(row[3])) for i, row in enumerate(rows) if keep[i]]
+        return [
+            Sample(times[i], accel[i], gyro[i], celsius(row[3])) for i, row in enumerate(rows) if is_kept[i]
+        ]
 
-    def _fresh(self, now: int) -> Batch:
+    def _new_batch(self, now_ns: int) -> Batch:
         """Return the new samples; try a second time after an error, but not if the bus is stuck."""
         try:
-            return self._look(now)
+            return self._check_and_read(now_ns)
         except OSError as error:
             if is_stuck_low(error):
                 raise
             self.counts.retries += 1
-            return self._look(now)
+            return self._check_and_read(now_ns)
 
-    def _look(self, now: int) -> Batch:
+    def _check_and_read(self, now_ns: int) -> Batch:
         """Return the new samples; once a second, check the registers of the chip first."""
-        if now >= self._check_at:
-            if not self._remembers(now):
-                return NOTHING
-            self._check_at = now + SECOND
-        return self._from_fifo(now) if self.settings.mode == "fifo" else self._from_registers()
+        if now_ns >= self._check_at:
+            if not self._keeps_settings(now_ns):
+                return EMPTY_BATCH
+            self._check_at = now_ns + SECOND
+        return self._from_fifo(now_ns) if self.settings.mode == "fifo" else self._from_registers()
 
-    def _from_fifo(self, now: int) -> Batch:
-        """Return at most `MOST` samples from the FIFO; empty the FIFO if it is full or out of step."""
-        before = self._now_ns()
+    def _from_fifo(self, now_ns: int) -> Batch:
+        """Return at most `MAX_SAMPLES_PER_TRANSFER` samples from the FIFO; empty the FIFO if it is full or out of
+        step."""
+        before_ns = self._now_ns()
         count = int.from_bytes(self.device.read(FIFO_COUNT, 2), "big")
-        after = self._now_ns()
-        whole, rest = divmod(count, WORDS)
-        self._odd = self._odd + 1 if rest else 0
-        full = count > self.chip.fifo_bytes - MARGIN * WORDS
-        eaten = self._residue and (count < self._residue or (count - self._residue) % WORDS)
-        if full or eaten or self._odd >= FAILURES:
-            self._empty()
+        after_ns = self._now_ns()
+        sample_count, residue = divmod(count, SAMPLE_BYTES)
+        self._odd = self._odd + 1 if residue else 0
+        is_full = count > self.chip.fifo_bytes - FIFO_MARGIN * SAMPLE_BYTES
+        eaten = self._residue and (count < self._residue or (count - self._residue) % SAMPLE_BYTES)
+        if is_full or eaten or self._odd >= MAX_FAILURES:
+            self._clear_fifo()
             self.counts.overflows += 1
             self._watch.record_event(
-                now, "imu.overflow", how=N_("full") if full else N_("out of step"), count=count
+                now_ns, "imu.overflow", how=N_("full") if is_full else N_("out of step"), count=count
             )
-            return NOTHING
-        if rest:
-            return NOTHING
-        self.clock.look(self._index + whole, before, after)
-        if not whole:
+            return EMPTY_BATCH
+        if residue:
+            return EMPTY_BATCH
+        self.clock.add_reading(self._index + sample_count, before_ns, after_ns)
+        if not sample_count:
             return self._empty_batch()
-        number = min(whole, MOST)
+        read_count = min(sample_count, MAX_SAMPLES_PER_TRANSFER)
         self._residue = count
-        data = self.device.read(FIFO_R_W, number * WORDS)
+        data = self.device.read(FIFO_R_W, read_count * SAMPLE_BYTES)
         self._residue = 0
-        times = self.clock.stamps(self._index + 1, number)
-        self._index += number
-        return list(WORD.iter_unpack(data)), times
+        times = self.clock.stamps(self._index + 1, read_count)
+        self._index += read_count
+        return list(SAMPLE_LAYOUT.iter_unpack(data)), times
 
     def _from_registers(self) -> Batch:
         """Return the newest sample if it is new, else an empty batch."""
-        before = self._now_ns()
-        data = self.device.read(INT_STATUS, 1 + WORDS)
-        earliest = max(self._look_ns, before - SECOND // self.settings.rate_hz)
-        self._look_ns = before
+        before_ns = self._now_ns()
+        data = self.device.read(INT_STATUS, 1 + SAMPLE_BYTES)
+        earliest = max(self._look_ns, before_ns - SECOND // self.settings.rate_hz)
+        self._look_ns = before_ns
         if not data[0] & 1:
             return self._empty_batch()
-        return [WORD.unpack(data[1:])], [(earliest + before) // 2]
+        return [SAMPLE_LAYOUT.unpack(data[1:])], [(earliest + before_ns) // 2]
 
     def _empty_batch(self) -> Batch:
         """Return an empty batch; after a long time without samples, let the next call check the registers."""
-        self._check_at = min(self._check_at, self._watch.last_ns + DROUGHT * SECOND // self.settings.rate_hz)
-        return NOTHING
+        self._check_at = min(
+            self._check_at, self._watch.last_ns + MAX_MISSING_SAMPLES * SECOND // self.settings.rate_hz
+        )
+        return EMPTY_BATCH
 
     def _registers(self) -> tuple[int, ...]:
         """Return the expected contents of SMPLRT_DIV and of the following registers."""
         s = self.settings
-        own = (s.filter,) if self.chip.own_accel_filter else ()
-        return (s.divider, s.filter, s.gyro_bits, s.accel_bits, *own)
+        accel_filter = (s.filter,) if self.chip.own_accel_filter else ()
+        return (s.divider, s.filter, s.gyro_bits, s.accel_bits, *accel_filter)
 
-    def _remembers(self, now: int) -> bool:
+    def _keeps_settings(self, now_ns: int) -> bool:
         """Return True if the chip still has its settings; otherwise report the loss and restart the chip."""
         expected = bytes(self._registers())
         registers = self.device.read(SMPLRT_DIV, len(expected))
@@ -257,8 +262,8 @@ class Mpu6050:
         if registers == expected and power == PLL_X and control & FIFO_ON == self._control:
             return True
         code = "imu.lost-supply" if power & 0x40 else "imu.lost-settings"
-        self._watch.record_event(now, code, power=power, found=registers.hex(), expected=expected.hex())
-        self._restart(now, quietly=True)
+        self._watch.record_event(now_ns, code, power=power, found=registers.hex(), expected=expected.hex())
+        self._restart(now_ns, quietly=True)
         self._start_reported = True
         return False
 
@@ -288,9 +293,9 @@ class Mpu6050:
                 fault("imu.settings-not-stored", found=registers.hex(), expected=expected.hex())
             )
         yield 0
-        self._empty()
+        self._clear_fifo()
 
-    def _empty(self) -> None:
+    def _clear_fifo(self) -> None:
         """Empty the FIFO and count samples from 0 again. FIFO_RESET is ignored while the FIFO is on."""
         self.device.write(USER_CTRL, FIFO_RESET)
         if self._control:
@@ -298,11 +303,11 @@ class Mpu6050:
         self.clock.restart()
         self._index = self._odd = self._residue = 0
 
-    def _advance_start(self, now: int) -> bool:
+    def _advance_start(self, now_ns: int) -> bool:
         """Return True if the chip runs; otherwise take a step of its start. After an error, plan a new start."""
         if self._steps is None:
             return True
-        if now < self._wait_until:
+        if now_ns < self._wait_until:
             return False
         try:
             wait_ms = next(self._steps)
@@ -310,35 +315,35 @@ class Mpu6050:
         except StopIteration:
             self._steps, self._failures = None, 0
             if self._start_reported:
-                self._watch.record_event(now, "imu.started")
+                self._watch.record_event(now_ns, "imu.started")
             self._start_reported = False
-            self._check_at = now + SECOND
-            self._look_ns = now
+            self._check_at = now_ns + SECOND
+            self._look_ns = now_ns
         except (OSError, BaqueanoError) as error:
             self._steps = self._start(reopen=True)
-            self._wait_until = now + AGAIN_MS * MILLISECOND
-            self._watch.trouble(now, error)
+            self._wait_until = now_ns + AGAIN_MS * MILLISECOND
+            self._watch.trouble(now_ns, error)
         return False
 
-    def _note_failure(self, now: int, error: OSError) -> None:
-        """Count a failed call; after `FAILURES` in a row, restart the chip."""
+    def _note_failure(self, now_ns: int, error: OSError) -> None:
+        """Count a failed call; after `MAX_FAILURES` in a row, restart the chip."""
         self.counts.failures += 1
         self._failures += 1
-        self._watch.trouble(now, error)
-        if self._failures >= FAILURES:
-            self._restart(now)
+        self._watch.trouble(now_ns, error)
+        if self._failures >= MAX_FAILURES:
+            self._restart(now_ns)
 
-    def _restart(self, now: int, quietly: bool = False) -> None:
+    def _restart(self, now_ns: int, quietly: bool = False) -> None:
         """Plan a restart: the following reads open the bus and start the chip step by step.
 
         `quietly` suppresses the event.
         """
         self.counts.restarts += 1
         self._steps = self._start(reopen=True)
-        self._wait_until = now
+        self._wait_until = now_ns
         if not quietly:
             self._start_reported = True
-            self._watch.record_event(now, "imu.restart")
+            self._watch.record_event(now_ns, "imu.restart")
 
 
 def find(path: str, addresses: tuple[int, ...]) -> tuple[Device, int, tuple[str, ...]]:
@@ -349,7 +354,7 @@ def find(path: str, addresses: tuple[int, ...]) -> tuple[Device, int, tuple[str,
     outcome: RecoveryOutcome | None = None
     device, stuck = _first_answer(path, addresses)
     if device is None and stuck:
-        outcome = recover(path)
+        outcome = recover_bus(path)
         if outcome.freed:
             device, stuck = _first_answer(path, addresses)
     if device is not None:

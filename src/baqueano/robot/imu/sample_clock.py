@@ -15,15 +15,15 @@ from collections import deque
 
 import numpy as np
 
-SLACK = 0.06  # Linux allows these chips 4 %; clones may be worse
-USUAL = 0.02  # relative prior standard deviation of P; after some readings it is of little weight
+PERIOD_TOLERANCE = 0.06  # Linux allows these chips 4 %; clones may be worse
+PERIOD_STD = 0.02  # relative prior standard deviation of P; after some readings it is of little weight
 BUCKET_NS, FIRST_BUCKETS_NS = 400_000_000, 100_000_000
 FINE_NS = 2_000_000_000  # during this first time the buckets are short, because the estimate improves fastest
-BUCKETS = 25
-EVERY_LOOK_NS = 1_000_000_000  # until then each reading updates the estimate, later only each bucket
-SLEW = 0.1  # largest correction of an interval, in periods
-GRID = 17  # number of periods at which the polygon is evaluated
-DRIFT = 0.001  # relative drift of the period between two counts of samples
+MAX_BUCKETS = 25
+EACH_READING_NS = 1_000_000_000  # until then each reading updates the estimate, later only each bucket
+MAX_SLEW = 0.1  # largest correction of an interval, in periods
+GRID_POINTS = 17  # number of periods at which the polygon is evaluated
+PERIOD_DRIFT = 0.001  # relative drift of the period between two counts of samples
 
 
 class SampleClock:
@@ -32,7 +32,7 @@ class SampleClock:
     def __init__(self, nominal_ns: float) -> None:
         self.nominal_ns = nominal_ns
         self.slips = 0  # times when readings contradicted each other
-        self._low, self._high = nominal_ns * (1.0 - SLACK), nominal_ns * (1.0 + SLACK)
+        self._low, self._high = nominal_ns * (1.0 - PERIOD_TOLERANCE), nominal_ns * (1.0 + PERIOD_TOLERANCE)
         self.period_ns = nominal_ns
         self._last_stamp = -1.0
         self.restart()
@@ -48,13 +48,13 @@ class SampleClock:
         return self.rate_hz * (self._high - self._low) / 2.0 / self.period_ns
 
     def restart(self) -> None:
-        """Begin a new count of samples, and keep the interval of possible periods, widened by DRIFT."""
-        self._low, self._high = self._low * (1.0 - DRIFT), self._high * (1.0 + DRIFT)
+        """Begin a new count of samples, and keep the interval of possible periods, widened by PERIOD_DRIFT."""
+        self._low, self._high = self._low * (1.0 - PERIOD_DRIFT), self._high * (1.0 + PERIOD_DRIFT)
         self._prior = (
-            max(self._low, self.nominal_ns * (1 - SLACK)),
-            min(self._high, self.nominal_ns * (1 + SLACK)),
+            max(self._low, self.nominal_ns * (1 - PERIOD_TOLERANCE)),
+            min(self._high, self.nominal_ns * (1 + PERIOD_TOLERANCE)),
         )
-        self._buckets: deque[list[int]] = deque(maxlen=BUCKETS)
+        self._buckets: deque[list[int]] = deque(maxlen=MAX_BUCKETS)
         self._bucket_ns = self._began = -1
         self._this: list[int] = []  # the last reading, as a bucket
         self._last_index: int | None = None  # index of the last stamp
@@ -62,7 +62,7 @@ class SampleClock:
         self._phase = 0.0
         self.phase_error_ns = self.period_ns / 2.0
 
-    def look(self, newest: int, before_ns: int, after_ns: int) -> None:
+    def add_reading(self, newest: int, before_ns: int, after_ns: int) -> None:
         """Process a reading, made between the two times: sample `newest` was present, and the next sample was not."""
         self._this = [newest, after_ns, newest, before_ns]
         if self._began < 0:
@@ -70,15 +70,15 @@ class SampleClock:
             self._buckets.append(self._this.copy())
             self._newest, self._phase = newest, (before_ns + after_ns - self.period_ns) / 2.0
             return
-        self._move(newest, before_ns, after_ns)
+        self._shift_bounds(newest, before_ns, after_ns)
         length = FIRST_BUCKETS_NS if before_ns - self._began < FINE_NS else BUCKET_NS
         closes = before_ns - self._bucket_ns > length
         if closes:
             self._bucket_ns = before_ns
             self._buckets.append(self._this.copy())
         else:
-            self._bind(newest, before_ns, after_ns)
-        if closes or before_ns - self._began < EVERY_LOOK_NS:
+            self._store_bounds(newest, before_ns, after_ns)
+        if closes or before_ns - self._began < EACH_READING_NS:
             self._solve()
 
     def stamps(self, first: int, count: int) -> list[int]:
@@ -94,20 +94,21 @@ class SampleClock:
                 steps = index - self._last_index
                 due = self._last_stamp + self.period_ns * steps
                 time = min(
-                    max(time, due - SLEW * self.period_ns * steps), due + SLEW * self.period_ns * steps
+                    max(time, due - MAX_SLEW * self.period_ns * steps),
+                    due + MAX_SLEW * self.period_ns * steps,
                 )
             time = max(time, self._last_stamp + 1.0)
             self._last_index, self._last_stamp = index, time
             times.append(round(time))
         return times
 
-    def _move(self, newest: int, before: int, after: int) -> None:
+    def _shift_bounds(self, newest: int, before: int, after: int) -> None:
         """Extrapolate the phase to the new index, within the bounds (1) and (2)."""
         self._phase += self.period_ns * (newest - self._newest)
         self._newest = newest
         self._phase = min(max(self._phase, before - self.period_ns), float(after))
 
-    def _bind(self, newest: int, before: int, after: int) -> None:
+    def _store_bounds(self, newest: int, before: int, after: int) -> None:
         """Store each bound of this reading in the newest bucket if the bound is tighter than the stored one."""
         bounds, period = self._buckets[-1], self.period_ns
         if after - period * newest < bounds[1] - period * bounds[0]:
@@ -125,18 +126,18 @@ class SampleClock:
             if low <= high:
                 break
             self.slips += 1
-            self._prior = (self.nominal_ns * (1 - SLACK), self.nominal_ns * (1 + SLACK))
+            self._prior = (self.nominal_ns * (1 - PERIOD_TOLERANCE), self.nominal_ns * (1 + PERIOD_TOLERANCE))
             for _ in range((len(self._buckets) + 1) // 2):
                 self._buckets.popleft()
             if not self._buckets:
                 self._buckets.append(self._this.copy())
         self._low, self._high = low, high
-        periods = np.linspace(low, high, GRID)[:, None]
+        periods = np.linspace(low, high, GRID_POINTS)[:, None]
         latest = np.min(upper_t - periods * upper_k, axis=1)
         earliest = np.max(lower_t - periods * lower_k, axis=1)
         weight = np.maximum(latest - earliest, 0.0) + 1e-9
-        off = (periods[:, 0] / self.nominal_ns - 1.0) / USUAL
-        weight *= np.exp(-off * off / 2.0)
+        deviation = (periods[:, 0] / self.nominal_ns - 1.0) / PERIOD_STD
+        weight *= np.exp(-deviation * deviation / 2.0)
         weight /= weight.sum()
         self.period_ns = float(weight @ periods[:, 0])
         self._phase = self._bucket_ns + float(weight @ (latest + earliest)) / 2.0
@@ -158,7 +159,7 @@ def period_bounds(
     spans = (upper_t[:, None] - lower_t[None, :]).astype(float)
     if np.any((steps == 0) & (spans < 0.0)):
         return 1.0, 0.0
-    ahead, behind = steps > 0, steps < 0
-    high = np.min(spans[ahead] / steps[ahead], initial=prior[1])
-    low = np.max(spans[behind] / steps[behind], initial=prior[0])
+    is_after, is_before = steps > 0, steps < 0
+    high = np.min(spans[is_after] / steps[is_after], initial=prior[1])
+    low = np.max(spans[is_before] / steps[is_before], initial=prior[0])
     return float(low), float(high)

@@ -29,12 +29,12 @@ from baqueano.robot.imu.mpu6050 import SMPLRT_DIV, Mpu6050
 
 AXES = (N_("accel x"), N_("accel y"), N_("accel z"), N_("gyro x"), N_("gyro y"), N_("gyro z"))
 UNITS = ("g", "g", "g", "°/s", "°/s", "°/s")
-FILTER = 2
+FILTER_SETTING = 2
 TEST_BITS = 0xE0
-READINGS = 100
+READING_COUNT = 100
 STEP_S = 0.002
 SETTLE_S = 0.1
-STILL = np.array([0.05, 0.05, 0.05, 1.0, 1.0, 1.0])  # g, °/s: ten times the noise at 94 Hz
+MAX_REST_SPREAD = np.array([0.05, 0.05, 0.05, 1.0, 1.0, 1.0])  # g, °/s: ten times the noise at 94 Hz
 TOLERANCE_6050 = 0.14
 LEAST_6500, MOST_6500 = 0.5, 1.5
 
@@ -64,10 +64,10 @@ class SelfTest(NamedTuple):
 
     def table(self) -> str:
         """Return a table as text, with one line for each axis."""
-        words = {True: _("passed"), False: _("FAILED"), None: _("no factory code")}
+        verdict_texts = {True: _("passed"), False: _("FAILED"), None: _("no factory code")}
         return "\n".join(
             f"{_(a.name):8} {number(a.response):8.3f} {a.unit:3}  {_('factory')} {number(a.trim):8.3f}  "
-            f"{words[a.passed]}"
+            f"{verdict_texts[a.passed]}"
             for a in self.axes
         )
 
@@ -77,8 +77,8 @@ def self_test(imu: Mpu6050, sleep: Callable[[float], object] = time.sleep) -> Se
 
     Raise AnswerNo if the vehicle moved or the bus failed.
     """
-    own = imu.chip.own_accel_filter
-    accel_bits = 0x00 if own else 0x10
+    own_accel_filter = imu.chip.own_accel_filter
+    accel_bits = 0x00 if own_accel_filter else 0x10
     try:
         quiet = _mean(imu, 0x00, accel_bits, sleep)
         in_test = _mean(imu, TEST_BITS, TEST_BITS | accel_bits, sleep)
@@ -87,14 +87,16 @@ def self_test(imu: Mpu6050, sleep: Callable[[float], object] = time.sleep) -> Se
         raise AnswerNo(fault("imu.self-test-broke-off", error=error)) from None
     finally:
         imu.start_again()
-    trims = factory_trims(codes, own)
+    trims = factory_trims(codes, own_accel_filter)
     axes = (
         AxisResponse(
             AXES[n], UNITS[n], float(in_test[n] - quiet[n]), trims[n], None if codes[n] == 0 else True
         )
         for n in range(6)
     )
-    return SelfTest(tuple(axis._replace(passed=_passes(n, axis, own)) for n, axis in enumerate(axes)))
+    return SelfTest(
+        tuple(axis._replace(passed=_passes(n, axis, own_accel_filter)) for n, axis in enumerate(axes))
+    )
 
 
 def factory_trims(codes: tuple[int, ...], own_accel_filter: bool) -> tuple[float, ...]:
@@ -126,32 +128,32 @@ def _codes(imu: Mpu6050) -> tuple[int, ...]:
     """Return the six codes of the factory: accel x y z, gyro x y z."""
     if imu.chip.own_accel_filter:
         return (*imu.device.read(0x0D, 3), *imu.device.read(0x00, 3))
-    x, y, z, low = imu.device.read(0x0D, 4)
-    accel = (x >> 5 << 2 | low >> 4 & 3, y >> 5 << 2 | low >> 2 & 3, z >> 5 << 2 | low & 3)
+    x, y, z, low_bits = imu.device.read(0x0D, 4)
+    accel = (x >> 5 << 2 | low_bits >> 4 & 3, y >> 5 << 2 | low_bits >> 2 & 3, z >> 5 << 2 | low_bits & 3)
     return (*accel, x & 31, y & 31, z & 31)
 
 
 def _mean(imu: Mpu6050, gyro_bits: int, accel_bits: int, sleep: Callable[[float], object]) -> np.ndarray:
     """Return the mean readings (6,) in g and °/s with these test bits set. Raise AnswerNo if the vehicle moves."""
-    own = (FILTER,) if imu.chip.own_accel_filter else ()
-    imu.device.write(SMPLRT_DIV, 0, FILTER, gyro_bits, accel_bits, *own)
+    accel_filter = (FILTER_SETTING,) if imu.chip.own_accel_filter else ()
+    imu.device.write(SMPLRT_DIV, 0, FILTER_SETTING, gyro_bits, accel_bits, *accel_filter)
     sleep(SETTLE_S)
     rows = []
-    for _reading in range(READINGS):
+    for _reading in range(READING_COUNT):
         rows.append(np.frombuffer(imu.device.read(0x3B, 14), ">i2")[[0, 1, 2, 4, 5, 6]].astype(float))
         sleep(STEP_S)
     accel_lsb = 16384.0 if imu.chip.own_accel_filter else 4096.0
     values = np.array(rows) / np.array([accel_lsb] * 3 + [GYRO_LSB_PER_DPS[0]] * 3)
     scatter = values.std(axis=0)
-    if np.any(scatter > STILL):
-        worst = int(np.argmax(scatter / STILL))
+    if np.any(scatter > MAX_REST_SPREAD):
+        worst = int(np.argmax(scatter / MAX_REST_SPREAD))
         raise AnswerNo(
             fault(
                 "imu.self-test-moved",
                 axis=AXES[worst],
                 scatter=scatter[worst],
                 in_unit=UNITS[worst],
-                limit=STILL[worst],
+                limit=MAX_REST_SPREAD[worst],
             )
         )
     return values.mean(axis=0)

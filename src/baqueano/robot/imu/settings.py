@@ -9,7 +9,7 @@ from baqueano.diagnostics import Diagnostic, fault
 from baqueano.errors import UsageError
 from baqueano.messages import text
 from baqueano.robot.imu.chips import ACCEL_RANGES_G, GYRO_RANGES_DPS
-from baqueano.sensors.imu_filter import BANDS_6050
+from baqueano.sensors.imu_filter import MPU6050_BANDS
 
 MILLISECOND, SECOND = 1_000_000, 1_000_000_000
 MODES = ("fifo", "burst")
@@ -82,11 +82,11 @@ class ImuSettings:
     axes: tuple[str, ...] = ("x", "y", "z")
 
     def __post_init__(self) -> None:
-        _one_of("rate_hz", self.rate_hz, [n for n in range(4, 1001) if 1000 % n == 0])
-        _one_of("filter", self.filter, list(BANDS_6050))
-        _one_of("accel_range_g", self.accel_range_g, ACCEL_RANGES_G)
-        _one_of("gyro_range_dps", self.gyro_range_dps, GYRO_RANGES_DPS)
-        _one_of("mode", self.mode, MODES)
+        _check_choice("rate_hz", self.rate_hz, [n for n in range(4, 1001) if 1000 % n == 0])
+        _check_choice("filter", self.filter, list(MPU6050_BANDS))
+        _check_choice("accel_range_g", self.accel_range_g, ACCEL_RANGES_G)
+        _check_choice("gyro_range_dps", self.gyro_range_dps, GYRO_RANGES_DPS)
+        _check_choice("mode", self.mode, MODES)
         self.body_from_chip()
 
     @property
@@ -115,7 +115,7 @@ class ImuSettings:
         return matrix
 
 
-def _one_of(name: str, value: object, choices: object) -> None:
+def _check_choice(name: str, value: object, choices: object) -> None:
     if value not in choices:  # type: ignore[operator]
-        words = ", ".join(str(v) for v in choices)  # type: ignore[attr-defined]
-        raise UsageError(fault("imu.setting", name=name, value=repr(value), words=words))
+        texts = ", ".join(str(v) for v in choices)  # type: ignore[attr-defined]
+        raise UsageError(fault("imu.setting", name=name, value=repr(value), words=texts))

@@ -17,10 +17,10 @@ from baqueano.robot.imu.settings import SECOND, Counts, ImuEvent, ImuSettings
 Row = tuple[int, ...]  # raw words: accelerometer, temperature, gyro
 
 SILENCE_NS = SECOND // 2
-LONGEST_CALL_NS = SECOND // 10
-ROWS = 20
-SHARE_S = 0.1
-END = 32767
+MAX_CALL_NS = SECOND // 10
+MIN_ROWS = 20
+REPORT_PERIOD_S = 0.1
+FULL_SCALE = 32767
 AXES = (
     N_("accelerometer x"),
     N_("accelerometer y"),
@@ -49,7 +49,7 @@ class ImuWatch:
         self._quiet_ns = 0
         self._counts = counts
         self._settings = settings
-        self._rows = max(ROWS, round(SHARE_S * settings.rate_hz))
+        self._rows = max(MIN_ROWS, round(REPORT_PERIOD_S * settings.rate_hz))
         self._last: Row = ()
         self._same = 0
         self._at_end = [0] * 6  # consecutive rows, per axis
@@ -77,29 +77,29 @@ class ImuWatch:
 
     def judge(self, now_ns: int, rows: list[Row]) -> tuple[list[bool], bool]:
         """Return a mask of the rows to use, one bool per row, and True if the chip must be started again."""
-        keep, broken = [], False
+        is_kept, is_broken = [], False
         for row in rows:
-            same, broken_now = self._repeats(now_ns, row)
-            broken = broken or broken_now
-            keep.append(not (same and self.frozen))
-            if self._any_at_end or max(row) >= END or min(row) <= -END:
+            is_same, broken_now = self._repeats(now_ns, row)
+            is_broken = is_broken or broken_now
+            is_kept.append(not (is_same and self.frozen))
+            if self._any_at_end or max(row) >= FULL_SCALE or min(row) <= -FULL_SCALE:
                 self._ends(now_ns, row)
-        good = sum(keep)
-        self._counts.samples += good
-        self._counts.withheld += len(rows) - good
-        return keep, self._listen(now_ns, good > 0) or broken
+        kept_count = sum(is_kept)
+        self._counts.samples += kept_count
+        self._counts.withheld += len(rows) - kept_count
+        return is_kept, self._listen(now_ns, kept_count > 0) or is_broken
 
-    def _listen(self, now_ns: int, answered: bool) -> bool:
+    def _listen(self, now_ns: int, has_answered: bool) -> bool:
         """Measure the time without good samples; return True if the chip must be started again.
 
         The time since the last call counts as 0.1 s at most.
         """
-        span_ns = min(now_ns - self._called_ns, LONGEST_CALL_NS)
+        span_ns = min(now_ns - self._called_ns, MAX_CALL_NS)
         self._called_ns = now_ns
-        if answered:
+        if has_answered:
             if self.silent:
-                gap = (now_ns - self.last_ns) / SECOND
-                self.record_event(now_ns, "imu.back", silent_s=gap)
+                gap_s = (now_ns - self.last_ns) / SECOND
+                self.record_event(now_ns, "imu.back", silent_s=gap_s)
             self.silent, self.last_ns, self.bus_stuck, self._error = False, now_ns, False, None
             self._quiet_ns = self.rounds = 0
             return False
@@ -109,18 +109,20 @@ class ImuWatch:
         self.rounds += 1
         if not self.silent:
             self.silent = True
-            cause = f": {reason(self._error)}" if self._error else ""
-            self.record_event(now_ns, "imu.data-missing", silent_s=SILENCE_NS / SECOND, because=cause)
+            cause_text = f": {error_reason(self._error)}" if self._error else ""
+            self.record_event(now_ns, "imu.data-missing", silent_s=SILENCE_NS / SECOND, because=cause_text)
         return True
 
     def _repeats(self, now_ns: int, row: Row) -> tuple[bool, bool]:
-        """Return (same, fault): `same` is True for a row that equals the last row or is all zero.
+        """Return (same, fault): `is_same` is True for a row that equals the last row or is all zero.
 
         `fault` is True once: for the row with which so many such rows have arrived that the chip is faulty.
         """
-        same = (row[:3] == self._last[:3] and row[4:] == self._last[4:]) or not (any(row[:3]) or any(row[4:]))
+        is_same = (row[:3] == self._last[:3] and row[4:] == self._last[4:]) or not (
+            any(row[:3]) or any(row[4:])
+        )
         self._last = row
-        if not same:
+        if not is_same:
             self.frozen, self._same = False, 0
             return False, False
         self._same += 1
@@ -136,7 +138,7 @@ class ImuWatch:
         The temperature is not tested.
         """
         six = (*row[:3], *row[4:])
-        at_end = [abs(word) >= END for word in six]
+        at_end = [abs(value) >= FULL_SCALE for value in six]
         self._any_at_end = any(at_end)
         self._counts.saturated += self._any_at_end
         for axis in range(6):
@@ -149,7 +151,7 @@ class ImuWatch:
         return f"±{s.accel_range_g} g" if axis < 3 else f"±{s.gyro_range_dps} °/s"
 
 
-def reason(error: Exception | None) -> str:
+def error_reason(error: Exception | None) -> str:
     """Return the error as a short text in the current language."""
     if isinstance(error, OSError):
         return f"{_(NAMES.get(error.errno or 0, N_('failed')))} ({error})"

@@ -4,7 +4,7 @@ from collections.abc import Callable
 from typing import TYPE_CHECKING
 
 from baqueano.robot.uno.frames import MOST_PWM_HZ, Config, Driver, Info
-from baqueano.worlds.applied import AppliedMotors, AppliedWay
+from baqueano.worlds.applied import AppliedMotors, MotorCharacteristic
 from baqueano.worlds.robot import Body
 
 if TYPE_CHECKING:
@@ -13,14 +13,18 @@ if TYPE_CHECKING:
     from baqueano.vehicle_file.head import Hardware
 
 
-def body_of(file: "VehicleFile", uno: "Uno", wait: Callable[[float], object]) -> Body:
+def body_of(vehicle_file: "VehicleFile", uno: "Uno", wait: Callable[[float], object]) -> Body:
     """Configure the Uno for a drive, read the settings of its motors, and return the body of the vehicle file."""
-    config = config_of(file.robot, uno.info)
+    config = config_of(vehicle_file.robot, uno.info)
     uno.configure(config, wait)
-    ways = [AppliedWay(1e-3 * w.dead_zone_permille, 1e-3 * w.slope_permille) for w in uno.settings(wait).ways]
+    applied_ways = [
+        MotorCharacteristic(1e-3 * w.dead_zone_permille, 1e-3 * w.slope_permille)
+        for w in uno.settings(wait).ways
+    ]
     return Body(
-        getattr(file.vehicle.drivetrain, "mixing", "none"), file.geometry.wheel_radius_m, file.robot.counts_per_turn,
-        AppliedMotors(float(config.slew_permille_per_ms), tuple(ways)),
+        getattr(vehicle_file.vehicle.drivetrain, "mixing", "none"), vehicle_file.geometry.wheel_radius_m,
+        vehicle_file.robot.counts_per_turn,
+        AppliedMotors(float(config.slew_permille_per_ms), tuple(applied_ways)),
     )  # fmt: skip
 
 

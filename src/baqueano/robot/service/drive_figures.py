@@ -7,9 +7,9 @@ from baqueano.diagnostics import Diagnostic, Severity, note
 from baqueano.robot.imu.settings import Counts
 from baqueano.robot.uno.statistics import Statistics
 
-LINE = ("sent", "unsent", "received", "lost", "late", "damaged", "resets")
-KEYS = {"received": "heard"}  # names in the figures of a run, if they differ
-HARM = ("unsent", "lost", "late", "damaged", "resets")
+LINE_COUNTS = ("sent", "unsent", "received", "lost", "late", "damaged", "resets")
+FIGURE_NAMES = {"received": "heard"}  # names in the figures of a run, if they differ
+HARMFUL_COUNTS = ("unsent", "lost", "late", "damaged", "resets")
 Line = tuple[str, Diagnostic]  # level, message
 
 
@@ -25,37 +25,39 @@ class Lateness:
 
     def line(self) -> Line:
         """Return the delays as a line of the run, which is a warning if ticks were missed."""
-        return _line(
+        return _event_line(
             "drive.ticks", bool(self.missed), **{n: x for n, x in asdict(self).items() if n != "now_ms"}
         )
 
 
-def line_losses(previous: Statistics, now: Statistics, trouble: Diagnostic | None = None) -> Line:
+def line_losses(previous: Statistics, current: Statistics, trouble: Diagnostic | None = None) -> Line:
     """Return the losses on the serial line since `previous`; a warning if there are any, or for `trouble` of
     the Uno."""
-    counts = now.since(previous, *LINE)
-    n = {KEYS.get(name, name): count for name, count in zip(LINE, counts, strict=True)}
+    counts = current.since(previous, *LINE_COUNTS)
+    n = {FIGURE_NAMES.get(name, name): count for name, count in zip(LINE_COUNTS, counts, strict=True)}
     if trouble is not None:
-        return _line("drive.line-in-trouble", True, **n, cause=trouble)
-    return _line("drive.line", any(n[name] for name in HARM), **n)
+        return _event_line("drive.line-in-trouble", True, **n, cause=trouble)
+    return _event_line("drive.line", any(n[name] for name in HARMFUL_COUNTS), **n)
 
 
-def uno_losses(previous: Statistics, now: Statistics) -> Line:
+def uno_losses(previous: Statistics, current: Statistics) -> Line:
     """Return the Uno's counts since `previous`; a warning if it lost bytes, or frames were damaged or ignored."""
-    frames, spoilt, ignored_frames, overrun = now.since(previous, "written", "spoilt", "ignored", "overrun")
-    return _line(
+    frames, spoilt, ignored_frames, overrun = current.since(
+        previous, "written", "spoilt", "ignored", "overrun"
+    )
+    return _event_line(
         "drive.uno", bool(spoilt or ignored_frames or overrun), written=frames, spoilt=spoilt,
         spoilt_percent=100.0 * spoilt / max(1, frames), ignored=ignored_frames, overrun=overrun,
     )  # fmt: skip
 
 
-def imu_losses(previous: Counts, now: Counts) -> Line:
+def imu_losses(previous: Counts, current: Counts) -> Line:
     """Return the IMU's counts of samples and faults since `previous`; a warning if there was a fault."""
-    n = Counts(*(after - start for start, after in zip(astuple(previous), astuple(now), strict=True)))
+    n = Counts(*(after - before for before, after in zip(astuple(previous), astuple(current), strict=True)))
     harmed = n.saturated or n.withheld or n.retries or n.failures or n.overflows or n.restarts
-    return _line("drive.imu", bool(harmed), **asdict(n))
+    return _event_line("drive.imu", bool(harmed), **asdict(n))
 
 
-def _line(code: str, harmed: bool, **figures: Any) -> Line:
-    level = Severity.WARNING if harmed else Severity.INFO
+def _event_line(code: str, is_harmed: bool, **figures: Any) -> Line:
+    level = Severity.WARNING if is_harmed else Severity.INFO
     return str(level), note(code, level, **figures)

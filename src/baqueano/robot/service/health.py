@@ -13,16 +13,20 @@ if TYPE_CHECKING:
     from baqueano.vehicle_file.head import Hardware
     from baqueano.worlds import Robot
 
-TEMPERATURE = Path("/sys/class/thermal/thermal_zone0/temp")  # of the processor, in thousandths of a °C
-LOOK_EVERY_S = 1.0  # between two readings of the temperature file
-LOW_S = 2.0  # least duration of a low voltage that counts: the start of motors lowers it for a moment
+TEMPERATURE_FILE = Path("/sys/class/thermal/thermal_zone0/temp")  # of the processor, in thousandths of a °C
+READ_PERIOD_S = 1.0  # between two readings of the temperature file
+MIN_LOW_S = 2.0  # least duration of a low voltage that counts: the start of motors lowers it for a moment
 
 
 class ComputerHealth:
     """A monitor of tilt, battery, temperature and disk space; `limits` is [robot] of the vehicle file."""
 
     def __init__(
-        self, limits: "Hardware", folder: Path, now_ns: Callable[[], int], temperature: Path = TEMPERATURE
+        self,
+        limits: "Hardware",
+        folder: Path,
+        now_ns: Callable[[], int],
+        temperature: Path = TEMPERATURE_FILE,
     ) -> None:
         self.limits, self._folder, self._now_ns, self._file = limits, folder, now_ns, temperature
         self.temperature_c = float("nan")
@@ -38,25 +42,25 @@ class ComputerHealth:
     def during(self, world: "Robot") -> Diagnostic | None:
         """Return the reason why a drive must end; None if it may continue."""
         now_ns = self._now_ns()
-        if now_ns - self._looked_ns >= LOOK_EVERY_S * 1e9:
+        if now_ns - self._looked_ns >= READ_PERIOD_S * 1e9:
             self._looked_ns, self.temperature_c = now_ns, self._read()
         if world.tilt_rad > self.limits.max_tilt_rad:
             tilt_deg = float(np.degrees(world.tilt_rad))
             return stop(StopReason.TILT, tilt_deg=tilt_deg, max_tilt_rad=self.limits.max_tilt_rad)
         if self.temperature_c > self.limits.max_temperature_c:
-            most = self.limits.max_temperature_c
-            return stop(StopReason.TEMPERATURE, temperature_c=self.temperature_c, max_temperature_c=most)
-        if self._low(world.battery_v, now_ns):
-            least = self.limits.least_battery_v
-            return stop(StopReason.BATTERY, battery_v=world.battery_v, least_battery_v=least, low_s=LOW_S)
+            max_c = self.limits.max_temperature_c
+            return stop(StopReason.TEMPERATURE, temperature_c=self.temperature_c, max_temperature_c=max_c)
+        if self._is_low(world.battery_v, now_ns):
+            min_v = self.limits.least_battery_v
+            return stop(StopReason.BATTERY, battery_v=world.battery_v, least_battery_v=min_v, low_s=MIN_LOW_S)
         return None
 
-    def _low(self, volts: float, now_ns: int) -> bool:
+    def _is_low(self, volts: float, now_ns: int) -> bool:
         if not 0.0 < volts < self.limits.least_battery_v:
             self._low_since_ns = -1
         elif self._low_since_ns < 0:
             self._low_since_ns = now_ns
-        return self._low_since_ns >= 0 and now_ns - self._low_since_ns >= LOW_S * 1e9
+        return self._low_since_ns >= 0 and now_ns - self._low_since_ns >= MIN_LOW_S * 1e9
 
     def _read(self) -> float:
         try:

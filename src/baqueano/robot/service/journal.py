@@ -17,24 +17,32 @@ from typing import Any
 from baqueano.diagnostics import Diagnostic, StopReason, stop
 from baqueano.drive.mission import Mission
 
-NAME = "mission.journal"
-BOOT = Path("/proc/sys/kernel/random/boot_id")
-USERS = re.compile(r'"([^"\n]+\.py:\w+)"')
-FRAME = re.compile(r'  File "[^"\n]*?([^"/\n]+)", line (\d+)')
+JOURNAL_NAME = "mission.journal"
+BOOT_ID_FILE = Path("/proc/sys/kernel/random/boot_id")
+USER_BLOCK = re.compile(r'"([^"\n]+\.py:\w+)"')
+TRACE_FRAME = re.compile(r'  File "[^"\n]*?([^"/\n]+)", line (\d+)')
 
 
 class Journal:
     """The journal file, in the folder of the runs."""
 
     def __init__(self, folder: Path) -> None:
-        self.path = folder / NAME
+        self.path = folder / JOURNAL_NAME
         self._traces: Any = None  # the same file, open for the tracebacks of Python
 
     def begin(self, mission: Mission, run: str) -> None:
         """Write the mission and the run that begin; do nothing if the disk refuses the file."""
-        kinds = dict.fromkeys([*mission.blocks.values(), *USERS.findall(mission.vehicle)])
-        own = ", ".join(kind for kind in kinds if kind.partition(":")[0] in mission.texts) or "our blocks"
-        entry = {"boot": _boot(), "kind": mission.kind, "run": run, "blocks": own, "texts": [*mission.texts]}
+        kinds = dict.fromkeys([*mission.blocks.values(), *USER_BLOCK.findall(mission.vehicle)])
+        block_names = (
+            ", ".join(kind for kind in kinds if kind.partition(":")[0] in mission.texts) or "our blocks"
+        )
+        entry = {
+            "boot": _boot(),
+            "kind": mission.kind,
+            "run": run,
+            "blocks": block_names,
+            "texts": [*mission.texts],
+        }
         with suppress(OSError, ValueError):
             self.path.write_text(json.dumps(entry) + "\n", encoding="utf-8")
             if not faulthandler.is_enabled():
@@ -56,23 +64,23 @@ class Journal:
         Return None also for a damaged file, or if the computer was started again since then, as after a power cut.
         """
         try:
-            first, _, trace = self.path.read_text(encoding="utf-8", errors="replace").partition("\n")
-            entry = json.loads(first)
-            figures = {name: str(entry[name]) for name in ("kind", "run", "blocks")}
+            entry_text, _, trace = self.path.read_text(encoding="utf-8", errors="replace").partition("\n")
+            entry = json.loads(entry_text)
+            values = {name: str(entry[name]) for name in ("kind", "run", "blocks")}
             boot, texts = entry["boot"], [str(name) for name in entry["texts"]]
         except (OSError, ValueError, KeyError, TypeError, RecursionError):  # none, or damaged by a power cut
             return None
         if boot != _boot():
             return None
-        own = [(name, int(line)) for name, line in FRAME.findall(trace) if name in texts]
-        file, line = own[0] if own else ("", 0)
-        code = StopReason.MISSION_UNFINISHED_AT if own else StopReason.MISSION_UNFINISHED
-        return stop(code, **figures, file=file, line=line)
+        user_frames = [(name, int(line)) for name, line in TRACE_FRAME.findall(trace) if name in texts]
+        file_name, line = user_frames[0] if user_frames else ("", 0)
+        code = StopReason.MISSION_UNFINISHED_AT if user_frames else StopReason.MISSION_UNFINISHED
+        return stop(code, **values, file=file_name, line=line)
 
 
 def _boot() -> str:
     """Return the id of the present boot of the computer; "" if the system does not provide it."""
     try:
-        return BOOT.read_text(encoding="ascii").strip()
+        return BOOT_ID_FILE.read_text(encoding="ascii").strip()
     except OSError:
         return ""

@@ -18,17 +18,17 @@ from baqueano.robot.uno.serial_port import open_uno
 if TYPE_CHECKING:
     from baqueano.vehicle_file.file import VehicleFile
 
-REST = ("baqueano.robot.service.service", "baqueano.door.sockets")
+LATE_MODULES = ("baqueano.robot.service.service", "baqueano.door.sockets")
 
 
 def serve(
-    file: "VehicleFile",
+    vehicle_file: "VehicleFile",
     folder: Path,
     path: Path,
     log: Callable[[str], object],
     give_back: Callable[[], object] = lambda: None,
 ) -> None:
-    """Run the service for the vehicle of `file` at the socket `path`, with runs in `folder`, until SIGTERM.
+    """Run the service for the vehicle of `vehicle_file` at the socket `path`, with runs in `folder`, until SIGTERM.
 
     Raise RobotUnreachable if the Uno does not answer. If the IMU does not answer, the service runs all the same and
     reports why the vehicle does not drive. Once the IMU answers, the vehicle is READY. A vehicle whose file does not
@@ -38,20 +38,20 @@ def serve(
     folder.mkdir(parents=True, exist_ok=True)
     with ExitStack() as open_things:
         try:
-            uno = open_things.enter_context(open_uno(file.robot.port))
+            uno = open_things.enter_context(open_uno(vehicle_file.robot.port))
         finally:
             give_back()
         if uno.info is not None:
             log(f"Uno: firmware {uno.info.version_major}.{uno.info.version_minor}, boot {uno.info.boots}")
-        loading = threading.Thread(target=lambda: [importlib.import_module(name) for name in REST])
+        loading = threading.Thread(target=lambda: [importlib.import_module(name) for name in LATE_MODULES])
         loading.start()
 
         def find_imu() -> Any:
-            imu = imu_driver.of(file.robot, log)
+            imu = imu_driver.imu_of(vehicle_file.robot, log)
             open_things.callback(imu.close)
             return imu
 
-        imu, has_imu = None, "imu" in file.sensors._fields
+        imu, has_imu = None, "imu" in vehicle_file.sensors._fields
         if has_imu:
             with suppress(BaqueanoError):  # the service searches for it again, and reports why it is missing
                 imu = find_imu()
@@ -65,9 +65,10 @@ def serve(
         operator = Operator()
         door = Door(path, operator, folder)
         open_things.callback(door.close)
-        door.frames.begin(file, "real")
+        door.frames.begin(vehicle_file, "real")
         service = Service(
-            uno, imu, file.robot, folder, operator, door.broadcast, door.frames, *_signs_of_life(systemd), log=log,
+            uno, imu, vehicle_file.robot, folder, operator, door.broadcast, door.frames, *_signs_of_life(systemd),
+            log=log,
             find_imu=find_imu if has_imu else None,
         )  # fmt: skip
         systemd.notify("READY=1")

@@ -51,13 +51,13 @@ class Systemd:
         if socket_path and hasattr(socket, "AF_UNIX"):
             self._line = socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM)
             self._line.setblocking(False)
-            self._to = "\0" + socket_path[1:] if socket_path.startswith("@") else socket_path
+            self._address = "\0" + socket_path[1:] if socket_path.startswith("@") else socket_path
 
-    def notify(self, words: str) -> None:
+    def notify(self, state: str) -> None:
         """Send a notification such as READY=1, WATCHDOG=1 or STATUS=…; it is lost if systemd cannot receive it now."""
         if self._line is not None:
             with suppress(OSError):
-                self._line.sendto(words.encode(), self._to)
+                self._line.sendto(state.encode(), self._address)
 
     def close(self) -> None:
         """Close the socket."""

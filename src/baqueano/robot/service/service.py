@@ -22,7 +22,7 @@ from baqueano import clock
 from baqueano.contracts.values import JsonObject
 from baqueano.diagnostics import Diagnostic, Severity, StopReason, fault, note, stop
 from baqueano.door.adjusting import Adjusting
-from baqueano.door.frames.descriptions import drive_words
+from baqueano.door.frames.descriptions import drive_description
 from baqueano.door.frames.rows import Frames
 from baqueano.door.operator import Operator
 from baqueano.door.outcome import outcome_of
@@ -46,11 +46,11 @@ from baqueano.vehicle_file.head import Hardware
 from baqueano.worlds import Robot
 from baqueano.worlds.robot import Body
 
-HANGING_S = 2.0  # after this time without a tick or an idle check, systemd starts the service again
-PREPARING_S = PREPARE_S + 10.0  # the same while a mission is loaded and compiled
-FINDING_S = 30.0  # the same while the service searches for an IMU
-AGAIN_S = 5.0  # between two searches for an IMU
-CLOSING_S = 60.0  # the same while a run is closed, which waits for the card
+HANG_TIMEOUT_S = 2.0  # after this time without a tick or an idle check, systemd starts the service again
+PREPARE_TIMEOUT_S = PREPARE_S + 10.0  # the same while a mission is loaded and compiled
+FIND_TIMEOUT_S = 30.0  # the same while the service searches for an IMU
+FIND_PERIOD_S = 5.0  # between two searches for an IMU
+CLOSE_TIMEOUT_S = 60.0  # the same while a run is closed, which waits for the card
 IDLE_HZ, TELL_HZ = 20.0, 5.0
 Broadcast = Callable[[JsonObject], None]
 
@@ -89,9 +89,9 @@ class Service:
         self._find_ns = -(1 << 62)  # time of the next search for the IMU
         self._clearing = False  # the operator has cleared the stop, and the Uno is still latched
         self.journal = Journal(self.folder)
-        if (before := self.journal.unfinished_mission()) is not None:
-            self.log(text(before))
-            self.operator.stop(before)
+        if (unfinished := self.journal.unfinished_mission()) is not None:
+            self.log(text(unfinished))
+            self.operator.stop(unfinished)
 
     def run(self) -> None:
         """Run until `done` is set, or until SIGTERM if it runs in the main thread."""
@@ -99,16 +99,16 @@ class Service:
             signal.signal(signal.SIGTERM, lambda number, frame: self._leave())
         while not self.done.is_set():
             self.idle()
-            waiting = self.operator.next()
-            if waiting is not None:
-                self.take(*waiting)
+            next_mission = self.operator.next()
+            if next_mission is not None:
+                self.take(*next_mission)
             self.sleep(1.0 / IDLE_HZ)
         self.uno.disarm()
 
     def idle(self) -> None:
         """Check hardware, health and requests once while no mission is driven, and update the state."""
         self._find_imu()
-        for message in self._world.look(self.now_ns()):
+        for message in self._world.poll(self.now_ns()):
             self._event("warning", message)
         self._free_bus()
         self._give_back()
@@ -117,15 +117,15 @@ class Service:
             self.uno.stop()
             self.operator.forget(stop_reason)
             self._clearing = False
-            machine.go("stop", stop_reason)
+            machine.transition("stop", stop_reason)
         elif self._stop_is_over() and machine.state is DoorState.STOPPED:
-            machine.go("clear", stop(StopReason.CHECKED_AGAIN))
+            machine.transition("clear", stop(StopReason.CHECKED_AGAIN))
             self.journal.end()
         elif machine.state is DoorState.DISARMED and trouble is None:
-            machine.go("ready")
+            machine.transition("ready")
         elif trouble is not None and machine.state is not DoorState.STOPPED:
             if machine.state is DoorState.READY:
-                machine.go("not ready")
+                machine.transition("not ready")
             machine.reason = trouble
         self.healthy()
         self._publish()
@@ -147,28 +147,28 @@ class Service:
     def _give_back(self) -> None:
         """Send the limits in the vehicle file to an Uno with other limits, as after a mission or a reset."""
         info = self.uno.info
-        if info is not None and info.config != (own := config_of(self.hardware, info)):
-            self.uno.send_config(own)
+        if info is not None and info.config != (own_config := config_of(self.hardware, info)):
+            self.uno.send_config(own_config)
 
     def _find_imu(self) -> None:
-        """Search every AGAIN_S for an IMU that did not answer, and report each new obstacle once.
+        """Search every FIND_PERIOD_S for an IMU that did not answer, and report each new obstacle once.
 
         The search takes two seconds if a chip answers but does not send samples.
         """
         if self.imu is not None or self.find_imu is None or self.now_ns() < self._find_ns:
             return
-        self.patience(FINDING_S)
+        self.patience(FIND_TIMEOUT_S)
         try:
-            self.imu, before, self._no_imu = self.find_imu(), self._no_imu, None
+            self.imu, previous_reason, self._no_imu = self.find_imu(), self._no_imu, None
             self._world = Robot(sensor_slots(())(), self.uno, self.imu, Body())
         except BaqueanoError as error:
-            before, self._no_imu = self._no_imu, stop(StopReason.IMU_ABSENT, cause=error.diagnostic)
-        self.patience(HANGING_S)
-        self._find_ns = self.now_ns() + round(AGAIN_S * NANOSECONDS)
-        if self._no_imu != before:
-            message = self._no_imu or note("imu.found")
-            self._event("warning", message)
-            self.log(text(message))
+            previous_reason, self._no_imu = self._no_imu, stop(StopReason.IMU_ABSENT, cause=error.diagnostic)
+        self.patience(HANG_TIMEOUT_S)
+        self._find_ns = self.now_ns() + round(FIND_PERIOD_S * NANOSECONDS)
+        if self._no_imu != previous_reason:
+            diagnostic = self._no_imu or note("imu.found")
+            self._event("warning", diagnostic)
+            self.log(text(diagnostic))
 
     def _free_bus(self) -> None:
         """Clock a stuck bus of the IMU free in a second thread, and report the outcome.
@@ -190,14 +190,14 @@ class Service:
 
         A faulty mission does not end the service.
         """
-        self.patience(PREPARING_S)
+        self.patience(PREPARE_TIMEOUT_S)
         try:
             mission = Mission.of_json(request) if isinstance(request, str) else request
             path = self._path(mission.kind)
             by_hand = mission.kind in ("drive", "teach") and mission.route is None
-            self.machine.go("manual" if by_hand else "mission")
+            self.machine.transition("manual" if by_hand else "mission")
         except BaqueanoError as error:
-            self.patience(HANGING_S)
+            self.patience(HANG_TIMEOUT_S)
             self.operator.free()
             reason, code = error.diagnostic, error.exit_code
             self.broadcast({"is": "done", "id": name, "run": None, "why": reason, "code": code})
@@ -210,13 +210,13 @@ class Service:
             self.uno.disarm()
             self.journal.end()
             self.health.limits = self.hardware
-            self.patience(HANGING_S)
+            self.patience(HANG_TIMEOUT_S)
         regular_end = reason is None or code or self.operator.done
-        late = self.operator.stop_reason(
+        late_stop = self.operator.stop_reason(
             attended=False
         )  # requested while the drive was prepared, or its run closed
-        stop_reason = late if regular_end else reason
-        self.machine.go("done" if stop_reason is None else "stop", stop_reason)
+        stop_reason = late_stop if regular_end else reason
+        self.machine.transition("done" if stop_reason is None else "stop", stop_reason)
         self.operator.forget(stop_reason)
         self._run = self._mission = None
         self._publish(at_once=True)
@@ -235,20 +235,21 @@ class Service:
         If the disk is full, the missing rest of the run is reported, and the drive continues.
         """
         with tempfile.TemporaryDirectory(prefix="baqueano-") as folder:
-            file = within(PREPARE_S, unpack, mission, Path(folder))
-            self.patience(PREPARING_S)
-            body = body_of(file, self.uno, self.sleep)
-            world, late = Robot(file.sensors, self.uno, self.imu, body, self.now_ns), Lateness()
-            self._mission, self._rate_hz = mission, file.rate_hz
-            self._record, self._bus, _ = None, None, self.operator.marks()  # those of before this drive
-            self.health.limits = file.robot
+            vehicle_file = within(PREPARE_S, unpack, mission, Path(folder))
+            self.patience(PREPARE_TIMEOUT_S)
+            body = body_of(vehicle_file, self.uno, self.sleep)
+            world, lateness = Robot(vehicle_file.sensors, self.uno, self.imu, body, self.now_ns), Lateness()
+            self._mission, self._rate_hz = mission, vehicle_file.rate_hz
+            self._record, self._bus, _ = None, None, self.operator.pop_mark_count()  # of before this drive
+            self.health.limits = vehicle_file.robot
             world.notes = () if self.imu is None else self.imu.notes
-            self._counts_before, watching = None, _ServiceObserver(self, world, late, attended, mission, file)
+            watching = _ServiceObserver(self, world, lateness, attended, mission, vehicle_file)
+            self._counts_before = None
             observers = (watching, Adjusting(self.operator, self.broadcast, mission.blocks))
             try:
                 perform(
-                    mission, file, hand=lambda: self.operator.command(3), world=world, live=True, path=path,
-                    ticking=self._ticks(world, file.rate_hz, late), observers=observers,
+                    mission, vehicle_file, hand=lambda: self.operator.command(3), world=world, live=True, path=path,
+                    ticking=self._ticks(world, vehicle_file.rate_hz, lateness), observers=observers,
                 )  # fmt: skip
             except FileError as error:
                 if not watching.over:  # the drive has not begun
@@ -256,37 +257,37 @@ class Service:
                 self._event("error", error.diagnostic)
             return watching.stopped
 
-    def _ticks(self, world: Robot, rate_hz: float, late: Lateness) -> Iterator[int]:
+    def _ticks(self, world: Robot, rate_hz: float, lateness: Lateness) -> Iterator[int]:
         """Yield the times [ns] of a drive's ticks, from 0 on.
 
         Arm the Uno before the first tick. After each tick, notify the watchdog and publish the state.
         """
         wall = clock.Wall(rate_hz, now_ns=self.now_ns, sleep=self.sleep)
-        start = -1
+        start_ns = -1
         for due in wall:
-            if start < 0:
-                start = due
+            if start_ns < 0:
+                start_ns = due
                 world.begin(due)
                 self._counts_before = None if self.imu is None else replace(self.imu.counts)
                 self.uno.arm()
-                self.patience(HANGING_S)
+                self.patience(HANG_TIMEOUT_S)
             behind_ms = (self.now_ns() - due) / 1e6
-            late.ticks, late.missed = late.ticks + 1, wall.missed
-            late.now_ms, late.worst_ms = behind_ms, max(late.worst_ms, behind_ms)
-            late.over_half += behind_ms > 500.0 / rate_hz
+            lateness.ticks, lateness.missed = lateness.ticks + 1, wall.missed
+            lateness.now_ms, lateness.worst_ms = behind_ms, max(lateness.worst_ms, behind_ms)
+            lateness.over_half += behind_ms > 500.0 / rate_hz
             if self.operator.done:
                 raise KeyboardInterrupt
-            yield due - start
+            yield due - start_ns
             self.healthy()
             self._publish(world)
 
     def _event(self, level: str, content: Diagnostic | str) -> None:
-        message = (
+        diagnostic = (
             content
             if isinstance(content, Diagnostic)
             else note("hardware.note", Severity(level), words=content)
         )
-        self.broadcast({"is": "event", "level": level, "said": message})
+        self.broadcast({"is": "event", "level": level, "said": diagnostic})
 
     def _not_ready(self) -> Diagnostic | None:
         """Return the reason why a drive may not begin; None if it may begin."""
@@ -295,10 +296,10 @@ class Service:
         if self._no_imu is not None:
             return self._no_imu
         if self.imu is not None and self.imu.silent:
-            return self._mute()
+            return self._silence_reason()
         return self._world.trouble(self.now_ns()) or self.health.before(self._world)
 
-    def _mute(self) -> Diagnostic:
+    def _silence_reason(self) -> Diagnostic:
         """Return the reason to stop because of a silent IMU, with the state of its bus."""
         if not self.imu.bus_stuck:
             return stop(StopReason.IMU_SILENT)
@@ -321,7 +322,7 @@ class Service:
                 "imu_bus": self._bus.message if self._bus else None,
                 "lost_telemetry": self.uno.statistics.lost, "resets": self.uno.statistics.resets,
                 "world": "real",
-                **drive_words(self._mission, self._rate_hz, self._record if world is not None else None),
+                **drive_description(self._mission, self._rate_hz, self._record if world is not None else None),
             }
         )  # fmt: skip
 
@@ -352,14 +353,14 @@ class _ServiceObserver(Observer):
         self,
         service: Service,
         world: Robot,
-        late: Lateness,
+        lateness: Lateness,
         attended: bool,
         mission: Mission,
-        file: VehicleFile,
+        vehicle_file: VehicleFile,
     ) -> None:
-        self._service, self._world, self._late, self._attended = service, world, late, attended
-        self._mission, self._file = mission, file
-        self._before = replace(service.uno.statistics)
+        self._service, self._world, self._lateness, self._attended = service, world, lateness, attended
+        self._mission, self._file = mission, vehicle_file
+        self._previous = replace(service.uno.statistics)
         self.over = False
         self.stopped: Diagnostic | None = None
 
@@ -373,27 +374,27 @@ class _ServiceObserver(Observer):
         reason = s.uno.stood_still() or world.trouble(t_ns) or s.health.during(world)
         return reason or s.operator.stop_reason(self._attended)
 
-    def marks(self) -> int:
-        return self._service.operator.marks()
+    def pop_mark_count(self) -> int:
+        return self._service.operator.pop_mark_count()
 
-    def look(self, record: Record) -> None:
+    def on_record(self, record: Record) -> None:
         s = self._service
         s._record = record
-        s.frames.look(record, battery_v=self._world.battery_v, late_ms=self._late.now_ms)
+        s.frames.on_record(record, battery_v=self._world.battery_v, late_ms=self._lateness.now_ms)
 
     def on_disk_full(self, reason: Diagnostic) -> None:
         self._service._event("error", reason)
 
     def end(self, reason: Diagnostic | None) -> list[LastLine]:
-        self.over, self.stopped, s, now = True, reason, self._service, self._service.uno.statistics
-        last: list[LastLine] = [
-            (CLOCK_SOURCE, *self._late.line()), (LINE_SOURCE, *line_losses(self._before, now, s.uno.trouble)),
-            (UNO_SOURCE, *uno_losses(self._before, now)),
+        self.over, self.stopped, s, current = True, reason, self._service, self._service.uno.statistics
+        last_lines: list[LastLine] = [
+            (CLOCK_SOURCE, *self._lateness.line()), (LINE_SOURCE, *line_losses(self._previous, current, s.uno.trouble)),
+            (UNO_SOURCE, *uno_losses(self._previous, current)),
         ]  # fmt: skip
         if s._counts_before is not None:
-            last.append((IMU_SOURCE, *imu_losses(s._counts_before, s.imu.counts)))
-        for _, level, message in last:
+            last_lines.append((IMU_SOURCE, *imu_losses(s._counts_before, s.imu.counts)))
+        for _, level, message in last_lines:
             s._event(level, message)
         s.uno.disarm()  # closing the run may take longer than the dead-man time, as a card may stall
-        s.patience(CLOSING_S)
-        return last
+        s.patience(CLOSE_TIMEOUT_S)
+        return last_lines

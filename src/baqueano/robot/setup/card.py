@@ -26,19 +26,19 @@ from baqueano.diagnostics import fault
 from baqueano.errors import FileError, UsageError
 from baqueano.messages.language import translate as _
 
-STARTER = (
+FIRST_RUN_LINES = (
     "systemd.run=/boot/firmware/firstrun.sh",
     "systemd.run_success_action=reboot",
     "systemd.unit=kernel-command-line.target",
 )
-CLOUD = """#cloud-config
+CLOUD_CONFIG = """#cloud-config
 # written by baqueano robot card
 runcmd:
   - [bash, -c, "[ ! -f /boot/firmware/firstrun.sh ] || bash /boot/firmware/firstrun.sh"]
 """
-LABELS = ("/media/*/bootfs", "/run/media/*/bootfs", "/Volumes/bootfs")
-CHANNELS = (1, 6, 11)  # channels that do not overlap; the robots of a class are distributed over them
-ALPHABET = "abcdefghjkmnpqrstuvwxyz23456789"  # without letters that look alike on a label
+BOOT_FOLDERS = ("/media/*/bootfs", "/run/media/*/bootfs", "/Volumes/bootfs")
+WIFI_CHANNELS = (1, 6, 11)  # channels that do not overlap; the robots of a class are distributed over them
+NAME_LETTERS = "abcdefghjkmnpqrstuvwxyz23456789"  # without letters that look alike on a label
 
 
 class Network(NamedTuple):
@@ -57,7 +57,7 @@ def new_name() -> str:
 
 def new_password() -> str:
     """Return a random password of ten letters and digits, with 49 bits."""
-    return "".join(secrets.choice(ALPHABET) for _letter in range(10))
+    return "".join(secrets.choice(NAME_LETTERS) for _letter in range(10))
 
 
 def boot_partition(folder: Path | None) -> Path:
@@ -66,7 +66,7 @@ def boot_partition(folder: Path | None) -> Path:
     Raise FileError if `folder` is not a boot partition, or if the search does not find exactly one.
     """
     if folder is None:
-        partitions = [path for label in LABELS for path in Path("/").glob(label.lstrip("/"))]
+        partitions = [path for label in BOOT_FOLDERS for path in Path("/").glob(label.lstrip("/"))]
         if len(partitions) != 1:
             raise FileError(fault("card.cards", cards=len(partitions) or "no"))
         folder = partitions[0]
@@ -78,18 +78,20 @@ def boot_partition(folder: Path | None) -> Path:
 def public_key(path: Path | None) -> str:
     """Return the text of the user's ssh key. Raise FileError for no key, or for a file without a public key."""
     candidates = (
-        [path] if path else [Path.home() / ".ssh" / f"id_{kind}.pub" for kind in ("ed25519", "ecdsa", "rsa")]
+        [path]
+        if path
+        else [Path.home() / ".ssh" / f"id_{key_type}.pub" for key_type in ("ed25519", "ecdsa", "rsa")]
     )
-    for place in candidates:
-        if place.is_file():
-            text = place.read_text(encoding="utf-8", errors="replace").strip()
+    for path_of_key in candidates:
+        if path_of_key.is_file():
+            text = path_of_key.read_text(encoding="utf-8", errors="replace").strip()
             if not re.fullmatch(r"(ssh|ecdsa|sk)-\S+ [A-Za-z0-9+/=]+( [^\n]*)?", text):
-                raise FileError(fault("card.no-public-key", place=place))
+                raise FileError(fault("card.no-public-key", place=path_of_key))
             return text
     raise FileError(fault("card.no-key", known=candidates))
 
 
-def connection(network: Network, name: str) -> str:
+def connection_file(network: Network, name: str) -> str:
     """Return the text of NetworkManager's file for this network; `name` selects the channel of a robot's network."""
     lines = [
         "[connection]",
@@ -101,7 +103,7 @@ def connection(network: Network, name: str) -> str:
         f"ssid={_escape(network.ssid)}",
     ]
     if network.own:
-        channel = CHANNELS[zlib.crc32(name.encode()) % len(CHANNELS)]
+        channel = WIFI_CHANNELS[zlib.crc32(name.encode()) % len(WIFI_CHANNELS)]
         lines += ["mode=ap", "band=bg", f"channel={channel}"]
     else:
         lines += ["mode=infrastructure", "powersave=2"]  # 2: never; saving power costs 100 ms a packet
@@ -113,40 +115,51 @@ def connection(network: Network, name: str) -> str:
             "group=ccmp",
             "pmf=1",
         ]  # 1: off, which the Pi's chip needs as an access point
-    own = ["method=shared", "address1=10.42.0.1/24"]
+    shared_lines = ["method=shared", "address1=10.42.0.1/24"]
     return "\n".join(
-        [*lines, "", "[ipv4]", *(own if network.own else ["method=auto"]), "", "[ipv6]", "method=auto", ""]
+        [
+            *lines,
+            "",
+            "[ipv4]",
+            *(shared_lines if network.own else ["method=auto"]),
+            "",
+            "[ipv6]",
+            "method=auto",
+            "",
+        ]
     )
 
 
-def write(boot: Path, name: str, user: str, key: str, network: Network | None) -> list[str]:
+def write_card(boot: Path, name: str, user: str, key: str, network: Network | None) -> list[str]:
     """Write the first-boot files, and return a line of text for each.
 
     Raise UsageError for values that a Pi does not accept.
     """
     _check(name, user, network)
     script = (files("baqueano.robot") / "files" / "firstrun.sh").read_text(encoding="utf-8")
-    words = {
-        "name": name, "user": user, "key": key, "connection": connection(network, name) if network else "",
+    replacements = {
+        "name": name, "user": user, "key": key, "connection": connection_file(network, name) if network else "",
         "country": network.country if network else "",
     }  # fmt: skip
-    for word, value in words.items():
-        script = script.replace(f"@{word}@", shlex.quote(value))
+    for placeholder, value in replacements.items():
+        script = script.replace(f"@{placeholder}@", shlex.quote(value))
     with (boot / "firstrun.sh").open("w", encoding="utf-8", newline="\n") as file:
         file.write(script)
     lines = [_("{path}: {user}@{name}.local, by key", path=boot / "firstrun.sh", user=user, name=name)]
     line = [
-        word for word in (boot / "cmdline.txt").read_text(encoding="utf-8").split() if word not in STARTER
+        placeholder
+        for placeholder in (boot / "cmdline.txt").read_text(encoding="utf-8").split()
+        if placeholder not in FIRST_RUN_LINES
     ]
     if network is not None:
         line = [w for w in line if not w.startswith("cfg80211.")] + [
             f"cfg80211.ieee80211_regdom={network.country}"
         ]
     if (boot / "user-data").exists():
-        before = boot / "user-data.before"
-        if not before.exists():
-            before.write_bytes((boot / "user-data").read_bytes())
-        (boot / "user-data").write_text(CLOUD, encoding="utf-8")
+        previous_file = boot / "user-data.before"
+        if not previous_file.exists():
+            previous_file.write_bytes((boot / "user-data").read_bytes())
+        (boot / "user-data").write_text(CLOUD_CONFIG, encoding="utf-8")
         lines.append(
             _(
                 "{path}: starts it by cloud-init; its former text is in user-data.before",
@@ -154,7 +167,7 @@ def write(boot: Path, name: str, user: str, key: str, network: Network | None) -
             )
         )
     else:
-        line += STARTER
+        line += FIRST_RUN_LINES
         lines.append(
             _("{path}: starts it at the first boot, then the Pi restarts", path=boot / "cmdline.txt")
         )

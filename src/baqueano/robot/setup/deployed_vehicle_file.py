@@ -15,16 +15,16 @@ from baqueano.door.ssh import run, ssh
 from baqueano.errors import FileError, RobotUnreachable, UsageError
 from baqueano.messages.language import translate as _
 from baqueano.robot import VEHICLE
-from baqueano.vehicle_file.history import NOT_VALUES
-from baqueano.vehicle_file.paths import exists
+from baqueano.vehicle_file.history import NO_VALUE_PREFIXES
+from baqueano.vehicle_file.paths import key_exists
 from baqueano.vehicle_file.text.toml_text import parse_toml
 
 if TYPE_CHECKING:
     from baqueano.contracts.values import JsonObject
     from baqueano.vehicle_file.file import VehicleFile
 
-CALIBRATION = "calibrate imu"  # the `run` in the provenance of calibrated values
-SHOWN = 60  # most letters of a value that are shown
+CALIBRATION_RUN = "calibrate imu"  # the `run` in the provenance of calibrated values
+MAX_SHOWN_LETTERS = 60  # most letters of a value that are shown
 
 
 class RenewedFile(NamedTuple):
@@ -35,26 +35,28 @@ class RenewedFile(NamedTuple):
     lines: list[str]  # the changes, key by key
 
 
-def renew_file(host: str, file: "VehicleFile", root: str = "/") -> RenewedFile:
-    """Return the new file for HOST, made from the laptop's `file` and the calibration at HOST.
+def renew_file(host: str, vehicle_file: "VehicleFile", root: str = "/") -> RenewedFile:
+    """Return the new file for HOST, made from the laptop's `vehicle_file` and the calibration at HOST.
 
     Raise RobotUnreachable if the robot's present file cannot be read. Raise UsageError if that file contains a
-    calibration of a key that `file` lacks.
+    calibration of a key that `vehicle_file` lacks.
     """
     path = f"{root.rstrip('/')}{VEHICLE}"
     content, code = run(ssh(host, f"test ! -e {path} || cat {path}"))
     if code:
         raise RobotUnreachable(fault("setup.file-not-read", f"ssh {host}", host=host, path=path))
     if not content:
-        return RenewedFile(file.text, b"", [])
+        return RenewedFile(vehicle_file.text, b"", [])
     try:
         robot_data = parse_toml(content.decode("utf-8"), f"{host}:{path}")
     except (ValueError, FileError) as error:  # neither TOML nor UTF-8, or nested too deeply
         line = _("the vehicle file there is not valid TOML ({error}): your file replaces it", error=error)
-        return RenewedFile(file.text, content, [line])
-    file, calibration_lines = _with_calibration(host, file, robot_data)
+        return RenewedFile(vehicle_file.text, content, [line])
+    vehicle_file, calibration_lines = _with_calibration(host, vehicle_file, robot_data)
     return RenewedFile(
-        file.text, content, [*differences(robot_data, parse_toml(file.text, file.label)), *calibration_lines]
+        vehicle_file.text,
+        content,
+        [*differences(robot_data, parse_toml(vehicle_file.text, vehicle_file.label)), *calibration_lines],
     )
 
 
@@ -64,51 +66,59 @@ def differences(before: "JsonObject", after: "JsonObject") -> list[str]:
     >>> differences({"robot": {"port": "auto"}}, {"robot": {"port": "/dev/serial0", "telemetry_hz": 50}})
     ['robot.port: "auto" → "/dev/serial0"', 'robot.telemetry_hz: not there → 50']
     """
-    old, new = _leaves(before), _leaves(after)
-    keys = [k for k in dict.fromkeys((*old, *new)) if not k.startswith(NOT_VALUES)]
-    return [f"{key}: {_in(old, key)} → {_in(new, key)}" for key in keys if old.get(key) != new.get(key)]
+    old_leaves, new_leaves = _leaves(before), _leaves(after)
+    keys = [k for k in dict.fromkeys((*old_leaves, *new_leaves)) if not k.startswith(NO_VALUE_PREFIXES)]
+    return [
+        f"{key}: {_value_text(old_leaves, key)} → {_value_text(new_leaves, key)}"
+        for key in keys
+        if old_leaves.get(key) != new_leaves.get(key)
+    ]
 
 
 def _with_calibration(
-    host: str, file: "VehicleFile", robot_data: "JsonObject"
+    host: str, vehicle_file: "VehicleFile", robot_data: "JsonObject"
 ) -> tuple["VehicleFile", list[str]]:
     provenance, leaves = robot_data.get("provenance", {}), _leaves(robot_data)
     values: JsonObject = {}
     origins: JsonObject = {}
     lines: list[str] = []
     for key, origin in provenance.items():
-        if not isinstance(origin, dict) or origin.get("run") != CALIBRATION or key not in leaves:
+        if not isinstance(origin, dict) or origin.get("run") != CALIBRATION_RUN or key not in leaves:
             continue
-        if not exists(file.data, key, file.folder):
+        if not key_exists(vehicle_file.data, key, vehicle_file.folder):
             raise UsageError(
                 fault(
                     "setup.no-place-for-calibration",
                     host=host,
                     key=key,
-                    found=_text(leaves[key]),
+                    found=_short_text(leaves[key]),
                     path=VEHICLE,
                 )
             )
-        file_value, own = file.value(key), file.provenance.get(key)
+        file_value, own_provenance = vehicle_file.value(key), vehicle_file.provenance.get(key)
         if np.array_equal(np.asarray(file_value), np.asarray(leaves[key])):
-            origins |= {} if own is not None else {key: origin}
+            origins |= {} if own_provenance is not None else {key: origin}
             continue
         when = origin.get("date")
-        later = own is not None and own.run == CALIBRATION and (own.date or date.min) > (when or date.min)
+        later = (
+            own_provenance is not None
+            and own_provenance.run == CALIBRATION_RUN
+            and (own_provenance.date or date.min) > (when or date.min)
+        )
         if not later:
             values[key], origins[key] = leaves[key], origin
             lines.append(
                 _(
                     "{key}: {value} is kept, because it was calibrated there on {when}",
                     key=key,
-                    value=_text(leaves[key]),
+                    value=_short_text(leaves[key]),
                     when=when,
                 )
                 if when
                 else _(
                     "{key}: {value} is kept, because it was calibrated there",
                     key=key,
-                    value=_text(leaves[key]),
+                    value=_short_text(leaves[key]),
                 )
             )
     if lines:
@@ -120,11 +130,11 @@ def _with_calibration(
                 file=VEHICLE,
             )
         )
-    return file.with_values(values, origins) if origins else file, lines
+    return vehicle_file.with_values(values, origins) if origins else vehicle_file, lines
 
 
-def _in(leaves: "JsonObject", key: str) -> str:
-    return _text(leaves[key]) if key in leaves else _("not there")
+def _value_text(leaves: "JsonObject", key: str) -> str:
+    return _short_text(leaves[key]) if key in leaves else _("not there")
 
 
 def _leaves(table: "JsonObject", path: str = "") -> "JsonObject":
@@ -135,6 +145,6 @@ def _leaves(table: "JsonObject", path: str = "") -> "JsonObject":
     return leaves
 
 
-def _text(value: object) -> str:
+def _short_text(value: object) -> str:
     text = json.dumps(value, default=str, ensure_ascii=False)
-    return text if len(text) <= SHOWN else f"{text[: SHOWN - 1]}…"
+    return text if len(text) <= MAX_SHOWN_LETTERS else f"{text[: MAX_SHOWN_LETTERS - 1]}…"

@@ -31,9 +31,11 @@ from baqueano.vehicle_file.file import VehicleFile
 if TYPE_CHECKING:
     pass
 
-LOCK = re.compile(r"^([\w.-]+)==(\S+)(?: \\\n +--hash=sha256:\w+)+\n", re.MULTILINE)  # a package of the lock
-MACHINES = ("aarch64", "x86_64")
-LEAST_PYTHON = (3, 11)
+LOCKED_PACKAGE = re.compile(
+    r"^([\w.-]+)==(\S+)(?: \\\n +--hash=sha256:\w+)+\n", re.MULTILINE
+)  # a package of the lock
+MACHINE_TYPES = ("aarch64", "x86_64")
+MIN_PYTHON = (3, 11)
 GLIBC = (
     "manylinux2014",
     "manylinux_2_24",
@@ -42,17 +44,17 @@ GLIBC = (
     "manylinux_2_28",
     "manylinux_2_31",
 )
-THERE = "/tmp/baqueano-setup"
-BASE = "vehicle.toml.seen"
-IMPORT = re.compile(
+TARGET_FOLDER = "/tmp/baqueano-setup"
+BASE_FILE = "vehicle.toml.seen"
+IMPORT_LINE = re.compile(
     r"^from baqueano\.robot\.setup\.machine import .*\n", re.MULTILINE
 )  # of what stands before it
 NO_WORDS = "WORDS: dict[str, str] = {}"
-PROBE = (
+PROBE_COMMAND = (
     'python3 -c "import sys, os, pwd; '
     'print(*sys.version_info[:2], os.uname().machine, pwd.getpwuid(os.getuid())[0])"'
 )
-MACHINE = r"\d{1,3} \d{1,3} [\w-]{1,32} [\w.-]{1,64}"  # the answer to PROBE
+PROBE_ANSWER = r"\d{1,3} \d{1,3} [\w-]{1,32} [\w.-]{1,64}"  # the answer to PROBE_COMMAND
 Notify = Callable[[str], object]
 
 
@@ -69,35 +71,35 @@ def machine_at(host: str) -> TargetMachine:
 
     Raise RobotUnreachable if ssh fails. Raise UsageError for a 32-bit system, or a Python that is too old.
     """
-    output, code = run(ssh(host, PROBE))
-    words = output.decode(errors="replace").split()
-    if code or not re.fullmatch(MACHINE, " ".join(words)):
+    output, code = run(ssh(host, PROBE_COMMAND))
+    fields = output.decode(errors="replace").split()
+    if code or not re.fullmatch(PROBE_ANSWER, " ".join(fields)):
         raise RobotUnreachable(fault("setup.no-answer", f"ssh {host}", host=host))
-    target = TargetMachine((int(words[0]), int(words[1])), words[2], words[3])
-    if target.kind not in MACHINES:
+    target = TargetMachine((int(fields[0]), int(fields[1])), fields[2], fields[3])
+    if target.kind not in MACHINE_TYPES:
         raise UsageError(fault("setup.32-bit", host=host, computer=target.kind))
-    if target.python < LEAST_PYTHON:
+    if target.python < MIN_PYTHON:
         raise UsageError(
             fault(
                 "setup.old-python",
                 host=host,
                 major=target.python[0],
                 minor=target.python[1],
-                least_major=LEAST_PYTHON[0],
-                least_minor=LEAST_PYTHON[1],
+                least_major=MIN_PYTHON[0],
+                least_minor=MIN_PYTHON[1],
             )
         )
     return target
 
 
-def bundle(folder: Path, machine: TargetMachine, notify: Notify = lambda text: None) -> Path:
+def make_bundle(folder: Path, machine: TargetMachine, notify: Notify = lambda text: None) -> Path:
     """Collect all files and wheels for `machine` in `folder`, and return `folder`.
 
     Wheels of other packages that are already present are not downloaded again. Raise FileError if pip fails.
     """
     folder.mkdir(parents=True, exist_ok=True)
-    for old in folder.glob("baqueano-*.whl"):
-        old.unlink()
+    for old_wheel in folder.glob("baqueano-*.whl"):
+        old_wheel.unlink()
     pip = [sys.executable, "-m", "pip", "--disable-pip-version-check", "--quiet"]
     tree = Path(baqueano.__file__).resolve().parents[2]
     if (tree / "pyproject.toml").exists():
@@ -105,15 +107,17 @@ def bundle(folder: Path, machine: TargetMachine, notify: Notify = lambda text: N
     else:
         _run_pip([*pip, "download", "--no-deps", "--dest", str(folder), f"baqueano=={baqueano.__version__}"])
     lock = (files("baqueano.robot") / "files" / "onboard.lock").read_text(encoding="utf-8")
-    packages = {match[1]: match[0] for match in LOCK.finditer(lock)}
-    missing = [
-        match[1] for match in LOCK.finditer(lock) if not list(folder.glob(f"{match[1]}-{match[2]}-*.whl"))
+    packages = {match[1]: match[0] for match in LOCKED_PACKAGE.finditer(lock)}
+    missing_packages = [
+        match[1]
+        for match in LOCKED_PACKAGE.finditer(lock)
+        if not list(folder.glob(f"{match[1]}-{match[2]}-*.whl"))
     ]
-    if missing:
+    if missing_packages:
         notify(
             _(
                 "downloading {missing} for Python {version} on {kind}",
-                missing=", ".join(missing),
+                missing=", ".join(missing_packages),
                 version=f"{machine.python[0]}.{machine.python[1]}",
                 kind=machine.kind,
             )
@@ -138,30 +142,30 @@ def steps_in_this_language() -> str:
 
     The text runs without this package.
     """
-    both = [
+    sources = [
         (files("baqueano.robot.setup") / name).read_text(encoding="utf-8")
         for name in ("machine.py", "steps.py")
     ]
-    text = IMPORT.sub("", "\n\n".join(both))
+    text = IMPORT_LINE.sub("", "\n\n".join(sources))
     calls = (node for node in ast.walk(ast.parse(text)) if isinstance(node, ast.Call))
-    words = [
+    texts = [
         call.args[0].value
         for call in calls
         if isinstance(call.func, ast.Name) and call.func.id == "_" and isinstance(call.args[0], ast.Constant)
     ]
-    catalogue = {str(word): _(str(word)) for word in words}
+    catalogue = {str(word): _(str(word)) for word in texts}
     return text.replace(NO_WORDS, f"{NO_WORDS[:-2]}{catalogue!r}", 1)
 
 
 def _write_locks(folder: Path, packages: dict[str, str]) -> None:
     """Write the lock files with the hashes of all wheels, also of the wheel just built; pip has a separate lock."""
-    own = "".join(
+    pip_lock = "".join(
         f"baqueano=={path.name.split('-')[1]} --hash=sha256:{hashlib.sha256(path.read_bytes()).hexdigest()}\n"
         for path in folder.glob("baqueano-*.whl")
     )
     (folder / "pip.lock").write_text(packages["pip"], encoding="utf-8")
-    rest = "".join(text for name, text in packages.items() if name != "pip")
-    (folder / "packages.lock").write_text(rest + own, encoding="utf-8")
+    other_locks = "".join(text for name, text in packages.items() if name != "pip")
+    (folder / "packages.lock").write_text(other_locks + pip_lock, encoding="utf-8")
 
 
 def _run_pip(command: list[str]) -> None:
@@ -173,51 +177,62 @@ def _run_pip(command: list[str]) -> None:
 
 def setup(
     host: str, folder: Path, machine: TargetMachine, *, vehicle: "VehicleFile | None" = None,
-    notify: Notify = lambda text: None, dry: bool = False, root: str = "/",
+    notify: Notify = lambda text: None, is_dry_run: bool = False, root: str = "/",
 ) -> None:  # fmt: skip
     """Send `folder` to HOST and run the steps there; their output appears in the terminal.
 
     A vehicle file `vehicle` replaces the file at HOST, but the calibrations of that file stay; `notify` receives the
-    changes. Without `vehicle`, the file at HOST stays. `dry` only plans the steps. Raise RobotUnreachable if `folder`
-    cannot be sent.
+    changes. Without `vehicle`, the file at HOST stays. `is_dry_run` only plans the steps. Raise RobotUnreachable if
+    `folder` cannot be sent.
     """
-    (folder / BASE).unlink(missing_ok=True)
+    (folder / BASE_FILE).unlink(missing_ok=True)
     if vehicle is not None:
-        new = renew_file(host, vehicle, root)
-        (folder / "vehicle.toml").write_bytes(new.text.encode())
-        if new.base:
-            (folder / BASE).write_bytes(new.base)
-        for line in new.lines:
+        renewed = renew_file(host, vehicle, root)
+        (folder / "vehicle.toml").write_bytes(renewed.text.encode())
+        if renewed.base:
+            (folder / BASE_FILE).write_bytes(renewed.base)
+        for line in renewed.lines:
             notify(f"vehicle.toml  {line}")
     archive = io.BytesIO()
     with tarfile.open(fileobj=archive, mode="w") as tar:
         for path in sorted(folder.iterdir()):
             tar.add(path, path.name)
-    command = f"rm -rf {THERE} && mkdir -m 700 {THERE} && tar -x -C {THERE}"
+    command = f"rm -rf {TARGET_FOLDER} && mkdir -m 700 {TARGET_FOLDER} && tar -x -C {TARGET_FOLDER}"
     if run(ssh(host, command), archive.getvalue())[1]:
         raise RobotUnreachable(fault("setup.packages-not-sent", host=host))
-    words = ["--bundle", THERE, "--user", machine.user, "--root", root, "--now", f"{time.time():.0f}"]
+    arguments = [
+        "--bundle",
+        TARGET_FOLDER,
+        "--user",
+        machine.user,
+        "--root",
+        root,
+        "--now",
+        f"{time.time():.0f}",
+    ]
     try:
-        _steps(host, ["plan" if dry else "do", *words], as_root=not dry)
+        _run_steps(host, ["plan" if is_dry_run else "do", *arguments], as_root=not is_dry_run)
     finally:
-        run(ssh(host, f"rm -rf {THERE}"))
+        run(ssh(host, f"rm -rf {TARGET_FOLDER}"))
 
 
 def remove(host: str, machine: TargetMachine, *, root: str = "/") -> None:
     """Undo the changes of `setup` at HOST."""
     text = steps_in_this_language()
-    command = f"rm -rf {THERE} && mkdir -m 700 {THERE} && cat >{THERE}/steps.py"
+    command = f"rm -rf {TARGET_FOLDER} && mkdir -m 700 {TARGET_FOLDER} && cat >{TARGET_FOLDER}/steps.py"
     if run(ssh(host, command), text.encode())[1]:
         raise RobotUnreachable(fault("setup.nothing-sent", host=host))
     try:
-        _steps(host, ["undo", "--bundle", THERE, "--user", machine.user, "--root", root], as_root=True)
+        _run_steps(
+            host, ["undo", "--bundle", TARGET_FOLDER, "--user", machine.user, "--root", root], as_root=True
+        )
     finally:
-        run(ssh(host, f"rm -rf {THERE}"))
+        run(ssh(host, f"rm -rf {TARGET_FOLDER}"))
 
 
-def _steps(host: str, words: list[str], as_root: bool) -> None:
+def _run_steps(host: str, arguments: list[str], as_root: bool) -> None:
     terminal = sys.stdin is not None and sys.stdin.isatty()
     sudo = ["sudo"] if terminal else ["sudo", "-n"]
-    command = shlex.join([*(sudo if as_root else ()), "python3", f"{THERE}/steps.py", *words])
-    if run(ssh(host, command, *(["-t"] if terminal and as_root else [])), answers=False)[1]:
+    command = shlex.join([*(sudo if as_root else ()), "python3", f"{TARGET_FOLDER}/steps.py", *arguments])
+    if run(ssh(host, command, *(["-t"] if terminal and as_root else [])), return_output=False)[1]:
         raise RobotUnreachable(fault("setup.not-finished", host=host))

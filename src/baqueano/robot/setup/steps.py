@@ -25,9 +25,9 @@ from baqueano.robot.setup.machine import ACCOUNT, Pi, Step, _, text_of, write_at
 
 DEVICES = ("dialout", "i2c", "gpio")  # groups of the devices that the service opens
 GROUPS = (*DEVICES, "input")  # "input": a game pad, for a user at the vehicle
-NOBODY = ("nologin", "false")  # shells of accounts that cannot log in
+NO_LOGIN_SHELLS = ("nologin", "false")  # shells of accounts that cannot log in
 BEGIN, END = "# baqueano: begin", "# baqueano: end"
-CONFIG = f"""{BEGIN}
+CONFIG_BLOCK = f"""{BEGIN}
 [all]
 dtparam=i2c_arm=on,i2c_arm_baudrate=400000
 # the I2C clock follows the core's: it must not step
@@ -39,7 +39,7 @@ core_freq=250
 {END}
 """
 HOME = "var/lib/baqueano"
-CLOCK_OFF_S = 60.0
+MAX_CLOCK_ERROR_S = 60.0
 
 
 def steps(pi: Pi, now_s: float | None = None) -> list[Step]:
@@ -48,32 +48,32 @@ def steps(pi: Pi, now_s: float | None = None) -> list[Step]:
     unit = unit.replace("@user@", ACCOUNT).replace("@groups@", " ".join(pi.groups(*DEVICES)))
     rules = text_of(pi.bundle / "60-baqueano.rules")
     return [
-        clock(pi, now_s),
-        boot_block(pi),
+        clock_step(pi, now_s),
+        boot_block_step(pi),
         file_step(pi, "etc/modules-load.d/baqueano.conf", "i2c-dev\n"),
         file_step(pi, "etc/udev/rules.d/60-baqueano.rules", rules),
-        account(pi),
-        groups(pi),
-        environment(pi),
+        account_step(pi),
+        groups_step(pi),
+        environment_step(pi),
         link_step(pi, "usr/local/bin/baqueano", "/opt/baqueano/bin/baqueano"),
-        vehicle(pi),
-        home(pi),
+        vehicle_step(pi),
+        home_step(pi),
         file_step(pi, "etc/systemd/system/baqueano.service", unit),
-        service(pi),
+        service_step(pi),
     ]
 
 
-def clock(pi: Pi, now_s: float | None) -> Step:
+def clock_step(pi: Pi, now_s: float | None) -> Step:
     """Return the step that sets a Pi's clock to the laptop's time `now_s`; without a network the clock is wrong."""
     return Step(
         _("clock: the laptop's time") if now_s is not None else _("clock: as it is"),
-        lambda: now_s is None or abs(time.time() - now_s) < CLOCK_OFF_S,
+        lambda: now_s is None or abs(time.time() - now_s) < MAX_CLOCK_ERROR_S,
         lambda: pi.run("date", "-s", f"@{now_s:.0f}"),
         lambda: None,
     )
 
 
-def boot_block(pi: Pi) -> Step:
+def boot_block_step(pi: Pi) -> Step:
     """Return the step that sets I2C to 400 kHz and fixes the core clock, in config.txt."""
 
     def without() -> str:
@@ -84,7 +84,7 @@ def boot_block(pi: Pi) -> Step:
     def do() -> None:
         pi.note("boot", True)
         text = without()
-        write_atomically(pi.config, text + ("" if not text or text.endswith("\n") else "\n") + CONFIG)
+        write_atomically(pi.config, text + ("" if not text or text.endswith("\n") else "\n") + CONFIG_BLOCK)
 
     def undo() -> None:
         if "boot" in pi.noted and pi.config.exists():
@@ -94,7 +94,7 @@ def boot_block(pi: Pi) -> Step:
     if not pi.config.exists():
         return Step(_("config.txt is missing: this is not a Raspberry Pi"), lambda: True, lambda: None, undo)
     name = _("{path}: I2C at 400 kHz, core_freq fixed (after the next start)", path=pi.config)
-    return Step(name, lambda: CONFIG in pi.config.read_text(encoding="utf-8"), do, undo)
+    return Step(name, lambda: CONFIG_BLOCK in pi.config.read_text(encoding="utf-8"), do, undo)
 
 
 def file_step(pi: Pi, path: str, text: str) -> Step:
@@ -138,12 +138,12 @@ def link_step(pi: Pi, path: str, to: str) -> Step:
     return Step(f"/{path} → {to}", lambda: link.is_symlink() and os.readlink(link) == to, do, undo)
 
 
-def account(pi: Pi) -> Step:
+def account_step(pi: Pi) -> Step:
     """Return the step that creates the account of the service, which cannot log in.
 
     Raise SystemExit if that name belongs to a user who can log in.
     """
-    if (entry := pi.account()) is not None and Path(entry[6]).name not in NOBODY:
+    if (entry := pi.account()) is not None and Path(entry[6]).name not in NO_LOGIN_SHELLS:
         sys.exit(
             _(
                 "on this vehicle {user} is the account of a person, but the service needs that name. Log "
@@ -168,7 +168,7 @@ def account(pi: Pi) -> Step:
     return Step(name, lambda: pi.account() is not None, do, undo)
 
 
-def groups(pi: Pi) -> Step:
+def groups_step(pi: Pi) -> Step:
     """Return the step that adds the user to the groups for the serial line, the bus, a game pad and the service."""
 
     def missing() -> list[str]:
@@ -192,7 +192,7 @@ def groups(pi: Pi) -> Step:
     )
 
 
-def environment(pi: Pi) -> Step:
+def environment_step(pi: Pi) -> Step:
     """Return the step that makes the venv of the service from the wheels of the bundle, without internet.
 
     The step uses pip from the bundle. The old venv stays until the new one is complete, and is restored if
@@ -249,7 +249,7 @@ def environment(pi: Pi) -> Step:
     return Step(_("/opt/baqueano: a venv with {wheels} packages", wheels=len(wheels)), same, do, undo)
 
 
-def vehicle(pi: Pi) -> Step:
+def vehicle_step(pi: Pi) -> Step:
     """Return the step that installs the vehicle file. The old file is kept as vehicle.toml.before.
 
     An existing file is replaced only if it still equals vehicle.toml.seen of the bundle, the file from which the new
@@ -283,7 +283,7 @@ def vehicle(pi: Pi) -> Step:
     return Step(f"/var/lib/baqueano/vehicle.toml{old}", is_done, do, lambda: None)
 
 
-def home(pi: Pi) -> Step:
+def home_step(pi: Pi) -> Step:
     """Return the step that gives runs and vehicle file to the service's account; its group may change both."""
     place = pi.path_on_target(HOME)
 
@@ -305,7 +305,7 @@ def home(pi: Pi) -> Step:
     return Step(_("/{path}: it belongs to {user}", path=HOME, user=ACCOUNT), is_done, do, undo)
 
 
-def service(pi: Pi) -> Step:
+def service_step(pi: Pi) -> Step:
     """Return the step that starts the service now, and whenever the machine starts."""
 
     def do() -> None:

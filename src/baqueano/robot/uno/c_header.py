@@ -8,29 +8,29 @@ from baqueano.robot.uno.frames import KINDS, LAYOUTS, STRUCTS, Config, Frame, Se
 C_TYPES = {"B": "uint8_t", "H": "uint16_t", "I": "uint32_t", "h": "int16_t", "i": "int32_t"}
 
 
-def snake(name: str) -> str:
+def snake_case(name: str) -> str:
     """Return a name in snake case: AskInfo → ask_info."""
     return "".join(("_" if c.isupper() and k else "") + c.lower() for k, c in enumerate(name))
 
 
 def c_struct(layout: type[Any]) -> list[str]:
     """Return a layout as lines of C: its packed structure, its length, and the ranges of its numbers."""
-    name, lines, ranges = snake(layout.__name__), [], []
+    name, lines, ranges = snake_case(layout.__name__), [], []
     for field, hint in get_type_hints(layout, include_extras=True).items():
-        code, *more = hint.__metadata__
+        code, *annotations = hint.__metadata__
         if not isinstance(code, str):
-            times = f"[{more[0].times}]" if more else ""
-            lines.append(f"    {snake(code.__name__)}_t {field}{times};")
+            times = f"[{annotations[0].times}]" if annotations else ""
+            lines.append(f"    {snake_case(code.__name__)}_t {field}{times};")
             continue
         lines.append(f"    {C_TYPES[code]} {field};")
-        if more:
+        if annotations:
             ranges += [
-                f"#define {name.upper()}_{field.upper()}_{end} {value}"
-                for end, value in zip(("LEAST", "MOST"), more[0], strict=True)
+                f"#define {name.upper()}_{field.upper()}_{bound} {value}"
+                for bound, value in zip(("LEAST", "MOST"), annotations[0], strict=True)
             ]
     length = f"#define {name.upper()}_LENGTH {STRUCTS[layout].size}"
-    body = ["typedef struct __attribute__((packed)) {", *lines, f"}} {name}_t;"] if lines else []
-    return ["", *body, length, *ranges]
+    c_lines = ["typedef struct __attribute__((packed)) {", *lines, f"}} {name}_t;"] if lines else []
+    return ["", *c_lines, length, *ranges]
 
 
 def c_header() -> str:
@@ -53,7 +53,7 @@ def c_header() -> str:
     ]
     for kind, layout in KINDS.items():
         now = "_NOW" if layout is Settings and kind & 0x80 else ""
-        lines.append(f"#define KIND_{snake(layout.__name__).upper()}{now} 0x{kind:02x}")
+        lines.append(f"#define KIND_{snake_case(layout.__name__).upper()}{now} 0x{kind:02x}")
     for group in (
         frames.DriveFlag,
         frames.StateFlag,
@@ -62,7 +62,7 @@ def c_header() -> str:
         frames.Encoders,
         frames.Wiring,
     ):
-        names = snake(group.__name__).upper()
+        names = snake_case(group.__name__).upper()
         lines += ["", *(f"#define {names}_{member.name} {member.value}" for member in group)]
     lines += [
         "",

@@ -1,7 +1,7 @@
 """Convert the clock of the Uno to the time of the host.
 
     ping at h₁, answered at device time d, answer received at h₂:   h(d) ≈ (h₁ + h₂)/2,  error ≤ (h₂ − h₁)/2       (1)
-    h(d) = h₀ + (1 + ε)(d − d₀)     least squares over the quickest answer of each PART_S of a window       (2)
+    h(d) = h₀ + (1 + ε)(d − d₀)     least squares over the quickest answer of each SECTION_S of a window       (2)
 
 A ceramic resonator is wrong by up to 0.5 %, 3 s in ten minutes. A delay over USB affects only one direction, so the
 quickest answers are the most accurate (as in NTP). Until three parts have an answer, ε is 0, and h₀ is the middle time
@@ -14,7 +14,7 @@ from typing import NamedTuple
 import numpy as np
 
 WINDOW_S = 20.0
-PART_S = 1.0
+SECTION_S = 1.0
 WRAP_US = 1 << 32
 NS_PER_US = 1000
 
@@ -33,7 +33,7 @@ class UnoClock:
     def __init__(self) -> None:
         self.skew = 0.0  # ε: relative excess of a second of the device over a second of the host
         self._answers: deque[PongTimes] = deque()
-        self._at = (0, 0)  # (d₀ [µs], h₀ [ns])
+        self._reference = (0, 0)  # (d₀ [µs], h₀ [ns])
         self._last_us = -1
         self.synchronised = False
 
@@ -45,9 +45,9 @@ class UnoClock:
         if self._last_us < 0:
             self._last_us = t_us
         step = (t_us - self._last_us + WRAP_US // 2) % WRAP_US - WRAP_US // 2
-        now = self._last_us + step
-        self._last_us = max(self._last_us, now)
-        return now
+        now_us = self._last_us + step
+        self._last_us = max(self._last_us, now_us)
+        return now_us
 
     def add_ping(self, sent_ns: int, device_us: int, received_ns: int) -> None:
         """Add an answered ping, and estimate offset and skew again.  (1), (2)
@@ -57,20 +57,23 @@ class UnoClock:
         self._answers.append(PongTimes(device_us, (sent_ns + received_ns) // 2, received_ns - sent_ns))
         while received_ns - self._answers[0].middle_ns > WINDOW_S * 1e9:
             self._answers.popleft()
-        parts: dict[int, PongTimes] = {}
+        best_of_section: dict[int, PongTimes] = {}
         for answer in self._answers:
-            part = answer.middle_ns // round(PART_S * 1e9)
-            if part not in parts or answer.trip_ns < parts[part].trip_ns:
-                parts[part] = answer
-        quick = sorted(parts.values(), key=lambda a: a.trip_ns)
-        self._at, self.synchronised = (quick[0].device_us, quick[0].middle_ns), True
+            section = answer.middle_ns // round(SECTION_S * 1e9)
+            if section not in best_of_section or answer.trip_ns < best_of_section[section].trip_ns:
+                best_of_section[section] = answer
+        quick = sorted(best_of_section.values(), key=lambda a: a.trip_ns)
+        self._reference, self.synchronised = (quick[0].device_us, quick[0].middle_ns), True
         if len(quick) > 2:
-            device = np.array([a.device_us - self._at[0] for a in quick], dtype=float) * NS_PER_US
-            host = np.array([a.middle_ns - self._at[1] for a in quick], dtype=float)
-            slope, offset = np.polyfit(device, host, 1)
-            self.skew, self._at = float(slope) - 1.0, (self._at[0], self._at[1] + round(offset))
+            device_ns = np.array([a.device_us - self._reference[0] for a in quick], dtype=float) * NS_PER_US
+            host_ns = np.array([a.middle_ns - self._reference[1] for a in quick], dtype=float)
+            slope, offset = np.polyfit(device_ns, host_ns, 1)
+            self.skew, self._reference = (
+                float(slope) - 1.0,
+                (self._reference[0], self._reference[1] + round(offset)),
+            )
 
     def host_ns(self, device_us: int) -> int:
         """Return the host time [ns] at a device time [µs] that `unwrap` returned.  (2)"""
-        since_ns = (device_us - self._at[0]) * NS_PER_US
-        return self._at[1] + since_ns + round(self.skew * since_ns)
+        since_ns = (device_us - self._reference[0]) * NS_PER_US
+        return self._reference[1] + since_ns + round(self.skew * since_ns)

@@ -20,13 +20,13 @@ from baqueano.robot.uno.frames import (
     SEAL_POLYNOMIAL,
     SEALED,
     Frame,
-    outside,
+    first_out_of_range,
     pack,
     unpack,
 )
 
 CRC_START = 0xFFFF
-LONGEST = 1 + 2 + MAX_PAYLOAD + 2
+MAX_FRAME_BYTES = 1 + 2 + MAX_PAYLOAD + 2
 """Bytes of the longest frame between its two zeros."""
 
 
@@ -55,15 +55,15 @@ def stuff(body: bytes) -> bytes:
 
 def unstuff(stuffed: bytes) -> bytes | None:
     """Return the body that a COBS code encodes; None if the distances in the code are not consistent."""
-    body, place = bytearray(), 0
-    while place < len(stuffed):
-        distance = stuffed[place]
-        run = stuffed[place + 1 : place + distance]
+    body, position = bytearray(), 0
+    while position < len(stuffed):
+        distance = stuffed[position]
+        run = stuffed[position + 1 : position + distance]
         if distance == 0 or len(run) != distance - 1:
             return None
         body += run
         body.append(0)
-        place += distance
+        position += distance
     return bytes(body[:-1])
 
 
@@ -94,16 +94,16 @@ def encode(frame: Frame, seq: int, kind: int | None = None) -> bytes:
     Raises:
         UsageError: a number is out of the range that the firmware accepts.
     """
-    if wrong := outside(frame):
-        path, number, (least, most) = wrong
+    if wrong := first_out_of_range(frame):
+        path, value, (low, high) = wrong
         raise UsageError(
             fault(
                 "uno.number-range",
                 frame=type(frame).__name__,
                 path=path,
-                number=number,
-                least=least,
-                most=most,
+                number=value,
+                least=low,
+                most=high,
             )
         )
     return encode_frame(KIND_OF[type(frame)] if kind is None else kind, seq, pack(frame))
@@ -119,19 +119,19 @@ class Decoder:
 
     def __init__(self) -> None:
         self.bad_crc = self.bad_shape = 0
-        self._open = b""
+        self._incomplete = b""
 
     def feed(self, data: bytes) -> list[ReceivedFrame]:
         """Return the frames that these bytes complete, in order."""
         if b"\0" not in data:
-            self._open = (self._open + data)[: LONGEST + 1]
+            self._incomplete = (self._incomplete + data)[: MAX_FRAME_BYTES + 1]
             return []
-        *pieces, rest = (self._open + data).split(b"\0")
-        self._open = rest[: LONGEST + 1]
+        *pieces, incomplete = (self._incomplete + data).split(b"\0")
+        self._incomplete = incomplete[: MAX_FRAME_BYTES + 1]
         return [frame for piece in pieces if piece and (frame := self._read(piece))]
 
     def _read(self, piece: bytes) -> ReceivedFrame | None:
-        body = unstuff(piece) if len(piece) <= LONGEST else None
+        body = unstuff(piece) if len(piece) <= MAX_FRAME_BYTES else None
         if body is None or len(body) < 4 or crc_hqx(body, CRC_START):
             self.bad_crc += 1
         elif LENGTHS.get(kind := body[0]) != len(body) - 4:

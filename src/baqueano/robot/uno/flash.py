@@ -21,8 +21,8 @@ from baqueano.robot.uno.serial_port import find_port, open_uno
 if TYPE_CHECKING:
     from baqueano.contracts.values import TableRow
 
-SHIPPED = "uno.hex"
-SECONDS = 60.0
+FIRMWARE_NAME = "uno.hex"
+FLASH_TIMEOUT_S = 60.0
 FLASH_BYTES = 32_256  # without the boot-loader
 
 
@@ -54,15 +54,15 @@ class FlashResult(NamedTuple):
 
 def packaged_firmware() -> Path:
     """Return the path of the firmware's hex file in this package."""
-    return Path(str(files("baqueano.robot") / "files" / SHIPPED))
+    return Path(str(files("baqueano.robot") / "files" / FIRMWARE_NAME))
 
 
-def program(path: Path) -> bytes:
+def program_bytes(path: Path) -> bytes:
     """Return the program in an Intel hex file, from address 0 on. Raise FileError for a damaged or too large file."""
     memory = bytearray()
     try:
         lines = path.read_text(encoding="ascii").split()
-        for number, line in enumerate(lines, 1):
+        for line_number, line in enumerate(lines, 1):
             record = bytes.fromhex(line.removeprefix(":"))
             if (
                 not line.startswith(":")
@@ -70,11 +70,11 @@ def program(path: Path) -> bytes:
                 or len(record) < 5
                 or len(record) != 5 + record[0]
             ):
-                raise FileError(fault("flash.bad-line", path=path, line=number))
+                raise FileError(fault("flash.bad-line", path=path, line=line_number))
             if record[3] == 0:
-                at = record[1] << 8 | record[2]
-                memory.extend(b"\xff" * (at + record[0] - len(memory)))
-                memory[at : at + record[0]] = record[4:-1]
+                address = record[1] << 8 | record[2]
+                memory.extend(b"\xff" * (address + record[0] - len(memory)))
+                memory[address : address + record[0]] = record[4:-1]
     except (OSError, ValueError) as error:
         raise FileError(fault("flash.not-hex", path=path, error=error)) from error
     if not 0 < len(memory) <= FLASH_BYTES:
@@ -84,7 +84,7 @@ def program(path: Path) -> bytes:
 
 def checksum(path: Path) -> str:
     """Return the CRC-32 of a hex file's program as eight hexadecimal digits."""
-    return f"{zlib.crc32(program(path)):08x}"
+    return f"{zlib.crc32(program_bytes(path)):08x}"
 
 
 def flash(
@@ -95,7 +95,7 @@ def flash(
     Raise UsageError without avrdude. Raise RobotUnreachable if the boot-loader or the new firmware does not answer.
     """
     path = hex_file or packaged_firmware()
-    size = len(program(path))
+    byte_count = len(program_bytes(path))
     avrdude = shutil.which("avrdude")
     if avrdude is None:
         raise UsageError(fault("flash.no-avrdude"))
@@ -104,7 +104,7 @@ def flash(
         _(
             "{where}: writing {size} bytes ({name}, {checksum})",
             where=device_path,
-            size=size,
+            size=byte_count,
             name=path.name,
             checksum=checksum(path),
         )
@@ -114,7 +114,7 @@ def flash(
         info = uno.info
         assert info is not None
         version = f"{info.version_major}.{info.version_minor}.{info.version_patch}"
-        return FlashResult(device_path, size, version, info.boots)
+        return FlashResult(device_path, byte_count, version, info.boots)
 
 
 def _write(avrdude: str, device_path: str, path: Path) -> None:
@@ -135,10 +135,12 @@ def _write(avrdude: str, device_path: str, path: Path) -> None:
     ]
     try:
         process = subprocess.run(
-            command, capture_output=True, encoding="utf-8", errors="replace", timeout=SECONDS
+            command, capture_output=True, encoding="utf-8", errors="replace", timeout=FLASH_TIMEOUT_S
         )
     except subprocess.TimeoutExpired as error:
-        raise RobotUnreachable(fault("flash.too-slow", where=device_path, within_s=SECONDS)) from error
+        raise RobotUnreachable(
+            fault("flash.too-slow", where=device_path, within_s=FLASH_TIMEOUT_S)
+        ) from error
     if process.returncode:
         complaint = [line for line in process.stderr.splitlines() if line.strip() and "ioctl" not in line]
         raise RobotUnreachable(

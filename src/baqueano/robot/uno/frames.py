@@ -275,17 +275,17 @@ def width(code: str) -> Within:
 
 def fields(layout: type[tuple[Any, ...]], path: str = "") -> list[Field]:
     """Return the fields of a layout in the order of the wire; nested layouts are flattened."""
-    out: list[Field] = []
+    layout_fields: list[Field] = []
     for name, hint in get_type_hints(layout, include_extras=True).items():
-        code, *more = hint.__metadata__
+        code, *annotations = hint.__metadata__
         if isinstance(code, str):
-            out.append(Field(path + name, code, more[0] if more else width(code)))
-        elif more:
-            for place in range(more[0].times):
-                out += fields(code, f"{path}{name}[{place}].")
+            layout_fields.append(Field(path + name, code, annotations[0] if annotations else width(code)))
+        elif annotations:
+            for index in range(annotations[0].times):
+                layout_fields += fields(code, f"{path}{name}[{index}].")
         else:
-            out += fields(code, f"{path}{name}.")
-    return out
+            layout_fields += fields(code, f"{path}{name}.")
+    return layout_fields
 
 
 LAYOUTS: tuple[type[Any], ...] = (Way, *dict.fromkeys(KINDS.values()))
@@ -297,23 +297,26 @@ SEALED = {0x01, 0x02, 0x06}
 LENGTHS = {kind: STRUCTS[layout].size + 2 * (kind in SEALED) for kind, layout in KINDS.items()}
 
 
-def flat(frame: tuple[Any, ...]) -> list[int]:
+def flat_values(frame: tuple[Any, ...]) -> list[int]:
     """Return the numbers of a frame in one list; nested frames are flattened."""
-    numbers: list[int] = []
+    values: list[int] = []
     for value in frame:
-        numbers += flat(value) if isinstance(value, tuple) else [int(value)]
-    return numbers
+        values += flat_values(value) if isinstance(value, tuple) else [int(value)]
+    return values
 
 
 def unflatten(layout: type[Any], numbers: list[int]) -> Any:
-    """Return the frame built from flattened numbers, the inverse of `flat`. Remove the used numbers from the list."""
+    """Return the frame built from flattened numbers, the inverse of `flat_values`.
+
+    Remove the used numbers from the list.
+    """
     values: list[Any] = []
     for hint in get_type_hints(layout, include_extras=True).values():
-        code, *more = hint.__metadata__
+        code, *annotations = hint.__metadata__
         if isinstance(code, str):
             values.append(numbers.pop(0))
-        elif more:
-            values.append(tuple(unflatten(code, numbers) for _ in range(more[0].times)))
+        elif annotations:
+            values.append(tuple(unflatten(code, numbers) for _ in range(annotations[0].times)))
         else:
             values.append(unflatten(code, numbers))
     return layout(*values)
@@ -321,7 +324,7 @@ def unflatten(layout: type[Any], numbers: list[int]) -> Any:
 
 def pack(frame: Frame) -> bytes:
     """Return the payload of a frame. Raise struct.error if a number does not fit its width."""
-    return STRUCTS[type(frame)].pack(*(flat(frame) if type(frame) in NESTED else frame))
+    return STRUCTS[type(frame)].pack(*(flat_values(frame) if type(frame) in NESTED else frame))
 
 
 def unpack(layout: type[Frame], payload: bytes) -> Frame:
@@ -330,10 +333,10 @@ def unpack(layout: type[Frame], payload: bytes) -> Frame:
     return unflatten(layout, list(numbers)) if layout in NESTED else layout(*numbers)
 
 
-def outside(frame: Frame) -> tuple[str, int, Within] | None:
+def first_out_of_range(frame: Frame) -> tuple[str, int, Within] | None:
     """Return the first number out of its range as (name, number, range); None if all numbers are in range."""
-    numbers: list[Any] = flat(frame) if type(frame) in NESTED else list(frame)
-    for field, number in zip(FIELDS[type(frame)], numbers, strict=True):
-        if not field.within.least <= number <= field.within.most:
-            return field.path, number, field.within
+    values: list[Any] = flat_values(frame) if type(frame) in NESTED else list(frame)
+    for field, value in zip(FIELDS[type(frame)], values, strict=True):
+        if not field.within.least <= value <= field.within.most:
+            return field.path, value, field.within
     return None

@@ -40,15 +40,15 @@ from baqueano.robot.uno.standstill import Standstill
 from baqueano.robot.uno.statistics import Statistics
 from baqueano.worlds.robot import Telemetry, count_increase
 
-PING_EVERY_S = 0.1
-KEPT = 2000  # most telemetry frames kept for the caller: 20 s
+PING_PERIOD_S = 0.1
+MAX_TELEMETRY = 2000  # most telemetry frames kept for the caller: 20 s
 ANSWER_S = 1.0  # timeout of a request outside a drive
-ASK_AGAIN_S = 0.2
+REPEAT_PERIOD_S = 0.2
 SILENCE_US = 500_000  # during this time fewer than 128 frames are sent
 ARM_DELAY_S = 0.01  # the Uno receives a frame within this time; later telemetry shows it
-ARMING_S = 0.2  # time for which arming is repeated before `trouble` is set
-MOST_AHEAD = 64  # most commands on their way; the firmware regards a command 128 ahead as old
-LASTING = (StopReason.UNO_LATCHED, StopReason.UNO_BATTERY)  # kept until telemetry no longer reports them
+ARMING_TIMEOUT_S = 0.2  # time for which arming is repeated before `trouble` is set
+MAX_COMMANDS_AHEAD = 64  # most commands on their way; the firmware regards a command 128 ahead as old
+LASTING_STOPS = (StopReason.UNO_LATCHED, StopReason.UNO_BATTERY)  # kept while telemetry reports them
 Reply = TypeVar("Reply")
 
 
@@ -93,10 +93,10 @@ class Uno:
         self.noise_ns = -(1 << 62)  # time of the last damaged frame
         self._port, self._now_ns, self._decoder = port, now_ns, Decoder()
         self._standstill = Standstill(now_ns)
-        self._telemetry: deque[Telemetry] = deque(maxlen=KEPT)
+        self._telemetry: deque[Telemetry] = deque(maxlen=MAX_TELEMETRY)
         self._replies: dict[type, Any] = {}
         self._pings: dict[int, int] = {}
-        self._before: EarlierFrame | None = None
+        self._previous: EarlierFrame | None = None
         self._nonce: int | None = None  # nonce in the last frame of the firmware
         self._drive_seq, self._seq_received, self._token, self._pinged_ns = 0, -1, 0, -(1 << 62)
         self._armed, self._confirmed, self._damaged_count = False, False, 0
@@ -121,20 +121,20 @@ class Uno:
         """Arm, so that the following commands drive; the first one requests zero duty.
 
         The zero request is repeated before each command until telemetry shows that the Uno is armed. `trouble` is set
-        if this takes longer than ARMING_S.
+        if this takes longer than ARMING_TIMEOUT_S.
         """
         with self._lock:
             self._armed, self._confirmed, self.trouble = True, False, None
             self._standstill.forget()
             self._armed_ns, self._unarmed_ns = self._now_ns(), None
-            self._drive_seq = self._drive_seq if self._before is None else self._before.state.drive_seq
+            self._drive_seq = self._drive_seq if self._previous is None else self._previous.state.drive_seq
         self.drive(0.0, 0.0)
 
     def disarm(self) -> None:
         """Switch the motors off and the bridge to sleep, and clear `trouble`, except a latch or a low battery."""
         with self._lock:
             self._armed = False
-            self._forgive()
+            self._clear_trouble()
         self._drive(0, 0, 0)
 
     def stop(self) -> None:
@@ -149,17 +149,17 @@ class Uno:
         frame.
         """
         with self._lock:
-            self._forgive()
+            self._clear_trouble()
         self._drive(0, 0, DriveFlag.CLEAR_STOP)
 
-    def _forgive(self) -> None:
+    def _clear_trouble(self) -> None:
         self._standstill.forget()
-        if not self._lasts:
+        if not self._is_lasting:
             self.trouble = None
 
     @property
-    def _lasts(self) -> bool:
-        return self.trouble is not None and self.trouble.code in LASTING
+    def _is_lasting(self) -> bool:
+        return self.trouble is not None and self.trouble.code in LASTING_STOPS
 
     def receive(self) -> list[Telemetry]:
         """Return the telemetry that has arrived since the last call, in order."""
@@ -169,7 +169,7 @@ class Uno:
     def stood_still(self) -> Diagnostic | None:
         """Disarm after a standstill of the computer, and return the reason to stop; None without a standstill."""
         config = Config() if self.info is None else self.info.config
-        if self._armed and (reason := self._standstill.look(config.dead_man_ms)):
+        if self._armed and (reason := self._standstill.check(config.dead_man_ms)):
             with self._lock:
                 self._armed, self.trouble = False, reason
             self._drive(0, 0, 0)
@@ -187,18 +187,18 @@ class Uno:
             return
         now_ns = self._now_ns()
         for received_frame in self._decoder.feed(data) if data else ():
-            self._take(received_frame, now_ns)
+            self._process(received_frame, now_ns)
         damaged_frames = self._decoder.bad_crc + self._decoder.bad_shape
         if damaged_frames > self._damaged_count:
             self.noise_ns = now_ns
             self.statistics.damaged += damaged_frames - self._damaged_count
         self._damaged_count = damaged_frames
-        if now_ns - self._pinged_ns >= PING_EVERY_S * 1e9:
+        if now_ns - self._pinged_ns >= PING_PERIOD_S * 1e9:
             self._pinged_ns, self._token = now_ns, (self._token + 1) & 0xFFFFFFFF
             if self._send(Ping(self._token)):
                 self._pings[self._token] = now_ns
-            for old in [t for t in self._pings if self._token - t > 10]:
-                del self._pings[old]
+            for old_token in [t for t in self._pings if self._token - t > 10]:
+                del self._pings[old_token]
             if self.info is None:
                 self._send(AskInfo())
 
@@ -224,7 +224,7 @@ class Uno:
         while self._now_ns() < end_ns:
             if self._now_ns() >= retry_ns:
                 self._send(question)
-                retry_ns = self._now_ns() + round(ASK_AGAIN_S * 1e9)
+                retry_ns = self._now_ns() + round(REPEAT_PERIOD_S * 1e9)
             wait(0.002)
             self.pump()
             received_reply = self._replies.pop(answer, received_reply)
@@ -278,17 +278,17 @@ class Uno:
             self.statistics.written += 1
             return True
 
-    def _take(self, received_frame: ReceivedFrame, now_ns: int) -> None:
+    def _process(self, received_frame: ReceivedFrame, now_ns: int) -> None:
         self.statistics.received += 1
         if isinstance(received_frame.frame, State | Info):
-            self._of_boot(received_frame.frame)
-        if not self._in_turn(received_frame):
+            self._check_boot(received_frame.frame)
+        if not self._is_in_sequence(received_frame):
             self.statistics.late += 1
-            if not self._newer(received_frame.frame):
+            if not self._is_newer(received_frame.frame):
                 return
         match received_frame.frame:
             case State() as state:
-                self._take_state(state, now_ns)
+                self._on_state(state, now_ns)
             case Pong(token, t_us) if token in self._pings:
                 sent_ns = self._pings.pop(token)
                 self.statistics.trips_ms.append((now_ns - sent_ns) / 1e6)
@@ -298,59 +298,59 @@ class Uno:
             case frame:
                 self._replies[type(frame)] = frame
 
-    def _in_turn(self, received_frame: ReceivedFrame) -> bool:
+    def _is_in_sequence(self, received_frame: ReceivedFrame) -> bool:
         """Return True if this frame is the newest so far, and count the lost frames before. After a long silence
         the sequence is ambiguous, so the time of the telemetry decides."""
-        ahead = (received_frame.seq - self._seq_received) & 0xFF
+        steps_ahead = (received_frame.seq - self._seq_received) & 0xFF
         if (
             self._seq_received >= 0
-            and not 0 < ahead < 128
-            and not self._newer(received_frame.frame, SILENCE_US)
+            and not 0 < steps_ahead < 128
+            and not self._is_newer(received_frame.frame, SILENCE_US)
         ):
             return False
         if self._seq_received >= 0:
-            self.statistics.lost += (ahead - 1) & 0xFF
+            self.statistics.lost += (steps_ahead - 1) & 0xFF
         self._seq_received = received_frame.seq
         return True
 
-    def _newer(self, frame: Frame, by_us: int = 0) -> bool:
+    def _is_newer(self, frame: Frame, by_us: int = 0) -> bool:
         """Return True if this telemetry is more than `by_us` newer than the last telemetry.
 
         The first telemetry and an INFO are newer only if `by_us` is 0.
         """
-        if not isinstance(frame, State) or self._before is None:
+        if not isinstance(frame, State) or self._previous is None:
             return by_us == 0 and isinstance(frame, State | Info)
-        return by_us < (frame.t_us - self._before.state.t_us) % WRAP_US < WRAP_US // 2
+        return by_us < (frame.t_us - self._previous.state.t_us) % WRAP_US < WRAP_US // 2
 
-    def _of_boot(self, frame: State | Info) -> None:
+    def _check_boot(self, frame: State | Info) -> None:
         """Detect a restart of the firmware by its nonce, even if the line was disconnected at that time."""
         if self._nonce is not None and frame.nonce != self._nonce:
             self.info = None  # `_pump` will request it again
-            self._take_restart(frame.reset_cause if isinstance(frame, Info) else 0)
+            self._on_restart(frame.reset_cause if isinstance(frame, Info) else 0)
         self._nonce = frame.nonce
 
-    def _take_restart(self, cause: int) -> None:
+    def _on_restart(self, cause: int) -> None:
         """Reset the state after a restart of the firmware, which is disarmed and begins its clock and counts at 0."""
         self.statistics.resets += 1
-        self.clock, self._before, self._seq_received = UnoClock(), None, -1
+        self.clock, self._previous, self._seq_received = UnoClock(), None, -1
         if self._armed:
             self.trouble = stop(StopReason.UNO_RESET, cause=causes(cause) or "cause unknown")
         self._armed = self._confirmed = False
 
-    def _take_state(self, state: State, now_ns: int) -> None:
-        if (self._drive_seq - state.drive_seq) & 0xFF > MOST_AHEAD:  # lost on the line, or refused
+    def _on_state(self, state: State, now_ns: int) -> None:
+        if (self._drive_seq - state.drive_seq) & 0xFF > MAX_COMMANDS_AHEAD:  # lost on the line, or refused
             self._drive_seq = state.drive_seq
         t_us = self.clock.unwrap(state.t_us)
         t_ns = min(self.clock.host_ns(t_us), now_ns) if self.clock.synchronised else now_ns
-        before = self._before
-        if before is not None:
-            t_ns = max(t_ns, before.t_ns + 1)
-            self._count(before.state, state)
-        self._before = EarlierFrame(state, t_us, t_ns)
-        self._judge(state, t_ns)
+        previous = self._previous
+        if previous is not None:
+            t_ns = max(t_ns, previous.t_ns + 1)
+            self._count_errors(previous.state, state)
+        self._previous = EarlierFrame(state, t_us, t_ns)
+        self._update_trouble(state, t_ns)
         self._telemetry.append(
             Telemetry(
-                t_ns, mean_duty(state, before, t_us), (state.left_counts, state.right_counts),
+                t_ns, mean_duty(state, previous, t_us), (state.left_counts, state.right_counts),
                 1e-3 * state.battery_mv, state.mark_count,
                 self.clock.host_ns(self.clock.unwrap(state.mark_t_us)) if self.clock.synchronised else now_ns,
                 self.trouble, bool(state.flags & StateFlag.ENCODER_FAULT),
@@ -358,14 +358,14 @@ class Uno:
             )
         )  # fmt: skip
 
-    def _count(self, previous: State, now: State) -> None:
+    def _count_errors(self, previous: State, current: State) -> None:
         """Add the faults that the Uno counted between two frames of telemetry; its counters wrap at 256."""
         s = self.statistics
-        s.spoilt += (now.bad_frames - previous.bad_frames) & 0xFF
-        s.ignored += (now.ignored_frames - previous.ignored_frames) & 0xFF
-        s.overrun += (now.overruns - previous.overruns) & 0xFF
+        s.spoilt += (current.bad_frames - previous.bad_frames) & 0xFF
+        s.ignored += (current.ignored_frames - previous.ignored_frames) & 0xFF
+        s.overrun += (current.overruns - previous.overruns) & 0xFF
 
-    def _judge(self, state: State, t_ns: int) -> None:
+    def _update_trouble(self, state: State, t_ns: int) -> None:
         """Set `trouble` from the flags of the telemetry."""
         if state.flags & StateFlag.STOPPED:
             self.trouble = stop(StopReason.UNO_LATCHED, "baqueano robot clear")
@@ -379,9 +379,9 @@ class Uno:
             self.trouble = stop(StopReason.UNO_DISARMED)
         elif self._armed and t_ns - self._armed_ns > ARM_DELAY_S * 1e9:
             self._unarmed_ns = t_ns if self._unarmed_ns is None else self._unarmed_ns
-            if t_ns - self._unarmed_ns > ARMING_S * 1e9:
-                self.trouble = stop(StopReason.UNO_DEAF, arming_ms=1e3 * ARMING_S)
-        elif not self._armed and self._lasts:
+            if t_ns - self._unarmed_ns > ARMING_TIMEOUT_S * 1e9:
+                self.trouble = stop(StopReason.UNO_DEAF, arming_ms=1e3 * ARMING_TIMEOUT_S)
+        elif not self._armed and self._is_lasting:
             self.trouble = None
 
 
@@ -395,6 +395,6 @@ def mean_duty(state: State, previous: EarlierFrame | None, t_us: int) -> tuple[f
     if previous is None or t_us <= previous.t_us:
         return 1e-3 * state.left_permille, 1e-3 * state.right_permille
     ms = max(1, round(1e-3 * (t_us - previous.t_us)))  # the sums count whole milliseconds
-    left = count_increase(state.left_sum, previous.state.left_sum) / (1000.0 * ms)
-    right = count_increase(state.right_sum, previous.state.right_sum) / (1000.0 * ms)
-    return left, right
+    left_duty = count_increase(state.left_sum, previous.state.left_sum) / (1000.0 * ms)
+    right_duty = count_increase(state.right_sum, previous.state.right_sum) / (1000.0 * ms)
+    return left_duty, right_duty

@@ -1,7 +1,7 @@
 """Provide a serial line for the link: found by its stable name, non-blocking, reopened after a disconnection.
 
 Opening the line resets an Uno (its DTR does), so it is opened once and kept open. Then the boot-loader waits a second
-or two, and the firmware sends INFO without a request. A service that starts opens the line first (`opened_early`) and
+or two, and the firmware sends INFO without a request. A service that starts opens the line first (`open_early`) and
 loads the rest of its code during that time. For that reason this module does not import numpy.
 """
 
@@ -25,12 +25,12 @@ from baqueano.robot.uno.frames import BAUD, PROTOCOL, AskInfo, Info
 if TYPE_CHECKING:
     from baqueano.robot.uno.link import Uno
 
-WRITE_S = 0.01  # time limit of a write; the rest is dropped
-AGAIN_S = 0.25  # between attempts to open a disconnected line
-LISTEN_S = 0.02
-BOOT_S = 4.0  # including the boot-loader
+WRITE_TIMEOUT_S = 0.01  # time limit of a write; the rest is dropped
+REOPEN_PERIOD_S = 0.25  # between attempts to open a disconnected line
+READ_PERIOD_S = 0.02
+BOOT_TIMEOUT_S = 4.0  # including the boot-loader
 BY_ID = "/dev/serial/by-id/*"
-OTHERS = ("/dev/ttyACM*", "/dev/ttyUSB*")
+OTHER_PORTS = ("/dev/ttyACM*", "/dev/ttyUSB*")
 
 
 class SerialPort:
@@ -50,7 +50,7 @@ class SerialPort:
         import serial
 
         self._serial = serial.Serial(
-            self.path, self.baud, timeout=0, write_timeout=WRITE_S, exclusive=True
+            self.path, self.baud, timeout=0, write_timeout=WRITE_TIMEOUT_S, exclusive=True
         )  # SerialException is an OSError
 
     def close(self) -> None:
@@ -61,7 +61,7 @@ class SerialPort:
                 line.close()
 
     def write(self, data: bytes) -> None:
-        """Send the bytes within WRITE_S; the receiver discards an incomplete frame by its CRC."""
+        """Send the bytes within WRITE_TIMEOUT_S; the receiver discards an incomplete frame by its CRC."""
         if self._serial is None:
             raise OSError(errno.EBADF, os.strerror(errno.EBADF), self.path)
         self._serial.write(data)
@@ -88,14 +88,14 @@ class SerialPort:
             time.sleep(seconds)
 
 
-def opened_early(file: Path) -> Callable[[], object]:
+def open_early(path: Path) -> Callable[[], object]:
     """Open the line that a vehicle file names, which resets its Uno, and return the function that closes it.
 
     Open the line a second time before you call that function. Otherwise the close drops DTR, and the next opening
     resets the Uno again. If the file or the line is not found, nothing is opened; their later use reports the error.
     """
     try:
-        hardware = tomllib.loads(file.read_text(encoding="utf-8")).get("robot", {})
+        hardware = tomllib.loads(path.read_text(encoding="utf-8")).get("robot", {})
         line = os.open(find_port(hardware.get("port", "auto")), os.O_RDWR | os.O_NOCTTY | os.O_NONBLOCK)
     except (BaqueanoError, OSError, ValueError, AttributeError, TypeError, RecursionError):
         return lambda: None
@@ -106,7 +106,8 @@ def opened_early(file: Path) -> Callable[[], object]:
 def open_uno(port: str = "auto", baud: int = BAUD) -> "Iterator[Uno]":
     """Yield the Uno at a port, which a separate thread reads, and disarm it at the end. "auto" finds the only line.
 
-    Raise RobotUnreachable without a line, or if no firmware with this protocol answers within BOOT_S. Raise UsageError
+    Raise RobotUnreachable without a line, or if no firmware with this protocol answers within BOOT_TIMEOUT_S. Raise
+    UsageError
     if there are several lines.
 
     >>> from baqueano.robot.uno.frames import Driver
@@ -136,29 +137,32 @@ def open_uno(port: str = "auto", baud: int = BAUD) -> "Iterator[Uno]":
         line.close()
 
 
-def listen(line: SerialPort, uno: "Uno", done: threading.Event) -> None:
+def listen(port: SerialPort, uno: "Uno", done: threading.Event) -> None:
     """Read the line until `done` is set, and open it again after each disconnection."""
     while not done.is_set():
-        if line.is_open:
-            line.wait(LISTEN_S)
+        if port.is_open:
+            port.wait(READ_PERIOD_S)
             uno.pump()
-        elif not done.wait(AGAIN_S):
+        elif not done.wait(REOPEN_PERIOD_S):
             try:
-                line.open()
+                port.open()
             except OSError:
                 continue
             uno.on_reopen()
 
 
 def introduce(uno: "Uno", path: str) -> Info:
-    """Return the firmware's INFO. Raise RobotUnreachable if none arrives within BOOT_S, or for another protocol."""
-    end = time.monotonic() + BOOT_S
+    """Return the firmware's INFO.
+
+    Raise RobotUnreachable if none arrives within BOOT_TIMEOUT_S, or for another protocol.
+    """
+    end_s = time.monotonic() + BOOT_TIMEOUT_S
     while True:
         try:
             info = uno.request(AskInfo(), Info)
             break
         except RobotUnreachable:
-            if time.monotonic() > end:
+            if time.monotonic() > end_s:
                 raise
     if info.protocol != PROTOCOL:
         raise RobotUnreachable(
@@ -174,7 +178,7 @@ def find_port(port: str) -> str:
     """
     if port != "auto":
         return port
-    ports = sorted(glob.glob(BY_ID)) or sorted(p for pattern in OTHERS for p in glob.glob(pattern))
+    ports = sorted(glob.glob(BY_ID)) or sorted(p for pattern in OTHER_PORTS for p in glob.glob(pattern))
     if not ports:
         raise RobotUnreachable(fault("uno.no-line"))
     if len(ports) > 1:

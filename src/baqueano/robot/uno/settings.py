@@ -24,11 +24,11 @@ if TYPE_CHECKING:
     from baqueano.contracts.values import TableRow
     from baqueano.robot.uno.link import Uno
 
-KINDS: dict[str, tuple[str, type[IntEnum]]] = {
+NAMED_OPTIONS: dict[str, tuple[str, type[IntEnum]]] = {
     "bridge": ("driver", Driver),
     "encoders": ("encoders", Encoders),
 }
-PLUGS = {  # the flag of a reversed plug, and the names of both states
+PLUG_FLAGS = {  # the flag of a reversed plug, and the names of both states
     "left-motor": (Wiring.LEFT_MOTOR_REVERSED, ("straight", "reversed")),
     "right-motor": (Wiring.RIGHT_MOTOR_REVERSED, ("straight", "reversed")),
     "motors": (Wiring.MOTORS_SWAPPED, ("straight", "swapped")),
@@ -37,16 +37,16 @@ PLUGS = {  # the flag of a reversed plug, and the names of both states
     "encoder-plugs": (Wiring.ENCODERS_SWAPPED, ("straight", "swapped")),
     "mark": (Wiring.MARK_ACTIVE_LOW, ("high", "low")),
 }
-NUMBERS = {  # field, and the number of units of the wire in one unit of the option
+NUMBER_OPTIONS = {  # field, and the number of units of the wire in one unit of the option
     "battery-ratio": ("battery_permille", 1000),
     "kick-ms": ("kick_ms", 1),
     "dither": ("dither_permille", 1000),
     "dither-ms": ("dither_ms", 1),
 }
-OF_WAYS = {"dead-zone": "dead_zone_permille", "slope": "slope_permille", "kick": "kick_permille"}
-WAYS = ("left-forwards", "left-backwards", "right-forwards", "right-backwards")
-TELEMETRY_S = 0.5  # an Uno sends telemetry within this time
-LOOK_S = 0.1
+WAY_OPTIONS = {"dead-zone": "dead_zone_permille", "slope": "slope_permille", "kick": "kick_permille"}
+WAY_NAMES = ("left-forwards", "left-backwards", "right-forwards", "right-backwards")
+TELEMETRY_TIMEOUT_S = 0.5  # an Uno sends telemetry within this time
+POLL_PERIOD_S = 0.1
 Wait = Callable[[float], object]
 
 
@@ -64,15 +64,15 @@ class StoredSettings:
     def rows(self) -> list["TableRow"]:
         """Return a row for the whole Uno, then a row for each wheel and direction; duties are shares of full duty."""
         s, whole = self.settings, {}
-        for name, (field, kind) in KINDS.items():
+        for name, (field, kind) in NAMED_OPTIONS.items():
             whole[name] = kind(getattr(s, field)).name.lower()
-        for name, (flag, words) in PLUGS.items():
-            whole[name] = words[bool(s.wiring & flag)]
-        for name, (field, unit) in NUMBERS.items():
+        for name, (flag, plug_names) in PLUG_FLAGS.items():
+            whole[name] = plug_names[bool(s.wiring & flag)]
+        for name, (field, unit) in NUMBER_OPTIONS.items():
             whole[name] = getattr(s, field) / unit
         ways = [
-            {"wheel": wheel} | {name: getattr(way, field) / 1000 for name, field in OF_WAYS.items()}
-            for wheel, way in zip(WAYS, s.ways, strict=True)
+            {"wheel": wheel} | {name: getattr(way, field) / 1000 for name, field in WAY_OPTIONS.items()}
+            for wheel, way in zip(WAY_NAMES, s.ways, strict=True)
         ]
         return [{key.replace("-", "_"): value for key, value in row.items()} for row in (whole, *ways)]
 
@@ -83,19 +83,19 @@ class StoredSettings:
 
     def table(self) -> str:
         """Return the settings as a table of text, with the names of the options."""
-        whole, *ways = self.rows()
+        row, *ways = self.rows()
         unit_texts = {
             "battery-ratio": _("V for 1 V at A0"), "kick-ms": "ms", "dither": _("of full duty, forward and back"),
             "dither-ms": "ms", "mark": _("over the tape"),
         }  # fmt: skip
         lines = []
-        for name in (*KINDS, *PLUGS, *NUMBERS):
-            value = whole[name.replace("-", "_")]
+        for name in (*NAMED_OPTIONS, *PLUG_FLAGS, *NUMBER_OPTIONS):
+            value = row[name.replace("-", "_")]
             text = f"{number(value):g}" if isinstance(value, float) else value
             lines.append(f"{name:15} {text} {unit_texts.get(name, '')}".rstrip())
         lines.append(f"{'':15} dead-zone  slope   kick")
         for way in ways:
-            zone, slope, kick = (way[name.replace("-", "_")] for name in OF_WAYS)
+            zone, slope, kick = (way[name.replace("-", "_")] for name in WAY_OPTIONS)
             lines.append(f"{way['wheel']:15} {number(zone):9.3f}  {number(slope):5.3f}  {number(kick):5.3f}")
         origin = _("initial value of the firmware") if self.verdict == "DEFAULT" else _("stored in the Uno")
         return "\n".join([*lines, f"{_(self.verdict)}: {origin}"])
@@ -103,22 +103,24 @@ class StoredSettings:
 
 def _as_text(rows: list["TableRow"]) -> dict[str, list[str]]:
     """Return the texts to type for each option, from the `rows` of a StoredSettings."""
-    whole, *ways = rows
-    texts = {name: [str(whole[name.replace("-", "_")])] for name in (*KINDS, *PLUGS, *NUMBERS)}
-    for name in OF_WAYS:
+    row, *ways = rows
+    texts = {
+        name: [str(row[name.replace("-", "_")])] for name in (*NAMED_OPTIONS, *PLUG_FLAGS, *NUMBER_OPTIONS)
+    }
+    for name in WAY_OPTIONS:
         texts[name] = [f"{way['wheel']}={way[name.replace('-', '_')]}" for way in ways]
     return texts
 
 
-def as_typed(settings: Settings) -> str:
+def typed_text(settings: Settings) -> str:
     """Return the command line that stores `settings` in an Uno, independent of its former settings.
 
     >>> as_typed(Settings(driver=Driver.TB6612))
     'baqueano robot settings --defaults --bridge=tb6612'
     """
     default, texts = _as_text(StoredSettings(Settings()).rows()), _as_text(StoredSettings(settings).rows())
-    words = [f"--{name}={text}" for name in texts for text in texts[name] if text not in default[name]]
-    return " ".join(["baqueano robot settings --defaults", *words])
+    arguments = [f"--{name}={text}" for name in texts for text in texts[name] if text not in default[name]]
+    return " ".join(["baqueano robot settings --defaults", *arguments])
 
 
 def apply_changes(settings: Settings, changes: Mapping[str, Sequence[str]]) -> Settings:
@@ -129,49 +131,49 @@ def apply_changes(settings: Settings, changes: Mapping[str, Sequence[str]]) -> S
     """
     for name, texts in changes.items():
         for text in texts:
-            settings = _with(settings, name, text)
+            settings = _with_setting(settings, name, text)
     return settings
 
 
-def _with(settings: Settings, name: str, text: str) -> Settings:
-    if name in KINDS:
-        field, kind = KINDS[name]
-        word = _word(name, text, [member.name.lower() for member in kind])
-        return settings._replace(**{field: kind[word.upper()]})
-    if name in PLUGS:
-        flag, words = PLUGS[name]
-        is_reversed = words.index(_word(name, text, list(words)))
+def _with_setting(settings: Settings, name: str, text: str) -> Settings:
+    if name in NAMED_OPTIONS:
+        field, kind = NAMED_OPTIONS[name]
+        value_name = _checked_word(name, text, [member.name.lower() for member in kind])
+        return settings._replace(**{field: kind[value_name.upper()]})
+    if name in PLUG_FLAGS:
+        flag, plug_names = PLUG_FLAGS[name]
+        is_reversed = plug_names.index(_checked_word(name, text, list(plug_names)))
         return settings._replace(wiring=settings.wiring & ~flag | flag * is_reversed)
-    if name in NUMBERS:
-        field, unit = NUMBERS[name]
-        return settings._replace(**{field: _number(name, text, text, Settings, field, unit)})
-    wheel, equals, size = text.partition("=")
-    if not equals or wheel not in (*WAYS, "all"):
-        raise UsageError(fault("settings.way", option=name, found=text, known=WAYS))
-    number = _number(name, text, size, Way, OF_WAYS[name], 1000)
+    if name in NUMBER_OPTIONS:
+        field, unit = NUMBER_OPTIONS[name]
+        return settings._replace(**{field: _checked_number(name, text, text, Settings, field, unit)})
+    wheel, equals, number_text = text.partition("=")
+    if not equals or wheel not in (*WAY_NAMES, "all"):
+        raise UsageError(fault("settings.way", option=name, found=text, known=WAY_NAMES))
+    number = _checked_number(name, text, number_text, Way, WAY_OPTIONS[name], 1000)
     ways = [
-        way._replace(**{OF_WAYS[name]: number}) if wheel in (at, "all") else way
-        for at, way in zip(WAYS, settings.ways, strict=True)
+        way._replace(**{WAY_OPTIONS[name]: number}) if wheel in (way_name, "all") else way
+        for way_name, way in zip(WAY_NAMES, settings.ways, strict=True)
     ]
     return settings._replace(ways=tuple(ways))
 
 
-def _word(name: str, text: str, words: list[str]) -> str:
-    if text.lower() not in words:
-        raise UsageError(fault("settings.word", option=name, found=text, known=words))
+def _checked_word(name: str, text: str, known_words: list[str]) -> str:
+    if text.lower() not in known_words:
+        raise UsageError(fault("settings.word", option=name, found=text, known=known_words))
     return text.lower()
 
 
-def _number(name: str, text: str, size: str, layout: type, field: str, unit: int) -> int:
+def _checked_number(name: str, text: str, number_text: str, layout: type, field: str, unit: int) -> int:
     """Return a typed number in units of the wire. Raise UsageError outside the range of the firmware."""
-    (least, most), *_rest = (f.within for f in FIELDS[layout] if f.path == field)
+    (low, high), *_rest = (f.within for f in FIELDS[layout] if f.path == field)
     try:
-        value = float(size)
+        value = float(number_text)
     except ValueError:
         value = float("nan")
-    if not least <= value * unit <= most:
+    if not low <= value * unit <= high:
         raise UsageError(
-            fault("settings.number", option=name, found=text, least=least / unit, most=most / unit)
+            fault("settings.number", option=name, found=text, least=low / unit, most=high / unit)
         )
     return round(value * unit)
 
@@ -181,19 +183,19 @@ def store(uno: "Uno", change: Callable[[Settings], Settings], wait: Wait = time.
 
     Raise AnswerNo while a motor runs.
     """
-    before = uno.settings(wait)
-    settings = change(before)
-    if settings != before:
-        _at_rest(uno, wait)
+    previous = uno.settings(wait)
+    settings = change(previous)
+    if settings != previous:
+        _check_at_rest(uno, wait)
         uno.disarm()
         wait(0.05)
         uno.keep(settings, wait)
     return StoredSettings(uno.settings(wait))
 
 
-def _at_rest(uno: "Uno", wait: Wait) -> None:
+def _check_at_rest(uno: "Uno", wait: Wait) -> None:
     uno.receive()
-    wait(TELEMETRY_S)
+    wait(TELEMETRY_TIMEOUT_S)
     telemetry_read = uno.receive()
     if any(duty for telemetry in telemetry_read[-1:] for duty in telemetry.applied):
         left, right = telemetry_read[-1].applied
@@ -202,12 +204,12 @@ def _at_rest(uno: "Uno", wait: Wait) -> None:
 
 def watch(uno: "Uno", seconds: float, notify: Callable[[str], object], wait: Wait = time.sleep) -> None:
     """Report battery, encoder counts and marks by `notify` when the counts or marks change, for `seconds` [s]."""
-    before = None
-    for _look in range(round(seconds / LOOK_S)):
-        wait(LOOK_S)
+    previous = None
+    for _look in range(round(seconds / POLL_PERIOD_S)):
+        wait(POLL_PERIOD_S)
         for newest in uno.receive()[-1:]:
-            if (newest.counts, newest.marks) != before:
-                before = (newest.counts, newest.marks)
+            if (newest.counts, newest.marks) != previous:
+                previous = (newest.counts, newest.marks)
                 notify(
                     _(
                         "battery {battery_v:.2f} V, counts left {left}, right {right}, marks {marks}",

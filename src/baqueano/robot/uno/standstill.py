@@ -39,7 +39,7 @@ class Standstill:
         """Record that a command is sent now."""
         self._last_ns = self._now_ns()
 
-    def look(self, dead_man_ms: int) -> Diagnostic | None:
+    def check(self, dead_man_ms: int) -> Diagnostic | None:
         """Return `reason`, after setting it if the last command is too old.  (1)"""
         gap_ns = self._now_ns() - self._last_ns
         if self.reason is None and self._last_ns >= 0 and gap_ns > 1_000_000 * dead_man_ms:

@@ -32,13 +32,13 @@ if TYPE_CHECKING:
     from baqueano.vehicle_file.file import VehicleFile
 
 REST_S = 8.0  # the mean of the gyro, with noise 0.04 °/s at 200 Hz and 44 Hz, is then known to 0.002 °/s
-STEADY_S = 0.5
-PATIENCE_S = 60.0
-HELD = 5.0  # times the scatter at rest: a hand moves more than a floor
-UPRIGHT = np.cos(np.radians(25.0))
-LEAST_LIFT = np.sin(np.radians(8.0))  # more than the slope of any floor
-CLEAR = np.tan(np.radians(30.0))  # limit between a lift of the front and a lift of a corner
-LEAST_TURN_RAD = np.radians(90.0)
+REST_WINDOW_S = 0.5
+TIMEOUT_S = 60.0
+HAND_FACTOR = 5.0  # times the scatter at rest: a hand moves more than a floor
+MIN_UPRIGHT_COS = np.cos(np.radians(25.0))
+MIN_LIFT = np.sin(np.radians(8.0))  # more than the slope of any floor
+MAX_OBLIQUE_TAN = np.tan(np.radians(30.0))  # limit between a lift of the front and a lift of a corner
+MIN_TURN_RAD = np.radians(90.0)
 LETTERS = ("x", "y", "z")
 Notify = Callable[[str], object]
 
@@ -61,8 +61,8 @@ class ImuReader:
 
         Raise AnswerNo without a sample.
         """
-        end, read = self.now_ns() + round(seconds * 1e9), []
-        while self.now_ns() < end:
+        end_ns, read = self.now_ns() + round(seconds * 1e9), []
+        while self.now_ns() < end_ns:
             self.wait(0.01)
             for sample in self.imu.read():
                 if self._last_ns:
@@ -75,37 +75,37 @@ class ImuReader:
             raise AnswerNo(fault("calibrate.no-sample", "baqueano robot doctor", within_s=seconds))
         return np.array([s.accel for s in read]), np.array([s.gyro for s in read])
 
-    def still(self, seconds: float, quantity: str) -> tuple[np.ndarray, np.ndarray]:
+    def wait_for_rest(self, seconds: float, quantity: str) -> tuple[np.ndarray, np.ndarray]:
         """Wait for rest, and return the means of force (3,) and rate (3,) over this duration of rest.
 
         Raise AnswerNo after a minute without rest.
         """
-        end = self.now_ns() + round(PATIENCE_S * 1e9)
-        while self.now_ns() < end:
-            if not _steady(*self.samples(STEADY_S)):
+        end_ns = self.now_ns() + round(TIMEOUT_S * 1e9)
+        while self.now_ns() < end_ns:
+            if not _is_steady(*self.samples(REST_WINDOW_S)):
                 continue
             accel, gyro = self.samples(seconds)
-            if _steady(accel, gyro):
+            if _is_steady(accel, gyro):
                 return accel.mean(axis=0), gyro.mean(axis=0)
-        raise AnswerNo(fault("calibrate.not-still", what=quantity, within_s=PATIENCE_S))
+        raise AnswerNo(fault("calibrate.not-still", what=quantity, within_s=TIMEOUT_S))
 
     def wait_for_force(self, quantity: str, accepts: Callable[[np.ndarray], bool]) -> np.ndarray:
         """Return the mean force (3,) once the IMU is at rest and `accepts` returns True for the force.
 
         Raise AnswerNo if this has not happened after a minute.
         """
-        end = self.now_ns() + round(PATIENCE_S * 1e9)
-        while self.now_ns() < end:
-            accel, gyro = self.samples(STEADY_S)
-            at_rest = np.abs(gyro.mean(axis=0) - self.bias).max() < HELD * STILL_RAD_S
-            if at_rest and _steady(accel, gyro, HELD) and accepts(accel.mean(axis=0)):
+        end_ns = self.now_ns() + round(TIMEOUT_S * 1e9)
+        while self.now_ns() < end_ns:
+            accel, gyro = self.samples(REST_WINDOW_S)
+            at_rest = np.abs(gyro.mean(axis=0) - self.bias).max() < HAND_FACTOR * STILL_RAD_S
+            if at_rest and _is_steady(accel, gyro, HAND_FACTOR) and accepts(accel.mean(axis=0)):
                 return accel.mean(axis=0)
-        raise AnswerNo(fault("calibrate.not-felt", what=quantity, within_s=PATIENCE_S))
+        raise AnswerNo(fault("calibrate.not-felt", what=quantity, within_s=TIMEOUT_S))
 
 
-def _steady(accel: np.ndarray, gyro: np.ndarray, times: float = 1.0) -> bool:
+def _is_steady(accel: np.ndarray, gyro: np.ndarray, factor: float = 1.0) -> bool:
     return bool(
-        np.all(accel.std(axis=0) < times * STILL_M_S2) and np.all(gyro.std(axis=0) < times * STILL_RAD_S)
+        np.all(accel.std(axis=0) < factor * STILL_M_S2) and np.all(gyro.std(axis=0) < factor * STILL_RAD_S)
     )
 
 
@@ -151,11 +151,11 @@ class MountedImu:
             turn_rad=np.degrees(self.turn_rad),
         )
 
-    def values(self, file: "VehicleFile") -> "JsonObject":
+    def values(self, vehicle_file: "VehicleFile") -> "JsonObject":
         """Return the changes of a vehicle file: the axes, and biases that fit the means with its tilt and scales."""
         values: JsonObject = {"robot.imu_axes": list(self.axes)}
-        if "imu" in file.sensors._fields:
-            imu = file.sensors.imu
+        if "imu" in vehicle_file.sensors._fields:
+            imu = vehicle_file.sensors.imu
             zero = np.zeros(3)
             expected = np.asarray(imu.h(Motion(zero, zero, zero, zero)), dtype=float)
             values["sensors.imu.accel_bias"] = np.round(imu.accel_bias + self.accel - expected[:2], 5)
@@ -163,96 +163,100 @@ class MountedImu:
         return values
 
 
-def calibrate(watched: ImuReader, notify: Notify) -> MountedImu:
+def calibrate(reader: ImuReader, notify: Notify) -> MountedImu:
     """Guide the operator through rest, lift and turn, and return axes and biases. The IMU must use its chip's axes."""
     notify(
         _(
             "put the vehicle on the floor, wheels down, and do not touch it for {steady_s:g} s",
-            steady_s=REST_S + STEADY_S,
+            steady_s=REST_S + REST_WINDOW_S,
         )
     )
-    first, gyro_1 = watched.still(REST_S, N_("at rest"))
-    up, watched.bias = upward(first), gyro_1
+    first_force, gyro_1 = reader.wait_for_rest(REST_S, N_("at rest"))
+    up, reader.bias = up_axis_of(first_force), gyro_1
     notify(_("now lift its front by about 10 cm, straight up, and hold it there"))
-    least = LEAST_LIFT * STANDARD_GRAVITY
+    min_lift = MIN_LIFT * STANDARD_GRAVITY
 
     def is_tilted(accel: np.ndarray) -> bool:
-        return bool(np.abs(_across(accel - first, up)).max() > least)
+        return bool(np.abs(_horizontal_part(accel - first_force, up)).max() > min_lift)
 
-    axes, lift = ahead(watched.wait_for_force(N_("the lift of the front"), is_tilted) - first, up)
+    axes, lift = axes_from_lift(
+        reader.wait_for_force(N_("the lift of the front"), is_tilted) - first_force, up
+    )
     notify(_("put it down and turn it on the floor by about half a turn to the left; then do not touch it"))
-    before = watched.turned
-    watched.wait_for_force(
-        N_("the turn"), lambda accel: _is_turned(watched, before, up) and not is_tilted(accel)
+    turned_before = reader.turned
+    reader.wait_for_force(
+        N_("the turn"), lambda accel: _is_turned(reader, turned_before, up) and not is_tilted(accel)
     )
-    second, gyro_2 = watched.still(REST_S, N_("after the turn"))
+    second_force, gyro_2 = reader.wait_for_rest(REST_S, N_("after the turn"))
     gyro = float(0.5 * up @ (gyro_1 + gyro_2))
-    turn = float(up @ (watched.turned - before))
-    bias, slope = biases((axes @ first)[:2], (axes @ second)[:2], turn)
-    oblique = float(np.arccos(np.clip(axes[2] @ first / np.linalg.norm(first), -1.0, 1.0)))
+    turn = float(up @ (reader.turned - turned_before))
+    bias, slope_xy = biases((axes @ first_force)[:2], (axes @ second_force)[:2], turn)
+    oblique = float(np.arccos(np.clip(axes[2] @ first_force / np.linalg.norm(first_force), -1.0, 1.0)))
     return MountedImu(
-        names(axes), bias, gyro, float(np.linalg.norm(slope) / STANDARD_GRAVITY), lift, turn, oblique
+        axis_names(axes), bias, gyro, float(np.linalg.norm(slope_xy) / STANDARD_GRAVITY), lift, turn, oblique
     )
 
 
-def _is_turned(reader: ImuReader, before: np.ndarray, up: np.ndarray) -> bool:
+def _is_turned(reader: ImuReader, turned_before: np.ndarray, up: np.ndarray) -> bool:
     """Return True if the vehicle was turned to the left. Raise AnswerNo if it was turned to the right.  (3)
 
     Turns of at most 90° in either direction do not count.
     """
-    turn = float(up @ (reader.turned - before))
-    if turn < -LEAST_TURN_RAD:
+    turn = float(up @ (reader.turned - turned_before))
+    if turn < -MIN_TURN_RAD:
         raise AnswerNo(fault("calibrate.turned-right", turned_deg=-np.degrees(turn)))
-    return turn > LEAST_TURN_RAD
+    return turn > MIN_TURN_RAD
 
 
-def upward(force: np.ndarray) -> np.ndarray:
+def up_axis_of(force: np.ndarray) -> np.ndarray:
     """Return the chip's axis (3,), with its sign, that points up. Raise AnswerNo if none points nearly up.  (1)"""
-    place = int(np.argmax(np.abs(force)))
-    if abs(force[place]) < UPRIGHT * np.linalg.norm(force):
+    axis = int(np.argmax(np.abs(force)))
+    if abs(force[axis]) < MIN_UPRIGHT_COS * np.linalg.norm(force):
         x, y, z = force
         raise AnswerNo(fault("calibrate.not-upright", x=x, y=y, z=z))
-    up = np.zeros(3)
-    up[place] = np.sign(force[place])
-    return up
+    up_axis = np.zeros(3)
+    up_axis[axis] = np.sign(force[axis])
+    return up_axis
 
 
-def ahead(change: np.ndarray, up: np.ndarray) -> tuple[np.ndarray, float]:
+def axes_from_lift(change: np.ndarray, up: np.ndarray) -> tuple[np.ndarray, float]:
     """Return the axes (3, 3), rows ahead, left, up in the chip's axes, and the lift [rad].  (2)
 
     Raise AnswerNo if the vehicle was lifted over a corner.
     """
-    gains = _across(change, up)
-    first, second = np.argsort(-np.abs(gains))[:2]
-    if abs(gains[second]) > CLEAR * abs(gains[first]):
+    gains = _horizontal_part(change, up)
+    largest, next_largest = np.argsort(-np.abs(gains))[:2]
+    if abs(gains[next_largest]) > MAX_OBLIQUE_TAN * abs(gains[largest]):
         raise AnswerNo(
             fault(
                 "calibrate.lifted-over-corner",
-                first_m_s2=abs(gains[first]),
-                second_m_s2=abs(gains[second]),
-                clear=CLEAR,
+                first_m_s2=abs(gains[largest]),
+                second_m_s2=abs(gains[next_largest]),
+                clear=MAX_OBLIQUE_TAN,
             )
         )
     front = np.zeros(3)
-    front[first] = np.sign(gains[first])
+    front[largest] = np.sign(gains[largest])
     return np.stack([front, np.cross(up, front), up]), float(
-        np.arcsin(min(1.0, abs(gains[first]) / STANDARD_GRAVITY))
+        np.arcsin(min(1.0, abs(gains[largest]) / STANDARD_GRAVITY))
     )
 
 
-def biases(first: np.ndarray, second: np.ndarray, turn_rad: float) -> tuple[np.ndarray, np.ndarray]:
+def biases(first_xy: np.ndarray, second_xy: np.ndarray, turn_rad: float) -> tuple[np.ndarray, np.ndarray]:
     """Return the bias b (2,) and the slope s (2,) [m/s²] of (4), from the mean forces of both positions."""
     c, s = np.cos(turn_rad), np.sin(turn_rad)
-    slope = np.linalg.solve(np.array([[c, s], [-s, c]]) - np.eye(2), second - first)
-    return first - slope, slope
+    slope_xy = np.linalg.solve(np.array([[c, s], [-s, c]]) - np.eye(2), second_xy - first_xy)
+    return first_xy - slope_xy, slope_xy
 
 
-def names(axes: np.ndarray) -> tuple[str, str, str]:
+def axis_names(axes: np.ndarray) -> tuple[str, str, str]:
     """Return the rows of `axes` as names for [robot] imu_axes."""
-    ahead, left, up = (("-" if row.sum() < 0 else "") + LETTERS[int(np.argmax(np.abs(row)))] for row in axes)
-    return ahead, left, up
+    forward, left, up = (
+        ("-" if row.sum() < 0 else "") + LETTERS[int(np.argmax(np.abs(row)))] for row in axes
+    )
+    return forward, left, up
 
 
-def _across(vector: np.ndarray, up: np.ndarray) -> np.ndarray:
+def _horizontal_part(vector: np.ndarray, up: np.ndarray) -> np.ndarray:
     """Return `vector` (3,) with a zero in place of its component along the axis `up`."""
     return vector * (1.0 - np.abs(up))

@@ -21,7 +21,7 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 
 from baqueano.controllers.hand import Hand
-from baqueano.controllers.heading_hold import OF_SPEED, HeadingHold, place_poles
+from baqueano.controllers.heading_hold import MAX_SPEED_SHARE, HeadingHold, place_poles
 from baqueano.diagnostics import fault
 from baqueano.errors import AnswerNo, RobotUnreachable
 from baqueano.messages.language import mark as N_
@@ -37,18 +37,18 @@ if TYPE_CHECKING:
     from baqueano.robot.workshop.floor_tests import FloorTests, ImuSamples
     from baqueano.worlds.robot import Sample
 
-TURNS_RAD_S = 0.7  # ten times the vibration of these vehicles, 0.07
+MIN_TURN_RAD_S = 0.7  # ten times the vibration of these vehicles, 0.07
 RAMP_PER_S = 0.25
-ABOVE = 0.25  # added to the duty of the ramp, so that a motor runs with certainty
-LEVELS = 7
+EXTRA_DUTY = 0.25  # added to the duty of the ramp, so that a motor runs with certainty
+LEVEL_COUNT = 7
 SETTLE_S, MEAN_S, PAUSE_S = 0.8, 0.3, 0.4
 PUSH_S, PUSHED_M_S = 0.4, 0.1  # a tenth of a metre a second: 3 times what 0.05 m/s² of vibration adds up to
 STRAIGHT_REQUEST, STRAIGHT_S = 0.5, 1.5
-STRAIGHT = 0.05  # with a smaller difference of the wheels any controller can drive straight
+MAX_DIFFERENCE = 0.05  # with a smaller difference of the wheels any controller can drive straight
 HELD_TAU_S, HELD_LATE_S = 0.17, 0.1  # of (6): the slowest lag, and the motors', the wire's and 10 ms
-TRIES = 3  # attempts to restore the former settings
-NAMES = (N_("left forwards"), N_("left backwards"), N_("right forwards"), N_("right backwards"))
-TURN = (-1.0, 1.0)  # turn by a wheel that runs forwards: the left wheel turns the vehicle right
+MAX_TRIES = 3  # attempts to restore the former settings
+WAY_NAMES = (N_("left forwards"), N_("left backwards"), N_("right forwards"), N_("right backwards"))
+TURN_SIGNS = (-1.0, 1.0)  # turn by a wheel that runs forwards: the left wheel turns the vehicle right
 Notify = Callable[[str], object]
 
 
@@ -78,17 +78,17 @@ class Motors:
 
     @property
     def verdict(self) -> str:
-        """Return STRAIGHT if the wheels differ little in both directions, else CROOKED."""
-        return "STRAIGHT" if max(map(abs, self.left_over)) <= STRAIGHT else "CROOKED"
+        """Return MAX_DIFFERENCE if the wheels differ little in both directions, else CROOKED."""
+        return "STRAIGHT" if max(map(abs, self.left_over)) <= MAX_DIFFERENCE else "CROOKED"
 
     def rows(self) -> list["TableRow"]:
         """Return a row for the whole vehicle, then a row for each wheel and direction."""
-        whole = {
+        row = {
             "wiring": int(self.settings.wiring), "wheels_differ_before": self.before,
             "wheels_differ": self.left_over, "turned_dps": self.turned_dps, "held_deg": self.held_deg,
         }  # fmt: skip
-        ways = zip(NAMES, self.sweeps, self.settings.ways, strict=True)
-        return [whole, *({"wheel": name} | s._asdict() | way._asdict() for name, s, way in ways)]
+        ways = zip(WAY_NAMES, self.sweeps, self.settings.ways, strict=True)
+        return [row, *({"wheel": name} | s._asdict() | way._asdict() for name, s, way in ways)]
 
     @classmethod
     def of(cls, rows: list["TableRow"]) -> "Motors":
@@ -102,14 +102,14 @@ class Motors:
 
     def table(self) -> str:
         """Return wiring, dead zones, slopes and straight drives as text."""
-        wide = max(15, *(len(_(name)) for name in NAMES))
+        name_width = max(15, *(len(_(name)) for name in WAY_NAMES))
         lines = [
             wiring_text(self.settings.wiring),
-            f"{'':{wide}}  {_('starts'):>8}  {_('dead zone'):>11}  {_('slope'):>9}  {_('fit')}",
+            f"{'':{name_width}}  {_('starts'):>8}  {_('dead zone'):>11}  {_('slope'):>9}  {_('fit')}",
         ]
-        for name, s, way in zip(NAMES, self.sweeps, self.settings.ways, strict=True):
+        for name, s, way in zip(WAY_NAMES, self.sweeps, self.settings.ways, strict=True):
             lines.append(
-                f"{_(name):{wide}}  {number(s.started):8.0%}  {number(way.dead_zone_permille / 10):9.1f} %  "
+                f"{_(name):{name_width}}  {number(s.started):8.0%}  {number(way.dead_zone_permille / 10):9.1f} %  "
                 f"{number(way.slope_permille / 1000):9.2f}  ± {number(s.rms):.1%}"
             )
         ways = zip(
@@ -138,7 +138,7 @@ class Motors:
                 _(
                     "The wheels differ by more than {straight:.0%}: does a wheel slip or rub? Clean the "
                     "tyres, and calibrate again.",
-                    straight=STRAIGHT,
+                    straight=MAX_DIFFERENCE,
                 )
             )
         return "\n".join([*lines, _("{verdict}; stored in the Uno", verdict=_(self.verdict))])
@@ -150,44 +150,44 @@ def wiring_text(wiring: int) -> str:
     return _("wiring: {names}", names=", ".join(map(_, names)) or _("as in the guide"))
 
 
-def calibrate(floor: "FloorTests", notify: Notify = lambda text: None) -> Motors:
+def calibrate(rig: "FloorTests", notify: Notify = lambda text: None) -> Motors:
     """Find and store the settings of both motors; keep other settings. The vehicle turns, and drives to and fro 0.5 m.
 
     Raise AnswerNo if a motor does not turn the vehicle, or if the measurements do not allow a result. After any error
     the former settings are stored again, also in an Uno that is stopped; `notify` reports if the Uno accepted them.
     """
-    before = floor.uno.settings(floor.wait)
+    previous = rig.uno.settings(rig.wait)
     motors = Wiring.LEFT_MOTOR_REVERSED | Wiring.RIGHT_MOTOR_REVERSED | Wiring.MOTORS_SWAPPED
-    neutral = before._replace(wiring=before.wiring & ~motors, ways=(Way(),) * 4, dither_permille=0)
-    floor.uno.arm()
+    neutral = previous._replace(wiring=previous.wiring & ~motors, ways=(Way(),) * 4, dither_permille=0)
+    rig.uno.arm()
     try:
-        floor.upright()
-        floor.store(neutral)
-        wiring = _wiring(floor, notify)
+        rig.upright()
+        rig.store(neutral)
+        wiring = _wiring(rig, notify)
         neutral = neutral._replace(wiring=neutral.wiring | wiring)
-        floor.store(neutral)
-        sweeps = _sweeps(floor, notify)
-        settings = neutral._replace(ways=ways(sweeps), dither_permille=before.dither_permille)
-        return _straight(floor, settings, sweeps, notify)
+        rig.store(neutral)
+        sweeps = _sweeps(rig, notify)
+        settings = neutral._replace(ways=ways_of(sweeps), dither_permille=previous.dither_permille)
+        return _equalise(rig, settings, sweeps, notify)
     except BaseException:
-        _give_back(floor, before, notify)
+        _restore_settings(rig, previous, notify)
         raise
     finally:
-        floor.uno.disarm()
+        rig.uno.disarm()
 
 
-def _give_back(floor: "FloorTests", previous: Settings, notify: Notify) -> None:
+def _restore_settings(rig: "FloorTests", previous: Settings, notify: Notify) -> None:
     """Store the former settings again. Ctrl-C ends the attempts.
 
     An Uno that is still armed, because a command was lost, refuses the settings. Each attempt therefore disarms it
     first.
     """
     try:
-        for remaining in reversed(range(TRIES)):
-            floor.uno.disarm()
-            floor.wait(0.05)
+        for remaining in reversed(range(MAX_TRIES)):
+            rig.uno.disarm()
+            rig.wait(0.05)
             try:
-                floor.uno.keep(previous, floor.wait)
+                rig.uno.keep(previous, rig.wait)
                 break
             except RobotUnreachable:
                 if not remaining:
@@ -199,7 +199,7 @@ def _give_back(floor: "FloorTests", previous: Settings, notify: Notify) -> None:
                 "the Uno did not accept its former settings, and keeps those of an unfinished calibration. "
                 "The motors may run in the wrong direction. When the Uno responds again, calibrate it "
                 "again, or type its former settings: {as_typed}",
-                as_typed=uno_settings.as_typed(previous),
+                as_typed=uno_settings.typed_text(previous),
             )
         )
 
@@ -208,22 +208,22 @@ def _wheel_duties(wheel: int, duty: float, other_duty: float = 0.0) -> tuple[flo
     return (duty, other_duty) if wheel == 0 else (other_duty, duty)
 
 
-def _ramp(floor: "FloorTests", wheel: int, direction: float) -> tuple[float, float]:
+def _ramp(rig: "FloorTests", wheel: int, direction: float) -> tuple[float, float]:
     """Raise the duty of one motor until the vehicle turns; return that duty and the sign of the turn. (1) Raise
     AnswerNo if the vehicle does not turn."""
-    bias = floor.rest(0.3).gyro[:, 2].mean()
+    bias = rig.rest(0.3).gyro[:, 2].mean()
     levels: list[float] = []
 
     def duties(t_s: float) -> tuple[float, float]:
         levels.append(min(1.0, RAMP_PER_S * t_s))
         return _wheel_duties(wheel, direction * levels[-1])
 
-    samples = floor.follow(
-        duties, 1.0 / RAMP_PER_S + 0.5, lambda sample: abs(sample.gyro[2] - bias) > TURNS_RAD_S
+    samples = rig.follow(
+        duties, 1.0 / RAMP_PER_S + 0.5, lambda sample: abs(sample.gyro[2] - bias) > MIN_TURN_RAD_S
     )
     turn = samples.gyro[-1, 2] - bias
-    floor.hold(0.0, 0.0, PAUSE_S)
-    if abs(turn) <= TURNS_RAD_S:
+    rig.hold(0.0, 0.0, PAUSE_S)
+    if abs(turn) <= MIN_TURN_RAD_S:
         raise AnswerNo(
             fault(
                 "calibrate.motor-does-not-turn",
@@ -234,17 +234,17 @@ def _ramp(floor: "FloorTests", wheel: int, direction: float) -> tuple[float, flo
     return levels[-1], float(np.sign(turn))
 
 
-def _wiring(floor: "FloorTests", notify: Notify) -> Wiring:
+def _wiring(rig: "FloorTests", notify: Notify) -> Wiring:
     """Return the flags of motors' plugs that are reversed or swapped.  (1), (2)
 
     Raise AnswerNo if a motor does not turn the vehicle, or if the push is too weak.
     """
     notify(_("finding which motor is which: the vehicle will turn to both sides, then move forward and back"))
-    (left, turn_l), (right, turn_r) = _ramp(floor, 0, 1.0), _ramp(floor, 1, 1.0)
+    (left, turn_l), (right, turn_r) = _ramp(rig, 0, 1.0), _ramp(rig, 1, 1.0)
     # signs of commands that run both wheels in one direction, if the motors are not swapped
     signs = -turn_l, turn_r
-    duties = [min(1.0, duty + ABOVE) * sign for duty, sign in zip((left, right), signs, strict=True)]
-    push_m_s = _push(floor, duties) - _push(floor, [-d for d in duties])
+    duties = [min(1.0, duty + EXTRA_DUTY) * sign for duty, sign in zip((left, right), signs, strict=True)]
+    push_m_s = _push(rig, duties) - _push(rig, [-d for d in duties])
     if abs(push_m_s) < PUSHED_M_S:
         raise AnswerNo(
             fault(
@@ -266,39 +266,39 @@ def _wiring(floor: "FloorTests", notify: Notify) -> Wiring:
     return wiring
 
 
-def _push(floor: "FloorTests", duties: list[float]) -> float:
+def _push(rig: "FloorTests", duties: list[float]) -> float:
     """Drive both motors by `duties`, and return ∫ a dt along the axis ahead [m/s].  (2)"""
-    bias = floor.rest(0.3).accel[:, 0].mean()
-    samples = floor.hold(duties[0], duties[1], PUSH_S)
-    floor.hold(0.0, 0.0, PAUSE_S)
+    bias = rig.rest(0.3).accel[:, 0].mean()
+    samples = rig.hold(duties[0], duties[1], PUSH_S)
+    rig.hold(0.0, 0.0, PAUSE_S)
     return float(np.mean(samples.accel[:, 0] - bias) * PUSH_S)
 
 
-def _sweeps(floor: "FloorTests", notify: Notify) -> tuple[Sweep, ...]:
+def _sweeps(rig: "FloorTests", notify: Notify) -> tuple[Sweep, ...]:
     """Return the sweeps of both wheels in both directions.  (3)"""
-    start_duties = [_ramp(floor, wheel, direction)[0] for wheel in (0, 1) for direction in (1.0, -1.0)]
+    start_duties = [_ramp(rig, wheel, direction)[0] for wheel in (0, 1) for direction in (1.0, -1.0)]
     sweeps = []
-    for place, name in enumerate(NAMES):
-        wheel, direction = divmod(place, 2)
+    for index, name in enumerate(WAY_NAMES):
+        wheel, direction = divmod(index, 2)
         sign = 1.0 - 2.0 * direction
-        other_duty = min(1.0, start_duties[2 * (1 - wheel) + 1 - direction] + ABOVE)  # it runs the other way
-        sweeps.append(_sweep(floor, wheel, sign, start_duties[place], other_duty, name))
+        other_duty = min(1.0, start_duties[2 * (1 - wheel) + 1 - direction] + EXTRA_DUTY)  # the other way
+        sweeps.append(_sweep(rig, wheel, sign, start_duties[index], other_duty, name))
         notify(_("{name}: dead zone {dead_zone:.1%}", name=_(name), dead_zone=sweeps[-1].dead_zone))
     return tuple(sweeps)
 
 
 def _sweep(
-    floor: "FloorTests", wheel: int, sign: float, start_duty: float, other_duty: float, name: str
+    rig: "FloorTests", wheel: int, sign: float, start_duty: float, other_duty: float, name: str
 ) -> Sweep:
-    bias = floor.rest(0.3).gyro[:, 2].mean()
-    turn = sign * TURN[wheel]
-    duties = [*np.linspace(min(1.0, start_duty + 0.4), max(0.02, start_duty - 0.1), LEVELS), 0.0]
-    turns = []
+    bias = rig.rest(0.3).gyro[:, 2].mean()
+    turn = sign * TURN_SIGNS[wheel]
+    duties = [*np.linspace(min(1.0, start_duty + 0.4), max(0.02, start_duty - 0.1), LEVEL_COUNT), 0.0]
+    turn_rates = []
     for duty in duties:
-        samples = floor.hold(*_wheel_duties(wheel, sign * float(duty), -sign * other_duty), SETTLE_S + MEAN_S)
-        turns.append(turn * float(np.mean(samples.after(SETTLE_S).gyro[:, 2] - bias)))
-    floor.hold(0.0, 0.0, PAUSE_S)
-    return fit_sweep(start_duty, np.array(duties[:-1]), np.array(turns[:-1]) - turns[-1], name)
+        samples = rig.hold(*_wheel_duties(wheel, sign * float(duty), -sign * other_duty), SETTLE_S + MEAN_S)
+        turn_rates.append(turn * float(np.mean(samples.after(SETTLE_S).gyro[:, 2] - bias)))
+    rig.hold(0.0, 0.0, PAUSE_S)
+    return fit_sweep(start_duty, np.array(duties[:-1]), np.array(turn_rates[:-1]) - turn_rates[-1], name)
 
 
 def fit_sweep(started: float, duties: np.ndarray, added: np.ndarray, name: str) -> Sweep:
@@ -329,54 +329,54 @@ def fit_sweep(started: float, duties: np.ndarray, added: np.ndarray, name: str) 
     return Sweep(started, dead_zone, top / (float(duties[np.argmax(added)]) - dead_zone), rms)
 
 
-def ways(sweeps: tuple[Sweep, ...]) -> tuple[Way, ...]:
+def ways_of(sweeps: tuple[Sweep, ...]) -> tuple[Way, ...]:
     """Return the settings of each wheel and direction, in the order of the sweeps.  (4)"""
     reach = min((1.0 - s.dead_zone) * s.gain for s in sweeps)
-    return tuple(Way(round(1000 * s.dead_zone), _slope(1000.0 * reach / s.gain)) for s in sweeps)
+    return tuple(Way(round(1000 * s.dead_zone), _clipped_slope(1000.0 * reach / s.gain)) for s in sweeps)
 
 
-def _slope(permille: float) -> int:
+def _clipped_slope(permille: float) -> int:
     return int(np.clip(round(permille), 100, 3000))
 
 
-def _straight(floor: "FloorTests", settings: Settings, sweeps: tuple[Sweep, ...], notify: Notify) -> Motors:
+def _equalise(rig: "FloorTests", settings: Settings, sweeps: tuple[Sweep, ...], notify: Notify) -> Motors:
     """Drive straight, correct the slopes, drive straight again, and return the result.  (5), (6)"""
     notify(_("straight ahead: half a metre forward and back, three times"))
     reach = min((1.0 - s.dead_zone) * s.gain for s in sweeps)
-    floor.store(settings)
-    before = tuple(_differ(floor, sign, reach)[0] for sign in (1.0, -1.0))
+    rig.store(settings)
+    differences = tuple(_difference(rig, sign, reach)[0] for sign in (1.0, -1.0))
     new_ways = list(settings.ways)
-    for place, way in enumerate(new_ways):
-        wheel, direction = divmod(place, 2)
-        more = 1.0 - TURN[wheel] * 0.5 * before[direction]
-        new_ways[place] = way._replace(slope_permille=_slope(way.slope_permille * more))
+    for index, way in enumerate(new_ways):
+        wheel, direction = divmod(index, 2)
+        factor = 1.0 - TURN_SIGNS[wheel] * 0.5 * differences[direction]
+        new_ways[index] = way._replace(slope_permille=_clipped_slope(way.slope_permille * factor))
     settings = settings._replace(ways=tuple(new_ways))
-    floor.store(settings)
-    (forwards, turn_f), (backwards, turn_b) = (_differ(floor, sign, reach) for sign in (1.0, -1.0))
-    error_f, error_b = (_heading_error(floor, sign, reach) for sign in (1.0, -1.0))
+    rig.store(settings)
+    (forwards, turn_f), (backwards, turn_b) = (_difference(rig, sign, reach) for sign in (1.0, -1.0))
+    error_f, error_b = (_heading_error(rig, sign, reach) for sign in (1.0, -1.0))
     return Motors(
-        settings, sweeps, (before[0], before[1]), (forwards, backwards),
+        settings, sweeps, (differences[0], differences[1]), (forwards, backwards),
         (float(np.degrees(turn_f)), float(np.degrees(turn_b))),
         (float(np.degrees(error_f)), float(np.degrees(error_b))),
     )  # fmt: skip
 
 
-def _differ(floor: "FloorTests", sign: float, reach: float) -> tuple[float, float]:
+def _difference(rig: "FloorTests", sign: float, reach: float) -> tuple[float, float]:
     """Return ε of (5), positive if the right wheel is faster, and the turn [rad/s]."""
-    bias = floor.rest(0.3).gyro[:, 2].mean()
+    bias = rig.rest(0.3).gyro[:, 2].mean()
     request = sign * STRAIGHT_REQUEST
-    samples: ImuSamples = floor.hold(request, request, STRAIGHT_S)
+    samples: ImuSamples = rig.hold(request, request, STRAIGHT_S)
     turn = float(np.mean(samples.after(SETTLE_S).gyro[:, 2] - bias))
-    floor.hold(0.0, 0.0, PAUSE_S)
+    rig.hold(0.0, 0.0, PAUSE_S)
     return turn / (request * reach), turn
 
 
-def _heading_error(floor: "FloorTests", sign: float, reach: float) -> float:
+def _heading_error(rig: "FloorTests", sign: float, reach: float) -> float:
     """Return the heading error [rad] after a straight drive with the heading held.  (6)"""
-    bias = floor.rest(0.3).gyro[:, 2].mean()
+    bias = rig.rest(0.3).gyro[:, 2].mean()
     straight = Hand(lambda: np.array([sign * STRAIGHT_REQUEST, 0.0, 0.0]))
-    hold = HeadingHold(straight, place_poles(2.0 * reach, HELD_TAU_S, HELD_LATE_S), 1.0, OF_SPEED)
-    state, psi, r, imu_ns = hold.init(), 0.0, 0.0, -1
+    law = HeadingHold(straight, place_poles(2.0 * reach, HELD_TAU_S, HELD_LATE_S), 1.0, MAX_SPEED_SHARE)
+    state, psi, r, imu_ns = law.init(), 0.0, 0.0, -1
 
     def duties(t_s: float) -> tuple[float, float]:
         nonlocal state
@@ -384,7 +384,7 @@ def _heading_error(floor: "FloorTests", sign: float, reach: float) -> float:
             round(t_s * NANOSECONDS), np.array([0.0, 0.0, psi]), np.array([0.0, 0.0, r]), np.zeros((6, 6))
         )
         reference = Reference(estimate.t_ns, estimate.eta, np.zeros(3), 0.0)
-        state, command = hold.step(state, reference, estimate)
+        state, command = law.step(state, reference, estimate)
         left, right = mix("two_wheels", command.u)
         return float(left), float(right)
 
@@ -395,6 +395,6 @@ def _heading_error(floor: "FloorTests", sign: float, reach: float) -> float:
         imu_ns = sample.t_ns
         return False
 
-    floor.follow(duties, STRAIGHT_S, integrate_gyro)
-    floor.hold(0.0, 0.0, PAUSE_S)
+    rig.follow(duties, STRAIGHT_S, integrate_gyro)
+    rig.hold(0.0, 0.0, PAUSE_S)
     return psi

@@ -43,11 +43,11 @@ class Report:
 
     def table(self) -> str:
         """Return a line of text for each check, with its remedy below it unless the verdict is "ok"."""
-        wide = max(len(_(check.name)) for check in self.checks)
+        name_width = max(len(_(check.name)) for check in self.checks)
         grade = max(7, *(len(_(check.verdict)) for check in self.checks))
         lines = []
         for check in self.checks:
-            lines.append(f"{_(check.verdict):{grade}}  {_(check.name):{wide}}  {check.figure}")
+            lines.append(f"{_(check.verdict):{grade}}  {_(check.name):{name_width}}  {check.figure}")
             if check.remedy and check.verdict != "ok":
-                lines.append(f"{'':{grade + 2}}{'':{wide}}  → {check.remedy}")
+                lines.append(f"{'':{grade + 2}}{'':{name_width}}  → {check.remedy}")
         return in_lines([*lines, _("all in all: {verdict}", verdict=_(self.verdict))])

@@ -18,14 +18,14 @@ from baqueano.messages.language import number
 from baqueano.messages.language import translate as _
 from baqueano.robot.imu.bus_recovery import check_bus_recovery
 from baqueano.robot.workshop.checks import Check, Report
-from baqueano.robot.workshop.uno_checks import uno
+from baqueano.robot.workshop.uno_checks import check_uno
 
 if TYPE_CHECKING:
     from baqueano.vehicle_file.head import Hardware
     from baqueano.worlds.robot import Sample
 
-GROUPS = {"dialout": N_("the serial line"), "i2c": N_("the IMU"), "gpio": N_("the pins")}
-THROTTLED = "sys/devices/platform/soc/soc:firmware/get_throttled"
+DEVICE_GROUPS = {"dialout": N_("the serial line"), "i2c": N_("the IMU"), "gpio": N_("the pins")}
+THROTTLED_FILE = "sys/devices/platform/soc/soc:firmware/get_throttled"
 THROTTLE_BITS = {
     0: N_("under 4.63 V now"),
     1: N_("clock capped now"),
@@ -36,9 +36,9 @@ THROTTLE_BITS = {
     18: N_("was throttled"),
     19: N_("was hot"),
 }
-MODEL = "proc/device-tree/model"
-HOT_C = 75.0  # the Pi slows down at 80
-LEAST_YEAR = 2025  # a Pi without a battery for its clock and without a network wakes in the past
+MODEL_FILE = "proc/device-tree/model"
+MAX_TEMPERATURE_C = 75.0  # the Pi slows down at 80
+MIN_YEAR = 2025  # a Pi without a battery for its clock and without a network wakes in the past
 JITTER_HZ = 100.0
 POSIX, LINUX = sys.platform != "win32", sys.platform == "linux"
 Notify = Callable[[str], object]
@@ -49,39 +49,40 @@ def examine(
 ) -> Report:
     """Run all checks, hardware first, and return the report. A missing or faulty device is reported, not raised."""
     report = Report()
-    for part in (
-        lambda: uno(hardware.port, hardware.least_battery_v),
-        lambda: imu(hardware, root),
+    for checks_of_part in (
+        lambda: check_uno(hardware.port, hardware.least_battery_v),
+        lambda: check_imu(hardware, root),
         lambda: [
             Check(
-                N_("IMU bus recovery"), *check_bus_recovery(f"/dev/i2c-{hardware.imu_bus:.0f}", root / MODEL)
+                N_("IMU bus recovery"),
+                *check_bus_recovery(f"/dev/i2c-{hardware.imu_bus:.0f}", root / MODEL_FILE),
             )
         ],
-        lambda: groups(root),
-        lambda: power(root),
-        lambda: temperature(root),
-        lambda: governor(root),
-        lambda: disk(runs, hardware.least_disk_mb),
-        lambda: clock(),
-        lambda: realtime(),
-        lambda: jitter(jitter_s, notify) if jitter_s > 0.0 else iter(()),
+        lambda: check_groups(root),
+        lambda: check_power(root),
+        lambda: check_temperature(root),
+        lambda: check_governor(root),
+        lambda: check_disk(runs, hardware.least_disk_mb),
+        lambda: check_clock(),
+        lambda: check_realtime(),
+        lambda: check_jitter(jitter_s, notify) if jitter_s > 0.0 else iter(()),
     ):
-        report.checks += part()
+        report.checks += checks_of_part()
     return report
 
 
-def imu(hardware: "Hardware", root: Path) -> Iterator[Check]:
+def check_imu(hardware: "Hardware", root: Path) -> Iterator[Check]:
     """Open the IMU of [robot], and yield the checks made during two seconds."""
     from baqueano.robot.imu import driver as imu_driver
 
     bus = f"dev/i2c-{hardware.imu_bus:.0f}"
-    if not (root / bus).exists() and not (root / MODEL).exists():
+    if not (root / bus).exists() and not (root / MODEL_FILE).exists():
         yield Check(
             "IMU", "unknown", _("/{bus} is missing on this machine: it is not a Raspberry Pi", bus=bus)
         )
         return
     try:
-        chip = imu_driver.of(hardware, None)
+        chip = imu_driver.imu_of(hardware, None)
     except BaqueanoError as error:
         yield Check("IMU", "bad", _("none answers"), str(error))
         return
@@ -131,25 +132,25 @@ def imu_checks(chip: Any, wait: Callable[[float], object], seconds: float = 2.0)
             _("Check its four wires"),
         )
         return
-    off = chip.rate_hz / chip.settings.rate_hz - 1.0
+    relative_error = chip.rate_hz / chip.settings.rate_hz - 1.0
     failures, clock = chip.counts.overflows + chip.counts.failures, chip.clock
     yield Check(
         N_("IMU rate"),
-        "ok" if abs(off) < 0.05 and not failures and not clock.slips else "warn",
+        "ok" if abs(relative_error) < 0.05 and not failures and not clock.slips else "warn",
         _(
             "{rate_hz:.2f} ± {rate_error_hz:.2f} Hz of {rate_hz2} ({off:+.1%}), timestamps within "
             "{phase_error_ns:.1f} ms; {failed} calls failed or overflowed, samples were lost {slips} times",
             rate_hz=chip.rate_hz,
             rate_error_hz=clock.rate_error_hz,
             rate_hz2=chip.settings.rate_hz,
-            off=off,
+            off=relative_error,
             phase_error_ns=1e-06 * clock.phase_error_ns,
             failed=failures,
             slips=clock.slips,
         ),
         _("Shorten its wires, and twist SDA with ground; the clock of a chip may have an error of 4 %"),
     )
-    yield from noise(samples)
+    yield from check_noise(samples)
     yield self_test_check(chip, wait)
 
 
@@ -161,7 +162,7 @@ def self_test_check(chip: Any, wait: Callable[[float], object]) -> Check:
         axes = self_test(chip, wait).axes
     except BaqueanoError as error:
         return Check(N_("IMU self-test"), "unknown", str(error))
-    off = [
+    failed_axes = [
         _(
             "{name} {response:.2f} of {trim:.2f} {unit}",
             name=_(a.name),
@@ -175,18 +176,18 @@ def self_test_check(chip: Any, wait: Callable[[float], object]) -> Check:
     silent = sum(a.passed is None for a in axes)
     ratios = _(
         "{good} of 6 axes respond as in the factory, which did not store a code for {silent}",
-        good=6 - silent - len(off),
+        good=6 - silent - len(failed_axes),
         silent=silent,
     )
     return Check(
         N_("IMU self-test"),
-        "warn" if off else "ok",
-        "; ".join([ratios, *off]),
+        "warn" if failed_axes else "ok",
+        "; ".join([ratios, *failed_axes]),
         _("It is a clone, or a damaged chip"),
     )
 
 
-def noise(samples: "list[Sample]") -> Iterator[Check]:
+def check_noise(samples: "list[Sample]") -> Iterator[Check]:
     """Yield the check of the IMU's scatter at rest; and if the measured gravity is wrong by over 10 %, that check."""
     import numpy as np
 
@@ -195,7 +196,7 @@ def noise(samples: "list[Sample]") -> Iterator[Check]:
 
     accel, gyro = np.array([s.accel for s in samples]), np.array([s.gyro for s in samples])
     noise_a, noise_g = float(accel.std(axis=0).max()), float(gyro.std(axis=0).max())
-    size = float(np.linalg.norm(accel.mean(axis=0)))
+    gravity = float(np.linalg.norm(accel.mean(axis=0)))
     yield Check(
         N_("IMU noise"),
         "ok" if noise_a < STILL_M_S2 and noise_g < STILL_RAD_S else "warn",
@@ -203,23 +204,23 @@ def noise(samples: "list[Sample]") -> Iterator[Check]:
             "{noise_a:.3f} m/s², {noise_g:.3f} °/s; measures {size:.2f} m/s²",
             noise_a=noise_a,
             noise_g=np.degrees(noise_g),
-            size=size,
+            size=gravity,
         ),
         _(
             "Put the vehicle on a floor where nobody walks. If it is at rest, the chip or its supply is "
             "faulty"
         ),
     )
-    if abs(size / STANDARD_GRAVITY - 1.0) > 0.1:
+    if abs(gravity / STANDARD_GRAVITY - 1.0) > 0.1:
         yield Check(
             N_("IMU scale"),
             "bad",
-            _("{size:.2f} m/s² at rest; expected 9.81 ± 10 %", size=size),
+            _("{size:.2f} m/s² at rest; expected 9.81 ± 10 %", size=gravity),
             _("Replace the IMU"),
         )
 
 
-def groups(root: Path) -> Iterator[Check]:
+def check_groups(root: Path) -> Iterator[Check]:
     """Yield a check for each group that may open devices of the vehicle: is this user a member?"""
     names: dict[int, str] = {}
     with suppress(OSError):
@@ -227,7 +228,7 @@ def groups(root: Path) -> Iterator[Check]:
             name, _mark, gid, *_rest = line.split(":")
             names[int(gid)] = name
     own_groups = {names.get(gid) for gid in os.getgroups()} if POSIX else set()
-    for group, device in GROUPS.items():
+    for group, device in DEVICE_GROUPS.items():
         if group not in names.values():
             yield Check(f"group {group}", "unknown", _("this group does not exist on this machine"))
         elif group in own_groups or (POSIX and os.geteuid() == 0):
@@ -241,10 +242,10 @@ def groups(root: Path) -> Iterator[Check]:
             )
 
 
-def power(root: Path) -> Iterator[Check]:
+def check_power(root: Path) -> Iterator[Check]:
     """Check the Raspberry Pi's report about its supply voltage since it started."""
     try:
-        bits = int((root / THROTTLED).read_text(encoding="utf-8"), 16)
+        bits = int((root / THROTTLED_FILE).read_text(encoding="utf-8"), 16)
     except (OSError, ValueError):
         yield Check(N_("supply"), "unknown", _("this machine does not report it (a Raspberry Pi does)"))
         return
@@ -257,7 +258,7 @@ def power(root: Path) -> Iterator[Check]:
     )
 
 
-def temperature(root: Path) -> Iterator[Check]:
+def check_temperature(root: Path) -> Iterator[Check]:
     """Check the temperature of the computer."""
     try:
         celsius = int((root / "sys/class/thermal/thermal_zone0/temp").read_text(encoding="utf-8")) / 1000.0
@@ -266,13 +267,13 @@ def temperature(root: Path) -> Iterator[Check]:
         return
     yield Check(
         N_("temperature"),
-        "ok" if celsius < HOT_C else "warn",
+        "ok" if celsius < MAX_TEMPERATURE_C else "warn",
         f"{number(celsius):.0f} °C",
         _("Add a heat sink, or a fan"),
     )
 
 
-def governor(root: Path) -> Iterator[Check]:
+def check_governor(root: Path) -> Iterator[Check]:
     """Check the governor of the processor's clock: a clock that changes delays ticks."""
     try:
         mode = (
@@ -294,30 +295,30 @@ def governor(root: Path) -> Iterator[Check]:
     )
 
 
-def disk(runs: Path, least_mb: float) -> Iterator[Check]:
+def check_disk(runs: Path, min_mb: float) -> Iterator[Check]:
     """Check the free disk space for runs: a run at 100 Hz needs about 4 MB a minute."""
-    place = next(p for p in (runs.absolute(), *runs.absolute().parents) if p.exists())
-    free_mb = shutil.disk_usage(place).free / 1e6
+    folder = next(p for p in (runs.absolute(), *runs.absolute().parents) if p.exists())
+    free_mb = shutil.disk_usage(folder).free / 1e6
     yield Check(
         N_("disk"),
-        "bad" if free_mb < least_mb else "warn" if free_mb < 5 * least_mb else "ok",
+        "bad" if free_mb < min_mb else "warn" if free_mb < 5 * min_mb else "ok",
         _(
             "{free_mb:.0f} MB free at {place}, no drive below {least_mb:g}",
             free_mb=free_mb,
-            place=place,
-            least_mb=least_mb,
+            place=folder,
+            least_mb=min_mb,
         ),
         _("Delete old runs"),
     )
 
 
-def clock(now_s: Callable[[], float] = time.time) -> Iterator[Check]:
-    """Check that the clock is set: the year must be LEAST_YEAR or later."""
+def check_clock(now_s: Callable[[], float] = time.time) -> Iterator[Check]:
+    """Check that the clock is set: the year must be MIN_YEAR or later."""
     year = time.gmtime(now_s()).tm_year
     text = time.strftime("%Y-%m-%d %H:%M UTC", time.gmtime(now_s()))
     yield Check(
         N_("clock"),
-        "ok" if year >= LEAST_YEAR else "warn",
+        "ok" if year >= MIN_YEAR else "warn",
         text,
         _(
             "The clock is not set, and runs are named by it. baqueano robot setup sets it to the "
@@ -326,17 +327,17 @@ def clock(now_s: Callable[[], float] = time.time) -> Iterator[Check]:
     )
 
 
-def realtime() -> Iterator[Check]:
+def check_realtime() -> Iterator[Check]:
     """Check if this user may use the real-time priority that a control loop needs."""
     from baqueano.robot.service.realtime import PRIORITY
 
     if not LINUX:
         yield Check(N_("real time"), "unknown", _("this system does not support SCHED_FIFO"))
         return
-    before = os.sched_getscheduler(0), os.sched_getparam(0)
+    previous = os.sched_getscheduler(0), os.sched_getparam(0)
     try:
         os.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param(PRIORITY))
-        os.sched_setscheduler(0, *before)
+        os.sched_setscheduler(0, *previous)
         yield Check(N_("real time"), "ok", _("SCHED_FIFO {priority} is granted", priority=PRIORITY))
     except OSError as error:
         yield Check(
@@ -351,24 +352,24 @@ def realtime() -> Iterator[Check]:
         )
 
 
-def jitter(seconds: float, notify: Notify = lambda text: None) -> Iterator[Check]:
+def check_jitter(seconds: float, notify: Notify = lambda text: None) -> Iterator[Check]:
     """Check the wake-up delays of a loop of 100 Hz, with real-time priority if this user may use it."""
     import numpy as np
 
     from baqueano.robot.service.realtime import PRIORITY
 
-    granted, before = False, None
+    granted, previous = False, None
     if LINUX:
-        before = os.sched_getscheduler(0), os.sched_getparam(0)
+        previous = os.sched_getscheduler(0), os.sched_getparam(0)
         with suppress(OSError):
             os.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param(PRIORITY))
             granted = True
     notify(_("measures the wake-up error of a 100 Hz loop for {seconds:g} s", seconds=seconds))
     try:
-        late_us = lateness(seconds)
+        late_us = tick_delays(seconds)
     finally:
-        if granted and before is not None:
-            os.sched_setscheduler(0, *before)
+        if granted and previous is not None:
+            os.sched_setscheduler(0, *previous)
     p50, p99, worst = (float(x) for x in np.percentile(late_us, [50, 99, 100]))
     yield Check(
         N_("jitter"),
@@ -388,12 +389,12 @@ def jitter(seconds: float, notify: Notify = lambda text: None) -> Iterator[Check
     )
 
 
-def lateness(seconds: float) -> list[float]:
+def tick_delays(seconds: float) -> list[float]:
     """Return the delay [µs] of each wake-up of a loop with 100 absolute deadlines per second."""
     period = round(1e9 / JITTER_HZ)
-    start, late = time.monotonic_ns(), []
+    start_ns, delays = time.monotonic_ns(), []
     for tick in range(1, round(seconds * JITTER_HZ) + 1):
-        due = start + tick * period
+        due = start_ns + tick * period
         time.sleep(max(0.0, (due - time.monotonic_ns()) * 1e-9))
-        late.append((time.monotonic_ns() - due) / 1e3)
-    return late
+        delays.append((time.monotonic_ns() - due) / 1e3)
+    return delays

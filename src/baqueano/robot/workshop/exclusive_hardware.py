@@ -12,7 +12,7 @@ from baqueano.diagnostics import fault
 from baqueano.door.remote_session import answer_of, interrupt_on_hangup
 from baqueano.door.ssh import ssh
 from baqueano.door.states import DoorState
-from baqueano.errors import INTERRUPTED, AnswerNo, RobotUnreachable, UsageError, of_code
+from baqueano.errors import INTERRUPTED, AnswerNo, RobotUnreachable, UsageError, error_of_exit_code
 from baqueano.messages.language import VARIABLE, current
 from baqueano.messages.language import translate as _
 from baqueano.messages.printable import baqueano_command, words
@@ -28,17 +28,20 @@ Notify = Callable[[str], object]
 
 
 @contextmanager
-def service_off(notify: Notify) -> Iterator[None]:
+def stopped_service(notify: Notify) -> Iterator[None]:
     """Stop the service if it runs, and start it again after the body.
 
     Raise AnswerNo while it drives, UsageError if it may not be stopped.
     """
-    if not shutil.which("systemctl") or _quiet(["systemctl", "--quiet", "is-active", SERVICE]).returncode:
+    if (
+        not shutil.which("systemctl")
+        or _run_quietly(["systemctl", "--quiet", "is-active", SERVICE]).returncode
+    ):
         yield
         return
-    _not_driving()
+    _check_not_driving()
     sudo = ["sudo", "-n"] if shutil.which("sudo") else []
-    process = _quiet([*sudo, "systemctl", "stop", SERVICE])
+    process = _run_quietly([*sudo, "systemctl", "stop", SERVICE])
     if process.returncode:
         raise UsageError(
             fault("hardware.service-has-it", f"sudo systemctl stop {SERVICE}", error=process.stderr.strip())
@@ -47,7 +50,7 @@ def service_off(notify: Notify) -> Iterator[None]:
     try:
         yield
     finally:
-        process = _quiet([*sudo, "systemctl", "start", SERVICE])
+        process = _run_quietly([*sudo, "systemctl", "start", SERVICE])
         notify(
             _(
                 "{service} was not started again ({error}). Type: sudo systemctl start {service}",
@@ -70,15 +73,15 @@ def open_hardware(
     from baqueano.robot.imu import driver as imu_driver
 
     with ExitStack() as things:
-        things.enter_context(service_off(notify))
+        things.enter_context(stopped_service(notify))
         things.enter_context(interrupt_on_hangup(notify))
         uno = things.enter_context(open_uno(hardware.port)) if motors else None
-        imu = imu_driver.of(hardware, notify, in_chip_axes)
+        imu = imu_driver.imu_of(hardware, notify, in_chip_axes)
         things.callback(imu.close)
         yield FloorTests(uno, imu)
 
 
-def _not_driving() -> None:
+def _check_not_driving() -> None:
     """Raise AnswerNo if the service drives.
 
     A service that does not answer is not driving, or its watchdog will end it.
@@ -97,20 +100,20 @@ def rows_from_host(host: str, *verb: str) -> list["TableRow"]:
     Raise the error that was raised at HOST, KeyboardInterrupt if the command was interrupted, or RobotUnreachable
     without a connection.
     """
-    answer, code = answer_of(ssh(host, shlex.join([*_language_setting(), "baqueano", *verb, "--json"])))
+    output, code = answer_of(ssh(host, shlex.join([*_language_setting(), "baqueano", *verb, "--json"])))
     try:
-        rows = words(json.loads(answer)["rows"])
+        rows = words(json.loads(output)["rows"])
         if isinstance(rows, list) and all(isinstance(row, dict) for row in rows):
             return rows
     except (ValueError, KeyError, TypeError, RecursionError):
         pass
     if code == INTERRUPTED:
         raise KeyboardInterrupt
-    cause = {
+    reason_of_error = {
         127: fault("ssh.no-baqueano", baqueano_command("robot", "setup", host), host=host),
         255: fault("ssh.not-reached", f"ssh {host}", host=host),
     }.get(code, fault("ssh.ended", host=host, verb=" ".join(verb)))
-    raise of_code(code, cause, otherwise=RobotUnreachable)
+    raise error_of_exit_code(code, reason_of_error, default_class=RobotUnreachable)
 
 
 def _language_setting() -> list[str]:
@@ -118,5 +121,5 @@ def _language_setting() -> list[str]:
     return [] if current() == "en" else ["env", f"{VARIABLE}={current()}"]
 
 
-def _quiet(command: list[str]) -> subprocess.CompletedProcess[str]:
+def _run_quietly(command: list[str]) -> subprocess.CompletedProcess[str]:
     return subprocess.run(command, capture_output=True, encoding="utf-8", errors="replace")

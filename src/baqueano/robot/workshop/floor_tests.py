@@ -16,8 +16,8 @@ if TYPE_CHECKING:
     from baqueano.worlds.robot import Sample
 
 STEP_S = 0.01
-SILENT_S = 0.2  # silence of the IMU or the Uno that ends a test
-TILT_COS = 0.9  # cosine of the largest tilt of the axis that should point up: 26°
+MAX_SILENCE_S = 0.2  # silence of the IMU or the Uno that ends a test
+MIN_TILT_COS = 0.9  # cosine of the largest tilt of the axis that should point up: 26°
 STILL_RAD_S, STILL_M_S2 = 0.02, 0.15  # scatter at rest: ten times the noise of the chip behind 44 Hz
 
 
@@ -30,11 +30,11 @@ class ImuSamples(NamedTuple):
 
     def after(self, t_s: float) -> "ImuSamples":
         """Return the samples from the time `t_s` [s] on."""
-        keep = self.t_s >= t_s
-        return ImuSamples(self.t_s[keep], self.accel[keep], self.gyro[keep])
+        is_after = self.t_s >= t_s
+        return ImuSamples(self.t_s[is_after], self.accel[is_after], self.gyro[is_after])
 
     @property
-    def still(self) -> bool:
+    def is_still(self) -> bool:
         """Return True if forces and rates scatter as little as at rest."""
         return bool(
             np.all(self.gyro.std(axis=0) < STILL_RAD_S) and np.all(self.accel.std(axis=0) < STILL_M_S2)
@@ -65,20 +65,20 @@ class FloorTests:
 
         End earlier if `until` returns True for a sample. Raise SafetyStop if the link or the IMU fails.
         """
-        start = imu_ns = uno_ns = self.now_ns()
+        start_ns = imu_ns = uno_ns = self.now_ns()
         samples, finished = [], False
         self.imu.read()
-        while not finished and (t_s := (self.now_ns() - start) * 1e-9) < seconds:
+        while not finished and (t_s := (self.now_ns() - start_ns) * 1e-9) < seconds:
             self.uno.drive(*duties(t_s))
             self.wait(STEP_S)
             uno_ns = self.now_ns() if self.uno.receive() else uno_ns
-            new = self.imu.read()
-            samples += new
-            finished = any(until(sample) for sample in new)
-            imu_ns = self.now_ns() if new else imu_ns
+            new_samples = self.imu.read()
+            samples += new_samples
+            finished = any(until(sample) for sample in new_samples)
+            imu_ns = self.now_ns() if new_samples else imu_ns
             self._check(uno_ns, imu_ns)
         return ImuSamples(
-            np.array([(s.t_ns - start) * 1e-9 for s in samples]),
+            np.array([(s.t_ns - start_ns) * 1e-9 for s in samples]),
             np.array([s.accel for s in samples]).reshape(-1, 3),
             np.array([s.gyro for s in samples]).reshape(-1, 3),
         )
@@ -91,16 +91,16 @@ class FloorTests:
         scatter = 0.0
         for _ in range(10):
             self.hold(0.0, 0.0, 0.3)
-            rest = self.hold(0.0, 0.0, seconds)
-            if rest.still:
-                return rest
-            scatter = float(rest.gyro.std(axis=0).max())
+            samples = self.hold(0.0, 0.0, seconds)
+            if samples.is_still:
+                return samples
+            scatter = float(samples.gyro.std(axis=0).max())
         raise AnswerNo(fault("floor.not-still", scatter_deg_s=np.degrees(scatter)))
 
     def upright(self) -> None:
         """Raise AnswerNo unless the IMU's up axis points up, within 26°."""
         accel = self.rest(0.3).accel.mean(axis=0)
-        if accel[2] < TILT_COS * STANDARD_GRAVITY:
+        if accel[2] < MIN_TILT_COS * STANDARD_GRAVITY:
             x, y, z = accel
             raise AnswerNo(fault("floor.gravity", "baqueano robot calibrate imu", x=x, y=y, z=z))
 
@@ -112,7 +112,7 @@ class FloorTests:
         self.uno.arm()
 
     def _check(self, uno_ns: int, imu_ns: int) -> None:
-        reason, silent_ns = self.uno.trouble, self.now_ns() - round(SILENT_S * 1e9)
+        reason, silent_ns = self.uno.trouble, self.now_ns() - round(MAX_SILENCE_S * 1e9)
         if imu_ns < silent_ns:
             reason = stop(StopReason.IMU_SILENT)
         if uno_ns < silent_ns:

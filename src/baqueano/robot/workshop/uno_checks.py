@@ -19,14 +19,14 @@ if TYPE_CHECKING:
     from baqueano.robot.uno.link import Uno
     from baqueano.robot.uno.statistics import Statistics
 
-COMMAND_EVERY_S = 0.01
-FIRST_S = 0.1  # time until telemetry shows the sequence of the last command
+COMMAND_PERIOD_S = 0.01
+FIRST_ANSWER_S = 0.1  # time until telemetry shows the sequence of the last command
 LOSS_WARN, LOSS_BAD = 1e-3, 0.05  # shares of frames
 RAM, LEAST_RAM = 2048, 128  # bytes
-QUIETER = N_("Keep the USB cable away from the motors' wires, and put 100 nF across each motor")
+NOISE_REMEDY = N_("Keep the USB cable away from the motors' wires, and put 100 nF across each motor")
 
 
-def uno(port: str, least_battery_v: float, seconds: float = 2.0) -> Iterator[Check]:
+def check_uno(port: str, least_battery_v: float, seconds: float = 2.0) -> Iterator[Check]:
     """Yield the checks of the serial line, of the firmware, and of delay and losses within `seconds`."""
     from baqueano.robot.uno.frames import AskInfo, Info
     from baqueano.robot.uno.serial_port import find_port, open_uno
@@ -35,10 +35,10 @@ def uno(port: str, least_battery_v: float, seconds: float = 2.0) -> Iterator[Che
         device_path = find_port(port)
         with open_uno(device_path) as link:
             yield Check(N_("serial line"), "ok", device_path)
-            time.sleep(FIRST_S)
+            time.sleep(FIRST_ANSWER_S)
             before = copy(link.statistics)  # not counted: a first frame received without its beginning
             send_commands(link, seconds, time.sleep)
-            yield from answers(link, least_battery_v, before)
+            yield from check_answers(link, least_battery_v, before)
             yield memory(link.request(AskInfo(), Info))  # the INFO sent at boot is older than this figure
     except BaqueanoError as error:
         yield Check(N_("serial line"), "bad", _("an Uno with our firmware was not found"), str(error))
@@ -46,12 +46,12 @@ def uno(port: str, least_battery_v: float, seconds: float = 2.0) -> Iterator[Che
 
 def send_commands(link: "Uno", seconds: float, wait: Callable[[float], object]) -> None:
     """Send as many commands as in a drive of this duration [s], each with the motors off."""
-    for _tick in range(round(seconds / COMMAND_EVERY_S)):
+    for _tick in range(round(seconds / COMMAND_PERIOD_S)):
         link.disarm()
-        wait(COMMAND_EVERY_S)
+        wait(COMMAND_PERIOD_S)
 
 
-def answers(
+def check_answers(
     link: "Uno", least_battery_v: float, previous: "Statistics", wait: Callable[[float], object] = time.sleep
 ) -> Iterator[Check]:
     """Yield the checks of a link; losses count from the statistics `previous` on."""
@@ -79,7 +79,7 @@ def answers(
         ),
         _("Type: baqueano robot flash"),
     )
-    yield from line(link, previous)
+    yield from check_link(link, previous)
     yield at_uno(link.statistics, previous, info)
     yield start(info)
     ppm = 1e6 * link.clock.skew
@@ -100,7 +100,7 @@ def answers(
     )
 
 
-def line(link: "Uno", previous: "Statistics") -> Iterator[Check]:
+def check_link(link: "Uno", previous: "Statistics") -> Iterator[Check]:
     """Yield the checks of the line's round-trip time, and of lost and damaged frames since `previous`."""
     trips = sorted(link.statistics.trips_ms)
     if trips:
@@ -123,7 +123,7 @@ def line(link: "Uno", previous: "Statistics") -> Iterator[Check]:
             lost=lost_frames,
             damaged=damaged_frames,
         ),
-        _(QUIETER),
+        _(NOISE_REMEDY),
     )
 
 
@@ -144,7 +144,9 @@ def at_uno(now: "Statistics", previous: "Statistics", info: "Info") -> Check:
             overrun=overrun,
             earlier=info.bad_crc + info.bad_shape,
         ),
-        _(QUIETER) if spoilt else _("Does another program use its line? If not, type: baqueano robot flash"),
+        _(NOISE_REMEDY)
+        if spoilt
+        else _("Does another program use its line? If not, type: baqueano robot flash"),
     )
 
 

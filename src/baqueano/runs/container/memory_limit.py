@@ -3,12 +3,12 @@
 A run at rest unpacks to about ten times its file. A file made to fill the memory unpacks to a thousand times its size.
 """
 
-FLOOR, TIMES, MOST = 64 * 2**20, 20, 2**30
+MIN_BYTES, BYTES_PER_FILE_BYTE, MAX_EXTRA_BYTES = 64 * 2**20, 20, 2**30
 
 
 def limit_bytes(size: int) -> int:
     """Return the number of bytes of memory that may be used for a file of `size` bytes."""
-    return min(max(FLOOR, TIMES * size), MOST)
+    return min(max(MIN_BYTES, BYTES_PER_FILE_BYTE * size), MAX_EXTRA_BYTES)
 
 
 def text_of_size(size: int) -> str:

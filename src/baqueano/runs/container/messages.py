@@ -21,7 +21,7 @@ from baqueano.errors import Invalid
 
 CDR = b"\x00\x01\x00\x00"
 NANOSECONDS = 1_000_000_000
-LAST_NS = 2**31 * NANOSECONDS  # builtin_interfaces/Time counts seconds in 31 bits, until January 2038
+MAX_STAMP_NS = 2**31 * NANOSECONDS  # builtin_interfaces/Time counts seconds in 31 bits, until January 2038
 
 _RULE = "=" * 80
 _TIME = f"{_RULE}\nMSG: builtin_interfaces/Time\nint32 sec\nuint32 nanosec\n"
@@ -113,22 +113,26 @@ class MessageLayout:
 
     def __init__(self, frame: str, fields: tuple[MessageField, ...]) -> None:
         name = frame.encode() + b"\0"
-        text, at = f"<4siII{len(name)}s", 16 + len(name)
-        places: list[tuple[str, Any, int]] = []  # name, type, byte of the message
-        for field, kind, count in fields:
-            if kind != "array":
-                pad = -at % 4
-                places.append((field if kind == "uint32" else f"{field}/count", "<u4", at + pad))
-                text, at = text + f"{pad}xI", at + pad + 4
-            if kind != "uint32" and count:
-                pad = (4 - at) % 8  # the four bytes of CDR do not count for the alignment
-                places.append((field, ("<f8", (count,)), at + pad))
-                text, at = text + f"{pad}x{count}d", at + pad + 8 * count
+        text, offset = f"<4siII{len(name)}s", 16 + len(name)
+        entries: list[tuple[str, Any, int]] = []  # name, type, byte of the message
+        for field, number_kind, count in fields:
+            if number_kind != "array":
+                pad = -offset % 4
+                entries.append((field if number_kind == "uint32" else f"{field}/count", "<u4", offset + pad))
+                text, offset = text + f"{pad}xI", offset + pad + 4
+            if number_kind != "uint32" and count:
+                pad = (4 - offset) % 8  # the four bytes of CDR do not count for the alignment
+                entries.append((field, ("<f8", (count,)), offset + pad))
+                text, offset = text + f"{pad}x{count}d", offset + pad + 8 * count
         self._struct = struct.Struct(text)
         self._head = (len(name), name)
-        self._counts = {f"{field}/count": count for field, kind, count in fields if kind == "sequence"}
-        self._empty = [field for field, kind, count in fields if kind == "sequence" and not count]
-        names, formats, offsets = zip(*places, strict=True)
+        self._counts = {
+            f"{field}/count": count for field, number_kind, count in fields if number_kind == "sequence"
+        }
+        self._empty = [
+            field for field, number_kind, count in fields if number_kind == "sequence" and not count
+        ]
+        names, formats, offsets = zip(*entries, strict=True)
         self._dtype = np.dtype(
             {"names": names, "formats": formats, "offsets": offsets, "itemsize": self._struct.size}
         )
@@ -167,13 +171,13 @@ def imu_layout(frame: str) -> MessageLayout:
     return MessageLayout(frame, tuple(MessageField(name, "array", count) for name, count in blocks))
 
 
-_ZEROS = (0.0,) * 9
-_UNKNOWN = (0.0, 0.0, 0.0, 1.0, -1.0, *_ZEROS[1:])
+ZERO_COVARIANCE = (0.0,) * 9
+UNKNOWN_ORIENTATION = (0.0, 0.0, 0.0, 1.0, -1.0, *ZERO_COVARIANCE[1:])
 
 
 def imu_values(z: list[float]) -> tuple[float, ...]:
     """Return the field values of a sensor_msgs/msg/Imu with (a_x, a_y, ω_z); unmeasured quantities are zero."""
-    return (*_UNKNOWN, 0.0, 0.0, z[2], *_ZEROS, z[0], z[1], 0.0, *_ZEROS)
+    return (*UNKNOWN_ORIENTATION, 0.0, 0.0, z[2], *ZERO_COVARIANCE, z[0], z[1], 0.0, *ZERO_COVARIANCE)
 
 
 def imu_z(fields: dict[str, np.ndarray]) -> np.ndarray:
@@ -216,10 +220,10 @@ def pose_layout(frame: str = "map") -> MessageLayout:
 
 def pose_values(eta: list[float]) -> tuple[float, ...]:
     """Return x, y, 0 and the quaternion of a rotation by ψ about z; ψ = 0 if it is not finite."""
-    half = 0.5 * eta[2]
-    if not math.isfinite(half):
-        half = 0.0
-    return eta[0], eta[1], 0.0, 0.0, 0.0, math.sin(half), math.cos(half)
+    half_angle = 0.5 * eta[2]
+    if not math.isfinite(half_angle):
+        half_angle = 0.0
+    return eta[0], eta[1], 0.0, 0.0, 0.0, math.sin(half_angle), math.cos(half_angle)
 
 
 def pack_log(t_ns: int, level: int, source: str, text: str, code: str = "", data: str = "") -> bytes:
@@ -234,15 +238,15 @@ def pack_log(t_ns: int, level: int, source: str, text: str, code: str = "", data
 def unpack_log(message: bytes) -> tuple[int, str, str, str]:
     """Return level, source, text and data of one rcl_interfaces/msg/Log. Raise ValueError for other bytes."""
     try:
-        body, words, at = message[4:], [], 9
+        body, texts, offset = message[4:], [], 9
         level = body[8]
         for _ in range(3):
-            at += -at % 4
-            (size,) = struct.unpack_from("<I", body, at)
-            if not 0 < size <= len(body) - at - 4:
+            offset += -offset % 4
+            (size,) = struct.unpack_from("<I", body, offset)
+            if not 0 < size <= len(body) - offset - 4:
                 raise Invalid(fault("damage.text-beyond"))
-            words.append(body[at + 4 : at + 3 + size].decode())
-            at += 4 + size
+            texts.append(body[offset + 4 : offset + 3 + size].decode())
+            offset += 4 + size
     except (struct.error, IndexError, UnicodeDecodeError) as error:
         raise Invalid(fault("damage.log-message", error=error)) from error
-    return level, words[0], words[1], words[2]
+    return level, texts[0], texts[1], texts[2]

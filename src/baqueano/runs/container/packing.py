@@ -23,15 +23,15 @@ Put = Callable[[int, int, bytes, int, bool], None]
 class Packing:
     """The packer of recorded signals: packs each one for a file and passes it to `put`."""
 
-    def __init__(self, file: "RunFile", put: Put) -> None:
-        self.file, self.put = file, put
+    def __init__(self, run_file: "RunFile", put: Put) -> None:
+        self.file, self.put = run_file, put
 
-    def command(self, which: str, t_ns: int, u: object) -> None:
+    def command(self, stage: str, t_ns: int, u: object) -> None:
         """Pack the command `u` (n,). An "applied" command was in force in the interval that ends at `t_ns`; a
         "requested" or "sent" command belongs to the time `t_ns`.
         """
         values = np.asarray(u, dtype=float).tolist()
-        topic = self.file.command(which, len(values))
+        topic = self.file.command(stage, len(values))
         self.put(topic.id, t_ns, topic.pack(t_ns, len(values), *values), t_ns, False)
 
     def sensor(self, name: str, t_ns: int, arrival_ns: int, z: object) -> None:
@@ -74,8 +74,8 @@ class Packing:
     def truth(self, t_ns: int, eta: object, nu: object, nu_dot: object) -> None:
         """Pack the true pose, velocity and acceleration."""
         topic, pose = self.file.fixed_topic("/truth"), np.asarray(eta, dtype=float).tolist()
-        rest = [x for part in (nu, nu_dot) for x in np.asarray(part, dtype=float).tolist()]
-        self.put(topic.id, t_ns, topic.pack(t_ns, *pose, *rest), t_ns, False)
+        velocities = [x for vector in (nu, nu_dot) for x in np.asarray(vector, dtype=float).tolist()]
+        self.put(topic.id, t_ns, topic.pack(t_ns, *pose, *velocities), t_ns, False)
         self._pose("/truth/pose", t_ns, pose)
 
     def event(self, event: Event) -> None:

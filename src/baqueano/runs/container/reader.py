@@ -17,16 +17,16 @@ from baqueano.errors import FileError, Invalid, cause_of
 from baqueano.messages.printable import baqueano_command
 from baqueano.runs.container import memory_limit, messages
 from baqueano.runs.container.records import MAGIC, Contents, McapChannel, McapMessages, TooLarge, scan
-from baqueano.runs.container.run_file import METADATA, VEHICLE_FILE, unseal
+from baqueano.runs.container.run_file import ATTACHMENT_NAME, METADATA_NAME, unseal
 from baqueano.runs.logs import LEVELS, Channel, EstimateLog, Event, ReferenceLog, TruthLog
 from baqueano.runs.run import Run
 
-VIEWERS = frozenset({"geometry_msgs/msg/PoseStamped"})  # for viewers; the run has these poses elsewhere
-NOTHING = McapMessages(bytearray(), array("Q"), array("Q"), array("Q"))
-TOPICS = 1000  # of a run
-EVENT = 256  # bytes of memory of an event, in addition to its text
-IMPORT = "baqueano runs import MAP.toml FILE"
-FOREIGN = {  # first bytes → what it is
+VIEWER_SCHEMAS = frozenset({"geometry_msgs/msg/PoseStamped"})  # the run has these poses elsewhere
+NO_MESSAGES = McapMessages(bytearray(), array("Q"), array("Q"), array("Q"))
+MAX_TOPICS = 1000  # of a run
+EVENT_BYTES = 256  # bytes of memory of an event, in addition to its text
+IMPORT_COMMAND = "baqueano runs import MAP.toml FILE"
+FOREIGN_SIGNATURES = {  # first bytes → what it is
     b"#ROSBAG": "ros-1",
     b"SQLite format 3": "sqlite",
     b"\x89HDF": "hdf5",
@@ -65,15 +65,15 @@ def read_run(path: Path | str) -> Run:
     """
     path = Path(path)
     try:
-        contents = scan(read_bytes(path), VIEWERS)
+        contents = scan(read_bytes(path), VIEWER_SCHEMAS)
     except TooLarge as error:
         raise FileError(
             fault(
                 "runs.unpacks-too-much", f"mcap decompress {path.name} -o whole.mcap", path=path, error=error
             )
         ) from None
-    foreign = METADATA not in contents.metadata and not contents.problems
-    if foreign and contents.complete and not contents.messages:
+    foreign = METADATA_NAME not in contents.metadata and not contents.problems
+    if foreign and contents.is_complete and not contents.messages:
         raise FileError(fault("runs.no-message", path=path))
     return _RunAssembly(path, contents).run()
 
@@ -81,14 +81,14 @@ def read_run(path: Path | str) -> Run:
 def read_bytes(path: Path) -> bytes:
     """Return the bytes of an MCAP file. Raise FileError if it is absent, empty, too large, or not an MCAP file."""
     try:
-        if path.is_file() and path.stat().st_size > memory_limit.MOST // 2:
+        if path.is_file() and path.stat().st_size > memory_limit.MAX_EXTRA_BYTES // 2:
             raise FileError(
                 fault(
                     "runs.too-large",
                     f"mcap filter {path.name} -o part.mcap",
                     path=path,
                     size=memory_limit.text_of_size(path.stat().st_size),
-                    largest=memory_limit.text_of_size(memory_limit.MOST // 2),
+                    largest=memory_limit.text_of_size(memory_limit.MAX_EXTRA_BYTES // 2),
                 )
             )
         data = path.read_bytes()
@@ -105,13 +105,14 @@ def read_bytes(path: Path) -> bytes:
     if not data:
         raise FileError(fault("runs.empty", path=path))
     if data[: len(MAGIC)] != MAGIC:
-        kind = next((name for start, name in FOREIGN.items() if data.startswith(start)), None)
-        if kind is None and len(data) < len(MAGIC) and MAGIC.startswith(data):
+        names = (name for start, name in FOREIGN_SIGNATURES.items() if data.startswith(start))
+        format_name = next(names, None)
+        if format_name is None and len(data) < len(MAGIC) and MAGIC.startswith(data):
             raise FileError(fault("runs.cut-at-once", path=path, size=len(data)))
-        kind = kind or ("bytes" if b"\0" in data[:1000] else "text")
-        fix = "" if kind in ("zip", "bytes") else IMPORT
-        begins, expected = repr(data[:8]), repr(MAGIC)
-        raise FileError(fault(f"runs.is-{kind}", fix, path=path, found=begins, expected=expected))
+        format_name = format_name or ("bytes" if b"\0" in data[:1000] else "text")
+        fix = "" if format_name in ("zip", "bytes") else IMPORT_COMMAND
+        first_bytes, expected = repr(data[:8]), repr(MAGIC)
+        raise FileError(fault(f"runs.is-{format_name}", fix, path=path, found=first_bytes, expected=expected))
     return data
 
 
@@ -125,9 +126,9 @@ class _RunAssembly:
         self.topics: dict[str, list[tuple[McapChannel, int]]] = {}  # in the order in which they were named
         for key, channel in sorted(contents.channels.items()):
             self.topics.setdefault(channel.topic, []).append((channel, key))
-        if len(contents.channels) > TOPICS:
+        if len(contents.channels) > MAX_TOPICS:
             raise FileError(
-                fault("runs.topics", IMPORT, path=path, count=len(contents.channels), most=TOPICS)
+                fault("runs.topics", IMPORT_COMMAND, path=path, count=len(contents.channels), most=MAX_TOPICS)
             )
 
     def run(self) -> Run:
@@ -137,7 +138,7 @@ class _RunAssembly:
             path=self.path,
             t_ns=applied.t_ns,
             applied=applied.z,
-            requested=self.on_ticks("/command/requested", applied),
+            requested=self.commands_on_ticks("/command/requested", applied),
             sensors=self.sensors(),
             estimate=self.estimate(),
             reference=self.reference(),
@@ -145,7 +146,7 @@ class _RunAssembly:
             events=tuple(self.events()),
             vehicle_text=self.vehicle_text(),
             metadata=self.metadata(),
-            sent=self.on_ticks("/command/sent", applied),
+            sent=self.commands_on_ticks("/command/sent", applied),
         )
         object.__setattr__(run, "notes", (*self.losses(run), *self.notes))
         return run
@@ -155,7 +156,7 @@ class _RunAssembly:
         if rows is None:
             topics = ", ".join(sorted(self.topics)[:8])[:400] or "no topics"
             cause = _join_causes(self.contents.problems[:2])
-            if self.contents.metadata.get(METADATA) is None and self.topics:
+            if self.contents.metadata.get(METADATA_NAME) is None and self.topics:
                 raise FileError(
                     fault(
                         "runs.not-ours",
@@ -172,10 +173,10 @@ class _RunAssembly:
                     error=cause or note("runs.ends-early"),
                 )
             )
-        newer = np.diff(rows.arrival_ns, prepend=-1) > 0
-        if not newer.all():
-            self.notes.append(_warning("run.repeated-ticks", count=np.count_nonzero(~newer)))
-        return Channel(rows.t_ns[newer], rows.arrival_ns[newer], rows.z[newer])
+        is_new_reading = np.diff(rows.arrival_ns, prepend=-1) > 0
+        if not is_new_reading.all():
+            self.notes.append(_warning("run.repeated-ticks", count=np.count_nonzero(~is_new_reading)))
+        return Channel(rows.t_ns[is_new_reading], rows.arrival_ns[is_new_reading], rows.z[is_new_reading])
 
     def sensors(self) -> dict[str, Channel]:
         def layout(topic: str, schema: str, size: int) -> messages.MessageLayout:
@@ -188,7 +189,7 @@ class _RunAssembly:
             topic.removeprefix("/sensors/"): channel for topic, channel in read.items() if channel is not None
         }
 
-    def on_ticks(self, topic: str, applied: Channel) -> np.ndarray | None:
+    def commands_on_ticks(self, topic: str, applied: Channel) -> np.ndarray | None:
         commands = self.read(topic, "u", self.of_size(messages.command_layout))
         if commands is None:
             return None
@@ -198,17 +199,17 @@ class _RunAssembly:
             return None
         self.fill(topic, len(applied.t_ns) - len(commands.t_ns), applied.z.shape[1])
         rows = np.full(applied.z.shape, np.nan)
-        at = np.searchsorted(applied.arrival_ns, commands.arrival_ns)
-        inside = at < len(rows)
-        inside[inside] = applied.arrival_ns[at[inside]] == commands.arrival_ns[inside]
-        rows[at[inside]] = commands.z[inside]
+        indices = np.searchsorted(applied.arrival_ns, commands.arrival_ns)
+        is_within = indices < len(rows)
+        is_within[is_within] = applied.arrival_ns[indices[is_within]] == commands.arrival_ns[is_within]
+        rows[indices[is_within]] = commands.z[is_within]
         return rows
 
     def estimate(self) -> EstimateLog | None:
         pieces = []
         for channel, key in self.topics.get("/estimate", []):
             size_text = channel.metadata.get("size", "none")
-            size = None if size_text == "none" else self.number("/estimate", size_text.split(" ")[0])
+            size = None if size_text == "none" else self.number_count("/estimate", size_text.split(" ")[0])
             layout = messages.estimate_layout(size, "without" not in size_text)
             t_ns, _, fields = self.unpack("/estimate", layout, key)
             pieces.append((size, "without" not in size_text, t_ns, fields))
@@ -216,8 +217,8 @@ class _RunAssembly:
             return None
         sizes = [size for size, *_ in pieces if size is not None]
         m, with_cov = (max(sizes) if sizes else None), all(cov for size, cov, *_ in pieces)
-        silent = sum(len(t_ns) for size, _, t_ns, _ in pieces if size != m)
-        self.fill("/estimate", silent, (m or 0) * (1 + (m or 0) * with_cov))
+        missing_count = sum(len(t_ns) for size, _, t_ns, _ in pieces if size != m)
+        self.fill("/estimate", missing_count, (m or 0) * (1 + (m or 0) * with_cov))
         return _concatenate([_estimate_piece(m, with_cov, *piece) for piece in pieces], EstimateLog)
 
     def reference(self) -> ReferenceLog | None:
@@ -237,8 +238,8 @@ class _RunAssembly:
     def events(self) -> Iterable[Event]:
         unread, cause = 0, None
         for _, key in self.topics.get("/events", []):
-            for t_ns, message in self.contents.messages.pop(key, NOTHING).each():
-                self.take("/events", EVENT + 4 * len(message))
+            for t_ns, message in self.contents.messages.pop(key, NO_MESSAGES).time_and_bytes():
+                self.reserve("/events", EVENT_BYTES + 4 * len(message))
                 try:
                     level, source, text, data = messages.unpack_log(message)
                 except ValueError as error:
@@ -249,29 +250,29 @@ class _RunAssembly:
             self.notes.append(_warning("run.unread-events", count=unread, cause=cause))
 
     def vehicle_text(self) -> str:
-        text = self.contents.attachments.get(VEHICLE_FILE)
+        text = self.contents.attachments.get(ATTACHMENT_NAME)
         if text is None:
             self.notes.append(_warning("run.vehicle-file-lost"))
         return "" if text is None else text.decode("utf-8", "replace")
 
     def metadata(self) -> dict[str, str]:
-        metadata = unseal(self.contents.metadata.get(METADATA, {}))
+        metadata = unseal(self.contents.metadata.get(METADATA_NAME, {}))
         if metadata is None:
             self.notes.append(_warning("run.metadata-lost"))
         return metadata or {}
 
     def losses(self, run: Run) -> list[Diagnostic]:
         """Return warnings if the file was not closed or is damaged."""
-        of, warnings = {"file": self.path.name, "ticks": len(run.t_ns)}, []
-        if not self.contents.complete:
-            warnings.append(_warning("run.not-closed", **of, duration_s=run.duration_s))
+        figures, warnings = {"file": self.path.name, "ticks": len(run.t_ns)}, []
+        if not self.contents.is_complete:
+            warnings.append(_warning("run.not-closed", **figures, duration_s=run.duration_s))
         if self.contents.problems:
-            more = max(self.contents.places - 3, 0)
+            unlisted_count = max(self.contents.damage_count - 3, 0)
             problems, code = (
                 _join_causes(self.contents.problems[:3]),
-                "run.damaged-often" if more else "run.damaged",
+                "run.damaged-often" if unlisted_count else "run.damaged",
             )
-            warnings.append(_warning(code, **of, places=problems, more=more))
+            warnings.append(_warning(code, **figures, places=problems, more=unlisted_count))
         return warnings
 
     def of_size(self, layout: Any) -> Any:
@@ -290,7 +291,8 @@ class _RunAssembly:
         if topic not in self.topics:
             return None
         channel, key = self.topics[topic][0]
-        message_layout = layout(topic, channel.schema, self.number(topic, channel.metadata.get("size", "")))
+        count = self.number_count(topic, channel.metadata.get("size", ""))
+        message_layout = layout(topic, channel.schema, count)
         t_ns, arrival_ns, fields = self.unpack(topic, message_layout, key)
         z = messages.imu_z(fields) if channel.schema == "sensor_msgs/msg/Imu" else fields[values]
         order = np.argsort(arrival_ns, kind="stable")
@@ -302,35 +304,35 @@ class _RunAssembly:
         """Return times and arrival times (N,) [ns] of a channel's messages, and their fields.
         Removes the messages from `contents`.
         """
-        messages_of_key = self.contents.messages.pop(key, NOTHING)
+        messages_of_key = self.contents.messages.pop(key, NO_MESSAGES)
         try:
             fields = layout.unpack(messages_of_key.data, messages_of_key.sizes)
             t_ns, arrival_ns = np.array(messages_of_key.t_ns), np.array(messages_of_key.arrival_ns)
             if max(t_ns.max(initial=0), arrival_ns.max(initial=0)) >= 2**63:
                 raise Invalid(fault("damage.times"))
         except ValueError as error:
-            raise self.strange(topic, cause_of(error)) from None
+            raise self.damage_error(topic, cause_of(error)) from None
         return t_ns.astype(np.int64), arrival_ns.astype(np.int64), fields
 
-    def number(self, topic: str, text: str) -> int:
+    def number_count(self, topic: str, text: str) -> int:
         """Return the count of numbers per message, which a channel declares as `text`.
         Raise FileError if `text` is not a decimal number of at most 4 digits.
         """
         if not text.isascii() or not text.isdecimal() or len(text) > 4:
-            raise self.strange(topic, note("damage.channel-size"))
+            raise self.damage_error(topic, note("damage.channel-size"))
         return int(text)
 
-    def fill(self, topic: str, rows: int, numbers: int) -> None:
+    def fill(self, topic: str, row_count: int, column_count: int) -> None:
         """Count the memory of rows that are not in the file and become NaN."""
-        self.take(topic, 8 * max(rows, 0) * numbers)
+        self.reserve(topic, 8 * max(row_count, 0) * column_count)
 
-    def take(self, topic: str, size: int) -> None:
+    def reserve(self, topic: str, size: int) -> None:
         """Count `size` bytes of additional memory. Raise FileError if the sum exceeds half of the file's limit."""
         self.taken += size
         if self.taken > memory_limit.limit_bytes(self.contents.size) // 2:
-            raise self.strange(topic, note("damage.memory", size=memory_limit.text_of_size(self.taken)))
+            raise self.damage_error(topic, note("damage.memory", size=memory_limit.text_of_size(self.taken)))
 
-    def strange(self, topic: str, cause: Diagnostic | str) -> FileError:
+    def damage_error(self, topic: str, cause: Diagnostic | str) -> FileError:
         return FileError(
             fault(
                 "runs.foreign-topic",
@@ -349,8 +351,8 @@ def _warning(code: str, **figures: Any) -> Diagnostic:
 def _join_causes(causes: list[Diagnostic | str]) -> Diagnostic | str | None:
     """Return one cause that joins all `causes`; None for an empty list."""
     first = causes[0] if causes else None
-    for then in causes[1:]:
-        first = note("run.and", first=first, then=then)
+    for cause in causes[1:]:
+        first = note("run.and", first=first, then=cause)
     return first
 
 
@@ -361,31 +363,32 @@ def _estimate_piece(
     k = len(t_ns)
     innovation = innovation_cov = None
     if m is not None:
-        silent = size != m
-        innovation = np.full((k, m), np.nan) if silent else f["innovation"]
+        is_missing = size != m
+        innovation = np.full((k, m), np.nan) if is_missing else f["innovation"]
         if with_cov:
-            innovation_cov = np.full((k, m, m), np.nan) if silent else f["innovation_cov"].reshape(k, m, m)
+            empty_cov = np.full((k, m, m), np.nan)
+            innovation_cov = empty_cov if is_missing else f["innovation_cov"].reshape(k, m, m)
     return t_ns, f["eta"], f["nu"], f["cov"].reshape(k, 6, 6), innovation, innovation_cov
 
 
-def _concatenate(pieces: list[Any], kind: Any) -> Any:
+def _concatenate(pieces: list[Any], tuple_class: Any) -> Any:
     """Return the segments of a log joined into one, in order of time."""
     order = np.argsort(np.concatenate([piece[0] for piece in pieces]), kind="stable")
-    place = np.empty_like(order)
-    place[order] = np.arange(len(order))
-    return kind(*(_in_place(parts, place) for parts in zip(*pieces, strict=True)))
+    positions = np.empty_like(order)
+    positions[order] = np.arange(len(order))
+    return tuple_class(*(_joined_column(parts, positions) for parts in zip(*pieces, strict=True)))
 
 
-def _in_place(parts: tuple[Any, ...], place: np.ndarray) -> np.ndarray | None:
-    """Return the columns `parts` joined into one, with row k moved to position place[k]. The data are copied only once,
-    because they may be large.
+def _joined_column(columns: tuple[Any, ...], positions: np.ndarray) -> np.ndarray | None:
+    """Return the columns `columns` joined into one, with row k moved to position place[k]. The data are copied only
+    once, because they may be large.
     """
-    if parts[0] is None:
+    if columns[0] is None:
         return None
-    column, at = np.empty((len(place), *parts[0].shape[1:]), dtype=parts[0].dtype), 0
-    for part in parts:
-        column[place[at : at + len(part)]] = part
-        at += len(part)
+    column, start = np.empty((len(positions), *columns[0].shape[1:]), dtype=columns[0].dtype), 0
+    for column_part in columns:
+        column[positions[start : start + len(column_part)]] = column_part
+        start += len(column_part)
     return column
 
 

@@ -3,8 +3,8 @@
 All data before a cut or around a damaged place are returned, and every lost place is reported. A message is returned
 only from a chunk whose checksum is right, so wrong data never pass silently. If a record is damaged, the reader
 searches for the next chunk and continues there. The search reads each byte at most once. The repeated reading inside
-damaged records is limited to AGAIN times the size of the file. The sum of unpacked and stored bytes may not exceed
-`memory_limit.limit_bytes`.
+damaged records is limited to SEARCH_FACTOR times the size of the file. The sum of unpacked and stored bytes may not
+exceed `memory_limit.limit_bytes`.
 """
 
 import re
@@ -21,20 +21,20 @@ from baqueano.errors import Invalid
 from baqueano.runs.container import memory_limit
 
 MAGIC = b"\x89MCAP0\r\n"
-LARGEST_CHUNK = 64 * 2**20
+MAX_CHUNK_BYTES = 64 * 2**20
 HEADER, FOOTER, SCHEMA, CHANNEL, MESSAGE, CHUNK, ATTACHMENT, METADATA, DATA_END = 1, 2, 3, 4, 5, 6, 9, 12, 15
-LEAST = {HEADER: 8, FOOTER: 20, SCHEMA: 14, CHANNEL: 16, CHUNK: 40, ATTACHMENT: 36, METADATA: 8, DATA_END: 4}
-LAST_KNOWN = 15
-PAIRS = 10_000  # of one map from string to string
-NAMED = 10  # memory of a name or a map, as a multiple of its bytes
-AGAIN = 16  # limit of the search for chunks inside damaged ones, as a multiple of the file's size
-MOST_REPORTED = 8  # damaged places that are described
+MIN_BYTES = {
+    HEADER: 8, FOOTER: 20, SCHEMA: 14, CHANNEL: 16, CHUNK: 40, ATTACHMENT: 36, METADATA: 8, DATA_END: 4,
+}  # fmt: skip
+LAST_KNOWN_OPCODE, MAX_PAIRS = 15, 10_000  # of one map from string to string
+NAME_MEMORY_FACTOR = 10  # memory of a name or a map, as a multiple of its bytes
+SEARCH_FACTOR = 16  # limit of the search for chunks inside damaged ones, as a multiple of the file's size
+MAX_REPORTED_DAMAGES = 8  # damaged places that are described
 
 _CHUNK_HEAD = struct.Struct("<QQQI")
 _MESSAGE_HEAD = struct.Struct("<HIQQ")
 _RECORD_HEAD = struct.Struct("<BQ")
-_SIGNATURE = b"\x04\0\0\0zstd"  # is 37 bytes after the start of each chunk that baqueano writes
-_SIGNATURE_AT = 37
+_SIGNATURE, _SIGNATURE_AT = b"\x04\0\0\0zstd", 37  # 37 bytes after the start of each chunk of baqueano
 _NOT_ZERO = re.compile(rb"[^\0]")
 
 
@@ -54,12 +54,12 @@ class McapMessages(NamedTuple):
     arrival_ns: "array[int]"
     t_ns: "array[int]"
 
-    def each(self) -> Iterator[tuple[int, bytes]]:
+    def time_and_bytes(self) -> Iterator[tuple[int, bytes]]:
         """Yield the time and the bytes of each message."""
-        at = 0
+        start = 0
         for t_ns, size in zip(self.t_ns, self.sizes, strict=True):
-            yield t_ns, bytes(self.data[at : at + size])
-            at += size
+            yield t_ns, bytes(self.data[start : start + size])
+            start += size
 
 
 @dataclass
@@ -72,12 +72,12 @@ class Contents:
     messages: dict[int, McapMessages] = field(default_factory=dict)
     attachments: dict[str, bytes] = field(default_factory=dict)
     metadata: dict[str, dict[str, str]] = field(default_factory=dict)
-    complete: bool = False  # the file was closed properly
+    is_complete: bool = False  # the file was closed properly
     problems: list[Diagnostic | str] = field(
         default_factory=list
     )  # damage, one line for each of the first places
-    places: int = 0  # that are damaged
-    kept: int = 0  # bytes of memory that all this takes
+    damage_count: int = 0  # that are damaged
+    kept_bytes: int = 0  # bytes of memory that all this takes
 
 
 class TooLarge(Invalid):
@@ -94,32 +94,32 @@ class Cursor:
     def __init__(self, data: bytes | memoryview) -> None:
         self.data, self.at = memoryview(data), 0
 
-    def take(self, size: int) -> memoryview:
+    def read(self, size: int) -> memoryview:
         """Return the next `size` bytes. Raise Damage if fewer are left."""
         if size > len(self.data) - self.at:
             raise Damage(fault("damage.field", size=size, left=len(self.data) - self.at))
         self.at += size
         return self.data[self.at - size : self.at]
 
-    def number(self, size: int) -> int:
+    def integer(self, size: int) -> int:
         """Return an unsigned integer of `size` bytes."""
-        return int.from_bytes(self.take(size), "little")
+        return int.from_bytes(self.read(size), "little")
 
     def text(self) -> str:
         """Return a string that is preceded by its length."""
         try:
-            return str(self.take(self.number(4)), "utf-8")
+            return str(self.read(self.integer(4)), "utf-8")
         except UnicodeDecodeError as error:
             raise Damage(fault("damage.not-utf8")) from error
 
     def pairs(self) -> dict[str, str]:
         """Return a map from string to string."""
-        inside, pairs = Cursor(self.take(self.number(4))), {}
-        while inside.at < len(inside.data):
-            key = inside.text()
-            pairs[key] = inside.text()
-            if len(pairs) > PAIRS:
-                raise Damage(fault("damage.map-entries", most=PAIRS))
+        cursor, pairs = Cursor(self.read(self.integer(4))), {}
+        while cursor.at < len(cursor.data):
+            key = cursor.text()
+            pairs[key] = cursor.text()
+            if len(pairs) > MAX_PAIRS:
+                raise Damage(fault("damage.map-entries", most=MAX_PAIRS))
         return pairs
 
 
@@ -148,57 +148,57 @@ class _Walk:
         self.unpacked = 0  # bytes of all chunks
 
     def run(self) -> None:
-        at: int | None = len(MAGIC)
-        while at is not None and at < len(self.data) and not self.contents.complete:
-            at = self.record(at)
+        offset: int | None = len(MAGIC)
+        while offset is not None and offset < len(self.data) and not self.contents.is_complete:
+            offset = self.record(offset)
         unnamed_channels = [k for k in self.contents.messages if k not in self.contents.channels]
         if unnamed_channels:
             self.report_damage(-1, -1, note("damage.names", topics=len(unnamed_channels)))
         topics = Counter[str]()
-        for key, of_channel in self.contents.messages.items():
+        for key, messages in self.contents.messages.items():
             topic = self.contents.channels[key].topic if key in self.contents.channels else ""
-            topics[topic] += len(of_channel.data) + 24 * len(of_channel.sizes)
-        self.afford(self.contents.kept + max(topics.values(), default=0))
+            topics[topic] += len(messages.data) + 24 * len(messages.sizes)
+        self.afford(self.contents.kept_bytes + max(topics.values(), default=0))
 
     def record(self, offset: int) -> int | None:
         """Read the record at `offset`; return the position of the next record, or None if no more can be read."""
         if len(self.data) - offset < 9:
             return None
-        kind, size = _RECORD_HEAD.unpack_from(self.data, offset)
+        opcode, size = _RECORD_HEAD.unpack_from(self.data, offset)
         end, chunk = offset + 9 + size, self.next_chunk(offset)
         lost_step = chunk < min(end, len(self.data)) and not self.ended
-        if lost_step and kind not in (CHUNK, ATTACHMENT):  # or a chunk with a damaged kind
-            self.report_damage(offset, chunk, note("damage.unexpected", kind=kind))
+        if lost_step and opcode not in (CHUNK, ATTACHMENT):  # or a chunk with a damaged kind
+            self.report_damage(offset, chunk, note("damage.unexpected", kind=opcode))
             if chunk > offset:
                 return chunk
-            kind = CHUNK  # its checksum decides
+            opcode = CHUNK  # its checksum decides
         if end > len(self.data):
             chunk = self.next_chunk(offset + 1)
             if chunk == len(self.data):
                 return None
             self.report_damage(offset, chunk, note("damage.record-size", size=size))
             return chunk
-        if kind == 0 and size == 0:  # the tail that a power cut leaves: all of it at once
-            rest = _NOT_ZERO.search(self.data, offset)
-            end += ((rest.start() if rest else len(self.data)) - end) // 9 * 9
+        if opcode == 0 and size == 0:  # the tail that a power cut leaves: all of it at once
+            next_nonzero = _NOT_ZERO.search(self.data, offset)
+            end += ((next_nonzero.start() if next_nonzero else len(self.data)) - end) // 9 * 9
             cause = note("damage.zeros")
-        elif not 0 < kind <= LAST_KNOWN:
-            cause = note("damage.unknown-kind", kind=kind)
-        elif size < LEAST.get(kind, 0):
-            cause = note("damage.short-record", kind=kind, size=size)
+        elif not 0 < opcode <= LAST_KNOWN_OPCODE:
+            cause = note("damage.unknown-kind", kind=opcode)
+        elif size < MIN_BYTES.get(opcode, 0):
+            cause = note("damage.short-record", kind=opcode, size=size)
         else:
             try:
-                self.content(kind, offset + 9, end)
+                self.read_content(opcode, offset + 9, end)
                 return end
             except Damage as damage:
                 cause = damage.diagnostic
         self.report_damage(offset, end, cause)
-        return self.behind(offset, end)
+        return self.end_of_damage(offset, end)
 
-    def behind(self, offset: int, end: int) -> int:
+    def end_of_damage(self, offset: int, end: int) -> int:
         """Return the position after a damaged record: the first chunk inside the record, else the end of the record."""
         chunk = self.next_chunk(offset + 1)
-        if chunk >= end or self.walked_twice + end - offset > AGAIN * len(self.data):
+        if chunk >= end or self.walked_twice + end - offset > SEARCH_FACTOR * len(self.data):
             return end
         self.walked_twice += end - offset
         return chunk
@@ -206,8 +206,8 @@ class _Walk:
     def report_damage(self, offset: int, to: int, cause: Diagnostic | str) -> None:
         """Report a damaged place. Damage that follows it without a gap is not reported again."""
         if offset < 0 or offset != self.lost_to:
-            self.contents.places += 1
-            if self.contents.places <= MOST_REPORTED:
+            self.contents.damage_count += 1
+            if self.contents.damage_count <= MAX_REPORTED_DAMAGES:
                 self.contents.problems.append(
                     cause if offset < 0 else note("damage.at", first=offset, last=to, cause=cause)
                 )
@@ -222,109 +222,109 @@ class _Walk:
             self.sign = len(self.data) if sign < 0 else sign - _SIGNATURE_AT
         return self.sign
 
-    def content(self, kind: int, offset: int, end: int) -> None:
+    def read_content(self, opcode: int, offset: int, end: int) -> None:
         """Read the bytes `offset` to `end` of a record. Raise Damage if they do not have the expected form."""
         body = self.view[offset:end]
-        if kind == CHUNK:
-            self.chunk(body)
-        elif kind in (SCHEMA, CHANNEL) and self.ended:
-            self.read_name(kind, Cursor(body), self.repeated)
-        elif kind == HEADER:
+        if opcode == CHUNK:
+            self.read_chunk(body)
+        elif opcode in (SCHEMA, CHANNEL) and self.ended:
+            self.read_name(opcode, Cursor(body), self.repeated)
+        elif opcode == HEADER:
             self.contents.profile = Cursor(body).text()
-        elif kind == ATTACHMENT:
+        elif opcode == ATTACHMENT:
             self.attachment(body)
-        elif kind == METADATA:
+        elif opcode == METADATA:
             cursor = Cursor(body)
             name = cursor.text()
             self.contents.metadata[name] = cursor.pairs()
-            self.keep(NAMED * len(body))
-        elif kind == DATA_END:
+            self.reserve(NAME_MEMORY_FACTOR * len(body))
+        elif opcode == DATA_END:
             if len(body) != 4 or self.ended:
                 raise Damage(fault("damage.end"))
             self.ended = True
-            checksum = Cursor(body).number(4)
-            if checksum and not self.contents.places and checksum != zlib.crc32(self.view[: offset - 9]):
+            checksum, is_intact = Cursor(body).integer(4), not self.contents.damage_count
+            if checksum and is_intact and checksum != zlib.crc32(self.view[: offset - 9]):
                 self.report_damage(-1, -1, note("damage.data-checksum"))
-        elif kind == FOOTER:
-            self.footer(Cursor(body), offset + 16)
-            self.contents.complete = self.data[end : end + 8] == MAGIC
-        elif kind == MESSAGE:
+        elif opcode == FOOTER:
+            self.read_footer(Cursor(body), offset + 16)
+            self.contents.is_complete = self.data[end : end + 8] == MAGIC
+        elif opcode == MESSAGE:
             raise Damage(fault("damage.no-checksum"))
 
-    def chunk(self, body: memoryview) -> None:
-        records = self.unpack_chunk(body)
-        at, skipped_bytes, messages, drawn_channels = 0, 0, self.contents.messages, self.skipped_channels
-        while at < len(records):
-            if len(records) - at < 9:
+    def read_chunk(self, content: memoryview) -> None:
+        records = self.unpack_chunk(content)
+        offset, skipped_bytes, messages, drawn_channels = 0, 0, self.contents.messages, self.skipped_channels
+        while offset < len(records):
+            if len(records) - offset < 9:
                 raise Damage(fault("damage.chunk-ends"))
-            kind, size = _RECORD_HEAD.unpack_from(records, at)
-            at += 9
-            if size > len(records) - at:
+            opcode, size = _RECORD_HEAD.unpack_from(records, offset)
+            offset += 9
+            if size > len(records) - offset:
                 raise Damage(fault("damage.record-beyond"))
-            if kind == MESSAGE:
+            if opcode == MESSAGE:
                 if size < 22:
                     raise Damage(fault("damage.no-times"))
-                channel, _, log_time, publish_time = _MESSAGE_HEAD.unpack_from(records, at)
+                channel, _, log_time, publish_time = _MESSAGE_HEAD.unpack_from(records, offset)
                 if channel in drawn_channels:
                     skipped_bytes += 9 + size
                 else:
-                    of_channel = messages.get(channel)
-                    if of_channel is None:
-                        of_channel = messages[channel] = McapMessages(
+                    series = messages.get(channel)
+                    if series is None:
+                        series = messages[channel] = McapMessages(
                             bytearray(), array("Q"), array("Q"), array("Q")
                         )
-                    of_channel.data.extend(records[at + 22 : at + size])
-                    of_channel.sizes.append(size - 22)
-                    of_channel.arrival_ns.append(log_time)
-                    of_channel.t_ns.append(publish_time)
-            elif kind in (SCHEMA, CHANNEL):
-                self.read_name(kind, Cursor(records[at : at + size]), self.contents.channels)
-            at += size
-        self.contents.kept += (len(records) - skipped_bytes) * 9 // 8  # growing arrays reserve more memory
+                    series.data.extend(records[offset + 22 : offset + size])
+                    series.sizes.append(size - 22)
+                    series.arrival_ns.append(log_time)
+                    series.t_ns.append(publish_time)
+            elif opcode in (SCHEMA, CHANNEL):
+                self.read_name(opcode, Cursor(records[offset : offset + size]), self.contents.channels)
+            offset += size
+        self.contents.kept_bytes += (len(records) - skipped_bytes) * 9 // 8  # growing arrays reserve more
 
-    def footer(self, cursor: Cursor, crc_at: int) -> None:
+    def read_footer(self, cursor: Cursor, crc_at: int) -> None:
         if self.closed:
             raise Damage(fault("damage.second-end"))
         self.closed = True
-        start, _, checksum = (cursor.number(size) for size in (8, 8, 4))
+        start, _, checksum = (cursor.integer(size) for size in (8, 8, 4))
         if start and checksum and checksum != zlib.crc32(self.view[start:crc_at]):
             raise Damage(fault("damage.summary-checksum"))
         self.contents.channels = self.repeated | self.contents.channels
 
-    def read_name(self, kind: int, cursor: Cursor, channels: dict[int, McapChannel]) -> None:
-        if kind == SCHEMA:
-            schema = cursor.number(2)
+    def read_name(self, opcode: int, cursor: Cursor, channels: dict[int, McapChannel]) -> None:
+        if opcode == SCHEMA:
+            schema = cursor.integer(2)
             name = cursor.text()
             if self.schemas.get(schema) != name:
                 self.schemas[schema] = name
-                self.keep(NAMED * len(name))
+                self.reserve(NAME_MEMORY_FACTOR * len(name))
             return
-        channel, schema = cursor.number(2), cursor.number(2)
+        channel, schema = cursor.integer(2), cursor.integer(2)
         topic, _ = cursor.text(), cursor.text()
         description = McapChannel(topic, self.schemas.get(schema, ""), cursor.pairs())
         if channels.get(channel) != description:
             channels[channel] = description
-            self.keep(NAMED * len(cursor.data))
+            self.reserve(NAME_MEMORY_FACTOR * len(cursor.data))
         if description.schema in self.unread:
             self.skipped_channels.add(channel)
 
-    def attachment(self, body: memoryview) -> None:
-        cursor = Cursor(body)
-        cursor.take(16)
+    def attachment(self, content: memoryview) -> None:
+        cursor = Cursor(content)
+        cursor.read(16)
         name, _ = cursor.text(), cursor.text()
-        data = cursor.take(cursor.number(8))
-        checksum = cursor.number(4)
+        data = cursor.read(cursor.integer(8))
+        checksum = cursor.integer(4)
         if checksum != zlib.crc32(
-            body[: len(body) - 4]
+            content[: len(content) - 4]
         ):  # 0, too: MCAP lets a writer leave it out, and we do not
             raise Damage(fault("damage.attachment-checksum", name=name[:80]))
         self.contents.attachments[name] = bytes(data)
-        self.keep(NAMED * len(name) + 4 * len(data))
+        self.reserve(NAME_MEMORY_FACTOR * len(name) + 4 * len(data))
 
-    def keep(self, size: int) -> None:
+    def reserve(self, size: int) -> None:
         """Count `size` bytes of memory, and raise TooLarge if the sum exceeds the limit."""
-        self.contents.kept += size
-        self.afford(len(self.data) + self.contents.kept)
+        self.contents.kept_bytes += size
+        self.afford(len(self.data) + self.contents.kept_bytes)
 
     def afford(self, need: int) -> None:
         """Raise TooLarge if `need` more bytes of memory would exceed the limit of the file."""
@@ -338,25 +338,26 @@ class _Walk:
                 )
             )
 
-    def unpack_chunk(self, body: memoryview) -> bytes | memoryview:
+    def unpack_chunk(self, content: memoryview) -> bytes | memoryview:
         """Return the records in a chunk. Raise Damage if its checksum is wrong, TooLarge if it is too large."""
-        _, _, size, checksum = _CHUNK_HEAD.unpack_from(body)
-        cursor = Cursor(body)
-        cursor.take(_CHUNK_HEAD.size)
+        _, _, size, checksum = _CHUNK_HEAD.unpack_from(content)
+        cursor = Cursor(content)
+        cursor.read(_CHUNK_HEAD.size)
         compression = cursor.text()
-        payload = cursor.take(cursor.number(8))
-        if cursor.at != len(body):
+        payload = cursor.read(cursor.integer(8))
+        if cursor.at != len(content):
             raise Damage(fault("damage.chunk-longer"))
-        if size > LARGEST_CHUNK:
+        if size > MAX_CHUNK_BYTES:
             raise Damage(fault("damage.chunk-unpacks", unpacked_mib=size / 2**20))
         _check_size(compression, payload, size)
-        memory_bytes = len(self.data) + self.contents.kept
-        room = max(
+        memory_bytes = len(self.data) + self.contents.kept_bytes
+        allowed_bytes = max(
             (memory_limit.limit_bytes(len(self.data)) - memory_bytes) // 2, 0
         )  # for the records, and for their stored parts
-        records = decompress(compression, payload, min(size, room))
+        records = decompress(compression, payload, min(size, allowed_bytes))
         self.unpacked += len(records)
-        self.afford(max(self.unpacked, memory_bytes + 2 * (size if len(records) > room else len(records))))
+        used_bytes = size if len(records) > allowed_bytes else len(records)
+        self.afford(max(self.unpacked, memory_bytes + 2 * used_bytes))
         if len(records) != size:
             raise Damage(fault("damage.chunk-size", bytes=len(records), said_bytes=size))
         if checksum and checksum != zlib.crc32(records):

@@ -24,10 +24,10 @@ from baqueano.errors import FileError, UsageError
 from baqueano.runs.container import messages
 from baqueano.vehicle_file.text.toml_text import parse_toml
 
-CHUNK_SIZE = 2**18  # bytes before compression, when time does not close a chunk first
-VEHICLE_FILE = "vehicle.toml"  # name of the attachment
-METADATA = "baqueano"  # name of the metadata record
-FORMAT = "1"
+CHUNK_BYTES = 2**18  # bytes before compression, when time does not close a chunk first
+ATTACHMENT_NAME = "vehicle.toml"  # name of the attachment
+METADATA_NAME = "baqueano"  # name of the metadata record
+FORMAT_VERSION = "1"
 
 
 class Topic(NamedTuple):
@@ -48,8 +48,8 @@ def imu_names(vehicle_text: str) -> Callable[[str, int], bool]:
 
     def is_imu(name: str, size: int) -> bool:
         table = tables.get(name) if isinstance(tables, dict) else None
-        kind = table.get("kind", "") if isinstance(table, dict) else name
-        return size == 3 and str(kind).startswith("imu")
+        sensor_kind = table.get("kind", "") if isinstance(table, dict) else name
+        return size == 3 and str(sensor_kind).startswith("imu")
 
     return is_imu
 
@@ -68,11 +68,11 @@ class RunFile:
         self._topics: dict[tuple[object, ...], Topic] = {}
         self._schemas: dict[str, int] = {}
         self._is_imu = imu_names(vehicle_text)
-        self._stream = _open(path)
-        self._mcap = Writer(self._stream, chunk_size=CHUNK_SIZE, enable_data_crcs=True)
+        self._stream = _open_new(path)
+        self._mcap = Writer(self._stream, chunk_size=CHUNK_BYTES, enable_data_crcs=True)
         self._mcap.start(profile="ros2", library="baqueano")
-        self._mcap.add_metadata(METADATA, seal(metadata))
-        self._mcap.add_attachment(0, 0, VEHICLE_FILE, "application/toml", vehicle_text.encode())
+        self._mcap.add_metadata(METADATA_NAME, seal(metadata))
+        self._mcap.add_attachment(0, 0, ATTACHMENT_NAME, "application/toml", vehicle_text.encode())
 
     def topic(self, name: str, schema: str, size: int | str, pack: Callable[..., bytes]) -> Topic:
         """Return the channel `name` for messages of this size; create it at the first call."""
@@ -87,9 +87,9 @@ class RunFile:
                 self._topics[key] = Topic(channel, pack)
             return self._topics[key]
 
-    def command(self, which: str, size: int) -> Topic:
+    def command(self, stage: str, size: int) -> Topic:
         """Return the topic /command/applied, requested or sent."""
-        key = (f"/command/{which}", size)
+        key = (f"/command/{stage}", size)
         return self._topics.get(key) or self.topic(
             key[0], "baqueano_msgs/msg/Command", size, messages.command_layout(size).pack
         )
@@ -115,7 +115,7 @@ class RunFile:
         """Return the topic /reference, /truth or /events, or one of the poses for viewers."""
         key = (name, "")
         if key not in self._topics:
-            schema, pack = FIXED[name]
+            schema, pack = FIXED_TOPICS[name]
             self.topic(name, schema, "", pack)
         return self._topics[key]
 
@@ -124,11 +124,11 @@ class RunFile:
         with self._lock:
             self._mcap.add_message(topic, arrival_ns, data, t_ns)
 
-    def keep(self, durably: bool = True) -> None:
-        """Close the chunk and, if `durably`, sync it to the disk."""
+    def close_chunk(self, with_sync: bool = True) -> None:
+        """Close the chunk and, if `with_sync`, sync it to the disk."""
         with self._lock:
             self._mcap.flush()
-        if durably:
+        if with_sync:
             getattr(os, "fdatasync", os.fsync)(self._stream.fileno())
 
     def finish(self) -> None:
@@ -144,7 +144,7 @@ class RunFile:
             self._stream.close()
 
 
-FIXED = {
+FIXED_TOPICS = {
     "/reference": ("baqueano_msgs/msg/Reference", messages.reference_layout().pack),
     "/truth": ("baqueano_msgs/msg/Motion", messages.motion_layout().pack),
     "/events": ("rcl_interfaces/msg/Log", messages.pack_log),
@@ -156,7 +156,7 @@ FIXED = {
 
 def seal(metadata: dict[str, str]) -> dict[str, str]:
     """Return the metadata with the format and a checksum, which MCAP does not add."""
-    content = metadata | {"format": FORMAT}
+    content = metadata | {"format": FORMAT_VERSION}
     return content | {"crc32": f"{zlib.crc32(json.dumps(content, sort_keys=True).encode()):08x}"}
 
 
@@ -166,7 +166,7 @@ def unseal(record: dict[str, str]) -> dict[str, str] | None:
     return metadata if record == seal(metadata) else None
 
 
-def _open(path: Path) -> Any:
+def _open_new(path: Path) -> Any:
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
         stream = path.open("xb")

@@ -24,7 +24,7 @@ from baqueano.diagnostics import Diagnostic, fault, note
 from baqueano.errors import FileError, Invalid, UsageError
 from baqueano.messages import in_english
 from baqueano.messages.printable import baqueano_command
-from baqueano.runs.container.messages import LAST_NS
+from baqueano.runs.container.messages import MAX_STAMP_NS
 from baqueano.runs.container.packing import Packing
 from baqueano.runs.container.run_file import RunFile
 from baqueano.runs.logs import LEVELS, Event
@@ -36,7 +36,7 @@ if TYPE_CHECKING:
 
 SYNC_S = 0.5  # a chunk is closed and synced this often
 MOVE_S = 0.05  # the queue is moved to the open chunk this often
-QUEUE_LIMIT = 200_000  # messages; minutes of a stalled disk
+MAX_QUEUED_MESSAGES = 200_000  # messages; minutes of a stalled disk
 
 Message = tuple[int, int, bytes, int]  # topic, arrival, what is packed, time
 
@@ -96,9 +96,9 @@ class RunWriter:
             elif name not in self._topics:
                 self._say(f"sensor {name}", self._file.sensor, name, len(slot.z))
             self._topics.add(name)
-        for which, command in (("requested", record.requested), ("sent", record.command)):
+        for stage, command in (("requested", record.requested), ("sent", record.command)):
             if command is not None:
-                self._say(f"command {which}", self._packing.command, which, tick.t_ns, command.u)
+                self._say(f"command {stage}", self._packing.command, stage, tick.t_ns, command.u)
         if record.estimate is not None:
             self._say("estimate", self._packing.estimate, *record.estimate[:6])
         if record.reference is not None:
@@ -168,17 +168,17 @@ class RunWriter:
                     self._t_ns, "error", "run writer", note("run.not-packed", what=subject, error=str(error))
                 )
 
-    def _append(self, topic: int, arrival_ns: int, data: bytes, t_ns: int, spare: bool) -> None:
+    def _append(self, topic: int, arrival_ns: int, data: bytes, t_ns: int, is_spare: bool) -> None:
         if self.failure is not None:
             return
         for time_ns in (arrival_ns, t_ns):
-            if not 0 <= time_ns < LAST_NS:
+            if not 0 <= time_ns < MAX_STAMP_NS:
                 raise Invalid(fault("run.time-range", time_ns=time_ns))
-        if len(self._queue) >= QUEUE_LIMIT:
-            if self._live and spare:
+        if len(self._queue) >= MAX_QUEUED_MESSAGES:
+            if self._live and is_spare:
                 self.dropped += 1
                 return
-            while not self._live and len(self._queue) >= QUEUE_LIMIT and self.failure is None:
+            while not self._live and len(self._queue) >= MAX_QUEUED_MESSAGES and self.failure is None:
                 time.sleep(MOVE_S)
         self._t_ns = arrival_ns
         self._queue.append((topic, arrival_ns, data, t_ns))
@@ -190,7 +190,7 @@ class RunWriter:
                 self._move()
                 if time.monotonic() - sync_s >= SYNC_S - MOVE_S:
                     sync_s = time.monotonic()
-                    self._file.keep()
+                    self._file.close_chunk()
         except OSError as error:
             self.failure = error
 
@@ -231,51 +231,51 @@ def write_run(run: Run, path: Path | str) -> Path:
     path = Path(path)
     if path.exists():
         raise FileError(fault("runs.run-there", path=path))
-    part = path.with_name(path.name + ".part")
-    part.unlink(missing_ok=True)
-    file = RunFile(part, run.vehicle_text, run.metadata)
+    temporary_path = path.with_name(path.name + ".part")
+    temporary_path.unlink(missing_ok=True)
+    run_file = RunFile(temporary_path, run.vehicle_text, run.metadata)
     try:
-        for message in _messages(run, file):
-            file.add(*message)
-        file.finish()
-        os.replace(part, path)
+        for message in _messages(run, run_file):
+            run_file.add(*message)
+        run_file.finish()
+        os.replace(temporary_path, path)
     except BaseException as error:
-        file.abandon()
-        part.unlink(missing_ok=True)
+        run_file.abandon()
+        temporary_path.unlink(missing_ok=True)
         if isinstance(error, OSError):
             raise FileError(fault("runs.not-written", path=path, error=error.strerror or error)) from error
         raise
     return path
 
 
-def _messages(run: Run, file: RunFile) -> Iterator[Message]:
+def _messages(run: Run, run_file: RunFile) -> Iterator[Message]:
     """Yield all messages of a run by arrival, each packed when it is needed. Raise UsageError for times out of range.
     Every topic is declared, even one without messages.
     """
     messages_: list[Message] = []
 
-    def collect(topic: int, arrival_ns: int, data: bytes, t_ns: int, spare: bool) -> None:
-        if not (0 <= arrival_ns < LAST_NS and 0 <= t_ns < LAST_NS):
+    def collect(topic: int, arrival_ns: int, data: bytes, t_ns: int, is_spare: bool) -> None:
+        if not (0 <= arrival_ns < MAX_STAMP_NS and 0 <= t_ns < MAX_STAMP_NS):
             raise UsageError(fault("runs.times", run=run.name, t_ns=min(arrival_ns, t_ns)))
         messages_.append((topic, arrival_ns, data, t_ns))
 
     def messages_of(arrival_ns: np.ndarray, pack: Callable[[int], None]) -> Iterator[Message]:
         for k in np.argsort(arrival_ns, kind="stable"):
             pack(int(k))
-            of_row = messages_.copy()
+            row_message = messages_.copy()
             messages_.clear()  # other signals pack into the same list before this one continues
-            yield from of_row
+            yield from row_message
 
-    _name_topics(run, file)
-    each = [messages_of(*signal) for signal in _signals(run, Packing(file, collect))]
-    return heapq.merge(*each, key=lambda message: message[1])
+    _name_topics(run, run_file)
+    signal_messages = [messages_of(*signal) for signal in _signals(run, Packing(run_file, collect))]
+    return heapq.merge(*signal_messages, key=lambda message: message[1])
 
 
 def _signals(run: Run, packing: Packing) -> Iterator[tuple[np.ndarray, Callable[[int], None]]]:
     """Yield for each signal the arrival of its rows, and the function that packs a row."""
-    for which, rows in (("applied", run.applied), ("requested", run.requested), ("sent", run.sent)):
+    for stage, rows in (("applied", run.applied), ("requested", run.requested), ("sent", run.sent)):
         if rows is not None:
-            yield run.t_ns, lambda k, w=which, u=rows: packing.command(w, int(run.t_ns[k]), u[k])
+            yield run.t_ns, lambda k, w=stage, u=rows: packing.command(w, int(run.t_ns[k]), u[k])
     for name, c in run.sensors.items():
         yield (
             c.arrival_ns,
@@ -297,17 +297,17 @@ def _signals(run: Run, packing: Packing) -> Iterator[tuple[np.ndarray, Callable[
     yield np.array([event.t_ns for event in run.events]), lambda k: packing.event(run.events[k])
 
 
-def _name_topics(run: Run, file: RunFile) -> None:
-    for which, rows in (("applied", run.applied), ("requested", run.requested), ("sent", run.sent)):
+def _name_topics(run: Run, run_file: RunFile) -> None:
+    for stage, rows in (("applied", run.applied), ("requested", run.requested), ("sent", run.sent)):
         if rows is not None:
-            file.command(which, rows.shape[1])
+            run_file.command(stage, rows.shape[1])
     for name, channel in run.sensors.items():
-        file.sensor(name, channel.z.shape[1])
+        run_file.sensor(name, channel.z.shape[1])
     if run.estimate is not None:
         innovation, cov = run.estimate.innovation, run.estimate.innovation_cov
-        file.estimate(
+        run_file.estimate(
             None if innovation is None else innovation.shape[1], innovation is None or cov is not None
         )
     for name, log in (("/reference", run.reference), ("/truth", run.truth)):
         if log is not None:
-            file.fixed_topic(name)
+            run_file.fixed_topic(name)

@@ -19,8 +19,8 @@ from baqueano.diagnostics import Diagnostic, note
 from baqueano.runs.diagnostics.finding import ImportFinding
 from baqueano.runs.diagnostics.motion import LoggedMotion
 from baqueano.runs.diagnostics.signal_map import (
-    FEW,
-    NO_RELATION,
+    MAX_CHANCE_CORRELATION,
+    MIN_WINDOWS,
     Hypothesis,
     MappedChannel,
     ratios,
@@ -36,26 +36,35 @@ if TYPE_CHECKING:
     Imu = tuple[Entry, ...]  # a_x, a_y, ω
 
 Truth = Callable[[float], np.ndarray]
-CLOCK_S, APART_S = 0.25, 0.02  # search range of the offset of two clocks, and the least offset reported
-MOVED, TURNED_RAD_S, MOVED_M_S2 = 0.05, 0.1, 0.2  # standard deviations of a drive that shows something
-SCALE, ACCEL_SCALE = 1.25, 2.5  # either way
-TRACK_M = (0.03, 5.0)  # of the vehicles that baqueano is for; a skidding vehicle appears twice as wide
+MAX_OFFSET_S, MIN_OFFSET_S = (
+    0.25,
+    0.02,
+)  # search range of the offset of two clocks, and the least offset reported
+MIN_SPEED_STD, MIN_TURN_STD_RAD_S, MIN_ACCELERATION_STD_M_S2 = (
+    0.05,
+    0.1,
+    0.2,
+)  # standard deviations of a drive that shows something
+MAX_SCALE, MAX_ACCEL_SCALE = 1.25, 2.5  # either way
+TRACK_RANGE_M = (0.03, 5.0)  # of the vehicles that baqueano is for; a skidding vehicle appears twice as wide
 
 
-def by_motion(run: Run, m: "ColumnMap") -> list[ImportFinding]:
+def motion_findings(run: Run, m: "ColumnMap") -> list[ImportFinding]:
     """Return the findings about sensors and commands that contradict each other."""
     motion, findings = LoggedMotion(run, m), []
-    if len(motion.rate) < FEW:
+    if len(motion.rate) < MIN_WINDOWS:
         return []
     entries = {name: signal.entries for name, signal in m.sensors.items()}
     imu = entries[motion.imu_name] if motion.imu_name else ()
     if motion.wheels_name:
         findings += _wheels(motion, imu)
-    opposed = run.truth is None and any(d.code == "inverted" for d in findings)
+    is_opposed = run.truth is None and any(d.code == "inverted" for d in findings)
     speed = entries[motion.speed_name][0] if motion.speed_name else None
-    findings += _by_truth(motion, imu[2], motion.imu[:, 2], motion.true_rate, "angular rate") if imu else []
-    findings += _by_truth(motion, speed, motion.speed, motion.true_speed, "speed") if speed else []
-    findings += _accelerometer(motion, imu, speed, opposed) if imu else []
+    findings += (
+        _truth_findings(motion, imu[2], motion.imu[:, 2], motion.true_rate, "angular rate") if imu else []
+    )
+    findings += _truth_findings(motion, speed, motion.speed, motion.true_speed, "speed") if speed else []
+    findings += _accelerometer(motion, imu, speed, is_opposed) if imu else []
     return findings + _steering(motion)
 
 
@@ -87,17 +96,19 @@ def _lines(measures: str, entry: "Entry", *only: str) -> dict[float, Diagnostic]
     }
 
 
-def _by_truth(
+def _truth_findings(
     motion: LoggedMotion, entry: "Entry", z: np.ndarray, true_of: Truth, measures: str
 ) -> list[ImportFinding]:
     """Return the findings about a sensor compared with the truth of the same quantity: clock, sign, unit,
     scale.  (1)"""
-    if not np.std(true_of(0.0)) > MOVED or not np.isfinite(z).all():
+    if not np.std(true_of(0.0)) > MIN_SPEED_STD or not np.isfinite(z).all():
         return []
-    true, findings = _late(motion, entry, z, true_of)
+    true, findings = _shifted_truth(motion, entry, z, true_of)
     units = _lines(measures, entry)
-    twice = {1.0 / r: note("recording.twice", unit_read=entry.unit, ratio=r) for r in units if r > 1.0}
-    (hypothesis,) = signal_map(z[:, None], true[:, None], [MappedChannel(1.0 / SCALE, SCALE, twice | units)])
+    double_units = {1.0 / r: note("recording.twice", unit_read=entry.unit, ratio=r) for r in units if r > 1.0}
+    (hypothesis,) = signal_map(
+        z[:, None], true[:, None], [MappedChannel(1.0 / MAX_SCALE, MAX_SCALE, double_units | units)]
+    )
     r, reason = hypothesis.relation, _reason(hypothesis, entry, "recording.against-truth")
     if hypothesis.code:
         findings.append(
@@ -107,31 +118,32 @@ def _by_truth(
         findings += [ImportFinding("scale", "info", None, reason)] if abs(r.slope - 1.0) > 0.02 else []
     elif np.all(z >= 0.0) and relation(z, np.abs(true)).is_clear():
         findings.append(ImportFinding("no sign", "info", None, note("recording.no-sign", key=entry.key)))
-    elif abs(r.correlation) < NO_RELATION:
+    elif abs(r.correlation) < MAX_CHANCE_CORRELATION:
         findings.append(ImportFinding("unrelated", "warning", None, reason))
     return findings
 
 
-def _late(
+def _shifted_truth(
     motion: LoggedMotion, entry: "Entry", z: np.ndarray, true_of: Truth
 ) -> tuple[np.ndarray, list[ImportFinding]]:
     """Return the truth (W,), shifted in time to agree best with the sensor, because a clock offset makes the estimated
-    slope too small. Also return a finding if the shift is at least APART_S and halves the variance of the residual.
+    slope too small. Also return a finding if the shift is at least MIN_OFFSET_S and halves the variance of the
+    residual.
     """
-    lags = np.linspace(-CLOCK_S, CLOCK_S, 51)
+    lags = np.linspace(-MAX_OFFSET_S, MAX_OFFSET_S, 51)
     relations = [relation(z, true_of(float(lag))) for lag in lags]
     r = np.array([relation.correlation for relation in relations])
-    k, now, truth = int(np.argmax(np.abs(r) - 1e-4 * np.abs(lags))), len(lags) // 2, motion.m.truth
+    k, best_lag, truth = int(np.argmax(np.abs(r) - 1e-4 * np.abs(lags))), len(lags) // 2, motion.m.truth
     if not relations[k].is_clear():
         return true_of(0.0), []
     late_s, true = float(lags[k]), true_of(float(lags[k]))
-    if truth is None or abs(late_s) < APART_S or not 1.0 - r[k] ** 2 < 0.5 * (1.0 - r[now] ** 2):
+    if truth is None or abs(late_s) < MIN_OFFSET_S or not 1.0 - r[k] ** 2 < 0.5 * (1.0 - r[best_lag] ** 2):
         return true, []
     spec, code = (
         motion.m.files[truth.file],
         "recording.clock-later" if late_s > 0.0 else "recording.clock-earlier",
     )
-    reason = note(code, key=entry.key, by_ms=1e3 * abs(late_s), now=r[now], then=r[k])
+    reason = note(code, key=entry.key, by_ms=1e3 * abs(late_s), now=r[best_lag], then=r[k])
     line = note("recording.write-shift", shift_s=f"{spec.shift_s + late_s:.3g}", file=spec.name)
     return true, [ImportFinding("clock", "info", None, reason, line)]
 
@@ -139,22 +151,24 @@ def _late(
 def _wheels(motion: LoggedMotion, imu: "Imu") -> list[ImportFinding]:
     """Return the findings about left and right wheel compared with the truth, or else with the gyro.  (2)"""
     difference, rate = motion.wheels[:, 1] - motion.wheels[:, 0], motion.rate
-    if not np.std(rate) > TURNED_RAD_S or not np.isfinite(difference).all():
+    if not np.std(rate) > MIN_TURN_STD_RAD_S or not np.isfinite(difference).all():
         return []
-    (hypothesis,) = signal_map(difference[:, None], rate[:, None], [MappedChannel(*TRACK_M)])
+    (hypothesis,) = signal_map(difference[:, None], rate[:, None], [MappedChannel(*TRACK_RANGE_M)])
     r, wheels = hypothesis.relation, f"[sensors.{motion.wheels_name}]"
-    of: JsonObject = {
+    figures: JsonObject = {
         "wheels": wheels,
         "by": "[truth]" if motion.run.truth else imu[2].key,
         "correlation": r.correlation,
     }
     if hypothesis.code == "inverted":
-        return [_opposition(motion, note("recording.turns-against", **of), wheels, imu)]
+        return [_opposition(motion, note("recording.turns-against", **figures), wheels, imu)]
     if hypothesis.code:
-        line = note("recording.check-track", wheels=wheels, by=of["by"])
-        return [ImportFinding("track", "error", None, note("recording.track", **of, apart_m=r.slope), line)]
-    if abs(r.correlation) < NO_RELATION and np.std(difference) > 0.0:
-        return [ImportFinding("unrelated", "warning", None, note("recording.turns-otherwise", **of))]
+        line = note("recording.check-track", wheels=wheels, by=figures["by"])
+        return [
+            ImportFinding("track", "error", None, note("recording.track", **figures, apart_m=r.slope), line)
+        ]
+    if abs(r.correlation) < MAX_CHANCE_CORRELATION and np.std(difference) > 0.0:
+        return [ImportFinding("unrelated", "warning", None, note("recording.turns-otherwise", **figures))]
     return []
 
 
@@ -164,29 +178,31 @@ def _opposition(motion: LoggedMotion, reason: Diagnostic, wheels: str, imu: "Imu
     """
     if motion.run.truth is not None:
         return ImportFinding("inverted", "error", None, reason, note("recording.swap-wheels", wheels=wheels))
-    of: JsonObject = {"wheels": wheels, "gyro": imu[2].key, "scale": f"{-imu[2].scale:g}"}
+    figures: JsonObject = {"wheels": wheels, "gyro": imu[2].key, "scale": f"{-imu[2].scale:g}"}
     sideways = relation(motion.imu[:, 1], motion.wheels.mean(axis=1) * motion.imu[:, 2])
     if sideways.is_clear() and sideways.slope < 0.0:
-        both = note("recording.and-sideways", cause=reason, key=imu[1].key, correlation=sideways.correlation)
-        return ImportFinding("inverted", "error", None, both, note("recording.write-gyro", **of))
-    line = note("recording.swap-or-gyro", **of)
+        both_reasons = note(
+            "recording.and-sideways", cause=reason, key=imu[1].key, correlation=sideways.correlation
+        )
+        return ImportFinding("inverted", "error", None, both_reasons, note("recording.write-gyro", **figures))
+    line = note("recording.swap-or-gyro", **figures)
     if sideways.is_clear():
-        line = note("recording.swap-or-upside-down", **of, key=imu[1].key, also=f"{-imu[1].scale:g}")
+        line = note("recording.swap-or-upside-down", **figures, key=imu[1].key, also=f"{-imu[1].scale:g}")
     return ImportFinding("inverted", "error", None, reason, line)
 
 
 def _accelerometer(
-    motion: LoggedMotion, imu: "Imu", speed: "Entry | None", opposed: bool
+    motion: LoggedMotion, imu: "Imu", speed: "Entry | None", is_opposed: bool
 ) -> list[ImportFinding]:
     """Return the findings if a_x and a_y are swapped, inverted, or in another unit. If gyro and wheels are
-    `opposed`, a_y
+    `is_opposed`, a_y
     is not checked here, because another finding reports it.  (3)
     """
     a, predicted, (x, y, gyro) = motion.imu[:, :2], motion.speed * motion.rate, imu
-    if not max(np.std(predicted), np.std(a[:, 1])) > MOVED_M_S2 or not np.isfinite(a).all():
+    if not max(np.std(predicted), np.std(a[:, 1])) > MIN_ACCELERATION_STD_M_S2 or not np.isfinite(a).all():
         return []
-    of_speed = {1.0 / r: line for r, line in _lines("speed", speed).items()} if speed else {}
-    lines_by_axis = [_lines("acceleration", x) | of_speed, _lines("acceleration", y) | of_speed]
+    speed_lines = {1.0 / r: line for r, line in _lines("speed", speed).items()} if speed else {}
+    lines_by_axis = [_lines("acceleration", x) | speed_lines, _lines("acceleration", y) | speed_lines]
     if motion.run.truth is None:
         in_g = _lines("acceleration", y, "g")
         for r, line in _lines("angular rate", gyro, "rad/s", "deg/s").items():
@@ -195,15 +211,15 @@ def _accelerometer(
                 for unit_value, more in in_g.items()
                 if r > 1.0
             }
-    channels = [MappedChannel(1.0 / ACCEL_SCALE, ACCEL_SCALE, lines) for lines in lines_by_axis]
-    along, across = signal_map(a, np.stack([motion.v_dot, predicted], axis=1), channels)
-    if along.code == "swapped":
-        first, second = along.relation.correlation, across.relation.correlation
+    channels = [MappedChannel(1.0 / MAX_ACCEL_SCALE, MAX_ACCEL_SCALE, lines) for lines in lines_by_axis]
+    relation_x, relation_y = signal_map(a, np.stack([motion.v_dot, predicted], axis=1), channels)
+    if relation_x.code == "swapped":
+        first, second = relation_x.relation.correlation, relation_y.relation.correlation
         reason = note("recording.axes-swapped", x=x.key, y=y.key, first=first, second=second)
         return [ImportFinding("swapped", "error", None, reason, note("recording.swap-axes"))]
     source = f"[sensors.{motion.speed_name}]" if motion.speed_name else "[truth]"
     check = note("recording.check-with-speed", source=source)
-    candidates = [(along, x)] if opposed else [(across, y), (along, x)]
+    candidates = [(relation_x, x)] if is_opposed else [(relation_y, y), (relation_x, x)]
     return [
         _finding(hypothesis, entry, "recording.against-motion", check)
         for hypothesis, entry in candidates
@@ -216,19 +232,21 @@ def _steering(motion: LoggedMotion) -> list[ImportFinding]:
     Also return a finding if positive steering turns the vehicle to the right. Only a run with two commands is checked.
     """
     names, run, rate = motion.m.names, motion.run, motion.rate
-    which = [i for i, name in enumerate(names) if "steer" in name.lower() or "servo" in name.lower()]
-    if len(names) != 2 or len(which) != 1 or not np.std(rate) > 2.0 * TURNED_RAD_S:
+    steering_indices = [
+        i for i, name in enumerate(names) if "steer" in name.lower() or "servo" in name.lower()
+    ]
+    if len(names) != 2 or len(steering_indices) != 1 or not np.std(rate) > 2.0 * MIN_TURN_STD_RAD_S:
         return []
-    order = [which[0], 1 - which[0]]
+    order = [steering_indices[0], 1 - steering_indices[0]]
     u = np.stack([motion.mean(run.t_ns, run.applied[:, i]) for i in order], axis=1)
-    if not np.std(u[:, 0]) > MOVED:
+    if not np.std(u[:, 0]) > MIN_SPEED_STD:
         return []
     (hypothesis,) = signal_map(rate[:, None], u * motion.speed[:, None], [MappedChannel()])
     steering, other_name = (names[i] for i in order)
-    of: JsonObject = {"steering": steering, "correlation": hypothesis.relation.correlation}
+    figures: JsonObject = {"steering": steering, "correlation": hypothesis.relation.correlation}
     if hypothesis.code == "swapped":
-        reason = note("recording.other-steers", **of, other=other_name)
+        reason = note("recording.other-steers", **figures, other=other_name)
         return [ImportFinding("swapped", "error", None, reason, note("recording.swap-commands"))]
     if hypothesis.code == "inverted":
-        return [ImportFinding("sign", "info", None, note("recording.turns-right", **of))]
+        return [ImportFinding("sign", "info", None, note("recording.turns-right", **figures))]
     return []

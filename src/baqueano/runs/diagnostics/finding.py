@@ -6,7 +6,7 @@ from baqueano.diagnostics import Diagnostic, Severity, note
 from baqueano.messages import text
 from baqueano.messages.language import mark as N_
 
-KINDS = (  # codes as words; `accept` in a map takes them in English
+KIND_CODES = (  # codes as words; `accept` in a map takes them in English
     N_("constant"), N_(
         "repeated samples"
     ), N_("gyro at rest"), N_("fast turns"), N_("quiet accelerometer"), N_("curve"),

@@ -17,7 +17,7 @@ from baqueano.signals import NANOSECONDS
 if TYPE_CHECKING:
     from baqueano.runs.maps.columns import ColumnMap
 
-WINDOW_S, SAMPLES = 0.2, 4.0
+WINDOW_S, MIN_SAMPLES = 0.2, 4.0
 
 
 class LoggedMotion:
@@ -31,10 +31,12 @@ class LoggedMotion:
         stamps += [run.truth.t_ns] if run.truth is not None else []
         spans = [(t[0], t[-1], np.median(np.diff(t))) for t in stamps if len(t) > 10]
         start, end = (max(s[0] for s in spans), min(s[1] for s in spans)) if spans else (0, 0)
-        self.half_s = 0.5 * max(WINDOW_S, *(SAMPLES * s[2] / NANOSECONDS for s in spans)) if spans else 1.0
+        self.half_s = (
+            0.5 * max(WINDOW_S, *(MIN_SAMPLES * s[2] / NANOSECONDS for s in spans)) if spans else 1.0
+        )
         self._origin, length = int(start), (end - start) / NANOSECONDS
-        long = length > 4.0 * self.half_s
-        self._t = np.arange(self.half_s, length - self.half_s, self.half_s) if long else np.zeros(0)
+        is_long = length > 4.0 * self.half_s
+        self._t = np.arange(self.half_s, length - self.half_s, self.half_s) if is_long else np.zeros(0)
         self.imu, self.wheels = self._means(self.imu_name, 3), self._means(self.wheels_name, 2)
         self.speed, self.v_dot = self.true_speed(), np.full(len(self._t), np.nan)
         if self.speed_name:
@@ -67,9 +69,9 @@ class LoggedMotion:
     def _first(self, *kinds: str) -> str | None:
         return next((name for name, s in self.m.sensors.items() if s.kind in kinds), None)
 
-    def _means(self, name: str | None, columns: int) -> np.ndarray:
+    def _means(self, name: str | None, column_count: int) -> np.ndarray:
         if name is None:
-            return np.full((len(self._t), columns), np.nan)
+            return np.full((len(self._t), column_count), np.nan)
         channel = self.run.sensors[name]
         return np.stack([self.mean(channel.t_ns, column) for column in channel.z.T], axis=1)
 

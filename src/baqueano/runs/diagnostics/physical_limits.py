@@ -30,37 +30,39 @@ if TYPE_CHECKING:
     from baqueano.contracts.values import JsonObject
     from baqueano.runs.maps.columns import ColumnMap, ColumnSignal
 
-FASTEST_M_S, FASTEST_RAD_S = 60.0, 35.0  # of the vehicles that baqueano is for; 35 rad/s is 2000 deg/s
-LIMITS = {
+MAX_SPEED_M_S, MAX_YAW_RATE_RAD_S = 60.0, 35.0  # of the vehicles that baqueano is for; 35 rad/s is 2000 deg/s
+LIMIT_OF_KIND = {
     "acceleration": (300.0, "m/s²", N_("counts?")),
-    "angular rate": (FASTEST_RAD_S, "rad/s", 'unit = "deg/s"'),
-    "speed": (FASTEST_M_S, "m/s", 'unit = "mm/s"'),
+    "angular rate": (MAX_YAW_RATE_RAD_S, "rad/s", 'unit = "deg/s"'),
+    "speed": (MAX_SPEED_M_S, "m/s", 'unit = "mm/s"'),
     "length": (1e6, "m", 'unit = "mm"'),
     "rangefinder": (100.0, "m", 'unit = "cm"'),
 }
-TURNS_RAD_S = 4.0 * np.pi  # two turns a second
-TYRES_M_S2, WINDOW_S = 20.0, 0.3
-STILL_S, BIAS_RAD_S, TREMBLE_RAD_S, TREMBLE_M_S2 = 1.0, 0.35, 0.02, 0.02
-CURVE_M_S, ENOUGH = 20.0, 50
-FULL = (100.0, 255.0, 400.0, 1000.0, 1023.0, 4095.0, 32767.0, 65535.0)  # usual full commands
-PULSE_US = (500.0, 2500.0)  # of a servo
-OVER = 1.2  # times a full command: rounding and trims stay below it
-TINY = 0.03  # a command too small to move a motor
+MAX_USUAL_TURN_RAD_S = 4.0 * np.pi  # two turns a second
+MAX_GRIP_M_S2, WINDOW_S = 20.0, 0.3
+MIN_REST_S, MAX_BIAS_RAD_S, MAX_REST_STD_RAD_S, MAX_REST_STD_M_S2 = 1.0, 0.35, 0.02, 0.02
+MAX_CURVE_SPEED_M_S, MIN_WINDOWS = 20.0, 50
+FULL_COMMANDS = (100.0, 255.0, 400.0, 1000.0, 1023.0, 4095.0, 32767.0, 65535.0)  # usual full commands
+PULSE_RANGE_US = (500.0, 2500.0)  # of a servo
+MAX_COMMAND_RATIO = 1.2  # times a full command: rounding and trims stay below it
+MIN_COMMAND = 0.03  # a command too small to move a motor
 
 
-def plausible(signal: "ColumnSignal", channel: Channel, run: Run) -> Iterator[ImportFinding]:
+def limit_findings(signal: "ColumnSignal", channel: Channel, run: Run) -> Iterator[ImportFinding]:
     """Yield the findings about the unit of a sensor, from this sensor only."""
-    most = np.quantile(np.abs(channel.z), 0.99, axis=0)
-    beyond, kind = False, signal.kind or ""
-    for value, measures, entry in zip(most, KINDS.get(kind, ()), signal.entries, strict=False):
-        limit, limit_text, guess = LIMITS.get(kind) or LIMITS.get(measures, (np.inf, "", ""))
+    peak = np.quantile(np.abs(channel.z), 0.99, axis=0)
+    is_beyond, measurement_kind = False, signal.kind or ""
+    for value, measures, entry in zip(peak, KINDS.get(measurement_kind, ()), signal.entries, strict=False):
+        limit, limit_text, guess = LIMIT_OF_KIND.get(measurement_kind) or LIMIT_OF_KIND.get(
+            measures, (np.inf, "", "")
+        )
         if value > limit:
-            beyond = True
+            is_beyond = True
             reason = note(
                 "recording.too-much", key=entry.key, unit_read=entry.unit, value=value, shown=limit_text
             )
             yield ImportFinding("unit", "error", None, reason, note("recording.perhaps", line=guess))
-    if signal.kind == "imu" and not beyond:
+    if signal.kind == "imu" and not is_beyond:
         yield from _tyres(signal, channel)
         yield from _gyro(signal, channel, run)
         yield from _curve(signal, channel)
@@ -71,22 +73,26 @@ def _tyres(signal: "ColumnSignal", channel: Channel) -> Iterator[ImportFinding]:
     for a, entry in zip(_means(channel).T[:2], signal.entries, strict=False):
         if not len(a) or not np.isfinite(a).all():
             continue
-        most = float(np.quantile(np.abs(a - np.median(a)), 0.99))
-        if most > TYRES_M_S2:
-            level = "error" if most > 2.0 * TYRES_M_S2 else "warning"
+        peak_acceleration = float(np.quantile(np.abs(a - np.median(a)), 0.99))
+        if peak_acceleration > MAX_GRIP_M_S2:
+            level = "error" if peak_acceleration > 2.0 * MAX_GRIP_M_S2 else "warning"
             reason = note(
-                "recording.tyres", key=entry.key, unit_read=entry.unit, most=most, window_s=WINDOW_S
+                "recording.tyres",
+                key=entry.key,
+                unit_read=entry.unit,
+                most=peak_acceleration,
+                window_s=WINDOW_S,
             )
-            smaller = note("recording.perhaps", line='unit = "m/s^2"')
+            suggestion = note("recording.perhaps", line='unit = "m/s^2"')
             if entry.unit == "m/s^2":
-                smaller = note("recording.perhaps-smaller")
-            yield ImportFinding("unit", level, None, reason, smaller)
+                suggestion = note("recording.perhaps-smaller")
+            yield ImportFinding("unit", level, None, reason, suggestion)
 
 
 def _means(channel: Channel) -> np.ndarray:
     """Return means (windows, m) over WINDOW_S or three samples, without vibration; empty if the channel is short."""
     t = (channel.t_ns - channel.t_ns[0]) / NANOSECONDS
-    if len(t) < ENOUGH or t[-1] < 10.0 * WINDOW_S:
+    if len(t) < MIN_WINDOWS or t[-1] < 10.0 * WINDOW_S:
         return np.zeros((0, channel.z.shape[1]))
     return means(channel, int(channel.t_ns[0]), max(WINDOW_S, 3.0 * t[-1] / len(t)))[1]
 
@@ -96,8 +102,8 @@ def _at_rest(run: Run, channel: Channel) -> np.ndarray:
     in_motion = np.any(np.nan_to_num(run.applied) != 0.0, axis=1)
     first = run.t_ns[max(int(np.argmax(in_motion)) - 1, 0)] if in_motion.any() else run.t_ns[-1]
     at_rest = channel.t_ns < first
-    long = at_rest.any() and channel.t_ns[at_rest][-1] - channel.t_ns[0] > STILL_S * NANOSECONDS
-    return at_rest if long and np.count_nonzero(at_rest) > 5 else np.zeros(len(at_rest), dtype=bool)
+    is_long = at_rest.any() and channel.t_ns[at_rest][-1] - channel.t_ns[0] > MIN_REST_S * NANOSECONDS
+    return at_rest if is_long and np.count_nonzero(at_rest) > 5 else np.zeros(len(at_rest), dtype=bool)
 
 
 def _gyro(signal: "ColumnSignal", channel: Channel, run: Run) -> Iterator[ImportFinding]:
@@ -106,27 +112,36 @@ def _gyro(signal: "ColumnSignal", channel: Channel, run: Run) -> Iterator[Import
     cure = (
         note("recording.if-in", in_unit="deg/s") if entry.unit != "deg/s" else note("recording.check-scale")
     )
-    most = float(np.quantile(np.abs(rate), 0.99)) if np.isfinite(rate).all() else 0.0
-    rest = rate[at_rest][np.isfinite(rate[at_rest])]
-    off, sd = (abs(float(np.median(rest))), _spread(rest)) if len(rest) > 5 else (0.0, 0.0)
-    of: JsonObject = {"key": entry.key, "unit_read": entry.unit}
-    if off > BIAS_RAD_S or sd > TREMBLE_RAD_S:
+    peak_rate = float(np.quantile(np.abs(rate), 0.99)) if np.isfinite(rate).all() else 0.0
+    rest_rates = rate[at_rest][np.isfinite(rate[at_rest])]
+    bias, std = (
+        (abs(float(np.median(rest_rates))), _robust_std(rest_rates)) if len(rest_rates) > 5 else (0.0, 0.0)
+    )
+    figures: JsonObject = {"key": entry.key, "unit_read": entry.unit}
+    if bias > MAX_BIAS_RAD_S or std > MAX_REST_STD_RAD_S:
         yield ImportFinding(
-            "gyro at rest", "warning", None, note("recording.gyro-at-rest", **of, off=off, sd=sd), cure
+            "gyro at rest", "warning", None, note("recording.gyro-at-rest", **figures, off=bias, sd=std), cure
         )
-    elif most > TURNS_RAD_S:
-        reason = note("recording.fast-turns", **of, most=most, turns=most / (2.0 * np.pi))
+    elif peak_rate > MAX_USUAL_TURN_RAD_S:
+        reason = note("recording.fast-turns", **figures, most=peak_rate, turns=peak_rate / (2.0 * np.pi))
         yield ImportFinding("fast turns", "warning", None, reason, cure)
     for entry, a in zip(signal.entries[:2], channel.z[at_rest, :2].T, strict=True):
-        most = float(np.quantile(np.abs(channel.z[:, int(entry.key[-2])]), 0.99))
-        if len(a) and np.isfinite(a).all() and 0.0 < _spread(a) < TREMBLE_M_S2 and most < TYRES_M_S2 / 10.0:
-            reason = note("recording.quiet", key=entry.key, unit_read=entry.unit, sd=_spread(a), most=most)
+        peak_rate = float(np.quantile(np.abs(channel.z[:, int(entry.key[-2])]), 0.99))
+        if (
+            len(a)
+            and np.isfinite(a).all()
+            and 0.0 < _robust_std(a) < MAX_REST_STD_M_S2
+            and peak_rate < MAX_GRIP_M_S2 / 10.0
+        ):
+            reason = note(
+                "recording.quiet", key=entry.key, unit_read=entry.unit, sd=_robust_std(a), most=peak_rate
+            )
             yield ImportFinding(
                 "quiet accelerometer", "info", None, reason, note("recording.if-in", in_unit="g")
             )
 
 
-def _spread(x: np.ndarray) -> float:
+def _robust_std(x: np.ndarray) -> float:
     """Return the standard deviation, estimated as 1.4826 times the median absolute deviation."""
     return 1.4826 * float(np.median(np.abs(x - np.median(x))))
 
@@ -134,7 +149,7 @@ def _spread(x: np.ndarray) -> float:
 def _curve(signal: "ColumnSignal", channel: Channel) -> Iterator[ImportFinding]:
     """Yield a finding if a_y and ω_z imply a curve at an impossible speed.  (4)"""
     curve = relation(*_means(channel).T[1:])
-    if curve.is_clear() and (v := abs(curve.slope)) > CURVE_M_S:
+    if curve.is_clear() and (v := abs(curve.slope)) > MAX_CURVE_SPEED_M_S:
         first, last = signal.entries[1], signal.entries[2]
         reason = note("recording.curve", first=first.key, last=last.key, unit_read=last.unit, speed_m_s=v)
         cure = note("recording.check-both-units")
@@ -157,48 +172,50 @@ def commands(run: Run, m: "ColumnMap") -> Iterator[ImportFinding]:
             yield ImportFinding(
                 "constant", "warning", None, note("recording.constant-command", name=name, value=u[0])
             )
-        most, unit_of_entry, cure = _largest([u]), unit(entry.unit), None
-        if most > OVER and entry.unit == "1":
-            cure = _full(counts)
-        elif 0.0 < most < TINY and entry.unit == "%":
-            cure = _of_parts(u / 0.01, percents)
-        elif 0.0 < most < TINY and unit_of_entry is not None and unit_of_entry.measures == "time":
-            cure = _full([c / unit_of_entry.si for c in columns.T], 'unit = "raw", ')
+        largest, unit_of_entry, cure = _largest_magnitude([u]), unit(entry.unit), None
+        if largest > MAX_COMMAND_RATIO and entry.unit == "1":
+            cure = _full_command_line(counts)
+        elif 0.0 < largest < MIN_COMMAND and entry.unit == "%":
+            cure = _percent_line(u / 0.01, percents)
+        elif 0.0 < largest < MIN_COMMAND and unit_of_entry is not None and unit_of_entry.measures == "time":
+            cure = _full_command_line([c / unit_of_entry.si for c in columns.T], 'unit = "raw", ')
         if cure:
             reason = note(
-                "recording.command-range", key=entry.key, name=name, most=most, unit_read=entry.unit
+                "recording.command-range", key=entry.key, name=name, most=largest, unit_read=entry.unit
             )
             yield ImportFinding("command range", "error", int(run.t_ns[np.argmax(np.abs(u))]), reason, cure)
 
 
-def _of_parts(u: np.ndarray, percents: list[np.ndarray]) -> Diagnostic | None:
+def _percent_line(u: np.ndarray, percents: list[np.ndarray]) -> Diagnostic | None:
     """Return the map line for a tiny command whose unit is one of `percents`; None if the command is really small."""
-    together = percents if _largest(percents) < 100.0 * TINY else [u]
-    if _largest(together) <= OVER:
+    candidates = percents if _largest_magnitude(percents) < 100.0 * MIN_COMMAND else [u]
+    if _largest_magnitude(candidates) <= MAX_COMMAND_RATIO:
         return note("recording.write", line='unit = "1"')
-    return _full(percents, 'unit = "1", ') if together is percents else None
+    return _full_command_line(percents, 'unit = "1", ') if candidates is percents else None
 
 
-def _largest(columns: list[np.ndarray]) -> float:
+def _largest_magnitude(columns: list[np.ndarray]) -> float:
     return max(float(np.max(np.abs(u))) for u in columns)
 
 
-def _full(counts: list[np.ndarray], unit_of_it: str = "") -> Diagnostic:
+def _full_command_line(counts: list[np.ndarray], unit_of_it: str = "") -> Diagnostic:
     """Return the map line for commands in counts.
     All commands of a vehicle share one full scale, which is named only if the commands are not too small for it.
     """
-    least, most = min(float(np.min(u)) for u in counts), _largest(counts)
-    if PULSE_US[0] <= least and most <= PULSE_US[1]:
+    smallest, largest = min(float(np.min(u)) for u in counts), _largest_magnitude(counts)
+    if PULSE_RANGE_US[0] <= smallest and largest <= PULSE_RANGE_US[1]:
         return note("recording.write-pulses", line=f"{unit_of_it}scale = 0.002, offset = -3.0")
-    if most < TINY * FULL[0]:
+    if largest < MIN_COMMAND * FULL_COMMANDS[0]:
         return note(
-            "recording.write-largest", line=f"{unit_of_it}scale = {1.0 / most:.6g}", most=f"{most:.6g}"
+            "recording.write-largest", line=f"{unit_of_it}scale = {1.0 / largest:.6g}", most=f"{largest:.6g}"
         )
-    percent = most <= FULL[0]
-    full = next((full for full in FULL[percent:] if most <= full), most)
-    scale: JsonObject = {"line": f"{unit_of_it}scale = {1.0 / full:.6g}", "full": f"{full:g}"}
+    percent = largest <= FULL_COMMANDS[0]
+    full_command = next(
+        (full_command for full_command in FULL_COMMANDS[percent:] if largest <= full_command), largest
+    )
+    scale: JsonObject = {"line": f"{unit_of_it}scale = {1.0 / full_command:.6g}", "full": f"{full_command:g}"}
     if not percent:
         return note("recording.write-full", **scale)
-    if most < TINY * full:
+    if largest < MIN_COMMAND * full_command:
         return note("recording.write", line='unit = "%"')
     return note("recording.write-percent-or-full", **scale)

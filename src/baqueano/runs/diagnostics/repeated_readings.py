@@ -10,35 +10,35 @@ from typing import NamedTuple
 
 import numpy as np
 
-ENOUGH = 50  # values
-HELD = 0.4  # of them
+MIN_VALUES = 50  # values
+MIN_HELD_SHARE = 0.4  # of them
 
 
 class Repeats(NamedTuple):
     """The repeated readings (M,) of a channel, and the duration of its values while it moves."""
 
-    same: np.ndarray  # (M,) True if a reading repeats the previous one
-    lasting: np.ndarray  # (K,) number of readings of each value between two jumps
+    is_repeated: np.ndarray  # (M,) True if a reading repeats the previous one
+    hold_counts: np.ndarray  # (K,) number of readings of each value between two jumps
 
 
-def are_held(lasting: np.ndarray) -> bool:
-    """Return True if so many values repeat that the driver must be reading too fast. `lasting` (K,) is the number of
-    readings for which each value lasts.
+def are_held(hold_counts: np.ndarray) -> bool:
+    """Return True if so many values repeat that the driver must be reading too fast. `hold_counts` (K,) is the number
+    of readings for which each value lasts.
     """
-    return len(lasting) >= ENOUGH and bool(np.mean(lasting > 1) > HELD)
+    return len(hold_counts) >= MIN_VALUES and bool(np.mean(hold_counts > 1) > MIN_HELD_SHARE)
 
 
-def repeats(x: np.ndarray) -> Repeats:
+def find_repeats(x: np.ndarray) -> Repeats:
     """Return the repeats of a channel x (M,); values that are not finite do not count as repeats.
 
     >>> repeats(np.array([0.0, 0.0, 0.1, 0.1, 0.0, 0.1, 0.1, 2.0, 2.0, 5.0, 5.0, 3.0])).lasting
     array([2, 2, 1])
     """
-    fresh = np.ones(len(x), bool)
-    fresh[1:] = x[1:] != x[:-1]
-    _, rank = np.unique(x[fresh], return_inverse=True)
+    is_fresh = np.ones(len(x), bool)
+    is_fresh[1:] = x[1:] != x[:-1]
+    _, rank = np.unique(x[is_fresh], return_inverse=True)
     repeated = np.bincount(rank)[rank] > 1  # a level of a converter is met more than once
     adjacent = np.zeros(len(rank) + 1, bool)
     adjacent[1:-1] = (np.abs(np.diff(rank)) == 1) & repeated[1:] & repeated[:-1]
-    length = np.diff(np.concatenate([np.flatnonzero(fresh), [len(x)]]))
-    return Repeats(~fresh, length[~(adjacent[1:] | adjacent[:-1])])
+    length = np.diff(np.concatenate([np.flatnonzero(is_fresh), [len(x)]]))
+    return Repeats(~is_fresh, length[~(adjacent[1:] | adjacent[:-1])])

@@ -9,8 +9,9 @@ N windows contain as much information as n independent windows. Compared with a 
     log L = −n/2 log(1 − ρ²),   n = N (1 − a)/(1 + a),   a = a_e a_h                                      (2)
 
 a_e, a_h are the autocorrelations, one window apart, of the residual and of h. s is the sign of the slope, and r the
-ratio nearest to it. A relation counts if log L rises by MARGIN in total and by WORTH per window. Channels are swapped
-only if no channel fits its own prediction at all: a nearly right prediction may correlate less than a wrong one.
+ratio nearest to it. A relation counts if log L rises by MIN_GAIN_MARGIN in total and by MIN_GAIN per window. Channels
+are swapped only if no channel fits its own prediction at all: a nearly right prediction may correlate less than a wrong
+one.
 """
 
 from collections.abc import Mapping, Sequence
@@ -22,10 +23,10 @@ import numpy as np
 from baqueano.diagnostics import Diagnostic
 from baqueano.runs.maps.units import UNITS, unit
 
-MARGIN, WORTH = 5.0, 0.3  # of log L: a slope of three standard errors; 45 % of the variance
-FEW = 20  # windows
-NO_RELATION, NOTHING = 0.3, 0.05  # correlation, and its gain per window
-PERFECT = 1e-12  # part of the variance that rounding leaves
+MIN_GAIN_MARGIN, MIN_GAIN = 5.0, 0.3  # of log L: a slope of three standard errors; 45 % of the variance
+MIN_WINDOWS = 20  # windows
+MAX_CHANCE_CORRELATION, MAX_CHANCE_GAIN = 0.3, 0.05  # correlation, and its gain per window
+ROUNDING_VARIANCE = 1e-12  # part of the variance that rounding leaves
 
 
 class Relation(NamedTuple):
@@ -38,11 +39,11 @@ class Relation(NamedTuple):
     @property
     def gain(self) -> float:
         """Return the gain of log L per window, compared with a slope of 0.  (2)"""
-        return -0.5 * float(np.log(max(1.0 - self.correlation**2, PERFECT)))
+        return -0.5 * float(np.log(max(1.0 - self.correlation**2, ROUNDING_VARIANCE)))
 
-    def is_clear(self, worth: float = WORTH) -> bool:
-        """Return True if the total gain exceeds MARGIN and the gain per window exceeds `worth`."""
-        return self.n * self.gain > MARGIN and self.gain > worth
+    def is_clear(self, min_gain: float = MIN_GAIN) -> bool:
+        """Return True if the total gain exceeds MIN_GAIN_MARGIN and the gain per window exceeds `min_gain`."""
+        return self.n * self.gain > MIN_GAIN_MARGIN and self.gain > min_gain
 
 
 class MappedChannel(NamedTuple):
@@ -57,7 +58,7 @@ class Hypothesis(NamedTuple):
     """Prediction, sign and unit ratio that best explain one channel: a row of S = signed permutation × ratio."""
 
     code: str  # "": as the map reads it, "swapped", "inverted", "unit", "scale" (of no known unit)
-    of: int  # index of the prediction that the channel shows
+    prediction_index: int  # index of the prediction that the channel shows
     relation: Relation
     is_clear: bool
     ratio: float = 1.0  # of units; NaN if none is near
@@ -76,15 +77,15 @@ def ratios(measures: str, read_as: str) -> dict[float, str]:
 def relation(z: np.ndarray, h: np.ndarray) -> Relation:
     """Return the regression of z (N,) on h (N,) over the rows that are finite in both; zeros for fewer than
     FEW rows."""
-    good = np.isfinite(z) & np.isfinite(h)
-    if np.count_nonzero(good) < FEW:
+    is_known = np.isfinite(z) & np.isfinite(h)
+    if np.count_nonzero(is_known) < MIN_WINDOWS:
         return Relation()
-    z, h = z[good], h[good]
+    z, h = z[is_known], h[is_known]
     z, h = z - np.mean(z), h - np.mean(h)
     zz, hh, zh = float(z @ z), float(h @ h), float(z @ h)
     if not 0.0 < zz * hh < np.inf:
         return Relation()
-    a = max(0.0, _autocorrelation(z - zh / hh * h, PERFECT * zz) * _autocorrelation(h))
+    a = max(0.0, _autocorrelation(z - zh / hh * h, ROUNDING_VARIANCE * zz) * _autocorrelation(h))
     return Relation(zh / hh, zh / np.sqrt(zz * hh), len(z) * (1.0 - a) / (1.0 + a))
 
 
@@ -93,24 +94,26 @@ def relations(z: np.ndarray, h: np.ndarray) -> list[list[Relation]]:
     return [[relation(column, prediction) for prediction in h.T] for column in z.T]
 
 
-def _autocorrelation(x: np.ndarray, least: float = 0.0) -> float:
-    """Return the lag-1 autocorrelation of x (N,); 0 if the power of x is at most `least`."""
+def _autocorrelation(x: np.ndarray, min_lag_share: float = 0.0) -> float:
+    """Return the lag-1 autocorrelation of x (N,); 0 if the power of x is at most `min_lag_share`."""
     power = float(x @ x)
-    return float(x[1:] @ x[:-1]) / power if power > least else 0.0
+    return float(x[1:] @ x[:-1]) / power if power > min_lag_share else 0.0
 
 
 def signal_map(
-    z: np.ndarray, h: np.ndarray, channels: Sequence[MappedChannel], worth: float = WORTH
+    z: np.ndarray, h: np.ndarray, channels: Sequence[MappedChannel], min_gain: float = MIN_GAIN
 ) -> list[Hypothesis]:
     """Return for each channel of z (N, m) the prediction of h (N, k ≥ m) that it shows.
     Channel i should show prediction i; the code "swapped" marks another one.
     """
-    of = relations(z, h)
-    hypotheses = [_hypothesis(i, of[i][i], channel, worth) for i, channel in enumerate(channels)]
-    swaps = {(i, j): _swap(of, i, j, worth) for i in range(len(of)) for j in range(i + 1, h.shape[1])}
+    table = relations(z, h)
+    hypotheses = [_hypothesis(i, table[i][i], channel, min_gain) for i, channel in enumerate(channels)]
+    swaps = {
+        (i, j): _swap(table, i, j, min_gain) for i in range(len(table)) for j in range(i + 1, h.shape[1])
+    }
     for i, j in sorted((pair for pair in swaps if swaps[pair] > 0.0), key=lambda pair: -swaps[pair]):
-        pairs = _pairs(of, i, j)
-        swap_hypotheses = {a: _hypothesis(b, of[a][b], channels[a], worth) for a, b in pairs}
+        pairs = _pairs(table, i, j)
+        swap_hypotheses = {a: _hypothesis(b, table[a][b], channels[a], min_gain) for a, b in pairs}
         if all(
             hypotheses[a].code != "swapped" and np.isfinite(hypothesis.ratio)
             for a, hypothesis in swap_hypotheses.items()
@@ -120,29 +123,34 @@ def signal_map(
     return hypotheses
 
 
-def _hypothesis(of: int, r: Relation, channel: MappedChannel, worth: float) -> Hypothesis:
-    """Return the hypothesis for a channel that shows prediction `of` with the regression `r`."""
-    clear, size = r.is_clear(worth), abs(r.slope)
-    if not clear or channel.low <= r.slope <= channel.high:
-        return Hypothesis("", of, r, clear)
+def _hypothesis(prediction_index: int, r: Relation, channel: MappedChannel, min_gain: float) -> Hypothesis:
+    """Return the hypothesis for a channel that shows prediction `prediction_index` with the regression `r`."""
+    is_clear, magnitude = r.is_clear(min_gain), abs(r.slope)
+    if not is_clear or channel.low <= r.slope <= channel.high:
+        return Hypothesis("", prediction_index, r, is_clear)
     low, high, meanings = channel.low, channel.high, {1.0: None} | dict(channel.ratios)
-    near = [ratio for ratio in meanings if ratio * low <= size <= ratio * high]
-    middle = np.sqrt(low * high) if len(near) > 1 else 1.0
-    nearest = min(near, key=lambda ratio: abs(np.log(size / ratio / middle)), default=np.nan)
-    code = "inverted" if r.slope < 0.0 else "unit" if near else "scale"
-    return Hypothesis(code, of, r, clear, nearest, meanings.get(nearest))
+    close_ratios = [ratio for ratio in meanings if ratio * low <= magnitude <= ratio * high]
+    typical = np.sqrt(low * high) if len(close_ratios) > 1 else 1.0
+    nearest_ratio = min(
+        close_ratios, key=lambda ratio: abs(np.log(magnitude / ratio / typical)), default=np.nan
+    )
+    code = "inverted" if r.slope < 0.0 else "unit" if close_ratios else "scale"
+    return Hypothesis(code, prediction_index, r, is_clear, nearest_ratio, meanings.get(nearest_ratio))
 
 
-def _swap(of: Sequence[Sequence[Relation]], i: int, j: int, worth: float) -> float:
+def _swap(table: Sequence[Sequence[Relation]], i: int, j: int, min_gain: float) -> float:
     """Return the gain of log L if the channels i and j swap their predictions. Return 0 if the gain is small, or if one
     of the two channels fits its own prediction.
     """
-    pairs = [(of[a][a], of[a][b]) for a, b in _pairs(of, i, j)]
-    gain = sum(candidate.n * (candidate.gain - own.gain) for own, candidate in pairs)
-    clear = sum(candidate.gain - own.gain for own, candidate in pairs) > worth and gain > MARGIN
-    return gain if clear and not any(own.is_clear(NOTHING) for own, _ in pairs) else 0.0
+    pairs = [(table[a][a], table[a][b]) for a, b in _pairs(table, i, j)]
+    gain = sum(candidate.n * (candidate.gain - present.gain) for present, candidate in pairs)
+    is_clear = (
+        sum(candidate.gain - present.gain for present, candidate in pairs) > min_gain
+        and gain > MIN_GAIN_MARGIN
+    )
+    return gain if is_clear and not any(present.is_clear(MAX_CHANCE_GAIN) for present, _ in pairs) else 0.0
 
 
-def _pairs(of: Sequence[Sequence[Relation]], i: int, j: int) -> list[tuple[int, int]]:
+def _pairs(table: Sequence[Sequence[Relation]], i: int, j: int) -> list[tuple[int, int]]:
     """Return the (channel, prediction) pairs of a swap of i and j; j may be a prediction without a channel."""
-    return [(i, j), (j, i)] if j < len(of) else [(i, j)]
+    return [(i, j), (j, i)] if j < len(table) else [(i, j)]

@@ -12,21 +12,21 @@ import numpy as np
 from baqueano.diagnostics import note
 from baqueano.geometry import wrap
 from baqueano.runs.diagnostics.finding import ImportFinding
-from baqueano.runs.diagnostics.physical_limits import ENOUGH, FASTEST_M_S, FASTEST_RAD_S
+from baqueano.runs.diagnostics.physical_limits import MAX_SPEED_M_S, MAX_YAW_RATE_RAD_S, MIN_WINDOWS
 from baqueano.runs.run import TruthLog
 from baqueano.signals import NANOSECONDS
 
-CLEAR, STEP_M, OFFSET_RAD = 0.7, 0.05, 0.35
+MIN_AGREEMENT, STEP_M, MAX_OFFSET_RAD = 0.7, 0.05, 0.35
 
 
 def course_and_heading(truth: TruthLog) -> Iterator[ImportFinding]:
     """Yield the findings about units, axes and heading of a truth."""
     dt, d = np.diff(truth.t_ns) / NANOSECONDS, np.diff(truth.eta, axis=0)
     speed, rate = (np.quantile(x / dt, 0.9) for x in (np.hypot(d[:, 0], d[:, 1]), np.abs(wrap(d[:, 2]))))
-    if speed > FASTEST_M_S:
+    if speed > MAX_SPEED_M_S:
         reason = note("recording.truth-fast", speed_m_s=speed)
         yield ImportFinding("unit", "error", None, reason, note("recording.perhaps", line='unit = "mm"'))
-    elif rate > FASTEST_RAD_S:
+    elif rate > MAX_YAW_RATE_RAD_S:
         reason = note("recording.truth-turns", rate_rad_s=rate)
         yield ImportFinding("unit", "error", None, reason, note("recording.perhaps", line='unit = "deg"'))
     else:
@@ -35,20 +35,20 @@ def course_and_heading(truth: TruthLog) -> Iterator[ImportFinding]:
 
 def _agreement(eta: np.ndarray) -> Iterator[ImportFinding]:
     """Yield a finding if the axes are mirrored or the heading has an offset.  (1)"""
-    way = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(eta[:, :2], axis=0).T))])
-    steps = np.floor(way / STEP_M)
-    far = np.flatnonzero(np.diff(steps, prepend=-1.0) > 0.0)  # one pose in every STEP_M
-    d = np.diff(eta[far, :2], axis=0)
-    if len(d) < ENOUGH:
+    distances = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(eta[:, :2], axis=0).T))])
+    steps = np.floor(distances / STEP_M)
+    rows = np.flatnonzero(np.diff(steps, prepend=-1.0) > 0.0)  # one pose in every STEP_M
+    d = np.diff(eta[rows, :2], axis=0)
+    if len(d) < MIN_WINDOWS:
         return
     course = np.arctan2(d[:, 1], d[:, 0])
-    heading = eta[far[:-1], 2] + 0.5 * wrap(np.diff(eta[far, 2]))
-    same, mirror = (np.mean(np.exp(2j * (course + sign * heading))) for sign in (-1.0, 1.0))
-    off = 0.5 * float(np.angle(same))
-    if abs(mirror) > CLEAR and abs(same) < 0.5:
-        reason = note("recording.mirrored", same=abs(same), mirrored=abs(mirror))
+    heading = eta[rows[:-1], 2] + 0.5 * wrap(np.diff(eta[rows, 2]))
+    same_mean, mirror_mean = (np.mean(np.exp(2j * (course + sign * heading))) for sign in (-1.0, 1.0))
+    offset = 0.5 * float(np.angle(same_mean))
+    if abs(mirror_mean) > MIN_AGREEMENT and abs(same_mean) < 0.5:
+        reason = note("recording.mirrored", same=abs(same_mean), mirrored=abs(mirror_mean))
         yield ImportFinding("mirrored", "error", None, reason, note("recording.write-mirrored"))
-    elif abs(same) > CLEAR and abs(off) > OFFSET_RAD:
-        reason = note("recording.beside", off_deg=np.degrees(off), back_deg=np.degrees(off) + 180.0)
-        line = note("recording.write-offset", off=f"{off:.3f}", back=f"{wrap(off + np.pi):.3f}")
+    elif abs(same_mean) > MIN_AGREEMENT and abs(offset) > MAX_OFFSET_RAD:
+        reason = note("recording.beside", off_deg=np.degrees(offset), back_deg=np.degrees(offset) + 180.0)
+        line = note("recording.write-offset", off=f"{offset:.3f}", back=f"{wrap(offset + np.pi):.3f}")
         yield ImportFinding("heading offset", "error", None, reason, line)

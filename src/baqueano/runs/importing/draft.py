@@ -12,23 +12,23 @@ from baqueano.runs.maps.units import unit
 from baqueano.runs.tables.table import LogTable, read_table
 
 UNKNOWN = "?"
-SPELT = {  # ends of names → unit
+UNIT_OF_ENDING = {  # ends of names → unit
     "ms": "ms", "us": "us", "ns": "ns", "s": "s", "sec": "s", "mm": "mm", "cm": "cm", "m": "m", "deg": "deg",
     "rad": "rad", "dps": "deg/s", "deg_s": "deg/s", "rad_s": "rad/s", "rads": "rad/s", "rps": "turn/s", "rpm": "rpm",
     "g": "g", "mg": "mg", "m_s2": "m/s^2", "mps2": "m/s^2", "ms2": "m/s^2", "m_s": "m/s", "mps": "m/s",
     "mm_s": "mm/s", "cm_s": "cm/s", "v": "V", "mv": "mV",
 }  # fmt: skip
-TIME = r"(^|_)(t|time|timestamp|stamp|elapsed|millis|micros)(_|$)"
-LEFT, RIGHT = r"(^|_)(left|izquierda|l)(_|$)", r"(^|_)(right|derecha|r)(_|$)"
-COMMAND, SPEED = r"pwm|duty|cmd|command|throttle", r"rpm|speed|vel|encoder|wheel|rps"
-IMU = (
+TIME_PATTERN = r"(^|_)(t|time|timestamp|stamp|elapsed|millis|micros)(_|$)"
+LEFT_PATTERN, RIGHT_PATTERN = r"(^|_)(left|izquierda|l)(_|$)", r"(^|_)(right|derecha|r)(_|$)"
+COMMAND_PATTERN, SPEED_PATTERN = r"pwm|duty|cmd|command|throttle", r"rpm|speed|vel|encoder|wheel|rps"
+IMU_PATTERNS = (
     r"(^|_)(ax|acc(el)?_x)(_|$)",
     r"(^|_)(ay|acc(el)?_y)(_|$)",
     r"gyro(_z)?(_|$)|(^|_)(gz|omega|yaw_rate)(_|$)",
 )
-POSE = (r"(^|_)x(_|$)", r"(^|_)y(_|$)", r"(^|_)(yaw|psi|theta|heading)(_|$)")
+POSE_PATTERNS = (r"(^|_)x(_|$)", r"(^|_)y(_|$)", r"(^|_)(yaw|psi|theta|heading)(_|$)")
 KINDS = {"imu": ("acceleration", "acceleration", "angular rate"), "eta": ("length", "length", "angle")}
-FULL = 255.0  # counts of a duty of 8 bits
+FULL_DUTY_COUNTS = 255.0  # counts of a duty of 8 bits
 
 
 def draft(path: Path | str) -> str:
@@ -37,7 +37,13 @@ def draft(path: Path | str) -> str:
     table = read_table(path, {})
     free_columns = list(table.columns)
     return (
-        "\n".join([f'format = 1\nname = "{path.stem}"', *_tables(table, free_columns), *_rest(free_columns)])
+        "\n".join(
+            [
+                f'format = 1\nname = "{path.stem}"',
+                *_tables(table, free_columns),
+                *_remaining_lines(free_columns),
+            ]
+        )
         + "\n"
     )
 
@@ -45,48 +51,58 @@ def draft(path: Path | str) -> str:
 def _tables(table: LogTable, free_columns: list[str]) -> Iterator[str]:
     """Yield each table of the map, and remove its columns from `free_columns`."""
     yield "\n[files.log]"
-    if time := _take(free_columns, TIME):
+    if time := _take_column(free_columns, TIME_PATTERN):
         yield f'time = "{time}"\ntime_unit = "{_time_unit(table, time)}"'
     else:
         yield f"rate_hz = 0.0                        # {_('no column looks like a time: write the rows per second')}"
-    commands = [_take(free_columns, f"(?=.*({COMMAND})).*{side}") for side in (LEFT, RIGHT)]
+    commands = [
+        _take_column(free_columns, f"(?=.*({COMMAND_PATTERN})).*{side}")
+        for side in (LEFT_PATTERN, RIGHT_PATTERN)
+    ]
     commands = commands if all(commands) else []
-    single = (
-        [] if commands else [column for column in list(free_columns) if re.search(COMMAND, _plain(column))]
+    single_column = (
+        []
+        if commands
+        else [column for column in list(free_columns) if re.search(COMMAND_PATTERN, _plain_name(column))]
     )
     if commands:
-        until = _('"until": the command of a row held up to its time')
-        yield f'\n[command]\nin_force = "from"                    # {until}'
+        until_text = _('"until": the command of a row held up to its time')
+        yield f'\n[command]\nin_force = "from"                    # {until_text}'
         yield f"wheels = [\n{_list_lines(_command(table, column) for column in commands)}\n]"
-    elif single:
-        free_columns[:] = [column for column in free_columns if column not in single]
-        yield f'\n[command]\nin_force = "from"\nnames = [{", ".join(f"{column!r}" for column in single)}]'
-        yield f"u = [\n{_list_lines(_command(table, column) for column in single)}\n]"
+    elif single_column:
+        free_columns[:] = [column for column in free_columns if column not in single_column]
+        yield f'\n[command]\nin_force = "from"\nnames = [{", ".join(f"{column!r}" for column in single_column)}]'
+        yield f"u = [\n{_list_lines(_command(table, column) for column in single_column)}\n]"
     else:
         yield f"\n# {_('no column looks like a command: without [command] the vehicle is at rest')}"
-    wheels = [_take(free_columns, f"(?=.*({SPEED})).*{side}") for side in (LEFT, RIGHT)]
+    wheels = [
+        _take_column(free_columns, f"(?=.*({SPEED_PATTERN})).*{side}")
+        for side in (LEFT_PATTERN, RIGHT_PATTERN)
+    ]
     if all(wheels):
         yield f"\n[sensors.wheels]\nz = [\n{_list_lines(_wheel(column) for column in wheels)}\n]"
-    for title, key, names in (("sensors.imu", "z", IMU), ("truth", "eta", POSE)):
-        columns = [_take(free_columns, name) for name in names]
+    for title, key, names in (("sensors.imu", "z", IMU_PATTERNS), ("truth", "eta", POSE_PATTERNS)):
+        columns = [_take_column(free_columns, name) for name in names]
         if any(columns):
             kinds = KINDS["imu" if key == "z" else key]
-            entries = _list_lines(_entry(column, kind) for column, kind in zip(columns, kinds, strict=True))
+            entries = _list_lines(
+                _entry(column, measures) for column, measures in zip(columns, kinds, strict=True)
+            )
             yield f"\n[{title}]\n{key} = [\n{entries}\n]"
 
 
-def _rest(free_columns: Sequence[str]) -> list[str]:
+def _remaining_lines(free_columns: Sequence[str]) -> list[str]:
     return [f"\n# {_('columns that are not used:')} {', '.join(free_columns)}"] if free_columns else []
 
 
-def _plain(name: str) -> str:
+def _plain_name(name: str) -> str:
     """Return a column's name in lower case, with its words separated by _."""
     return re.sub(r"[^a-z0-9]+", "_", name.lower()).strip("_")
 
 
-def _take(free_columns: list[str], pattern: str) -> str:
+def _take_column(free_columns: list[str], pattern: str) -> str:
     """Return the first column whose name matches, and remove it from `free_columns`. Return "" if none matches."""
-    column = next((name for name in free_columns if re.search(pattern, _plain(name))), "")
+    column = next((name for name in free_columns if re.search(pattern, _plain_name(name))), "")
     if column:
         free_columns.remove(column)
     return column
@@ -94,11 +110,11 @@ def _take(free_columns: list[str], pattern: str) -> str:
 
 def _unit(name: str, measures: str) -> str:
     """Return the unit at the end of a column's name; UNKNOWN if the name does not end with a unit of this quantity."""
-    words = _plain(name).split("_")
-    for ending in ("_".join(words[-2:]), words[-1]):
-        unit_ = unit(SPELT.get(ending, ""))
-        if len(words) > 1 and unit_ is not None and unit_.measures == measures:
-            return SPELT[ending]
+    parts = _plain_name(name).split("_")
+    for ending in ("_".join(parts[-2:]), parts[-1]):
+        unit_ = unit(UNIT_OF_ENDING.get(ending, ""))
+        if len(parts) > 1 and unit_ is not None and unit_.measures == measures:
+            return UNIT_OF_ENDING[ending]
     return UNKNOWN
 
 
@@ -115,12 +131,12 @@ def _time_unit(table: LogTable, column: str) -> str:
 
 
 def _command(table: LogTable, column: str) -> str:
-    most = float(np.nanmax(np.abs(table.numbers(column)), initial=0.0))
-    if most <= 1.0:
+    largest = float(np.nanmax(np.abs(table.numbers(column)), initial=0.0))
+    if largest <= 1.0:
         return f'{{ column = "{column}", unit = "1" }}'
-    of = FULL if most <= FULL else most
-    full = _("1 at {of:g}: is this full duty?", of=of)
-    return f'{{ column = "{column}", unit = "raw", scale = {1.0 / of:.6g} }},   # {full}'
+    full_count = FULL_DUTY_COUNTS if largest <= FULL_DUTY_COUNTS else largest
+    full_text = _("1 at {of:g}: is this full duty?", of=full_count)
+    return f'{{ column = "{column}", unit = "raw", scale = {1.0 / full_count:.6g} }},   # {full_text}'
 
 
 def _wheel(column: str) -> str:

@@ -22,7 +22,7 @@ from baqueano.messages.printable import baqueano_command
 from baqueano.runs.container.writer import versions
 from baqueano.runs.diagnostics import cross_checks
 from baqueano.runs.diagnostics.finding import ImportFinding
-from baqueano.runs.importing.sources import LEAST, Part, Source, parts, quaternion_of
+from baqueano.runs.importing.sources import MIN_TICKS, RecordingSources, Source, quaternion_of, recordings_of
 from baqueano.runs.maps.column_map import load_map
 from baqueano.runs.maps.columns import KINDS, ColumnMap, ColumnSignal, Entry
 from baqueano.runs.maps.units import unit
@@ -33,7 +33,7 @@ from baqueano.vehicles.drivetrain import unmix
 if TYPE_CHECKING:
     from baqueano.contracts.values import TableRow
 
-ALIKE = 3  # lines of a kind of finding
+MAX_SIMILAR_LINES = 3  # lines of a kind of finding
 
 
 class ImportedRun(NamedTuple):
@@ -74,13 +74,13 @@ class ImportedRun(NamedTuple):
         ]
 
     def table(self) -> str:
-        """Return one line per finding. Of a kind with more than ALIKE findings, return only the first and
+        """Return one line per finding. Of a kind with more than MAX_SIMILAR_LINES findings, return only the first and
         their count."""
-        many = Counter((d.level, d.code) for d in self.findings)
+        count_of_kind = Counter((d.level, d.code) for d in self.findings)
         lines: dict[object, str] = {}
         for k, d in enumerate(self.findings):
-            n = many[d.level, d.code]
-            tail = f" ({_('and {more} more such', more=n - 1)})" if n > ALIKE else ""
+            n = count_of_kind[d.level, d.code]
+            tail = f" ({_('and {more} more such', more=n - 1)})" if n > MAX_SIMILAR_LINES else ""
             line = f"{_(d.level):8} {_(d.code):20} {d.advice}{tail}"
             lines.setdefault((d.level, d.code) if tail else k, line)
         return "\n".join(lines.values())
@@ -176,33 +176,33 @@ def import_runs(
     Parts with fewer ticks than a run needs are skipped, and a finding of the first run reports them. Raise FileError as
     `import_run` does, and if all parts are too short."""
     m = column_map if isinstance(column_map, ColumnMap) else load_map(column_map)
-    runs, short, source = [], [], None
-    for part in parts(m, files or {}):
-        if len(part.sources[m.ticks].t_ns) < LEAST:
-            short.append(part.name)
-            source = part.sources[m.ticks]
+    runs, failures, source = [], [], None
+    for recording in recordings_of(m, files or {}):
+        if len(recording.sources[m.ticks].t_ns) < MIN_TICKS:
+            failures.append(recording.name)
+            source = recording.sources[m.ticks]
         else:
-            runs.append(_import_part(m, part, vehicle_text))
+            runs.append(_import_part(m, recording, vehicle_text))
     if not runs and source:
         raise FileError(
             fault(
                 "import.too-short",
                 table=source.table.label,
                 rows=len(source.t_ns),
-                parts=len(short),
-                least=LEAST,
+                parts=len(failures),
+                least=MIN_TICKS,
             )
         )
-    if short:
-        reason = note("recording.short-parts", count=len(short), least=LEAST, names=short[:5])
+    if failures:
+        reason = note("recording.short-parts", count=len(failures), least=MIN_TICKS, names=failures[:5])
         first = runs[0]
         runs[0] = first._replace(findings=(*first.findings, ImportFinding("short", "warning", None, reason)))
     return runs
 
 
-def _import_part(m: ColumnMap, part: Part, vehicle_text: str) -> ImportedRun:
+def _import_part(m: ColumnMap, recording: RecordingSources, vehicle_text: str) -> ImportedRun:
     """Return the run of one part, with its findings."""
-    sources, findings = part.sources, list(part.findings)
+    sources, findings = recording.sources, list(recording.findings)
     first, t_ns, applied = _applied_commands(m, sources, sources[m.ticks].t_ns, findings)
     sensors = {name: _channel(signal, sources, t_ns, findings) for name, signal in m.sensors.items()}
     truth = None if m.truth is None else _truth(m.truth, sources, t_ns, findings)
@@ -211,20 +211,20 @@ def _import_part(m: ColumnMap, part: Part, vehicle_text: str) -> ImportedRun:
         "map": m.name,
         "map_text": m.text,
         "commands": ", ".join(m.names),
-        "files": ", ".join(part.files),
+        "files": ", ".join(recording.files),
     }
     run = Run(
-        part.name, None, t_ns, applied, sensors=sensors, truth=truth, vehicle_text=vehicle_text,
-        metadata=metadata,
+        recording.name, None, t_ns, applied, sensors=sensors, truth=truth, vehicle_text=vehicle_text,
+        metadata=metadata
     )  # fmt: skip
     if first:
-        usual, reason = first == 1 and m.in_force == "from", note("recording.no-command-yet", count=first)
-        findings.append(ImportFinding("no command yet", "info", int(t_ns[0]), reason, usual=usual))
+        is_usual, reason = first == 1 and m.in_force == "from", note("recording.no-command-yet", count=first)
+        findings.append(ImportFinding("no command yet", "info", int(t_ns[0]), reason, usual=is_usual))
     if all(entry.constant == 0.0 for entry in m.command.entries):
         findings.append(
             ImportFinding("no command", "info", int(t_ns[0]), note("recording.no-command"), usual=True)
         )
-    findings += cross_checks.look(run, m)
+    findings += cross_checks.cross_check(run, m)
     findings = list(dict.fromkeys(findings))  # two parts of one file have the same gaps
     result = cross_checks.accept_errors(findings, m)
     events = tuple(
@@ -267,8 +267,8 @@ def _values(signal: ColumnSignal, source: Source) -> np.ndarray:
 
 def _within_a_turn(angle: np.ndarray) -> bool:
     """Return True if an angle wraps after each turn; the angle of a wheel may continue beyond one turn."""
-    finite = angle[np.isfinite(angle)]
-    return len(finite) > 0 and float(np.ptp(np.quantile(finite, (0.01, 0.99)))) < 2.01 * np.pi
+    known = angle[np.isfinite(angle)]
+    return len(known) > 0 and float(np.ptp(np.quantile(known, (0.01, 0.99)))) < 2.01 * np.pi
 
 
 def _check_header(entry: Entry) -> None:
@@ -295,17 +295,17 @@ def _finite_rows(
     A finding reports the missing numbers. Raise FileError if no row is left.
     """
     values = _values(signal, source)
-    present = [k for k, entry in enumerate(signal.entries) if not entry.absent]
-    whole = np.asarray(np.isfinite(values[:, present]).all(axis=1))
+    present_columns = [k for k, entry in enumerate(signal.entries) if not entry.absent]
+    is_complete = np.asarray(np.isfinite(values[:, present_columns]).all(axis=1))
     first = 1 if any(e.derivative for e in signal.entries) else 0  # the first value of a rate is missing
-    lost_rows = np.count_nonzero(~whole[first:])
+    lost_rows = np.count_nonzero(~is_complete[first:])
     if lost_rows:
-        first_ns = int(source.t_ns[first:][~whole[first:]][0])
-        reason = note("recording.missing", key=signal.key, lost=lost_rows, rows=len(whole))
+        first_ns = int(source.t_ns[first:][~is_complete[first:]][0])
+        reason = note("recording.missing", key=signal.key, lost=lost_rows, rows=len(is_complete))
         findings.append(ImportFinding("missing", "warning", first_ns, reason))
-    if not whole.any():
+    if not is_complete.any():
         raise FileError(fault("import.no-row", key=signal.key, table=source.table.label))
-    return (source.t_ns if t_ns is None else t_ns)[whole], values[whole]
+    return (source.t_ns if t_ns is None else t_ns)[is_complete], values[is_complete]
 
 
 def _instants(signal: ColumnSignal, source: Source) -> np.ndarray:
@@ -326,11 +326,11 @@ def _applied_commands(
     if m.wheels:
         u = np.array([unmix("two_wheels", w) for w in u])
     if m.in_force == "from":
-        at = np.searchsorted(t_ns, ticks, side="left") - 1
+        rows_before = np.searchsorted(t_ns, ticks, side="left") - 1
     else:
-        at = np.searchsorted(t_ns, ticks, side="left")
-    inside = (at >= 0) & (at < len(t_ns))
-    if not inside.any():
+        rows_before = np.searchsorted(t_ns, ticks, side="left")
+    is_within = (rows_before >= 0) & (rows_before < len(t_ns))
+    if not is_within.any():
         raise FileError(
             fault(
                 "import.no-command",
@@ -341,8 +341,8 @@ def _applied_commands(
                 commands_span=_span(t_ns),
             )
         )
-    first = int(np.argmax(inside))
-    return first, ticks[inside], u[at[inside]]
+    first = int(np.argmax(is_within))
+    return first, ticks[is_within], u[rows_before[is_within]]
 
 
 def _span(t_ns: np.ndarray) -> str:
@@ -370,13 +370,13 @@ def _sample(
         )
     if signal.sample == "measured":
         return t_ns, values
-    inside = ticks[(ticks >= t_ns[0]) & (ticks <= t_ns[-1])]
+    ticks_within = ticks[(ticks >= t_ns[0]) & (ticks <= t_ns[-1])]
     if signal.sample == "hold":
-        return inside, values[np.searchsorted(t_ns, inside, side="right") - 1]
-    x = (t_ns - t_ns[0]) / NANOSECONDS
+        return ticks_within, values[np.searchsorted(t_ns, ticks_within, side="right") - 1]
+    x, x_ticks = (t_ns - t_ns[0]) / NANOSECONDS, (ticks_within - t_ns[0]) / NANOSECONDS
     angles = [unit(e.unit).measures == "angle" for e in signal.entries]  # pyright: ignore[reportOptionalMemberAccess]
     columns = [np.unwrap(c) if a else c for c, a in zip(values.T, angles, strict=True)]
-    return inside, np.column_stack([np.interp((inside - t_ns[0]) / NANOSECONDS, x, c) for c in columns])
+    return ticks_within, np.column_stack([np.interp(x_ticks, x, c) for c in columns])
 
 
 def _channel(
@@ -396,5 +396,5 @@ def _truth(
     no_rates = np.full((len(t_ns), 3), np.nan)
     eta = np.column_stack([values[:, :2], wrap(values[:, 2])])
     return TruthLog(
-        t_ns, *signal.mount.body(eta, values[:, 3:] if values.shape[1] == 6 else no_rates), no_rates
+        t_ns, *signal.mount.body_motion(eta, values[:, 3:] if values.shape[1] == 6 else no_rates), no_rates
     )

@@ -26,7 +26,7 @@ from baqueano.runs.tables import bag
 from baqueano.runs.tables.table import LogTable, read_table
 from baqueano.signals import NANOSECONDS
 
-LEAST = 3  # ticks of a run
+MIN_TICKS = 3  # ticks of a run
 
 
 class Source(NamedTuple):
@@ -36,7 +36,7 @@ class Source(NamedTuple):
     t_ns: np.ndarray  # (rows,) int64, increasing
 
 
-class Part(NamedTuple):
+class RecordingSources(NamedTuple):
     """The data of one run."""
 
     name: str
@@ -53,26 +53,26 @@ class SourcePiece(NamedTuple):
     table: LogTable
 
 
-def parts(m: ColumnMap, files: object) -> Iterator[Part]:
+def recordings_of(m: ColumnMap, files: object) -> Iterator[RecordingSources]:
     """Yield the parts of each set of files: the given files, or the files that the map finds."""
     for paths in _sets(m, files):
         findings: list[ImportFinding] = []
         tables = {name: _table(m, spec, paths[name], findings) for name, spec in m.files.items()}
         names = tuple(sorted({path.name for path in paths.values()}))
-        yield from _parts(m, _name(m, paths), names, tables, findings)
+        yield from _sources_of_set(m, _name(m, paths), names, tables, findings)
 
 
-def _parts(
+def _sources_of_set(
     m: ColumnMap,
     name: str,
     files: tuple[str, ...],
     tables: dict[str, LogTable],
     findings: list[ImportFinding],
-) -> Iterator[Part]:
+) -> Iterator[RecordingSources]:
     pieces = {file: _pieces(m, spec, tables[file]) for file, spec in m.files.items() if _is_split(spec)}
     if not pieces:
         sources = {file: _source(m, m.files[file], table, findings) for file, table in tables.items()}
-        yield Part(name, sources, files, tuple(findings))
+        yield RecordingSources(name, sources, files, tuple(findings))
         return
     if m.ticks not in pieces:
         raise FileError(
@@ -80,13 +80,15 @@ def _parts(
         )
     own_findings: list[ImportFinding] = list(findings)
     matches = _match(m, pieces, own_findings)
-    whole = {f: _source(m, m.files[f], t, own_findings) for f, t in tables.items() if f not in pieces}
+    undivided = {f: _source(m, m.files[f], t, own_findings) for f, t in tables.items() if f not in pieces}
     for k, (label, by_file) in enumerate(matches):
-        own: list[ImportFinding] = list(own_findings) if k == 0 else []
-        sources_of_part = {f: _source(m, m.files[f], table, own) for f, table in by_file.items()}
+        own_rows: list[ImportFinding] = list(own_findings) if k == 0 else []
+        sources_of_part = {f: _source(m, m.files[f], table, own_rows) for f, table in by_file.items()}
         t_ns = sources_of_part[m.ticks].t_ns
-        within = {f: _within(source, t_ns) for f, source in whole.items()}
-        yield Part(f"{name}-{label}", {f: (sources_of_part | within)[f] for f in tables}, files, tuple(own))
+        within = {f: _rows_within(source, t_ns) for f, source in undivided.items()}
+        yield RecordingSources(
+            f"{name}-{label}", {f: (sources_of_part | within)[f] for f in tables}, files, tuple(own_rows)
+        )
 
 
 def _is_split(spec: FileSpec) -> bool:
@@ -99,20 +101,22 @@ def _pieces(m: ColumnMap, spec: FileSpec, table: LogTable) -> list[SourcePiece]:
     groups: list[tuple[str, np.ndarray]] = [("", rows)]
     if spec.split is not None:
         values: dict[str, int] = {}  # in the order in which they come
-        cells = (_plain(str(cell)) for cell in table.text(spec.split))
-        which = np.fromiter((values.setdefault(cell, len(values)) for cell in cells), int, len(rows))
-        ends = np.cumsum(np.bincount(which))
-        groups = list(zip(values, np.split(np.argsort(which, kind="stable"), ends[:-1]), strict=True))
+        cells = (_plain_label(str(cell)) for cell in table.text(spec.split))
+        group_numbers = np.fromiter((values.setdefault(cell, len(values)) for cell in cells), int, len(rows))
+        group_ends = np.cumsum(np.bincount(group_numbers))
+        groups = list(
+            zip(values, np.split(np.argsort(group_numbers, kind="stable"), group_ends[:-1]), strict=True)
+        )
     if spec.split_gap_s is None:
-        return [SourcePiece(value, value, table.select(at)) for value, at in groups]
+        return [SourcePiece(value, value, table.select(rows_of_group)) for value, rows_of_group in groups]
     t_ns, _ = times(table, spec, m.start_ns, m.path.name)
-    cut = []
-    for value, at in groups:
-        step = np.diff(t_ns[at])
+    pieces = []
+    for value, rows_of_group in groups:
+        step = np.diff(t_ns[rows_of_group])
         edges = np.flatnonzero((step < 0) | (step > spec.split_gap_s * NANOSECONDS)) + 1
-        for k, piece in enumerate(np.split(at, edges), 1):
-            cut.append(SourcePiece(value, f"{value}-{k}".lstrip("-"), table.select(piece)))
-    return cut
+        for k, piece in enumerate(np.split(rows_of_group, edges), 1):
+            pieces.append(SourcePiece(value, f"{value}-{k}".lstrip("-"), table.select(piece)))
+    return pieces
 
 
 def _match(
@@ -121,34 +125,31 @@ def _match(
     """Return the label of each part and its rows in each file, in the order of the ticks' file. Raise FileError if the
     files do not share a value, or if their numbers of parts differ.
     """
-    if not all(m.files[file].split for file in pieces):  # parts without a value are matched in order
-        pieces = {file: [piece._replace(value="") for piece in each] for file, each in pieces.items()}
-    by_file = {file: {piece.value: [] for piece in each} for file, each in pieces.items()}
-    for file, each in pieces.items():
-        for piece in each:
-            by_file[file][piece.value].append(piece)
-    common = [value for value in by_file[m.ticks] if all(value in of for of in by_file.values())]
-    if not common:
-        text = "; ".join(f"[files.{file}] {_values_of(m, file, of)}" for file, of in by_file.items())
+    if not all(m.files[name].split for name in pieces):  # parts without a value are matched in order
+        pieces = {name: [p._replace(value="") for p in rows] for name, rows in pieces.items()}
+    by_file = {name: {piece.value: [] for piece in rows} for name, rows in pieces.items()}
+    for name, rows in pieces.items():
+        for piece in rows:
+            by_file[name][piece.value].append(piece)
+    common_values = [value for value in by_file[m.ticks] if all(value in p for p in by_file.values())]
+    if not common_values:
+        text = "; ".join(f"[files.{name}] {_values_of(m, name, p)}" for name, p in by_file.items())
         raise FileError(fault("import.split-no-value", map=m.path.name, found=text))
     findings += _missing_values(m, by_file)
     labelled_parts = []
-    for value in common:
-        of_value = {file: of[value] for file, of in by_file.items()}
-        if len({len(each) for each in of_value.values()}) > 1:
-            text = ", ".join(f"[files.{file}] {len(each)}" for file, each in of_value.items())
+    for value in common_values:
+        pieces_of_value = {name: piece_of[value] for name, piece_of in by_file.items()}
+        if len({len(rows) for rows in pieces_of_value.values()}) > 1:
+            text = ", ".join(f"[files.{name}] {len(rows)}" for name, rows in pieces_of_value.items())
+            split = m.files[m.ticks].split
             raise FileError(
-                fault(
-                    "import.parts-differ",
-                    map=m.path.name,
-                    split=m.files[m.ticks].split,
-                    value=value,
-                    found=text,
-                )
+                fault("import.parts-differ", map=m.path.name, split=split, value=value, found=text)
             )
-        for combination in zip(*of_value.values(), strict=True):
-            part = dict(zip(of_value, combination, strict=True))
-            labelled_parts.append((part[m.ticks].label, {file: piece.table for file, piece in part.items()}))
+        for combination in zip(*pieces_of_value.values(), strict=True):
+            recording = dict(zip(pieces_of_value, combination, strict=True))
+            labelled_parts.append(
+                (recording[m.ticks].label, {name: piece.table for name, piece in recording.items()})
+            )
     return labelled_parts
 
 
@@ -156,38 +157,36 @@ def _missing_values(
     m: ColumnMap, by_file: dict[str, dict[str, list[SourcePiece]]]
 ) -> Iterator[ImportFinding]:
     """Yield a finding for each file without values that another file has; the parts of these values are skipped."""
-    for lacking, of in by_file.items():
+    for name, of in by_file.items():
         for file, file_values in by_file.items():
             unmatched_values = [value for value in file_values if value not in of]
             if unmatched_values:
                 values = _values_of(m, file, unmatched_values)
-                reason = note(
-                    "recording.not-in-all", map=m.path.name, values=values, file=file, lacking=lacking
-                )
+                reason = note("recording.not-in-all", map=m.path.name, values=values, file=file, lacking=name)
                 yield ImportFinding("not in all files", "warning", None, reason)
 
 
-def _values_of(m: ColumnMap, file: str, values: Iterable[str]) -> str:
+def _values_of(m: ColumnMap, name: str, values: Iterable[str]) -> str:
     """Return the column by which a file is split, with these values, as text for a message."""
-    each = list(values)
-    more = f", … (+ {len(each) - 5})" if len(each) > 5 else ""
-    return f"{m.files[file].split} = {', '.join(each[:5])}{more}"
+    texts = list(values)
+    rest_text = f", … (+ {len(texts) - 5})" if len(texts) > 5 else ""
+    return f"{m.files[name].split} = {', '.join(texts[:5])}{rest_text}"
 
 
-def _plain(label: str) -> str:
+def _plain_label(label: str) -> str:
     """Return a value in the form for a run's name: "3.0" becomes "003"."""
-    number = label.removesuffix(".0")
-    return number.zfill(3) if number.isdecimal() else label
+    integer_text = label.removesuffix(".0")
+    return integer_text.zfill(3) if integer_text.isdecimal() else label
 
 
-def _within(source: Source, t_ns: np.ndarray) -> Source:
+def _rows_within(source: Source, t_ns: np.ndarray) -> Source:
     """Return the rows of `source` from the first to the last tick of a part, `t_ns`, and the previous row."""
     if len(t_ns) < 2:
         return source
     step = int(np.median(np.diff(t_ns)))
-    keep = (source.t_ns > t_ns[0] - step) & (source.t_ns <= t_ns[-1])
-    keep[max(int(np.searchsorted(source.t_ns, t_ns[0])) - 1, 0)] = True
-    return source._replace(table=source.table.only(keep), t_ns=source.t_ns[keep])
+    is_kept = (source.t_ns > t_ns[0] - step) & (source.t_ns <= t_ns[-1])
+    is_kept[max(int(np.searchsorted(source.t_ns, t_ns[0])) - 1, 0)] = True
+    return source._replace(table=source.table.rows_where(is_kept), t_ns=source.t_ns[is_kept])
 
 
 def _name(m: ColumnMap, paths: dict[str, Path]) -> str:
@@ -221,19 +220,26 @@ def _sets(m: ColumnMap, files: Any) -> list[dict[str, Path]]:
                     code, map=m.path.name, files=m.files, shared=shared_names[:1], first=next(iter(m.files))
                 )
             )
-        return [_complete(m, dict.fromkeys(open_names, path)) for path in all_paths]
+        return [_with_default_paths(m, dict.fromkeys(open_names, path)) for path in all_paths]
     for name in by_name:
         if name not in m.files:
             raise FileError(fault("import.file-unknown", map=m.path.name, found=name, known=m.files))
     patterns = {spec.path for name, spec in m.files.items() if name not in by_name and spec.path}
-    many = [pattern for pattern in patterns if glob.has_magic(pattern)]
-    if not many:
-        return [_complete(m, by_name)]
-    if len(many) > 1:
-        raise FileError(fault("import.stars", map=m.path.name, paths=" and ".join(map(repr, sorted(many)))))
-    at = [name for name, spec in m.files.items() if spec.path == many[0] and name not in by_name]
-    spec = m.files[at[0]]
-    return [_complete(m, by_name | dict.fromkeys(at, path)) for path in _matching(m, spec)]
+    magic_patterns = [pattern for pattern in patterns if glob.has_magic(pattern)]
+    if not magic_patterns:
+        return [_with_default_paths(m, by_name)]
+    if len(magic_patterns) > 1:
+        raise FileError(
+            fault("import.stars", map=m.path.name, paths=" and ".join(map(repr, sorted(magic_patterns))))
+        )
+    matching_names = [
+        name for name, spec in m.files.items() if spec.path == magic_patterns[0] and name not in by_name
+    ]
+    spec = m.files[matching_names[0]]
+    return [
+        _with_default_paths(m, by_name | dict.fromkeys(matching_names, path))
+        for path in _matching_paths(m, spec)
+    ]
 
 
 def _expand(path: Path) -> list[Path]:
@@ -246,7 +252,7 @@ def _expand(path: Path) -> list[Path]:
     return [Path(match_) for match_ in matches]
 
 
-def _complete(m: ColumnMap, by_name: dict[str, Path]) -> dict[str, Path]:
+def _with_default_paths(m: ColumnMap, by_name: dict[str, Path]) -> dict[str, Path]:
     return {name: by_name[name] if name in by_name else _path_of(m, spec) for name, spec in m.files.items()}
 
 
@@ -260,10 +266,10 @@ def _path_of(m: ColumnMap, spec: FileSpec) -> Path:
                 file=spec.name,
             )
         )
-    return _matching(m, spec)[0]
+    return _matching_paths(m, spec)[0]
 
 
-def _like(folder: Path, pattern: str) -> list[Path]:
+def _paths_like(folder: Path, pattern: str) -> list[Path]:
     try:
         return sorted(folder.glob(pattern))
     except (OSError, ValueError, NotImplementedError, IndexError):  # no pattern
@@ -278,14 +284,14 @@ def is_there(path: Path) -> bool:
         return False
 
 
-def _matching(m: ColumnMap, spec: FileSpec) -> list[Path]:
+def _matching_paths(m: ColumnMap, spec: FileSpec) -> list[Path]:
     """Return the files next to the map or in a data folder that match the path of `spec`, which may contain *.
     Raise FileError if none matches.
     """
     path = spec.path or ""
     folders = [m.path.parent, *data_folders()]
     for folder in folders:
-        matches = _like(folder, path) if glob.has_magic(path) else [folder / path]
+        matches = _paths_like(folder, path) if glob.has_magic(path) else [folder / path]
         if matches and is_there(matches[0]):
             return matches
     folder_names = ", ".join(str(folder) for folder in folders)
@@ -323,28 +329,28 @@ def _source(m: ColumnMap, spec: FileSpec, table: LogTable, findings: list[Import
     """Return the rows with a known, increasing time; with `new_when`, only the rows of a new measurement.
     Raise FileError if no time is known.
     """
-    t_ns, valid = times(table, spec, m.start_ns, m.path.name)
-    if not valid.any():
+    t_ns, is_known = times(table, spec, m.start_ns, m.path.name)
+    if not is_known.any():
         raise FileError(fault("import.no-time", table=table.label, column=spec.time))
-    if not valid.all():
-        reason = note("recording.no-time", table=table.label, count=np.count_nonzero(~valid))
+    if not is_known.all():
+        reason = note("recording.no-time", table=table.label, count=np.count_nonzero(~is_known))
         findings.append(ImportFinding("no time", "warning", None, reason))
-        table, t_ns = table.only(valid), t_ns[valid]
-    keep = rows_in_order(table, t_ns, spec, _columns(m, spec), m, findings)
-    table, t_ns = table.only(keep), t_ns[keep]
+        table, t_ns = table.rows_where(is_known), t_ns[is_known]
+    is_kept = rows_in_order(table, t_ns, spec, _columns(m, spec), m, findings)
+    table, t_ns = table.rows_where(is_kept), t_ns[is_kept]
     if spec.new_when is not None:
-        new = np.diff(table.numbers(spec.new_when), prepend=np.nan) != 0
-        table, t_ns = table.only(new), t_ns[new]
+        is_new = np.diff(table.numbers(spec.new_when), prepend=np.nan) != 0
+        table, t_ns = table.rows_where(is_new), t_ns[is_new]
     return Source(table, t_ns)
 
 
 def _columns(m: ColumnMap, spec: FileSpec) -> set[str]:
     """Return the columns of a file that the map uses."""
     signals = [m.command, *m.sensors.values(), *([m.truth] if m.truth else [])]
-    rest = spec.time_rest and spec.time_rest[0]
+    second_column = spec.time_rest and spec.time_rest[0]
     column_names = {
         *spec.where,
-        *(column for column in (spec.time, rest, spec.new_when, spec.split) if column),
+        *(column for column in (spec.time, second_column, spec.new_when, spec.split) if column),
     }
     for signal in signals:
         if signal.file == spec.name:
@@ -371,17 +377,17 @@ def _select(table: LogTable, spec: FileSpec) -> LogTable:
     for column, condition in spec.where.items():
         limits = condition if isinstance(condition, dict) else {"is": condition}
         for comparison, limit in limits.items():
-            table = table.only(_mask(table, spec, column, comparison, limit))
+            table = table.rows_where(_mask(table, spec, column, comparison, limit))
     return table
 
 
 def _mask(table: LogTable, spec: FileSpec, column: str, comparison: str, limit: Any) -> np.ndarray:
     """Return a mask (rows,): True for the rows that satisfy one condition. Raise FileError for an unknown condition."""
     if comparison in ("is", "not"):
-        each = limit if isinstance(limit, list) else [limit]
-        if all(isinstance(value, str | int | float) for value in each):
-            matching = np.any([table.has(column, value) for value in each], axis=0)
-            return matching if comparison == "is" else ~matching
+        limits = limit if isinstance(limit, list) else [limit]
+        if all(isinstance(value, str | int | float) for value in limits):
+            is_equal = np.any([table.has(column, value) for value in limits], axis=0)
+            return is_equal if comparison == "is" else ~is_equal
     elif comparison in ("min", "max") and isinstance(limit, int | float):
         values = table.numbers(column)
         return values >= limit if comparison == "min" else values <= limit

@@ -20,14 +20,14 @@ if TYPE_CHECKING:
     from baqueano.contracts.values import JsonObject
     from baqueano.runs.maps.columns import ColumnMap, FileSpec
 
-SHORTEST_S, LONGEST_S = 5e-5, 10.0  # range of the median step of a vehicle's recording
-BRIEF_S = 2.0  # a shorter recording does not show a vehicle's motion
-FAST_S, SLOW_S = 4e-4, 0.5  # shorter or longer ticks of a loop are rare
-GAP = 1.8  # times the median step
+MIN_STEP_S, MAX_STEP_S = 5e-5, 10.0  # range of the median step of a vehicle's recording
+MIN_DURATION_S = 2.0  # a shorter recording does not show a vehicle's motion
+MIN_USUAL_STEP_S, MAX_USUAL_STEP_S = 4e-4, 0.5  # shorter or longer ticks of a loop are rare
+GAP_STEPS = 1.8  # times the median step
 _ZONE = re.compile(r":\d\d(?:\.\d+)?([+-])(\d\d):?(\d\d)?\s*$")  # +02:00, -0300, +02
-MANY = 0.1  # of the rows: if more are out of order, they are another run, not late rows
-FARTHEST_NS = 9e18  # the largest time that fits in 64 bits
-JUMP_S = 600.0  # a longer pause is probably a clock that was set
+MAX_DISORDER_SHARE = 0.1  # of the rows: if more are out of order, they are another run, not late rows
+MAX_TIME_NS = 9e18  # the largest time that fits in 64 bits
+MIN_CLOCK_JUMP_S = 600.0  # a longer pause is probably a clock that was set
 
 
 def times(table: LogTable, spec: "FileSpec", start_ns: int, map_name: str) -> tuple[np.ndarray, np.ndarray]:
@@ -37,30 +37,30 @@ def times(table: LogTable, spec: "FileSpec", start_ns: int, map_name: str) -> tu
     shift = start_ns + round(spec.shift_s * NANOSECONDS)
     if spec.rate_hz is not None:
         rows = table.lines - table.lines[0]
-        t_ns, valid = np.rint(rows * (NANOSECONDS / spec.rate_hz)).astype(np.int64), rows >= 0
+        t_ns, is_known = np.rint(rows * (NANOSECONDS / spec.rate_hz)).astype(np.int64), rows >= 0
     elif spec.time_unit == "iso8601":
-        t_ns, valid = _dates(table, spec), np.ones(len(table.lines), dtype=bool)
+        t_ns, is_known = _dates(table, spec), np.ones(len(table.lines), dtype=bool)
     else:
         si = unit(spec.time_unit).si  # pyright: ignore[reportOptionalMemberAccess]  the map was checked
-        whole = table.integers(spec.time)
+        integers = table.integers(spec.time)
         factor = round(si * NANOSECONDS)
         if (
-            whole is not None
+            integers is not None
             and si < 1.0
-            and np.abs(whole.astype(float)).max(initial=0.0) * factor < FARTHEST_NS
+            and np.abs(integers.astype(float)).max(initial=0.0) * factor < MAX_TIME_NS
         ):
-            t_ns, valid = whole * factor, np.ones(len(whole), dtype=bool)
+            t_ns, is_known = integers * factor, np.ones(len(integers), dtype=bool)
         else:
             with np.errstate(over="ignore"):  # a time that overflows is not known
                 t = table.numbers(spec.time) * si * NANOSECONDS
-            valid = np.abs(t) < FARTHEST_NS
-            t_ns = np.rint(np.where(valid, t, 0.0)).astype(np.int64)
+            is_known = np.abs(t) < MAX_TIME_NS
+            t_ns = np.rint(np.where(is_known, t, 0.0)).astype(np.int64)
     if spec.time_rest is not None:
-        rest = table.numbers(spec.time_rest[0]) * (unit(spec.time_rest[1]).si * NANOSECONDS)  # pyright: ignore[reportOptionalMemberAccess]
-        valid &= np.isfinite(rest)
-        t_ns = t_ns + np.rint(np.where(valid, rest, 0.0)).astype(np.int64)
+        second_part = table.numbers(spec.time_rest[0]) * (unit(spec.time_rest[1]).si * NANOSECONDS)  # pyright: ignore[reportOptionalMemberAccess]
+        is_known &= np.isfinite(second_part)
+        t_ns = t_ns + np.rint(np.where(is_known, second_part, 0.0)).astype(np.int64)
     t_ns = t_ns + shift
-    earliest = int(t_ns[valid].min()) if valid.any() else 0
+    earliest = int(t_ns[is_known].min()) if is_known.any() else 0
     if earliest < 0:
         zero = start_ns + (-earliest // NANOSECONDS + 1) * NANOSECONDS
         raise FileError(
@@ -72,16 +72,16 @@ def times(table: LogTable, spec: "FileSpec", start_ns: int, map_name: str) -> tu
                 start_ns=zero,
             )
         )
-    if valid.any() and t_ns[valid].max() >= 2**31 * NANOSECONDS:
+    if is_known.any() and t_ns[is_known].max() >= 2**31 * NANOSECONDS:
         raise FileError(
             fault(
                 "import.beyond-2038",
                 table=table.label,
-                t_s=t_ns[valid].max() / NANOSECONDS,
+                t_s=t_ns[is_known].max() / NANOSECONDS,
                 in_unit=spec.time_unit,
             )
         )
-    return t_ns, valid
+    return t_ns, is_known
 
 
 def _dates(table: LogTable, spec: "FileSpec") -> np.ndarray:
@@ -100,8 +100,8 @@ def _ns_of(date: str) -> int:
     if zone is not None:
         date = date[: zone.start(1)]
         ahead_min = int(f"{zone[1]}{60 * int(zone[2]) + int(zone[3] or 0)}")
-    local = np.datetime64(date.strip().rstrip("Z").replace(" ", "T"), "ns")
-    return int(local.astype(np.int64)) - ahead_min * 60 * NANOSECONDS
+    local_time = np.datetime64(date.strip().rstrip("Z").replace(" ", "T"), "ns")
+    return int(local_time.astype(np.int64)) - ahead_min * 60 * NANOSECONDS
 
 
 def rows_in_order(
@@ -116,66 +116,70 @@ def rows_in_order(
     Raise FileError if time steps back, unless the map drops such rows, and if times are repeated or not plausible.
     """
     latest = np.maximum.accumulate(t_ns)
-    back = np.flatnonzero(np.diff(t_ns) < 0)
-    if len(back):
-        i = int(back[0])
+    backward_rows = np.flatnonzero(np.diff(t_ns) < 0)
+    if len(backward_rows):
+        i = int(backward_rows[0])
         lost_rows = np.count_nonzero(t_ns < latest)
-        of: JsonObject = {
+        figures: JsonObject = {
             "table": table.label, "back_s": (t_ns[i] - t_ns[i + 1]) / NANOSECONDS, "line": table.lines[i + 1],
-            "count": len(back), "lost": lost_rows,
+            "count": len(backward_rows), "lost": lost_rows,
         }  # fmt: skip
         if spec.backwards != "drop":
-            code = "import.steps-back-often" if lost_rows > MANY * len(t_ns) else "import.steps-back"
-            raise FileError(fault(code, **of, file=spec.name, map=m.path.name))
+            code = (
+                "import.steps-back-often"
+                if lost_rows > MAX_DISORDER_SHARE * len(t_ns)
+                else "import.steps-back"
+            )
+            raise FileError(fault(code, **figures, file=spec.name, map=m.path.name))
         findings.append(
-            ImportFinding("time steps back", "warning", int(t_ns[i]), note("recording.steps-back", **of))
+            ImportFinding("time steps back", "warning", int(t_ns[i]), note("recording.steps-back", **figures))
         )
-    keep = t_ns >= latest
-    keep[1:] &= (t_ns[1:] > latest[:-1]) | (t_ns[1:] == t_ns[:-1])
-    keep = _without_repeats(table, t_ns, keep, spec, used, m, findings)
-    step_s = np.diff(t_ns[keep]) / NANOSECONDS
+    is_kept = t_ns >= latest
+    is_kept[1:] &= (t_ns[1:] > latest[:-1]) | (t_ns[1:] == t_ns[:-1])
+    is_kept = _without_repeats(table, t_ns, is_kept, spec, used, m, findings)
+    step_s = np.diff(t_ns[is_kept]) / NANOSECONDS
     if len(step_s):
-        _check_steps(table.only(keep), t_ns[keep], step_s, spec, m, findings)
-    return keep
+        _check_steps(table.rows_where(is_kept), t_ns[is_kept], step_s, spec, m, findings)
+    return is_kept
 
 
 def _without_repeats(
     table: LogTable,
     t_ns: np.ndarray,
-    keep: np.ndarray,
+    is_kept: np.ndarray,
     spec: "FileSpec",
     column_names: set[str],
     m: "ColumnMap",
     findings: list[ImportFinding],
 ) -> np.ndarray:
-    at = np.flatnonzero(keep)
-    same = np.flatnonzero(np.diff(t_ns[at]) == 0)
-    if not len(same):
-        return keep
-    first, second = at[same], at[same + 1]
-    before, after = table.select(first), table.select(second)
-    equal = np.array([
+    kept_rows = np.flatnonzero(is_kept)
+    repeated_rows = np.flatnonzero(np.diff(t_ns[kept_rows]) == 0)
+    if not len(repeated_rows):
+        return is_kept
+    first, second = kept_rows[repeated_rows], kept_rows[repeated_rows + 1]
+    earlier, later = table.select(first), table.select(second)
+    is_equal = np.array([
         all(a == b for a, b in row)
-        for row in zip(*(zip(before.text(c), after.text(c), strict=True) for c in sorted(column_names)), strict=True)
+        for row in zip(*(zip(earlier.text(c), later.text(c), strict=True) for c in sorted(column_names)), strict=True)
     ])  # fmt: skip
     line = table.lines[second[0]]
-    reason = note("recording.repeats", table=table.label, count=len(same), line=line)
-    if not equal.all() and spec.repeats is None:
-        line = table.lines[second[~equal][0]]
+    reason = note("recording.repeats", table=table.label, count=len(repeated_rows), line=line)
+    if not is_equal.all() and spec.repeats is None:
+        line = table.lines[second[~is_equal][0]]
         raise FileError(
             fault(
                 "import.repeats",
                 table=table.label,
-                count=len(same),
+                count=len(repeated_rows),
                 line=line,
                 file=spec.name,
                 map=m.path.name,
             )
         )
     findings.append(ImportFinding("repeats", "warning", int(t_ns[first[0]]), reason))
-    keep = keep.copy()
-    keep[first if spec.repeats == "last" else second] = False
-    return keep
+    is_kept = is_kept.copy()
+    is_kept[first if spec.repeats == "last" else second] = False
+    return is_kept
 
 
 def _check_steps(
@@ -186,28 +190,30 @@ def _check_steps(
     m: "ColumnMap",
     findings: list[ImportFinding],
 ) -> None:
-    usual = float(np.median(step_s))
-    if not SHORTEST_S <= usual <= LONGEST_S:
-        fits = _units_that_fit(usual, len(table.lines), spec)
-        cure = note("import.time-unit", in_unit=fits[0]) if fits else note("import.time")
+    usual_s = float(np.median(step_s))
+    if not MIN_STEP_S <= usual_s <= MAX_STEP_S:
+        fitting_units = _units_that_fit(usual_s, len(table.lines), spec)
+        cure = note("import.time-unit", in_unit=fitting_units[0]) if fitting_units else note("import.time")
         raise FileError(
             fault(
                 "import.step",
                 table=table.label,
                 in_unit=spec.time_unit,
                 column=spec.time,
-                step_s=usual,
+                step_s=usual_s,
                 file=spec.name,
                 map=m.path.name,
                 cure=cure,
             )
         )
-    if spec.name == m.ticks and not FAST_S <= usual <= SLOW_S:
-        findings.append(_rate_of_ticks(table, usual, spec))
-    gaps = np.flatnonzero(step_s > GAP * usual)
+    if spec.name == m.ticks and not MIN_USUAL_STEP_S <= usual_s <= MAX_USUAL_STEP_S:
+        findings.append(_rate_of_ticks(table, usual_s, spec))
+    gaps = np.flatnonzero(step_s > GAP_STEPS * usual_s)
     for i in gaps[:20]:
-        jump = step_s[i] > JUMP_S
-        reason = note("recording.gap", table=table.label, gap_s=step_s[i], line=table.lines[i], usual_s=usual)
+        jump = step_s[i] > MIN_CLOCK_JUMP_S
+        reason = note(
+            "recording.gap", table=table.label, gap_s=step_s[i], line=table.lines[i], usual_s=usual_s
+        )
         findings.append(
             ImportFinding(
                 "time jump" if jump else "gap", "error" if jump else "warning", int(t_ns[i]), reason
@@ -218,21 +224,31 @@ def _check_steps(
         findings.append(ImportFinding("gap", "warning", int(t_ns[gaps[20]]), reason))
 
 
-def _rate_of_ticks(table: LogTable, usual: float, spec: "FileSpec") -> ImportFinding:
+def _rate_of_ticks(table: LogTable, usual_s: float, spec: "FileSpec") -> ImportFinding:
     """Return the finding about an unusual tick rate: an error if the ticks are too fast, a warning if they are slow."""
     reason = note(
-        "recording.tick-lasts", table=table.label, unit_read=spec.time_unit, tick_s=usual, rate_hz=1.0 / usual
+        "recording.tick-lasts",
+        table=table.label,
+        unit_read=spec.time_unit,
+        tick_s=usual_s,
+        rate_hz=1.0 / usual_s,
     )
-    fits = _units_that_fit(usual, len(table.lines), spec)
-    line = note("recording.write-time-unit", in_unit=fits[0], file=spec.name) if fits else None
-    return ImportFinding("time unit", "error" if usual < FAST_S else "warning", None, reason, line)
+    fitting_units = _units_that_fit(usual_s, len(table.lines), spec)
+    line = (
+        note("recording.write-time-unit", in_unit=fitting_units[0], file=spec.name) if fitting_units else None
+    )
+    return ImportFinding(
+        "time unit", "error" if usual_s < MIN_USUAL_STEP_S else "warning", None, reason, line
+    )
 
 
-def _units_that_fit(usual: float, rows: int, spec: "FileSpec") -> list[str]:
+def _units_that_fit(usual: float, row_count: int, spec: "FileSpec") -> list[str]:
     """Return the other time units with a plausible step and length, the most likely unit first."""
     file_unit = unit(spec.time_unit)
     usual_s = usual / (file_unit.si if file_unit else 1.0)
     steps = {name: usual_s * unit_.si for name in ("s", "ms", "us", "ns") if (unit_ := unit(name))}
-    fits = [name for name, step in steps.items() if 1e-3 <= step <= LONGEST_S and name != spec.time_unit]
-    whole = [name for name in fits if rows * steps[name] >= BRIEF_S]
-    return sorted(whole or fits, key=lambda name: abs(np.log(steps[name] / 0.02)))
+    fitting_units = [
+        name for name, step in steps.items() if 1e-3 <= step <= MAX_STEP_S and name != spec.time_unit
+    ]
+    long_enough = [name for name in fitting_units if row_count * steps[name] >= MIN_DURATION_S]
+    return sorted(long_enough or fitting_units, key=lambda name: abs(np.log(steps[name] / 0.02)))

@@ -24,16 +24,18 @@ from baqueano.diagnostics import Diagnostic, fault, nearest, note
 from baqueano.errors import FileError, cause_of
 from baqueano.messages.printable import baqueano_command
 from baqueano.runs.maps.columns import KINDS, ColumnMap, ColumnSignal, Entry, FileSpec
-from baqueano.runs.maps.mount import KEYS, mount_of
+from baqueano.runs.maps.mount import KEY_TYPES, mount_of
 from baqueano.runs.maps.units import canonical, near_units, unit, units_of
 from baqueano.vehicle_file.text.toml_text import parse_toml
 
-ETA, NU = ("length", "length", "angle"), ("speed", "speed", "angular rate")
-RATES = {"angle": "angular rate", "length": "speed", "speed": "acceleration"}  # what a derivative measures
-ROLLED = {"angle": "length", "angular rate": "speed"}  # what a turning wheel measures at its rim
-LARGEST = 2**63  # limit of an integer; integers of Python are unlimited
-LONGEST = 1_000_000  # characters of a map; a recording may have more
-AT_REST: dict[str, Any] = {"in_force": "from", "names": ["u_x", "u_y", "u_psi"], "u": [{"constant": 0.0}] * 3}
+ETA_MEASURES, NU_MEASURES = ("length", "length", "angle"), ("speed", "speed", "angular rate")
+RATE_OF = {"angle": "angular rate", "length": "speed", "speed": "acceleration"}  # what a derivative measures
+ROLLED_MEASURE = {"angle": "length", "angular rate": "speed"}  # what a turning wheel measures at its rim
+MAX_INTEGER = 2**63  # limit of an integer; integers of Python are unlimited
+MAX_MAP_LETTERS = 1_000_000  # characters of a map; a recording may have more
+REST_COMMAND: dict[str, Any] = {
+    "in_force": "from", "names": ["u_x", "u_y", "u_psi"], "u": [{"constant": 0.0}] * 3,
+}  # fmt: skip
 CSV_KEYS = {"delimiter": str, "decimal": str, "encoding": str, "header": bool, "comment": str}
 
 
@@ -62,8 +64,8 @@ def load_map(name_or_path: Path | str) -> ColumnMap:
         return _Parser(path, text, _tree(path, text)).map()
     except FileNotFoundError:
         names = sorted(p.stem for p in maps_folder().glob("*.toml"))
-        near = nearest(str(name_or_path), names)
-        raise FileError(fault("map.absent", missing=path, found=name_or_path, near=near)) from None
+        suggestion = nearest(str(name_or_path), names)
+        raise FileError(fault("map.absent", missing=path, found=name_or_path, near=suggestion)) from None
     except ValueError as error:
         if path.suffix.lower() != ".toml" and shipped_path.is_file():
             return load_map(shipped_path)
@@ -85,9 +87,9 @@ def _tree(path: Path, text: str) -> dict[str, Any]:
 
 
 def _beginning(path: Path) -> str:
-    """Return the first LONGEST characters of a file: a whole map, or the beginning of a recording."""
-    with path.open(encoding="utf-8-sig") as file:
-        return file.read(LONGEST)
+    """Return the first MAX_MAP_LETTERS characters of a file: a whole map, or the beginning of a recording."""
+    with path.open(encoding="utf-8-sig") as stream:
+        return stream.read(MAX_MAP_LETTERS)
 
 
 def _no_map(path: Path, error: ValueError) -> Diagnostic:
@@ -95,21 +97,23 @@ def _no_map(path: Path, error: ValueError) -> Diagnostic:
     if path.suffix.lower() == ".toml":
         code = "map.not-read" if isinstance(error, UnicodeDecodeError) else "map.not-toml"
         return fault(code, path=path, error=str(error))
-    fix, words = baqueano_command("runs", "import", path, "--draft", f"{path.stem}.toml"), str(error)
-    place = re.search(r"at line (\d+), column (\d+)", words)  # tomllib gives the place only in its text
-    if place is None:
+    fix, error_words = baqueano_command("runs", "import", path, "--draft", f"{path.stem}.toml"), str(error)
+    # tomllib gives the place only in its text
+    position = re.search(r"at line (\d+), column (\d+)", error_words)
+    if position is None:
         return fault("map.recording", fix, path=path)
-    return fault("map.recording-or-wrong", fix, path=path, line=int(place[1]), column=int(place[2]))
+    return fault("map.recording-or-wrong", fix, path=path, line=int(position[1]), column=int(position[2]))
 
 
-def _expectation(value: str, measures: str, derivative: bool) -> Diagnostic:
+def _expectation(value: str, measures: str, is_derivative: bool) -> Diagnostic:
     """Return the correction for an entry that measures `value` but
     must measure `measures`: other units, or another key.
     """
-    rate = "" if derivative else RATES.get(value, "")
-    ways = {ROLLED.get(value): "rolls", rate: "rate", ROLLED.get(rate): "rate-of-rolling"}
-    way = f"-or-{ways[measures]}" if measures in ways else ""
-    return note(f"expect.measures{way}", measures=measures, known=units_of(measures))
+    rate = "" if is_derivative else RATE_OF.get(value, "")
+    rolled = ROLLED_MEASURE.get
+    ending_of = {rolled(value): "rolls", rate: "rate", rolled(rate): "rate-of-rolling"}
+    ending = f"-or-{ending_of[measures]}" if measures in ending_of else ""
+    return note(f"expect.measures{ending}", measures=measures, known=units_of(measures))
 
 
 class _Parser:
@@ -122,12 +126,14 @@ class _Parser:
         """Return the parsed map."""
         top = self.keys("", self.tree, {
             "format": int, "name": str, "about": str, "accept": list, "start_ns": int, "files": dict,
-            "ticks": dict, "command": dict, "sensors": dict, "truth": dict,
+            "ticks": dict, "command": dict, "sensors": dict, "truth": dict
         })  # fmt: skip
         if top.get("format") != 1:
-            raise self.wrong("format", top.get("format"), note("expect.format"))
+            raise self.error("format", top.get("format"), note("expect.format"))
         tables = self.require(top, "files", note("expect.files"))
-        files = {name: self.file(name, self.table(f"files.{name}", spec)) for name, spec in tables.items()}
+        files = {
+            name: self.file_spec(name, self.table(f"files.{name}", spec)) for name, spec in tables.items()
+        }
         self.file_names = list(files)
         sensors = {name: self.sensor(name, spec) for name, spec in top.get("sensors", {}).items()}
         ticks = top.get("ticks", {}) if len(files) == 1 else self.require(
@@ -135,14 +141,14 @@ class _Parser:
         )  # fmt: skip
         self.keys("ticks", ticks, {"file": str})
         if "command" not in top and sensors:  # the vehicle is at rest
-            top["command"] = AT_REST | ticks
-        signal, names, in_force, wheels = self.command(
+            top["command"] = REST_COMMAND | ticks
+        signal, names, in_force, has_wheel_commands = self.command(
             self.require(top, "command", note("expect.table", key="command"))
         )
         return ColumnMap(
             str(top.get("name", self.path.stem)), self.path, self.text, top.get("start_ns", 0),
             frozenset(map(str, top.get("accept", []))), files, self.file_of("ticks", ticks), names,
-            in_force, signal, sensors, self.truth(top["truth"]) if "truth" in top else None, wheels,
+            in_force, signal, sensors, self.truth(top["truth"]) if "truth" in top else None, has_wheel_commands
         )  # fmt: skip
 
     def command(self, spec: dict[str, Any]) -> tuple[ColumnSignal, tuple[str, ...], str, bool]:
@@ -150,14 +156,14 @@ class _Parser:
         self.keys("command", spec, {"file": str, "names": list, "in_force": str, "u": list, "wheels": list})
         in_force = spec.get("in_force")
         if in_force not in ("from", "until"):
-            raise self.wrong(
+            raise self.error(
                 "[command] in_force", in_force,
-                note("expect.in-force"),
+                note("expect.in-force")
             )  # fmt: skip
         wheels = "wheels" in spec
         if wheels == ("u" in spec):
-            raise self.wrong(
-                "[command] u", spec.get("u"), note("expect.u-or-wheels"),
+            raise self.error(
+                "[command] u", spec.get("u"), note("expect.u-or-wheels")
             )  # fmt: skip
         measures = (None,) * (2 if wheels else len(spec["u"]))
         signal = self.signal("command", spec, "wheels" if wheels else "u", measures, None)
@@ -165,16 +171,16 @@ class _Parser:
         if len(names) != (3 if wheels else len(signal.entries)):
             count = len(signal.entries)
             expected = note("expect.three-names") if wheels else note("expect.names", count=count)
-            raise self.wrong("[command] names", list(names), expected)
+            raise self.error("[command] names", list(names), expected)
         return signal, names, in_force, wheels
 
-    def file(self, name: str, spec: dict[str, Any]) -> FileSpec:
+    def file_spec(self, name: str, spec: dict[str, Any]) -> FileSpec:
         """Parse [files.NAME]."""
         key = f"files.{name}"
         self.keys(key, spec, CSV_KEYS | {
             "path": str, "topic": str, "time": str, "time_unit": str, "time_rest": dict, "shift_s": float,
             "where": dict, "new_when": str, "repeats": str, "backwards": str, "split": str, "split_gap_s": float,
-            "rate_hz": float,
+            "rate_hz": float
         })  # fmt: skip
         time, time_unit = self.clock(key, spec)
         for option_name, choices in (
@@ -183,18 +189,18 @@ class _Parser:
             ("decimal", (".", ",")),
         ):
             if option_name in spec and spec[option_name] not in choices:
-                raise self.wrong(
+                raise self.error(
                     f"[{key}] {option_name}",
                     spec[option_name],
                     note("expect.one-of", key=option_name, allowed=[f'"{a}"' for a in choices]),
                 )
         if len(spec.get("delimiter", ",")) != 1:
-            raise self.wrong(f"[{key}] delimiter", spec["delimiter"], note("expect.delimiter"))
+            raise self.error(f"[{key}] delimiter", spec["delimiter"], note("expect.delimiter"))
         options = {option: spec[option] for option in CSV_KEYS if option in spec}
         return FileSpec(
-            name, spec.get("path"), spec.get("topic"), time, time_unit, self.rest(key, spec),
+            name, spec.get("path"), spec.get("topic"), time, time_unit, self.second_part(key, spec),
             float(spec.get("shift_s", 0.0)), spec.get("where", {}), spec.get("new_when"), spec.get("repeats"),
-            spec.get("backwards"), spec.get("split"), spec.get("split_gap_s"), spec.get("rate_hz"), options,
+            spec.get("backwards"), spec.get("split"), spec.get("split_gap_s"), spec.get("rate_hz"), options
         )  # fmt: skip
 
     def clock(self, key: str, spec: dict[str, Any]) -> tuple[str, str]:
@@ -202,70 +208,70 @@ class _Parser:
         in_bag, time = "topic" in spec, spec.get("time")
         if "rate_hz" in spec and time is None and not in_bag:
             if not spec["rate_hz"] > 0.0:
-                raise self.wrong(f"[{key}] rate_hz", spec["rate_hz"], note("expect.rate"))
+                raise self.error(f"[{key}] rate_hz", spec["rate_hz"], note("expect.rate"))
             return "", "s"
         if not time or "rate_hz" in spec:
-            raise self.wrong(f"[{key}] time", time, note("expect.time-of-bag" if in_bag else "expect.time"))
+            raise self.error(f"[{key}] time", time, note("expect.time-of-bag" if in_bag else "expect.time"))
         time_unit = spec.get("time_unit", "ns" if in_bag and time in ("bag", "header.stamp") else None)
         unit_of_clock = unit(time_unit) if time_unit else None
         if time_unit != "iso8601" and (unit_of_clock is None or unit_of_clock.measures != "time"):
-            raise self.wrong(
+            raise self.error(
                 f"[{key}] time_unit", time_unit, note("expect.time-unit", known=units_of("time"))
             )
         return time, str(time_unit)
 
-    def rest(self, key: str, spec: dict[str, Any]) -> tuple[str, str] | None:
+    def second_part(self, key: str, spec: dict[str, Any]) -> tuple[str, str] | None:
         """Return column and unit of the second part of a time in two columns; None if the time is in one column."""
-        rest = spec.get("time_rest")
-        if rest is None:
+        second_part = spec.get("time_rest")
+        if second_part is None:
             return None
-        unit_of_rest = unit(str(rest.get("unit")))
+        unit_of_rest = unit(str(second_part.get("unit")))
         if (
-            set(rest) != {"column", "unit"}
+            set(second_part) != {"column", "unit"}
             or unit_of_rest is None
             or unit_of_rest.measures != "time"
             or "time" not in spec
         ):
-            raise self.wrong(f"[{key}] time_rest", rest, note("expect.time-rest"))
-        return str(rest["column"]), str(rest["unit"])
+            raise self.error(f"[{key}] time_rest", second_part, note("expect.time-rest"))
+        return str(second_part["column"]), str(second_part["unit"])
 
     def sensor(self, name: str, spec: Any) -> ColumnSignal:
         """Parse [sensors.NAME]. Each entry of a known kind must measure the quantity of that kind."""
         key = f"sensors.{name}"
         self.keys(key, self.table(key, spec), {
-            "file": str, "kind": str, "z": list, "sample": str, "shift_s": float,
+            "file": str, "kind": str, "z": list, "sample": str, "shift_s": float
         })  # fmt: skip
         if not name.isidentifier() or name.startswith("_"):
-            raise self.wrong(f"[{key}]", name, note("expect.sensor-name"))
-        kind = spec.get("kind", name if name in KINDS else None)
-        measures = (
-            KINDS.get(kind, (None,) * len(spec.get("z", []))) if kind else (None,) * len(spec.get("z", []))
-        )
-        return self.signal(key, spec, "z", measures, kind)
+            raise self.error(f"[{key}]", name, note("expect.sensor-name"))
+        sensor_kind = spec.get("kind", name if name in KINDS else None)
+        no_measures = (None,) * len(spec.get("z", []))
+        measures = KINDS.get(sensor_kind, no_measures) if sensor_kind else no_measures
+        return self.signal(key, spec, "z", measures, sensor_kind)
 
     def truth(self, spec: Any) -> ColumnSignal:
         """Parse [truth]: three entries for η, or six for η and ν."""
-        kinds = {"file": str, "eta": list, "nu": list, "sample": str} | KEYS
+        kinds = {"file": str, "eta": list, "nu": list, "sample": str} | KEY_TYPES
         self.keys("truth", self.table("truth", spec), kinds)
-        pose = self.signal("truth", spec, "eta", ETA, "pose")
+        pose = self.signal("truth", spec, "eta", ETA_MEASURES, "pose")
         if "nu" not in spec:
             return pose
-        return pose._replace(entries=pose.entries + self.signal("truth", spec, "nu", NU, "pose").entries)
+        velocity = self.signal("truth", spec, "nu", NU_MEASURES, "pose")
+        return pose._replace(entries=pose.entries + velocity.entries)
 
     def signal(
-        self, key: str, spec: dict[str, Any], list_name: str, measures: Any, kind: str | None
+        self, key: str, spec: dict[str, Any], list_name: str, measures: Any, sensor_kind: str | None
     ) -> ColumnSignal:
         """Parse the entries under `list_name`, one for each quantity of `measures`. A quantity None accepts
         any unit."""
         entries = spec.get(list_name)
         if not entries or len(entries) != len(measures):
             expected = note("expect.entries", count=len(measures), measures=[m or "1" for m in measures])
-            raise self.wrong(
+            raise self.error(
                 f"[{key}] {list_name}", entries, expected if measures else note("expect.some-entries")
             )
         sample = spec.get("sample", "measured")
         if sample not in ("measured", "hold", "linear"):
-            raise self.wrong(f"[{key}] sample", sample, note("expect.sample"))
+            raise self.error(f"[{key}] sample", sample, note("expect.sample"))
         signal_entries = tuple(
             self.entry(f"{key}.{list_name}[{i}]", entry, m)
             for i, (entry, m) in enumerate(zip(entries, measures, strict=True))
@@ -274,41 +280,37 @@ class _Parser:
             return ColumnSignal(
                 key,
                 self.file_of(key, spec),
-                kind,
+                sensor_kind,
                 sample,
                 signal_entries,
                 mount_of(spec, not signal_entries[-1].absent),
             )
         except ValueError as error:
-            raise self.wrong(f"[{key}] lever_arm_m", spec.get("lever_arm_m"), cause_of(error)) from error
+            raise self.error(f"[{key}] lever_arm_m", spec.get("lever_arm_m"), cause_of(error)) from error
 
     def entry(self, key: str, spec: object, measures: str | None) -> Entry:
         """Parse an entry of a signal. Raise FileError if a key is wrong or missing."""
         if not isinstance(spec, dict):
-            raise self.wrong(key, spec, note("expect.entry"))
+            raise self.error(key, spec, note("expect.entry"))
         self.keys(key, spec, {
             "column": str, "quaternion": list, "unit": str, "scale": float, "offset": float, "times": str,
             "backward": dict, "wraps": float, "derivative": bool, "constant": float, "radius_m": float,
-            "counts_per_turn": float,
+            "counts_per_turn": float
         })  # fmt: skip
         quaternion = spec.get("quaternion")
         sources = [source for source in ("column", "quaternion", "constant") if source in spec]
         if len(sources) != 1 or (quaternion is not None and len(quaternion) not in (1, 4)):
-            raise self.wrong(key, spec, note("expect.one-source"))
+            raise self.error(key, spec, note("expect.one-source"))
         if quaternion is not None and spec.get("unit", "rad") != "rad":
-            raise self.wrong(f"{key} unit", spec["unit"], note("expect.no-unit"))
+            raise self.error(f"{key} unit", spec["unit"], note("expect.no-unit"))
         new_entry = Entry(
             key, spec.get("column"), tuple(map(str, quaternion)) if quaternion else None, "",
             float(spec.get("scale", 1.0)), float(spec.get("offset", 0.0)), spec.get("times"),
             spec.get("backward", {}), bool(spec.get("derivative", False)), spec.get("wraps"),
-            spec.get("constant"), float(spec.get("radius_m", 1.0)), spec.get("counts_per_turn"),
+            spec.get("constant"), float(spec.get("radius_m", 1.0)), spec.get("counts_per_turn")
         )  # fmt: skip
         if new_entry.wraps is not None and not (new_entry.derivative and new_entry.wraps > 0.0):
-            raise self.wrong(
-                f"{key} wraps",
-                new_entry.wraps,
-                note("expect.wraps"),
-            )
+            raise self.error(f"{key} wraps", new_entry.wraps, note("expect.wraps"))
         if new_entry.absent or (new_entry.constant == 0.0 and "unit" not in spec):
             return new_entry._replace(unit="1")
         return new_entry._replace(unit=self.unit(key, spec, measures, new_entry))
@@ -318,80 +320,77 @@ class _Parser:
         name = "rad" if entry.quaternion is not None else spec.get("unit")
         if name is None:
             expected = note("expect.unit-of", known=units_of(measures)) if measures else note("expect.unit")
-            raise self.wrong(f"{key} unit", None, expected)
+            raise self.error(f"{key} unit", None, expected)
         unit_ = unit(name)
         if unit_ is None:
             expected = note("expect.known-unit", near=near_units(name))
             if measures:
                 unit_ = units_of(measures)
                 expected = note("expect.known-unit-of", near=near_units(name), measures=measures, known=unit_)
-            raise self.wrong(f"{key} unit", name, expected)
+            raise self.error(f"{key} unit", name, expected)
         if unit_.measures == "raw" and "scale" not in spec:
-            raise self.wrong(f"{key} scale", None, note("expect.scale"))
+            raise self.error(f"{key} scale", None, note("expect.scale"))
         self.counts(key, unit_.measures, entry)
         dimension = "angle" if unit_.measures == "counts" else unit_.measures
-        quantity = RATES.get(dimension) if entry.derivative else dimension
+        quantity = RATE_OF.get(dimension) if entry.derivative else dimension
         if "radius_m" in spec and dimension != "raw":
-            quantity = ROLLED.get(quantity or "")
+            quantity = ROLLED_MEASURE.get(quantity or "")
             if quantity is None:
-                raise self.wrong(f"{key} radius_m", spec["radius_m"], note("expect.radius"))
+                raise self.error(f"{key} radius_m", spec["radius_m"], note("expect.radius"))
         if measures and dimension != "raw" and quantity != measures:
-            raise self.wrong(
-                f"{key} unit",
-                name,
-                _expectation(quantity or "", measures, entry.derivative),
-            )
+            raise self.error(f"{key} unit", name, _expectation(quantity or "", measures, entry.derivative))
         return canonical(name)
 
     def counts(self, key: str, measures: str, entry: Entry) -> None:
         """Raise FileError if counts are without `counts_per_turn`, or if another unit has it."""
         per_turn = entry.counts_per_turn
         if measures == "counts" and not (per_turn is not None and per_turn > 0.0):
-            raise self.wrong(
-                f"{key} counts_per_turn", per_turn, note("expect.counts"),
+            raise self.error(
+                f"{key} counts_per_turn", per_turn, note("expect.counts")
             )  # fmt: skip
         if measures != "counts" and per_turn is not None:
-            raise self.wrong(f"{key} counts_per_turn", per_turn, note("expect.no-counts"))
+            raise self.error(f"{key} counts_per_turn", per_turn, note("expect.no-counts"))
 
     def file_of(self, key: str, spec: dict[str, Any]) -> str:
         """Return the file that a table names, or the only file if it names none."""
         name = spec.get("file", self.file_names[0] if len(self.file_names) == 1 else None)
         if not isinstance(name, str) or name not in self.file_names:
-            raise self.wrong(
-                f"[{key}] file", name, note("expect.file", first=self.file_names[0], known=self.file_names)
-            )
+            expected = note("expect.file", first=self.file_names[0], known=self.file_names)
+            raise self.error(f"[{key}] file", name, expected)
         return name
 
     def table(self, key: str, spec: object) -> dict[str, Any]:
         """Return `spec` if it is a table, else raise FileError."""
         if not isinstance(spec, dict):
-            raise self.wrong(f"[{key}]", spec, note("expect.table", key=key))
+            raise self.error(f"[{key}]", spec, note("expect.table", key=key))
         return spec
 
     def require(self, spec: dict[str, Any], key: str, expected: Diagnostic) -> Any:
         """Return the value of the required `key`. Raise FileError if it is missing."""
         if not spec.get(key):
-            raise self.wrong(key, spec.get(key), expected)
+            raise self.error(key, spec.get(key), expected)
         return spec[key]
 
     def keys(self, table: str, spec: dict[str, Any], kinds: dict[str, type]) -> dict[str, Any]:
         """Return `spec` if all its keys are in `kinds` and have the right types, else raise FileError."""
         for key, value in spec.items():
-            place = f"[{table}] {key}" if table else key
+            place_text = f"[{table}] {key}" if table else key
             if key not in kinds:
-                near = nearest(key, sorted(kinds), 0.4)
-                raise FileError(fault("map.unknown-key", map=self.path.name, place=place, near=near))
-            kind = (int, float) if kinds[key] is float else kinds[key]
-            if not isinstance(value, kind) or (isinstance(value, bool) and kinds[key] is not bool):
-                raise self.wrong(place, value, note("expect.type", kind=kinds[key].__name__))
+                suggestion = nearest(key, sorted(kinds), 0.4)
+                raise FileError(
+                    fault("map.unknown-key", map=self.path.name, place=place_text, near=suggestion)
+                )
+            number_types = (int, float) if kinds[key] is float else kinds[key]
+            if not isinstance(value, number_types) or (isinstance(value, bool) and kinds[key] is not bool):
+                raise self.error(place_text, value, note("expect.type", kind=kinds[key].__name__))
             if kinds[key] is float and key != "constant" and not abs(value) < math.inf:
-                raise self.wrong(place, value, note("expect.finite"))
-            if isinstance(value, int) and abs(value) > LARGEST:
-                raise self.wrong(place, value, note("expect.finite"))
+                raise self.error(place_text, value, note("expect.finite"))
+            if isinstance(value, int) and abs(value) > MAX_INTEGER:
+                raise self.error(place_text, value, note("expect.finite"))
         return spec
 
-    def wrong(self, place: str, value: object, expected: Diagnostic | str) -> FileError:
+    def error(self, place_text: str, value: object, expected: Diagnostic | str) -> FileError:
         """Return the error to raise, with the place, the value in the map, and the expected value."""
         code = "map.missing" if value is None else "map.wrong"
-        value_text = repr(value)[:200]
-        return FileError(fault(code, map=self.path.name, place=place, found=value_text, expected=expected))
+        found = repr(value)[:200]
+        return FileError(fault(code, map=self.path.name, place=place_text, found=found, expected=expected))

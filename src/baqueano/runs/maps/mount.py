@@ -23,7 +23,7 @@ if TYPE_CHECKING:
     from baqueano.contracts.values import JsonObject
     from baqueano.runs.run import Run
 
-KEYS: dict[str, type] = {"shift_s": float, "lever_arm_m": list, "heading_rad": float}
+KEY_TYPES: dict[str, type] = {"shift_s": float, "lever_arm_m": list, "heading_rad": float}
 
 
 class Mount(NamedTuple):
@@ -33,22 +33,26 @@ class Mount(NamedTuple):
     lever_arm_m: tuple[float, float] = (0.0, 0.0)
     heading_rad: float = 0.0
 
-    def body(self, eta: np.ndarray, nu: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    def body_motion(self, eta: np.ndarray, nu: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Return η and ν (N, 3) of the body from η and ν of the mark; an unknown `nu` is NaN.  (1), (2)"""
         if self.lever_arm_m == (0.0, 0.0) and self.heading_rad == 0.0:
             return eta, nu
-        psi, (ahead, left) = eta[:, 2] - self.heading_rad, self.lever_arm_m
+        psi, (forward, left) = eta[:, 2] - self.heading_rad, self.lever_arm_m
         c, s = np.cos(psi), np.sin(psi)
-        eta = np.column_stack([eta[:, 0] - c * ahead + s * left, eta[:, 1] - s * ahead - c * left, wrap(psi)])
-        along = nu @ map_from_body(self.heading_rad).T
-        return eta, along - nu[:, 2:] * np.array([-left, ahead, 0.0])
+        eta = np.column_stack(
+            [eta[:, 0] - c * forward + s * left, eta[:, 1] - s * forward - c * left, wrap(psi)]
+        )
+        body_nu = nu @ map_from_body(self.heading_rad).T
+        return eta, body_nu - nu[:, 2:] * np.array([-left, forward, 0.0])
 
     def composed_with(self, offset: "Mount") -> "Mount":
         """Return this mount plus the `offset` that was found on a run that was imported with this mount.  (3)"""
         first = map_from_body(offset.heading_rad)[:2, :2] @ np.array(self.lever_arm_m)
-        ahead, left = np.array(offset.lever_arm_m) + first
+        forward, left = np.array(offset.lever_arm_m) + first
         return Mount(
-            self.shift_s + offset.shift_s, (float(ahead), float(left)), self.heading_rad + offset.heading_rad
+            self.shift_s + offset.shift_s,
+            (float(forward), float(left)),
+            self.heading_rad + offset.heading_rad,
         )
 
 
@@ -57,8 +61,8 @@ def mount_of(spec: "JsonObject", heading_is_known: bool = True) -> Mount:
     needs a heading that is not known.
     """
     lever = spec.get("lever_arm_m", [0.0, 0.0])
-    numbers = all(isinstance(x, int | float) and not isinstance(x, bool) for x in lever)
-    if len(lever) != 2 or not numbers or not np.isfinite(lever).all():
+    are_numbers = all(isinstance(x, int | float) and not isinstance(x, bool) for x in lever)
+    if len(lever) != 2 or not are_numbers or not np.isfinite(lever).all():
         raise Invalid(fault("expect.lever-arm"))
     shift_s, heading_rad = (float(spec.get(key, 0.0)) for key in ("shift_s", "heading_rad"))
     mount = Mount(shift_s, (float(lever[0]), float(lever[1])), heading_rad)
@@ -69,9 +73,9 @@ def mount_of(spec: "JsonObject", heading_is_known: bool = True) -> Mount:
 
 def write_mount(path: Path | str, run: "Run", own_mount: dict[str, float], halves: dict[str, float]) -> Mount:
     """Write the calibration `own_mount` of the truth into the map at `path`, with which `run` was imported.
-    The names are KEYS, and lever_arm_m[0] and lever_arm_m[1] for the lever arm. `halves` are the half widths of the 95
-    % intervals. The rest of the file is unchanged. Raise UsageError if the run was imported with another map, if `path`
-    is not a file, or without tomlkit.
+    The names are KEY_TYPES, and lever_arm_m[0] and lever_arm_m[1] for the lever arm. `halves` are the half widths of
+    the 95 % intervals. The rest of the file is unchanged. Raise UsageError if the run was imported with another map, if
+    `path` is not a file, or without tomlkit.
     """
     path = Path(path)
     if not path.is_file():
@@ -81,8 +85,8 @@ def write_mount(path: Path | str, run: "Run", own_mount: dict[str, float], halve
     except ImportError as error:
         raise UsageError(fault("map.no-tomlkit", "pip install tomlkit")) from error
     text = path.read_text(encoding="utf-8-sig")
-    before = _truth_of(text, path.name)
-    if _truth_of(run.metadata.get("map_text", ""), run.name) != before or not before:
+    old_table = _truth_of(text, path.name)
+    if _truth_of(run.metadata.get("map_text", ""), run.name) != old_table or not old_table:
         raise UsageError(
             fault(
                 "map.other-truth",
@@ -92,10 +96,10 @@ def write_mount(path: Path | str, run: "Run", own_mount: dict[str, float], halve
             )
         )
     lever = own_mount.get("lever_arm_m[0]", 0.0), own_mount.get("lever_arm_m[1]", 0.0)
-    new = Mount(own_mount.get("shift_s", 0.0), lever, own_mount.get("heading_rad", 0.0))
-    mount, document = mount_of(before).composed_with(new), tomlkit.parse(text)
-    for key in (key for key in KEYS if any(name.startswith(key) for name in own_mount)):
-        errors = ", ".join(f"{half:.2g}" for name, half in halves.items() if name.startswith(key))
+    new_mount = Mount(own_mount.get("shift_s", 0.0), lever, own_mount.get("heading_rad", 0.0))
+    mount, document = mount_of(old_table).composed_with(new_mount), tomlkit.parse(text)
+    for key in (key for key in KEY_TYPES if any(name.startswith(key) for name in own_mount)):
+        errors = ", ".join(f"{half_width:.2g}" for name, half_width in halves.items() if name.startswith(key))
         _set_value(
             document["truth"], key, getattr(mount, key), f"± {errors} (95 %), runs calibrate {run.name}"
         )

@@ -6,7 +6,7 @@ from typing import NamedTuple
 
 from baqueano.signals import STANDARD_GRAVITY
 
-DEGREE = math.pi / 180.0
+RAD_PER_DEGREE = math.pi / 180.0
 
 
 class ColumnUnit(NamedTuple):
@@ -26,10 +26,10 @@ _TABLE = {
         "g": STANDARD_GRAVITY,
         "mg": 1e-3 * STANDARD_GRAVITY,
     },
-    "angle": {"rad": 1.0, "deg": DEGREE, "mrad": 1e-3, "turn": 2.0 * math.pi},
+    "angle": {"rad": 1.0, "deg": RAD_PER_DEGREE, "mrad": 1e-3, "turn": 2.0 * math.pi},
     "angular rate": {
         "rad/s": 1.0,
-        "deg/s": DEGREE,
+        "deg/s": RAD_PER_DEGREE,
         "mrad/s": 1e-3,
         "rpm": math.pi / 30.0,
         "turn/s": 2.0 * math.pi,
@@ -95,8 +95,8 @@ def canonical(name: str) -> str:
 
 def near_units(name: str) -> str:
     """Return the units whose names are most similar to `name`, for a message."""
-    near = difflib.get_close_matches(name, UNITS, n=3, cutoff=0.4)
-    return ", ".join(near or UNITS)
+    close_names = difflib.get_close_matches(name, UNITS, n=3, cutoff=0.4)
+    return ", ".join(close_names or UNITS)
 
 
 def units_of(measures: str) -> str:

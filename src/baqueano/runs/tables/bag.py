@@ -17,12 +17,21 @@ import numpy as np
 from baqueano.diagnostics import fault, note
 from baqueano.errors import FileError, UsageError
 from baqueano.runs.container import memory_limit
-from baqueano.runs.container.records import CHUNK, LARGEST_CHUNK, Damage, decompress
+from baqueano.runs.container.records import CHUNK, MAX_CHUNK_BYTES, Damage, decompress
 from baqueano.runs.tables.table import LogTable
 
 SUFFIXES = (".bag", ".db3", ".mcap")
-TIMES = ("bag", "header.stamp")  # in ns
-BROKEN = (OSError, EOFError, ValueError, LookupError, struct.error, AssertionError, TypeError, OverflowError)
+TIME_COLUMNS = ("bag", "header.stamp")  # in ns
+BROKEN_BAG_ERRORS = (
+    OSError,
+    EOFError,
+    ValueError,
+    LookupError,
+    struct.error,
+    AssertionError,
+    TypeError,
+    OverflowError,
+)
 
 
 def is_bag(path: Path) -> bool:
@@ -40,8 +49,8 @@ def read_topic(path: Path, topic: str | None, columns: set[str], label: str) -> 
         from rosbags.typesys import Stores, get_typestore
     except ImportError:
         raise UsageError(fault("bag.no-rosbags", "pip install rosbags", file=label)) from None
-    for file in sorted(path.rglob("*.mcap")) if path.is_dir() else [path]:
-        _check_chunks(file, label)
+    for path_of_file in sorted(path.rglob("*.mcap")) if path.is_dir() else [path]:
+        _check_chunks(path_of_file, label)
     bag = path.parent if path.suffix == ".db3" and (path.parent / "metadata.yaml").exists() else path
     try:
         with AnyReader([bag], default_typestore=get_typestore(Stores.ROS2_HUMBLE)) as reader:
@@ -50,16 +59,16 @@ def read_topic(path: Path, topic: str | None, columns: set[str], label: str) -> 
             if not connections:
                 code = "bag.topic-unsaid" if topic is None else "bag.no-topic"
                 raise FileError(fault(code, file=label, found=topic, known=types.values()))
-            series = {column: array("q" if column in TIMES else "d") for column in {*columns, "bag"}}
+            series = {column: array("q" if column in TIME_COLUMNS else "d") for column in {*columns, "bag"}}
             for connection, t_ns, raw in reader.messages(connections=connections):
                 message = reader.deserialize(raw, connection.msgtype)
                 series["bag"].append(t_ns)
                 for column in columns - {"bag"}:
-                    series[column].append(_number(message, column, label, topic or ""))
-    except (AnyReaderError, SerdeError, *BROKEN) as error:
+                    series[column].append(_number_in_message(message, column, label, topic or ""))
+    except (AnyReaderError, SerdeError, *BROKEN_BAG_ERRORS) as error:
         raise FileError(fault("bag.not-read", file=label, error=error)) from error
-    numbers = {column: np.array(values) for column, values in series.items()}
-    return LogTable(label, numbers, np.arange(1, len(series["bag"]) + 1))
+    columns_of_numbers = {column: np.array(values) for column, values in series.items()}
+    return LogTable(label, columns_of_numbers, np.arange(1, len(series["bag"]) + 1))
 
 
 def _check_chunks(path: Path, label: str) -> None:
@@ -67,55 +76,55 @@ def _check_chunks(path: Path, label: str) -> None:
     at once."""
     try:
         chunks = {".bag": _ros1_chunks, ".mcap": _mcap_chunks}[path.suffix]
-        with path.open("rb") as file:
-            for compression, payload in chunks(file):
-                if len(_unpack(compression, payload)) > LARGEST_CHUNK:
+        with path.open("rb") as stream:
+            for compression, payload in chunks(stream):
+                if len(_unpack(compression, payload)) > MAX_CHUNK_BYTES:
                     raise FileError(
                         fault(
                             "bag.chunk",
                             file=label,
                             size=memory_limit.text_of_size(len(payload)),
-                            largest=memory_limit.text_of_size(LARGEST_CHUNK),
+                            largest=memory_limit.text_of_size(MAX_CHUNK_BYTES),
                         )
                     )
-    except (Damage, KeyError, *BROKEN):
+    except (Damage, KeyError, *BROKEN_BAG_ERRORS):
         return  # rosbags reports the fault
 
 
 def _unpack(compression: str, payload: bytes) -> bytes | memoryview:
-    """Return the unpacked chunk, but at most LARGEST_CHUNK + 1 bytes; empty if the chunk is not compressed."""
+    """Return the unpacked chunk, but at most MAX_CHUNK_BYTES + 1 bytes; empty if the chunk is not compressed."""
     if compression in ("", "none"):
         return b""
     if compression == "bz2":
-        return bz2.BZ2File(io.BytesIO(payload)).read(LARGEST_CHUNK + 1)
-    return decompress(compression, memoryview(payload), LARGEST_CHUNK)
+        return bz2.BZ2File(io.BytesIO(payload)).read(MAX_CHUNK_BYTES + 1)
+    return decompress(compression, memoryview(payload), MAX_CHUNK_BYTES)
 
 
-def _mcap_chunks(file: BinaryIO) -> Iterator[tuple[str, bytes]]:
-    file.seek(8)
-    while len(head := file.read(9)) == 9:
-        kind, size = struct.unpack("<BQ", head)
-        end = file.tell() + size
-        if kind == CHUNK:
-            (length,) = struct.unpack_from("<I", file.read(32), 28)
-            name = file.read(min(length, 8)).decode()
-            yield name, file.read(max(end - file.tell(), 0))[8:]
-        file.seek(end)
+def _mcap_chunks(stream: BinaryIO) -> Iterator[tuple[str, bytes]]:
+    stream.seek(8)
+    while len(head := stream.read(9)) == 9:
+        opcode, size = struct.unpack("<BQ", head)
+        end = stream.tell() + size
+        if opcode == CHUNK:
+            (length,) = struct.unpack_from("<I", stream.read(32), 28)
+            name = stream.read(min(length, 8)).decode()
+            yield name, stream.read(max(end - stream.tell(), 0))[8:]
+        stream.seek(end)
 
 
-def _ros1_chunks(file: BinaryIO) -> Iterator[tuple[str, bytes]]:
-    file.readline()
-    while len(size := file.read(4)) == 4:
-        head = file.read(int.from_bytes(size, "little"))
-        data = int.from_bytes(file.read(4), "little")
+def _ros1_chunks(stream: BinaryIO) -> Iterator[tuple[str, bytes]]:
+    stream.readline()
+    while len(size := stream.read(4)) == 4:
+        head = stream.read(int.from_bytes(size, "little"))
+        data = int.from_bytes(stream.read(4), "little")
         match = re.search(rb"compression=(\w+)", head)
         if match:
-            yield match[1].decode(), file.read(data)
+            yield match[1].decode(), stream.read(data)
         else:
-            file.seek(data, 1)
+            stream.seek(data, 1)
 
 
-def _number(message: object, path: str, label: str, topic: str) -> int | float:
+def _number_in_message(message: object, path: str, label: str, topic: str) -> int | float:
     """Return the number in a field of a message; for header.stamp the ns since 1970. FileError for other content."""
     value = _field(message, path, label, topic)
     if path == "header.stamp":
@@ -136,8 +145,10 @@ def _field(message: Any, path: str, label: str, topic: str) -> Any:
             value = value[int(index)] if index else getattr(value, name)
         except (AttributeError, IndexError, TypeError):
             fields = [f for f in getattr(value, "__dataclass_fields__", {}) if not f.startswith("__")]
-            has = note("bag.fields", fields=fields) if fields else note("bag.values", count=np.size(value))
+            available = (
+                note("bag.fields", fields=fields) if fields else note("bag.values", count=np.size(value))
+            )
             raise FileError(
-                fault("bag.no-field", file=label, topic=topic, field=path, at=name or index, has=has)
+                fault("bag.no-field", file=label, topic=topic, field=path, at=name or index, has=available)
             ) from None
     return value

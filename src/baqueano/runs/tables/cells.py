@@ -6,7 +6,7 @@ from typing import Any, overload
 
 import numpy as np
 
-BLOCK = 4096  # cells that are text at the same time
+BLOCK_CELLS = 4096  # cells that are text at the same time
 
 
 class Cells:
@@ -44,9 +44,9 @@ class Cells:
 
     def blocks(self) -> Iterator[tuple[slice, bytes]]:
         """Yield the rows of each block, and the block's cells separated by a zero byte."""
-        for start in range(0, len(self), BLOCK):
-            piece = self._piece(start, BLOCK)
-            yield slice(start, min(start + BLOCK, len(self))), piece[:-1]
+        for start in range(0, len(self), BLOCK_CELLS):
+            piece = self._piece(start, BLOCK_CELLS)
+            yield slice(start, min(start + BLOCK_CELLS, len(self))), piece[:-1]
 
     def select(self, rows: np.ndarray) -> "Cells":
         """Return the cells of these rows; the row indices must increase."""
@@ -56,10 +56,10 @@ class Cells:
         piece = self._piece(first, count)
         if len(rows) == count:
             return Cells(piece)
-        keep = np.zeros(count, dtype=bool)
-        keep[rows - first] = True
+        is_kept = np.zeros(count, dtype=bool)
+        is_kept[rows - first] = True
         size = np.diff(self.ends[first : first + count], prepend=self._start(first))
-        return Cells(np.frombuffer(piece, np.uint8)[np.repeat(keep, size)].tobytes())
+        return Cells(np.frombuffer(piece, np.uint8)[np.repeat(is_kept, size)].tobytes())
 
     def _piece(self, first: int, count: int) -> bytes:
         last = min(first + count, len(self)) - 1

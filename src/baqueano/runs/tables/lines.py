@@ -15,9 +15,9 @@ from baqueano.diagnostics import fault
 from baqueano.errors import FileError
 from baqueano.runs.container import memory_limit
 
-LONGEST = 2**20  # characters of a line
+MAX_LINE_LETTERS = 2**20  # characters of a line
 # bytes of memory of a cell in addition to its text, and of a row: numbers, times and derived data
-CELL, ROW = 32, 64
+CELL_BYTES, ROW_BYTES = 32, 64
 
 
 class Lines:
@@ -30,11 +30,11 @@ class Lines:
 
     def __iter__(self) -> Iterator[str]:
         try:
-            with self.path.open("rb") as file:
+            with self.path.open("rb") as stream:
                 self.allowed = memory_limit.limit_bytes(self.path.stat().st_size)
-                self.packed = file.read(2) == b"\x1f\x8b"
-                file.seek(0)
-                yield from self._decode(gzip.GzipFile(fileobj=file) if self.packed else file)
+                self.packed = stream.read(2) == b"\x1f\x8b"
+                stream.seek(0)
+                yield from self._decode(gzip.GzipFile(fileobj=stream) if self.packed else stream)
         except (EOFError, zlib.error, gzip.BadGzipFile) as error:
             raise FileError(fault("table.gzip", file=self.label, error=error)) from error
         except OSError as error:
@@ -42,12 +42,12 @@ class Lines:
                 fault("table.not-read", file=self.label, error=error.strerror or error)
             ) from error
 
-    def take(self, size: int) -> None:
+    def reserve_memory(self, size: int) -> None:
         """Count `size` bytes of memory. Raise FileError if the sum exceeds the limit of the file."""
         self.taken += size
         if self.taken > self.allowed:
             code, fix = ("too-large", f"gunzip -k {self.path.name}") if self.packed else ("too-long", "")
-            on_disk, size_text, most = map(
+            on_disk, size_text, limit_text = map(
                 memory_limit.text_of_size, (self.path.stat().st_size, self.taken, self.allowed)
             )
             raise FileError(
@@ -58,7 +58,7 @@ class Lines:
                     size=on_disk,
                     taken=size_text,
                     line=self.number,
-                    most=most,
+                    most=limit_text,
                 )
             )
 
@@ -72,14 +72,14 @@ class Lines:
             raise FileError(fault("table.encoding", file=self.label, encoding=encoding)) from None
         with text:
             try:
-                while line := text.readline(LONGEST + 1):
+                while line := text.readline(MAX_LINE_LETTERS + 1):
                     self.number += 1
                     self._check(line)
                     yield line.removesuffix("\n")
             except UnicodeDecodeError as error:
-                at = buffer.tell() - len(error.object) + error.start
+                position = buffer.tell() - len(error.object) + error.start
                 raise FileError(
-                    fault("table.not-encoded", file=self.label, byte=at, encoding=encoding)
+                    fault("table.not-encoded", file=self.label, byte=position, encoding=encoding)
                 ) from None
 
     def _looks_like(self, start: bytes) -> str:
@@ -95,16 +95,24 @@ class Lines:
             return "utf-16"
         if zeros and zeros < 200 and len(start) > 1000:
             raise FileError(fault("table.zero-bytes", file=self.label))
-        even, odd = start[::2].count(0), start[1::2].count(0)
-        if max(even, odd) < 0.2 * len(start) or min(even, odd) > 0.1 * max(even, odd):
+        even_zeros, odd_zeros = start[::2].count(0), start[1::2].count(0)
+        if max(even_zeros, odd_zeros) < 0.2 * len(start) or min(even_zeros, odd_zeros) > 0.1 * max(
+            even_zeros, odd_zeros
+        ):
             return "utf-8-sig"  # a line with zero bytes is reported later
         raise FileError(
-            fault("table.utf-16", file=self.label, encoding="utf-16-le" if odd > even else "utf-16-be")
+            fault(
+                "table.utf-16",
+                file=self.label,
+                encoding="utf-16-le" if odd_zeros > even_zeros else "utf-16-be",
+            )
         )
 
     def _check(self, line: str) -> None:
         if "\0" in line:
             raise FileError(fault("table.zero-bytes-in-line", file=self.label, line=self.number))
-        if len(line) > LONGEST:
-            raise FileError(fault("table.long-line", file=self.label, line=self.number, most=LONGEST))
-        self.take(ROW + len(line if line.isascii() else line.encode("utf-8", "replace")))
+        if len(line) > MAX_LINE_LETTERS:
+            raise FileError(
+                fault("table.long-line", file=self.label, line=self.number, most=MAX_LINE_LETTERS)
+            )
+        self.reserve_memory(ROW_BYTES + len(line if line.isascii() else line.encode("utf-8", "replace")))

@@ -18,25 +18,25 @@ from baqueano.diagnostics import Diagnostic, fault
 from baqueano.errors import FileError
 from baqueano.messages.language import translate as _
 from baqueano.runs.tables.cells import Cells, pack
-from baqueano.runs.tables.lines import CELL, Lines
+from baqueano.runs.tables.lines import CELL_BYTES, Lines
 
 if TYPE_CHECKING:
     from baqueano.contracts.values import JsonObject
 
 SEPARATORS = {",": "commas", ";": "semicolons", "\t": "tabs", "|": "bars"}
-MISSING = {"", "nan", "na", "n/a", "null", "none", "-"}
-COLUMNS = 10_000
-BLOCK = 16_384  # cells that are text at the same time
-NAMES = 30  # columns that a message names
+MISSING_TEXTS = {"", "nan", "na", "n/a", "null", "none", "-"}
+MAX_COLUMNS = 10_000
+BLOCK_CELLS = 16_384  # cells that are text at the same time
+MAX_SHOWN_NAMES = 30  # columns that a message names
 
 _NUMBER = re.compile(r"[+-]?(\d+(\.\d*)?|\.\d+)([eE][+-]?\d+)?|[+-]?inf", re.ASCII | re.IGNORECASE)
-_DIGITS, _WHOLE = re.compile(rb"[-+.eE0-9\0]*"), re.compile(rb"[-+0-9\0]*")  # cells, joined by \0
+DIGIT_CELLS, WHOLE_CELLS = re.compile(rb"[-+.eE0-9\0]*"), re.compile(rb"[-+0-9\0]*")  # cells, joined by \0
 _BLANK = re.compile(rb"[^\S\0]|[\x80-\xff]")  # a blank, or what may be one
 _COMMA = re.compile(r"[+-]?\d*,\d*([eE][+-]?\d+)?", re.ASCII)
 _THOUSANDS = re.compile(r"[+-]?\d{1,3}(,\d{3})+", re.ASCII)
 
 
-LARGEST = 1e308  # of a whole number that a double holds
+MAX_WHOLE_NUMBER = 1e308  # of a whole number that a double holds
 
 
 class LogTable(NamedTuple):
@@ -53,12 +53,22 @@ class LogTable(NamedTuple):
         import difflib
 
         if column not in self.columns:
-            near = difflib.get_close_matches(column, self.columns, n=3, cutoff=0.4)
-            names = [*map(repr, [*self.columns][:NAMES]), *["…"] * (len(self.columns) > NAMES)]
-            code = "table.column-mistyped" if near else "table.no-column"
-            cells = [self._first_cells(name) for name in near]
+            close_names = difflib.get_close_matches(column, self.columns, n=3, cutoff=0.4)
+            names = [
+                *map(repr, [*self.columns][:MAX_SHOWN_NAMES]),
+                *["…"] * (len(self.columns) > MAX_SHOWN_NAMES),
+            ]
+            code = "table.column-mistyped" if close_names else "table.no-column"
+            cells = [self._first_cells(name) for name in close_names]
             raise FileError(
-                fault(code, file=self.label, column=column, meant=map(repr, near), cells=cells, known=names)
+                fault(
+                    code,
+                    file=self.label,
+                    column=column,
+                    meant=map(repr, close_names),
+                    cells=cells,
+                    known=names,
+                )
             )
         if self.columns[column] is None:
             raise FileError(fault("table.column-twice", file=self.label, column=column))
@@ -70,7 +80,7 @@ class LogTable(NamedTuple):
         return _("several columns of that name") if cells is None else f"{', '.join(map(str, cells[:3]))}, …"
 
     def numbers(self, column: str) -> np.ndarray:
-        """Return the numbers (rows,) of a column, float64; NaN if the cell is empty or one of MISSING."""
+        """Return the numbers (rows,) of a column, float64; NaN if the cell is empty or one of MISSING_TEXTS."""
         cells = self.text(column)
         if isinstance(cells, np.ndarray):
             return cells.astype(np.float64)
@@ -78,23 +88,25 @@ class LogTable(NamedTuple):
         for rows, block in Cells.of(cells).blocks():
             block = block.replace(mark, b".")
             try:
-                if not _DIGITS.fullmatch(block):  # else float() takes what _NUMBER does, at once
+                if not DIGIT_CELLS.fullmatch(block):  # else float() takes what _NUMBER does, at once
                     raise ValueError
                 values[rows] = list(map(float, block.split(b"\0")))
             except ValueError:
                 for i, cell in enumerate(block.decode().split("\0"), rows.start):
-                    values[i] = self._number(cell, column, i)
+                    values[i] = self._number_of_cell(cell, column, i)
         return values
 
-    def _number(self, cell: str, column: str, row: int) -> float:
-        """Return the number in a cell: NaN for one of MISSING, 1 for true, 0 for false. FileError for other text."""
+    def _number_of_cell(self, cell: str, column: str, row: int) -> float:
+        """Return the number in a cell: NaN for one of MISSING_TEXTS, 1 for true, 0 for false. FileError for other
+        text.
+        """
         if _NUMBER.fullmatch(cell):
             return float(cell)
-        word = cell.lower()
-        if word in MISSING:
+        lower_text = cell.lower()
+        if lower_text in MISSING_TEXTS:
             return np.nan
-        if word in ("true", "false"):
-            return float(word == "true")
+        if lower_text in ("true", "false"):
+            return float(lower_text == "true")
         raise FileError(self._not_a_number(column, row))
 
     def integers(self, column: str) -> np.ndarray | None:
@@ -106,7 +118,7 @@ class LogTable(NamedTuple):
             return cells.astype(np.int64) if cells.dtype.kind in "iu" else None
         values = np.empty(len(cells), dtype=np.int64)
         for rows, block in Cells.of(cells).blocks():
-            if not _WHOLE.fullmatch(block):
+            if not WHOLE_CELLS.fullmatch(block):
                 return None
             try:
                 values[rows] = list(map(int, block.split(b"\0")))
@@ -119,11 +131,11 @@ class LogTable(NamedTuple):
         if isinstance(value, str):
             cells = self.text(column)
             return np.fromiter((cell == value for cell in cells), dtype=bool, count=len(cells))
-        return np.asarray(self.numbers(column) == (float(value) if abs(value) < LARGEST else np.inf))
+        return np.asarray(self.numbers(column) == (float(value) if abs(value) < MAX_WHOLE_NUMBER else np.inf))
 
-    def only(self, keep: np.ndarray) -> "LogTable":
-        """Return the rows where `keep` is true."""
-        return self if keep.all() else self.select(np.flatnonzero(keep))
+    def rows_where(self, is_kept: np.ndarray) -> "LogTable":
+        """Return the rows where `is_kept` is true."""
+        return self if is_kept.all() else self.select(np.flatnonzero(is_kept))
 
     def select(self, rows: np.ndarray) -> "LogTable":
         """Return the rows with these indices, which must increase."""
@@ -153,26 +165,26 @@ def read_table(path: Path, options: "JsonObject", label: str = "") -> LogTable:
     """
     label = label or str(path)
     lines = Lines(path, options.get("encoding"), label)
-    with_data = _with_data(lines, options.get("comment", "#"))
+    with_data = _lines_with_data(lines, options.get("comment", "#"))
     start = [line for _, line in zip(range(200), with_data, strict=False)]
     if not start:
         raise FileError(fault("table.no-data", file=label))
     delimiter = options.get("delimiter") or _separator([line for _, line in start], label)
     rows = _rows(label, chain(start, with_data), delimiter)
-    number, first = next(rows)
+    line_number, first = next(rows)
     names = _header([cell.strip() for cell in first], options, label)
     if not options.get("header", True):
-        rows = chain([(number, first)], rows)
-    data, numbers, cut = _columns(lines, rows, len(names), delimiter)
+        rows = chain([(line_number, first)], rows)
+    data, line_numbers, excluded = _columns(lines, rows, len(names), delimiter)
     columns: JsonObject = {}
     for name, cells in zip(names, data, strict=True):
         columns[name] = None if name in columns else Cells(bytes(cells))
         cells.clear()
     decimal = options.get("decimal") or _decimal(columns, delimiter, label)
-    return LogTable(label, columns, np.array(numbers, dtype=np.int64), decimal, cut)
+    return LogTable(label, columns, np.array(line_numbers, dtype=np.int64), decimal, excluded)
 
 
-def _with_data(lines: Lines, comment: str) -> Iterator[tuple[int, str]]:
+def _lines_with_data(lines: Lines, comment: str) -> Iterator[tuple[int, str]]:
     """Yield the lines with data and their numbers, without empty lines and comments."""
     for line in lines:
         if line.strip() and not (comment and line.lstrip().startswith(comment)):
@@ -181,20 +193,20 @@ def _with_data(lines: Lines, comment: str) -> Iterator[tuple[int, str]]:
 
 def _rows(label: str, texts: Iterator[tuple[int, str]], delimiter: str) -> Iterator[tuple[int, list[str]]]:
     """Yield the number of the last line of each row, and the cells of the row."""
-    number = 0
+    line_number = 0
 
     def each() -> Iterator[str]:
-        nonlocal number
-        for number, line in texts:  # noqa: B007
+        nonlocal line_number
+        for line_number, line in texts:  # noqa: B007
             yield line
 
     try:
         for row in csv.reader(each(), delimiter=delimiter):
-            yield number, row
+            yield line_number, row
     except csv.Error as error:
-        long = "field limit" in str(error)
-        code = "table.long-cell" if long else "table.not-csv"
-        reason = fault(code, file=label, line=number, most=csv.field_size_limit(), error=str(error))
+        is_too_long = "field limit" in str(error)
+        code = "table.long-cell" if is_too_long else "table.not-csv"
+        reason = fault(code, file=label, line=line_number, most=csv.field_size_limit(), error=str(error))
         raise FileError(reason) from error
 
 
@@ -204,30 +216,37 @@ def _columns(
     """Return the cells of each column, the line number of each row, and the numbers of the excluded lines.
     Raise FileError for rows of another width; only an incomplete last row is excluded.
     """
-    columns, numbers, block = [bytearray() for _ in range(width)], array("q"), []
-    uneven, wrong, number, put_at = 0, (0, 0), 0, 0
-    for number, row in rows:
+    columns, line_numbers, block = [bytearray() for _ in range(width)], array("q"), []
+    uneven_count, first_uneven, line_number, put_at = 0, (0, 0), 0, 0
+    for line_number, row in rows:
         if len(row) != width:
-            uneven, wrong = uneven + 1, wrong if uneven else (number, len(row))
+            uneven_count, first_uneven = (
+                uneven_count + 1,
+                first_uneven if uneven_count else (line_number, len(row)),
+            )
             continue
-        numbers.append(number)
+        line_numbers.append(line_number)
         block.append(row)
-        if len(block) * width >= BLOCK or lines.taken >= put_at + 16 * BLOCK:
+        if len(block) * width >= BLOCK_CELLS or lines.taken >= put_at + 16 * BLOCK_CELLS:
             _append(lines, block, columns)
             put_at = lines.taken
     _append(lines, block, columns)
-    if uneven == 1 and wrong[0] == number and wrong[1] < width:
-        return columns, numbers, (number,)
-    if uneven:
-        code = "table.commas-between-commas" if delimiter == "," and wrong[1] > width else "table.uneven"
-        line, problem = wrong
-        raise FileError(fault(code, file=lines.label, line=line, found=problem, expected=width, count=uneven))
-    return columns, numbers, ()
+    if uneven_count == 1 and first_uneven[0] == line_number and first_uneven[1] < width:
+        return columns, line_numbers, (line_number,)
+    if uneven_count:
+        code = (
+            "table.commas-between-commas" if delimiter == "," and first_uneven[1] > width else "table.uneven"
+        )
+        line, problem = first_uneven
+        raise FileError(
+            fault(code, file=lines.label, line=line, found=problem, expected=width, count=uneven_count)
+        )
+    return columns, line_numbers, ()
 
 
 def _append(lines: Lines, block: list[list[str]], columns: list[bytearray]) -> None:
     """Move the rows of a block to the columns."""
-    lines.take(CELL * len(columns) * len(block))
+    lines.reserve_memory(CELL_BYTES * len(columns) * len(block))
     for column, cells in zip(columns, zip(*block, strict=True), strict=False):
         data = pack(cells)
         column += pack([cell.strip() for cell in cells]) if _BLANK.search(data) else data
@@ -235,29 +254,29 @@ def _append(lines: Lines, block: list[list[str]], columns: list[bytearray]) -> N
 
 
 def _separator(lines: list[str], label: str) -> str:
-    fits, present = [], [s for s in SEPARATORS if s in lines[0]]
+    fitting, candidates = [], [s for s in SEPARATORS if s in lines[0]]
     for separator in SEPARATORS:
         try:
             counts = {len(row) for row in csv.reader(lines, delimiter=separator)}
         except csv.Error:
             continue  # reading reports its line later
         if counts == {max(counts)} and max(counts) > 1:
-            fits.append(separator)
-    if len(fits) == 1:
-        return fits[0]
-    if not fits:
-        if len(present) == 1:
-            return present[0]  # each uneven line has its message later
-        if not present:
+            fitting.append(separator)
+    if len(fitting) == 1:
+        return fitting[0]
+    if not fitting:
+        if len(candidates) == 1:
+            return candidates[0]  # each uneven line has its message later
+        if not candidates:
             return ","  # a single column
-    names = " or ".join(SEPARATORS[s] for s in fits or present)
-    delimiter = (fits or present)[0].replace("\t", "\\t")
+    names = " or ".join(SEPARATORS[s] for s in fitting or candidates)
+    delimiter = (fitting or candidates)[0].replace("\t", "\\t")
     raise FileError(fault("table.delimiter", file=label, delimiters=names, wanted=delimiter))
 
 
 def _header(first: list[str], options: "JsonObject", label: str) -> list[str]:
-    if len(first) > COLUMNS:
-        raise FileError(fault("table.columns", file=label, count=len(first), most=COLUMNS))
+    if len(first) > MAX_COLUMNS:
+        raise FileError(fault("table.columns", file=label, count=len(first), most=MAX_COLUMNS))
     numeric = all(_NUMBER.fullmatch(cell) or _COMMA.fullmatch(cell) for cell in first)
     if not options.get("header", True):
         return [str(i + 1) for i in range(len(first))]

@@ -14,8 +14,8 @@ from collections.abc import Callable, Sequence
 from functools import partial
 from typing import TYPE_CHECKING
 
-from baqueano.study.controllers.drives import Contestant, batch, contestant
-from baqueano.study.controllers.result import JUDGED, Controllers
+from baqueano.study.controllers.drives import Contestant, contestant, drive_robot
+from baqueano.study.controllers.result import JUDGED_BY, Controllers
 from baqueano.sweep.result import SweepResult
 from baqueano.sweep.workers import spread_over
 
@@ -23,12 +23,12 @@ if TYPE_CHECKING:
     from baqueano.contracts.blocks import OwnBlock
 
 KINDS = ("pd", "pd_feedforward", "kanayama", "lqr", "pure_pursuit", "stanley", "mpc")  # the paper's first
-STARTS = 3
+START_COUNT = 3
 
 
 def controllers(
     seeds: int = 100, first: int = 0, processes: int = 1, backend: str = "auto", user_blocks: "Sequence[OwnBlock]" = (),
-    kinds: Sequence[str] = KINDS, starts: int = STARTS, advance: Callable[[int], None] = lambda k: None,
+    kinds: Sequence[str] = KINDS, starts: int = START_COUNT, advance: Callable[[int], None] = lambda k: None,
 ) -> Controllers:  # fmt: skip
     """Return the drives of robots `first` … `first + seeds − 1`. `user_blocks` are further controllers
     ("file.py:Class" or a class).
@@ -37,7 +37,7 @@ def controllers(
     contestants: list[Contestant] = []
     for kind in (*kinds, *user_blocks):
         contestants.append(contestant(kind, starts, backend))
-    work = partial(batch, contestants=tuple(contestants), backend=backend)
+    work = partial(drive_robot, contestants=tuple(contestants), backend=backend)
     drives_of_robots = spread_over(work, range(first, first + seeds), processes, advance)
     robots = sorted(drives_of_robots, key=lambda robot: robot.seed)
     drives = [robot for robot in robots if robot.drives]
@@ -45,7 +45,7 @@ def controllers(
         figure: SweepResult(
             tuple(d for robot in drives for d in robot.drives[figure]), 0, contestants[0].label
         )
-        for figure in JUDGED
+        for figure in JUDGED_BY
     }
     return Controllers(
         results, tuple(contestants), len(robots), tuple(robot.seed for robot in robots if not robot.drives)

@@ -48,41 +48,46 @@ class DrivenRobot(NamedTuple):
     drives: dict[str, list[SweepDrive]]
 
 
-def contestant(kind: "OwnBlock", starts: int, backend: str) -> Contestant:
+def contestant(kind: "OwnBlock", start_count: int, backend: str) -> Contestant:
     """Return a controller with gains tuned on the garage's vehicle, or with its defaults if it cannot be compiled."""
     label = kind if isinstance(kind, str) else getattr(kind, "__name__", type(kind).__name__)
     if not isinstance(kind, str):
         return Contestant(label, kind, {}, ())
-    file = load("small").with_values({"controller.kind": kind})
-    if kind != "pd" and of(file.controller(), "as_written"):
+    vehicle_file = load("small").with_values({"controller.kind": kind})
+    if kind != "pd" and of(vehicle_file.controller(), "as_written"):
         return Contestant(label, kind, {}, ())
     route = SHAPES["sinuous"]()
     tune_result = tune(
-        file, route, starts=starts, polish=False, duration_s=float(route.t_s[-1]) / 2.0, backend=backend
+        vehicle_file,
+        route,
+        starts=start_count,
+        polish=False,
+        duration_s=float(route.t_s[-1]) / 2.0,
+        backend=backend,
     )
     return Contestant(
         label, kind, tune_result.values, tuple(gain.name for gain in tune_result.gains if gain.limit)
     )
 
 
-def batch(seed: int, contestants: tuple[Contestant, ...], backend: str) -> DrivenRobot:
+def drive_robot(seed: int, contestants: tuple[Contestant, ...], backend: str) -> DrivenRobot:
     """Return the drives of one robot by all controllers."""
     robot, seeds = draw_robots(1, seed), range(seed, seed + 1)
     fit = identify(experiments(robot, seeds)[0], guess(), FREE)
     if fit.verdict == Verdict.REFUSED:
         return DrivenRobot(seed, {})
-    file, drives = fit.vehicle_file, DrivenRobot(seed, {"pose": [], "estimate": [], "truth": []})
+    vehicle_file, drives = fit.vehicle_file, DrivenRobot(seed, {"pose": [], "estimate": [], "truth": []})
     for rival in contestants:
-        block = file.controller(rival.kind, **rival.gains)
+        block = vehicle_file.controller(rival.kind, **rival.gains)
         cell = SweepCell(rival.label, "", rival.label, "repeat")
         for name, make in SHAPES.items():
-            route, place = from_origin(make()), f"robot {seed}, {name}"
+            route, label = from_origin(make()), f"robot {seed}, {name}"
             for pose_known in (True, False):
-                world = LoopWorld(robot, seed + 1, file.rate_hz)
-                run = _drive(file, route, block, world, pose_known, backend)
+                world = LoopWorld(robot, seed + 1, vehicle_file.rate_hz)
+                run = _drive(vehicle_file, route, block, world, pose_known, backend)
                 views = {"pose": run} if pose_known else {"estimate": replace(run, truth=None), "truth": run}
                 for view_name, view in views.items():
-                    drives.drives[view_name].append(_figures_of(view, cell, place))
+                    drives.drives[view_name].append(_figures_of(view, cell, label))
     return drives
 
 
@@ -94,13 +99,13 @@ def from_origin(route: "Route") -> "Route":
 
 
 def _drive(
-    file: VehicleFile, route: "Route", block: "Controller", world: LoopWorld, pose_known: bool, backend: str
+    vehicle_file: VehicleFile, route: "Route", block: "Controller", world: LoopWorld, pose_known: bool, backend: str
 ) -> "Run":  # fmt: skip
     estimator = StateOfWorld(lambda: world.motion) if pose_known else None
-    return repeat(file, route, controller=block, estimator=estimator, world=world, backend=backend)
+    return repeat(vehicle_file, route, controller=block, estimator=estimator, world=world, backend=backend)
 
 
-def _figures_of(run: "Run", cell: SweepCell, place: str) -> SweepDrive:
+def _figures_of(run: "Run", cell: SweepCell, label: str) -> SweepDrive:
     figures, pieces = figures_of(run)
     reason = stop_of(run)
-    return SweepDrive(cell, place, figures, pieces, "" if reason is None else reason.code)
+    return SweepDrive(cell, label, figures, pieces, "" if reason is None else reason.code)

@@ -14,9 +14,9 @@ from baqueano.messages.language import translate as _
 from baqueano.study.controllers.drives import Contestant
 from baqueano.sweep.result import SweepResult
 
-JUDGED = (N_("pose"), N_("estimate"), N_("truth"))
+JUDGED_BY = (N_("pose"), N_("estimate"), N_("truth"))
 FIGURE = "across_rms_m"
-THIRD = 1.0 / 3.0  # of the paper's PD: the limit for the best controller if the pose is known
+MAX_RATIO_TO_PAPER = 1.0 / 3.0  # of the paper's PD: the limit for the best controller if the pose is known
 
 
 @dataclass(frozen=True, slots=True, eq=False, repr=False)
@@ -42,7 +42,7 @@ class Controllers(Result):
 
     def rows(self) -> list[TableRow]:
         """Return a flat row per controller: median, 95 % quantile and ratio with its interval, by evaluation."""
-        out = []
+        table_rows = []
         for contestant in self.contestants:
             row: TableRow = {
                 "controller": contestant.label,
@@ -60,8 +60,8 @@ class Controllers(Result):
                     f"{view}_ratio": ratio.ratio, f"{view}_low": ratio.low, f"{view}_high": ratio.high,
                     f"{view}_stopped": sum(bool(d.stopped) for d in own_drives),
                 }  # fmt: skip
-            out.append(row)
-        return out
+            table_rows.append(row)
+        return table_rows
 
     @property
     def verdict(self) -> Verdict:
@@ -72,16 +72,16 @@ class Controllers(Result):
     def reasons(self) -> tuple[Diagnostic, ...]:
         """Return a warning for a best ratio above THIRD, and for gains at a bound, stops and refused fits."""
         out, rows = [], self.rows()
-        best = min(rows[1:], key=lambda row: row["pose_ratio"], default=None)
-        if best is not None and not np.isfinite(best["pose_high"]):
+        best_row = min(rows[1:], key=lambda row: row["pose_ratio"], default=None)
+        if best_row is not None and not np.isfinite(best_row["pose_high"]):
             out.append(note("study.no-interval", Severity.UNKNOWN, robots=self.robots - len(self.refused)))
-        elif best is not None and best["pose_high"] > THIRD:
+        elif best_row is not None and best_row["pose_high"] > MAX_RATIO_TO_PAPER:
             figures = {
-                "ratio": best["pose_ratio"],
-                "high": best["pose_high"],
+                "ratio": best_row["pose_ratio"],
+                "high": best_row["pose_high"],
                 "reference": rows[0]["controller"],
             }
-            out.append(note("study.not-a-third", Severity.WARNING, subject=best["controller"], **figures))
+            out.append(note("study.not-a-third", Severity.WARNING, subject=best_row["controller"], **figures))
         for row in rows:
             if row["at_bound"]:
                 out.append(
@@ -101,11 +101,13 @@ class Controllers(Result):
     def table(self) -> str:
         """Return the rows as a text table."""
         head = f"{_('controller'):16}" + "".join(f"{_(view):>30}" for view in self.drives)
-        under = " " * 16 + "".join(f"{_('median p95 mm'):>15}{_('ratio'):>15}" for _view in self.drives)
+        column_heads = " " * 16 + "".join(
+            f"{_('median p95 mm'):>15}{_('ratio'):>15}" for _view in self.drives
+        )
         lines = [
             _("{robots} robots, {routes} drives each; ratio to {first}, with its 95 % interval",
               robots=self.robots - len(self.refused), routes=2, first=self.contestants[0].label),
-            head, under,
+            head, column_heads,
         ]  # fmt: skip
         for row in self.rows():
             line = f"{row['controller'][:15]:16}"

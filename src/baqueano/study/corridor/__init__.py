@@ -9,12 +9,12 @@ from collections.abc import Callable
 from dataclasses import replace
 
 from baqueano.messages.language import translate as _
-from baqueano.study.corridor.drives import CorridorDrive, batch
+from baqueano.study.corridor.drives import CorridorDrive, drive_batch
 from baqueano.study.corridor.recorded import ends_of_recordings
 from baqueano.study.corridor.result import AT_S, Corridors, Instant, gather
 from baqueano.sweep.workers import spread_over
 
-TOGETHER = 10  # vehicles that are simulated side by side
+VEHICLES_AT_ONCE = 10  # vehicles that are simulated side by side
 
 
 def corridor(
@@ -28,12 +28,14 @@ def corridor(
     `advance` receives the number of vehicles just finished.
     """
     jobs = [
-        (range(k, min(k + TOGETHER, first + vehicles)), backend)
-        for k in range(first, first + vehicles, TOGETHER)
+        (range(k, min(k + VEHICLES_AT_ONCE, first + vehicles)), backend)
+        for k in range(first, first + vehicles, VEHICLES_AT_ONCE)
     ]
-    parts = spread_over(batch, jobs, processes, lambda jobs_done: advance(jobs_done * TOGETHER))
-    drives = sorted((d for some, _ in parts for d in some), key=lambda d: d.seed)
-    return evaluate_corridors(drives, sorted(seed for _, refusals in parts for seed in refusals))
+    results = spread_over(
+        drive_batch, jobs, processes, lambda jobs_done: advance(jobs_done * VEHICLES_AT_ONCE)
+    )
+    drives = sorted((d for batch_drives, _ in results for d in batch_drives), key=lambda d: d.seed)
+    return evaluate_corridors(drives, sorted(seed for _, refusals in results for seed in refusals))
 
 
 def with_recordings(
@@ -46,7 +48,7 @@ def with_recordings(
     return replace(corridors, windows=windows.instants, lost=lost_cases, notes=(*corridors.notes, *notes))
 
 
-def evaluate_corridors(drives: list[CorridorDrive], refused: list[int]) -> Corridors:
+def evaluate_corridors(drives: list[CorridorDrive], refused_seeds: list[int]) -> Corridors:
     """Return the corridors of drives, at the times AT_S and at the end of each lap."""
     labelled_instants = [(f"{t:g} s", _instant(d, t)) for t in AT_S for d in drives if d.t_s[-1] >= t]
     laps = max((int(d.t_s[-1] / d.lap_s) for d in drives), default=0)
@@ -56,7 +58,7 @@ def evaluate_corridors(drives: list[CorridorDrive], refused: list[int]) -> Corri
         for d in drives
         if d.t_s[-1] >= k * d.lap_s
     ]
-    return gather(labelled_instants, len(drives), refused)
+    return gather(labelled_instants, len(drives), refused_seeds)
 
 
 def _instant(drive: CorridorDrive, t_s: float) -> Instant:

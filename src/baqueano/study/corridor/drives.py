@@ -8,14 +8,14 @@ from baqueano.geometry import wrap
 from baqueano.guides.repeat import Repeat
 from baqueano.guides.route import Route
 from baqueano.signals import Estimate, Slot, Tick
-from baqueano.simulate.open_loop import times
+from baqueano.simulate.open_loop import tick_times
 from baqueano.study.corridor.vehicles import identify_vehicles, switched_on_anew, vehicles
 from baqueano.study.driving import SHAPES, Loop
 from baqueano.study.truth import Robots, TruthWorld
 
 SPEED_M_S = 0.2
 REST_S, DRIVE_S = 2.0, 62.0
-EVERY_S = 1.0
+RECORD_INTERVAL_S = 1.0
 
 
 class CorridorDrive(NamedTuple):
@@ -29,15 +29,18 @@ class CorridorDrive(NamedTuple):
     cov: np.ndarray  # (K, 3, 3) of the estimate
 
 
-def batch(job: tuple[range, str]) -> tuple[list[CorridorDrive], list[int]]:
+def drive_batch(job: tuple[range, str]) -> tuple[list[CorridorDrive], list[int]]:
     """Return the drives of the seeds of `job`, and the seeds whose fit was refused."""
     seeds, backend = job
     robots = vehicles(seeds)
     files = identify_vehicles(robots, seeds, backend)
-    usable = [k for k, file in enumerate(files) if file is not None]
-    names, vehicle_files = [seeds[k] for k in usable], [file for file in files if file is not None]
-    restarted_robots = switched_on_anew(robots.some(usable), names, vehicle_files)
-    loops = [Loop(file, False, backend) for file in vehicle_files]
+    usable = [k for k, vehicle_file in enumerate(files) if vehicle_file is not None]
+    names, vehicle_files = (
+        [seeds[k] for k in usable],
+        [vehicle_file for vehicle_file in files if vehicle_file is not None],
+    )
+    restarted_robots = switched_on_anew(robots.subset(usable), names, vehicle_files)
+    loops = [Loop(vehicle_file, False, backend) for vehicle_file in vehicle_files]
     return follow(loops, restarted_robots, names), [s for s in seeds if s not in names]
 
 
@@ -51,25 +54,25 @@ def follow(loops: list[Loop], robots: Robots, seeds: list[int]) -> list[Corridor
         [g.init() for g in guides],
         [o.start(r.eta[0]) for o, r in zip(loops, routes, strict=True)],
     )
-    t_ns, rest = times(round((REST_S + DRIVE_S) * rate_hz), rate_hz), round(REST_S * rate_hz)
+    t_ns, rest_ticks = tick_times(round((REST_S + DRIVE_S) * rate_hz), rate_hz), round(REST_S * rate_hz)
     world, u = (
         TruthWorld(robots, [s + 1 for s in seeds], np.stack([r.eta[0] for r in routes])),
         np.zeros((n, 3)),
     )
-    sample_rows = [instants(route, rest, len(t_ns), rate_hz) for route in routes]
+    sample_rows = [instants(route, rest_ticks, len(t_ns), rate_hz) for route in routes]
     errors: list[list[tuple[float, np.ndarray, np.ndarray]]] = [[] for _ in loops]
     for k, t in enumerate(t_ns):
-        z, before, u = world.tick(u, 1.0 / rate_hz), u, np.zeros((n, 3))
-        true = world.truth.eta
+        z, previous_u, u = world.tick(u, 1.0 / rate_hz), u, np.zeros((n, 3))
+        true_eta = world.truth.eta
         for i, loop in enumerate(loops):
-            tick = Tick(int(t), before[i], loop.slots(Slot(1.0, z[i])))
-            progress[i], reference = guides[i].step(progress[i], estimate_at(int(t_ns[max(k, rest)])))
+            tick = Tick(int(t), previous_u[i], loop.slots(Slot(1.0, z[i])))
+            progress[i], reference = guides[i].step(progress[i], estimate_at(int(t_ns[max(k, rest_ticks)])))
             states[i], (command, estimate) = loop.step(states[i], tick, reference._replace(t_ns=int(t)))
-            u[i] = command if k >= rest else 0.0
+            u[i] = command if k >= rest_ticks else 0.0
             if k in sample_rows[i]:
-                e = estimate.eta - true[i]
+                e = estimate.eta - true_eta[i]
                 e[2] = wrap(e[2])
-                errors[i].append(((k - rest) / rate_hz, e, estimate.cov[:3, :3]))
+                errors[i].append(((k - rest_ticks) / rate_hz, e, estimate.cov[:3, :3]))
     columns = [[np.array(column) for column in zip(*rows, strict=True)] for rows in errors]
     laps_s = [float(route.t_s[-1]) for route in routes]
     return [
@@ -78,11 +81,11 @@ def follow(loops: list[Loop], robots: Robots, seeds: list[int]) -> list[Corridor
     ]
 
 
-def instants(route: Route, rest: int, ticks: int, rate_hz: float) -> set[int]:
+def instants(route: Route, rest_ticks: int, tick_count: int, rate_hz: float) -> set[int]:
     """Return the ticks to record: one every EVERY_S after the rest, and the ends of the laps."""
-    laps = np.arange(1, ticks) * float(route.t_s[-1]) * rate_hz
-    ends = rest + np.rint(laps[laps < ticks - rest]).astype(int)
-    return {*range(rest, ticks, round(EVERY_S * rate_hz)), *ends.tolist()}
+    laps = np.arange(1, tick_count) * float(route.t_s[-1]) * rate_hz
+    ends = rest_ticks + np.rint(laps[laps < tick_count - rest_ticks]).astype(int)
+    return {*range(rest_ticks, tick_count, round(RECORD_INTERVAL_S * rate_hz)), *ends.tolist()}
 
 
 def estimate_at(t_ns: int) -> Estimate:

@@ -34,10 +34,10 @@ if TYPE_CHECKING:
     from baqueano.vehicle_file import VehicleFile
 
 SCALE = "sensors.imu.gyro_scale"
-SETS = {"calibrated": IMU, "raw": IMU, "odometer": BOTH}
+SENSOR_SETS = {"calibrated": IMU, "raw": IMU, "odometer": BOTH}
 CASES = ("cpm", "dart")
-KNOWN = {"calibrated": 0.01, "raw": 0.03, "odometer": 0.01}  # deviation of the scale of the gyro
-MOST_TICKS = 1_000_000
+SCALE_STD = {"calibrated": 0.01, "raw": 0.03, "odometer": 0.01}  # deviation of the scale of the gyro
+MAX_TICKS = 1_000_000
 
 
 def ends_of_recordings(
@@ -56,24 +56,25 @@ def ends_of_recordings(
             )
             continue
         for subject in SUBJECTS[case][0]():
-            for name, sensors in SETS.items():
+            for name, sensors in SENSOR_SETS.items():
                 progress(f"{subject.name}, {name}")
-                with_scale = subject._replace(file=calibrated_file(subject, name))
-                fit, file = fit_subject(with_scale, sensors, backend)
+                calibrated_subject = subject._replace(vehicle_file=calibrated_file(subject, name))
+                fit, vehicle_file = fit_subject(calibrated_subject, sensors, backend)
                 if fit.verdict == Verdict.REFUSED:
                     notes.append(_("{name}, {name2}: its fit is refused", name=subject.name, name2=name))
                     continue
                 for window_s in WINDOWS_S:
-                    ends = windows(file, subject.judged, window_s, backend)
+                    ends = windows(vehicle_file, subject.judged, window_s, backend)
                     out += [(f"{window_s:g} s, {name}", instant) for instant in ends]
     return out, notes
 
 
-def windows(file: "VehicleFile", run: "Run", window_s: float, backend: str = "auto") -> list[Instant]:
-    """Return error and covariance of the filter of `file` at the end of each window with known poses at both ends."""
-    ekf, truth = file.estimator(), run.truth
+def windows(vehicle_file: "VehicleFile", run: "Run", window_s: float, backend: str = "auto") -> list[Instant]:
+    """Return error and covariance of the filter of `vehicle_file` at the end of each window with known poses at both
+    ends."""
+    ekf, truth = vehicle_file.estimator(), run.truth
     assert truth is not None
-    ticks = ticks_of(run, ekf, MOST_TICKS)
+    ticks = ticks_of(run, ekf, MAX_TICKS)
     start = initial_pose(run)
     carry = ekf.init(*(start[k : k + 3] for k in range(0, len(start), 3)))
 
@@ -115,8 +116,10 @@ def _rows(ticks: Any, a: int, b: int) -> Any:
 
 def calibrated_file(subject: Subject, name: str) -> "VehicleFile":
     """Return the initial file of the fit, with the sensor scales of the set `name` ("raw": the scale 1)."""
-    values: JsonObject = {SCALE: 1.0, f"{SCALE}_std": KNOWN[name]}
+    values: JsonObject = {SCALE: 1.0, f"{SCALE}_std": SCALE_STD[name]}
     if name != "raw":
-        scales = {figure.name: figure.value for figure in calibrate(subject.fitted, subject.file).numbers}
+        scales = {
+            figure.name: figure.value for figure in calibrate(subject.fitted, subject.vehicle_file).numbers
+        }
         values |= {path: value for path, value in scales.items() if path.endswith("scale")}
-    return subject.file.with_values(values)
+    return subject.vehicle_file.with_values(values)

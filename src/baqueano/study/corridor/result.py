@@ -3,9 +3,9 @@
     d² = eᵀ P⁻¹ e of position (2) or heading (1),   coverage = share of vehicles with d² ≤ χ²(0.95)         (1)
     wider than needed = χ²(0.95) / (95 % quantile of d²): of the area of a position, of the variance of a heading   (2)
 
-A vehicle counts while the standard deviation of its heading is at most LOST_RAD. The verdict allows for the chance of
-few vehicles. It counts a bar as missed only if the whole 95 % interval of a coverage (Wilson 1927) is outside the bar.
-By the same interval, a region is too wide if a region WIDER times smaller still covers more than 95 %.
+A vehicle counts while the standard deviation of its heading is at most MAX_HEADING_STD_RAD. The verdict allows for the
+chance of few vehicles. It counts a bar as missed only if the whole 95 % interval of a coverage (Wilson 1927) is
+outside the bar. By the same interval, a region is too wide if a region WIDER times smaller still covers more than 95 %.
 """
 
 from collections.abc import Sequence
@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
-from baqueano.compare.corridor import CHI_SQUARE_95, LOST_RAD, QUANTILE_95
+from baqueano.compare.corridor import CHI_SQUARE_95, MAX_HEADING_STD_RAD, QUANTILE_95
 from baqueano.diagnostics import Verdict
 from baqueano.messages.language import number
 from baqueano.messages.language import translate as _
@@ -23,11 +23,14 @@ if TYPE_CHECKING:
     from baqueano.contracts.values import JsonObject, TableRow
 
 AT_S = (10.0, 20.0, 40.0, 60.0)
-COVERAGE, WIDER = (0.90, 0.98), 1.3
-OF_RECORDINGS = (0.85, 1.0)  # coverage; a recording has only a few windows, and its camera has errors too
-FEWEST = 10  # vehicles of a row with a verdict
-SHARE = 0.95
-DEGREES = {"position": CHI_SQUARE_95, "heading": QUANTILE_95**2}
+COVERAGE, MAX_WIDENING = (0.90, 0.98), 1.3
+RECORDING_COVERAGE = (
+    0.85,
+    1.0,
+)  # coverage; a recording has only a few windows, and its camera has errors too
+MIN_VEHICLES = 10  # vehicles of a row with a verdict
+CORRIDOR_PROBABILITY = 0.95
+CHI_SQUARE_LIMITS = {"position": CHI_SQUARE_95, "heading": QUANTILE_95**2}
 
 
 class Instant(NamedTuple):
@@ -54,9 +57,11 @@ class Corridors:
         """Return a flat row with coverage and width for each instant and quantity."""
         out = []
         for source, source_instants in (("simulated", self.instants), ("recorded", self.windows)):
-            coverage, wider = (COVERAGE, WIDER) if source == "simulated" else (OF_RECORDINGS, np.inf)
+            coverage, wider = (
+                (COVERAGE, MAX_WIDENING) if source == "simulated" else (RECORDING_COVERAGE, np.inf)
+            )
             for at, instants in source_instants.items():
-                for quantity, bar in DEGREES.items():
+                for quantity, bar in CHI_SQUARE_LIMITS.items():
                     row = {"source": source, "at": at, "quantity": quantity, "cases": len(instants)}
                     d2 = np.array([squared_distance(instant, quantity) for instant in instants])
                     out.append(row | {"lost": self.lost.get(at, 0)} | _coverage_row(d2, bar, coverage, wider))
@@ -102,8 +107,8 @@ class Corridors:
                 "vehicles. For windows of recordings, the coverage must be at least {of_recordings:g}.",
                 low=COVERAGE[0],
                 high=COVERAGE[1],
-                wider=WIDER,
-                of_recordings=OF_RECORDINGS[0],
+                wider=MAX_WIDENING,
+                of_recordings=RECORDING_COVERAGE[0],
             )
         )
         if self.refused:
@@ -129,8 +134,8 @@ def squared_distance(instant: Instant, quantity: str) -> float:
 
 
 def has_heading(instant: Instant) -> bool:
-    """Return True if the standard deviation of the heading is at most LOST_RAD."""
-    return bool(instant.cov[2, 2] <= LOST_RAD**2)
+    """Return True if the standard deviation of the heading is at most MAX_HEADING_STD_RAD."""
+    return bool(instant.cov[2, 2] <= MAX_HEADING_STD_RAD**2)
 
 
 def gather(named: Sequence[tuple[str, Instant]], vehicles: int, refused: Sequence[int]) -> Corridors:
@@ -145,18 +150,24 @@ def gather(named: Sequence[tuple[str, Instant]], vehicles: int, refused: Sequenc
     return Corridors({n: x for n, x in instants.items() if x}, lost_cases, vehicles, tuple(refused))
 
 
-def _coverage_row(d2: np.ndarray, bar: float, coverage: tuple[float, float], most: float) -> "JsonObject":
-    inside, n = float(np.mean(d2 <= bar)), len(d2)
-    low, high = _wilson(inside, n)
-    narrow = _wilson(float(np.mean(d2 <= bar / most)), n)[
+def _coverage_row(
+    d2: np.ndarray, bar: float, coverage: tuple[float, float], max_coverage_ratio: float
+) -> "JsonObject":
+    share_inside, n = float(np.mean(d2 <= bar)), len(d2)
+    low, high = _wilson(share_inside, n)
+    narrow = _wilson(float(np.mean(d2 <= bar / max_coverage_ratio)), n)[
         0
     ]  # coverage of a region that is `most` times narrower
-    ok = None if n < FEWEST else bool(low <= coverage[1] and high >= coverage[0] and narrow <= SHARE)
-    wider = float(bar / np.quantile(d2, SHARE))
-    return {"coverage": inside, "low": low, "high": high, "wider": wider, "ok": ok}
+    ok = (
+        None
+        if n < MIN_VEHICLES
+        else bool(low <= coverage[1] and high >= coverage[0] and narrow <= CORRIDOR_PROBABILITY)
+    )
+    wider = float(bar / np.quantile(d2, CORRIDOR_PROBABILITY))
+    return {"coverage": share_inside, "low": low, "high": high, "wider": wider, "ok": ok}
 
 
 def _wilson(share: float, n: int) -> tuple[float, float]:
     z2 = QUANTILE_95**2
-    middle, half = share + 0.5 * z2 / n, np.sqrt(z2 * (share * (1.0 - share) / n + 0.25 * z2 / n**2))
-    return float((middle - half) / (1.0 + z2 / n)), float((middle + half) / (1.0 + z2 / n))
+    centre, half_width = share + 0.5 * z2 / n, np.sqrt(z2 * (share * (1.0 - share) / n + 0.25 * z2 / n**2))
+    return float((centre - half_width) / (1.0 + z2 / n)), float((centre + half_width) / (1.0 + z2 / n))

@@ -13,21 +13,21 @@ import numpy as np
 from baqueano.diagnostics import Verdict
 from baqueano.identify import FitOptions, identify
 from baqueano.identify.noise.covariances import measure_noise
-from baqueano.study.driving import FREE, experiments, guess, together
+from baqueano.study.driving import FREE, experiments, guess, merge_robots
 from baqueano.study.truth import Robots, draw_robots
 from baqueano.vehicle_file import VehicleFile
 
-TOLERANCE = 0.03  # of the scale of an MPU-6050
-APART = 0.02  # of the radii of the wheels
+SCALE_TOLERANCE = 0.03  # of the scale of an MPU-6050
+WHEEL_DIFFERENCE = 0.02  # of the radii of the wheels
 BIAS_WALK = 1e-5  # rad/s^1.5; a real MPU-6050 at rest has 0.4e-5: `baqueano study recordings`
 PAUSE_S = 600.0  # from the experiment to the drive
 
 
 def vehicles(seeds: Sequence[int]) -> Robots:
     """Return the vehicles during the experiment, with random gyro scales and unequal wheel radii."""
-    robots, draws = together([draw_robots(1, seed) for seed in seeds]), [_draw(seed) for seed in seeds]
-    scale = np.array([1.0 + draw.uniform(-TOLERANCE, TOLERANCE) for draw in draws])
-    side = np.array([draw.choice([-0.5, 0.5]) * APART for draw in draws])
+    robots, draws = merge_robots([draw_robots(1, seed) for seed in seeds]), [_draw(seed) for seed in seeds]
+    scale = np.array([1.0 + draw.uniform(-SCALE_TOLERANCE, SCALE_TOLERANCE) for draw in draws])
+    side = np.array([draw.choice([-0.5, 0.5]) * WHEEL_DIFFERENCE for draw in draws])
     imu = robots.imu.with_parameters(gyro_scale=scale, walk=np.tile([0.0, 0.0, BIAS_WALK], (len(draws), 1)))
     return robots.with_parameters(imu=imu, wheel=1.0 + np.stack([-side, side], axis=1))
 
@@ -35,22 +35,22 @@ def vehicles(seeds: Sequence[int]) -> Robots:
 def switched_on_anew(robots: Robots, seeds: Sequence[int], files: Sequence[VehicleFile]) -> Robots:
     """Return the vehicles with a new gyro bias: they are switched on again, PAUSE_S after the experiment."""
     bias = robots.imu.bias.copy()
-    for k, (seed, file) in enumerate(zip(seeds, files, strict=True)):
-        sd = np.hypot(file.sensors.imu.gyro_bias_std, BIAS_WALK * np.sqrt(PAUSE_S))
-        bias[k, 2] += sd * _draw(seed + 1_000_000).standard_normal()
+    for k, (seed, vehicle_file) in enumerate(zip(seeds, files, strict=True)):
+        std = np.hypot(vehicle_file.sensors.imu.gyro_bias_std, BIAS_WALK * np.sqrt(PAUSE_S))
+        bias[k, 2] += std * _draw(seed + 1_000_000).standard_normal()
     return robots.with_parameters(imu=robots.imu.with_parameters(bias=bias))
 
 
 def identify_vehicles(robots: Robots, seeds: Sequence[int], backend: str) -> list[VehicleFile | None]:
     """Return the file of each vehicle after `identify --update`; None if the fit is refused."""
-    out: list[VehicleFile | None] = []
+    vehicle_files: list[VehicleFile | None] = []
     for run in experiments(robots, range(seeds[0], seeds[-1] + 1)):
         fit = identify(run, guess(), FREE, options=FitOptions(backend=backend))
         is_refused = fit.verdict == Verdict.REFUSED
-        out.append(
+        vehicle_files.append(
             None if is_refused else measure_noise(fit, run, backend=backend).updated_file(fit.vehicle_file)
         )
-    return out
+    return vehicle_files
 
 
 def _draw(seed: int) -> np.random.Generator:

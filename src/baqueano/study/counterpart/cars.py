@@ -8,38 +8,38 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from baqueano.study.counterpart.columns import BIASES, WHOLE, add, column
+from baqueano.study.counterpart.columns import BIASES, NO_COLUMN, add, column
 from baqueano.study.truth import Cars
 from baqueano.vehicle_file import VehicleFile, load
 
 FREE_CAR = ("+model.drivetrain.delay_s", "+model.drivetrain.lag_s", "+model.quadratic_drag")
-SPEED, AT = "speed", 0.35  # a straight drive at this throttle
+SPEED, TEST_THROTTLE = "speed", 0.35  # a straight drive at this throttle
 
 
 PER_KG: dict[str, tuple[str, int]] = {  # path → field of Cars, column
-    "model.throttle_gain": ("stall_n", WHOLE),
-    "model.linear_drag": ("rolling", WHOLE),
-    "model.quadratic_drag": ("air", WHOLE),
-    "model.coulomb_m_s2": ("dry_n", WHOLE),
+    "model.throttle_gain": ("stall_n", NO_COLUMN),
+    "model.linear_drag": ("rolling", NO_COLUMN),
+    "model.quadratic_drag": ("air", NO_COLUMN),
+    "model.coulomb_m_s2": ("dry_n", NO_COLUMN),
 }
 OF_CAR: dict[str, tuple[str, int]] = {
-    "model.steering_gain": ("servo_rad", WHOLE),
-    "model.steering_offset_rad": ("servo_offset_rad", WHOLE),
+    "model.steering_gain": ("servo_rad", NO_COLUMN),
+    "model.steering_offset_rad": ("servo_offset_rad", NO_COLUMN),
     "model.drivetrain.dead_zone_forward[0]": ("zone", 0),
 }
 BEYOND: dict[str, tuple[str, int]] = {  # parameters that are not in a file under that name
     "tyre_n_rad[0]": ("tyre_n_rad", 0),
     "tyre_n_rad[1]": ("tyre_n_rad", 1),
-    **{name: (name, WHOLE) for name in ("lag_s", "delay_s", "servo_lag_s")},
+    **{name: (name, NO_COLUMN) for name in ("lag_s", "delay_s", "servo_lag_s")},
 }
 
 
 def car_values(cars: Cars) -> dict[str, np.ndarray]:
     """Return path → true value (n,) of the parameters that have one, and the steady speed at a throttle of AT."""
-    out = {path: column(getattr(cars, name), k) / cars.mass_kg for path, (name, k) in PER_KG.items()}
-    out |= {path: column(getattr(cars, name), k) for path, (name, k) in OF_CAR.items()}
-    zone = out["model.drivetrain.dead_zone_forward[0]"]
-    return out | {SPEED: speed_at(np.stack([*(out[path] for path in PER_KG), zone]))}
+    values = {path: column(getattr(cars, name), k) / cars.mass_kg for path, (name, k) in PER_KG.items()}
+    values |= {path: column(getattr(cars, name), k) for path, (name, k) in OF_CAR.items()}
+    zone = values["model.drivetrain.dead_zone_forward[0]"]
+    return values | {SPEED: speed_at(np.stack([*(values[path] for path in PER_KG), zone]))}
 
 
 def car_numbers(cars: Cars) -> dict[str, np.ndarray]:
@@ -51,17 +51,17 @@ def car_numbers(cars: Cars) -> dict[str, np.ndarray]:
 
 def with_car_numbers(cars: Cars, values: Mapping[str, np.ndarray]) -> Cars:
     """Return the cars with the given `values` (n,) of some entries of `car_numbers`, as its inverse."""
-    before = car_numbers(cars)
+    current = car_numbers(cars)
     car_changes: dict[str, np.ndarray] = {}
     imu_changes: dict[str, np.ndarray] = {}
     for path, new in values.items():
-        more = new - before[path]
+        change = new - current[path]
         if path in BIASES:
-            add(imu_changes, cars.imu, BIASES[path], more)
+            add(imu_changes, cars.imu, BIASES[path], change)
         elif path in PER_KG:
-            add(car_changes, cars, PER_KG[path], more * cars.mass_kg)
+            add(car_changes, cars, PER_KG[path], change * cars.mass_kg)
         else:
-            add(car_changes, cars, (OF_CAR | BEYOND)[path], more)
+            add(car_changes, cars, (OF_CAR | BEYOND)[path], change)
     return cars.with_parameters(imu=cars.imu.with_parameters(**imu_changes), **car_changes)
 
 
@@ -71,7 +71,7 @@ def speed_at(x: np.ndarray) -> np.ndarray:
     x (5, …): gain, linear drag, quadratic drag, dry friction, dead zone.
     """
     gain, linear, quadratic, dry, zone = x
-    force = gain * (AT - zone) - dry
+    force = gain * (TEST_THROTTLE - zone) - dry
     return 2.0 * force / (linear + np.sqrt(np.maximum(linear**2 + 4.0 * quadratic * force, 1e-12)))
 
 
@@ -80,8 +80,8 @@ def car_file(car: Cars) -> VehicleFile:
     value = {path: float(v[0]) for path, v in car_values(car).items()}
     a, b = car.axle_m[0]
     imu, zone = car.imu, [*car.zone[0]]
-    single = {path: v for path, v in value.items() if path != SPEED and "[" not in path}
-    return load("car").with_values(single | {
+    scalar_values = {path: v for path, v in value.items() if path != SPEED and "[" not in path}
+    return load("car").with_values(scalar_values | {
         "model.wheelbase_m": float(a + b), "model.rear_axle_m": float(b), "model.yaw_lag_s": float(car.servo_lag_s[0]),
         "model.drivetrain.dead_zone_forward": [float(zone[0]), 0.0],
         "model.drivetrain.dead_zone_backward": [float(zone[1]), 0.0],

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-WHOLE = -1  # an array without columns
+NO_COLUMN = -1  # an array without columns
 BIASES = {  # path → field of Imus, column
     "sensors.imu.accel_bias[0]": ("bias", 0),
     "sensors.imu.accel_bias[1]": ("bias", 1),
@@ -12,11 +12,11 @@ BIASES = {  # path → field of Imus, column
 
 def column(values: np.ndarray, k: int) -> np.ndarray:
     """Return column k (n,) of an array of the truth, or the whole array for WHOLE."""
-    return (values if k == WHOLE else values[:, k]).copy()
+    return (values if k == NO_COLUMN else values[:, k]).copy()
 
 
-def add(changed: dict[str, np.ndarray], owner: object, place: tuple[str, int], by: np.ndarray) -> None:
-    """Add `by` (n,) to the field and column `place` of `owner`. `changed` collects the changed fields by name."""
-    name, k = place
+def add(changed: dict[str, np.ndarray], owner: object, entry: tuple[str, int], change: np.ndarray) -> None:
+    """Add `change` (n,) to the field and column `entry` of `owner`. `changed` collects the changed fields by name."""
+    name, k = entry
     changed.setdefault(name, getattr(owner, name).copy())
-    changed[name][... if k == WHOLE else (slice(None), k)] += by
+    changed[name][... if k == NO_COLUMN else (slice(None), k)] += change

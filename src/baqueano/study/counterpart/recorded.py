@@ -29,34 +29,38 @@ def drive_group(
 ) -> GroupDrive:
     """Return the drives of the vehicles under the commands u (N, n, m), each in force until its tick."""
     world, n = world_of(vehicles, seeds, step_s), len(seeds)
-    z, quiet, truth = (np.zeros((len(u), n, size)) for size in (3, 3, 9))
+    z, noiseless, truth = (np.zeros((len(u), n, size)) for size in (3, 3, 9))
     drift, wheel_travel = np.zeros((n, 3)), np.zeros((len(u), n))
     for k, dt_s in enumerate(np.diff(t_ns, prepend=0) * 1e-9):
         z[k] = world.tick(u[k], float(dt_s))
         truth[k] = np.concatenate(world.truth, axis=1)
-        quiet[k], wheel_travel[k] = world.quiet, world.rolling_speed
+        noiseless[k], wheel_travel[k] = world.quiet, world.rolling_speed
         drift += world.bias_drift / len(u)
-    return GroupDrive(t_ns, z, quiet, truth, wheel_travel, drift)
+    return GroupDrive(t_ns, z, noiseless, truth, wheel_travel, drift)
 
 
 def readings_without_noise(
     vehicles: Robots | Cars, u: np.ndarray, t_ns: np.ndarray, step_s: float
 ) -> np.ndarray:
     """Return the readings (N, n, 3) of IMUs without noise, integrated in steps of `step_s`."""
-    world, quiet = world_of(vehicles, range(u.shape[1]), step_s), np.zeros((*u.shape[:2], 3))
+    world, noiseless = world_of(vehicles, range(u.shape[1]), step_s), np.zeros((*u.shape[:2], 3))
     for k, dt_s in enumerate(np.diff(t_ns, prepend=0) * 1e-9):
         world.go(u[k], float(dt_s))
-        quiet[k] = world.quiet
-    return quiet
+        noiseless[k] = world.quiet
+    return noiseless
 
 
-def run_of_vehicle(shown: GroupDrive, k: int, u: np.ndarray, file: VehicleFile, name: str, seed: int) -> Run:
+def run_of_vehicle(
+    group_drive: GroupDrive, k: int, u: np.ndarray, vehicle_file: VehicleFile, name: str, seed: int
+) -> Run:
     """Return the run of vehicle `k` under u (N, m); with an odometer if the file has one."""
-    t_ns, truth = shown.t_ns, shown.truth[:, k]
-    channels = {"imu": Channel(t_ns, t_ns, shown.z[:, k])}
-    if "odometer" in file.sensors._fields:
+    t_ns, truth = group_drive.t_ns, group_drive.truth[:, k]
+    channels = {"imu": Channel(t_ns, t_ns, group_drive.z[:, k])}
+    if "odometer" in vehicle_file.sensors._fields:
         noise = np.random.default_rng([seed, 22]).standard_normal((len(t_ns), 1))
-        channels["odometer"] = Channel(t_ns, t_ns, shown.rolled[:, k, None] + ODOMETER_M_S * noise)
-    metadata = {"kind": "experiment", "rate_hz": f"{file.rate_hz:g}"}
+        channels["odometer"] = Channel(t_ns, t_ns, group_drive.rolled[:, k, None] + ODOMETER_M_S * noise)
+    metadata = {"kind": "experiment", "rate_hz": f"{vehicle_file.rate_hz:g}"}
     log = TruthLog(t_ns, *np.split(truth, 3, axis=1))
-    return Run(name, None, t_ns, u, sensors=channels, truth=log, vehicle_text=file.text, metadata=metadata)
+    return Run(
+        name, None, t_ns, u, sensors=channels, truth=log, vehicle_text=vehicle_file.text, metadata=metadata
+    )

@@ -13,7 +13,7 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from baqueano.study.counterpart.columns import BIASES, WHOLE, add, column
+from baqueano.study.counterpart.columns import BIASES, NO_COLUMN, add, column
 from baqueano.study.truth import Robots
 from baqueano.vehicle_file import VehicleFile, load
 
@@ -30,13 +30,13 @@ OF_ROBOT: dict[str, tuple[str, int]] = {  # path → field of Robots, column
     **{f"model.friction.coulomb[{k}]": ("dry", k) for k in (0, 2)},
     **{f"model.drivetrain.dead_zone_forward[{k}]": ("forward", k) for k in range(2)},
     **{f"model.drivetrain.dead_zone_backward[{k}]": ("backward", k) for k in range(2)},
-    "model.drivetrain.lag_s": ("lag_s", WHOLE),
-    "model.drivetrain.delay_s": ("delay_s", WHOLE),
-    "model.centre_of_mass_x_m": ("ahead_m", WHOLE),
+    "model.drivetrain.lag_s": ("lag_s", NO_COLUMN),
+    "model.drivetrain.delay_s": ("delay_s", NO_COLUMN),
+    "model.centre_of_mass_x_m": ("ahead_m", NO_COLUMN),
 }
 OF_IMU: dict[str, tuple[str, int]] = {
     **{f"sensors.imu.lever_arm_m[{k}]": ("place_m", k) for k in range(2)},
-    "sensors.imu.heading_rad": ("turn_rad", WHOLE),
+    "sensors.imu.heading_rad": ("turn_rad", NO_COLUMN),
     **BIASES,
 }
 ENTRIES = ("00", "02", "10", "12", "20", "22")
@@ -61,12 +61,12 @@ def with_values(robots: Robots, values: Mapping[str, np.ndarray]) -> Robots:
     new = robot_values(robots) | dict(values)
     robot_changes: dict[str, np.ndarray] = {}
     imu_changes: dict[str, np.ndarray] = {}
-    before = robot_values(robots)
+    current = robot_values(robots)
     for path in values:
         if path in OF_ROBOT:
-            add(robot_changes, robots, OF_ROBOT[path], new[path] - before[path])
+            add(robot_changes, robots, OF_ROBOT[path], new[path] - current[path])
         elif path in OF_IMU:
-            add(imu_changes, robots.imu, OF_IMU[path], new[path] - before[path])
+            add(imu_changes, robots.imu, OF_IMU[path], new[path] - current[path])
     if any(path.startswith(T) for path in values):
         t = {entry: new[f"{T}[{entry[0]},{entry[1]}]"] for entry in ENTRIES}
         X, Y = (0.5 * np.stack([t[f"{i}0"] - t[f"{i}2"], t[f"{i}0"] + t[f"{i}2"]], axis=1) for i in (0, 1))
@@ -94,7 +94,7 @@ def robot_file(robot: Robots) -> VehicleFile:
         name, _, entry = path.partition("[")
         if entry and name not in arrays:
             arrays[name] = [v for k, v in value.items() if k.startswith(f"{name}[")]
-    single = {path: v for path, v in value.items() if "[" not in path}
+    scalar_values = {path: v for path, v in value.items() if "[" not in path}
     exact = {
         "model.mass_kg": float(robot.mass_kg[0]), "model.inertia_kg_m2": float(robot.inertia_kg_m2[0]), T: matrix,
         "model.drivetrain.gain": [1.0, 1.0], "sensors.imu.tilt_rad": robot.imu.tilt_rad[0].tolist(),
@@ -102,4 +102,4 @@ def robot_file(robot: Robots) -> VehicleFile:
         "sensors.imu.accel_noise_std": robot.imu.noise[0, :2].tolist(),
         "sensors.imu.accel_step": float(robot.imu.step[0, 0]), "sensors.imu.gyro_step": float(robot.imu.step[0, 2]),
     }  # fmt: skip
-    return load("small").with_values(single | arrays | exact)
+    return load("small").with_values(scalar_values | arrays | exact)

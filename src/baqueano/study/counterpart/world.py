@@ -12,15 +12,19 @@ from baqueano.symbolic import function
 
 # of Runge-Kutta: a third of the shortest time constant (tyres at rest)
 ROBOT_STEP_S, CAR_STEP_S = 5e-3, 1e-3
-FEW = 3  # vehicles; NumPy takes as long for one as for fifty, and more of them give a long code to compile
+MAX_COMPILED_VEHICLES = (
+    3  # vehicles; NumPy takes as long for one as for fifty, and more of them give a long code to compile
+)
 
 
 def world_of(vehicles: Robots | Cars, seeds: Sequence[int], step_s: float | None = None) -> TruthWorld:
     """Return a world of the `vehicles`, at rest at the origin; the default `step_s` is short enough to be exact."""
     if step_s is None:
         step_s = ROBOT_STEP_S if isinstance(vehicles, Robots) else CAR_STEP_S
-    fast = function if len(seeds) <= FEW and vehicles.transmission.is_ideal else _as_written
-    return TruthWorld(vehicles, seeds, step_s=step_s, fast=fast)
+    compiler = (
+        function if len(seeds) <= MAX_COMPILED_VEHICLES and vehicles.transmission.is_ideal else _as_written
+    )
+    return TruthWorld(vehicles, seeds, step_s=step_s, fast=compiler)
 
 
 def _as_written(f: Callable[..., Any], *examples: np.ndarray) -> Callable[..., Any]:

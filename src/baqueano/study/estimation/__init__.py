@@ -23,7 +23,7 @@ def estimation(
 ) -> EstimationStudy:
     """Evaluate estimators on the recordings among `cases`, and on `seeds` simulated vehicles. `kinds` are kinds of
     estimator, else the file's. Raise FileError with the names of the files if nothing can be evaluated."""
-    out, left_out = [], []
+    outcomes_of_cases, left_out = [], []
     for name in (name for name in cases if name in SUBJECTS):
         if files := missing(name):
             left_out.append(
@@ -44,12 +44,17 @@ def estimation(
                         duration_s=subject.fitted.duration_s,
                     )
                 )
-                out += evaluate(subject, sensors, kinds, backend)
+                outcomes_of_cases += evaluate(subject, sensors, kinds, backend)
     if not (seeds and SIMULATED in cases):
-        if not out:
+        if not outcomes_of_cases:
             check_present()
-        return EstimationStudy(tuple(out), notes=tuple(left_out))
+        return EstimationStudy(tuple(outcomes_of_cases), notes=tuple(left_out))
     progress(_("simulating, fitting and testing {seeds} vehicles", seeds=seeds))
     outcomes = independent.simulate_outcomes(seeds, kinds, backend, processes)
-    rows, each = independent.rows(outcomes), independent.each_vehicle(outcomes)
-    return EstimationStudy(tuple(out), tuple(rows), tuple(each), (*left_out, independent.sentence(outcomes)))
+    rows, vehicle_rows = independent.rows(outcomes), independent.each_vehicle(outcomes)
+    return EstimationStudy(
+        tuple(outcomes_of_cases),
+        tuple(rows),
+        tuple(vehicle_rows),
+        (*left_out, independent.sentence(outcomes)),
+    )

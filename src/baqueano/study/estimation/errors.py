@@ -23,8 +23,8 @@ from baqueano.signals import seconds
 BLOCK_S = 10.0
 WINDOWS_S = (10.0, 20.0)
 SPEED = N_("speed [m/s rms]")
-WHOLE = N_("position, whole run [m rms]")
-QUANTITIES = (SPEED, WHOLE, N_("position, 10 s [m rms]"), N_("position, 20 s [m rms]"))
+WHOLE_RUN = N_("position, whole run [m rms]")
+QUANTITIES = (SPEED, WHOLE_RUN, N_("position, 10 s [m rms]"), N_("position, 20 s [m rms]"))
 
 
 class BlockSums(NamedTuple):
@@ -46,9 +46,9 @@ class BlockSums(NamedTuple):
         return ratio_of_blocks(self.ours, self.reference)
 
 
-def merge(parts: Sequence[BlockSums]) -> BlockSums:
+def merge(block_sums: Sequence[BlockSums]) -> BlockSums:
     """Return the blocks of several runs joined into one."""
-    return BlockSums(*(np.concatenate(column) for column in zip(*parts, strict=True)))
+    return BlockSums(*(np.concatenate(column) for column in zip(*block_sums, strict=True)))
 
 
 class EstimatedPath(NamedTuple):
@@ -64,23 +64,30 @@ def block_errors(
     """Return the squared errors of `ours` and `reference` at the ticks `t_ns` (N,) against the truth, summed
     by block."""
     eta, speed, t_s = poses_at(t_ns, truth.t_ns, truth.eta), true_speed(t_ns, truth), seconds(t_ns, t_ns[0])
-    pieces = (t_s // BLOCK_S).astype(int)
-    out = {
-        SPEED: _sums((ours.speed - speed) ** 2, (reference.speed - speed) ** 2, pieces),
-        WHOLE: _sums(_off(ours.eta, eta), _off(reference.eta, eta), np.zeros(len(t_s), dtype=int)),
+    block_index = (t_s // BLOCK_S).astype(int)
+    errors = {
+        SPEED: _sums((ours.speed - speed) ** 2, (reference.speed - speed) ** 2, block_index),
+        WHOLE_RUN: _sums(
+            _squared_distance(ours.eta, eta),
+            _squared_distance(reference.eta, eta),
+            np.zeros(len(t_s), dtype=int),
+        ),
     }
     for window_s, name in zip(WINDOWS_S, QUANTITIES[2:], strict=True):
         windows = _windows(t_s, window_s)
-        a, b = (np.concatenate([_off(path.eta[k], eta[k]) for k in windows]) for path in (ours, reference))
-        out[name] = _sums(a, b, np.repeat(np.arange(len(windows)), [len(k) for k in windows]))
-    return out
+        a, b = (
+            np.concatenate([_squared_distance(path.eta[k], eta[k]) for k in windows])
+            for path in (ours, reference)
+        )
+        errors[name] = _sums(a, b, np.repeat(np.arange(len(windows)), [len(k) for k in windows]))
+    return errors
 
 
-def _off(eta: np.ndarray, true: np.ndarray) -> np.ndarray:
+def _squared_distance(eta: np.ndarray, eta_true: np.ndarray) -> np.ndarray:
     """Return the squared distance (N,) [m²] from the truth, after alignment at the first true pose."""
-    if not np.isfinite(true).all(axis=1).any():
+    if not np.isfinite(eta_true).all(axis=1).any():
         return np.full(len(eta), np.nan)
-    return absolute(align_trajectory(eta, true, "start"), true).position_m ** 2
+    return absolute(align_trajectory(eta, eta_true, "start"), eta_true).position_m ** 2
 
 
 def _windows(t_s: np.ndarray, window_s: float) -> list[np.ndarray]:
@@ -90,9 +97,10 @@ def _windows(t_s: np.ndarray, window_s: float) -> list[np.ndarray]:
 
 
 def _sums(estimate: np.ndarray, reference: np.ndarray, block: np.ndarray) -> BlockSums:
-    finite, size = np.isfinite(estimate) & np.isfinite(reference), int(block[-1]) + 1
+    finite, block_count = np.isfinite(estimate) & np.isfinite(reference), int(block[-1]) + 1
     sums = [
-        np.bincount(block[finite], x[finite], size) for x in (estimate, reference, np.ones(len(estimate)))
+        np.bincount(block[finite], x[finite], block_count)
+        for x in (estimate, reference, np.ones(len(estimate)))
     ]
-    some = sums[2] > 0
-    return BlockSums(*(x[some] for x in sums))
+    has_samples = sums[2] > 0
+    return BlockSums(*(x[has_samples] for x in sums))

@@ -18,7 +18,7 @@ from baqueano.study.estimation.errors import BlockSums, EstimatedPath, block_err
 from baqueano.study.estimation.references import dead_reckoning, open_loop
 from baqueano.study.estimation.subjects import SETUPS, Subject, with_sensors
 from baqueano.vehicle_file import VehicleFile
-from baqueano.vehicle_file.build import DEFAULT_KIND
+from baqueano.vehicle_file.build import DEFAULT_KINDS
 
 
 class JudgedEstimate(NamedTuple):
@@ -40,23 +40,23 @@ def evaluate(
     """Evaluate each estimator of `kinds` on the run of the subject.
     Without `kinds`, evaluate the estimator of its file.
     """
-    fit, file = fit_subject(subject, sensors, backend)
+    fit, vehicle_file = fit_subject(subject, sensors, backend)
     run = subject.judged
     assert run.truth is not None
     start = initial_pose(run)
-    nu = open_loop(file, run, start, backend)
-    reference = EstimatedPath(dead_reckoning(file, run, nu, start), nu[:, 0])
-    out = []
-    for kind in kinds or (file.data["estimator"].get("kind", DEFAULT_KIND["estimator"]),):
-        replay_run = _replay(run, file, kind, backend)
+    nu = open_loop(vehicle_file, run, start, backend)
+    reference = EstimatedPath(dead_reckoning(vehicle_file, run, nu, start), nu[:, 0])
+    judgements = []
+    for kind in kinds or (vehicle_file.data["estimator"].get("kind", DEFAULT_KINDS["estimator"]),):
+        replay_run = _replay(run, vehicle_file, kind, backend)
         log = replay_run.estimate
         assert log is not None
-        at = np.searchsorted(log.t_ns, run.t_ns)
-        estimate = EstimatedPath(log.eta[at], log.nu[at, 0])
+        rows = np.searchsorted(log.t_ns, run.t_ns)
+        estimate = EstimatedPath(log.eta[rows], log.nu[rows, 0])
         errors = block_errors(run.t_ns, estimate, reference, run.truth)
-        speed = (estimate.speed - true_speed(run.t_ns, run.truth)) / np.sqrt(log.cov[at, 3, 3])
+        speed = (estimate.speed - true_speed(run.t_ns, run.truth)) / np.sqrt(log.cov[rows, 3, 3])
         consistency = filter_consistency(replay_run), band(speed[:, None])
-        out.append(
+        judgements.append(
             JudgedEstimate(
                 f"{subject.name}, {sensors}",
                 sensors,
@@ -67,14 +67,14 @@ def evaluate(
                 text(stop_of(replay_run)),
             )
         )
-    return out
+    return judgements
 
 
 def fit_subject(subject: Subject, sensors: str, backend: str = "auto") -> tuple[Fit, VehicleFile]:
     """Return the fit, and the file that `baqueano identify RUN --update` writes unless the fit is refused."""
     fit = identify(
         subject.fitted,
-        with_sensors(subject.file, SETUPS[sensors]),
+        with_sensors(subject.vehicle_file, SETUPS[sensors]),
         subject.free,
         options=FitOptions(backend=backend),
     )
@@ -82,5 +82,5 @@ def fit_subject(subject: Subject, sensors: str, backend: str = "auto") -> tuple[
     return fit, noise.updated_file(fit.vehicle_file, subject.fitted.name)
 
 
-def _replay(run: Run, file: VehicleFile, kind: str, backend: str) -> Run:
-    return replay(run, file, estimator=kind, backend=backend)
+def _replay(run: Run, vehicle_file: VehicleFile, kind: str, backend: str) -> Run:
+    return replay(run, vehicle_file, estimator=kind, backend=backend)

@@ -24,9 +24,12 @@ if TYPE_CHECKING:
     from baqueano.vehicle_file import VehicleFile
 
 
-def open_loop(file: "VehicleFile", run: "Run", start: np.ndarray, backend: str = "auto") -> np.ndarray:
-    """Return ν (N, 3) at the ticks by the model of `file`; `start` is a pose (3,), or pose and velocity (6,).  (1)"""
-    vehicle, record = file.vehicle, record_of(run, {})
+def open_loop(
+    vehicle_file: "VehicleFile", run: "Run", start: np.ndarray, backend: str = "auto"
+) -> np.ndarray:
+    """Return ν (N, 3) at the ticks by the model of `vehicle_file`; `start` is a pose (3,), or pose and velocity (6,).
+    (1)"""
+    vehicle, record = vehicle_file.vehicle, record_of(run, {})
     begin = vehicle.init(*(start[k : k + 3] for k in range(0, len(start), 3)))
     if np.any(start[3:] != 0.0):  # a moving vehicle has had a command before
         begin = begin._replace(drivetrain=vehicle.drivetrain.steady_state(record.u[0]))
@@ -40,19 +43,25 @@ def open_loop(file: "VehicleFile", run: "Run", start: np.ndarray, backend: str =
     return nu[np.searchsorted(record.t_s, run.t_s - 1e-9)]
 
 
-def dead_reckoning(file: "VehicleFile", run: "Run", nu: np.ndarray, start: np.ndarray) -> np.ndarray:
+def dead_reckoning(vehicle_file: "VehicleFile", run: "Run", nu: np.ndarray, start: np.ndarray) -> np.ndarray:
     """Return η (N, 3) at the ticks by integration; `nu` (N, 3) is the velocity by the model.  (2), (3)"""
-    sensors = file.sensors._asdict()
+    sensors = vehicle_file.sensors._asdict()
     imu, odometer = sensors["imu"], sensors.get("odometer")
     r = (_readings(run, "imu", 2) - imu.gyro_bias) / imu.gyro_scale
     v = nu[:, 0] if odometer is None else _readings(run, "odometer", 0) / odometer.scale
-    arm_m = float(file.data["model"].get("rear_axle_m", np.nan))
-    aside = arm_m * r if np.isfinite(arm_m) else nu[:, 1]
+    arm_m = float(vehicle_file.data["model"].get("rear_axle_m", np.nan))
+    lateral = arm_m * r if np.isfinite(arm_m) else nu[:, 1]
     dt_s = np.diff(run.t_s)
     psi = start[2] + np.concatenate([[0.0], np.cumsum(_middle(r) * dt_s)])
-    way = np.stack([_middle(v), _middle(aside)], axis=1) * dt_s[:, None]
+    displacement = np.stack([_middle(v), _middle(lateral)], axis=1) * dt_s[:, None]
     cos, sin = np.cos(_middle(psi)), np.sin(_middle(psi))
-    steps = np.stack([cos * way[:, 0] - sin * way[:, 1], sin * way[:, 0] + cos * way[:, 1]], axis=1)
+    steps = np.stack(
+        [
+            cos * displacement[:, 0] - sin * displacement[:, 1],
+            sin * displacement[:, 0] + cos * displacement[:, 1],
+        ],
+        axis=1,
+    )
     xy = start[:2] + np.concatenate([np.zeros((1, 2)), np.cumsum(steps, axis=0)])
     return np.column_stack([xy, psi])
 

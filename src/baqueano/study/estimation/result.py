@@ -25,10 +25,14 @@ if TYPE_CHECKING:
     from baqueano.study.estimation.judging import JudgedEstimate
 
 REFUSED = Verdict.REFUSED
-ALONE = 1.10
-POOLED, SPEED_WITH_ODOMETER, GOAL = 1.0, 0.7, 0.7
-NEES, NIS, WHITE = (0.4, 1.6), (0.85, 1.15), 0.12  # the required ranges for a recording
-AGAINST = {
+MAX_SINGLE_RATIO = 1.10
+MAX_POOLED_RATIO, SPEED_WITH_ODOMETER, GOAL_RATIO = 1.0, 0.7, 0.7
+NEES_RANGE, NIS_RANGE, MAX_AUTOCORRELATION = (
+    (0.4, 1.6),
+    (0.85, 1.15),
+    0.12,
+)  # the required ranges for a recording
+REFERENCE_NAMES = {
     True: N_("the model from the commands alone"),
     False: N_("plain integration with the same calibration"),
 }
@@ -49,31 +53,31 @@ class EstimationStudy:
 
     def rows_shown(self) -> list["TableRow"]:
         """Return all rows except the rows of single simulated vehicles."""
-        own = [
+        case_rows = [
             row | ({"ok": None} if estimate.fit == REFUSED else {})
             for estimate in self.judged
             for row in (*_of_one(estimate), *_of_consistency(estimate))
         ]
-        return [*own, *self.pooled_ratios(), *self.simulated]
+        return [*case_rows, *self.pooled_ratios(), *self.simulated]
 
     def pooled_ratios(self) -> list["TableRow"]:
         """Return the pooled and the typical ratio for each set of sensors, estimator and quantity, with its bar."""
-        out = []
+        ratio_rows = []
         fitted = [estimate for estimate in self.judged if estimate.fit != REFUSED]
         groups = dict.fromkeys((estimate.sensors, estimate.estimator) for estimate in fitted)
         for sensors, estimator in groups:
-            some = [
+            estimates = [
                 estimate
                 for estimate in fitted
                 if (estimate.sensors, estimate.estimator) == (sensors, estimator)
             ]
             for quantity in QUANTITIES:
-                parts = [estimate.errors[quantity] for estimate in some]
-                ratio, low, high = merge(parts).ratio
-                bar = SPEED_WITH_ODOMETER if (quantity, sensors) == (SPEED, BOTH) else POOLED
-                typical = float(np.exp(np.mean([np.log(part.ratio[0]) for part in parts])))
-                for name, value in ((N_("pooled"), ratio), (N_("typical"), typical)):
-                    out.append(
+                errors = [estimate.errors[quantity] for estimate in estimates]
+                ratio, low, high = merge(errors).ratio
+                bar = SPEED_WITH_ODOMETER if (quantity, sensors) == (SPEED, BOTH) else MAX_POOLED_RATIO
+                mean_ratio = float(np.exp(np.mean([np.log(error.ratio[0]) for error in errors])))
+                for name, value in ((N_("pooled"), ratio), (N_("typical"), mean_ratio)):
+                    ratio_rows.append(
                         row(
                             _("all, {sensors}", sensors=sensors),
                             estimator,
@@ -83,8 +87,8 @@ class EstimationStudy:
                         )
                         | {"ratio": value, "low": low, "high": high}
                     )
-                out[-1] |= {"low": float("nan"), "high": float("nan")}
-        return out
+                ratio_rows[-1] |= {"low": float("nan"), "high": float("nan")}
+        return ratio_rows
 
     @property
     def reasons(self) -> tuple[str, ...]:
@@ -117,11 +121,11 @@ class EstimationStudy:
     def table(self) -> str:
         """Return the rows, notes and verdict as a text table."""
         rows = self.rows_shown()
-        wide = {
+        widths = {
             key: max(len(_(key)), *(len(_(r[key])) for r in rows))
             for key in (N_("recording"), N_("estimator"), N_("quantity"))
         }
-        head = "  ".join(_(key).ljust(width) for key, width in wide.items())
+        head = "  ".join(_(key).ljust(width) for key, width in widths.items())
         lines = [f"{head}  {_('value'):>7} {_('ref.'):>7} {_('ratio'):>6}  95 %"]
         for r in rows:
             finite = np.isfinite(r.get("low", float("nan")))
@@ -132,27 +136,27 @@ class EstimationStudy:
             )
             ratio = f"{number(r['ratio']):.2f}" if "ratio" in r else ""
             ok = _("NO") if r["ok"] is False else ""
-            labels = "  ".join(_(r[key]).ljust(width) for key, width in wide.items())
+            labels = "  ".join(_(r[key]).ljust(width) for key, width in widths.items())
             figures = f"{number(r['value']):7.3f} {number(r['reference']):7.3f} {ratio:>6}"
             lines.append(f"{labels}  {figures}  {interval:14} {ok}".rstrip())
         lines += [
             _(
                 "Reference of a speed: {speed}. Of a position: {position}.",
-                speed=_(AGAINST[True]),
-                position=_(AGAINST[False]),
+                speed=_(REFERENCE_NAMES[True]),
+                position=_(REFERENCE_NAMES[False]),
             ),
             _(
                 "NO marks a ratio on one recording that is significantly above {alone:g}, or a requirement "
                 "that is not met. The goal of a pooled ratio is {goal:g}.",
-                alone=ALONE,
-                goal=GOAL,
+                alone=MAX_SINGLE_RATIO,
+                goal=GOAL_RATIO,
             ),
             _(
                 "The NEES of a speed must be in {nees}, the NIS in {nis}, and the lag-1 correlation within "
                 "± {white:g}.",
-                nees=NEES,
-                nis=NIS,
-                white=WHITE,
+                nees=NEES_RANGE,
+                nis=NIS_RANGE,
+                white=MAX_AUTOCORRELATION,
             ),
             *(
                 f"{estimate.recording}, {estimate.estimator}: {estimate.consistency.sentence}"
@@ -196,7 +200,7 @@ def _of_one(estimate: "JudgedEstimate") -> list["TableRow"]:
     for quantity, errors in estimate.errors.items():
         (value, reference), (ratio, low, high) = errors.rms, errors.ratio
         cells = row(estimate.recording, estimate.estimator, quantity, value, reference)
-        ok = None if not np.isfinite(low) else bool(low <= ALONE)
+        ok = None if not np.isfinite(low) else bool(low <= MAX_SINGLE_RATIO)
         out.append(cells | {"ok": ok, "ratio": ratio, "low": low, "high": high})
     return out
 
@@ -206,9 +210,11 @@ def _of_consistency(estimate: "JudgedEstimate") -> list["TableRow"]:
     consistency, out = estimate.consistency, []
     figures = {
         _("NEES of the pose"): (consistency.nees_pose, None),
-        _("NEES of the speed"): (estimate.nees_speed, NEES),
+        _("NEES of the speed"): (estimate.nees_speed, NEES_RANGE),
     }
-    figures |= {_("NIS of innovation {k}", k=k): (band, NIS) for k, band in enumerate(consistency.channels)}
+    figures |= {
+        _("NIS of innovation {k}", k=k): (band, NIS_RANGE) for k, band in enumerate(consistency.channels)
+    }
     for name, (band, bar) in figures.items():
         ok = bool(bar[0] <= band.mean <= bar[1]) if bar and np.isfinite(band.mean) else None
         cells = row(estimate.recording, estimate.estimator, name, band.mean, 1.0)
@@ -216,7 +222,8 @@ def _of_consistency(estimate: "JudgedEstimate") -> list["TableRow"]:
     for k, value in enumerate(consistency.correlations):
         name = _("lag-1 correlation of innovation {k}", k=k)
         out.append(
-            row(estimate.recording, estimate.estimator, name, value, 0.0) | {"ok": bool(abs(value) <= WHITE)}
+            row(estimate.recording, estimate.estimator, name, value, 0.0)
+            | {"ok": bool(abs(value) <= MAX_AUTOCORRELATION)}
         )
     return out
 

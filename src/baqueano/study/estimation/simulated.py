@@ -21,7 +21,7 @@ from baqueano.diagnostics import Verdict
 from baqueano.errors import BaqueanoError
 from baqueano.messages.language import mark as N_
 from baqueano.messages.language import translate as _
-from baqueano.simulate.open_loop import times
+from baqueano.simulate.open_loop import tick_times
 from baqueano.study.counterpart import drive_group, run_of_vehicle
 from baqueano.study.estimation.errors import QUANTITIES
 from baqueano.study.estimation.judging import JudgedEstimate, evaluate
@@ -190,26 +190,28 @@ def _subjects(job: EstimationJob) -> list[Subject]:
     vehicles, signals, files = [], [], []
     for seed in job.seeds:
         of = subject(job.vehicle, seed)
-        of = of._replace(file=_file(of, seed))
+        of = of._replace(vehicle_file=_file(of, seed))
         signals += [of._replace(seed=run_seed).signal(SECONDS) for run_seed in (seed, seed + OTHER)]
         vehicles += 2 * [LACKING[lacking(seed)[0]](of.vehicle, np.random.default_rng([seed, 50]))]
-        files.append(of.file)
+        files.append(of.vehicle_file)
     seeds = [run_seed for seed in job.seeds for run_seed in (seed, seed + OTHER)]
     group = vehicles[0].merge(vehicles[1:])
-    drive = drive_group(group, np.stack(signals, axis=1), seeds, times(len(signals[0]), files[0].rate_hz))
+    drive = drive_group(
+        group, np.stack(signals, axis=1), seeds, tick_times(len(signals[0]), files[0].rate_hz)
+    )
     free, out = subject(job.vehicle, job.seeds[0]).free, []
-    for k, (seed, file) in enumerate(zip(job.seeds, files, strict=True)):
+    for k, (seed, vehicle_file) in enumerate(zip(job.seeds, files, strict=True)):
         first, second = (
-            run_of_vehicle(drive, j, signals[j], file, f"seed {seeds[j]}", seeds[j])
+            run_of_vehicle(drive, j, signals[j], vehicle_file, f"seed {seeds[j]}", seeds[j])
             for j in (2 * k, 2 * k + 1)
         )
         first = replace(first, truth=None)  # a fit on the floor is without a truth
-        out.append(Subject(f"{lacking(seed)[0]}, {job.vehicle} {seed}", file, first, second, free))
+        out.append(Subject(f"{lacking(seed)[0]}, {job.vehicle} {seed}", vehicle_file, first, second, free))
     return out
 
 
 def _file(driven: Driven, seed: int) -> Any:
     """Return the subject's file with an odometer; a car with slipping tyres has its full steering range."""
-    if "odometer" not in driven.file.sensors._fields:
-        return parse(driven.file.text + ODOMETER, driven.file.name)
-    return driven.file.with_values(FULL_LOCK) if lacking(seed)[0] == "slip" else driven.file
+    if "odometer" not in driven.vehicle_file.sensors._fields:
+        return parse(driven.vehicle_file.text + ODOMETER, driven.vehicle_file.name)
+    return driven.vehicle_file.with_values(FULL_LOCK) if lacking(seed)[0] == "slip" else driven.vehicle_file

@@ -30,7 +30,7 @@ class Subject(NamedTuple):
     """A vehicle with a run for the fit and a run for the evaluation."""
 
     name: str
-    file: VehicleFile
+    vehicle_file: VehicleFile
     fitted: Run
     judged: Run
     free: tuple[str, ...] | None = None  # free parameters; None: the defaults of `identify`
@@ -70,18 +70,18 @@ def missing(name: str) -> list[str]:
     return missing_of(SUBJECTS[name][1])
 
 
-def with_sensors(file: VehicleFile, names: tuple[str, ...]) -> VehicleFile:
+def with_sensors(vehicle_file: VehicleFile, names: tuple[str, ...]) -> VehicleFile:
     """Return the file with only the sensors `names`; its estimator uses all of these sensors."""
-    text = file.text
-    for name in set(file.sensors._fields) - set(names):
+    text = vehicle_file.text
+    for name in set(vehicle_file.sensors._fields) - set(names):
         text = re.sub(rf"^\[sensors\.{name}\].*?(?=^\[|\Z)", "", text, flags=re.MULTILINE | re.DOTALL)
     text = re.sub(r"^use = .*\n", "", text, flags=re.MULTILINE)
-    return parse(text, file.name).with_values({"estimator.use": list(names)})
+    return parse(text, vehicle_file.name).with_values({"estimator.use": list(names)})
 
 
-def _both_ways(name: str, file: VehicleFile, runs: dict[str, Run]) -> list[Subject]:
+def _both_ways(name: str, vehicle_file: VehicleFile, runs: dict[str, Run]) -> list[Subject]:
     (a, first), (b, second) = runs.items()
     return [
-        Subject(f"{name} {a} → {b}", file, first, second),
-        Subject(f"{name} {b} → {a}", file, second, first),
+        Subject(f"{name} {a} → {b}", vehicle_file, first, second),
+        Subject(f"{name} {b} → {a}", vehicle_file, second, first),
     ]

@@ -45,9 +45,9 @@ def of_file(
     name: str, size: str, count: int, seed: int, duration_s: float, processes: int, backend: str
 ) -> dict[str, SignalErrors]:
     """Return signal → errors and margins on `count` vehicles around the file."""
-    file = load(name)
-    room, vehicles = room_of(file, size), vehicles_around(file, count, seed)
-    signal_plans = plans(file, room, count, seed, duration_s, backend)
+    vehicle_file = load(name)
+    room, vehicles = room_of(vehicle_file, size), vehicles_around(vehicle_file, count, seed)
+    signal_plans = plans(vehicle_file, room, count, seed, duration_s, backend)
     work = partial(outcome, vehicles=vehicles, name=name, room=room, seed=seed)
     draws = dict(spread_over(work, list(signal_plans.items()), processes))
     if len(draws) < len(signal_plans):

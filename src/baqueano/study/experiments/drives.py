@@ -5,7 +5,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from baqueano.identify.design.information import NUISANCE_SD, mean_error, unknowns
+from baqueano.identify.design.information import NUISANCE_STD, mean_error, unknowns
 from baqueano.identify.design.plan import design_plan
 from baqueano.identify.design.room import VEHICLES, Room, contain
 from baqueano.identify.design.signals import KINDS, excitation
@@ -29,37 +29,40 @@ class PlannedDrive(NamedTuple):
 
 
 def plans(
-    file: VehicleFile, room: Room, count: int, seed: int, duration_s: float, backend: str
+    vehicle_file: VehicleFile, room: Room, count: int, seed: int, duration_s: float, backend: str
 ) -> dict[str, PlannedDrive]:
     """Return signal → commands of all vehicles; the designed commands are the same for all vehicles."""
     began_s = time.perf_counter()
-    u = design_plan(file, room, duration_s, seed=seed, backend=backend).u
+    u = design_plan(vehicle_file, room, duration_s, seed=seed, backend=backend).u
     out = {DESIGNED: PlannedDrive(np.repeat(u[:, None], count, axis=1), time.perf_counter() - began_s)}
-    cloud = Cloud(file, possible_vehicles(file, vehicles=VEHICLES), seed, backend)
+    cloud = Cloud(vehicle_file, possible_vehicles(vehicle_file, vehicle_count=VEHICLES), seed, backend)
     for kind in KINDS:
         us, slowest = [], 0.0
         for k in range(count):
             began_s = time.perf_counter()
-            command = excitation(kind, file.command.limit, duration_s, file.rate_hz, seed + k, rest_s=1.0)
-            us.append(contain(command, file, room, cloud=cloud).u)
+            command = excitation(
+                kind, vehicle_file.command.limit, duration_s, vehicle_file.rate_hz, seed + k, rest_s=1.0
+            )
+            us.append(contain(command, vehicle_file, room, cloud=cloud).u)
             slowest = max(slowest, time.perf_counter() - began_s)
         out[kind] = PlannedDrive(np.stack(us, axis=1), slowest)
     return out
 
 
-def vehicles_around(file: VehicleFile, count: int, seed: int) -> Robots | Cars:
+def vehicles_around(vehicle_file: VehicleFile, count: int, seed: int) -> Robots | Cars:
     """Return vehicles of the truth whose parameters are within ± SPREAD of the file's values."""
-    q = draw_robots(count, seed) if len(file.command.limit) == 3 else draw_cars(count, seed)
+    q = draw_robots(count, seed) if len(vehicle_file.command.limit) == 3 else draw_cars(count, seed)
     if isinstance(q, Cars):  # the file has only a delay
         q = q.with_parameters(
-            lag_s=np.full(count, LAG_S), delay_s=np.full(count, file.vehicle.drivetrain.delay_s - LAG_S)
+            lag_s=np.full(count, LAG_S),
+            delay_s=np.full(count, vehicle_file.vehicle.drivetrain.delay_s - LAG_S),
         )
-    q = q.with_parameters(floor=np.tile(file.vehicle.process_noise_std, (count, 1)))
+    q = q.with_parameters(floor=np.tile(vehicle_file.vehicle.process_noise_std, (count, 1)))
     draw = np.random.default_rng([seed, 71])
-    paths = [path for path in possible_vehicles(file, vehicles=2).paths if path in numbers(q)]
+    paths = [path for path in possible_vehicles(vehicle_file, vehicle_count=2).paths if path in numbers(q)]
     unit = draw.uniform(-SPREAD, SPREAD, (len(paths), count))
     return substitute(
-        q, {path: float(file.value(path)) * (1.0 + x) for path, x in zip(paths, unit, strict=True)}
+        q, {path: float(vehicle_file.value(path)) * (1.0 + x) for path, x in zip(paths, unit, strict=True)}
     )
 
 
@@ -67,20 +70,22 @@ def outcome(
     job: tuple[str, PlannedDrive], vehicles: Robots | Cars, name: str, room: Room, seed: int
 ) -> tuple[str, SignalErrors]:
     """Return the name of a signal, and its errors and margins on the vehicles."""
-    (signal, plan), file = job, load(name)
-    each = [vehicles.some([k]) for k in range(plan.u.shape[1])]
+    (signal, plan), vehicle_file = job, load(name)
+    each = [vehicles.subset([k]) for k in range(plan.u.shape[1])]
     around: list[Any] = [perturbed_copies(q.with_parameters(floor=0.0 * q.floor)) for q in each]
     group, many = around[0].merge(around[1:]), len(around[0].mass_kg)
-    quiet = np.split(ideal_readings(group, np.repeat(plan.u, many, axis=1), file.rate_hz), len(each), axis=1)
-    paths = [path for path in unknowns(file).names if path in numbers(vehicles)]
+    quiet = np.split(
+        ideal_readings(group, np.repeat(plan.u, many, axis=1), vehicle_file.rate_hz), len(each), axis=1
+    )
+    paths = [path for path in unknowns(vehicle_file).names if path in numbers(vehicles)]
     errors = [_error(readings, q, paths) for readings, q in zip(quiet, each, strict=True)]
-    repeats = vehicles.some(np.repeat(np.arange(len(each)), DRIVES).tolist())
+    repeats = vehicles.subset(np.repeat(np.arange(len(each)), DRIVES).tolist())
     seeds = [seed + 1000 + k for k in range(len(each) * DRIVES)]
     world, u = world_of(repeats, seeds), np.repeat(plan.u, DRIVES, axis=1)
     margins = np.full(len(seeds), np.inf)
     for now in u:
-        world.tick(now, 1.0 / file.rate_hz)
-        margins = np.minimum(margins, np.min(room.free - np.abs(world.truth.eta[:, :2]), axis=1))
+        world.tick(now, 1.0 / vehicle_file.rate_hz)
+        margins = np.minimum(margins, np.min(room.free_half_width_m - np.abs(world.truth.eta[:, :2]), axis=1))
     return signal, SignalErrors(np.array(errors), margins, plan.seconds)
 
 
@@ -106,6 +111,6 @@ def _size(path: str, value: dict[str, float]) -> float:
     If the value is 0, return the largest size in its field, or 1.
     """
     if "bias" in path:
-        return NUISANCE_SD
+        return NUISANCE_STD
     field = path.partition("[")[0]
     return value[path] or max(x for key, x in value.items() if key.partition("[")[0] == field) or 1.0

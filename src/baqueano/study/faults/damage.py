@@ -25,26 +25,26 @@ def _z(run: Run) -> np.ndarray:
     return run.sensors["imu"].z.copy()
 
 
-def outliers(run: Run, file: VehicleFile, rng: np.random.Generator) -> Run:
+def outliers(run: Run, vehicle_file: VehicleFile, rng: np.random.Generator) -> Run:
     """Shift 10 % of all readings by 20 standard deviations, up or down."""
     for name, channel in run.sensors.items():
-        sd = np.sqrt(np.diagonal(getattr(file.sensors, name).cov))
+        std = np.sqrt(np.diagonal(getattr(vehicle_file.sensors, name).cov))
         hit = rng.random(channel.z.shape) < 0.1
-        run = _with(run, channel.z + hit * rng.choice([-20.0, 20.0], channel.z.shape) * sd, name)
+        run = _with(run, channel.z + hit * rng.choice([-20.0, 20.0], channel.z.shape) * std, name)
     return run
 
 
-def gyro_in_degrees(run: Run, file: VehicleFile, rng: np.random.Generator) -> Run:
+def gyro_in_degrees(run: Run, vehicle_file: VehicleFile, rng: np.random.Generator) -> Run:
     """Convert the logged gyro to degrees per second."""
     return _with(run, _z(run) * [1.0, 1.0, 180.0 / np.pi])
 
 
-def accelerometer_in_g(run: Run, file: VehicleFile, rng: np.random.Generator) -> Run:
+def accelerometer_in_g(run: Run, vehicle_file: VehicleFile, rng: np.random.Generator) -> Run:
     """Convert the logged accelerometers to multiples of 9.80665 m/s²."""
     return _with(run, _z(run) / [STANDARD_GRAVITY, STANDARD_GRAVITY, 1.0])
 
 
-def time_in_milliseconds(run: Run, file: VehicleFile, rng: np.random.Generator) -> Run:
+def time_in_milliseconds(run: Run, vehicle_file: VehicleFile, rng: np.random.Generator) -> Run:
     """Make all clocks run 1000 times as fast, and remove the truth."""
 
     def late(t_ns: np.ndarray) -> np.ndarray:
@@ -54,62 +54,62 @@ def time_in_milliseconds(run: Run, file: VehicleFile, rng: np.random.Generator) 
     return replace(run, t_ns=late(run.t_ns), sensors=sensors, truth=None)
 
 
-def command_in_volts(run: Run, file: VehicleFile, rng: np.random.Generator) -> Run:
+def command_in_volts(run: Run, vehicle_file: VehicleFile, rng: np.random.Generator) -> Run:
     """Convert the logged command to the voltage of a battery of 6 to 12 V."""
-    return replace(run, applied=_of_full(run, file) * rng.uniform(6.0, 12.0))
+    return replace(run, applied=_command_scale(run, vehicle_file) * rng.uniform(6.0, 12.0))
 
 
-def command_in_pwm(run: Run, file: VehicleFile, rng: np.random.Generator) -> Run:
+def command_in_pwm(run: Run, vehicle_file: VehicleFile, rng: np.random.Generator) -> Run:
     """Convert the logged command to whole counts of 255."""
-    return replace(run, applied=np.rint(_of_full(run, file) * 255.0))
+    return replace(run, applied=np.rint(_command_scale(run, vehicle_file) * 255.0))
 
 
-def _of_full(run: Run, file: VehicleFile) -> np.ndarray:
-    limit = np.asarray(file.command.limit)
+def _command_scale(run: Run, vehicle_file: VehicleFile) -> np.ndarray:
+    limit = np.asarray(vehicle_file.command.limit)
     return run.applied / np.where(limit > 0.0, limit, 1.0)
 
 
-def clip_imu(run: Run, file: VehicleFile, rng: np.random.Generator) -> Run:
+def clip_imu(run: Run, vehicle_file: VehicleFile, rng: np.random.Generator) -> Run:
     """Clip each channel of the IMU at 50 to 80 % of its largest reading."""
     z = _z(run)
     end = rng.uniform(0.5, 0.8) * np.max(np.abs(z), axis=0)
     return _with(run, np.clip(z, -end, end))
 
 
-def late_sensor(run: Run, file: VehicleFile, rng: np.random.Generator) -> Run:
+def late_sensor(run: Run, vehicle_file: VehicleFile, rng: np.random.Generator) -> Run:
     """Delay all sensors by 20 to 100 ms without a change of their timestamps."""
-    late = round(rng.uniform(0.02, 0.1) * file.rate_hz)
+    delay_ticks = round(rng.uniform(0.02, 0.1) * vehicle_file.rate_hz)
     sensors = {
-        n: c._replace(z=np.concatenate([c.z[:1].repeat(late, 0), c.z[:-late]]))
+        n: c._replace(z=np.concatenate([c.z[:1].repeat(delay_ticks, 0), c.z[:-delay_ticks]]))
         for n, c in run.sensors.items()
     }
     return replace(run, sensors=sensors)
 
 
-def repeated_time(run: Run, file: VehicleFile, rng: np.random.Generator) -> Run:
+def repeated_time(run: Run, vehicle_file: VehicleFile, rng: np.random.Generator) -> Run:
     """Replace the timestamp of 3 to 20 % of the IMU samples by the timestamp of the previous sample."""
     c = run.sensors["imu"]
-    same = np.flatnonzero(rng.random(len(c.t_ns)) < rng.uniform(0.03, 0.2))
+    repeated_rows = np.flatnonzero(rng.random(len(c.t_ns)) < rng.uniform(0.03, 0.2))
     t_ns = c.t_ns.copy()
-    t_ns[same[same > 0]] = t_ns[same[same > 0] - 1]
+    t_ns[repeated_rows[repeated_rows > 0]] = t_ns[repeated_rows[repeated_rows > 0] - 1]
     return replace(run, sensors={**run.sensors, "imu": c._replace(t_ns=t_ns)})
 
 
-def time_jumps_a_day(run: Run, file: VehicleFile, rng: np.random.Generator) -> Run:
+def time_jumps_a_day(run: Run, vehicle_file: VehicleFile, rng: np.random.Generator) -> Run:
     """Let all clocks jump ahead by a day during the drive, and remove the truth."""
     return _time_jump(run, 86_400 * NANOSECONDS, rng)
 
 
-def time_jumps_seconds(run: Run, file: VehicleFile, rng: np.random.Generator) -> Run:
+def time_jumps_seconds(run: Run, vehicle_file: VehicleFile, rng: np.random.Generator) -> Run:
     """Let all clocks jump ahead by 2 to 60 s during the drive, and remove the truth."""
     return _time_jump(run, round(rng.uniform(2.0, 60.0) * NANOSECONDS), rng)
 
 
 def _time_jump(run: Run, by_ns: int, rng: np.random.Generator) -> Run:
-    at = run.t_ns[int(rng.uniform(0.3, 0.7) * len(run.t_ns))]
+    jump_ns = run.t_ns[int(rng.uniform(0.3, 0.7) * len(run.t_ns))]
 
     def delay_stamps(t_ns: np.ndarray) -> np.ndarray:
-        return t_ns + np.where(t_ns >= at, by_ns, 0)
+        return t_ns + np.where(t_ns >= jump_ns, by_ns, 0)
 
     sensors = {
         n: Channel(delay_stamps(c.t_ns), delay_stamps(c.arrival_ns), c.z) for n, c in run.sensors.items()
@@ -117,104 +117,106 @@ def _time_jump(run: Run, by_ns: int, rng: np.random.Generator) -> Run:
     return replace(run, t_ns=delay_stamps(run.t_ns), sensors=sensors, truth=None)
 
 
-def sensor_clock_goes_back(run: Run, file: VehicleFile, rng: np.random.Generator) -> Run:
+def sensor_clock_goes_back(run: Run, vehicle_file: VehicleFile, rng: np.random.Generator) -> Run:
     """Set the IMU's clock back by an hour during the drive."""
     c = run.sensors["imu"]
-    after = np.arange(len(c.t_ns)) > rng.uniform(0.3, 0.7) * len(c.t_ns)
-    return replace(run, sensors={**run.sensors, "imu": c._replace(t_ns=c.t_ns - after * 3600 * NANOSECONDS)})
+    is_after = np.arange(len(c.t_ns)) > rng.uniform(0.3, 0.7) * len(c.t_ns)
+    return replace(
+        run, sensors={**run.sensors, "imu": c._replace(t_ns=c.t_ns - is_after * 3600 * NANOSECONDS)}
+    )
 
 
-def bursts(run: Run, file: VehicleFile, rng: np.random.Generator) -> Run:
+def bursts(run: Run, vehicle_file: VehicleFile, rng: np.random.Generator) -> Run:
     """Timestamp the IMU's samples in bursts of 4 to 10 samples, 20 µs apart."""
-    c, of = run.sensors["imu"], int(rng.integers(4, 11))
-    last = np.minimum((np.arange(len(c.t_ns)) // of + 1) * of - 1, len(c.t_ns) - 1)
-    t_ns = c.t_ns[last] - (last - np.arange(len(last))) * 20_000
-    return replace(run, sensors={**run.sensors, "imu": Channel(t_ns, c.arrival_ns[last], c.z)})
+    c, burst_size = run.sensors["imu"], int(rng.integers(4, 11))
+    last_of_burst = np.minimum((np.arange(len(c.t_ns)) // burst_size + 1) * burst_size - 1, len(c.t_ns) - 1)
+    t_ns = c.t_ns[last_of_burst] - (last_of_burst - np.arange(len(last_of_burst))) * 20_000
+    return replace(run, sensors={**run.sensors, "imu": Channel(t_ns, c.arrival_ns[last_of_burst], c.z)})
 
 
-def hold_samples(run: Run, file: VehicleFile, rng: np.random.Generator) -> Run:
+def hold_samples(run: Run, vehicle_file: VehicleFile, rng: np.random.Generator) -> Run:
     """Repeat each IMU sample for 3 to 8 readings, as if the IMU measured more slowly than it is read."""
-    z, of = _z(run), int(rng.integers(3, 9))
-    return _with(run, z[np.arange(len(z)) // of * of])
+    z, hold_count = _z(run), int(rng.integers(3, 9))
+    return _with(run, z[np.arange(len(z)) // hold_count * hold_count])
 
 
-def stuck(run: Run, file: VehicleFile, rng: np.random.Generator) -> Run:
+def stuck(run: Run, vehicle_file: VehicleFile, rng: np.random.Generator) -> Run:
     """Repeat one sample of the IMU for 5 to 20 % of the run."""
     z = _z(run)
     length = int(rng.uniform(0.05, 0.2) * len(z))
-    at = int(rng.integers(0, len(z) - length))
-    z[at : at + length] = z[at]
+    first_row = int(rng.integers(0, len(z) - length))
+    z[first_row : first_row + length] = z[first_row]
     return _with(run, z)
 
 
-def zeros(run: Run, file: VehicleFile, rng: np.random.Generator) -> Run:
+def zeros(run: Run, vehicle_file: VehicleFile, rng: np.random.Generator) -> Run:
     """Set 5 to 30 % of the IMU samples to zero."""
     z = _z(run)
     z[rng.random(len(z)) < rng.uniform(0.05, 0.3)] = 0.0
     return _with(run, z)
 
 
-def not_numbers(run: Run, file: VehicleFile, rng: np.random.Generator) -> Run:
+def not_numbers(run: Run, vehicle_file: VehicleFile, rng: np.random.Generator) -> Run:
     """Set 1 to 20 % of the IMU's readings to NaN."""
     z = _z(run)
     z[rng.random(z.shape) < rng.uniform(0.01, 0.2)] = np.nan
     return _with(run, z)
 
 
-def axes_swapped(run: Run, file: VehicleFile, rng: np.random.Generator) -> Run:
+def axes_swapped(run: Run, vehicle_file: VehicleFile, rng: np.random.Generator) -> Run:
     """Swap a_x and a_y in the log."""
     return _with(run, _z(run)[:, [1, 0, 2]])
 
 
-def axis_inverted(run: Run, file: VehicleFile, rng: np.random.Generator) -> Run:
+def axis_inverted(run: Run, vehicle_file: VehicleFile, rng: np.random.Generator) -> Run:
     """Invert the sign of one of a_x, a_y, ω_z."""
     sign = np.ones(3)
     sign[rng.integers(0, 3)] = -1.0
     return _with(run, _z(run) * sign)
 
 
-def gyro_inverted(run: Run, file: VehicleFile, rng: np.random.Generator) -> Run:
+def gyro_inverted(run: Run, vehicle_file: VehicleFile, rng: np.random.Generator) -> Run:
     """Invert the sign of ω_z."""
     return _with(run, _z(run) * [1.0, 1.0, -1.0])
 
 
-def gravity_on_an_axis(run: Run, file: VehicleFile, rng: np.random.Generator) -> Run:
+def gravity_on_an_axis(run: Run, vehicle_file: VehicleFile, rng: np.random.Generator) -> Run:
     """Replace a_x or a_y by gravity and noise, as if the IMU were mounted upright."""
     z, axis = _z(run), int(rng.integers(0, 2))
-    sd = float(np.sqrt(file.sensors.imu.cov[axis, axis]))
-    z[:, axis] = rng.choice([-1.0, 1.0]) * STANDARD_GRAVITY + sd * rng.standard_normal(len(z))
+    std = float(np.sqrt(vehicle_file.sensors.imu.cov[axis, axis]))
+    z[:, axis] = rng.choice([-1.0, 1.0]) * STANDARD_GRAVITY + std * rng.standard_normal(len(z))
     return _with(run, z)
 
 
-def dead_channel(run: Run, file: VehicleFile, rng: np.random.Generator) -> Run:
+def dead_channel(run: Run, vehicle_file: VehicleFile, rng: np.random.Generator) -> Run:
     """Set one of a_x, a_y, ω_z to 0 in the whole run."""
     z = _z(run)
     z[:, rng.integers(0, 3)] = 0.0
     return _with(run, z)
 
 
-def motors_swapped(run: Run, file: VehicleFile, rng: np.random.Generator) -> Run | None:
+def motors_swapped(run: Run, vehicle_file: VehicleFile, rng: np.random.Generator) -> Run | None:
     """Invert the sign of the turning command, as if left and right motor were swapped; None for a car."""
     return None if run.applied.shape[1] < 3 else replace(run, applied=run.applied * [1.0, 1.0, -1.0])
 
 
-def motor_inverted(run: Run, file: VehicleFile, rng: np.random.Generator) -> Run | None:
+def motor_inverted(run: Run, vehicle_file: VehicleFile, rng: np.random.Generator) -> Run | None:
     """Swap the commands forward and turning, as if one motor were reversed; None for a car."""
     if run.applied.shape[1] < 3:
         return None
-    limit = np.asarray(file.command.limit)
+    limit = np.asarray(vehicle_file.command.limit)
     u = run.applied.copy()
     u[:, 0], u[:, 2] = run.applied[:, 2] * limit[0] / limit[2], run.applied[:, 0] * limit[2] / limit[0]
     return replace(run, applied=u)
 
 
-def too_short(run: Run, file: VehicleFile, rng: np.random.Generator) -> Run:
+def too_short(run: Run, vehicle_file: VehicleFile, rng: np.random.Generator) -> Run:
     """Cut the run to a duration of 0.4 to 1.5 s."""
-    at = rng.uniform(0.0, 5.0)
-    return run.cut(at, at + rng.uniform(0.4, 1.5))
+    start_s = rng.uniform(0.0, 5.0)
+    return run.cut(start_s, start_s + rng.uniform(0.4, 1.5))
 
 
-def half_driven(run: Run, file: VehicleFile, rng: np.random.Generator) -> Run:
+def half_driven(run: Run, vehicle_file: VehicleFile, rng: np.random.Generator) -> Run:
     """Set the last entry of the logged command to zero in the last 30 to 70 % of the run."""
     u = run.applied.copy()
     u[int(rng.uniform(0.3, 0.7) * len(u)) :, -1] = 0.0

@@ -40,17 +40,17 @@ if TYPE_CHECKING:
     from baqueano.identify.result.fit_result import Fit
     from baqueano.vehicle_file import VehicleFile
 
-SECONDS = 30.0
-TOGETHER = 16  # faults of a vehicle and seed that share their simulations
-SOUND = (
+DRIVE_S = 30.0
+FAULTS_AT_ONCE = 16  # faults of a vehicle and seed that share their simulations
+UNDAMAGED = (
     N_("sound"), N_("sound, 10 % outliers"), N_("sound, multisine"), N_("sound, 60 s"), N_("sound, other start"),
 )  # fmt: skip
-MENDED = (
+REPAIRED = (
     N_("repeated time"), N_("time jumps a day"), N_("time jumps seconds"), N_("repeated samples"), N_("stuck"),
     N_("frames as zero"), N_("not numbers"), N_("clipped"), N_("bursts"), N_("clock goes back"),
 )  # fmt: skip
-HARM = {**DAMAGES, **LOGGING}
-FAULTS = (*SOUND, *HARM, *STRUCTURES)
+DAMAGED = {**DAMAGES, **LOGGING}
+FAULTS = (*UNDAMAGED, *DAMAGED, *STRUCTURES)
 
 
 class FaultJob(NamedTuple):
@@ -78,7 +78,7 @@ class FaultOutcome(NamedTuple):
 class FaultInputs(NamedTuple):
     """The inputs of one fit, and the true parameters."""
 
-    file: "VehicleFile"
+    vehicle_file: "VehicleFile"
     run: Run
     free: tuple[str, ...]
     truth: dict[str, float]
@@ -87,16 +87,16 @@ class FaultInputs(NamedTuple):
 
 def work(jobs: tuple[FaultJob, ...]) -> list[FaultOutcome]:
     """Return the outcomes of faults on one vehicle and seed. Skip faults that do not apply to it."""
-    of = subject(jobs[0].vehicle, jobs[0].seed)
-    outcomes, before = [], _Before(of, jobs[0].backend)
-    for job, inputs in _inputs(of, jobs):
-        outcomes.append(_outcome(job, inputs, before))
+    fault_subject = subject(jobs[0].vehicle, jobs[0].seed)
+    outcomes, undamaged_fit = [], _Before(fault_subject, jobs[0].backend)
+    for job, inputs in _inputs(fault_subject, jobs):
+        outcomes.append(_outcome(job, inputs, undamaged_fit))
     return outcomes
 
 
-def _outcome(job: FaultJob, inputs: FaultInputs, before: "_Before") -> FaultOutcome:
+def _outcome(job: FaultJob, inputs: FaultInputs, undamaged_fit: "_Before") -> FaultOutcome:
     try:
-        fit = identify(inputs.run, inputs.file, inputs.free, options=FitOptions(backend=job.backend))
+        fit = identify(inputs.run, inputs.vehicle_file, inputs.free, options=FitOptions(backend=job.backend))
     except BaqueanoError as error:
         return FaultOutcome(job, "ERROR", False, np.nan, np.nan, (error.diagnostic.code,))
     except (
@@ -105,21 +105,26 @@ def _outcome(job: FaultJob, inputs: FaultInputs, before: "_Before") -> FaultOutc
         LookupError,
     ) as error:  # a fault of the program, which counts in the verdict of the study
         return FaultOutcome(job, "CRASH", False, np.nan, np.nan, (f"{type(error).__name__}: {error}",))
-    off = bool(np.any(wrong(fit.estimate, fit.sd, _true(fit, inputs.truth))))
+    is_wrong = bool(np.any(wrong(fit.estimate, fit.sd, _true(fit, inputs.truth))))
     outcome = FaultOutcome(
-        job, fit.verdict, off, np.nan, np.nan, tuple(reason.code for reason in fit.reasons)
+        job, fit.verdict, is_wrong, np.nan, np.nan, tuple(reason.code for reason in fit.reasons)
     )
     if inputs.clean is None:
         return outcome
-    clean = before.fit(inputs.clean)
-    outcome = outcome._replace(off=_rms(fit, clean, inputs.truth), clean=_rms(clean, clean, inputs.truth))
-    same = undamaged_run(inputs.clean, inputs.run, inputs.file)
-    if same is None:
+    clean = undamaged_fit.fit(inputs.clean)
+    outcome = outcome._replace(
+        error_by_path=_rms(fit, clean, inputs.truth), clean=_rms(clean, clean, inputs.truth)
+    )
+    undamaged = undamaged_run(inputs.clean, inputs.run, inputs.vehicle_file)
+    if undamaged is None:
         return outcome
     repaired_fit = identify(
-        same[0], inputs.file, inputs.free, options=FitOptions(diagnose=False, backend=job.backend)
+        undamaged[0],
+        inputs.vehicle_file,
+        inputs.free,
+        options=FitOptions(diagnose=False, backend=job.backend),
     )
-    return outcome._replace(left=_rms(repaired_fit, clean, inputs.truth), lost=same[1])
+    return outcome._replace(left=_rms(repaired_fit, clean, inputs.truth), lost=undamaged[1])
 
 
 class _Before:
@@ -133,7 +138,10 @@ class _Before:
         """Return the fit of `run`; compute it at the first call only."""
         if self._clean_fit is None:
             self._clean_fit = identify(
-                run, self._of.file, self._of.free, options=FitOptions(diagnose=False, backend=self._backend)
+                run,
+                self._of.vehicle_file,
+                self._of.free,
+                options=FitOptions(diagnose=False, backend=self._backend),
             )
         return self._clean_fit
 
@@ -150,37 +158,41 @@ def _rms(fit: "Fit", clean: "Fit", truth: dict[str, float]) -> float:
 
 def _inputs(subject: FaultSubject, jobs: Sequence[FaultJob]) -> list[tuple[FaultJob, FaultInputs]]:
     """Return the inputs of each job; the vehicles of all structures are simulated side by side."""
-    u = subject.signal(SECONDS)
-    (sound,) = subject.runs([subject.vehicle], [u], [u])
-    out, plans, many = [], [], subject.signal(SECONDS, "multisine")
+    u = subject.signal(DRIVE_S)
+    (undamaged_drive,) = subject.runs([subject.vehicle], [u], [u])
+    inputs_of_jobs, plans, multisine = [], [], subject.signal(DRIVE_S, "multisine")
     for job in jobs:
         rng = np.random.default_rng([job.seed, *job.fault.encode()])
         if job.fault in STRUCTURES:
-            plan = STRUCTURES[job.fault](subject, u, sound, rng)
+            plan = STRUCTURES[job.fault](subject, u, undamaged_drive, rng)
             plans += [] if plan is None else [(job, plan, u)]
         elif job.fault == "sound, multisine":
-            plans.append((job, FaultPlan(subject.vehicle, many, subject.file), many))
-        elif job.fault in SOUND:
-            out.append((job, _sound(subject, job, sound, rng)))
+            plans.append((job, FaultPlan(subject.vehicle, multisine, subject.vehicle_file), multisine))
+        elif job.fault in UNDAMAGED:
+            inputs_of_jobs.append((job, _undamaged_inputs(subject, job, undamaged_drive, rng)))
         else:
-            harmed_run = HARM[job.fault](_copy(sound), subject.file, rng)
-            clean = sound if job.fault in MENDED else None
+            harmed_run = DAMAGED[job.fault](_copy(undamaged_drive), subject.vehicle_file, rng)
+            clean = undamaged_drive if job.fault in REPAIRED else None
             if harmed_run is not None:
                 truth = {k: x for k, x in subject.truth.items() if (job.fault, k) not in SUMS}
-                out.append((job, FaultInputs(subject.file, harmed_run, subject.free, truth, clean)))
-    return out + _planned_inputs(subject, plans)
+                inputs_of_jobs.append(
+                    (job, FaultInputs(subject.vehicle_file, harmed_run, subject.free, truth, clean))
+                )
+    return inputs_of_jobs + _planned_inputs(subject, plans)
 
 
-def _sound(subject: FaultSubject, job: FaultJob, sound: Run, rng: np.random.Generator) -> FaultInputs:
-    file, run = subject.file, sound
+def _undamaged_inputs(
+    subject: FaultSubject, job: FaultJob, undamaged_drive: Run, rng: np.random.Generator
+) -> FaultInputs:
+    vehicle_file, run = subject.vehicle_file, undamaged_drive
     if job.fault == "sound, 60 s":
-        u = subject.signal(2.0 * SECONDS)
+        u = subject.signal(2.0 * DRIVE_S)
         (run,) = subject.runs([subject.vehicle], [u], [u])
     elif job.fault == "sound, 10 % outliers":
-        run = outliers(_copy(sound), file, rng)
+        run = outliers(_copy(undamaged_drive), vehicle_file, rng)
     elif job.fault == "sound, other start":
-        file = _other_start(file, rng)
-    return FaultInputs(file, run, subject.free, subject.truth)
+        vehicle_file = _with_other_friction(vehicle_file, rng)
+    return FaultInputs(vehicle_file, run, subject.free, subject.truth)
 
 
 def _planned_inputs(
@@ -188,18 +200,23 @@ def _planned_inputs(
 ) -> list[tuple[FaultJob, FaultInputs]]:
     if not plans:
         return []
-    first = [(plan.vehicle, plan.effective, u) for _, plan, u in plans]
+    first_drives = [(plan.vehicle, plan.effective, u) for _, plan, u in plans]
     second = [
         (plan.second or plan.vehicle, plan.effective, u) for _, plan, u in plans if plan.second is not None
     ]
-    runs = subject.runs(*zip(*first, *second, strict=True))
-    second_runs, out = iter(runs[len(plans) :]), []
+    runs = subject.runs(*zip(*first_drives, *second, strict=True))
+    second_runs, inputs_of_plans = iter(runs[len(plans) :]), []
     for (job, plan, _u), run in zip(plans, runs, strict=False):
         second_run = next(second_runs) if plan.second is not None else run
         run = plan.change(run, second_run) if plan.change else run
-        free = tuple(path for path in subject.free if path.removeprefix("+") not in plan.without)
-        out.append((job, FaultInputs(plan.file, run, free, subject._replace(vehicle=plan.vehicle).truth)))
-    return out
+        free_paths = tuple(path for path in subject.free if path.removeprefix("+") not in plan.without)
+        inputs_of_plans.append(
+            (
+                job,
+                FaultInputs(plan.vehicle_file, run, free_paths, subject._replace(vehicle=plan.vehicle).truth),
+            )
+        )
+    return inputs_of_plans
 
 
 def _copy(run: Run) -> Run:
@@ -209,12 +226,14 @@ def _copy(run: Run) -> Run:
     )
 
 
-def _other_start(file: "VehicleFile", rng: np.random.Generator) -> "VehicleFile":
+def _with_other_friction(vehicle_file: "VehicleFile", rng: np.random.Generator) -> "VehicleFile":
     """Return the file with its linear friction or drag multiplied by a random factor of 1/2 to 2."""
-    if len(file.command.limit) == 3:
-        linear = file.vehicle.friction.linear * 2.0 ** rng.uniform(-1.0, 1.0, 3)
-        return file.with_values({"model.friction.linear": linear.tolist()})
-    return file.with_values({"model.linear_drag": file.vehicle.linear_drag * 2.0 ** rng.uniform(-1.0, 1.0)})
+    if len(vehicle_file.command.limit) == 3:
+        linear = vehicle_file.vehicle.friction.linear * 2.0 ** rng.uniform(-1.0, 1.0, 3)
+        return vehicle_file.with_values({"model.friction.linear": linear.tolist()})
+    return vehicle_file.with_values(
+        {"model.linear_drag": vehicle_file.vehicle.linear_drag * 2.0 ** rng.uniform(-1.0, 1.0)}
+    )
 
 
 @dataclass(frozen=True)
@@ -234,13 +253,15 @@ class Faults:
 
     def _row(self, fault: str) -> "JsonObject":
         own_outcomes = self._of(fault)
-        sound = fault in SOUND
+        is_undamaged = fault in UNDAMAGED
         losses = [o.lost for o in own_outcomes if np.isfinite(o.lost)]
         return {
             "fault": fault,
             "fits": len(own_outcomes),
             "wrongly_usable": sum(o.verdict == Verdict.USABLE and o.wrong for o in own_outcomes),
-            "wrongly_refused": sum(sound and o.verdict in (Verdict.REFUSED, "ERROR") for o in own_outcomes),
+            "wrongly_refused": sum(
+                is_undamaged and o.verdict in (Verdict.REFUSED, "ERROR") for o in own_outcomes
+            ),
             "wrong": sum(o.wrong for o in own_outcomes),
             "usable": sum(o.verdict == Verdict.USABLE for o in own_outcomes),
             "warn": sum(o.verdict == Verdict.WARN for o in own_outcomes),
@@ -255,7 +276,7 @@ class Faults:
     def reasons(self) -> tuple[str, ...]:
         """Return a sentence for each reason why the verdict is not USABLE."""
         rows = self.rows()
-        out = [
+        reasons_found = [
             _(
                 "{wrongly_usable} wrong fits with {fault} were called USABLE",
                 wrongly_usable=r["wrongly_usable"],
@@ -264,24 +285,24 @@ class Faults:
             for r in rows
             if r["wrongly_usable"]
         ]
-        out += [
+        reasons_found += [
             _("{crashed} fits with {fault} crashed", crashed=r["crashed"], fault=_(r["fault"]))
             for r in rows
             if r["crashed"]
         ]
-        sound = sum(r["fits"] for r in rows if r["fault"] in SOUND)
+        undamaged_fits = sum(r["fits"] for r in rows if r["fault"] in UNDAMAGED)
         refusals = sum(r["wrongly_refused"] for r in rows)
-        if refusals > 0.02 * sound:
-            out.append(
+        if refusals > 0.02 * undamaged_fits:
+            reasons_found.append(
                 _(
                     "{refused} of {sound} sound runs were refused, more than 2 %",
                     refused=refusals,
-                    sound=sound,
+                    sound=undamaged_fits,
                 )
             )
-        if not sound:
-            out.append(_("no sound run was fitted"))
-        return tuple(out)
+        if not undamaged_fits:
+            reasons_found.append(_("no sound run was fitted"))
+        return tuple(reasons_found)
 
     @property
     def verdict(self) -> Verdict:
@@ -299,7 +320,9 @@ class Faults:
         )
         lines = [head, "-" * len(head)]
         for r in self.rows():
-            over = ["" if r[key] is None else f"{number(r[key]):.2f}" for key in ("over_clean", "over_left")]
+            ratio_texts = [
+                "" if r[key] is None else f"{number(r[key]):.2f}" for key in ("over_clean", "over_left")
+            ]
             loss = "" if r["lost"] is None else f"{number(100 * r['lost']):.0f} %"
             verdicts = (
                 f"{r['usable']}/{r['warn']}/{r['refused']}"
@@ -308,9 +331,9 @@ class Faults:
             )
             lines.append(
                 f"{_(r['fault']):<22}{r['fits']:>5}{r['wrong']:>7}{r['wrongly_usable']:>15}{r['wrongly_refused']:>15} "
-                f"  {verdicts:<20}{over[0]:>12}{loss:>8}{over[1]:>12}"
+                f"  {verdicts:<20}{ratio_texts[0]:>12}{loss:>8}{ratio_texts[1]:>12}"
             )
-        sound = [o for o in self.outcomes if o.job.fault in SOUND]
+        sound = [o for o in self.outcomes if o.job.fault in UNDAMAGED]
         warnings = sum(o.verdict == Verdict.WARN for o in sound)
         lines += ["", _("{warned} of {sound} sound runs with a warning", warned=warnings, sound=len(sound))]
         if self.tried < self.requested:
@@ -337,15 +360,17 @@ def faults(
     """Return the outcomes of `seeds` fits of each fault, from seed `first` on, with the vehicles in turn."""
     jobs: dict[tuple[str, int], list[FaultJob]] = {}
     for fault in only or FAULTS:
-        some = [v for v in vehicles if v != "car" or fault not in NOT_FOR_CARS]
-        for s in range(seeds if some else 0):
-            name = some[s % len(some)]
+        vehicles_of_fault = [v for v in vehicles if v != "car" or fault not in NOT_FOR_CARS]
+        for s in range(seeds if vehicles_of_fault else 0):
+            name = vehicles_of_fault[s % len(vehicles_of_fault)]
             jobs.setdefault((name, first + s), []).append(FaultJob(fault, name, first + s, backend))
     batches = [
-        tuple(of[k : k + TOGETHER]) for _, of in sorted(jobs.items()) for k in range(0, len(of), TOGETHER)
+        tuple(of[k : k + FAULTS_AT_ONCE])
+        for _, of in sorted(jobs.items())
+        for k in range(0, len(of), FAULTS_AT_ONCE)
     ]
     report = advance or (lambda n: None)
-    batches_done = spread_over(work, batches, processes, lambda n: report(n * TOGETHER))
+    batches_done = spread_over(work, batches, processes, lambda n: report(n * FAULTS_AT_ONCE))
     outcomes = tuple(o for batch in batches_done for o in batch)
     requested = sum(map(len, batches))
     return Faults(outcomes, requested, min(requested, sum(map(len, batches[: len(batches_done)]))))

@@ -12,32 +12,32 @@ from baqueano.vehicle_file import VehicleFile
 EPOCH_MS = 1_760_000_000_000
 
 
-def drifts(run: Run, by: float) -> Run:
+def with_clock_drift(run: Run, by: float) -> Run:
     """Return the run with an IMU clock that is fast by the fraction `by`."""
     c = run.sensors["imu"]
     t_ns = c.t_ns + np.round(by * (c.t_ns - run.t_ns[0])).astype(np.int64)
     return replace(run, sensors={**run.sensors, "imu": c._replace(t_ns=t_ns)})
 
 
-def clock_drifts_little(run: Run, file: VehicleFile, rng: np.random.Generator) -> Run:
+def clock_drifts_little(run: Run, vehicle_file: VehicleFile, rng: np.random.Generator) -> Run:
     """Let the IMU's clock run 200 ppm fast or slow."""
-    return drifts(run, float(rng.choice([-1.0, 1.0])) * 200e-6)
+    return with_clock_drift(run, float(rng.choice([-1.0, 1.0])) * 200e-6)
 
 
-def clock_drifts_much(run: Run, file: VehicleFile, rng: np.random.Generator) -> Run:
+def clock_drifts_much(run: Run, vehicle_file: VehicleFile, rng: np.random.Generator) -> Run:
     """Let the IMU's clock run 2 % fast or slow."""
-    return drifts(run, float(rng.choice([-1.0, 1.0])) * 0.02)
+    return with_clock_drift(run, float(rng.choice([-1.0, 1.0])) * 0.02)
 
 
-def mount_turns(run: Run, file: VehicleFile, rng: np.random.Generator) -> Run:
+def rotate_mount(run: Run, vehicle_file: VehicleFile, rng: np.random.Generator) -> Run:
     """Turn the accelerometer axes about z by 10 to 40° from a random time of the drive on."""
     z, angle = run.sensors["imu"].z.copy(), np.radians(rng.uniform(10.0, 40.0)) * rng.choice([-1.0, 1.0])
-    after = slice(int(rng.uniform(0.3, 0.7) * len(z)), None)
-    z[after, :2] = z[after, :2] @ _rotation(angle)
+    turned_rows = slice(int(rng.uniform(0.3, 0.7) * len(z)), None)
+    z[turned_rows, :2] = z[turned_rows, :2] @ _rotation(angle)
     return _with_imu(run, z)
 
 
-def resample(run: Run, file: VehicleFile, rng: np.random.Generator) -> Run:
+def resample(run: Run, vehicle_file: VehicleFile, rng: np.random.Generator) -> Run:
     """Read all sensors at 50 to 90 % of the rate and interpolate linearly between the readings, as logging tools do."""
     sensors = {}
     for name, c in run.sensors.items():
@@ -48,32 +48,32 @@ def resample(run: Run, file: VehicleFile, rng: np.random.Generator) -> Run:
     return replace(run, sensors=sensors)
 
 
-def low_passed(run: Run, file: VehicleFile, rng: np.random.Generator) -> Run:
+def apply_low_pass(run: Run, vehicle_file: VehicleFile, rng: np.random.Generator) -> Run:
     """Filter the IMU by a first-order low-pass of 5 to 44 Hz."""
     cut_hz = np.exp(rng.uniform(np.log(5.0), np.log(44.0)))
-    return _with_imu(run, _smooth(run, 2.0 * np.pi * cut_hz / file.rate_hz))
+    return _with_imu(run, _smooth(run, 2.0 * np.pi * cut_hz / vehicle_file.rate_hz))
 
 
-def gyro_zeroes_itself(run: Run, file: VehicleFile, rng: np.random.Generator) -> Run:
+def gyro_zeroes_itself(run: Run, vehicle_file: VehicleFile, rng: np.random.Generator) -> Run:
     """Subtract from the gyro its moving mean, a first-order low-pass with a time constant of 1 to 5 s."""
     z = run.sensors["imu"].z.copy()
-    z[:, 2] -= _smooth(run, 1.0 / (rng.uniform(1.0, 5.0) * file.rate_hz))[:, 2]
+    z[:, 2] -= _smooth(run, 1.0 / (rng.uniform(1.0, 5.0) * vehicle_file.rate_hz))[:, 2]
     return _with_imu(run, z)
 
 
-def sign_lost(run: Run, file: VehicleFile, rng: np.random.Generator) -> Run:
+def sign_lost(run: Run, vehicle_file: VehicleFile, rng: np.random.Generator) -> Run:
     """Replace the first command or an IMU channel by its magnitude in the second half of the run."""
-    half = slice(len(run.t_ns) // 2, None)
+    second_half = slice(len(run.t_ns) // 2, None)
     if rng.random() < 0.5:
         u = run.applied.copy()
-        u[half, 0] = np.abs(u[half, 0])
+        u[second_half, 0] = np.abs(u[second_half, 0])
         return replace(run, applied=u)
     z, channel = run.sensors["imu"].z.copy(), int(rng.integers(0, 3))
-    z[half, channel] = np.abs(z[half, channel])
+    z[second_half, channel] = np.abs(z[second_half, channel])
     return _with_imu(run, z)
 
 
-def epoch_in_milliseconds(run: Run, file: VehicleFile, rng: np.random.Generator) -> Run:
+def epoch_in_milliseconds(run: Run, vehicle_file: VehicleFile, rng: np.random.Generator) -> Run:
     """Replace the timestamps by milliseconds since 1970, which a reader takes for nanoseconds, and remove the truth."""
 
     def in_milliseconds(t_ns: np.ndarray) -> np.ndarray:
@@ -86,15 +86,15 @@ def epoch_in_milliseconds(run: Run, file: VehicleFile, rng: np.random.Generator)
     return replace(run, t_ns=in_milliseconds(run.t_ns), sensors=sensors, truth=None)
 
 
-def half_duplicated(run: Run, file: VehicleFile, rng: np.random.Generator) -> Run:
+def half_duplicated(run: Run, vehicle_file: VehicleFile, rng: np.random.Generator) -> Run:
     """Replace the second half of the run by a copy of the first half, and remove the truth."""
-    half = len(run.t_ns) // 2
-    twice = np.concatenate([np.arange(half), np.arange(len(run.t_ns) - half)])
+    half_ticks = len(run.t_ns) // 2
+    twice = np.concatenate([np.arange(half_ticks), np.arange(len(run.t_ns) - half_ticks)])
     sensors = {name: c._replace(z=c.z[twice]) for name, c in run.sensors.items()}
     return replace(run, applied=run.applied[twice], sensors=sensors, truth=None)
 
 
-def two_imus(run: Run, file: VehicleFile, rng: np.random.Generator) -> Run:
+def two_imus(run: Run, vehicle_file: VehicleFile, rng: np.random.Generator) -> Run:
     """Let every second reading come from another IMU, turned by 20 to 180° and with other biases."""
     z = run.sensors["imu"].z.copy()
     angle = np.radians(rng.uniform(20.0, 180.0)) * rng.choice([-1.0, 1.0])
@@ -103,28 +103,34 @@ def two_imus(run: Run, file: VehicleFile, rng: np.random.Generator) -> Run:
     return _with_imu(run, z)
 
 
-def ten_hertz(run: Run, file: VehicleFile, rng: np.random.Generator) -> Run:
+def ten_hertz(run: Run, vehicle_file: VehicleFile, rng: np.random.Generator) -> Run:
     """Keep only the samples that a logger of 10 Hz would keep, and remove the truth."""
-    every = max(1, round(file.rate_hz / 10.0))
-    k = np.arange(every - 1, len(run.t_ns), every)
+    stride = max(1, round(vehicle_file.rate_hz / 10.0))
+    k = np.arange(stride - 1, len(run.t_ns), stride)
     sensors = {n: Channel(c.t_ns[k], c.arrival_ns[k], c.z[k]) for n, c in run.sensors.items()}
     return replace(run, t_ns=run.t_ns[k], applied=run.applied[k], sensors=sensors, truth=None)
 
 
-def kilohertz_with_repeats(run: Run, file: VehicleFile, rng: np.random.Generator) -> Run:
+def kilohertz_with_repeats(run: Run, vehicle_file: VehicleFile, rng: np.random.Generator) -> Run:
     """Log the first 10 s at 1 kHz, with repeats of the latest command and reading; remove the truth."""
-    times, first = max(1, round(1000.0 / file.rate_hz)), round(10.0 * file.rate_hz)
-    row, late = np.repeat(np.arange(first), times), np.tile(np.arange(times), first)
-    t_ns = run.t_ns[row] + late * (NANOSECONDS // 1000)
+    repeat_count, tick_count = (
+        max(1, round(1000.0 / vehicle_file.rate_hz)),
+        round(10.0 * vehicle_file.rate_hz),
+    )
+    row, repeat_index = (
+        np.repeat(np.arange(tick_count), repeat_count),
+        np.tile(np.arange(repeat_count), tick_count),
+    )
+    t_ns = run.t_ns[row] + repeat_index * (NANOSECONDS // 1000)
     sensors = {name: Channel(t_ns, t_ns, c.z[row]) for name, c in run.sensors.items()}
-    u = run.applied[row + (late > 0)]  # the next command is in force from a tick on
+    u = run.applied[row + (repeat_index > 0)]  # the next command is in force from a tick on
     return replace(run, t_ns=t_ns, applied=u, sensors=sensors, truth=None)
 
 
-def two_seconds(run: Run, file: VehicleFile, rng: np.random.Generator) -> Run:
+def two_seconds(run: Run, vehicle_file: VehicleFile, rng: np.random.Generator) -> Run:
     """Keep only 2 s of the drive."""
-    at = rng.uniform(2.0, 20.0)
-    return run.cut(at, at + 2.0)
+    start_s = rng.uniform(2.0, 20.0)
+    return run.cut(start_s, start_s + 2.0)
 
 
 def _with_imu(run: Run, z: np.ndarray) -> Run:
@@ -138,22 +144,22 @@ def _rotation(angle: float) -> np.ndarray:
     return np.array([[c, -s], [s, c]])
 
 
-def _smooth(run: Run, part: float) -> np.ndarray:
-    """Return the readings (M, 3) after a first-order low-pass with a time constant of 1 / `part` samples."""
-    z, keep = run.sensors["imu"].z, np.exp(-part)
-    out, level = np.empty_like(z), z[0]
+def _smooth(run: Run, weight: float) -> np.ndarray:
+    """Return the readings (M, 3) after a first-order low-pass with a time constant of 1 / `weight` samples."""
+    z, keep = run.sensors["imu"].z, np.exp(-weight)
+    smoothed, level = np.empty_like(z), z[0]
     for k, reading in enumerate(z):
         level = reading + (level - reading) * keep
-        out[k] = level
-    return out
+        smoothed[k] = level
+    return smoothed
 
 
 LOGGING = {
     N_("clock 200 ppm off"): clock_drifts_little,
     N_("clock 2 % off"): clock_drifts_much,
-    N_("mount turns"): mount_turns,
+    N_("mount turns"): rotate_mount,
     N_("resampled"): resample,
-    N_("low-passed"): low_passed,
+    N_("low-passed"): apply_low_pass,
     N_("gyro zeroes itself"): gyro_zeroes_itself,
     N_("sign lost"): sign_lost,
     N_("epoch in ms"): epoch_in_milliseconds,

@@ -22,7 +22,7 @@ class FaultPlan(NamedTuple):
 
     vehicle: Robots | Cars
     effective: np.ndarray  # (N, m)
-    file: VehicleFile
+    vehicle_file: VehicleFile
     without: tuple[str, ...] = ()  # parameters that are fixed, so that the fit cannot find the effect
     second: Robots | Cars | None = None  # another vehicle under the same commands
     change: Callable[[Run, Run], Run] | None = None  # changes the run, with the run of the second vehicle
@@ -32,20 +32,20 @@ Structure = Callable[[FaultSubject, np.ndarray, Run, np.random.Generator], Fault
 
 
 def _plan(subject: FaultSubject, effective: np.ndarray, **more: Any) -> FaultPlan:
-    limit = np.asarray(subject.file.command.limit)
-    return FaultPlan(subject.vehicle, np.clip(effective, -limit, limit), subject.file, **more)
+    limit = np.asarray(subject.vehicle_file.command.limit)
+    return FaultPlan(subject.vehicle, np.clip(effective, -limit, limit), subject.vehicle_file, **more)
 
 
 def _channels(subject: FaultSubject, u: np.ndarray) -> np.ndarray:
     """Return the duties (N, 2) [left, right] of a two-wheeled vehicle, else the commands (N, m), as fractions
     of full."""
-    limit = np.asarray(subject.file.command.limit)
+    limit = np.asarray(subject.vehicle_file.command.limit)
     part = u / np.where(limit > 0.0, limit, 1.0)
     return np.column_stack([part[:, 0] - part[:, 2], part[:, 0] + part[:, 2]]) if len(limit) == 3 else part
 
 
 def _command(subject: FaultSubject, w: np.ndarray) -> np.ndarray:
-    limit = np.asarray(subject.file.command.limit)
+    limit = np.asarray(subject.vehicle_file.command.limit)
     if len(limit) == 3:
         w = np.column_stack([0.5 * (w[:, 0] + w[:, 1]), np.zeros(len(w)), 0.5 * (w[:, 1] - w[:, 0])])
     return w * limit
@@ -65,9 +65,9 @@ def dead_zone(subject: FaultSubject, u: np.ndarray, sound: Run, rng: np.random.G
     """Remove the dead zone from the model; a car's true dead zone is 10 to 30 % of its full throttle."""
     none = np.zeros(2).tolist()
     zones = {f"model.drivetrain.dead_zone_{way}": none for way in ("forward", "backward")}
-    plan = FaultPlan(subject.vehicle, u, subject.file.with_values(zones))
+    plan = FaultPlan(subject.vehicle, u, subject.vehicle_file.with_values(zones))
     if isinstance(subject.vehicle, Cars):
-        zone = subject.file.command.limit[0] * rng.uniform(0.1, 0.3) * np.ones((1, 2))
+        zone = subject.vehicle_file.command.limit[0] * rng.uniform(0.1, 0.3) * np.ones((1, 2))
         plan = plan._replace(vehicle=subject.vehicle.with_parameters(zone=zone))
     return plan
 
@@ -80,14 +80,14 @@ def saturation(subject: FaultSubject, u: np.ndarray, sound: Run, rng: np.random.
 
 def lag(subject: FaultSubject, u: np.ndarray, sound: Run, rng: np.random.Generator) -> FaultPlan:
     """Give the motors a time constant of 50 to 300 ms, and the model no lag."""
-    late = subject.vehicle.with_parameters(lag_s=rng.uniform(0.05, 0.3, 1))
-    return FaultPlan(late, u, subject.file.with_values({LAG: 0.0}), without=(LAG,))
+    lagging_vehicle = subject.vehicle.with_parameters(lag_s=rng.uniform(0.05, 0.3, 1))
+    return FaultPlan(lagging_vehicle, u, subject.vehicle_file.with_values({LAG: 0.0}), without=(LAG,))
 
 
 def delay(subject: FaultSubject, u: np.ndarray, sound: Run, rng: np.random.Generator) -> FaultPlan:
     """Delay the commands by 20 to 150 ms, and give the model no delay."""
-    late = subject.vehicle.with_parameters(delay_s=rng.uniform(0.02, 0.15, 1))
-    return FaultPlan(late, u, subject.file.with_values({DELAY: 0.0}), without=(DELAY,))
+    delayed_vehicle = subject.vehicle.with_parameters(delay_s=rng.uniform(0.02, 0.15, 1))
+    return FaultPlan(delayed_vehicle, u, subject.vehicle_file.with_values({DELAY: 0.0}), without=(DELAY,))
 
 
 def fading_battery(subject: FaultSubject, u: np.ndarray, sound: Run, rng: np.random.Generator) -> FaultPlan:
@@ -109,16 +109,16 @@ def _velocity(run: Run) -> np.ndarray:
 
 def backlash(subject: FaultSubject, u: np.ndarray, sound: Run, rng: np.random.Generator) -> FaultPlan:
     """Set the force to zero for 50 to 200 ms after a change of its sign."""
-    ticks = round(rng.uniform(0.05, 0.2) * subject.file.rate_hz)
+    ticks = round(rng.uniform(0.05, 0.2) * subject.vehicle_file.rate_hz)
 
     def loose(w: np.ndarray) -> np.ndarray:
         sign = np.sign(w)
-        out, since, before = w.copy(), ticks, 0.0
+        out, ticks_since_change, previous_sign = w.copy(), ticks, 0.0
         for k in range(len(w)):
-            if sign[k] != 0.0 and sign[k] != before:
-                since, before = 0, sign[k]
-            out[k] = 0.0 if since < ticks else w[k]
-            since += 1
+            if sign[k] != 0.0 and sign[k] != previous_sign:
+                ticks_since_change, previous_sign = 0, sign[k]
+            out[k] = 0.0 if ticks_since_change < ticks else w[k]
+            ticks_since_change += 1
         return out
 
     return _throttle(subject, u, loose)
@@ -129,37 +129,37 @@ def caster(subject: FaultSubject, u: np.ndarray, sound: Run, rng: np.random.Gene
     if isinstance(subject.vehicle, Cars):
         return None
     nu = _velocity(sound)
-    size, tau = rng.uniform(0.2, 0.5), rng.uniform(0.2, 0.5) * subject.file.rate_hz
-    kick, level, before = np.zeros(len(u)), 0.0, 1.0
+    amplitude, tau = rng.uniform(0.2, 0.5), rng.uniform(0.2, 0.5) * subject.vehicle_file.rate_hz
+    kick, level, previous_sign = np.zeros(len(u)), 0.0, 1.0
     for k, v in enumerate(nu[:, 0]):
-        if v * before < 0.0:
-            before, level = np.sign(v), size * np.sign(v) * rng.choice([-1.0, 1.0])
+        if v * previous_sign < 0.0:
+            previous_sign, level = np.sign(v), amplitude * np.sign(v) * rng.choice([-1.0, 1.0])
         level *= np.exp(-1.0 / tau)
         kick[k] = level
     effective = u.copy()
-    effective[:, 2] += kick * subject.file.command.limit[2]
+    effective[:, 2] += kick * subject.vehicle_file.command.limit[2]
     return _plan(subject, effective)
 
 
 def cogging(subject: FaultSubject, u: np.ndarray, sound: Run, rng: np.random.Generator) -> FaultPlan:
     """Let the force ripple by 10 to 40 % with the rolled distance, with a period of 2 to 10 cm."""
     nu = _velocity(sound)
-    way = np.cumsum(nu[:, 0]) / subject.file.rate_hz
-    ripple = rng.uniform(0.1, 0.4) * np.sin(2.0 * np.pi * way / rng.uniform(0.02, 0.1))
+    distance_m = np.cumsum(nu[:, 0]) / subject.vehicle_file.rate_hz
+    ripple = rng.uniform(0.1, 0.4) * np.sin(2.0 * np.pi * distance_m / rng.uniform(0.02, 0.1))
     return _throttle(subject, u, lambda w: w * (1.0 + ripple))
 
 
 def one_sided(subject: FaultSubject, u: np.ndarray, sound: Run, rng: np.random.Generator) -> FaultPlan:
     """Reduce the backward force to 50 to 80 % of the forward force."""
-    part = rng.uniform(0.5, 0.8)
-    return _throttle(subject, u, lambda w: np.where(w < 0.0, part * w, w))
+    backward_fraction = rng.uniform(0.5, 0.8)
+    return _throttle(subject, u, lambda w: np.where(w < 0.0, backward_fraction * w, w))
 
 
 def slipping(subject: FaultSubject, u: np.ndarray, sound: Run, rng: np.random.Generator) -> FaultPlan:
     """Reduce the force of a robot's wheel, or of a car, to 30 % for 5 s. Then an odometer reads 1.5 times the speed."""
     w, k = _channels(subject, u), int(rng.integers(0, 2)) if isinstance(subject.vehicle, Robots) else 0
     start = int(rng.uniform(0.2, 0.6) * len(u))
-    during = slice(start, start + round(SLIP_S * subject.file.rate_hz))
+    during = slice(start, start + round(SLIP_S * subject.vehicle_file.rate_hz))
     w[during, k] *= 0.3
 
     def ahead(run: Run, _: Run) -> Run:
@@ -174,15 +174,17 @@ def dry_friction(subject: FaultSubject, u: np.ndarray, sound: Run, rng: np.rando
     """Add dry friction of 5 to 30 % of the full force along x, of a robot also about z.
     Remove dry friction from the fitted file.
     """
-    part, q = rng.uniform(0.05, 0.3), subject.vehicle
+    friction_fraction, q = rng.uniform(0.05, 0.3), subject.vehicle
     if isinstance(q, Cars):
-        full = q.stall_n * subject.file.command.limit[0]
+        full_force_n = q.stall_n * subject.vehicle_file.command.limit[0]
         return FaultPlan(
-            q.with_parameters(dry_n=part * full), u, subject.file.with_values({"model.coulomb_m_s2": 0.0})
+            q.with_parameters(dry_n=friction_fraction * full_force_n),
+            u,
+            subject.vehicle_file.with_values({"model.coulomb_m_s2": 0.0}),
         )
-    full = 2.0 * q.stall_n[0] * np.array([1.0, 0.0, 0.06])
-    none = subject.file.with_values({"model.friction.coulomb": [0.0, 0.0, 0.0]})
-    return FaultPlan(q.with_parameters(dry=part * full[None]), u, none)
+    full_force_n = 2.0 * q.stall_n[0] * np.array([1.0, 0.0, 0.06])
+    none = subject.vehicle_file.with_values({"model.friction.coulomb": [0.0, 0.0, 0.0]})
+    return FaultPlan(q.with_parameters(dry=friction_fraction * full_force_n[None]), u, none)
 
 
 def centre_of_mass(
@@ -195,7 +197,7 @@ def centre_of_mass(
         return None
     ahead_m = q.ahead_m + rng.uniform(0.1, 0.3) * np.sqrt(q.inertia_kg_m2 / q.mass_kg)
     return FaultPlan(
-        q.with_parameters(ahead_m=ahead_m), u, subject.file, without=("model.centre_of_mass_x_m",)
+        q.with_parameters(ahead_m=ahead_m), u, subject.vehicle_file, without=("model.centre_of_mass_x_m",)
     )
 
 
@@ -206,8 +208,8 @@ def tilted_floor(
     q = subject.vehicle
     if isinstance(q, Cars):
         return None
-    rise, way = np.radians(rng.uniform(2.0, 6.0, 1)), rng.uniform(-np.pi, np.pi, 1)
-    return FaultPlan(q.with_parameters(slope_rad=rise, slope_heading_rad=way), u, subject.file)
+    rise, uphill_rad = np.radians(rng.uniform(2.0, 6.0, 1)), rng.uniform(-np.pi, np.pi, 1)
+    return FaultPlan(q.with_parameters(slope_rad=rise, slope_heading_rad=uphill_rad), u, subject.vehicle_file)
 
 
 def second_vehicle(subject: FaultSubject, u: np.ndarray, sound: Run, rng: np.random.Generator) -> FaultPlan:
@@ -224,7 +226,7 @@ def second_vehicle(subject: FaultSubject, u: np.ndarray, sound: Run, rng: np.ran
             channel.z[cut:] = second.sensors[name].z[cut:]
         return run
 
-    return FaultPlan(q, u, subject.file, second=changed_vehicle, change=join_logs)
+    return FaultPlan(q, u, subject.vehicle_file, second=changed_vehicle, change=join_logs)
 
 
 LAG, DELAY = "model.drivetrain.lag_s", "model.drivetrain.delay_s"

@@ -7,7 +7,7 @@ import numpy as np
 
 from baqueano.identify import excitation
 from baqueano.runs.run import Run
-from baqueano.simulate.open_loop import times
+from baqueano.simulate.open_loop import tick_times
 from baqueano.study.counterpart import (
     FREE_CAR,
     FREE_ROBOT,
@@ -32,7 +32,7 @@ class FaultSubject(NamedTuple):
 
     seed: int
     vehicle: Robots | Cars
-    file: VehicleFile
+    vehicle_file: VehicleFile
     free: tuple[str, ...]
 
     @property
@@ -44,8 +44,10 @@ class FaultSubject(NamedTuple):
 
     def signal(self, seconds: float, kind: str = "random_steps") -> np.ndarray:
         """Return commands (N, m) as the motors receive them, with a rest of REST_S at the beginning."""
-        file = self.file
-        u = excitation(kind, file.command.limit, seconds, file.rate_hz, self.seed, rest_s=REST_S)
+        vehicle_file = self.vehicle_file
+        u = excitation(
+            kind, vehicle_file.command.limit, seconds, vehicle_file.rate_hz, self.seed, rest_s=REST_S
+        )
         return as_sent(u) if isinstance(self.vehicle, Robots) else u
 
     def runs(
@@ -53,10 +55,10 @@ class FaultSubject(NamedTuple):
     ) -> list[Run]:
         """Return the runs of the vehicles, simulated side by side, each under its `effective` commands."""
         group = vehicles[0].merge(list(vehicles[1:]))  # type: ignore[arg-type]
-        t_ns = times(len(effective[0]), self.file.rate_hz)
+        t_ns = tick_times(len(effective[0]), self.vehicle_file.rate_hz)
         drive = drive_group(group, np.stack(effective, axis=1), [self.seed] * len(vehicles), t_ns)
         return [
-            run_of_vehicle(drive, k, u, self.file, f"seed {self.seed}", self.seed)
+            run_of_vehicle(drive, k, u, self.vehicle_file, f"seed {self.seed}", self.seed)
             for k, u in enumerate(logged)
         ]
 

@@ -13,19 +13,19 @@ from baqueano.runs.run import Run
 from baqueano.vehicle_file import VehicleFile
 
 
-def undamaged_run(sound: Run, damaged: Run, file: VehicleFile) -> tuple[Run, float] | None:
-    """Return the `sound` run with NaN for the readings that a fit excludes from the `damaged` run, and their fraction.
-    Return None if the samples of the two runs have different times, so that they do not correspond.
+def undamaged_run(undamaged: Run, damaged: Run, vehicle_file: VehicleFile) -> tuple[Run, float] | None:
+    """Return the `undamaged` run with NaN for the readings that a fit excludes from the `damaged` run, and their
+    fraction. Return None if the samples of the two runs have different times, so that they do not correspond.
     """
-    pieces, _ = clean([damaged], file, file.sensors._asdict())
-    sensors, lost_count, count = dict(sound.sensors), 0, 0
-    for name, channel in sound.sensors.items():
+    segments, _ = clean([damaged], vehicle_file, vehicle_file.sensors._asdict())
+    sensors, lost_count, count = dict(undamaged.sensors), 0, 0
+    for name, channel in undamaged.sensors.items():
         if not np.array_equal(damaged.sensors[name].arrival_ns, channel.arrival_ns):
             return None
         keep = np.zeros(channel.z.shape, bool)
-        for piece in pieces:
-            some = piece.sensors[name]
+        for segment in segments:
+            some = segment.sensors[name]
             keep[np.searchsorted(channel.arrival_ns, some.arrival_ns)] = np.isfinite(some.z)
         lost_count, count = lost_count + int(np.sum(~keep)), count + keep.size
         sensors[name] = channel._replace(z=np.where(keep, channel.z, np.nan))
-    return replace(sound, sensors=sensors), lost_count / max(count, 1)
+    return replace(undamaged, sensors=sensors), lost_count / max(count, 1)

@@ -15,8 +15,8 @@ from baqueano.study.counterpart import car_numbers, robot_values, with_car_numbe
 from baqueano.study.counterpart.cars import ODOMETER_M_S
 from baqueano.study.truth import Cars, Robots
 
-STEP = 1e-3  # of a parameter
-LEAST = {  # the step for a parameter that may be 0
+RELATIVE_STEP = 1e-3  # of a parameter
+MIN_STEPS = {  # the step for a parameter that may be 0
     "friction.quadratic": 1e-4, "actuator_matrix": 1e-4, "lever_arm": 1e-4, "heading": 1e-3, "bias": 1e-3,
     "friction.quadratic[1]": 0.1,
 }  # fmt: skip
@@ -36,19 +36,19 @@ def substitute(vehicles: Robots | Cars, values: Mapping[str, np.ndarray]) -> Rob
 
 def steps(vehicle: Robots | Cars) -> dict[str, float]:
     """Return path → step s of (1), for one vehicle."""
-    out = {}
+    step_of = {}
     for path, value in numbers(vehicle).items():
-        least = [size for part, size in LEAST.items() if part in path]
-        out[path] = STEP * abs(float(value[0])) or least[-1]
-    return out
+        min_steps = [size for part, size in MIN_STEPS.items() if part in path]
+        step_of[path] = RELATIVE_STEP * abs(float(value[0])) or min_steps[-1]
+    return step_of
 
 
 def perturbed_copies(vehicle: Robots | Cars) -> Robots | Cars:
     """Return 2p copies of the vehicle: for each of p parameters θ a copy with θ + s, then a copy with θ − s.  (1)"""
-    of = steps(vehicle)
-    group = vehicle.some([0] * (2 * len(of)))
+    step_of = steps(vehicle)
+    group = vehicle.subset([0] * (2 * len(step_of)))
     values = {}
-    for k, (path, step) in enumerate(of.items()):
+    for k, (path, step) in enumerate(step_of.items()):
         values[path] = numbers(group)[path].copy()
         values[path][2 * k] += step
         values[path][2 * k + 1] -= step
@@ -56,19 +56,19 @@ def perturbed_copies(vehicle: Robots | Cars) -> Robots | Cars:
 
 
 def bound_of(
-    quiet: np.ndarray, vehicle: Robots | Cars, prior_sigma: Mapping[str, float] | None = None
+    noiseless: np.ndarray, vehicle: Robots | Cars, prior_sigma: Mapping[str, float] | None = None
 ) -> dict[str, float]:
     """Return path → b of (1) from the readings (N, 2p, m) of the `perturbed_copies`; m = 4 with an odometer, else 3.
 
     `prior_sigma`: path → prior standard deviation, √P₀ of (1).
     """
-    of = steps(vehicle)
-    noise = np.append(vehicle.imu.noise[0], ODOMETER_M_S)[: quiet.shape[2]]
-    slopes = (quiet[:, 0::2] - quiet[:, 1::2]) / (2.0 * np.array([*of.values()])[:, None])
-    G = np.moveaxis(slopes / noise, 1, 2).reshape(-1, len(of))
-    before = np.array([(prior_sigma or {}).get(path, np.inf) for path in of])
-    G = np.concatenate([G, np.diag(1.0 / before)])
-    size = np.linalg.norm(G, axis=0)
-    R = np.linalg.qr(G / size, mode="r")
-    sd = np.linalg.norm(np.linalg.solve(R, np.eye(len(R))), axis=1) / size  # (GᵀG)⁻¹ = R⁻¹ R⁻ᵀ
-    return dict(zip(of, sd.tolist(), strict=True))
+    step_of = steps(vehicle)
+    noise = np.append(vehicle.imu.noise[0], ODOMETER_M_S)[: noiseless.shape[2]]
+    jacobian = (noiseless[:, 0::2] - noiseless[:, 1::2]) / (2.0 * np.array([*step_of.values()])[:, None])
+    G = np.moveaxis(jacobian / noise, 1, 2).reshape(-1, len(step_of))
+    prior_std = np.array([(prior_sigma or {}).get(path, np.inf) for path in step_of])
+    G = np.concatenate([G, np.diag(1.0 / prior_std)])
+    scale = np.linalg.norm(G, axis=0)
+    R = np.linalg.qr(G / scale, mode="r")
+    stds = np.linalg.norm(np.linalg.solve(R, np.eye(len(R))), axis=1) / scale  # (GᵀG)⁻¹ = R⁻¹ R⁻ᵀ
+    return dict(zip(step_of, stds.tolist(), strict=True))

@@ -23,21 +23,21 @@ CASES = (
     "case", "fits", "holds", "holds_or_named", "rmse", "sd", "usable", "wrongly_usable", "silent", "fits_named",
 )  # fmt: skip
 PARAMETERS = ("case", "name", "intervals", "holds", "named", "rmse", "sd")
-ABOUT = N_(
+ABOUT_TEXT = N_(
     "holds: fraction of the 95 % intervals that contain the truth. rmse: root mean square error divided by "
     "the Cramér-Rao bound of the same runs. sd: median of the standard error divided by that bound. named: "
     "fraction of the fits whose verdict names the parameter. wrongly_usable: fits called USABLE although a "
     "parameter has an error above 5 standard errors and 5 %."
 )
-Z = N_(
+Z_TEXT = N_(
     "Clean: each error divided by its own standard error ({} estimates), and the normal density. Values "
     "beyond 4.5 are drawn at the edge."
 )
-COVERAGE = N_(
+COVERAGE_TEXT = N_(
     "Clean: fraction of the 95 % intervals that contain the truth, with twice its standard deviation; the "
     "band is the requirement."
 )
-BARS = N_(
+BARS_TEXT = N_(
     "Clean: errors and standard errors, in units of the Cramér-Rao bound. An error must stay below the line."
 )
 
@@ -45,22 +45,26 @@ BARS = N_(
 def page_of_identification(study: Identification) -> Page:
     """Return the page with table, verdicts and figures of the study."""
     rows = study.rows()
-    over = _("{seeds:,} seeds", seeds=study.seeds)
-    over += (
+    seeds_text = _("{seeds:,} seeds", seeds=study.seeds)
+    seeds_text += (
         _(" of {asked:,}, stopped from the keyboard", asked=study.requested)
         if study.seeds < study.requested
         else ""
     )
     clean = [row for row in rows if row["case"] == rows[0]["case"] and row["name"] != POOL]
-    parts: list[Table | Drawing] = [draw(coverage(clean), _(COVERAGE))]
+    page_parts: list[Table | Drawing] = [draw(coverage(clean), _(COVERAGE_TEXT))]
     if len(z := study.z()):
-        parts = [draw(histogram(z), _(Z).format(z.size)), *parts, draw(efficiency(clean), _(BARS))]
+        page_parts = [
+            draw(histogram(z), _(Z_TEXT).format(z.size)),
+            *page_parts,
+            draw(efficiency(clean), _(BARS_TEXT)),
+        ]
     pool = [row for row in rows if row["name"] == POOL]
-    single = [row for row in rows if row["name"] != POOL]
-    wrong = sum(row["wrongly_usable"] for row in pool)
+    parameter_rows = [row for row in rows if row["name"] != POOL]
+    wrong_count = sum(row["wrongly_usable"] for row in pool)
     return Page(
         title=_("Errors of the fits compared with the theoretical limit"),
-        subtitle=_("Robots and cars of an independent simulator, 60 s each, {over}", over=over),
+        subtitle=_("Robots and cars of an independent simulator, 60 s each, {over}", over=seeds_text),
         verdict=study.verdict,
         headlines=[
             Headline(
@@ -76,12 +80,12 @@ def page_of_identification(study: Identification) -> Page:
                 f"{number(100 * rows[0]['usable']):.0f} %",
                 _("of the fits, {case}", case=rows[0]["case"]),
             ),
-            Headline(_("wrong and USABLE"), f"{wrong}", _("in all cases")),
+            Headline(_("wrong and USABLE"), f"{wrong_count}", _("in all cases")),
         ],
         sections=[
-            Section("Cases", "\n".join(study.reasons), [Table(_columns(pool, CASES), _(ABOUT))]),
-            Section("Parameters", "", [Table(_columns(single, PARAMETERS))]),
-            Section("Figures", "", parts),
+            Section("Cases", "\n".join(study.reasons), [Table(_columns(pool, CASES), _(ABOUT_TEXT))]),
+            Section("Parameters", "", [Table(_columns(parameter_rows, PARAMETERS))]),
+            Section("Figures", "", page_parts),
         ],
         reproduce=baqueano_command("study", "identification", "--seeds", study.requested),
     )
@@ -105,12 +109,12 @@ def histogram(z: np.ndarray) -> "Figure":
 @with_style
 def coverage(rows: list[dict[str, float]]) -> "Figure":
     """Draw the fraction of the intervals that contain the truth, by parameter."""
-    part = np.array([row["holds"] for row in rows])
+    covered_fraction = np.array([row["holds"] for row in rows])
     count = np.array([max(row["intervals"], 1) for row in rows])
     figure, axis = panel((9.2, 3.4))
-    axis.axhspan(100 * LIMITS["clean"].each, 100.0, color=REFERENCE, alpha=0.25)
+    axis.axhspan(100 * LIMITS["clean"].coverage_each, 100.0, color=REFERENCE, alpha=0.25)
     scatter = 200 * np.sqrt(0.05 * 0.95 / count)
-    axis.errorbar(range(len(rows)), 100 * part, yerr=scatter, fmt="o", color=MODEL, capsize=3)
+    axis.errorbar(range(len(rows)), 100 * covered_fraction, yerr=scatter, fmt="o", color=MODEL, capsize=3)
     axis.axhline(95.0, color=TRUTH, lw=1)
     axis.set_xticks(range(len(rows)), _names(rows), rotation=90, fontsize=7)
     axis.set_ylabel(_("inside [%]"))
@@ -121,13 +125,17 @@ def coverage(rows: list[dict[str, float]]) -> "Figure":
 def efficiency(rows: list[dict[str, float]]) -> "Figure":
     """Draw errors and standard errors divided by their bounds, by parameter."""
     figure, axis = panel((9.2, 3.4))
-    at = np.arange(len(rows))
-    axis.bar(at - 0.2, [row["rmse"] or 0.0 for row in rows], width=0.38, color=MODEL, label="error")
+    positions = np.arange(len(rows))
+    axis.bar(positions - 0.2, [row["rmse"] or 0.0 for row in rows], width=0.38, color=MODEL, label="error")
     axis.bar(
-        at + 0.2, [row["sd"] or 0.0 for row in rows], width=0.38, color=MEASURED, label=_("standard error")
+        positions + 0.2,
+        [row["sd"] or 0.0 for row in rows],
+        width=0.38,
+        color=MEASURED,
+        label=_("standard error"),
     )
     axis.axhline(LIMITS["clean"].rmse_each, color=TRUTH, lw=1)
-    axis.set_xticks(at, _names(rows), rotation=90, fontsize=7)
+    axis.set_xticks(positions, _names(rows), rotation=90, fontsize=7)
     axis.set_ylabel(_("in bounds"))
     axis.legend(loc="lower right")
     return figure

@@ -21,7 +21,7 @@ from baqueano.diagnostics import Verdict
 from baqueano.identify.covariance.quantiles import QUANTILE_95
 from baqueano.messages.language import number
 from baqueano.messages.language import translate as _
-from baqueano.study.identification.trials import CASES, SECONDS, TrialJob, TrialOutcome, work
+from baqueano.study.identification.trials import CASES, DRIVE_S, TrialJob, TrialOutcome, work
 from baqueano.study.wrong import wrong
 from baqueano.sweep.workers import spread_over
 
@@ -30,8 +30,8 @@ if TYPE_CHECKING:
 
 SEEDS, BATCH = 200, 8  # robots; those that are simulated side by side
 POOL = "pooled"
-LOWEST = ("model.friction.quadratic[1]",)  # its true value is 0
-SURE = 3.0  # standard errors; they widen the limits if the seeds are few
+LOWER_BOUND_PARAMETERS = ("model.friction.quadratic[1]",)  # its true value is 0
+LIMIT_SIGMA = 3.0  # standard errors; they widen the limits if the seeds are few
 
 
 class Limit(NamedTuple):
@@ -39,7 +39,7 @@ class Limit(NamedTuple):
 
     coverage: float = 0.0  # of all intervals, at least
     held_most: float = 1.0
-    each: float = 0.0  # of the intervals of one parameter, at least
+    coverage_each: float = 0.0  # of the intervals of one parameter, at least
     rmse: float = np.inf
     rmse_each: float = np.inf
     width: float = np.inf  # median of standard error / bound
@@ -123,28 +123,28 @@ class Identification:
 
 def _rows(case: str, outcomes: list[TrialOutcome]) -> list["TableRow"]:
     names = list(dict.fromkeys(name for o in outcomes for name in o.names))
-    each = [_row(case, name, outcomes, (name,)) for name in names]
-    return [_row(case, POOL, outcomes, tuple(names)), *each]
+    parameter_rows = [_row(case, name, outcomes, (name,)) for name in names]
+    return [_row(case, POOL, outcomes, tuple(names)), *parameter_rows]
 
 
 def _row(case: str, name: str, outcomes: list[TrialOutcome], names: tuple[str, ...]) -> "JsonObject":
     accepted_fits = [o for o in outcomes if o.verdict != Verdict.REFUSED]
     z, reports, ratios, widths = [], [], [], []
     for parameter in names:
-        at = [(o, o.names.index(parameter)) for o in accepted_fits if parameter in o.names]
-        at = [(o, k) for o, k in at if np.isfinite(o.sd[k]) and np.isfinite(o.estimate[k])]
-        z += [(o.estimate[k] - o.truth[k]) / o.sd[k] for o, k in at]
-        reports += [_is_reported(o, parameter) for o, _ in at]
-        if at and np.isfinite(bound := np.array([o.bound[k] for o, k in at])).all():
-            error = np.array([o.estimate[k] - o.truth[k] for o, k in at])
-            widths.append(float(np.median([o.sd[k] / o.bound[k] for o, k in at])))
-            if parameter not in LOWEST or len(names) == 1:
+        entries = [(o, o.names.index(parameter)) for o in accepted_fits if parameter in o.names]
+        entries = [(o, k) for o, k in entries if np.isfinite(o.sd[k]) and np.isfinite(o.estimate[k])]
+        z += [(o.estimate[k] - o.truth[k]) / o.sd[k] for o, k in entries]
+        reports += [_is_reported(o, parameter) for o, _ in entries]
+        if entries and np.isfinite(bound := np.array([o.bound[k] for o, k in entries])).all():
+            error = np.array([o.estimate[k] - o.truth[k] for o, k in entries])
+            widths.append(float(np.median([o.sd[k] / o.bound[k] for o, k in entries])))
+            if parameter not in LOWER_BOUND_PARAMETERS or len(names) == 1:
                 ratios.append(float(np.sqrt(np.mean(error**2) / np.mean(bound**2))))
-    inside, is_reported = np.abs(np.array(z)) <= QUANTILE_95, np.array(reports, dtype=bool)
+    is_covered, is_reported = np.abs(np.array(z)) <= QUANTILE_95, np.array(reports, dtype=bool)
     usable = [o for o in outcomes if o.verdict == Verdict.USABLE]
     return {
-        "case": case, "name": name, "fits": len(outcomes), "intervals": len(z), "holds": _mean(inside),
-        "holds_or_named": _mean(inside | is_reported), "named": _mean(is_reported),
+        "case": case, "name": name, "fits": len(outcomes), "intervals": len(z), "holds": _mean(is_covered),
+        "holds_or_named": _mean(is_covered | is_reported), "named": _mean(is_reported),
         "rmse": float(np.sqrt(np.mean(np.square(ratios)))) if ratios else None,
         "sd": float(np.median(widths)) if widths else None, "usable": len(usable) / len(outcomes),
         "wrongly_usable": sum(bool(np.any(wrong(o.estimate, o.sd, o.truth))) for o in usable),
@@ -155,20 +155,22 @@ def _row(case: str, name: str, outcomes: list[TrialOutcome], names: tuple[str, .
 
 def _reasons(row: "TableRow") -> list[str]:
     """Return a sentence for each limit that a row exceeds by more than chance explains for its number of seeds."""
-    limit, whole, n = LIMITS[row["case"]], row["name"] == POOL, max(row["fits"], 1)
-    few = SURE * np.sqrt(0.95 * 0.05 / max(row["intervals"], 1))
-    by_chance = 1.0 + SURE / np.sqrt(2.0 * max(row["intervals"], 1))
-    least, rmse = (limit.coverage, limit.rmse) if whole else (limit.each, limit.rmse_each)
-    out = []
-    if row["holds"] < min(least, 0.95 - few) or (whole and row["holds"] > max(limit.held_most, 0.95 + few)):
-        out.append(_("{holds:.1f} % of the intervals contain the truth", holds=100 * row["holds"]))
+    limit, is_pool, n = LIMITS[row["case"]], row["name"] == POOL, max(row["fits"], 1)
+    few = LIMIT_SIGMA * np.sqrt(0.95 * 0.05 / max(row["intervals"], 1))
+    by_chance = 1.0 + LIMIT_SIGMA / np.sqrt(2.0 * max(row["intervals"], 1))
+    min_coverage, rmse = (limit.coverage, limit.rmse) if is_pool else (limit.coverage_each, limit.rmse_each)
+    reasons = []
+    if row["holds"] < min(min_coverage, 0.95 - few) or (
+        is_pool and row["holds"] > max(limit.held_most, 0.95 + few)
+    ):
+        reasons.append(_("{holds:.1f} % of the intervals contain the truth", holds=100 * row["holds"]))
     if row["rmse"] is not None and row["rmse"] > max(rmse, by_chance):
-        out.append(_("rmse {rmse:.3f} bounds", rmse=row["rmse"]))
-    if whole:
+        reasons.append(_("rmse {rmse:.3f} bounds", rmse=row["rmse"]))
+    if is_pool:
         if row["sd"] is not None and row["sd"] > limit.width:
-            out.append(_("standard errors of {sd:.2f} bounds", sd=row["sd"]))
-        if row["usable"] < limit.usable - SURE * np.sqrt(limit.usable * (1.0 - limit.usable) / n):
-            out.append(
+            reasons.append(_("standard errors of {sd:.2f} bounds", sd=row["sd"]))
+        if row["usable"] < limit.usable - LIMIT_SIGMA * np.sqrt(limit.usable * (1.0 - limit.usable) / n):
+            reasons.append(
                 _(
                     "{usable:.0f} % USABLE, expected {expected:.0f} %",
                     usable=100 * row["usable"],
@@ -176,26 +178,26 @@ def _reasons(row: "TableRow") -> list[str]:
                 )
             )
         if row["holds_or_named"] < min(limit.held_or_named, 0.95 - few):
-            out.append(
+            reasons.append(
                 _(
                     "{percent:.0f} % of the parameters are in their interval or named",
                     percent=100 * row["holds_or_named"],
                 )
             )
-        if row["fits_named"] > limit.named + SURE * np.sqrt(limit.named * (1.0 - limit.named) / n):
-            out.append(_("{percent:.0f} % of the fits name a parameter", percent=100 * row["fits_named"]))
+        if row["fits_named"] > limit.named + LIMIT_SIGMA * np.sqrt(limit.named * (1.0 - limit.named) / n):
+            reasons.append(_("{percent:.0f} % of the fits name a parameter", percent=100 * row["fits_named"]))
         if row["wrongly_usable"]:
-            out.append(
+            reasons.append(
                 _("{wrongly_usable} wrong fits were called USABLE", wrongly_usable=row["wrongly_usable"])
             )
         if row["silent"]:
-            out.append(_("{silent} ended in another minimum without a warning", silent=row["silent"]))
-    return [f"{_(row['case'])}, {row['name'].removeprefix('model.')}: {text}" for text in out]
+            reasons.append(_("{silent} ended in another minimum without a warning", silent=row["silent"]))
+    return [f"{_(row['case'])}, {row['name'].removeprefix('model.')}: {text}" for text in reasons]
 
 
 def identification(
     seeds: int = SEEDS, first: int = 0, backend: str = "auto", processes: int = 1,
-    advance: Callable[[int], None] | None = None, *, cases: Sequence[str] = CASES, duration_s: float = SECONDS,
+    advance: Callable[[int], None] | None = None, *, cases: Sequence[str] = CASES, duration_s: float = DRIVE_S,
     keep: Path | None = None,
 ) -> Identification:  # fmt: skip
     """Fit vehicles `first` … `first + seeds − 1` of each case, with this number of `processes`.
@@ -232,13 +234,16 @@ def _stored_outcomes(job: TrialJob, keep: Path | None) -> list[TrialOutcome]:
     cases = "-".join(str(CASES.index(case)) for case in job.cases)
     path = keep / f"{job.seeds[0]}to{job.seeds[-1]}_cases{cases}_{job.duration_s:g}s.pickle"
     if not path.exists():
-        half = path.with_suffix(".half")
-        half.write_bytes(pickle.dumps(work(job)))
-        half.replace(path)
+        temporary_path = path.with_suffix(".half")
+        temporary_path.write_bytes(pickle.dumps(work(job)))
+        temporary_path.replace(path)
     return pickle.loads(path.read_bytes())
 
 
-MISSING = ("residual.missing", "residual.missing-free")  # reasons that name the parameter they would move
+MISSING_TERM_CODES = (
+    "residual.missing",
+    "residual.missing-free",
+)  # reasons that name the parameter they would move
 
 
 def _z(o: TrialOutcome) -> np.ndarray:
@@ -247,7 +252,7 @@ def _z(o: TrialOutcome) -> np.ndarray:
 
 
 def _is_reported(o: TrialOutcome, name: str) -> bool:
-    return any(code in MISSING and name == subject for code, subject in o.reasons)
+    return any(code in MISSING_TERM_CODES and name == subject for code, subject in o.reasons)
 
 
 def _mean(x: np.ndarray) -> float:

@@ -21,7 +21,7 @@ import numpy as np
 from baqueano.identify import Fit, FitOptions, excitation, identify
 from baqueano.messages.language import mark as N_
 from baqueano.runs.run import Run
-from baqueano.simulate.open_loop import times
+from baqueano.simulate.open_loop import tick_times
 from baqueano.study.counterpart import (
     FREE_CAR,
     FREE_ROBOT,
@@ -40,7 +40,7 @@ from baqueano.study.identification.bound import bound_of, perturbed_copies
 from baqueano.study.truth import Cars, Robots, draw_cars, draw_robots
 from baqueano.vehicle_file import VehicleFile
 
-OF_ROBOTS = (
+ROBOT_CASES = (
     N_("clean"),
     N_("rough"),
     N_("floor"),
@@ -48,20 +48,24 @@ OF_ROBOTS = (
     N_("low-passed"),
     N_("wrong start"),
 )
-OF_CARS = (N_("matched"), N_("understeer"))
-CASES = OF_ROBOTS + OF_CARS
-SECONDS, REST_S = 60.0, 2.0
-FLOOR = (0.02, 0.01, 0.05)  # [m/s^1.5, m/s^1.5, rad/s^1.5]
+CAR_CASES = (N_("matched"), N_("understeer"))
+CASES = ROBOT_CASES + CAR_CASES
+DRIVE_S, REST_S = 60.0, 2.0
+FLOOR_NOISE = (0.02, 0.01, 0.05)  # [m/s^1.5, m/s^1.5, rad/s^1.5]
 JITTER_S = 1e-3
-BOUNDED = ("clean", "rough", "wrong start")  # the cases that are compared with the bound of clean readings
+CASES_WITH_BOUND = (
+    "clean",
+    "rough",
+    "wrong start",
+)  # the cases that are compared with the bound of clean readings
 LOW_PASS_HZ = 44.0
 BOUND_STEP_S = 5e-3  # of Runge-Kutta: the bound equals that of 1 ms steps within 1e-4
 PWM = 255
-STEERED = {"matched": 0.2, "understeer": 0.8}  # of full lock
-OUTLIERS, FAR = 0.005, 20.0  # their share, and their size in σ
-WALK = (2e-4, 2e-4, 1e-5)  # of a bias in 1 s, garage/small's
-WRONG, WIDEST_ZONE = 5.0, 0.5  # of a wrong start
-SAME = 0.1  # standard errors: two searches within this distance ended at the same point
+STEERING_AMPLITUDE = {"matched": 0.2, "understeer": 0.8}  # of full lock
+OUTLIER_SHARE, OUTLIER_SIGMA = 0.005, 20.0  # their share, and their size in σ
+BIAS_WALK = (2e-4, 2e-4, 1e-5)  # of a bias in 1 s, garage/small's
+WRONG_START_FACTOR, MAX_ZONE = 5.0, 0.5  # of a wrong start
+SAME_END_SIGMA = 0.1  # standard errors: two searches within this distance ended at the same point
 
 
 class TrialJob(NamedTuple):
@@ -90,11 +94,11 @@ class TrialOutcome(NamedTuple):
 
 def work(job: TrialJob) -> list[TrialOutcome]:
     """Return the outcomes of all fits of a job."""
-    robots = [case for case in OF_ROBOTS if case in job.cases]
-    out = _of_robots(job, robots) if robots else []
-    for case in (case for case in OF_CARS if case in job.cases):
-        out += _of_cars(job, case)
-    return out
+    robots = [case for case in ROBOT_CASES if case in job.cases]
+    outcomes = _robot_outcomes(job, robots) if robots else []
+    for case in (case for case in CAR_CASES if case in job.cases):
+        outcomes += _car_outcomes(job, case)
+    return outcomes
 
 
 def robot(seed: int) -> Robots:
@@ -134,43 +138,43 @@ def guess(robot: Robots) -> VehicleFile:
     )  # fmt: skip
 
 
-def _of_robots(job: TrialJob, cases: list[str]) -> list[TrialOutcome]:
+def _robot_outcomes(job: TrialJob, cases: list[str]) -> list[TrialOutcome]:
     robots = [robot(seed) for seed in job.seeds]
     us = [_steps(guess(q), seed, job.duration_s) for q, seed in zip(robots, job.seeds, strict=True)]
-    t_ns, n = times(len(us[0]), 100.0), len(robots)
+    t_ns, n = tick_times(len(us[0]), 100.0), len(robots)
     drives: dict[str, GroupDrive] = {}
     bounds: list[dict[str, float]] = [{}] * n
-    if set(cases) & set(BOUNDED):
+    if set(cases) & set(CASES_WITH_BOUND):
         bounds = _bounds(robots, us, t_ns)
     if "clean" in cases or "wrong start" in cases:
         drives = dict.fromkeys(
             ("clean", "wrong start"), drive_group(_group(robots), _columns(us), job.seeds, t_ns)
         )
     if any("floor" in case for case in cases):
-        rough = [q.with_parameters(floor=np.array([FLOOR])) for q in robots]
+        rough = [q.with_parameters(floor=np.array([FLOOR_NOISE])) for q in robots]
         drives |= dict.fromkeys(
             ("floor", "floor, innovations"), drive_group(_group(rough), _columns(us), job.seeds, t_ns)
         )
     if "low-passed" in cases:
-        slow = [_low_pass(q) for q in robots]
-        drives["low-passed"] = drive_group(_group(slow), _columns(us), job.seeds, t_ns)
+        filtered_robots = [_low_pass(q) for q in robots]
+        drives["low-passed"] = drive_group(_group(filtered_robots), _columns(us), job.seeds, t_ns)
     if "rough" in cases:
-        drives["rough"] = _roughly(robots, us, job.seeds, t_ns)
-    out: list[TrialOutcome] = []
+        drives["rough"] = _drive_irregularly(robots, us, job.seeds, t_ns)
+    outcomes: list[TrialOutcome] = []
     for k in range(n):
         clean: Fit | None = None
         for case in cases:
-            q = robots[k] if case != "rough" else _coarse(robots[k])
+            q = robots[k] if case != "rough" else _with_coarse_readings(robots[k])
             run = run_of_vehicle(drives[case], k, us[k], guess(q), f"robot {job.seeds[k]}", job.seeds[k])
             fit = _fit(run, q, case, job.seeds[k], job.backend)
             clean = fit if case == "clean" else clean
-            bound = bounds[k] if case in BOUNDED else {}
-            right = clean if case == "wrong start" else None
-            true = robot_values(
+            bound = bounds[k] if case in CASES_WITH_BOUND else {}
+            reference_fits = clean if case == "wrong start" else None
+            true_values = robot_values(
                 q.with_parameters(imu=q.imu.with_parameters(bias=q.imu.bias + drives[case].wandered[k]))
             )
-            out.append(_outcome(case, job.seeds[k], fit, true, bound, right))
-    return out
+            outcomes.append(_outcome(case, job.seeds[k], fit, true_values, bound, reference_fits))
+    return outcomes
 
 
 def _fit(run: Run, q: Robots, case: str, seed: int, backend: str) -> Fit:
@@ -185,22 +189,24 @@ def _bounds(robots: list[Robots], us: list[np.ndarray], t_ns: np.ndarray) -> lis
     """Return the Cramér-Rao bounds of each robot, by parameter."""
     around = [perturbed_copies(q) for q in robots]
     u = np.repeat(_columns(us), len(around[0].mass_kg), axis=1)
-    quiet = readings_without_noise(_group(around), u, t_ns, BOUND_STEP_S)
-    pieces = np.split(quiet, len(robots), axis=1)
-    return [bound_of(piece, q) for piece, q in zip(pieces, robots, strict=True)]
+    noiseless = readings_without_noise(_group(around), u, t_ns, BOUND_STEP_S)
+    readings_by_robot = np.split(noiseless, len(robots), axis=1)
+    return [bound_of(readings, q) for readings, q in zip(readings_by_robot, robots, strict=True)]
 
 
-def _roughly(
+def _drive_irregularly(
     robots: list[Robots], us: list[np.ndarray], seeds: Sequence[int], t_ns: np.ndarray
 ) -> GroupDrive:
     """Return the drives of robots whose logger samples at irregular times."""
-    late = np.random.default_rng(41).normal(0.0, JITTER_S, len(t_ns)).clip(-3.0 * JITTER_S, 3.0 * JITTER_S)
-    irregular = t_ns + np.round(1e9 * late).astype(np.int64)
-    return drive_group(_group([_coarse(q) for q in robots]), _columns(us), seeds, irregular)
+    jitter_s = (
+        np.random.default_rng(41).normal(0.0, JITTER_S, len(t_ns)).clip(-3.0 * JITTER_S, 3.0 * JITTER_S)
+    )
+    irregular = t_ns + np.round(1e9 * jitter_s).astype(np.int64)
+    return drive_group(_group([_with_coarse_readings(q) for q in robots]), _columns(us), seeds, irregular)
 
 
-def _coarse(q: Robots) -> Robots:
-    return q.with_parameters(imu=q.imu.with_parameters(walk=np.array([WALK]), step=q.imu.noise))
+def _with_coarse_readings(q: Robots) -> Robots:
+    return q.with_parameters(imu=q.imu.with_parameters(walk=np.array([BIAS_WALK]), step=q.imu.noise))
 
 
 def _low_pass(q: Robots) -> Robots:
@@ -209,36 +215,40 @@ def _low_pass(q: Robots) -> Robots:
 
 def _with_outliers(run: Run, q: Robots, seed: int) -> Run:
     draw, imu = np.random.default_rng([seed, 42]), run.sensors["imu"]
-    hit = draw.random(imu.z.shape) < OUTLIERS
-    imu.z[:] += hit * draw.choice([-FAR, FAR], imu.z.shape) * q.imu.noise
+    hit = draw.random(imu.z.shape) < OUTLIER_SHARE
+    imu.z[:] += hit * draw.choice([-OUTLIER_SIGMA, OUTLIER_SIGMA], imu.z.shape) * q.imu.noise
     return run
 
 
-def _wrong_start(file: VehicleFile, seed: int) -> dict[str, float]:
-    draw, out = np.random.default_rng([seed, 43]), {}
+def _wrong_start(vehicle_file: VehicleFile, seed: int) -> dict[str, float]:
+    draw, start = np.random.default_rng([seed, 43]), {}
     for i, j in ((0, 0), (2, 2)):
         path = f"model.actuator_matrix[{i},{j}]"
-        out[path] = draw.choice([-1.0, 1.0]) * float(file.value(path)) * WRONG ** draw.uniform(-1.0, 1.0)
+        start[path] = (
+            draw.choice([-1.0, 1.0])
+            * float(vehicle_file.value(path))
+            * WRONG_START_FACTOR ** draw.uniform(-1.0, 1.0)
+        )
     for k in range(3):
         path = f"model.friction.linear[{k}]"
-        out[path] = float(file.value(path)) * WRONG ** draw.uniform(-1.0, 1.0)
+        start[path] = float(vehicle_file.value(path)) * WRONG_START_FACTOR ** draw.uniform(-1.0, 1.0)
     for name in ("forward", "backward"):
         for k in range(2):
-            out[f"model.drivetrain.dead_zone_{name}[{k}]"] = draw.uniform(0.0, WIDEST_ZONE)
-    return out
+            start[f"model.drivetrain.dead_zone_{name}[{k}]"] = draw.uniform(0.0, MAX_ZONE)
+    return start
 
 
-def _of_cars(job: TrialJob, case: str) -> list[TrialOutcome]:
+def _car_outcomes(job: TrialJob, case: str) -> list[TrialOutcome]:
     cars = [car(seed, case) for seed in job.seeds]
     files = [car_file(q) for q in cars]
-    us = [_car_steps(seed, files[0].rate_hz, job.duration_s, STEERED[case]) for seed in job.seeds]
-    drive = drive_group(_group(cars), _columns(us), job.seeds, times(len(us[0]), files[0].rate_hz))
-    out = []
+    us = [_car_steps(seed, files[0].rate_hz, job.duration_s, STEERING_AMPLITUDE[case]) for seed in job.seeds]
+    drive = drive_group(_group(cars), _columns(us), job.seeds, tick_times(len(us[0]), files[0].rate_hz))
+    outcomes = []
     for k, seed in enumerate(job.seeds):
         run = run_of_vehicle(drive, k, us[k], files[k], f"car {seed}", seed)
         fit = identify(run, files[k], FREE_CAR, options=FitOptions(backend=job.backend))
-        out.append(_outcome(case, seed, fit, car_values(cars[k]), {}, None))
-    return out
+        outcomes.append(_outcome(case, seed, fit, car_values(cars[k]), {}, None))
+    return outcomes
 
 
 def _outcome(
@@ -251,11 +261,11 @@ def _outcome(
     if SPEED in truth:
         results[SPEED] = _speed_estimate(fit)
     names = tuple(name for name in truth if name in results)
-    estimate, sd = np.array([results[name] for name in names]).T
-    same_fit = clean is None or _same(fit, clean)
+    estimate, stds = np.array([results[name] for name in names]).T
+    same_fit = clean is None or _is_same_end(fit, clean)
     reasons = tuple((reason.code, reason.subject) for reason in fit.reasons)
     return TrialOutcome(
-        case, seed, names, np.array([float(truth[name][0]) for name in names]), estimate, sd,
+        case, seed, names, np.array([float(truth[name][0]) for name in names]), estimate, stds,
         np.array([bound.get(name, np.nan) for name in names]), fit.verdict, reasons, same_fit,
     )  # fmt: skip
 
@@ -269,22 +279,24 @@ def _speed_estimate(fit: Fit) -> tuple[float, float]:
         "coulomb_m_s2",
         "drivetrain.dead_zone_forward[0]",
     ]
-    at = [fit.names.index(f"model.{name}") for name in names]
-    x = np.where(np.isfinite(fit.estimate[at]), fit.estimate[at], fit.start[at])
+    entries = [fit.names.index(f"model.{name}") for name in names]
+    x = np.where(np.isfinite(fit.estimate[entries]), fit.estimate[entries], fit.start[entries])
     value, h = float(speed_at(x)), 1e-6
-    slope = np.array([(float(speed_at(x + h * axis)) - value) / h for axis in np.eye(len(x))])
-    cov = np.nan_to_num(fit.cov[np.ix_(at, at)])
-    return value, float(np.sqrt(slope @ cov @ slope))
+    gradient = np.array([(float(speed_at(x + h * axis)) - value) / h for axis in np.eye(len(x))])
+    cov = np.nan_to_num(fit.cov[np.ix_(entries, entries)])
+    return value, float(np.sqrt(gradient @ cov @ gradient))
 
 
-def _same(fit: Fit, clean: Fit) -> bool:
-    near = np.abs(fit.estimate - clean.estimate) < SAME * clean.sd
-    return bool(np.all(near | ~np.isfinite(clean.sd)))
+def _is_same_end(fit: Fit, clean: Fit) -> bool:
+    is_near = np.abs(fit.estimate - clean.estimate) < SAME_END_SIGMA * clean.sd
+    return bool(np.all(is_near | ~np.isfinite(clean.sd)))
 
 
-def _steps(file: VehicleFile, seed: int, duration_s: float) -> np.ndarray:
+def _steps(vehicle_file: VehicleFile, seed: int, duration_s: float) -> np.ndarray:
     return as_sent(
-        excitation("random_steps", file.command.limit, duration_s, file.rate_hz, seed, rest_s=REST_S)
+        excitation(
+            "random_steps", vehicle_file.command.limit, duration_s, vehicle_file.rate_hz, seed, rest_s=REST_S
+        )
     )
 
 

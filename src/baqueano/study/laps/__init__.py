@@ -18,20 +18,28 @@ from baqueano.compare.corridor_ahead import corridor_ahead
 from baqueano.guides.route import Route
 from baqueano.messages.language import mark as N_
 from baqueano.study.driving import SHAPES
-from baqueano.study.laps.drives import EVERY, RATE_HZ, Team, TeamWithFix, follow
+from baqueano.study.laps.drives import RATE_HZ, SAMPLE_TICKS, Team, TeamWithFix, follow
 from baqueano.study.laps.fixes import FIXES, with_fix
-from baqueano.study.laps.result import SETTLED, WORST_M, Lap, LapCase, LapStudy, Whole, laps_of
+from baqueano.study.laps.result import (
+    MAX_DISTANCE_M,
+    SETTLING_LAPS,
+    Lap,
+    LapCase,
+    LapStudy,
+    WholeDrive,
+    laps_of,
+)
 from baqueano.study.laps.team import GYROS, SPEED_M_S, identify_teams
 from baqueano.study.truth import PassingFaults
 from baqueano.sweep.workers import spread_over
 from baqueano.vehicle_file import VehicleFile
 
 ROUTES = ("rectangle", "eight", "sinuous")
-READ = {
+READ_FAULTS = {
     N_("no reading lost"): PassingFaults(),
     N_("faults"): PassingFaults(missed=0.2, twice=0.1, mistaken=0.05),
 }
-BATCH = 4  # robots in parallel
+ROBOTS_AT_ONCE = 4  # robots in parallel
 
 
 def laps_over_fixes(
@@ -41,13 +49,15 @@ def laps_over_fixes(
     """Return `count` laps of robots `first` … `first + seeds − 1`.
     `advance` receives the number of robots just finished.
     """
-    jobs = [range(k, min(k + BATCH, first + seeds)) for k in range(first, first + seeds, BATCH)]
-    work = partial(batch, count=count, backend=backend, cases=all_cases() if cases is None else cases)
-    parts = spread_over(work, jobs, processes, lambda batches: advance(batches * BATCH))
-    drives = tuple(lap for _, batch_drives, _, _ in parts for lap in batch_drives)
-    wholes = tuple(whole for _, _, batch_wholes, _ in parts for whole in batch_wholes)
-    refusals = {seed for *_, refused_seeds in parts for seed in refused_seeds}
-    return LapStudy(drives, wholes, sum(done for done, *_ in parts), count, tuple(sorted(refusals)))
+    jobs = [
+        range(k, min(k + ROBOTS_AT_ONCE, first + seeds)) for k in range(first, first + seeds, ROBOTS_AT_ONCE)
+    ]
+    work = partial(run_cases, count=count, backend=backend, cases=all_cases() if cases is None else cases)
+    results = spread_over(work, jobs, processes, lambda batches: advance(batches * ROBOTS_AT_ONCE))
+    drives = tuple(lap for _, batch_drives, _, _ in results for lap in batch_drives)
+    wholes = tuple(whole for _, _, batch_wholes, _ in results for whole in batch_wholes)
+    refusals = {seed for *_, refused_seeds in results for seed in refused_seeds}
+    return LapStudy(drives, wholes, sum(done for done, *_ in results), count, tuple(sorted(refusals)))
 
 
 def all_cases(
@@ -59,25 +69,25 @@ def all_cases(
         for gyro in gyros
         for route in routes
         for fix in fixes
-        for read in READ
+        for read in READ_FAULTS
         if (gyro == "calibrated" or (fix in ("none", "tags") and read == "no reading lost"))
         and (fix != "none" or read == "no reading lost")
     ]
 
 
-def batch(
+def run_cases(
     seeds: range, count: int, backend: str, cases: Sequence[LapCase]
-) -> tuple[int, list[Lap], list[Whole], list[int]]:
+) -> tuple[int, list[Lap], list[WholeDrive], list[int]]:
     """Return the number of robots, their laps, their whole drives, and the seeds whose fit was refused."""
     drives: list[Lap] = []
-    wholes: list[Whole] = []
+    wholes: list[WholeDrive] = []
     refusals: list[int] = []
     for gyro in dict.fromkeys(case.gyro for case in cases):
-        of = [case for case in cases if case.gyro == gyro]
-        robots = identify_teams(seeds, gyro, backend, any(case.fix != "none" for case in of))
+        cases_of_gyro = [case for case in cases if case.gyro == gyro]
+        robots = identify_teams(seeds, gyro, backend, any(case.fix != "none" for case in cases_of_gyro))
         refusals += robots.refused
-        for route in dict.fromkeys(case.route for case in of):
-            its = [case for case in of if case.route == route]
+        for route in dict.fromkeys(case.route for case in cases_of_gyro):
+            its = [case for case in cases_of_gyro if case.route == route]
             teams = [robots.alone if case.fix == "none" else robots.learned for case in its]
             some_drives, some_wholes = drive_cases(its, teams, count, backend)
             drives += some_drives
@@ -87,27 +97,31 @@ def batch(
 
 def drive_cases(
     cases: Sequence[LapCase], teams: Sequence[Team], count: int, backend: str
-) -> tuple[list[Lap], list[Whole]]:
+) -> tuple[list[Lap], list[WholeDrive]]:
     """Return the laps and the whole drives of the cases of one route; all robots drive in parallel."""
     if not teams[0].seeds:
         return [], []
     route, drives, wholes = SHAPES[cases[0].route](SPEED_M_S), [], []
-    parts = [TeamWithFix(team, case.fix, READ[case.read]) for case, team in zip(cases, teams, strict=True)]
-    per_lap = round(route.t_s[-1] * RATE_HZ / EVERY)
-    for case, team, its in zip(cases, teams, follow(route, count, parts, backend), strict=True):
+    teams_with_fix = [
+        TeamWithFix(team, case.fix, READ_FAULTS[case.read]) for case, team in zip(cases, teams, strict=True)
+    ]
+    per_lap = round(route.t_s[-1] * RATE_HZ / SAMPLE_TICKS)
+    for case, team, its in zip(cases, teams, follow(route, count, teams_with_fix, backend), strict=True):
         drives += laps_of(its, case, team.seeds, count, per_lap)
         is_forecast = (case.fix, case.gyro) == ("tags", "uncalibrated")
         for k, seed in enumerate(team.seeds):
-            chance = forecast(team.files[k], case.fix, route, count, backend) if is_forecast else nan
-            wholes.append(Whole(case, seed, bool(its.touches[k]), chance))
+            chance = forecast(team.vehicle_files[k], case.fix, route, count, backend) if is_forecast else nan
+            wholes.append(WholeDrive(case, seed, bool(its.touches[k]), chance))
     return drives, wholes
 
 
-def forecast(file: VehicleFile, fix: str, route: Route, count: int, backend: str) -> float:
+def forecast(vehicle_file: VehicleFile, fix: str, route: Route, count: int, backend: str) -> float:
     """Return the probability to stay within WORST_M of the route, from the predicted corridor of the first laps.
     It is 0 if the filter loses the vehicle in these laps.
     """
-    corridor = corridor_ahead(with_fix(file, fix, route), route, min(count, SETTLED), backend).corridor
+    corridor = corridor_ahead(
+        with_fix(vehicle_file, fix, route), route, min(count, SETTLING_LAPS), backend
+    ).corridor
     if np.isfinite(corridor.lost_s):
         return 0.0
-    return erf(WORST_M * QUANTILE_95 / float(np.max(corridor.across_m)) / sqrt(2.0))
+    return erf(MAX_DISTANCE_M * QUANTILE_95 / float(np.max(corridor.across_m)) / sqrt(2.0))

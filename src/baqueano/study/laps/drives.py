@@ -22,7 +22,7 @@ from baqueano.loop import Record
 from baqueano.runs import Run
 from baqueano.runs.run import Channel
 from baqueano.signals import NANOSECONDS, Command, Estimate, Reference, Slot, Tick
-from baqueano.simulate.open_loop import times
+from baqueano.simulate.open_loop import tick_times
 from baqueano.study.driving import Loop
 from baqueano.study.laps.fixes import FIXES, with_fix
 from baqueano.study.truth import PassingFaults, Reader, Robots, TruthWorld
@@ -32,14 +32,14 @@ from baqueano.vehicle_file import VehicleFile
 RATE_HZ = 100.0
 STEP_S = 1e-2  # of the truth: hours are driven; after 10 s it is within 2 mm of steps of 1 ms
 REST_S = 3.0  # before the first lap: the bias of the gyro is learned
-EVERY = 10  # ticks between two samples
-FREE_M = 0.5  # between the walls and the body of a vehicle on its route
+SAMPLE_TICKS = 10  # ticks between two samples
+CLEARANCE_M = 0.5  # between the walls and the body of a vehicle on its route
 
 
 class Team(NamedTuple):
     """n robots in parallel, with their vehicle files and seeds."""
 
-    files: list[VehicleFile]
+    vehicle_files: list[VehicleFile]
     robots: Robots
     seeds: list[int]
 
@@ -63,11 +63,11 @@ class Laps(NamedTuple):
     runs: tuple[Run, ...]  # the logs, if they were requested
 
 
-def room_around(route: Route, file: VehicleFile) -> Room:
-    """Return the room around a route, for the body of the vehicle in `file`."""
+def room_around(route: Route, vehicle_file: VehicleFile) -> Room:
+    """Return the room around a route, for the body of the vehicle in `vehicle_file`."""
     low, high = np.min(route.eta[:, :2], axis=0), np.max(route.eta[:, :2], axis=0)
-    radius_m = body_radius(file)
-    width_m, height_m = (high - low + 2.0 * (FREE_M + radius_m)).tolist()
+    radius_m = body_radius(vehicle_file)
+    width_m, height_m = (high - low + 2.0 * (CLEARANCE_M + radius_m)).tolist()
     x, y = (route.eta[0, :2] - 0.5 * (low + high)).tolist()
     return Room(width_m, height_m, radius_m, (x, y, float(route.eta[0, 2])))
 
@@ -86,9 +86,9 @@ class _Driver:
         self, t_ns: int, u: np.ndarray, imu: np.ndarray, marks: np.ndarray, reference: Reference
     ) -> Tree:
         """Return the command and the estimate of a tick; `marks` contains NaN for each sensor without a reading."""
-        slots, at = [Slot(1.0, imu)], 0
+        slots, offset = [Slot(1.0, imu)], 0
         for size in self._sizes.values():
-            z, at = marks[at : at + size], at + size
+            z, offset = marks[offset : offset + size], offset + size
             has = not np.isnan(z[0])
             slots.append(Slot(float(has), z if has else np.zeros(size)))
         tick = Tick(t_ns, u, self._loop.slots(*slots))
@@ -99,7 +99,7 @@ class _Driver:
     def look(self, estimate: Estimate, reference: Reference) -> None:
         """Stop the robot if it may touch a wall."""
         zero, tick = Command(0, np.zeros(3)), Tick(0, np.zeros(3), self._loop.slots(*self._silence))
-        self._watch.look(Record(tick, zero, zero, estimate, reference))
+        self._watch.on_record(Record(tick, zero, zero, estimate, reference))
         self.is_stopped = self.is_stopped or self._watch.stop_reason(0) is not None
 
 
@@ -109,36 +109,36 @@ def follow(
     """Return the drives of each part: a rest at the start of the route, then `laps` laps, or until all robots
     have stopped. If `log`, also return the runs."""
     drivers = _drivers(route, parts, backend)
-    ends = np.cumsum([0, *(len(part.team.files) for part in parts)]).tolist()
+    ends = np.cumsum([0, *(len(part.team.vehicle_files) for part in parts)]).tolist()
     spans = [slice(a, b) for a, b in pairwise(ends)]
     world, readers = _truth(route, parts, backend)
-    guide, walls = Repeat.along(route, laps), room_around(route, parts[0].team.files[0])
-    middle, touches = route.eta[0, :2] - np.array(walls.start[:2]), np.zeros(len(drivers), dtype=bool)
+    guide, walls = Repeat.along(route, laps), room_around(route, parts[0].team.vehicle_files[0])
+    centre, touches = route.eta[0, :2] - np.array(walls.start[:2]), np.zeros(len(drivers), dtype=bool)
     progress, reference = guide.init(), Reference(0, route.eta[0], np.zeros(3), 0.0)
     u, estimates = np.zeros((len(drivers), 3)), [_at(0)] * len(drivers)
     samples, rows = [], []
-    t_ns = times(round((REST_S + laps * route.t_s[-1]) * RATE_HZ), RATE_HZ)
+    t_ns = tick_times(round((REST_S + laps * route.t_s[-1]) * RATE_HZ), RATE_HZ)
     for k, t in enumerate(t_ns.tolist()):
         z, rests = world.tick(u, 1.0 / RATE_HZ), t <= REST_S * NANOSECONDS
         eta = world.truth.eta
         marks = [reader.read(1e-9 * t, eta[span]) for reader, span in zip(readers, spans, strict=True)]
-        each = [row for some in marks for row in some]
+        row_marks = [row for part_marks in marks for row in part_marks]
         if log:
-            rows.append((u, z, each))
+            rows.append((u, z, row_marks))
         if not rests:
             progress, reference = guide.step(progress, _at(t))
-        before, u = u, np.zeros_like(u)
-        is_sample = not rests and k % EVERY == 0
+        previous_u, u = u, np.zeros_like(u)
+        is_sample = not rests and k % SAMPLE_TICKS == 0
         for i, driver in enumerate(drivers):
             if driver.is_stopped:
                 continue
-            command, estimates[i] = driver.step(t, before[i], z[i], each[i], reference)
+            command, estimates[i] = driver.step(t, previous_u[i], z[i], row_marks[i], reference)
             if is_sample:
                 driver.look(estimates[i], reference)
             u[i] = 0.0 if rests or driver.is_stopped else command
         if is_sample:
             drives = np.array([not driver.is_stopped for driver in drivers])
-            touches |= np.any(np.abs(eta[:, :2] - middle) > walls.free, axis=1)
+            touches |= np.any(np.abs(eta[:, :2] - centre) > walls.free_half_width_m, axis=1)
             samples.append((*_error(estimates, eta), eta[:, :2], drives, reference.eta[:2]))
             if not drives.any():
                 break
@@ -152,10 +152,14 @@ def _drivers(route: Route, parts: Sequence[TeamWithFix], backend: str) -> list[_
     """Return a driver for each robot; robots with the same file and fix share the compiled blocks."""
     loops: dict[tuple[int, str], Loop] = {}
     for part in parts:
-        for file in part.team.files:
-            if (key := (id(file), part.fix)) not in loops:
-                loops[key] = Loop(with_fix(file, part.fix, route), False, backend)
-    return [_Driver(loops[id(file), part.fix], part.fix, route) for part in parts for file in part.team.files]
+        for vehicle_file in part.team.vehicle_files:
+            if (key := (id(vehicle_file), part.fix)) not in loops:
+                loops[key] = Loop(with_fix(vehicle_file, part.fix, route), False, backend)
+    return [
+        _Driver(loops[id(vehicle_file), part.fix], part.fix, route)
+        for part in parts
+        for vehicle_file in part.team.vehicle_files
+    ]
 
 
 def _truth(route: Route, parts: Sequence[TeamWithFix], backend: str) -> tuple[TruthWorld, list[Reader]]:
@@ -163,33 +167,39 @@ def _truth(route: Route, parts: Sequence[TeamWithFix], backend: str) -> tuple[Tr
     teams = [part.team for part in parts]
     robots = teams[0].robots.merge([team.robots for team in teams[1:]])
     seeds = [seed for team in teams for seed in team.seeds]
-    start, fast = np.tile(route.eta[0], (len(seeds), 1)), partial(function, backend=backend)
+    start, compiler = np.tile(route.eta[0], (len(seeds), 1)), partial(function, backend=backend)
     readers = [
         FIXES[part.fix].reader(route, part.team.seeds, start[: len(part.team.seeds), :2], part.faults)
         for part in parts
     ]
-    return TruthWorld(robots, seeds, start, STEP_S, fast), readers
+    return TruthWorld(robots, seeds, start, STEP_S, compiler), readers
 
 
 def _laps(
     samples: list[Tree], touches: np.ndarray, spans: list[slice], runs: list[tuple[Run, ...]]
 ) -> list[Laps]:
-    error, cov, place, drives, reference_xy = (np.array(values) for values in zip(*samples, strict=True))
-    ticks = np.arange(len(reference_xy)) * round(EVERY / RATE_HZ * NANOSECONDS)
+    error, cov, eta_at_sample, drives, reference_xy = (
+        np.array(values) for values in zip(*samples, strict=True)
+    )
+    sample_ns = np.arange(len(reference_xy)) * round(SAMPLE_TICKS / RATE_HZ * NANOSECONDS)
     across = np.stack(
-        [cross_track(ticks, place[:, i], ticks, reference_xy) for i in range(place.shape[1])], axis=1
+        [
+            cross_track(sample_ns, eta_at_sample[:, i], sample_ns, reference_xy)
+            for i in range(eta_at_sample.shape[1])
+        ],
+        axis=1,
     )
     return [
-        Laps(error[:, at], cov[:, at], across[:, at], drives[:, at], touches[at], logs)
-        for at, logs in zip(spans, runs, strict=True)
+        Laps(error[:, span], cov[:, span], across[:, span], drives[:, span], touches[span], logs)
+        for span, logs in zip(spans, runs, strict=True)
     ]
 
 
 def _error(estimates: list[Estimate], eta: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Return the pose errors (n, 3) of the estimates, and their covariances (n, 3, 3)."""
-    off = np.array([estimate.eta for estimate in estimates]) - eta
+    pose_error = np.array([estimate.eta for estimate in estimates]) - eta
     claims = np.array([estimate.cov[:3, :3] for estimate in estimates])
-    return np.column_stack([off[:, :2], wrap(off[:, 2])]), claims
+    return np.column_stack([pose_error[:, :2], wrap(pose_error[:, 2])]), claims
 
 
 def _at(t_ns: int) -> Estimate:
@@ -198,17 +208,27 @@ def _at(t_ns: int) -> Estimate:
 
 def _runs(part: TeamWithFix, t_ns: np.ndarray, rows: list[Tree], first: int) -> tuple[Run, ...]:
     """Return the logs of a part; its first robot has the index `first` in `rows`."""
-    metadata, out = {"kind": "repeat", "rate_hz": f"{RATE_HZ:g}"}, []
+    metadata, runs_of_part = {"kind": "repeat", "rate_hz": f"{RATE_HZ:g}"}, []
     sizes = FIXES[part.fix].sizes
-    for i, (file, seed) in enumerate(zip(part.team.files, part.team.seeds, strict=True), first):
+    for i, (vehicle_file, seed) in enumerate(
+        zip(part.team.vehicle_files, part.team.seeds, strict=True), first
+    ):
         u, imu, marks = (np.array([row[column][i] for row in rows]) for column in range(3))
-        sensors, at, ticks = {}, 0, t_ns[: len(rows)]
+        sensors, offset, ticks = {}, 0, t_ns[: len(rows)]
         sensors["imu"] = Channel(ticks, ticks, imu)
         for name, size in sizes.items():
-            z, at = marks[:, at : at + size], at + size
+            z, offset = marks[:, offset : offset + size], offset + size
             has = ~np.isnan(z[:, 0])
             sensors[name] = Channel(ticks[has], ticks[has], z[has])
-        out.append(
-            Run(f"laps {seed}", None, ticks, u, sensors=sensors, vehicle_text=file.text, metadata=metadata)
+        runs_of_part.append(
+            Run(
+                f"laps {seed}",
+                None,
+                ticks,
+                u,
+                sensors=sensors,
+                vehicle_text=vehicle_file.text,
+                metadata=metadata,
+            )
         )
-    return tuple(out)
+    return tuple(runs_of_part)

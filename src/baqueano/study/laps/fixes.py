@@ -18,12 +18,12 @@ import numpy as np
 
 from baqueano.guides.route import Route
 from baqueano.messages.language import mark as N_
-from baqueano.study.truth import Floor, FloorLines, Gate, PassingFaults, Reader
+from baqueano.study.truth import FloorLines, Gate, PassingFaults, Reader, TagReaders
 from baqueano.vehicle_file import VehicleFile, parse
 
-TWO, THREE, ONE = (0.25, 0.75), (0.2, 0.4, 0.7), (0.25,)  # of a lap
+TWO_FRACTIONS, THREE_FRACTIONS, ONE_FRACTION = (0.25, 0.75), (0.2, 0.4, 0.7), (0.25,)  # of a lap
 RADIUS_M, NOISE_M, NOISE_RAD = 0.15, 0.01, 0.02
-ELSEWHERE = 40  # places of mistaken gates on the route
+MISTAKEN_PLACES = 40  # places of mistaken gates on the route
 
 MakeReader = Callable[[Route, Sequence[int], np.ndarray, PassingFaults], Reader]
 
@@ -36,22 +36,26 @@ class Fix(NamedTuple):
     reader: MakeReader  # of route, seeds, initial positions (n, 2), faults
 
 
-def places(route: Route, parts: Sequence[float]) -> np.ndarray:
-    """Return the poses (m, 3) of a route after the fractions `parts` of its lap."""
-    return route.eta[[int(np.searchsorted(route.t_s, part * route.t_s[-1])) for part in parts]]
+def places(route: Route, lap_fractions: Sequence[float]) -> np.ndarray:
+    """Return the poses (m, 3) of a route after the fractions `lap_fractions` of its lap."""
+    return route.eta[
+        [int(np.searchsorted(route.t_s, fraction * route.t_s[-1])) for fraction in lap_fractions]
+    ]
 
 
-def with_fix(file: VehicleFile, fix: str, route: Route) -> VehicleFile:
+def with_fix(vehicle_file: VehicleFile, fix: str, route: Route) -> VehicleFile:
     """Return the file with the sensors of a fix on a route; its estimator uses them."""
     sizes, tables, _ = FIXES[fix]
-    text = file.with_values({"estimator.use": ["imu"]}).text
+    text = vehicle_file.with_values({"estimator.use": ["imu"]}).text
     for name in [name for other in FIXES.values() for name in other.sizes]:
         text = text.partition(f"\n[sensors.{name}]")[0]
-    return parse(f"{text}\n{tables(route)}", file.name).with_values({"estimator.use": ["imu", *sizes]})
+    return parse(f"{text}\n{tables(route)}", vehicle_file.name).with_values(
+        {"estimator.use": ["imu", *sizes]}
+    )
 
 
 def _tag_tables(route: Route) -> str:
-    points = places(route, TWO)[:, :2].tolist()
+    points = places(route, TWO_FRACTIONS)[:, :2].tolist()
     return (
         f'[sensors.tags]\nkind = "tags"\npoints_m = {points}\nradius_m = {RADIUS_M}\nnoise_std = {NOISE_M}\n'
     )
@@ -61,7 +65,7 @@ def _line_tables(route: Route) -> str:
     return "\n".join(
         f'[sensors.{name}]\nkind = "mark"\npoint_m = [{x}, {y}]\nheading_rad = {heading}\n'
         f"half_width_m = {RADIUS_M}\nnoise_std = {NOISE_M}\n"
-        for name, (x, y, heading) in zip(LINES, places(route, THREE).tolist(), strict=True)
+        for name, (x, y, heading) in zip(LINES, places(route, THREE_FRACTIONS).tolist(), strict=True)
     )
 
 
@@ -70,15 +74,15 @@ def _gate_tables(route: Route) -> str:
 
 
 def _tags(route: Route, seeds: Sequence[int], xy: np.ndarray, faults: PassingFaults) -> Reader:
-    return Floor(places(route, TWO)[:, :2], RADIUS_M, NOISE_M, seeds, xy, faults)
+    return TagReaders(places(route, TWO_FRACTIONS)[:, :2], RADIUS_M, NOISE_M, seeds, xy, faults)
 
 
 def _lines(route: Route, seeds: Sequence[int], xy: np.ndarray, faults: PassingFaults) -> Reader:
-    return FloorLines(places(route, THREE), RADIUS_M, NOISE_M, seeds, xy, faults)
+    return FloorLines(places(route, THREE_FRACTIONS), RADIUS_M, NOISE_M, seeds, xy, faults)
 
 
 def _gate(route: Route, seeds: Sequence[int], xy: np.ndarray, faults: PassingFaults) -> Reader:
-    poses = places(route, (*ONE, *np.linspace(0.0, 1.0, ELSEWHERE)))
+    poses = places(route, (*ONE_FRACTION, *np.linspace(0.0, 1.0, MISTAKEN_PLACES)))
     return Gate(poses, RADIUS_M, np.array([NOISE_M, NOISE_M, NOISE_RAD]), seeds, xy, faults)
 
 

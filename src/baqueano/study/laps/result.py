@@ -1,7 +1,7 @@
 """Result of `study laps`: for each fix and route the share of robots that keep the route, the errors, and the NEES.
 
 NEES        eᵀ P⁻¹ e / 3 of (x, y, ψ): 1 for a consistent filter, less for a cautious filter             (1)
-within      share of the samples with eᵀ P⁻¹ e ≤ χ²₃, while σ_ψ is at most LOST_RAD                      (2)
+within      share of the samples with eᵀ P⁻¹ e ≤ χ²₃, while σ_ψ is at most MAX_HEADING_STD_RAD                      (2)
 forecast    mean over the robots of P(|n| < WORST_M / σ), σ the largest across in corridor_ahead.py      (3)
 
 A robot keeps the route if its true distance from it is at most WORST_M in all laps, and it is never stopped.
@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
-from baqueano.compare.corridor import LOST_RAD
+from baqueano.compare.corridor import MAX_HEADING_STD_RAD
 from baqueano.diagnostics import Verdict
 from baqueano.messages.language import number
 from baqueano.messages.language import translate as _
@@ -22,9 +22,9 @@ if TYPE_CHECKING:
     from baqueano.contracts.values import TableRow
     from baqueano.study.laps.drives import Laps
 
-WITHIN_3 = 7.815  # 95 % quantile of χ² with 3 degrees of freedom
-SETTLED = 3  # laps after which the gyro scale is estimated
-WORST_M, LEAST_KEPT, LEAST_WITHIN, MOST_NEES, FORECAST = 0.10, 0.90, 0.90, 1.6, 0.10
+CHI_SQUARE_95_3 = 7.815  # 95 % quantile of χ² with 3 degrees of freedom
+SETTLING_LAPS = 3  # laps after which the gyro scale is estimated
+MAX_DISTANCE_M, MIN_KEPT_SHARE, MIN_WITHIN_SHARE, MAX_NEES, MAX_FORECAST_ERROR = 0.10, 0.90, 0.90, 1.6, 0.10
 
 
 class LapCase(NamedTuple):
@@ -49,7 +49,7 @@ class Lap(NamedTuple):
     nees: float  # mean of (1) over the samples of (2)
 
 
-class Whole(NamedTuple):
+class WholeDrive(NamedTuple):
     """A whole drive of a robot."""
 
     case: LapCase
@@ -62,24 +62,24 @@ def laps_of(driven: "Laps", case: LapCase, seeds: Sequence[int], laps: int, per_
     """Return the laps of all robots of a drive, `per_lap` samples each."""
     e, P = driven.error, driven.cov
     square = np.einsum("tni,tnij,tnj->tn", e, np.linalg.inv(P), e)
-    square = np.where(np.sqrt(P[..., 2, 2]) <= LOST_RAD, square, np.nan)
-    far, across = np.hypot(e[..., 0], e[..., 1]), np.abs(driven.across)
-    out = []
+    square = np.where(np.sqrt(P[..., 2, 2]) <= MAX_HEADING_STD_RAD, square, np.nan)
+    distance_m, cross_track_m = np.hypot(e[..., 0], e[..., 1]), np.abs(driven.across)
+    laps_found = []
     for lap in range(laps):
         t = slice(lap * per_lap, (lap + 1) * per_lap if lap < laps - 1 else None)
         for i, seed in enumerate(seeds):
-            on = driven.drives[t, i]
-            if not on.any():
+            lap_rows = driven.drives[t, i]
+            if not lap_rows.any():
                 continue
-            squares = square[t, i][on & np.isfinite(square[t, i])]
+            squares = square[t, i][lap_rows & np.isfinite(square[t, i])]
             claims = (
-                (float(np.mean(squares <= WITHIN_3)), float(np.mean(squares)) / 3.0)
+                (float(np.mean(squares <= CHI_SQUARE_95_3)), float(np.mean(squares)) / 3.0)
                 if len(squares)
                 else (np.nan,) * 2
             )
-            worst = float(far[t, i][on].max()), float(across[t, i][on].max())
-            out.append(Lap(case, seed, lap + 1, bool(on.all()), *worst, *claims))
-    return out
+            worst = float(distance_m[t, i][lap_rows].max()), float(cross_track_m[t, i][lap_rows].max())
+            laps_found.append(Lap(case, seed, lap + 1, bool(lap_rows.all()), *worst, *claims))
+    return laps_found
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -87,7 +87,7 @@ class LapStudy:
     """Result of the study: all laps and drives."""
 
     drives: tuple[Lap, ...]
-    wholes: tuple[Whole, ...]
+    wholes: tuple[WholeDrive, ...]
     robots: int
     laps: int
     refused: tuple[int, ...]  # robots whose fit was refused: they did not drive
@@ -97,14 +97,26 @@ class LapStudy:
         return [self._row(case) for case in dict.fromkeys(whole.case for whole in self.wholes)]
 
     def _row(self, case: LapCase) -> "TableRow":
-        wholes, of = [w for w in self.wholes if w.case == case], [d for d in self.drives if d.case == case]
-        first, last, later = (
-            [d for d in of if chosen(d.lap)]
-            for chosen in (lambda lap: lap == 1, lambda lap: lap == self.laps, lambda lap: lap > SETTLED)
+        wholes, laps_of_case = (
+            [w for w in self.wholes if w.case == case],
+            [d for d in self.drives if d.case == case],
         )
-        stops = [max(d.lap for d in of if d.seed == w.seed) for w in wholes if not self._is_whole(of, w.seed)]
+        first, last, later = (
+            [d for d in laps_of_case if chosen(d.lap)]
+            for chosen in (
+                lambda lap: lap == 1,
+                lambda lap: lap == self.laps,
+                lambda lap: lap > SETTLING_LAPS,
+            )
+        )
+        stops = [
+            max(d.lap for d in laps_of_case if d.seed == w.seed)
+            for w in wholes
+            if not self._is_whole(laps_of_case, w.seed)
+        ]
         keeps = [
-            self._is_whole(of, w.seed) and max(d.across_m for d in of if d.seed == w.seed) <= WORST_M
+            self._is_whole(laps_of_case, w.seed)
+            and max(d.across_m for d in laps_of_case if d.seed == w.seed) <= MAX_DISTANCE_M
             for w in wholes
         ]
         return case._asdict() | {
@@ -113,30 +125,32 @@ class LapStudy:
             "forecast": float(np.mean([w.forecast for w in wholes])),
             "first_across_p95_m": _quantile([d.across_m for d in first], 0.95),
             "last_across_p95_m": _quantile([d.across_m for d in last], 0.95),
-            "across_worst_m": _quantile([d.across_m for d in of], 1.0),
+            "across_worst_m": _quantile([d.across_m for d in laps_of_case], 1.0),
             "position_worst_m": _quantile([d.position_m for d in later], 1.0),
-            "within": _mean([d.within for d in of]),
-            "nees": _mean([d.nees for d in of]),
+            "within": _mean([d.within for d in laps_of_case]),
+            "nees": _mean([d.nees for d in laps_of_case]),
             "stopped": len(stops),
             "stop_lap_median": _quantile([float(lap) for lap in stops], 0.5),
             "touched": sum(w.touches for w in wholes),
         }
 
-    def _is_whole(self, of: list[Lap], seed: int) -> bool:
-        return sum(d.whole for d in of if d.seed == seed) == self.laps
+    def _is_whole(self, laps_of_case: list[Lap], seed: int) -> bool:
+        return sum(d.whole for d in laps_of_case if d.seed == seed) == self.laps
 
     @property
     def reasons(self) -> tuple[str, ...]:
         """Return a sentence on refused fits, and one for each missed bound: all bounds with tags; walls, coverage
         and NEES with the other fixes."""
-        out = []
+        reasons_found = []
         if self.refused:
-            out.append(
+            reasons_found.append(
                 _("the fits of robots {robots} were refused", robots=", ".join(map(str, self.refused)))
             )
         for row in self.rows():
-            out += [_("{where}: {what}", where=_place(row), what=what) for what in _misses(row, self.laps)]
-        return tuple(out)
+            reasons_found += [
+                _("{where}: {what}", where=_place(row), what=problem) for problem in _misses(row, self.laps)
+            ]
+        return tuple(reasons_found)
 
     @property
     def verdict(self) -> Verdict:
@@ -155,19 +169,19 @@ class LapStudy:
                 "last lap, and the largest of all. Estimate: its largest error after lap {settled}",
                 robots=self.robots,
                 laps=self.laps,
-                settled=SETTLED,
+                settled=SETTLING_LAPS,
             ),
             head,
             "-" * len(head),
         ]
         for r in self.rows():
-            across = " ".join(
+            cross_track_text = " ".join(
                 _cm(r[name]) for name in ("first_across_p95_m", "last_across_p95_m", "across_worst_m")
             )
             stops = f"{r['stopped']}, {number(r['stop_lap_median']):.0f}" if r["stopped"] else "0"
             lines.append(
                 f"{_(r['route']):11}{_(r['fix']):13}{_(r['gyro']):14}{_(r['read']):10}{number(r['kept']):6.0%}"
-                f"{_share(r['forecast']):>10}{across:>18}{_cm(r['position_worst_m']):>14}{_share(r['within']):>8}"
+                f"{_share(r['forecast']):>10}{cross_track_text:>18}{_cm(r['position_worst_m']):>14}{_share(r['within']):>8}"
                 f"{number(r['nees']):6.2f}{stops:>17}"
             )
         return "\n".join(
@@ -177,38 +191,40 @@ class LapStudy:
 
 def _misses(row: "TableRow", laps: int) -> list[str]:
     """Return a sentence for each bound that a row misses."""
-    out = []
+    problems = []
     if row["touched"]:
-        out.append(_("{robots} robots touched a wall", robots=row["touched"]))
-    if row["within"] < LEAST_WITHIN:
-        out.append(_("{within:.0%} are within the 95 % region; expected 90 %", within=row["within"]))
-    if row["nees"] > MOST_NEES:
-        out.append(_("NEES {nees:.2f}; expected at most {most:g}", nees=row["nees"], most=MOST_NEES))
+        problems.append(_("{robots} robots touched a wall", robots=row["touched"]))
+    if row["within"] < MIN_WITHIN_SHARE:
+        problems.append(_("{within:.0%} are within the 95 % region; expected 90 %", within=row["within"]))
+    if row["nees"] > MAX_NEES:
+        problems.append(_("NEES {nees:.2f}; expected at most {most:g}", nees=row["nees"], most=MAX_NEES))
     if row["fix"] != "tags":
-        return out
+        return problems
     if row["gyro"] == "uncalibrated":
-        if abs(row["forecast"] - row["kept"]) > FORECAST:
-            out.append(
+        if abs(row["forecast"] - row["kept"]) > MAX_FORECAST_ERROR:
+            problems.append(
                 _(
                     "{kept:.0%} of the robots keep to the route; the forecast was {forecast:.0%}",
                     kept=row["kept"],
                     forecast=row["forecast"],
                 )
             )
-        return out
-    if row["last_across_p95_m"] > WORST_M:
+        return problems
+    if row["last_across_p95_m"] > MAX_DISTANCE_M:
         distance = f"{number(100.0 * row['last_across_p95_m']):.0f} cm"
-        out.append(
+        problems.append(
             _("lap {lap}: {distance} from the route; expected at most 10 cm", lap=laps, distance=distance)
         )
-    if row["read"] == "no reading lost" and row["position_worst_m"] > WORST_M:
+    if row["read"] == "no reading lost" and row["position_worst_m"] > MAX_DISTANCE_M:
         distance = f"{number(100.0 * row['position_worst_m']):.0f} cm"
-        out.append(_("the error of the estimate is {distance}; expected at most 10 cm", distance=distance))
-    if row["route"] != "sinuous" and row["kept"] < LEAST_KEPT:
-        out.append(_("{kept:.0%} of the robots keep to the route; expected 90 %", kept=row["kept"]))
+        problems.append(
+            _("the error of the estimate is {distance}; expected at most 10 cm", distance=distance)
+        )
+    if row["route"] != "sinuous" and row["kept"] < MIN_KEPT_SHARE:
+        problems.append(_("{kept:.0%} of the robots keep to the route; expected 90 %", kept=row["kept"]))
     if row["stopped"]:
-        out.append(_("{stopped} drives were stopped", stopped=row["stopped"]))
-    return out
+        problems.append(_("{stopped} drives were stopped", stopped=row["stopped"]))
+    return problems
 
 
 def _place(row: "TableRow") -> str:

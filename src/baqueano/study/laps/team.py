@@ -22,7 +22,7 @@ from baqueano.runs import Run
 from baqueano.runs.logs import Event
 from baqueano.runs.run import Channel
 from baqueano.signals import NANOSECONDS
-from baqueano.simulate.open_loop import times
+from baqueano.simulate.open_loop import tick_times
 from baqueano.study.corridor.vehicles import switched_on_anew, vehicles
 from baqueano.study.driving import FREE, SHAPES, experiments, guess
 from baqueano.study.laps.drives import RATE_HZ, STEP_S, Team, TeamWithFix, follow
@@ -31,9 +31,9 @@ from baqueano.study.truth import PassingFaults, Robots, TruthWorld
 from baqueano.symbolic import function
 from baqueano.vehicle_file import VehicleFile
 
-LEARNED, SPEED_M_S = 5, 0.3
+LEARNING_LAPS, SPEED_M_S = 5, 0.3
 GYROS = (N_("uncalibrated"), N_("calibrated"))
-STAND_S, TURNS, LONGEST_S = 3.0, 2, 20.0
+STANDING_S, TURNS, MAX_TURN_S = 3.0, 2, 20.0
 TURN_U, MARK_RAD = 0.6, np.radians(2.0)  # command while it turns; std of the heading at the final mark
 
 
@@ -58,13 +58,13 @@ def identify_teams(seeds: range, gyro: str, backend: str, learns: bool = True) -
     ]
     names = [seeds[k] for k in usable]
     learned = (
-        _identify_with_laps(Team(files, robots.some(usable), names), [runs[k] for k in usable], backend)
+        _identify_with_laps(Team(files, robots.subset(usable), names), [runs[k] for k in usable], backend)
         if learns
         else {}
     )
-    some = [k for k, name in enumerate(names) if name in learned or not learns]
-    names, alone = [names[k] for k in some], [alone[k] for k in some]
-    anew = switched_on_anew(robots.some([name - seeds[0] for name in names]), names, alone)
+    accepted = [k for k, name in enumerate(names) if name in learned or not learns]
+    names, alone = [names[k] for k in accepted], [alone[k] for k in accepted]
+    anew = switched_on_anew(robots.subset([name - seeds[0] for name in names]), names, alone)
     others = [learned[name] for name in names if name in learned]
     refusals = [seed for seed in seeds if seed not in names]
     return Teams(Team(alone, anew, names), Team(others, anew, names if learns else []), refusals)
@@ -72,50 +72,52 @@ def identify_teams(seeds: range, gyro: str, backend: str, learns: bool = True) -
 
 def _identify_with_laps(team: Team, runs: list[Run], backend: str) -> dict[int, VehicleFile]:
     """Return seed → file identified from an experiment and laps over tags; a refused fit does not have an entry."""
-    route, out = SHAPES["rectangle"](SPEED_M_S), {}
-    (laps,) = follow(route, LEARNED, [TeamWithFix(team, "tags", PassingFaults())], backend, log=True)
-    for file, seed, run, over in zip(team.files, team.seeds, runs, laps.runs, strict=True):
-        both, start = [run, over], with_fix(file, "tags", route)
-        fit = identify(both, start, FREE, use=("imu",), options=FitOptions(backend=backend))
+    route, vehicle_file_of = SHAPES["rectangle"](SPEED_M_S), {}
+    (laps,) = follow(route, LEARNING_LAPS, [TeamWithFix(team, "tags", PassingFaults())], backend, log=True)
+    for vehicle_file, seed, run, laps_run in zip(
+        team.vehicle_files, team.seeds, runs, laps.runs, strict=True
+    ):
+        runs_of_robot, start = [run, laps_run], with_fix(vehicle_file, "tags", route)
+        fit = identify(runs_of_robot, start, FREE, use=("imu",), options=FitOptions(backend=backend))
         if fit.verdict != Verdict.REFUSED:
-            noise = measure_noise(fit, both, backend=backend)
-            out[seed] = noise.updated_file(fit.vehicle_file, file.name)
-    return out
+            noise = measure_noise(fit, runs_of_robot, backend=backend)
+            vehicle_file_of[seed] = noise.updated_file(fit.vehicle_file, vehicle_file.name)
+    return vehicle_file_of
 
 
 def calibrate(robots: Robots, seeds: Sequence[int]) -> list[VehicleFile]:
     """Return the guess with the gyro scale of each robot by two turns; unchanged if the turns do not determine it."""
-    out = []
+    vehicle_files = []
     for run in turned_twice(robots, seeds):
         try:
-            out.append(guess().with_values(closure(run, guess()).values))
+            vehicle_files.append(guess().with_values(closure(run, guess()).values))
         except AnswerNo:
-            out.append(guess())
-    return out
+            vehicle_files.append(guess())
+    return vehicle_files
 
 
 def turned_twice(robots: Robots, seeds: Sequence[int]) -> list[Run]:
     """Return a run of each robot: it rests, then turns twice, with a mark event before and after the turns."""
-    n, file = len(seeds), guess()
+    n, vehicle_file = len(seeds), guess()
     world = TruthWorld(robots, [seed + 7_000 for seed in seeds], step_s=STEP_S, fast=function)
-    t_ns = times(round(LONGEST_S * RATE_HZ), RATE_HZ)
-    off = np.array([np.random.default_rng([seed, 61]).normal(0.0, MARK_RAD) for seed in seeds])
-    end, ends, now = 2.0 * np.pi * TURNS + off, np.full(n, np.nan), np.zeros((n, 3))
+    t_ns = tick_times(round(MAX_TURN_S * RATE_HZ), RATE_HZ)
+    mark_error_rad = np.array([np.random.default_rng([seed, 61]).normal(0.0, MARK_RAD) for seed in seeds])
+    end, ends, current_u = 2.0 * np.pi * TURNS + mark_error_rad, np.full(n, np.nan), np.zeros((n, 3))
     u, z, psi = np.zeros((len(t_ns), n, 3)), np.zeros((len(t_ns), n, 3)), np.zeros(n)
     for k, t in enumerate(t_ns.tolist()):
-        before, z[k], u[k] = psi, world.tick(now, 1.0 / RATE_HZ), now
+        previous_psi, z[k], u[k] = psi, world.tick(current_u, 1.0 / RATE_HZ), current_u
         psi = world.truth.eta[:, 2]
         # The fraction of the tick after the end of the turns.
-        beyond = (psi - end) / np.maximum(psi - before, 1e-9)
-        ends = np.where(np.isnan(ends) & (psi >= end), t - beyond / RATE_HZ * NANOSECONDS, ends)
-        turns = (k >= STAND_S * RATE_HZ) & np.isnan(ends)
-        now = np.column_stack([np.zeros((n, 2)), np.where(turns, TURN_U, 0.0)])
-    begin_ns = round(STAND_S * NANOSECONDS)
+        overshoot_fraction = (psi - end) / np.maximum(psi - previous_psi, 1e-9)
+        ends = np.where(np.isnan(ends) & (psi >= end), t - overshoot_fraction / RATE_HZ * NANOSECONDS, ends)
+        turns = (k >= STANDING_S * RATE_HZ) & np.isnan(ends)
+        current_u = np.column_stack([np.zeros((n, 2)), np.where(turns, TURN_U, 0.0)])
+    begin_ns = round(STANDING_S * NANOSECONDS)
     marks = [[begin_ns, round(end_ns)] if np.isfinite(end_ns) else [] for end_ns in ends.tolist()]
     return [
         Run(
             f"turns {seed}", None, t_ns, u[:, i], sensors={"imu": Channel(t_ns, t_ns, z[:, i])},
-            vehicle_text=file.text, metadata={"kind": "drive", "rate_hz": f"{RATE_HZ:g}"},
+            vehicle_text=vehicle_file.text, metadata={"kind": "drive", "rate_hz": f"{RATE_HZ:g}"},
             events=tuple(Event(t, "info", MARK_SOURCE, "") for t in marks[i]),
         )
         for i, seed in enumerate(seeds)

@@ -84,7 +84,7 @@ class CaseStudy:
 
     def _values(self, fit: Fit) -> Iterator[tuple[str, float, float | None, float | None]]:
         for name, path, sign in names():
-            truth = sign * float(fit.file.value(path)) + 0.0
+            truth = sign * float(fit.vehicle_file.value(path)) + 0.0
             k = fit.names.index(path)
             identifiable = bool(np.isfinite(fit.estimate[k]) and np.isfinite(fit.sd[k]))
             yield (
@@ -162,11 +162,11 @@ def case_study(
     """Fit case study I at `seeds` seeds from `seed` on. `advance` receives the number of fits just finished.
     Ctrl-C ends the study with the finished fits. It raises KeyboardInterrupt before the first fit.
     """
-    every = tuple(range(seed, seed + seeds))
-    fits = spread_over(lambda s: fit_seed(s, backend), every, advance=advance)
+    seed_range = tuple(range(seed, seed + seeds))
+    fits = spread_over(lambda s: fit_seed(s, backend), seed_range, advance=advance)
     if not fits:
         raise KeyboardInterrupt
-    return CaseStudy(tuple(fits), every[: len(fits)])
+    return CaseStudy(tuple(fits), seed_range[: len(fits)])
 
 
 @dataclass(frozen=True)

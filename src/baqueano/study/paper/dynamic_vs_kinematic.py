@@ -71,7 +71,7 @@ def _judged_model(model: str, fit: Fit, run: "Run", validation_run: "Run", backe
     return JudgedModel(model, fit, noise.process, np.array([rms(error[:, k]) for k in range(3)]))
 
 
-def rows(judged: tuple[JudgedModel, ...]) -> list["TableRow"]:
+def rows(judged_models: tuple[JudgedModel, ...]) -> list["TableRow"]:
     """Return a row per model: one-step errors (square roots of the diagonal of R) and the EKF's velocity errors."""
     return [
         {
@@ -83,13 +83,13 @@ def rows(judged: tuple[JudgedModel, ...]) -> list["TableRow"]:
             N_("EKF: ν_x error [m/s]"): float(j.velocity[0]),
             N_("EKF: ν_ψ error [rad/s]"): float(j.velocity[2]),
         }
-        for j in judged
+        for j in judged_models
     ]
 
 
-def table(judged: tuple[JudgedModel, ...]) -> str:
+def table(judged_models: tuple[JudgedModel, ...]) -> str:
     """Return the rows as a text table."""
-    figures = rows(judged)
+    figures = rows(judged_models)
     keys = list(figures[0])
     lines = ["  ".join(f"{_(key):>22}" for key in keys)]
     lines += [

@@ -31,8 +31,8 @@ def page_of_paper(study: CaseStudy, models: tuple[JudgedModel, ...], backend: st
         np.stack([getattr(c, n) for c in fit.channels], axis=1) for n in ("measured", "predicted")
     )
     t_s = fit.channels[0].t_s
-    first = t_s <= t_s[0] + SHOWN_S
-    sensors = figures.channels(t_s[first], measured[first], predicted[first], labels)
+    is_shown = t_s <= t_s[0] + SHOWN_S
+    sensors = figures.channels(t_s[is_shown], measured[is_shown], predicted[is_shown], labels)
     loop = simulate_loop(load("small"), sinuous_circle(0.6, 0.08, 5, 0.2), backend=backend)
     assert loop.reference is not None
     assert loop.estimate is not None
@@ -42,9 +42,9 @@ def page_of_paper(study: CaseStudy, models: tuple[JudgedModel, ...], backend: st
         "truth": loop.truth.eta[:, :2],
         "estimate": loop.estimate.eta[:, :2],
     }
-    over = _("over {seeds} seeds", seeds=len(study.fits))
+    seeds_text = _("over {seeds} seeds", seeds=len(study.fits))
     if len(study.fits) == 1:
-        over = _("seed {seed}", seed=study.seeds[0])
+        seeds_text = _("seed {seed}", seed=study.seeds[0])
     return Page(
         title=_("The paper's case studies"),
         subtitle=_(
@@ -55,7 +55,7 @@ def page_of_paper(study: CaseStudy, models: tuple[JudgedModel, ...], backend: st
             Headline(
                 _("largest deviation"),
                 f"{number(float(np.abs(study.z).max())):.1f} σ",
-                _("{estimates} estimates, {over}", estimates=len(study.z), over=over),
+                _("{estimates} estimates, {over}", estimates=len(study.z), over=seeds_text),
             ),
             Headline(_("within 1.96 sd"), f"{100 * study.inside:.0f} %", _("95 % are expected")),
         ],

@@ -32,26 +32,29 @@ if TYPE_CHECKING:
     from baqueano.runs import Run
 
 MAPS = {"a": "cpm_run_a", "b": "cpm_run_b"}
-USE = ("odometer", "imu[2]")
-NEUTRAL = {
+SENSORS_USED = ("odometer", "imu[2]")
+NEUTRAL_VALUES = {
     "sensors.imu.gyro_scale": 1.0,
     "sensors.imu.gyro_bias": 0.0,
     "sensors.odometer.scale": 1.0,
     "model.drivetrain.battery_v": 7.4,  # two cells, as printed on them
     "model.drivetrain.battery_nominal_v": 7.4,
 }
-EXPLAINED = {"a": 0.94, "b": 0.98}  # part of the variance of the other run's speed, by the run of the fit
-GYRO, NEAR = 0.966, 0.003  # true rotation per measured rotation of the gyro
-CLOCK_S, CLOSE_S = {"a": 0.045, "b": 0.040}, 0.010  # to be added to the truth's timestamps, by correlation
-DRY = {"dry friction", "dead zone", "dead zone forward", "dead zone backward"}
-BATTERY = "battery voltage"
+MIN_EXPLAINED = {"a": 0.94, "b": 0.98}  # part of the variance of the other run's speed, by the run of the fit
+GYRO_SCALE, GYRO_SCALE_TOLERANCE = 0.966, 0.003  # true rotation per measured rotation of the gyro
+CLOCK_S, CLOCK_TOLERANCE_S = (
+    {"a": 0.045, "b": 0.040},
+    0.010,
+)  # to be added to the truth's timestamps, by correlation
+DRY_TERMS = {"dry friction", "dead zone", "dead zone forward", "dead zone backward"}
+BATTERY_TERM = "battery voltage"
 CAR = "cpm_mucar"
 
 
 def rows(progress: Callable[[str], None] = lambda text: None, backend: str = "auto") -> list["TableRow"]:
     """Return the rows of the study, with recording, quantity, value, bar and ok. Raise FileError without recordings."""
     runs = {name: with_raw_clock(name) for name in MAPS}
-    car = load("car").with_values(NEUTRAL)
+    car = load("car").with_values(NEUTRAL_VALUES)
     out = []
     for name, test_name in (("a", "b"), ("b", "a")):
         progress(
@@ -61,11 +64,11 @@ def rows(progress: Callable[[str], None] = lambda text: None, backend: str = "au
                 duration_s=runs[name].duration_s,
             )
         )
-        choice = choose(runs[name], car, use=USE, options=FitOptions(backend=backend))
-        out += of_choice(choice, runs[test_name], name, test_name)
+        choice = choose(runs[name], car, use=SENSORS_USED, options=FitOptions(backend=backend))
+        out += choice_rows(choice, runs[test_name], name, test_name)
     for name, run in runs.items():
         progress(_("CPM: gyro and clock of run {name} by its camera", name=name))
-        out += of_calibration(calibrate(run, car), name)
+        out += calibration_rows(calibrate(run, car), name)
     return out
 
 
@@ -73,19 +76,19 @@ def with_raw_clock(name: str) -> "Run":
     """Return run "a" or "b" with the camera on its own clock."""
     column_map = load_map(MAPS[name])
     camera = column_map.files["camera"]._replace(shift_s=0.0)
-    return import_run(column_map._replace(files={**column_map.files, "camera": camera})).run
+    return import_run(column_map._replace(vehicle_files={**column_map.files, "camera": camera})).run
 
 
-def of_choice(choice: "Choice", other_run: "Run", name: str, other: str) -> list["TableRow"]:
+def choice_rows(choice: "Choice", other_run: "Run", name: str, other_name: str) -> list["TableRow"]:
     """Return the rows on the speed of the other run, the chosen terms and the battery."""
     figures = {figure.channel: figure for figure in validate(choice.fit, other_run).figures}
-    share, bar = figures["odometer[0]"].explained, EXPLAINED[name]
-    dry = DRY.intersection(choice.selected_terms)
-    battery = next(judgement for judgement in choice.judged if judgement.term.name == BATTERY)
+    share, bar = figures["odometer[0]"].explained, MIN_EXPLAINED[name]
+    dry = DRY_TERMS.intersection(choice.selected_terms)
+    battery = next(judgement for judgement in choice.judged if judgement.term.name == BATTERY_TERM)
     return [
         row(
             CAR,
-            _("{name} → {other}: speed explained", name=name, other=other),
+            _("{name} → {other}: speed explained", name=name, other=other_name),
             share,
             f"≥ {number(bar):g}",
             share >= bar,
@@ -99,7 +102,7 @@ def of_choice(choice: "Choice", other_run: "Run", name: str, other: str) -> list
         ),
         row(
             CAR,
-            f"{name}: {_(BATTERY)}",
+            f"{name}: {_(BATTERY_TERM)}",
             text(battery.message),
             _("not added"),
             battery.verdict != Decision.TAKEN,
@@ -107,24 +110,24 @@ def of_choice(choice: "Choice", other_run: "Run", name: str, other: str) -> list
     ]
 
 
-def of_calibration(calibration: Calibration, name: str) -> list["TableRow"]:
+def calibration_rows(calibration: Calibration, name: str) -> list["TableRow"]:
     """Return the rows on gyro scale and camera clock; a file's gyro_scale is measured rotation per true rotation."""
     turn, offset = 1.0 / calibration.value("sensors.imu.gyro_scale"), calibration.value("clock.truth")
-    near = abs(turn - GYRO) <= NEAR
-    close = abs(offset - CLOCK_S[name]) <= CLOSE_S
+    is_scale_close = abs(turn - GYRO_SCALE) <= GYRO_SCALE_TOLERANCE
+    is_clock_close = abs(offset - CLOCK_S[name]) <= CLOCK_TOLERANCE_S
     return [
         row(
             CAR,
             _("{name}: truth / gyro (1 / gyro_scale)", name=name),
             turn,
-            f"{number(GYRO):g} ± {number(NEAR):g}",
-            near,
+            f"{number(GYRO_SCALE):g} ± {number(GYRO_SCALE_TOLERANCE):g}",
+            is_scale_close,
         ),
         row(
             CAR,
             _("{name}: clock of the truth [s]", name=name),
             offset,
-            f"{number(CLOCK_S[name]):g} ± {number(CLOSE_S):g}",
-            close,
+            f"{number(CLOCK_S[name]):g} ± {number(CLOCK_TOLERANCE_S):g}",
+            is_clock_close,
         ),
     ]

@@ -40,7 +40,7 @@ FREE = (
     "model.drivetrain.dead_zone_forward[0]",
     "model.drivetrain.delay_s",
 )
-RMSE_M_S, LOW, HIGH = 0.092, 0.14, 0.17
+RMSE_M_S, MIN_DEAD_ZONE, MAX_DEAD_ZONE = 0.092, 0.14, 0.17
 
 
 def files() -> list[str]:
@@ -70,7 +70,13 @@ def rows(progress: Callable[[str], None] = lambda text: None, backend: str = "au
             )
         )
         out.append(
-            row(name, _("dead zone"), zone, f"{number(LOW)} … {number(HIGH)}", LOW <= round(zone, 2) <= HIGH)
+            row(
+                name,
+                _("dead zone"),
+                zone,
+                f"{number(MIN_DEAD_ZONE)} … {number(MAX_DEAD_ZONE)}",
+                MIN_DEAD_ZONE <= round(zone, 2) <= MAX_DEAD_ZONE,
+            )
         )
     return out
 
@@ -84,9 +90,9 @@ def runs_of(pattern: str) -> list["Run"]:
 
 def fit_and_validate(runs: list["Run"], backend: str = "auto") -> tuple[Fit, float]:
     """Return the fit to the 1st, 3rd, 5th … run, and the rms speed error of the other runs [m/s]."""
-    file = load(Path(__file__).parent / "jetracer.toml")
+    vehicle_file = load(Path(__file__).parent / "jetracer.toml")
     fit = identify(
-        runs[0::2], file, FREE, use=("odometer",), options=FitOptions(at_rest=True, backend=backend)
+        runs[0::2], vehicle_file, FREE, use=("odometer",), options=FitOptions(at_rest=True, backend=backend)
     )
     errors = [
         np.subtract(*measured_and_simulated(fit.vehicle_file, run, "odometer", backend)) for run in runs[1::2]

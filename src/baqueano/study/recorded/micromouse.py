@@ -27,52 +27,58 @@ if TYPE_CHECKING:
     from baqueano.contracts.values import TableRow
     from baqueano.runs import Run
 
-FITTED, OTHER = "wheelSpeedCalibration2.csv", "wheelSpeedCalibration3.csv"
+FITTED_SWEEP, OTHER_SWEEP = "wheelSpeedCalibration2.csv", "wheelSpeedCalibration3.csv"
 FREE = (
     "model.drivetrain.gain",
     "model.drivetrain.dead_zone_forward",
     "model.drivetrain.dead_zone_backward",
     "model.drivetrain.coast",
 )
-FULL = 255.0  # full duty in the author's unit
-TURNS_M_S = 0.03  # 18 rpm, about one count of the encoders a measurement
-NEAR = 0.10  # of the dead band: one step of the fitted sweep
-ASYMMETRY, BESIDE = 0.09, 0.02
-EXPLAINED = 0.98  # of the speeds of a sweep with another battery, at most 5 % apart in voltage
+FULL_DUTY = 255.0  # full duty in the author's unit
+MIN_TURNING_M_S = 0.03  # 18 rpm, about one count of the encoders a measurement
+DEAD_BAND_TOLERANCE = 0.10  # of the dead band: one step of the fitted sweep
+ASYMMETRY, ASYMMETRY_TOLERANCE = 0.09, 0.02
+MIN_EXPLAINED = 0.98  # of the speeds of a sweep with another battery, at most 5 % apart in voltage
 
 
 def files() -> list[str]:
     """Return the names of the files that this study reads."""
-    return [f"micromouse_pwm/{FITTED}", f"micromouse_pwm/{OTHER}"]
+    return [f"micromouse_pwm/{FITTED_SWEEP}", f"micromouse_pwm/{OTHER_SWEEP}"]
 
 
 def rows(progress: Callable[[str], None] = lambda text: None, backend: str = "auto") -> list["TableRow"]:
     """Return the rows of the study, with recording, quantity, value, bar and ok."""
     progress(_("micromouse: fitting a sweep of the duty, testing on another sweep"))
-    run, test_run = run_of(FITTED), run_of(OTHER)
+    run, test_run = run_of(FITTED_SWEEP), run_of(OTHER_SWEEP)
     fit = fit_sweep(run, backend)
     band, threshold = dead_band(fit), begins_to_turn(test_run)
     faster = asymmetry(fit, run, backend)
     z, simulated = measured_and_simulated(fit.vehicle_file, test_run, "wheels", backend)
     share = 1.0 - float(np.sum((z - simulated) ** 2) / np.sum((z - z.mean(axis=0)) ** 2))
-    near = abs(band - threshold) <= NEAR * threshold
-    is_near = abs(faster - ASYMMETRY) <= BESIDE
+    near = abs(band - threshold) <= DEAD_BAND_TOLERANCE * threshold
+    is_near = abs(faster - ASYMMETRY) <= ASYMMETRY_TOLERANCE
     name = "micromouse"
     return [
-        row(name, _("dead band [of 255]"), band, f"{number(threshold):.1f} ± {100 * NEAR:.0f} %", near),
+        row(
+            name,
+            _("dead band [of 255]"),
+            band,
+            f"{number(threshold):.1f} ± {100 * DEAD_BAND_TOLERANCE:.0f} %",
+            near,
+        ),
         row(
             name,
             _("right wheel faster by [%]"),
             100.0 * faster,
-            f"{100 * ASYMMETRY:.0f} ± {100 * BESIDE:.0f}",
+            f"{100 * ASYMMETRY:.0f} ± {100 * ASYMMETRY_TOLERANCE:.0f}",
             is_near,
         ),
         row(
             name,
             _("held-out speeds explained"),
             share,
-            f"≥ {number(EXPLAINED):g}",
-            share >= EXPLAINED,
+            f"≥ {number(MIN_EXPLAINED):g}",
+            share >= MIN_EXPLAINED,
         ),
     ]
 
@@ -94,26 +100,29 @@ def dead_band(fit: Fit) -> float:
     """Return the mean dead band of both wheels and directions [of 255]."""
     drivetrain = fit.vehicle_file.vehicle.drivetrain
     zones = np.concatenate([drivetrain.dead_zone_forward, drivetrain.dead_zone_backward])
-    return FULL * float(zones.mean())
+    return FULL_DUTY * float(zones.mean())
 
 
 def begins_to_turn(run: "Run") -> float:
     """Return the duty [of 255] at which a wheel begins to turn, halfway between two steps.
     It is the mean over wheels and directions.
     """
-    duty, speed = FULL * run.applied[:, 0], run.sensors["wheels"].z[-len(run.applied) :]
+    duty, speed = FULL_DUTY * run.applied[:, 0], run.sensors["wheels"].z[-len(run.applied) :]
     thresholds = []
     for wheel in speed.T:
-        for way in (1.0, -1.0):
-            of_way = way * duty > 0.0
-            size, moves = way * duty[of_way], way * wheel[of_way] > TURNS_M_S
-            thresholds.append(0.5 * (size[~moves].max() + size[moves].min()))
+        for direction in (1.0, -1.0):
+            is_of_direction = direction * duty > 0.0
+            duty_magnitude, is_turning = (
+                direction * duty[is_of_direction],
+                direction * wheel[is_of_direction] > MIN_TURNING_M_S,
+            )
+            thresholds.append(0.5 * (duty_magnitude[~is_turning].max() + duty_magnitude[is_turning].min()))
     return float(np.mean(thresholds))
 
 
 def asymmetry(fit: Fit, run: "Run", backend: str = "auto") -> float:
     """Return the modelled excess speed of the right wheel, as a fraction, over the rows in which both wheels turned."""
     z, simulated = measured_and_simulated(fit.vehicle_file, run, "wheels", backend)
-    both = (np.abs(z) > TURNS_M_S).all(axis=1)
-    left, right = np.abs(simulated[both]).sum(axis=0)
+    is_turning = (np.abs(z) > MIN_TURNING_M_S).all(axis=1)
+    left, right = np.abs(simulated[is_turning]).sum(axis=0)
     return float(right / left - 1.0)

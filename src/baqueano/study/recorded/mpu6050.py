@@ -24,11 +24,11 @@ if TYPE_CHECKING:
     from baqueano.contracts.values import JsonObject, TableRow
 
 MAP = "mpu6050"
-PUBLISHED = "mpu6050_sunsided/unmoved-with-x-pointing-forward-10min.author-stats.csv"
+PUBLISHED_FILE = "mpu6050_sunsided/unmoved-with-x-pointing-forward-10min.author-stats.csv"
 ALLAN_1S = (0.0129, 0.0092, 0.0094)  # °/s
-DIGITS = 5e-5  # of the author's figure: four digits
-NEAR = 0.03
-SI = {"accelerometer": STANDARD_GRAVITY, "gyro": np.pi / 180.0}
+ROUNDING = 5e-5  # of the author's figure: four digits
+ALLAN_TOLERANCE = 0.03
+SI_FACTORS = {"accelerometer": STANDARD_GRAVITY, "gyro": np.pi / 180.0}
 AXES = "XYZ"
 
 
@@ -36,7 +36,7 @@ def rows(progress: Callable[[str], None] = lambda text: None, backend: str = "au
     """Return the rows of the study, with recording, quantity, value, bar and ok."""
     progress(_("MPU-6050 at rest, 11 min"))
     statistics = at_rest(import_run(MAP).run)
-    author = _author_figures()
+    author = _published_statistics()
     out = []
     for c in statistics.channels:
         unit = "g" if c.sensor == "accelerometer" else "°/s"
@@ -46,37 +46,37 @@ def rows(progress: Callable[[str], None] = lambda text: None, backend: str = "au
             out.append(
                 _row(
                     f"{_(c.sensor)} {AXES[c.entry]}, {_(statistic)} [{unit}]",
-                    value / SI[c.sensor],
+                    value / SI_FACTORS[c.sensor],
                     bar,
-                    DIGITS,
+                    ROUNDING,
                 )
             )
     for c in (c for c in statistics.channels if c.sensor == "gyro"):
         assert c.allan_1s is not None
         name = _("gyro {axis}, Allan deviation at 1 s [°/s]", axis=AXES[c.entry])
-        out.append(_row(name, c.allan_1s / SI["gyro"], ALLAN_1S[c.entry], NEAR))
+        out.append(_row(name, c.allan_1s / SI_FACTORS["gyro"], ALLAN_1S[c.entry], ALLAN_TOLERANCE))
     is_reported = any(finding.code == "at-rest.bursts" for finding in statistics.findings)
     return [*out, row(MAP, _("burst stamps are reported"), is_reported, _("yes"), is_reported)]
 
 
-def _row(quantity: str, value: float, reference: float, part: float) -> "JsonObject":
-    """Return a row that requires `value` to be within a fraction `part` of the author's figure `reference`."""
-    ok = bool(abs(value - reference) <= part * abs(reference) + (5e-7 if part == DIGITS else 0.0))
-    bar = f"{number(reference):g} ± {number(100 * part):g} %"
+def _row(quantity: str, value: float, reference: float, tolerance: float) -> "JsonObject":
+    """Return a row that requires `value` to be within a fraction `tolerance` of the author's figure `reference`."""
+    ok = bool(abs(value - reference) <= tolerance * abs(reference) + (5e-7 if tolerance == ROUNDING else 0.0))
+    bar = f"{number(reference):g} ± {number(100 * tolerance):g} %"
     return row(MAP, quantity, value, bar, ok)
 
 
-def _author_figures() -> dict[tuple[str, str], tuple[float, float]]:
+def _published_statistics() -> dict[tuple[str, str], tuple[float, float]]:
     """Return (sensor, axis) → mean and standard deviation, in g and °/s."""
-    path = next(p for folder in data_folders() if (p := folder / PUBLISHED).exists())
-    with path.open(encoding="utf-8") as file:
+    path = next(p for folder in data_folders() if (p := folder / PUBLISHED_FILE).exists())
+    with path.open(encoding="utf-8") as stream:
         return {
             (row["type"], row["axis"]): (float(row["v_mean"]), float(row["v_std_dev"]))
-            for row in csv.DictReader(file)
+            for row in csv.DictReader(stream)
             if row["sensor"] == "MPU6050"
         }
 
 
 def files() -> list[str]:
     """Return the names of the files that this study reads."""
-    return [*(spec.path for spec in load_map(MAP).files.values() if spec.path), PUBLISHED]
+    return [*(spec.path for spec in load_map(MAP).files.values() if spec.path), PUBLISHED_FILE]

@@ -15,10 +15,10 @@ if TYPE_CHECKING:
 
 
 def measured_and_simulated(
-    file: "VehicleFile", run: "Run", sensor: str, backend: str = "auto"
+    vehicle_file: "VehicleFile", run: "Run", sensor: str, backend: str = "auto"
 ) -> tuple[np.ndarray, np.ndarray]:
     """Return the measurements (K, m) of a sensor, and the readings of the model at the same times, from rest."""
-    block, vehicle = getattr(file.sensors, sensor), file.vehicle
+    block, vehicle = getattr(vehicle_file.sensors, sensor), vehicle_file.vehicle
     record = record_of(run, {sensor: block})
 
     def step(state: "Tree", line: np.ndarray) -> tuple["Tree", np.ndarray]:
@@ -32,12 +32,12 @@ def measured_and_simulated(
     return sensor_log.z[present], simulated[present]
 
 
-def end_of(file: "VehicleFile", run: "Run", backend: str = "auto") -> tuple[np.ndarray, np.ndarray]:
+def end_of(vehicle_file: "VehicleFile", run: "Run", backend: str = "auto") -> tuple[np.ndarray, np.ndarray]:
     """Return the last true pose (3,), and the pose (3,) that the model reaches from the first true pose."""
-    truth, vehicle = run.truth, file.vehicle
+    truth, vehicle = run.truth, vehicle_file.vehicle
     assert truth is not None
-    inside = (run.t_ns > truth.t_ns[0]) & (run.t_ns < truth.t_ns[-1])
-    ends = np.concatenate([run.t_ns[inside], truth.t_ns[-1:]])
+    is_inside = (run.t_ns > truth.t_ns[0]) & (run.t_ns < truth.t_ns[-1])
+    ends = np.concatenate([run.t_ns[is_inside], truth.t_ns[-1:]])
     u = run.applied[np.searchsorted(run.t_ns, ends)]
     dt_s = np.diff(seconds(ends, truth.t_ns[0]), prepend=0.0)
 

@@ -31,9 +31,9 @@ FILES = {
     "warthog": "drive_warthog_husky/warthog_windows_train.csv.gz",
     "husky": "drive_warthog_husky/husky_windows.csv.gz",
 }
-NOMINAL = {"warthog": (0.30, 1.08), "husky": (0.165, 0.55)}  # radius, track [m]
+NOMINAL_SIZES = {"warthog": (0.30, 1.08), "husky": (0.165, 0.55)}  # radius, track [m]
 FREE = ("model.drivetrain.gain", "model.velocity_matrix[2,2]", "model.slide_s")
-FAR_M, FAR_RAD = 0.50, np.radians(12.0)
+MAX_ERROR_M, MAX_ERROR_RAD = 0.50, np.radians(12.0)
 
 
 def files() -> list[str]:
@@ -46,21 +46,29 @@ def rows(progress: Callable[[str], None] = lambda text: None, backend: str = "au
     out = []
     for name in FILES:
         runs = runs_of(name)
-        half = len(runs) // 2
+        half_count = len(runs) // 2
         progress(
             _(
                 "{name}: fitting {fitted} windows of 2 s, testing on {others} others",
                 name=name,
-                fitted=half,
-                others=len(runs) - half,
+                fitted=half_count,
+                others=len(runs) - half_count,
             )
         )
-        fit = fit_windows(runs[:half], name, backend)
-        far_m, far_rad = errors(fit.vehicle_file, runs[half:], backend)
-        place, angle = f"≤ {FAR_M} m", f"≤ {np.degrees(FAR_RAD):.0f}°"
-        out.append(row(name, "2 s ahead, position [m, median]", far_m, place, far_m <= FAR_M))
+        fit = fit_windows(runs[:half_count], name, backend)
+        error_m, error_rad = errors(fit.vehicle_file, runs[half_count:], backend)
+        position_text, angle_text = f"≤ {MAX_ERROR_M} m", f"≤ {np.degrees(MAX_ERROR_RAD):.0f}°"
         out.append(
-            row(name, "2 s ahead, heading [°, median]", float(np.degrees(far_rad)), angle, far_rad <= FAR_RAD)
+            row(name, "2 s ahead, position [m, median]", error_m, position_text, error_m <= MAX_ERROR_M)
+        )
+        out.append(
+            row(
+                name,
+                "2 s ahead, heading [°, median]",
+                float(np.degrees(error_rad)),
+                angle_text,
+                error_rad <= MAX_ERROR_RAD,
+            )
         )
         progress(f"{name}: {sentence(fit, name)}")
     return out
@@ -74,7 +82,7 @@ def runs_of(name: str) -> list["Run"]:
 
 def start(name: str) -> VehicleFile:
     """Return the vehicle file with its nominal radius and track."""
-    radius, track = NOMINAL[name]
+    radius, track = NOMINAL_SIZES[name]
     return load(Path(__file__).parent / "warthog.toml").with_values(
         {"model.velocity_matrix[0,0]": radius, "model.velocity_matrix[2,2]": 2.0 * radius / track}
     )
@@ -85,9 +93,9 @@ def fit_windows(runs: list["Run"], name: str, backend: str = "auto") -> Fit:
     return identify(runs, start(name), FREE, use=("truth",), options=FitOptions(backend=backend))
 
 
-def errors(file: VehicleFile, runs: list["Run"], backend: str = "auto") -> tuple[float, float]:
+def errors(vehicle_file: VehicleFile, runs: list["Run"], backend: str = "auto") -> tuple[float, float]:
     """Return the median errors of position [m] and heading [rad] at the ends of the windows."""
-    ends = np.array([np.subtract(*end_of(file, run, backend)) for run in runs])
+    ends = np.array([np.subtract(*end_of(vehicle_file, run, backend)) for run in runs])
     return float(np.median(np.hypot(ends[:, 0], ends[:, 1]))), float(np.median(np.abs(wrap(ends[:, 2]))))
 
 
@@ -102,8 +110,8 @@ def sentence(fit: Fit, name: str) -> str:
         "{width:g}), slides outward by {slide_s:.2f} s · ν_x ν_ψ",
         left=left,
         right=right,
-        radius=NOMINAL[name][0],
+        radius=NOMINAL_SIZES[name][0],
         track=track,
-        width=NOMINAL[name][1],
+        width=NOMINAL_SIZES[name][1],
         slide_s=float(model.slide_s),
     )

@@ -6,7 +6,7 @@ A step also ends when a command takes effect.
 """
 
 from baqueano.study.truth.bicycle import Cars, draw_cars
-from baqueano.study.truth.floor import Floor, FloorLines, Gate, PassingFaults, Reader
+from baqueano.study.truth.floor import FloorLines, Gate, PassingFaults, Reader, TagReaders
 from baqueano.study.truth.group import Group, TruthGroup
 from baqueano.study.truth.imu import Imus
 from baqueano.study.truth.transmission import Transmission

@@ -23,7 +23,7 @@ from baqueano.study.truth.group import Group
 from baqueano.study.truth.imu import Imus, gravity_on
 from baqueano.study.truth.transmission import Transmission
 
-SLOWEST_M_S = 0.1  # ε: below it a tyre is a damper
+MIN_SLIP_SPEED_M_S = 0.1  # ε: below it a tyre is a damper
 
 
 @dataclass(frozen=True)
@@ -111,7 +111,7 @@ class Cars(Group):
 
     def _sideways(self, axle: int, along: np.ndarray, across: np.ndarray) -> np.ndarray:
         """Return the sideways force Y (n,) of an axle.  (3)"""
-        slip = -across / np.sqrt(along**2 + SLOWEST_M_S**2)
+        slip = -across / np.sqrt(along**2 + MIN_SLIP_SPEED_M_S**2)
         return self.grip_n[:, axle] * np.tanh(self.tyre_n_rad[:, axle] * slip / self.grip_n[:, axle])
 
 

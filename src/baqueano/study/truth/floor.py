@@ -11,7 +11,7 @@ from typing import NamedTuple, Protocol
 
 import numpy as np
 
-TWICE_S = 0.05  # after the first time
+SECOND_READING_S = 0.05  # after the first time
 
 Measure = Callable[[np.random.Generator, bool], np.ndarray]
 
@@ -32,7 +32,7 @@ class Reader(Protocol):
         ...
 
 
-class Floor:
+class TagReaders:
     """Tags at `points_m` (m, 2) and the readers of vehicles at `xy` (n, 2), each with the noise of its seed."""
 
     def __init__(
@@ -40,7 +40,10 @@ class Floor:
         faults: PassingFaults,
     ) -> None:  # fmt: skip
         self._points, self._noise_m = points_m, noise_m
-        self._near, self._reports = _Near(points_m, radius_m, xy), _Reports((len(xy), 2), seeds, faults)
+        self._near, self._reports = (
+            _PassageDetector(points_m, radius_m, xy),
+            _Reports((len(xy), 2), seeds, faults),
+        )
 
     def read(self, t_s: float, eta: np.ndarray) -> np.ndarray:
         """Return the reported positions (n, 2) [m] at `t_s`; NaN without a report."""
@@ -66,7 +69,10 @@ class Gate:
         faults: PassingFaults,
     ) -> None:  # fmt: skip
         self._poses, self._noise = poses, noise
-        self._near, self._reports = _Near(poses[:1, :2], radius_m, xy), _Reports((len(xy), 3), seeds, faults)
+        self._near, self._reports = (
+            _PassageDetector(poses[:1, :2], radius_m, xy),
+            _Reports((len(xy), 3), seeds, faults),
+        )
 
     def read(self, t_s: float, eta: np.ndarray) -> np.ndarray:
         """Return the reported poses (n, 3) [m, m, rad] at `t_s`; NaN without a report."""
@@ -98,10 +104,10 @@ class FloorLines:
 
     def read(self, t_s: float, eta: np.ndarray) -> np.ndarray:
         """Return the reported distances (n, m) beyond each line [m] at `t_s`; NaN without a report."""
-        before, (self._beyond, aside) = self._beyond, self._to(eta[:, :2])
-        passed = (before < 0.0) & (self._beyond >= 0.0) & (np.abs(aside) <= self._half_width_m)
-        rows = np.argwhere(passed).tolist()
-        return self._reports.readings_at(t_s, [(i, self._over(k, self._beyond[i, k])) for i, k in rows])
+        previous_beyond, (self._beyond, lateral_m) = self._beyond, self._to(eta[:, :2])
+        passed = (previous_beyond < 0.0) & (self._beyond >= 0.0) & (np.abs(lateral_m) <= self._half_width_m)
+        passages = np.argwhere(passed).tolist()
+        return self._reports.readings_at(t_s, [(i, self._over(k, self._beyond[i, k])) for i, k in passages])
 
     def _over(self, k: int, beyond_m: float) -> Measure:
         def measure(draw: np.random.Generator, mistaken: bool) -> np.ndarray:
@@ -121,7 +127,7 @@ class FloorLines:
         return off[..., 0] * c + off[..., 1] * s, off[..., 1] * c - off[..., 0] * s
 
 
-class _Near:
+class _PassageDetector:
     """Detector of the moments at which vehicles are nearest to points (m, 2), within a radius."""
 
     def __init__(self, points_m: np.ndarray, radius_m: float, xy: np.ndarray) -> None:
@@ -153,19 +159,19 @@ class _Reports:
     def readings_at(self, t_s: float, passings: Iterable[tuple[int, Measure]]) -> np.ndarray:
         """Return the reports (n, m) at `t_s`; NaN without a report. `passings` contains the index of each
         passing vehicle, and the function that draws its report."""
-        out = np.full(self._shape, np.nan)
+        reports = np.full(self._shape, np.nan)
         for i, measure in passings:
             draw = self._draw[i]
             is_missed, twice, mistaken = draw.random(3) < self._faults
             first, second = measure(draw, bool(mistaken))
             if not is_missed:
-                out[i], late = first, np.full(self._shape, np.nan)
-                late[i] = second
-                self._late += [(t_s + TWICE_S, late)] if twice else []
-        for due_s, late in self._late:
-            out = np.where(np.isnan(late) | (due_s > t_s), out, late)
-        self._late = [(due_s, late) for due_s, late in self._late if due_s > t_s]
-        return out
+                reports[i], late_reports = first, np.full(self._shape, np.nan)
+                late_reports[i] = second
+                self._late += [(t_s + SECOND_READING_S, late_reports)] if twice else []
+        for due_s, late_reports in self._late:
+            reports = np.where(np.isnan(late_reports) | (due_s > t_s), reports, late_reports)
+        self._late = [(due_s, late_reports) for due_s, late_reports in self._late if due_s > t_s]
+        return reports
 
 
 def _others(n: int, k: int) -> list[int]:

@@ -22,18 +22,20 @@ class Group:
         """Return the vehicles with the given parameters replaced."""
         return replace(self, **values)
 
-    def some(self, which: list[int]) -> Self:
+    def subset(self, which: list[int]) -> Self:
         """Return the vehicles with the indices `which`; an index may occur several times."""
         return replace(
-            self, **{k: v.some(which) if isinstance(v, Group) else v[which] for k, v in self._all()}
+            self, **{k: v.subset(which) if isinstance(v, Group) else v[which] for k, v in self._all()}
         )
 
     def merge(self, others: "list[Self]") -> Self:
         """Return the vehicles of this group and of the `others` as one group."""
         arrays = {}
         for name, value in self._all():
-            more = [getattr(group, name) for group in others]
-            arrays[name] = value.merge(more) if isinstance(value, Group) else np.concatenate([value, *more])
+            columns = [getattr(group, name) for group in others]
+            arrays[name] = (
+                value.merge(columns) if isinstance(value, Group) else np.concatenate([value, *columns])
+            )
         return replace(self, **arrays)
 
     def _all(self) -> list[tuple[str, Any]]:

@@ -9,8 +9,8 @@ from collections.abc import Callable
 import numpy as np
 
 STEP_S = 1e-3
-SHORTEST_S = 1e-9  # the rest of a step below this is rounding
-KEPT = 50  # commands that may still be delayed
+MIN_STEP_S = 1e-9  # the rest of a step below this is rounding
+STORED_COMMANDS = 50  # commands that may still be delayed
 
 
 class Line:
@@ -18,8 +18,8 @@ class Line:
 
     def __init__(self, delay_s: np.ndarray, commands: int) -> None:
         self._delay_s, self._all = delay_s, np.arange(len(delay_s))
-        self._sent_s = np.full(KEPT, -np.inf)  # when the last commands were sent, and
-        self._commands = np.zeros((KEPT, len(delay_s), commands))  # the commands
+        self._sent_s = np.full(STORED_COMMANDS, -np.inf)  # when the last commands were sent, and
+        self._commands = np.zeros((STORED_COMMANDS, len(delay_s), commands))  # the commands
 
     def send(self, t_s: float, u: np.ndarray) -> None:
         """Store the commands u (n, m), in force from `t_s` until the next ones are sent."""
@@ -32,7 +32,7 @@ class Line:
 
     def next_s(self, t_s: np.ndarray) -> np.ndarray:
         """Return the time (n,) [s] at which the next command takes effect; infinity if all commands are in effect."""
-        which = np.searchsorted(self._sent_s, t_s + SHORTEST_S - self._delay_s, side="right")
+        which = np.searchsorted(self._sent_s, t_s + MIN_STEP_S - self._delay_s, side="right")
         coming = np.append(self._sent_s, np.inf)[which]
         return coming + self._delay_s
 
@@ -51,13 +51,13 @@ def integrate(
     `kicked` takes the states at the end of a step and its lengths (n,) [s].
     It returns these states with the kicks of a rough floor.
     """
-    at, end = np.full(len(x), span_s[0]), span_s[1]
-    while np.any(at < end):
-        stop = np.minimum(np.minimum(at + step_s, line.next_s(at)), end)
-        stop = np.where(end - stop < SHORTEST_S, end, stop)
-        h = stop - at
-        x = stepped(x, line.effective_commands(at + 0.5 * h), h[:, None])
-        at = stop
+    t_s, end = np.full(len(x), span_s[0]), span_s[1]
+    while np.any(t_s < end):
+        stop = np.minimum(np.minimum(t_s + step_s, line.next_s(t_s)), end)
+        stop = np.where(end - stop < MIN_STEP_S, end, stop)
+        h = stop - t_s
+        x = stepped(x, line.effective_commands(t_s + 0.5 * h), h[:, None])
+        t_s = stop
         if kicked is not None:
             x = kicked(x, h)
     return x

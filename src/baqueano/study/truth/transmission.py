@@ -19,9 +19,9 @@ import numpy as np
 
 from baqueano.study.truth.group import Group
 
-CREEP = 30.0  # C [N s/m]
+CREEP_N_S_M = 30.0  # C [N s/m]
 WHEEL_KG = 0.03  # m, the inertia of the wheel reduced to its rim
-INNER = 3  # states of a wheel: q, γ, s
+WHEEL_STATES = 3  # states of a wheel: q, γ, s
 
 
 class WheelForces(NamedTuple):
@@ -52,18 +52,18 @@ class Transmission(Group):
 
     def states(self, wheels: int) -> int:
         """Return the number of inner states of a vehicle."""
-        return 0 if self.is_ideal else INNER * wheels
+        return 0 if self.is_ideal else WHEEL_STATES * wheels
 
     def transmit(
         self, inner: np.ndarray, steady: np.ndarray, force: np.ndarray, rim: np.ndarray, emf: np.ndarray
     ) -> WheelForces:
         """Return target q, force F and state rates, from p and f (n, w), rim speeds r (n, w), and e (n, 1).  (1)-(5)"""
-        q, gamma, s = np.split(inner, INNER, axis=1)
-        lag_s, half, slips = self.second_lag_s[:, None], 0.5 * self.play_m[:, None], self._slips
+        q, gamma, s = np.split(inner, WHEEL_STATES, axis=1)
+        lag_s, half_play_m, slips = self.second_lag_s[:, None], 0.5 * self.play_m[:, None], self._slips
         T = force - emf * (rim + s)
-        in_mesh = (half == 0.0) | (gamma * np.sign(T) >= half)
+        in_mesh = (half_play_m == 0.0) | (gamma * np.sign(T) >= half_play_m)
         through = np.where(in_mesh, T, 0.0)
-        G = np.where(slips, self._grip * np.tanh(CREEP * s / self._grip), through)
+        G = np.where(slips, self._grip * np.tanh(CREEP_N_S_M * s / self._grip), through)
         second = lag_s > 0.0
         q_dot = np.where(second, (steady - q) / np.where(second, lag_s, 1.0), 0.0)
         gamma_dot, s_dot = np.where(in_mesh, 0.0, T / emf), np.where(slips, (through - G) / WHEEL_KG, 0.0)
@@ -72,7 +72,11 @@ class Transmission(Group):
 
     def slip(self, inner: np.ndarray) -> np.ndarray:
         """Return the slip s (n,) [m/s], the mean of the wheels."""
-        return np.mean(np.split(inner, INNER, axis=1)[2], axis=1) if inner.shape[1] else np.zeros(len(inner))
+        return (
+            np.mean(np.split(inner, WHEEL_STATES, axis=1)[2], axis=1)
+            if inner.shape[1]
+            else np.zeros(len(inner))
+        )
 
     @cached_property
     def _slips(self) -> np.ndarray:

@@ -86,11 +86,11 @@ class Robots(Group):
             if not self.transmission.is_ideal:
                 rim, emf = self._rim(x), 0.5 * self.viscous[:, :1]
                 target, force, out[:, 8:] = self.transmission.transmit(x[:, 8:], target, force, rim, emf)
-            along, aside = force * cos_toe, force * sin_toe
+            longitudinal, lateral = force * cos_toe, force * sin_toe
             resistance, g = self._friction(x[:, 3:6]) + self._unequal(x[:, 3:6]), self.gravity(psi)
-            X = along[:, 0] + along[:, 1] - resistance[:, 0]
-            Y = aside[:, 0] + aside[:, 1] - resistance[:, 1]
-            N = along[:, 1] * right - along[:, 0] * left - resistance[:, 2]
+            X = longitudinal[:, 0] + longitudinal[:, 1] - resistance[:, 0]
+            Y = lateral[:, 0] + lateral[:, 1] - resistance[:, 1]
+            N = longitudinal[:, 1] * right - longitudinal[:, 0] * left - resistance[:, 2]
             w_dot = (N - c * Y) / I
             out[:, 0], out[:, 1], out[:, 2] = cos * vx - sin * vy, sin * vx + cos * vy, w
             out[:, 3] = X / m + g[:, 0] + w * (vy + c * w)
@@ -137,19 +137,19 @@ class Robots(Group):
         """Return the target forces (n, 2) of the motors as a function of the states.  (1), (2)"""
         duty, levels = u[:, :1] + u[:, 2:] * SIDES, self.levels[:, None]
         duty = self.supply[:, None] * np.round(levels * np.minimum(np.maximum(duty, -1.0), 1.0)) / levels
-        zone, most = (
+        zone, max_force_n = (
             np.where(duty > 0.0, self.forward, self.backward),
             self.gain / self.wheel * self.stall_n[:, None],
         )
-        sign, size = np.sign(duty), np.abs(duty)
+        sign, magnitude = np.sign(duty), np.abs(duty)
         if not self._breaks:
-            steady = most * (sign * np.maximum(size - zone, 0.0))
+            steady = max_force_n * (sign * np.maximum(magnitude - zone, 0.0))
             return lambda x: steady
 
         def motor_forces(x: np.ndarray) -> np.ndarray:
-            standing = np.exp(-((self._rim(x) / STRIBECK_M_S) ** 2))
-            dead_zone = zone * (1.0 + (self.breakaway[:, None] - 1.0) * standing)
-            return most * (sign * np.maximum(size - dead_zone, 0.0))
+            stribeck = np.exp(-((self._rim(x) / STRIBECK_M_S) ** 2))
+            dead_zone = zone * (1.0 + (self.breakaway[:, None] - 1.0) * stribeck)
+            return max_force_n * (sign * np.maximum(magnitude - dead_zone, 0.0))
 
         return motor_forces
 

@@ -8,10 +8,10 @@ import numpy as np
 
 from baqueano.study.truth.bicycle import Cars
 from baqueano.study.truth.group import TruthGroup
-from baqueano.study.truth.integrate import SHORTEST_S, STEP_S, Line, integrate, runge_kutta
+from baqueano.study.truth.integrate import MIN_STEP_S, STEP_S, Line, integrate, runge_kutta
 from baqueano.study.truth.two_wheels import Robots
 
-JUST_S = 1e-6  # before now: for the command of the step that ends now
+TIME_TOLERANCE_S = 1e-6  # before now: for the command of the step that ends now
 
 
 class TruthWorld:
@@ -57,8 +57,8 @@ class TruthWorld:
     def go(self, u: np.ndarray, dt_s: float) -> None:
         """Send the commands u (n, m) and move for `dt_s`, without a reading of an IMU."""
         self._line.send(self.t_s, u)
-        before, self.t_s = self.t_s, self.t_s + dt_s
-        self._advance(before, self._apply_kick if len(self._rough) else None)
+        previous_s, self.t_s = self.t_s, self.t_s + dt_s
+        self._advance(previous_s, self._apply_kick if len(self._rough) else None)
 
     def _advance(self, before_s: float, kick: Any) -> None:
         """Integrate from `before_s` to now, in steps of 1 ms if an IMU has a low-pass."""
@@ -68,19 +68,21 @@ class TruthWorld:
             self._x = integrate(self._runge_kutta_step, self._x, span_s, self._line, kick, self._step_s)
             return
         edges = np.linspace(before_s, end_s, 1 + max(1, round((end_s - before_s) / STEP_S)))
-        tau_s = np.maximum(low_pass_s, SHORTEST_S)[:, None]
+        tau_s = np.maximum(low_pass_s, MIN_STEP_S)[:, None]
         for a, b in pairwise(edges.tolist()):
-            self.t_s, was = a, self.quiet
-            self._smooth = was if self._smooth is None else self._smooth
+            self.t_s, previous_reading = a, self.quiet
+            self._smooth = previous_reading if self._smooth is None else self._smooth
             self._x = integrate(self._runge_kutta_step, self._x, (a, b), self._line, kick)
             self.t_s = b
-            rise = (self.quiet - was) * tau_s / (b - a)
-            self._smooth = self.quiet - rise + (self._smooth - was + rise) * np.exp(-(b - a) / tau_s)
+            rise = (self.quiet - previous_reading) * tau_s / (b - a)
+            self._smooth = (
+                self.quiet - rise + (self._smooth - previous_reading + rise) * np.exp(-(b - a) / tau_s)
+            )
 
     @property
     def truth(self) -> TruthGroup:
         """Return the present pose, velocity and acceleration of the vehicles."""
-        u = self._line.effective_commands(np.full(len(self._x), self.t_s - JUST_S))
+        u = self._line.effective_commands(np.full(len(self._x), self.t_s - TIME_TOLERANCE_S))
         return TruthGroup(self._x[:, :3].copy(), self._x[:, 3:6].copy(), self._nu_dot(self._x, u))
 
     @property

@@ -64,14 +64,14 @@ class TracedArray(np.ndarray):
             return self.copy()
         if has_scalars(self):
             raise untraceable("trace.not-convertible", dtype=np.dtype(dtype))
-        return plain(self).astype(dtype, *args, **kwargs)
+        return as_plain_array(self).astype(dtype, *args, **kwargs)
 
 
 def _key(key: Value) -> Value:
     """Return an index as an ordinary array, as NumPy requires; unchanged, for NumPy to refuse, if it has scalars."""
     if isinstance(key, tuple):
         return tuple([_key(k) for k in key])
-    return plain(key) if isinstance(key, TracedArray) and not has_scalars(key) else key
+    return as_plain_array(key) if isinstance(key, TracedArray) and not has_scalars(key) else key
 
 
 def has_scalars(x: Value) -> bool:
@@ -101,11 +101,11 @@ def as_traced(x: Value) -> Value:
     return type(x)([as_traced(e) for e in x]) if type(x) in (list, tuple) else x
 
 
-def plain(x: Value) -> Value:
+def as_plain_array(x: Value) -> Value:
     """Return `x`, which must not contain scalars, as an ordinary array of NumPy."""
     if isinstance(x, TracedArray):
         return np.array(x.tolist()) if x.size else np.zeros(x.shape)
-    return type(x)([plain(e) for e in x]) if type(x) in (list, tuple) else x
+    return type(x)([as_plain_array(e) for e in x]) if type(x) in (list, tuple) else x
 
 
 def filled_later(x: Value) -> Value:
@@ -119,9 +119,9 @@ def filled_later(x: Value) -> Value:
 
 def ufunc_on(ufunc: np.ufunc, method: str, inputs: tuple[Value, ...], kwargs: dict[str, Value]) -> Value:
     """Return the result of an operator or elementwise function of NumPy; TraceError for an unknown function."""
-    out = kwargs.pop("out", (None,))[0]
+    target = kwargs.pop("out", (None,))[0]
     if not any(map(has_scalars, inputs)):
-        result = filled_later(getattr(ufunc, method)(*map(plain, inputs), **kwargs))
+        result = filled_later(getattr(ufunc, method)(*map(as_plain_array, inputs), **kwargs))
     elif ufunc is np.matmul:
         result = linalg.matmul(*inputs)
     elif ufunc.__name__ not in UFUNCS:
@@ -134,12 +134,12 @@ def ufunc_on(ufunc: np.ufunc, method: str, inputs: tuple[Value, ...], kwargs: di
         result = as_traced(getattr(UFUNCS[ufunc.__name__], method)(*map(as_array, inputs), **options))
         if ufunc is np.subtract and method == "__call__":
             linalg.remember_complement(result, *inputs)
-    if out is None:
+    if target is None:
         return result
-    if not out.flags.writeable:
+    if not target.flags.writeable:
         raise untraceable("trace.argument-changed")
-    out[...] = result
-    return out
+    target[...] = result
+    return target
 
 
 def function_on(function: Callable[..., Value], args: Sequence[Value], kwargs: dict[str, Value]) -> Value:
@@ -147,7 +147,9 @@ def function_on(function: Callable[..., Value], args: Sequence[Value], kwargs: d
     if function in _IN_PLACE:
         return _original(function)(*args, **kwargs)
     if not has_scalars([*args, *kwargs.values()]):
-        return filled_later(function(*plain(tuple(args)), **{k: plain(v) for k, v in kwargs.items()}))
+        return filled_later(
+            function(*as_plain_array(tuple(args)), **{k: as_plain_array(v) for k, v in kwargs.items()})
+        )
     if function in _FUNCTIONS:
         return _FUNCTIONS[function](*args, **kwargs)
     try:
@@ -235,7 +237,9 @@ def _interp(
 ) -> Value:
     if period is not None:
         raise untraceable("trace.interp-period")
-    table = None if has_scalars([xp, fp]) else tuple(np.asarray(plain(t), dtype=float) for t in (xp, fp))
+    table = (
+        None if has_scalars([xp, fp]) else tuple(np.asarray(as_plain_array(t), dtype=float) for t in (xp, fp))
+    )
 
     def read(x: Value) -> Value:
         y = _hats(x, xp, fp) if table is None else apply("interp", x, value=table)
@@ -251,8 +255,8 @@ def _hats(x: Value, xp: Value, fp: Value) -> Value:
         raise untraceable("trace.interp-points", points=len(xp))
     y = fp[0]
     for j in range(len(xp) - 1):
-        part = apply("div", x - xp[j], xp[j + 1] - xp[j])
-        y = y + (fp[j + 1] - fp[j]) * apply("min", apply("max", part, 0.0), 1.0)
+        fraction = apply("div", x - xp[j], xp[j + 1] - xp[j])
+        y = y + (fp[j + 1] - fp[j]) * apply("min", apply("max", fraction, 0.0), 1.0)
     return y
 
 
@@ -276,7 +280,7 @@ def _full_like(x: Value, value: Value, *_: Value, **__: Value) -> TracedArray:
     return np.broadcast_to(as_array(value), np.shape(x)).copy().view(TracedArray)
 
 
-def _like(value: float) -> Callable[..., Value]:
+def _filled_like(value: float) -> Callable[..., Value]:
     return lambda x, *_, **__: _full_like(x, value)
 
 
@@ -288,9 +292,9 @@ _FUNCTIONS: dict[Callable[..., Value], Callable[..., Value]] = {
     np.interp: _interp,
     np.select: _select,
     np.diag: _diag,
-    np.zeros_like: _like(0.0),
-    np.empty_like: _like(0.0),
-    np.ones_like: _like(1.0),
+    np.zeros_like: _filled_like(0.0),
+    np.empty_like: _filled_like(0.0),
+    np.ones_like: _filled_like(1.0),
     np.full_like: _full_like,
     np.dot: linalg.matmul,
     np.linalg.solve: linalg.solve,

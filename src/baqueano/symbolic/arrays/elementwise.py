@@ -13,7 +13,7 @@ def elementwise(function: Callable[..., Value] | str, **identity: Value) -> np.u
     """Return a ufunc for arrays of objects, from a function of one or two elements or the name of an operator."""
     if isinstance(function, str):
         op = function
-        if op in _TWO:
+        if op in BINARY_OPERATORS:
             return np.frompyfunc(lambda a, b: apply(op, a, b), 2, 1, **identity)
         return np.frompyfunc(lambda a: apply(op, a), 1, 1, **identity)
     return np.frompyfunc(function, function.__code__.co_argcount, 1, **identity)
@@ -39,9 +39,9 @@ def _fmax(a: Value, b: Value) -> Value:
     return apply("where", apply("isnan", a), b, apply("where", apply("lt", a, b), b, a))
 
 
-_TWO = ("div", "min", "max", "atan2", "hypot", "lt", "le", "eq", "ne", "and", "or")
+BINARY_OPERATORS = ("div", "min", "max", "atan2", "hypot", "lt", "le", "eq", "ne", "and", "or")
 WHERE = np.frompyfunc(lambda c, a, b: apply("where", c, a, b), 3, 1)
-_OURS: dict[np.ufunc, np.ufunc] = {
+TRACED_UFUNCS: dict[np.ufunc, np.ufunc] = {
     np.add: np.frompyfunc(add, 2, 1, identity=0),
     np.subtract: np.frompyfunc(sub, 2, 1),
     np.multiply: np.frompyfunc(mul, 2, 1, identity=1),
@@ -104,5 +104,5 @@ _OURS: dict[np.ufunc, np.ufunc] = {
     np.isfinite: elementwise(_finite),
     np.isinf: elementwise(lambda a: apply("eq", apply("abs", a), np.inf)),
 }
-UFUNCS = {ufunc.__name__: operation for ufunc, operation in _OURS.items()}
+UFUNCS = {ufunc.__name__: operation for ufunc, operation in TRACED_UFUNCS.items()}
 UFUNCS["real"] = UFUNCS["positive"]  # np.var asks for it, in some versions as a ufunc

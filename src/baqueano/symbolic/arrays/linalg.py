@@ -19,12 +19,12 @@ class Origin(NamedTuple):
 
     left: np.ndarray
     right: np.ndarray
-    complement: bool
+    is_complement: bool
     cells: np.ndarray  # a copy of the result, to detect later changes of it
 
     def transpose(self) -> "Origin":
         """Return the origin of the transposed matrix."""
-        return Origin(self.right.T, self.left.T, self.complement, self.cells.T)
+        return Origin(self.right.T, self.left.T, self.is_complement, self.cells.T)
 
 
 def matmul(a: Value, b: Value) -> Value:
@@ -49,53 +49,59 @@ def matmul(a: Value, b: Value) -> Value:
 def origin_of(x: Value) -> Origin | None:
     """Return the origin of an array; None if it is unknown, or if the array was changed since then."""
     origin = getattr(x, "origin", None)
-    return origin if origin is not None and same(origin.cells, x) else None
+    return origin if origin is not None and are_same_arrays(origin.cells, x) else None
 
 
 def remember_complement(result: Value, a: Value, b: Value) -> None:
     """Store the origin of `result` = a − b in it, if it is I − K H."""
     origin = origin_of(b)
-    if origin is None or origin.complement or not isinstance(a, np.ndarray) or a.shape != b.shape:
+    if origin is None or origin.is_complement or not isinstance(a, np.ndarray) or a.shape != b.shape:
         return
-    if len(a) == a.shape[1] > origin.left.shape[1] and same(a, np.eye(len(a))):
+    if len(a) == a.shape[1] > origin.left.shape[1] and are_same_arrays(a, np.eye(len(a))):
         result.origin = Origin(origin.left, origin.right, True, result.view(np.ndarray).copy())
 
 
-def same(a: np.ndarray, b: np.ndarray) -> bool:
+def are_same_arrays(a: np.ndarray, b: np.ndarray) -> bool:
     """Return True if the shapes are equal and each entry is the same scalar or number."""
     return a.shape == b.shape and all(map(_identical, a.ravel().tolist(), b.ravel().tolist()))
 
 
 def is_symmetric(a: np.ndarray) -> bool:
     """Return True for a square matrix whose mirrored entries are the same scalars."""
-    return a.ndim == 2 and len(a) == a.shape[1] and same(a, a.T)
+    return a.ndim == 2 and len(a) == a.shape[1] and are_same_arrays(a, a.T)
 
 
 def _identical(x: Value, y: Value) -> bool:
     return x is y or (not isinstance(x, Scalar) and not isinstance(y, Scalar) and bool(x == y))
 
 
-def _product(a: np.ndarray, b: np.ndarray, of_a: Origin | None, of_b: Origin | None) -> np.ndarray:
+def _product(a: np.ndarray, b: np.ndarray, origin_a: Origin | None, origin_b: Origin | None) -> np.ndarray:
     n, m = a.shape[0], b.shape[1]
     minus: np.ndarray | None = None
-    if of_b is not None and of_b.complement:  # a (I − L R) = a − (a L) R
-        minus, a, b = a, _product(a, of_b.left, None, None), of_b.right
-    elif of_a is not None and of_a.complement:  # (I − L R) b = b − L (R b)
-        minus, a, b = b, of_a.left, _product(of_a.right, b, None, None)
-    mirrored = of_a is not None and not of_a.complement and _closes(of_a, b if minus is None else of_b)
-    out = np.empty((n, m), dtype=object)
+    if origin_b is not None and origin_b.is_complement:  # a (I − L R) = a − (a L) R
+        minus, a, b = a, _product(a, origin_b.left, None, None), origin_b.right
+    elif origin_a is not None and origin_a.is_complement:  # (I − L R) b = b − L (R b)
+        minus, a, b = b, origin_a.left, _product(origin_a.right, b, None, None)
+    mirrored = (
+        origin_a is not None
+        and not origin_a.is_complement
+        and _is_congruence(origin_a, b if minus is None else origin_b)
+    )
+    product = np.empty((n, m), dtype=object)
     for i in range(n):
         for j in range(i if mirrored else 0, m):
             dot = _dot(a[i], b[:, j])
-            out[i, j] = dot if minus is None else minus[i, j] - dot
+            product[i, j] = dot if minus is None else minus[i, j] - dot
             if mirrored:
-                out[j, i] = out[i, j]
-    return out
+                product[j, i] = product[i, j]
+    return product
 
 
-def _closes(of_a: Origin, b: Value) -> bool:
+def _is_congruence(origin_a: Origin, b: Value) -> bool:
     """Return True if a @ b is L P Lᵀ: a = L P with P symmetric, and b = Lᵀ."""
-    return same(of_a.left, (b.cells if isinstance(b, Origin) else b).T) and is_symmetric(of_a.right)
+    return are_same_arrays(origin_a.left, (b.cells if isinstance(b, Origin) else b).T) and is_symmetric(
+        origin_a.right
+    )
 
 
 def _dot(row: np.ndarray, column: np.ndarray) -> Value:
@@ -176,14 +182,14 @@ def _pivot(A: np.ndarray, k: int) -> int:
     return swap
 
 
-def _eliminate(A: np.ndarray, k: int, symmetric: bool) -> dict[int, Value]:
+def _eliminate(A: np.ndarray, k: int, is_symmetric_matrix: bool) -> dict[int, Value]:
     """Make column k zero below the diagonal, and return the factor of each row; a symmetric matrix stays symmetric."""
     inverse = apply("div", 1.0, A[k, k])
     factors = {i: A[i, k] * inverse for i in range(k + 1, len(A)) if not _is_zero(A[i, k])}
     for i, factor in factors.items():
-        for j in range(i if symmetric else k + 1, len(A)):
+        for j in range(i if is_symmetric_matrix else k + 1, len(A)):
             A[i, j] = A[i, j] - factor * A[k, j]
-            if symmetric:
+            if is_symmetric_matrix:
                 A[j, i] = A[i, j]
         A[i, k] = 0.0
     return factors

@@ -13,7 +13,7 @@ from baqueano.contracts.values import Value
 from baqueano.symbolic import ieee
 from baqueano.symbolic.errors import untraceable
 
-NUMBERS = (float, int, np.number, np.bool_)
+NUMBER_TYPES = (float, int, np.number, np.bool_)
 
 
 def apply(op: str, *args: Value, value: Value = None) -> Value:
@@ -62,20 +62,22 @@ def round_half_even(a: Value) -> Value:
     return r - tie
 
 
-def _binary(op: str, swapped: bool = False) -> Callable[[Value, Value], Value]:
+def _binary(op: str, is_swapped: bool = False) -> Callable[[Value, Value], Value]:
     def method(self: Value, other: Value) -> Value:
         if not isinstance(other, _OPERANDS):
             return NotImplemented
-        return apply(op, other, self) if swapped else apply(op, self, other)
+        return apply(op, other, self) if is_swapped else apply(op, self, other)
 
     return method
 
 
-def _by(function: Callable[[Value, Value], Value], swapped: bool = False) -> Callable[[Value, Value], Value]:
+def _by(
+    function: Callable[[Value, Value], Value], is_swapped: bool = False
+) -> Callable[[Value, Value], Value]:
     def method(self: Value, other: Value) -> Value:
         if not isinstance(other, _OPERANDS):
             return NotImplemented
-        return function(other, self) if swapped else function(self, other)
+        return function(other, self) if is_swapped else function(self, other)
 
     return method
 
@@ -96,19 +98,19 @@ class Scalar:
         """Return the result of an operator; this scalar has the highest level among `args`."""
         raise NotImplementedError
 
-    __add__, __radd__ = _binary("add"), _binary("add", swapped=True)
-    __sub__, __rsub__ = _binary("sub"), _binary("sub", swapped=True)
-    __mul__, __rmul__ = _binary("mul"), _binary("mul", swapped=True)
-    __truediv__, __rtruediv__ = _binary("div"), _binary("div", swapped=True)
-    __pow__, __rpow__ = _by(power), _by(power, swapped=True)
-    __mod__, __rmod__ = _by(remainder), _by(remainder, swapped=True)
-    __floordiv__, __rfloordiv__ = _by(quotient), _by(quotient, swapped=True)
-    __lt__, __gt__ = _binary("lt"), _binary("lt", swapped=True)
-    __le__, __ge__ = _binary("le"), _binary("le", swapped=True)
+    __add__, __radd__ = _binary("add"), _binary("add", is_swapped=True)
+    __sub__, __rsub__ = _binary("sub"), _binary("sub", is_swapped=True)
+    __mul__, __rmul__ = _binary("mul"), _binary("mul", is_swapped=True)
+    __truediv__, __rtruediv__ = _binary("div"), _binary("div", is_swapped=True)
+    __pow__, __rpow__ = _by(power), _by(power, is_swapped=True)
+    __mod__, __rmod__ = _by(remainder), _by(remainder, is_swapped=True)
+    __floordiv__, __rfloordiv__ = _by(quotient), _by(quotient, is_swapped=True)
+    __lt__, __gt__ = _binary("lt"), _binary("lt", is_swapped=True)
+    __le__, __ge__ = _binary("le"), _binary("le", is_swapped=True)
     __eq__, __ne__ = _binary("eq"), _binary("ne")  # pyright: ignore[reportAssignmentType]
-    __and__, __rand__ = _binary("and"), _binary("and", swapped=True)
-    __or__, __ror__ = _binary("or"), _binary("or", swapped=True)
-    __xor__, __rxor__ = _binary("ne"), _binary("ne", swapped=True)
+    __and__, __rand__ = _binary("and"), _binary("and", is_swapped=True)
+    __or__, __ror__ = _binary("or"), _binary("or", is_swapped=True)
+    __xor__, __rxor__ = _binary("ne"), _binary("ne", is_swapped=True)
     __neg__, __abs__, __invert__ = _unary("neg"), _unary("abs"), _unary("not")
 
     def __pos__(self) -> "Scalar":
@@ -171,7 +173,7 @@ class Scalar:
         return self
 
 
-_OPERANDS = (Scalar, *NUMBERS)
+_OPERANDS = (Scalar, *NUMBER_TYPES)
 # NumPy calls these methods of the elements if an object array is not a TracedArray.
 _METHODS = {"arcsin": "asin", "arccos": "acos", "arctan": "atan"} | {
     name: name for name in ("sin", "cos", "tan", "sinh", "cosh", "tanh", "exp", "log", "sqrt", "floor")

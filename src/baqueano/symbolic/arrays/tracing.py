@@ -14,15 +14,15 @@ import numpy as np
 
 from baqueano.contracts.values import Value
 from baqueano.symbolic.arrays.array import TracedArray, filled_later
-from baqueano.symbolic.arrays.scalar import NUMBERS, Scalar
+from baqueano.symbolic.arrays.scalar import NUMBER_TYPES, Scalar
 
-_JOINED = ("concatenate", "stack", "vstack", "hstack", "column_stack",
+_JOINING_FUNCTIONS = ("concatenate", "stack", "vstack", "hstack", "column_stack",
            "block", "outer", "tile", "repeat", "atleast_1d", "atleast_2d")  # fmt: skip
-_FILLED = ("zeros", "ones", "empty", "full", "eye", "identity", "zeros_like", "ones_like", "empty_like",
+_FILLING_FUNCTIONS = ("zeros", "ones", "empty", "full", "eye", "identity", "zeros_like", "ones_like", "empty_like",
            "full_like")  # fmt: skip
 
 
-_OURS = ("numpy.", "baqueano.symbolic.")  # modules whose calls do not need arrays for scalars
+_OWN_MODULES = ("numpy.", "baqueano.symbolic.")  # modules whose calls do not need arrays for scalars
 
 
 class _TraceContext(threading.local):
@@ -31,20 +31,20 @@ class _TraceContext(threading.local):
 
 _context = _TraceContext()
 _lock = threading.Lock()
-_running = 0
-_before: dict[str, Value] = {}
+_running_count = 0
+_original_functions: dict[str, Value] = {}
 
 
 @contextmanager
 def tracing() -> Iterator[int]:
     """Let new arrays contain scalars within the context; yield the depth of this trace, 1 for the outermost."""
-    global _running
+    global _running_count
     with _lock:
-        if _running == 0:
-            for name, maker in _MAKERS.items():
-                _before[name] = getattr(np, name)
+        if _running_count == 0:
+            for name, maker in _TRACED_MAKERS.items():
+                _original_functions[name] = getattr(np, name)
                 setattr(np, name, maker)
-        _running += 1
+        _running_count += 1
     _context.depth += 1
     try:
         with np.errstate(all="ignore"):
@@ -52,15 +52,15 @@ def tracing() -> Iterator[int]:
     finally:
         _context.depth -= 1
         with _lock:
-            _running -= 1
-            if _running == 0:
-                for name, original in _before.items():
+            _running_count -= 1
+            if _running_count == 0:
+                for name, original in _original_functions.items():
                     setattr(np, name, original)
 
 
 def _while_traced(original: Callable[..., Value], make: Callable[..., Value]) -> Callable[..., Value]:
     def call(*args: Value, **kwargs: Value) -> Value:
-        if not _context.depth or sys._getframe(1).f_globals.get("__name__", "").startswith(_OURS):
+        if not _context.depth or sys._getframe(1).f_globals.get("__name__", "").startswith(_OWN_MODULES):
             return original(*args, **kwargs)
         return make(original, *args, **kwargs)
 
@@ -82,8 +82,8 @@ def _join(original: Callable[..., Value], *args: Value, **kwargs: Value) -> Valu
     dtype = kwargs.pop("dtype", None)
     result = original(*args, **kwargs)
     if isinstance(result, np.ndarray) and result.dtype == object:
-        numbers = all(isinstance(e, (Scalar, *NUMBERS)) for e in result.ravel().tolist())
-        return result.view(TracedArray) if numbers else result
+        all_scalars = all(isinstance(e, (Scalar, *NUMBER_TYPES)) for e in result.ravel().tolist())
+        return result.view(TracedArray) if all_scalars else result
     return result if dtype is None else original(*args, dtype=dtype, **kwargs)
 
 
@@ -91,7 +91,7 @@ def _fill(original: Callable[..., Value], *args: Value, **kwargs: Value) -> Valu
     return filled_later(_join(original, *args, **kwargs))
 
 
-_MAKES: dict[str, Callable[..., Value]] = {"array": _array}
-_MAKES |= dict.fromkeys(("asarray", "asanyarray", "ascontiguousarray"), _same_array)
-_MAKES |= dict.fromkeys(_JOINED, _join) | dict.fromkeys(_FILLED, _fill)
-_MAKERS = {name: _while_traced(getattr(np, name), make) for name, make in _MAKES.items()}
+_ARRAY_MAKERS: dict[str, Callable[..., Value]] = {"array": _array}
+_ARRAY_MAKERS |= dict.fromkeys(("asarray", "asanyarray", "ascontiguousarray"), _same_array)
+_ARRAY_MAKERS |= dict.fromkeys(_JOINING_FUNCTIONS, _join) | dict.fromkeys(_FILLING_FUNCTIONS, _fill)
+_TRACED_MAKERS = {name: _while_traced(getattr(np, name), make) for name, make in _ARRAY_MAKERS.items()}

@@ -17,8 +17,8 @@ POINTER, COUNT = ctypes.c_void_p, ctypes.c_int64
 ARGUMENTS = (COUNT, *[POINTER] * 3, ctypes.c_double, *[POINTER] * 3)
 BATCH_ARGUMENTS = (COUNT, COUNT, *[POINTER] * 6)
 
-WORTH_A_THREAD = 100_000  # vehicles times ticks
-WITH_TANGENTS = ("sensitivities", "gradient", "normal_equations")
+MIN_THREAD_TICKS = 100_000  # vehicles times ticks
+TANGENT_FUNCTIONS = ("sensitivities", "gradient", "normal_equations")
 
 
 def make_kernel(program: Program) -> "CKernel":
@@ -69,7 +69,7 @@ class CKernel:
         The call keeps the interpreter's lock, because a tick takes only microseconds and should not wait for the lock.
         """
         addresses = np.array([n, *_addresses(theta, start, inputs, outputs, final)], dtype=np.int64)
-        self._function("values", hasty=True)  # a tick at a time, the call costs more than the arithmetic
+        self._function("values", is_hasty=True)  # a tick at a time, the call costs more than the arithmetic
         entry_point = ctypes.PYFUNCTYPE(ctypes.c_int, POINTER)(("again", self.libraries["values", True]))
         call = partial(entry_point, POINTER(addresses.ctypes.data))  # converted once
         call.__dict__["given"] = addresses  # keeps the array alive as long as the call
@@ -86,26 +86,26 @@ class CKernel:
     ) -> None:
         """Fill outputs (N, m) and their derivatives by theta, (N, m, p)."""
         addresses = _addresses(theta, start, inputs)
-        function = self._function("sensitivities", hasty=True)  # -O3 takes twice as long for long ones
+        function = self._function("sensitivities", is_hasty=True)  # -O3 takes twice as long for long ones
         function(n, *addresses, 0.0, *_addresses(outputs, d_outputs), None)
 
     def total(
-        self, n: int, theta: np.ndarray, start: np.ndarray, inputs: np.ndarray, gradient: bool
+        self, n: int, theta: np.ndarray, start: np.ndarray, inputs: np.ndarray, with_gradient: bool
     ) -> tuple[float, np.ndarray | None]:
-        """Return the sum of the only output over the ticks, and its gradient (p,), or None if not `gradient`."""
-        cost, slope = np.zeros(1), np.zeros(len(theta))
-        function = self._function("gradient" if gradient else "cost")
-        function(n, *_addresses(theta, start, inputs), 0.0, *_addresses(cost, slope), None)
-        return float(cost[0]), slope if gradient else None
+        """Return the sum of the only output over the ticks, and its gradient (p,), or None if not `with_gradient`."""
+        cost, gradient_sum = np.zeros(1), np.zeros(len(theta))
+        function = self._function("gradient" if with_gradient else "cost")
+        function(n, *_addresses(theta, start, inputs), 0.0, *_addresses(cost, gradient_sum), None)
+        return float(cost[0]), gradient_sum if with_gradient else None
 
     def normal_equations(
         self, n: int, theta: np.ndarray, start: np.ndarray, inputs: np.ndarray, huber: float | None
     ) -> tuple[float, np.ndarray, np.ndarray]:
         """Return Σ ρ of the outputs as residuals, its gradient (p,), and Σ w ∂r ∂rᵀ (p, p)."""
         cost, gradient, upper = np.zeros(1), np.zeros(len(theta)), np.zeros((len(theta), len(theta)))
-        bend = np.inf if huber is None else huber
+        huber_limit = np.inf if huber is None else huber
         addresses = _addresses(theta, start, inputs)
-        self._function("normal_equations")(n, *addresses, bend, *_addresses(cost, gradient, upper))
+        self._function("normal_equations")(n, *addresses, huber_limit, *_addresses(cost, gradient, upper))
         return float(cost[0]), gradient, np.where(self.below, upper.T, upper)
 
     def batch(
@@ -115,7 +115,7 @@ class CKernel:
         theta: np.ndarray,
         start: np.ndarray,
         shared: np.ndarray,
-        own: np.ndarray,
+        own_inputs: np.ndarray,
         is_shared: Sequence[bool],
         outputs: np.ndarray | None,
         final: np.ndarray,
@@ -124,50 +124,54 @@ class CKernel:
 
         Inputs that are True in `is_shared` are columns of shared (N, ·), the others columns of own (L, N, ·).
         """
-        function = self._function("batch", tuple(is_shared), outputs is not None, hasty=self.program.hasty)
+        function = self._function(
+            "batch", tuple(is_shared), outputs is not None, is_hasty=self.program.is_hasty
+        )
 
-        def run(part: slice) -> None:
-            to = None if outputs is None else outputs[part].ctypes.data
-            addresses = _addresses(theta[part], start[part], shared, own[part])
-            function(n, len(final[part]), *addresses, to, *_addresses(final[part]))
+        def run(vehicles: slice) -> None:
+            to = None if outputs is None else outputs[vehicles].ctypes.data
+            addresses = _addresses(theta[vehicles], start[vehicles], shared, own_inputs[vehicles])
+            function(n, len(final[vehicles]), *addresses, to, *_addresses(final[vehicles]))
 
-        parts = _parts(count, n)
-        if len(parts) == 1:
-            run(parts[0])
+        slices = _thread_slices(count, n)
+        if len(slices) == 1:
+            run(slices[0])
         else:
             from concurrent.futures import ThreadPoolExecutor
 
-            with ThreadPoolExecutor(len(parts)) as pool:  # ctypes releases the interpreter's lock
-                list(pool.map(run, parts))
+            with ThreadPoolExecutor(len(slices)) as pool:  # ctypes releases the interpreter's lock
+                list(pool.map(run, slices))
 
     def _text(self, name: str, *options) -> str:
         key = (name, *options)
         if key not in self.texts:
-            program = self._slopes if name in WITH_TANGENTS else with_reciprocals(self.program, 2)
+            program = (
+                self._derivative_program if name in TANGENT_FUNCTIONS else with_reciprocals(self.program, 2)
+            )
             self.texts[key] = getattr(c_bodies, name)(program, *options)
         return self.texts[key]
 
     @cached_property
-    def _slopes(self) -> c_bodies.DerivativeProgram:
+    def _derivative_program(self) -> c_bodies.DerivativeProgram:
         return c_bodies.differentiate(
             with_reciprocals(self.program, 1)
         )  # the slope of x/y by y needs 1/y anyway
 
-    def _function(self, name: str, *options, hasty: bool = False) -> Callable[..., None]:
-        key = (name, hasty, *options)
+    def _function(self, name: str, *options, is_hasty: bool = False) -> Callable[..., None]:
+        key = (name, is_hasty, *options)
         if key not in self.functions:
             with self.program.graph.lock:
                 if key not in self.functions:
-                    self.functions[key] = self._compile(key, name, options, hasty)
+                    self.functions[key] = self._compile(key, name, options, is_hasty)
         return self.functions[key]
 
-    def _compile(self, key: tuple, name: str, options: tuple, hasty: bool) -> Callable[..., None]:
-        body = self._text(name, *options)
+    def _compile(self, key: tuple, name: str, options: tuple, is_hasty: bool) -> Callable[..., None]:
+        code = self._text(name, *options)
         library = self.libraries[key] = compile.load(
-            header(body, self.program.tables) + body,
-            operations=body.count(" = "),
+            header(code, self.program.tables) + code,
+            operation_count=code.count(" = "),
             find_vectors=name == "batch",  # only with this option √ and ⌊ ⌋ of eight lanes become vectors
-            hasty=hasty,
+            is_hasty=is_hasty,
         )
         function = library.kernel
         function.argtypes = BATCH_ARGUMENTS if name == "batch" else ARGUMENTS
@@ -179,11 +183,11 @@ def _addresses(*arrays: np.ndarray) -> list[int]:
     return [array.__array_interface__["data"][0] for array in arrays]  # quicker than ctypes.data
 
 
-def _parts(count: int, n: int) -> list[slice]:
+def _thread_slices(count: int, n: int) -> list[slice]:
     """Return the vehicles for each thread, in whole vectors; one part if more threads would not pay."""
     processors = len(os.sched_getaffinity(0)) if sys.platform == "linux" else os.cpu_count() or 1
-    threads = min(processors, count // c_bodies.LANES, count * n // WORTH_A_THREAD)
+    threads = min(processors, count // c_bodies.LANE_COUNT, count * n // MIN_THREAD_TICKS)
     if threads < 2:
         return [slice(0, count)]
-    size = -(-count // (threads * c_bodies.LANES)) * c_bodies.LANES
+    size = -(-count // (threads * c_bodies.LANE_COUNT)) * c_bodies.LANE_COUNT
     return [slice(first, min(first + size, count)) for first in range(0, count, size)]

@@ -21,7 +21,7 @@ LANES_SIGNATURE = """\
 EXPORT void kernel(int64_t n, int64_t vehicles, const double *restrict theta, const double *restrict start,
                    const double *restrict shared, const double *restrict own,
                    double *restrict outputs, double *restrict final) {"""
-AGAIN = """\
+REPEATED_TICK = """\
 EXPORT int again(const int64_t *a) {{
     const double *inputs = (const double *)(intptr_t)a[3];
     if ({nonzero}) return 1;
@@ -30,8 +30,8 @@ EXPORT int again(const int64_t *a) {{
     return 0;
 }}
 """
-LANES = 8  # vehicles side by side
-UNROLLED = 16  # parameters, up to which the hessian is summed in straight-line code
+LANE_COUNT = 8  # vehicles side by side
+MAX_UNROLLED = 16  # parameters, up to which the hessian is summed in straight-line code
 
 
 class DerivativeProgram(NamedTuple):
@@ -47,11 +47,11 @@ def differentiate(program: Program) -> DerivativeProgram:
     bodies = []
     for eliminate in (False, True):
         rows = [tangents(program, *block, eliminate) for block in blocks(len(program.theta))]
-        changing = {*program.carry, *program.inputs, *(x for block in rows for x in block.drifts)}
+        changing_nodes = {*program.carry, *program.inputs, *(x for block in rows for x in block.drifts)}
         initial = (*program.initial, *(x for block in rows for x in block.initial))
         row_nodes = (x for block in rows for x in (*block.outputs, *block.next_carry))
-        order = plan(initial, (*program.outputs, *program.next_carry, *row_nodes), changing)
-        bodies.append((cost_of(order.loop), DerivativeProgram(program, rows, order)))
+        order = plan(initial, (*program.outputs, *program.next_carry, *row_nodes), changing_nodes)
+        bodies.append((cost_of(order.loop_statements), DerivativeProgram(program, rows, order)))
     return min(bodies, key=lambda choice: choice[0])[1]
 
 
@@ -69,16 +69,16 @@ def values(program: Program) -> str:
     text.add(*(f"first[{k}] = {text.value(y)};" for k, y in enumerate(program.outputs)))
     text.assign(program.carry, program.next_carry)
     text.add(f"inputs += {len(program.inputs)}, first += {len(program.outputs)};")
-    text.close()
+    text.close_brace()
     text.add(*(f"second[{k}] = x{k};" for k in range(len(program.carry))))
     zeros = set(program.zeros)
     nonzero = [f"(inputs[{k}] != 0.0)" for k, node in enumerate(program.inputs) if node in zeros]
-    return str(text) + AGAIN.format(nonzero=" | ".join(nonzero) or "0")
+    return str(text) + REPEATED_TICK.format(nonzero=" | ".join(nonzero) or "0")
 
 
-def sensitivities(slopes: DerivativeProgram) -> str:
+def sensitivities(derivatives: DerivativeProgram) -> str:
     """Return the code that fills first (n, m), the outputs, and second (n, m, p), their derivatives by θ."""
-    text, program, rows = _with_tangents(slopes), slopes.program, slopes.rows
+    text, program, rows = _tick_with_tangents(derivatives), derivatives.program, derivatives.rows
     p = len(program.theta)
     for k, y in enumerate(program.outputs):
         text.add(f"first[{k}] = {text.value(y)};")
@@ -100,15 +100,15 @@ def cost(program: Program) -> str:
     text.add(f"sum += {text.value(program.outputs[0])};")
     text.assign(program.carry, program.next_carry)
     text.add(f"inputs += {len(program.inputs)};")
-    text.close()
+    text.close_brace()
     text.add("first[0] = sum;")
     return str(text)
 
 
-def gradient(slopes: DerivativeProgram) -> str:
+def gradient(derivatives: DerivativeProgram) -> str:
     """Return the code that fills first (1,), the sum of the only output, and second (p,), its gradient."""
-    text = _with_tangents(slopes, "double sum = 0.0;", "v_{lanes} gradient{first} = {{0}};")
-    program, rows = slopes.program, slopes.rows
+    text = _tick_with_tangents(derivatives, "double sum = 0.0;", "v_{lanes} gradient{first} = {{0}};")
+    program, rows = derivatives.program, derivatives.rows
     text.add(f"sum += {text.value(program.outputs[0])};")
     text.add(*(f"gradient{block.first} += {text.value(block.outputs[0])};" for block in rows))
     _end_with_tangents(text, program, rows)
@@ -116,15 +116,15 @@ def gradient(slopes: DerivativeProgram) -> str:
     return str(text)
 
 
-def normal_equations(slopes: DerivativeProgram) -> str:
+def normal_equations(derivatives: DerivativeProgram) -> str:
     """Return the code of the normal equations for residuals r with Huber's ρ and the threshold k = setting.
 
     ρ = ½ r² for |r| <= k, else k |r| − ½ k²;  w = ρ′/r. The code fills first: Σ ρ; second (p,): Σ w r ∂r;
     third (p, p): Σ w ∂r ∂rᵀ; only its upper half is valid.
     """
-    program, rows, p = slopes.program, slopes.rows, len(slopes.program.theta)
-    text = _with_tangents(
-        slopes,
+    program, rows, p = derivatives.program, derivatives.rows, len(derivatives.program.theta)
+    text = _tick_with_tangents(
+        derivatives,
         "const unsigned int mode = tiny_as_zero();",
         "double sum = 0.0;",
         "v_{lanes} gradient{first} = {{0}};",
@@ -153,49 +153,49 @@ def normal_equations(slopes: DerivativeProgram) -> str:
 
 def _add_to_hessian(text: CText, rows: list[Tangents], residuals: range, p: int) -> None:
     """Add the blocks on and above the diagonal; for over 16 parameters as loops, to limit the compile time."""
-    if p > UNROLLED:
+    if p > MAX_UNROLLED:
         size = rows[-1].first + rows[-1].lanes
         for k in residuals:
             text.add(f"double column{k}[{size}];")
             text.add(*(f"store_{b.lanes}(column{k} + {b.first}, wj{k}_{b.first}, {b.lanes});" for b in rows))
     for block in rows:
         count = min(p, block.first + block.lanes)
-        if p > UNROLLED:
+        if p > MAX_UNROLLED:
             terms = (f"column{k}[i] * j{k}_{block.first}" for k in residuals)
             sums = " + ".join((f"hessian{block.first}[i]", *terms))
             text.add(f"for (int i = 0; i < {count}; ++i) hessian{block.first}[i] = {sums};")
             continue
         for i in range(count):
-            even = i - i % 8
-            terms = (f"wj{k}_{even}[{i - even}] * j{k}_{block.first}" for k in residuals)
+            multiple_of_8 = i - i % 8
+            terms = (f"wj{k}_{multiple_of_8}[{i - multiple_of_8}] * j{k}_{block.first}" for k in residuals)
             text.add(f"hessian{block.first}[{i}] = {' + '.join((f'hessian{block.first}[{i}]', *terms))};")
 
 
-def batch(program: Program, shared: Sequence[bool], outputs: bool) -> str:
-    """Return the code that fills outputs (L, n, m), if `outputs`, and final (L, c).
+def batch(program: Program, shared: Sequence[bool], with_outputs: bool) -> str:
+    """Return the code that fills outputs (L, n, m), if `with_outputs`, and final (L, c).
 
     `shared` marks the columns of the inputs that are common to all vehicles, (n, ·); the others belong to each vehicle,
     (L, n, ·). The last vehicle fills idle lanes.
     """
-    text = CText(width=LANES)
+    text = CText(width=LANE_COUNT)
     text.lines.append(LANES_SIGNATURE)
-    outputs_of_tick = program.outputs if outputs else ()
+    outputs_of_tick = program.outputs if with_outputs else ()
     order = plan(
         program.initial, (*outputs_of_tick, *program.next_carry), {*program.carry, *program.inputs}, False
     )
     sizes = {"theta": len(program.theta), "start": len(program.start), "final": len(program.carry)}
     strides = {"own": f"n * {len(shared) - sum(shared)}", "outputs": f"n * {len(outputs_of_tick)}"} | sizes
-    text.open(f"for (int64_t group = 0; group < vehicles; group += {LANES}) {{")
-    text.add(*(f"int64_t at_{name}[{LANES}];" for name in strides))
-    text.open(f"for (int lane = 0; lane < {LANES}; ++lane) {{")
+    text.open_brace(f"for (int64_t group = 0; group < vehicles; group += {LANE_COUNT}) {{")
+    text.add(*(f"int64_t at_{name}[{LANE_COUNT}];" for name in strides))
+    text.open_brace(f"for (int lane = 0; lane < {LANE_COUNT}; ++lane) {{")
     text.add("int64_t vehicle = group + lane < vehicles ? group + lane : vehicles - 1;")
     text.add(*(f"at_{name}[lane] = vehicle * {stride};" for name, stride in strides.items()))
-    text.close()
+    text.close_brace()
     for name, symbols in (("theta", program.theta), ("start", program.start)):
         text.symbols(symbols, name + "{}")
         text.add(
             *(
-                f"const v_{LANES} {name}{k} = gather_{LANES}({name} + {k}, at_{name});"
+                f"const v_{LANE_COUNT} {name}{k} = gather_{LANE_COUNT}({name} + {k}, at_{name});"
                 for k in range(len(symbols))
             )
         )
@@ -203,30 +203,30 @@ def batch(program: Program, shared: Sequence[bool], outputs: bool) -> str:
     _begin(text, program, order, head=_load_inputs(shared))
     text.add(
         *(
-            f"scatter_{LANES}(outputs + tick * {len(outputs_of_tick)} + {k}, at_outputs, {text.whole(y)});"
+            f"scatter_{LANE_COUNT}(outputs + tick * {len(outputs_of_tick)} + {k}, at_outputs, {text.vector_code(y)});"
             for k, y in enumerate(outputs_of_tick)
         )
     )
     text.assign(program.carry, program.next_carry)
-    text.close()
-    text.add(*(f"scatter_{LANES}(final + {k}, at_final, x{k});" for k in range(len(program.carry))))
-    text.close()
+    text.close_brace()
+    text.add(*(f"scatter_{LANE_COUNT}(final + {k}, at_final, x{k});" for k in range(len(program.carry))))
+    text.close_brace()
     return str(text)
 
 
-def _with_tangents(slopes: DerivativeProgram, *declarations: str) -> CText:
+def _tick_with_tangents(derivatives: DerivativeProgram, *declarations: str) -> CText:
     """Return the code up to the last statement of a tick, with the tangents of the outputs and of the carry.
 
     A declaration with {first} is repeated for each block of θ; without θ it is omitted.
     """
-    (program, rows, order), text = slopes, CText(width=1)
+    (program, rows, order), text = derivatives, CText(width=1)
     text.lines.append(SIGNATURE)
     _symbols(text, program)
     for block in rows:
         text.symbols(block.drifts, f"d{{}}_{block.first}")
     for line in declarations:
-        of_each = [line.format(first=block.first, lanes=block.lanes) for block in rows]
-        text.add(*(of_each if "{first}" in line else [line]))
+        block_lines = [line.format(first=block.first, lanes=block.lanes) for block in rows]
+        text.add(*(block_lines if "{first}" in line else [line]))
     _begin(text, program, order, rows)
     return text
 
@@ -236,7 +236,7 @@ def _end_with_tangents(text: CText, program: Program, rows: list[Tangents]) -> N
     values = [x for block in rows for x in block.next_carry]
     text.assign((*program.carry, *targets), (*program.next_carry, *values))
     text.add(f"inputs += {len(program.inputs)};")
-    text.close()
+    text.close_brace()
 
 
 def _store_lines(to: str, name: str, rows: list[Tangents], p: int, index: str = "") -> list[str]:
@@ -258,8 +258,8 @@ def _begin(
 ) -> None:
     """Add the code up to the last statement of a tick."""
     text.symbols(program.carry, "x{}")
-    text.statements(order.before)
-    text.add(*(f"v_{text.width} x{k} = {text.whole(x)};" for k, x in enumerate(program.initial)))
+    text.statements(order.statements_before)
+    text.add(*(f"v_{text.width} x{k} = {text.vector_code(x)};" for k, x in enumerate(program.initial)))
     for block in rows:
         text.add(
             *(
@@ -267,18 +267,24 @@ def _begin(
                 for drift, row in zip(block.drifts, block.initial, strict=True)
             )
         )
-    text.open("for (int64_t tick = 0; tick < n; ++tick) {")
+    text.open_brace("for (int64_t tick = 0; tick < n; ++tick) {")
     text.add(*head)
-    text.statements(order.loop)
+    text.statements(order.loop_statements)
 
 
 def _load_inputs(shared_flags: Sequence[bool]) -> list[str]:
-    common, own, lines = 0, 0, []
+    shared_count, own_count, lines = 0, 0, []
     width = {True: sum(shared_flags), False: len(shared_flags) - sum(shared_flags)}
     for k, is_shared in enumerate(shared_flags):
         if is_shared:
-            source, common = f"splat_{LANES}(shared[tick * {width[True]} + {common}])", common + 1
+            source, shared_count = (
+                f"splat_{LANE_COUNT}(shared[tick * {width[True]} + {shared_count}])",
+                shared_count + 1,
+            )
         else:
-            source, own = f"gather_{LANES}(own + tick * {width[False]} + {own}, at_own)", own + 1
-        lines.append(f"const v_{LANES} u{k} = {source};")
+            source, own_count = (
+                f"gather_{LANE_COUNT}(own + tick * {width[False]} + {own_count}, at_own)",
+                own_count + 1,
+            )
+        lines.append(f"const v_{LANE_COUNT} u{k} = {source};")
     return lines

@@ -15,23 +15,23 @@ COMPARISONS = {"lt": "<", "le": "<=", "eq": "==", "ne": "!="}
 CONJUNCTIONS = {"and": "&", "or": "|"}
 MASKS = {*COMPARISONS, *CONJUNCTIONS, "not", "isnan"}  # they become 0.0 or 1.0 if used as numbers
 FUNCTION_CALL = r"\b(a?(sin|cos|tan)h?|atan2|hypot|exp|log)_\d"
-INLINED = 100  # calls; when there are more, compiling takes too long
-ROWS = ("row", "choose", "unit", "drift")
+MAX_INLINED_CALLS = 100  # calls; when there are more, compiling takes too long
+ROW_OPERATORS = ("row", "choose", "unit", "drift")
 
 
 def header(body: str, tables: Sequence) -> str:
     """Return the declarations for the body: elementary functions of its widths, and the tables of `interp`."""
     functions = (pkgutil.get_data("baqueano.symbolic", "c_math.h") or b"").decode()
-    many = len(re.findall(FUNCTION_CALL, body)) > INLINED
+    has_many_calls = len(re.findall(FUNCTION_CALL, body)) > MAX_INLINED_CALLS
     widths = sorted({2, *map(int, re.findall(r"\bv_(\d+)", body))} - {1})
-    parts = ["#define CALLED\n"] if many else []
-    parts += [f"#define LANES {width}\n{functions}#undef LANES\n" for width in widths]
+    texts = ["#define CALLED\n"] if has_many_calls else []
+    texts += [f"#define LANES {width}\n{functions}#undef LANES\n" for width in widths]
     for k, (xp, fp) in enumerate(tables):
         for name, column in ((f"xp{k}", xp), (f"fp{k}", fp)):
-            numbers = ", ".join(map(literal, column))
-            parts.append(f"static const double {name}[{len(column)}] = {{{numbers}}};\n")
-    parts.append("#ifdef _WIN32\n#define EXPORT __declspec(dllexport)\n#else\n#define EXPORT\n#endif\n")
-    return "".join(parts)
+            cells = ", ".join(map(literal, column))
+            texts.append(f"static const double {name}[{len(column)}] = {{{cells}}};\n")
+    texts.append("#ifdef _WIN32\n#define EXPORT __declspec(dllexport)\n#else\n#define EXPORT\n#endif\n")
+    return "".join(texts)
 
 
 def literal(value: float) -> str:
@@ -59,12 +59,12 @@ class CText:
         """Add these lines of code with the present indentation."""
         self.lines += ["    " * self.depth + line for line in lines]
 
-    def open(self, line: str) -> None:
+    def open_brace(self, line: str) -> None:
         """Add a line that opens a brace, and indent the following lines."""
         self.add(line)
         self.depth += 1
 
-    def close(self) -> None:
+    def close_brace(self) -> None:
         """Close the brace."""
         self.depth -= 1
         self.add("}")
@@ -86,12 +86,12 @@ class CText:
         """Add the declarations of the choices, and an if and an else that assign their values."""
         condition = self.mask(branch.condition)
         self.add(*(f"{self.type(choice)} {self.name(choice)};" for choice in branch.choices))
-        self.open(f"if ({condition}) {{")
-        self.arm(branch.then, branch.choices, 1)
+        self.open_brace(f"if ({condition}) {{")
+        self.arm(branch.if_true, branch.choices, 1)
         self.depth -= 1
-        self.open("} else {")
-        self.arm(branch.otherwise, branch.choices, 2)
-        self.close()
+        self.open_brace("} else {")
+        self.arm(branch.if_false, branch.choices, 2)
+        self.close_brace()
 
     def arm(self, statements: Iterable[Statement], choices: Iterable[Term], argument: int) -> None:
         """Add an arm of a branch; `argument`, 1 or 2, is the index of the operand that a choice has in this arm."""
@@ -103,15 +103,15 @@ class CText:
         moves = {x: y for x, y in zip(targets, values, strict=True) if x is not y}
         names = {y: f"old_{self.names[y]}" for y in moves.values() if y in moves}
         self.add(*(f"const {self.type(y)} {name} = {self.names[y]};" for y, name in names.items()))
-        self.add(*(f"{self.names[x]} = {names.get(y) or self.whole(y)};" for x, y in moves.items()))
+        self.add(*(f"{self.names[x]} = {names.get(y) or self.vector_code(y)};" for x, y in moves.items()))
 
     def name(self, term: Term) -> str:
         """Return the variable of a term, or make a new one: r… for rows and t… for all others."""
-        return self.names.setdefault(term, f"{'r' if term.op in ROWS else 't'}{len(self.names)}")
+        return self.names.setdefault(term, f"{'r' if term.op in ROW_OPERATORS else 't'}{len(self.names)}")
 
     def type(self, term: Term) -> str:
         """Return the C type of a term: a row, a mask or numbers, as wide as the code."""
-        if term.op in ROWS:
+        if term.op in ROW_OPERATORS:
             return f"v_{term.lanes}"
         return f"m_{self.width}" if term.op in MASKS else f"v_{self.width}"
 
@@ -124,14 +124,14 @@ class CText:
         name = self.names[term]
         return f"number_{self.width}({name})" if term.op in MASKS else name
 
-    def whole(self, term: Term) -> str:
+    def vector_code(self, term: Term) -> str:
         """Return the code of a function argument; a constant is copied into all lanes."""
         value = self.value(term)
         return f"splat_{self.width}({value})" if term.op == "const" and self.width > 1 else value
 
     def mask(self, term: Term) -> str:
         """Return the code of a condition: a mask unchanged, a number compared with 0."""
-        return self.names[term] if term.op in MASKS else f"({self.whole(term)} != 0.0)"
+        return self.names[term] if term.op in MASKS else f"({self.vector_code(term)} != 0.0)"
 
     def expression(self, term: Term) -> str:
         """Return the code that computes a term."""
@@ -142,14 +142,14 @@ class CText:
         if op == "choose":
             return f"choose_{term.lanes}({self.mask(args[0])}, {self.value(args[1])}, {self.value(args[2])})"
         if op == "where":
-            return f"select_{width}({self.mask(args[0])}, {self.whole(args[1])}, {self.whole(args[2])})"
+            return f"select_{width}({self.mask(args[0])}, {self.vector_code(args[1])}, {self.vector_code(args[2])})"
         if op in CONJUNCTIONS:
             return f"{self.mask(args[0])} {CONJUNCTIONS[op]} {self.mask(args[1])}"
         if op == "not":
             return f"{self.mask(args[0])} == 0"
         if op in INFIX or op in COMPARISONS:
-            return f"{self.whole(args[0])} {(INFIX | COMPARISONS)[op]} {self.value(args[1])}"
-        values = ", ".join(map(self.whole, args))
+            return f"{self.vector_code(args[0])} {(INFIX | COMPARISONS)[op]} {self.value(args[1])}"
+        values = ", ".join(map(self.vector_code, args))
         if op == "neg":
             return f"-{values}"
         if op == "isnan":

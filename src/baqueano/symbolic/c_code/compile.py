@@ -23,18 +23,18 @@ from functools import cache
 from pathlib import Path
 from typing import TYPE_CHECKING, NamedTuple
 
-from baqueano.diagnostics import Diagnostic, fault, merge
+from baqueano.diagnostics import Diagnostic, fault, merge_diagnostics
 from baqueano.errors import DiagnosticError
 
 if TYPE_CHECKING:
     import ctypes
 
-SCHEDULED_BELOW = 4_000  # operations; above, gcc's first scheduler makes kernels slower
-HASTY_ABOVE = 20_000  # operations; above, -O3 takes minutes
-SHORT = 1_000  # operations; below, haste gains a tenth of a second
-HASTY = "-O1"  # level of a text that is compiled in haste
-SUFFIX = {"win32": ".dll", "darwin": ".dylib"}.get(sys.platform, ".so")
-PROBE = """\
+MAX_SCHEDULED_OPERATIONS = 4_000  # operations; above, gcc's first scheduler makes kernels slower
+MAX_THOROUGH_OPERATIONS = 20_000  # operations; above, -O3 takes minutes
+MIN_HASTY_OPERATIONS = 1_000  # operations; below, haste gains a tenth of a second
+HASTY_LEVEL = "-O1"  # level of a text that is compiled in haste
+LIBRARY_SUFFIX = {"win32": ".dll", "darwin": ".dylib"}.get(sys.platform, ".so")
+PROBE_TEXT = """\
 typedef double pair __attribute__((vector_size(16)));
 double probe(double x) { pair a = {x, 1.0}, b = a * a + a; return b[0] + b[1]; }
 """
@@ -59,16 +59,20 @@ class FoundCompiler(NamedTuple):
     reason: Diagnostic | None  # None when the first one worked
 
 
-def load(source: str, operations: int = 0, find_vectors: bool = True, hasty: bool = False) -> "ctypes.CDLL":
+def load(
+    source: str, operation_count: int = 0, find_vectors: bool = True, is_hasty: bool = False
+) -> "ctypes.CDLL":
     """Return the library of a C code, from the cache if possible. CompileError without a compiler.
 
-    The flags depend on the number of `operations` in its loop. `find_vectors` lets the compiler vectorise; `hasty`
-    makes the compilation faster and the code slower.
+    The flags depend on the number of `operation_count` in its loop. `find_vectors` lets the compiler vectorise;
+    `is_hasty` makes the compilation faster and the code slower.
     """
     compiler = find()
     if compiler.compiler is None:
         raise CompileError(compiler.reason or "")
-    return _load(source, _flag_sets(compiler.compiler, operations, find_vectors, hasty), compiler.compiler)
+    return _load(
+        source, _flag_sets(compiler.compiler, operation_count, find_vectors, is_hasty), compiler.compiler
+    )
 
 
 def find() -> FoundCompiler:
@@ -81,27 +85,27 @@ def _find(requested: str, path: str) -> FoundCompiler:
     whys: list[Diagnostic] = []
     for compiler in _candidates(requested, path):
         try:
-            _load(PROBE, _flag_sets(compiler, 0, True, False), compiler)
+            _load(PROBE_TEXT, _flag_sets(compiler, 0, True, False), compiler)
         except CompileError as error:
             whys.append(error.diagnostic)
         else:
-            return FoundCompiler(compiler, merge(whys))
+            return FoundCompiler(compiler, merge_diagnostics(whys))
     if requested and not whys:
         whys.append(fault("compiler.no-command", found=requested))
-    return FoundCompiler(None, merge(whys) or fault("compiler.absent", "pip install ziglang"))
+    return FoundCompiler(None, merge_diagnostics(whys) or fault("compiler.absent", "pip install ziglang"))
 
 
 def _candidates(requested: str, path: str) -> Iterator[Compiler]:
     if requested:
         command = [requested] if shutil.which(requested, path=path) else shlex.split(requested)
-        file = shutil.which(command[0], path=path)
-        if file:
-            yield _compiler((file, *command[1:]))
+        executable = shutil.which(command[0], path=path)
+        if executable:
+            yield _compiler((executable, *command[1:]))
         return
     for name in ("cc", "gcc", "clang"):
-        file = shutil.which(name, path=path)
-        if file and not _is_empty_shell(file):
-            yield _compiler((file,))
+        executable = shutil.which(name, path=path)
+        if executable and not _is_empty_shell(executable):
+            yield _compiler((executable,))
     if importlib.util.find_spec("ziglang"):
         from importlib.metadata import version
 
@@ -111,9 +115,9 @@ def _candidates(requested: str, path: str) -> Iterator[Compiler]:
 
 def _compiler(command: tuple[str, ...]) -> Compiler:
     """Return a compiler with its identity: path, size and date, which are read without a process."""
-    real = os.path.realpath(command[0])
-    status = os.stat(real)
-    names = " ".join((real, *command))
+    real_path = os.path.realpath(command[0])
+    status = os.stat(real_path)
+    names = " ".join((real_path, *command))
     is_clang = sys.platform == "darwin" or "clang" in names or "zig" in names
     return Compiler(command, f"{names} {status.st_size} {status.st_mtime_ns}", is_clang)
 
@@ -127,21 +131,23 @@ def _is_empty_shell(path: str) -> bool:
     return subprocess.run(["xcode-select", "-p"], capture_output=True, check=False).returncode != 0
 
 
-def _flag_sets(compiler: Compiler, operations: int, find_vectors: bool, hasty: bool) -> list[tuple[str, ...]]:
+def _flag_sets(
+    compiler: Compiler, operation_count: int, find_vectors: bool, is_hasty: bool
+) -> list[tuple[str, ...]]:
     """Return the sets of flags to try in turn: compilers have different flags for the present processor."""
-    hasty = hasty and operations > SHORT
-    level = HASTY if hasty else "-O1" if operations > HASTY_ABOVE else "-O3"
-    common = (level, "-fno-math-errno", "-fno-trapping-math", "-ffp-contract=fast", "-shared", "-w")
+    is_hasty = is_hasty and operation_count > MIN_HASTY_OPERATIONS
+    level = HASTY_LEVEL if is_hasty else "-O1" if operation_count > MAX_THOROUGH_OPERATIONS else "-O3"
+    common_flags = (level, "-fno-math-errno", "-fno-trapping-math", "-ffp-contract=fast", "-shared", "-w")
     if sys.platform != "win32":
-        common += ("-fPIC",)
+        common_flags += ("-fPIC",)
     if not find_vectors:  # in straight-line code they cost more than they save
-        common += ("-fno-tree-vectorize", "-fno-tree-slp-vectorize")
+        common_flags += ("-fno-tree-vectorize", "-fno-tree-slp-vectorize")
     native: tuple[str, ...] = ("-march=native",)
     if not compiler.is_clang and sys.platform == "win32":
         native += ("-Wa,-muse-unaligned-vector-move",)  # gcc there aligns the stack to 16 bytes only
-    if not (compiler.is_clang or hasty) and operations < SCHEDULED_BELOW:
-        common += ("-fschedule-insns", "-fsched-pressure")
-    return [common + native, (*common, "-mcpu=native"), common]
+    if not (compiler.is_clang or is_hasty) and operation_count < MAX_SCHEDULED_OPERATIONS:
+        common_flags += ("-fschedule-insns", "-fsched-pressure")
+    return [common_flags + native, (*common_flags, "-mcpu=native"), common_flags]
 
 
 _libraries: dict[str, "ctypes.CDLL"] = {}
@@ -173,7 +179,7 @@ def _open_library(
 
 def _stored_library(folder: Path) -> Path | None:
     """Return the path of the undamaged library in the folder of a key, or None."""
-    for path in folder.glob("*" + SUFFIX):
+    for path in folder.glob("*" + LIBRARY_SUFFIX):
         if hashlib.sha256(path.read_bytes()).hexdigest() == path.stem:
             return path
         path.unlink(missing_ok=True)
@@ -186,7 +192,7 @@ def _build(folder: Path, source: str, flag_sets: list[tuple[str, ...]], compiler
     folder.mkdir(mode=0o700, parents=True, exist_ok=True)
     with tempfile.TemporaryDirectory(dir=folder, ignore_cleanup_errors=True) as work:
         Path(work, "kernel.c").write_text(source, encoding="utf-8")
-        library = Path(work, "kernel" + SUFFIX)
+        library = Path(work, "kernel" + LIBRARY_SUFFIX)
         problem = ""
         for flags in flag_sets:
             problem = _run([*compiler.command, *flags, "kernel.c", "-o", library.name, "-lm"], work)
@@ -194,7 +200,7 @@ def _build(folder: Path, source: str, flag_sets: list[tuple[str, ...]], compiler
                 break
         if problem:
             raise CompileError(fault("compiler.refuses", command=" ".join(compiler.command), error=problem))
-        path = folder / (hashlib.sha256(library.read_bytes()).hexdigest() + SUFFIX)
+        path = folder / (hashlib.sha256(library.read_bytes()).hexdigest() + LIBRARY_SUFFIX)
         os.replace(library, path)
     return path
 
@@ -251,14 +257,14 @@ def _temporary_folder() -> Path:
 @cache
 def _processor() -> str:
     """Return model and features of the processor, on which -march=native depends."""
-    words = [sys.platform, platform.machine(), os.environ.get("PROCESSOR_IDENTIFIER", "")]
+    descriptions = [sys.platform, platform.machine(), os.environ.get("PROCESSOR_IDENTIFIER", "")]
     if sys.platform == "darwin":
         import subprocess
 
         brand = subprocess.run(["sysctl", "-n", "machdep.cpu.brand_string"], capture_output=True, check=False)
-        words.append(brand.stdout.decode(errors="replace"))
+        descriptions.append(brand.stdout.decode(errors="replace"))
     elif Path("/proc/cpuinfo").exists():
         first = Path("/proc/cpuinfo").read_text(encoding="utf-8", errors="replace").split("\n\n")[0]
         names = ("model name", "flags", "Features", "CPU part", "CPU implementer", "CPU variant")
-        words += [line for line in first.splitlines() if line.startswith(names)]
-    return "\n".join(words)
+        descriptions += [line for line in first.splitlines() if line.startswith(names)]
+    return "\n".join(descriptions)

@@ -9,17 +9,19 @@ from typing import TypeAlias
 
 from baqueano.contracts.values import Value
 from baqueano.symbolic.arrays.scalar import apply, power
-from baqueano.symbolic.graph.node import Node, below
+from baqueano.symbolic.graph.node import Node, nodes_below
 
 Row: TypeAlias = dict[Value, Value]  # source → derivative
-TINY = 1e-300  # kept away from 0, where 1/TINY is still finite
+MIN_MAGNITUDE = 1e-300  # kept away from 0, where 1/MIN_MAGNITUDE is still finite
 
 
-def slopes(op: str, result: Value, args: Sequence[Value], table: Value = None) -> tuple[Value, ...]:
+def argument_derivatives(
+    op: str, result: Value, args: Sequence[Value], table: Value = None
+) -> tuple[Value, ...]:
     """Return ∂result/∂a of each argument a; 0.0 if the operator is constant in the argument."""
     if table is not None:
         return (apply("interp_slope", *args, value=table) if op == "interp" else 0.0,)
-    rule = _SLOPES.get(op)
+    rule = _DERIVATIVE_RULES.get(op)
     return rule(result, *args) if rule else (0.0,) * len(args)
 
 
@@ -27,11 +29,13 @@ def partials(node: Node) -> tuple[tuple[Node, Node], ...]:
     """Return (argument, ∂node/∂argument) for each argument whose derivative is not constantly 0."""
     graph = node.graph
     table = graph.tables[node.value] if node.op in ("interp", "interp_slope") else None
-    each = zip(node.args, slopes(node.op, node, node.args, table), strict=True)
-    return tuple((a, graph.node(d)) for a, d in each if isinstance(d, Node) or d != 0.0)
+    arguments_and_derivatives = zip(
+        node.args, argument_derivatives(node.op, node, node.args, table), strict=True
+    )
+    return tuple((a, graph.node(d)) for a, d in arguments_and_derivatives if isinstance(d, Node) or d != 0.0)
 
 
-def combine(op: str, args: Sequence[Value], rows: Sequence[Row], slopes: Sequence[Value]) -> Row:
+def combine(op: str, args: Sequence[Value], rows: Sequence[Row], factors: Sequence[Value]) -> Row:
     """Return the row {source: derivative} of a result from the rows of its arguments.
 
     The arms of `where` are combined by a choice, never by a product with 0, because the other arm may be NaN.
@@ -39,27 +43,29 @@ def combine(op: str, args: Sequence[Value], rows: Sequence[Row], slopes: Sequenc
     if op == "where":
         _, a, b = rows
         return {source: apply("where", args[0], a.get(source, 0.0), b.get(source, 0.0)) for source in a | b}
-    out: Row = {}
-    for row, slope in zip(rows, slopes, strict=True):
-        if not row or (type(slope) is float and slope == 0.0):
+    combination: Row = {}
+    for row, factor in zip(rows, factors, strict=True):
+        if not row or (type(factor) is float and factor == 0.0):
             continue
-        if not out:
-            out = {source: slope * x for source, x in row.items()}
+        if not combination:
+            combination = {source: factor * x for source, x in row.items()}
             continue
         for source, x in row.items():
-            out[source] = out[source] + slope * x if source in out else slope * x
-    return out
+            combination[source] = combination[source] + factor * x if source in combination else factor * x
+    return combination
 
 
 def jacobian_rows(roots: Sequence[Node], sources: Sequence[Node]) -> list[dict[Node, Node]]:
     """Return for each root a dict of its derivatives, as nodes, by the sources on which it depends."""
     rows: dict[Node, Row] = {source: {source: 1.0} for source in sources}
-    for node in below(roots):
-        own = [rows.get(a, {}) for a in node.args]
-        if node in rows or not any(own):
+    for node in nodes_below(roots):
+        argument_rows = [rows.get(a, {}) for a in node.args]
+        if node in rows or not any(argument_rows):
             continue
         table = node.graph.tables[node.value] if node.op in ("interp", "interp_slope") else None
-        rows[node] = combine(node.op, node.args, own, slopes(node.op, node, node.args, table))
+        rows[node] = combine(
+            node.op, node.args, argument_rows, argument_derivatives(node.op, node, node.args, table)
+        )
     return [{s: r.graph.node(d) for s, d in rows.get(r, {}).items()} for r in roots]
 
 
@@ -73,25 +79,25 @@ def _div(r: Value, a: Value, b: Value) -> tuple[Value, Value]:
 
 
 def _atan2(r: Value, y: Value, x: Value) -> tuple[Value, Value]:
-    square = x * x + y * y + TINY
+    square = x * x + y * y + MIN_MAGNITUDE
     return apply("div", x, square), -apply("div", y, square)
 
 
 def _hypot(r: Value, a: Value, b: Value) -> tuple[Value, Value]:
-    return apply("div", a, r + TINY), apply("div", b, r + TINY)
+    return apply("div", a, r + MIN_MAGNITUDE), apply("div", b, r + MIN_MAGNITUDE)
 
 
 def _pow(r: Value, a: Value, b: Value) -> tuple[Value, Value]:
     by_base = b * power(a, b - 1.0)
-    positive = apply("lt", 0.0, a)
-    return by_base, apply("where", positive, r * apply("log", a), 0.0)
+    is_positive = apply("lt", 0.0, a)
+    return by_base, apply("where", is_positive, r * apply("log", a), 0.0)
 
 
 def _asin(a: Value) -> Value:
     return apply("div", 1.0, apply("sqrt", 1.0 - a * a))
 
 
-_SLOPES: dict[str, Callable[..., tuple[Value, ...]]] = {
+_DERIVATIVE_RULES: dict[str, Callable[..., tuple[Value, ...]]] = {
     "add": lambda r, a, b: (1.0, 1.0),
     "sub": lambda r, a, b: (1.0, -1.0),
     "mul": lambda r, a, b: (b, a),
@@ -109,7 +115,7 @@ _SLOPES: dict[str, Callable[..., tuple[Value, ...]]] = {
     "tanh": lambda r, a: (1.0 - r * r,),
     "exp": lambda r, a: (r,),
     "log": lambda r, a: (apply("div", 1.0, a),),
-    "sqrt": lambda r, a: (apply("div", 0.5, r + TINY),),
+    "sqrt": lambda r, a: (apply("div", 0.5, r + MIN_MAGNITUDE),),
     "hypot": _hypot,
     "abs": lambda r, a: (apply("sign", a),),
     "min": lambda r, a, b: _choice(apply("le", a, b)),

@@ -13,7 +13,7 @@ from baqueano.contracts.values import Value
 from baqueano.symbolic.arrays.array import TracedArray, as_array, filled_later, has_scalars
 from baqueano.symbolic.arrays.scalar import Scalar, apply
 from baqueano.symbolic.arrays.tracing import tracing
-from baqueano.symbolic.derivatives.derive import Row, combine, slopes
+from baqueano.symbolic.derivatives.derive import Row, argument_derivatives, combine
 from baqueano.symbolic.errors import locate_errors
 from baqueano.symbolic.ieee import LOGICAL
 
@@ -37,15 +37,17 @@ class Dual(Scalar):
         result = apply(op, *values, value=value)
         if op in LOGICAL:
             return result
-        row = combine(op, values, rows, () if op == "where" else slopes(op, result, values, value))
+        row = combine(
+            op, values, rows, () if op == "where" else argument_derivatives(op, result, values, value)
+        )
         return Dual(result, row, level) if row else result
 
 
 def seed_array(values: np.ndarray, level: int) -> TracedArray:
     """Return an array whose entries are the seeds 0, 1, …, in order."""
     seeds = np.empty(values.shape, dtype=object)
-    flat = values.ravel().tolist()
-    seeds.ravel()[:] = [Dual(x, {k: 1.0}, level) for k, x in enumerate(flat)]
+    entries = values.ravel().tolist()
+    seeds.ravel()[:] = [Dual(x, {k: 1.0}, level) for k, x in enumerate(entries)]
     return seeds.view(TracedArray)
 
 

@@ -8,7 +8,7 @@ import numpy as np
 
 
 def normal_equations(
-    r: np.ndarray, slopes: np.ndarray, huber: float | None
+    r: np.ndarray, jacobian: np.ndarray, huber: float | None
 ) -> tuple[float, np.ndarray, np.ndarray]:
     """Return cost, gradient (p,) and hessian (p, p); `huber` is k, None for ρ = ½ r² everywhere.  (1), (2)"""
     k = np.inf if huber is None else huber
@@ -16,6 +16,6 @@ def normal_equations(
     in_tail = size > k
     rho = np.where(in_tail, k * size - 0.5 * k * k if huber is not None else 0.0, 0.5 * r * r)
     w = np.where(in_tail, k / np.where(in_tail, size, 1.0), 1.0).ravel()
-    d = slopes.reshape(len(w), -1)
+    d = jacobian.reshape(len(w), -1)
     weighted_d = w[:, None] * d
     return float(rho.sum()), weighted_d.T @ r.ravel(), weighted_d.T @ d

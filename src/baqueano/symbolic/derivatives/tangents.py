@@ -20,7 +20,7 @@ from baqueano.symbolic.graph.emit import postorder
 from baqueano.symbolic.graph.node import Node
 from baqueano.symbolic.graph.program import Program
 
-SUMS = ("add", "sub", "neg")
+SUM_OPERATORS = ("add", "sub", "neg")
 
 
 class TangentRow:
@@ -60,14 +60,14 @@ def tangents(program: Program, first: int, lanes: int, eliminate: bool) -> Tange
     }
     active_nodes = active(program, seeds)
     base |= {x: {drift: unit} for x, drift in zip(program.carry, drifts, strict=True) if x in active_nodes}
-    parts = (program.initial, program.next_carry, program.outputs)
-    order = postorder([root for part in parts for root in part], lambda _: False)
+    groups = (program.initial, program.next_carry, program.outputs)
+    order = postorder([root for group in groups for root in group], lambda _: False)
     count = len(list(blocks(len(program.theta))))
-    rows = _Rows(lanes, base, order, _moving(program, order), eliminate, count)
-    return Tangents(first, lanes, drifts, *(tuple(map(rows.row, part)) for part in parts))
+    rows = _Rows(lanes, base, order, _changing_nodes(program, order), eliminate, count)
+    return Tangents(first, lanes, drifts, *(tuple(map(rows.row, group)) for group in groups))
 
 
-def _moving(program: Program, order: Iterable[Node]) -> set[Node]:
+def _changing_nodes(program: Program, order: Iterable[Node]) -> set[Node]:
     """Return the nodes that change from tick to tick: they depend on the carry or the inputs."""
     terms = {*program.carry, *program.inputs}
     for node in order:
@@ -84,8 +84,8 @@ def active(program: Program, seeds: Iterable[Node]) -> set[Node]:
     while size != len(nodes):
         size = len(nodes)
         nodes.update(node for node in order if any(a in nodes for a in node.args))
-        ends = zip(program.carry, program.initial, program.next_carry, strict=True)
-        nodes.update(x for x, begin, end in ends if begin in nodes or end in nodes)
+        carry_values = zip(program.carry, program.initial, program.next_carry, strict=True)
+        nodes.update(x for x, begin, end in carry_values if begin in nodes or end in nodes)
     return nodes
 
 
@@ -97,11 +97,16 @@ class _Rows:
         lanes: int,
         base: dict[Node, Combination],
         order: list[Node],
-        moving: set[Node],
+        changing_nodes: set[Node],
         eliminate: bool,
         blocks: int,
     ) -> None:
-        self.lanes, self.moving, self.eliminate, self.blocks = lanes, moving, eliminate, blocks
+        self.lanes, self.changing_nodes, self.eliminate, self.blocks = (
+            lanes,
+            changing_nodes,
+            eliminate,
+            blocks,
+        )
         self.sources = {row for combination in base.values() for row in combination}
         self.combinations = dict(base)
         self.made: dict[Node, TangentRow] = {}
@@ -120,8 +125,8 @@ class _Rows:
     def sum(self, combination: Combination) -> TangentRow:
         if not combination:
             return self.zero
-        (row, coefficient), *more = combination.items()
-        if not more and _is_one(coefficient):
+        (row, coefficient), *remaining = combination.items()
+        if not remaining and _is_one(coefficient):
             return row
         return TangentRow("row", self.lanes, tuple(x for row, k in combination.items() for x in (k, row)))
 
@@ -137,27 +142,30 @@ class _Rows:
         """Return Σ ∂node/∂a ∂a over the arguments a of a node: a sum of coefficients times rows."""
         make = node.graph.make
         result: Combination = {}
-        for a, slope in partials(node):
+        for a, derivative in partials(node):
             for row, k in self.combinations.get(a, {}).items():
-                term = make("mul", slope, k)
+                term = make("mul", derivative, k)
                 result[row] = make("add", result[row], term) if row in result else term
         return {row: k for row, k in result.items() if not (k.op == "const" and k.value == 0.0)}
 
     def choose(self, condition: Node, a: Node, b: Node) -> Combination:
         graph = condition.graph
         unit, zero = graph.const(1.0), graph.const(0.0)
-        of_a, of_b = self.combinations.get(a, {}), self.combinations.get(b, {})
-        both = dict.fromkeys((*of_a, *of_b))
-        if self.eliminate and self.sources.issuperset(both):
-            return {r: graph.make("where", condition, of_a.get(r, zero), of_b.get(r, zero)) for r in both}
-        if not both:
+        combination_a, combination_b = self.combinations.get(a, {}), self.combinations.get(b, {})
+        all_rows = dict.fromkeys((*combination_a, *combination_b))
+        if self.eliminate and self.sources.issuperset(all_rows):
+            return {
+                r: graph.make("where", condition, combination_a.get(r, zero), combination_b.get(r, zero))
+                for r in all_rows
+            }
+        if not all_rows:
             return {}
         return {TangentRow("choose", self.lanes, (condition, self.row(a), self.row(b))): unit}
 
     def is_kept(self, node: Node, combination: Combination) -> bool:
         if len(combination) == 1 and all(map(_is_one, combination.values())):
             return False  # it already is the row of another node
-        if not self.eliminate or node not in self.moving:
+        if not self.eliminate or node not in self.changing_nodes:
             return True
         rows, uses = len(combination), self.uses[node]
         scalars = sum(not _is_one(k) for k in combination.values())
@@ -171,7 +179,7 @@ def _uses(order: Iterable[Node]) -> tuple[dict[Node, int], dict[Node, int]]:
     for node in uses:
         for a in node.args:
             uses[a] += 1
-            products[a] += node.op not in SUMS
+            products[a] += node.op not in SUM_OPERATORS
     return uses, products
 
 

@@ -9,7 +9,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from baqueano.symbolic.graph.node import Graph, Node, below
+from baqueano.symbolic.graph.node import Graph, Node, nodes_below
 from baqueano.symbolic.graph.program import Program
 from baqueano.symbolic.graph.trace import Trace
 
@@ -19,13 +19,13 @@ class Assembly(NamedTuple):
 
     program: Program
     first: np.ndarray  # (s,) place of each start value in the whole carry
-    back: np.ndarray  # place of each entry of the whole carry in (final carry, start values)
-    twin: np.ndarray  # place of the entry that each entry must equal at the start
+    whole_from_kept: np.ndarray  # place of each entry of the whole carry in (final carry, start values)
+    equal_entry: np.ndarray  # place of the entry that each entry must equal at the start
     unused_carry: tuple[int, ...]  # places in the whole carry
 
-    def whole(self, final: np.ndarray, start: np.ndarray) -> np.ndarray:
+    def whole_carry(self, final: np.ndarray, start: np.ndarray) -> np.ndarray:
         """Return the whole carry after a run; its last axis counts the entries."""
-        return np.concatenate([final, start], axis=-1)[..., self.back]
+        return np.concatenate([final, start], axis=-1)[..., self.whole_from_kept]
 
 
 def assemble(trace: Trace, keep_all: bool, given_start: bool) -> Assembly:
@@ -39,57 +39,65 @@ def assemble(trace: Trace, keep_all: bool, given_start: bool) -> Assembly:
     for k, x in enumerate(trace.carry):
         first_of.setdefault(x, k)
     symbols, first = list(first_of), list(first_of.values())
-    after = {x: trace.next_carry[k] for x, k in zip(symbols, first, strict=True)}
+    next_of = {x: trace.next_carry[k] for x, k in zip(symbols, first, strict=True)}
     from_start = given_start or trace.initial is None
     start = [graph.symbol(f"start {x.value}") for x in symbols] if from_start else []
     begin = dict(zip(symbols, start or [(trace.initial or [])[k] for k in first], strict=True))
 
-    constant = {x: begin[x] for x in symbols if after[x] is x and (from_start or not keep_all)}
-    roots = graph.substitute([*trace.outputs, *after.values()], constant)
+    constant = {x: begin[x] for x in symbols if next_of[x] is x and (from_start or not keep_all)}
+    roots = graph.substitute([*trace.outputs, *next_of.values()], constant)
     outputs, next_values = (
         roots[: len(trace.outputs)],
         dict(zip(symbols, roots[len(trace.outputs) :], strict=True)),
     )
-    moving = [x for x in symbols if x not in constant]
-    alive = set(moving) if keep_all else _alive(outputs, next_values, set(moving))
-    carry = [x for x in moving if x in alive]
+    moving_entries = [x for x in symbols if x not in constant]
+    used_entries = (
+        set(moving_entries) if keep_all else _used_entries(outputs, next_values, set(moving_entries))
+    )
+    carry = [x for x in moving_entries if x in used_entries]
     program = Program(
         graph, tuple(trace.theta), tuple(start), tuple(begin[x] for x in carry), tuple(carry),
         tuple(trace.inputs), tuple(next_values[x] for x in carry), tuple(outputs),
     )  # fmt: skip
-    place = {x: k for k, x in enumerate(carry)}
-    place |= {x: len(carry) + k for k, x in enumerate(symbols) if x in constant}
-    used_nodes = set(below([*trace.outputs, *(after[x] for x in carry)]))
+    kept_index = {x: k for k, x in enumerate(carry)}
+    kept_index |= {x: len(carry) + k for k, x in enumerate(symbols) if x in constant}
+    used_nodes = set(nodes_below([*trace.outputs, *(next_of[x] for x in carry)]))
     unused_carry = [
-        k for k, x in enumerate(trace.carry) if x not in alive and not (x in constant and x in used_nodes)
+        k
+        for k, x in enumerate(trace.carry)
+        if x not in used_entries and not (x in constant and x in used_nodes)
     ]
     return Assembly(
         program,
         np.array(first if from_start else [], dtype=int),
-        np.array([place.get(x, 0) for x in trace.carry], dtype=int),
+        np.array([kept_index.get(x, 0) for x in trace.carry], dtype=int),
         np.array([first_of[x] for x in trace.carry], dtype=int),
         tuple(unused_carry),
     )
 
 
-def lasting_zeros(graph: Graph, carry: Sequence[Node], after: Sequence[Node], zero: set[int]) -> set[int]:
+def remaining_zeros(
+    graph: Graph, carry: Sequence[Node], next_carry: Sequence[Node], zero: set[int]
+) -> set[int]:
     """Return the places of `zero` that stay 0 by induction: if they contain zeros, the step returns zeros there."""
-    nothing = graph.const(0.0)
+    zero_node = graph.const(0.0)
     while zero:
         order = sorted(zero)
-        nodes = graph.substitute([after[k] for k in order], {carry[k]: nothing for k in order})
-        remaining = {k for k, node in zip(order, nodes, strict=True) if node is nothing}
+        nodes = graph.substitute([next_carry[k] for k in order], {carry[k]: zero_node for k in order})
+        remaining = {k for k, node in zip(order, nodes, strict=True) if node is zero_node}
         if remaining == zero:
             break
         zero = remaining
     return zero
 
 
-def _alive(outputs: Sequence[Node], after: dict[Node, Node], carry: set[Node]) -> set[Node]:
+def _used_entries(outputs: Sequence[Node], next_of: dict[Node, Node], carry: set[Node]) -> set[Node]:
     """Return the entries of the carry that the outputs of this or a later tick depend on."""
-    alive: set[Node] = set()
-    new = {node for node in below(outputs) if node in carry}
-    while new:
-        alive |= new
-        new = {node for node in below([after[x] for x in new]) if node in carry} - alive
-    return alive
+    used: set[Node] = set()
+    new_entries = {node for node in nodes_below(outputs) if node in carry}
+    while new_entries:
+        used |= new_entries
+        new_entries = {
+            node for node in nodes_below([next_of[x] for x in new_entries]) if node in carry
+        } - used
+    return used

@@ -17,13 +17,23 @@ from baqueano.symbolic.graph.program import Program
 
 Term: TypeAlias = Value  # Node | Row: hashable by identity, with .op and .args
 
-BRANCH_PAYS = 40.0  # operations of both arms together, from which a branch is taken instead of a select
-DEEPEST = 6  # nested branches
-CHOICES = ("where", "choose")  # args (condition, a, b)
-LEAVES = ("const", "symbol", "unit", "drift")
-COST = {"neg": 0.0, "div": 4.0, "sqrt": 5.0, "hypot": 8.0, "pow": 40.0, "interp": 20.0, "interp_slope": 20.0}
-COST |= dict.fromkeys(("sin", "cos", "tan", "asin", "acos", "atan", "atan2"), 20.0)
-COST |= dict.fromkeys(("exp", "log", "sinh", "cosh", "tanh"), 20.0)
+MIN_BRANCH_OPERATIONS = (
+    40.0  # operations of both arms together, from which a branch is taken instead of a select
+)
+MAX_BRANCH_DEPTH = 6  # nested branches
+CHOICE_OPERATORS = ("where", "choose")  # args (condition, a, b)
+LEAF_OPERATORS = ("const", "symbol", "unit", "drift")
+OPERATOR_COSTS = {
+    "neg": 0.0,
+    "div": 4.0,
+    "sqrt": 5.0,
+    "hypot": 8.0,
+    "pow": 40.0,
+    "interp": 20.0,
+    "interp_slope": 20.0,
+}
+OPERATOR_COSTS |= dict.fromkeys(("sin", "cos", "tan", "asin", "acos", "atan", "atan2"), 20.0)
+OPERATOR_COSTS |= dict.fromkeys(("exp", "log", "sinh", "cosh", "tanh"), 20.0)
 
 
 class EmittedBranch(NamedTuple):
@@ -31,8 +41,8 @@ class EmittedBranch(NamedTuple):
 
     condition: Term
     choices: tuple[Term, ...]
-    then: list["Statement"]
-    otherwise: list["Statement"]
+    if_true: list["Statement"]
+    if_false: list["Statement"]
 
 
 Statement: TypeAlias = Term | EmittedBranch
@@ -41,22 +51,29 @@ Statement: TypeAlias = Term | EmittedBranch
 class EmitPlan(NamedTuple):
     """The statements before the loop over the ticks, and the statements inside the loop."""
 
-    before: list[Statement]
-    loop: list[Statement]
+    statements_before: list[Statement]
+    loop_statements: list[Statement]
 
 
 def plan(
-    initial: Iterable[Term], roots: Iterable[Term], changing: Container[Term], branches: bool = True
+    initial: Iterable[Term], roots: Iterable[Term], changing_terms: Container[Term], branches: bool = True
 ) -> EmitPlan:
     """Return the statements for `initial` before the loop, and for `roots` at every tick.
 
-    The leaves `changing` vary from tick to tick; terms of `roots` that do not depend on them are before the loop.
+    The leaves `changing_terms` vary from tick to tick; terms of `roots` that do not depend on them are before the loop.
     """
     roots = list(roots)
-    moving = _moving(roots, changing)
-    loop = schedule(roots, lambda term: term not in moving or term.op in LEAVES, branches)
-    fixed_terms = [term for term in (*arguments(loop), *roots) if term not in moving]
-    return EmitPlan(schedule([*initial, *fixed_terms], lambda term: term.op in LEAVES, branches=False), loop)
+    moving_terms = _moving_terms(roots, changing_terms)
+    loop = scheduled_statements(
+        roots, lambda term: term not in moving_terms or term.op in LEAF_OPERATORS, branches
+    )
+    fixed_terms = [term for term in (*arguments(loop), *roots) if term not in moving_terms]
+    return EmitPlan(
+        scheduled_statements(
+            [*initial, *fixed_terms], lambda term: term.op in LEAF_OPERATORS, branches=False
+        ),
+        loop,
+    )
 
 
 def with_reciprocals(program: Program, uses: int) -> Program:
@@ -65,21 +82,26 @@ def with_reciprocals(program: Program, uses: int) -> Program:
     A quotient inside a step function is not replaced: ⌊49 / 49⌋ is 1, but ⌊49 · (1/49)⌋ is 0.
     """
     graph = program.graph
-    parts = (program.next_carry, program.outputs)
-    roots = [root for part in parts for root in part]
-    moving = _moving(roots, {*program.carry, *program.inputs})
+    groups = (program.next_carry, program.outputs)
+    roots = [root for group in groups for root in group]
+    moving_nodes = _moving_terms(roots, {*program.carry, *program.inputs})
     order = postorder(roots, lambda _: False)
     step_divisors = _step_divisors(order)
     divisor_counts = Counter(node.args[1] for node in order if node.op == "div" and not _is_reciprocal(node))
-    new: dict[Node, Node] = {}
+    replacements: dict[Node, Node] = {}
     for node in order:
-        args = [new[a] for a in node.args]
-        slow = node in moving and node.op == "div" and not _is_reciprocal(node) and node not in step_divisors
-        if slow and (node.args[1] not in moving or divisor_counts[node.args[1]] >= uses):
-            new[node] = graph.make("mul", args[0], graph.make("div", graph.const(1.0), args[1]))
+        args = [replacements[a] for a in node.args]
+        is_divisor_of_tick = (
+            node in moving_nodes
+            and node.op == "div"
+            and not _is_reciprocal(node)
+            and node not in step_divisors
+        )
+        if is_divisor_of_tick and (node.args[1] not in moving_nodes or divisor_counts[node.args[1]] >= uses):
+            replacements[node] = graph.make("mul", args[0], graph.make("div", graph.const(1.0), args[1]))
         else:
-            new[node] = graph.make(node.op, *args, value=node.value) if args else node
-    next_carry, outputs = (tuple(new[root] for root in part) for part in parts)
+            replacements[node] = graph.make(node.op, *args, value=node.value) if args else node
+    next_carry, outputs = (tuple(replacements[root] for root in group) for group in groups)
     return program._replace(next_carry=next_carry, outputs=outputs)
 
 
@@ -97,8 +119,11 @@ def _is_reciprocal(node: Node) -> bool:
     return node.op == "div" and node.args[0].op == "const" and node.args[0].value == 1.0
 
 
-def schedule(
-    roots: Iterable[Term], is_given: Callable[[Term], bool], branches: bool = True, pays: float = BRANCH_PAYS
+def scheduled_statements(
+    roots: Iterable[Term],
+    is_given: Callable[[Term], bool],
+    branches: bool = True,
+    pays: float = MIN_BRANCH_OPERATIONS,
 ) -> list[Statement]:
     """Return statements that compute the roots from the given nodes: each term once, after its arguments.
 
@@ -120,7 +145,7 @@ def cost(statements: Iterable[Statement]) -> float:
     total = 0.0
     for s in statements:
         if isinstance(s, EmittedBranch):
-            total += cost(s.then) + cost(s.otherwise)
+            total += cost(s.if_true) + cost(s.if_false)
         else:
             total += _cost(s)
     return total
@@ -146,10 +171,10 @@ def postorder(roots: Iterable[Term], is_given: Callable[[Term], bool]) -> list[T
     return order
 
 
-def _moving(roots: Iterable[Term], changing: Container[Term]) -> set[Term]:
+def _moving_terms(roots: Iterable[Term], changing_terms: Container[Term]) -> set[Term]:
     terms: set[Term] = set()
     for term in postorder(roots, lambda _: False):
-        if term in changing or any(a in terms for a in term.args):
+        if term in changing_terms or any(a in terms for a in term.args):
             terms.add(term)
     return terms
 
@@ -160,8 +185,8 @@ def arguments(statements: Iterable[Statement]) -> Iterator[Term]:
         if isinstance(s, EmittedBranch):
             yield s.condition
             yield from (a for choice in s.choices for a in choice.args)
-            yield from arguments(s.then)
-            yield from arguments(s.otherwise)
+            yield from arguments(s.if_true)
+            yield from arguments(s.if_false)
         else:
             yield from s.args
 
@@ -169,7 +194,7 @@ def arguments(statements: Iterable[Statement]) -> Iterator[Term]:
 def _cost(term: Term) -> float:
     if term.op == "row":
         return len(term.args) / 2
-    return 0.0 if term.op in LEAVES else COST.get(term.op, 1.0)
+    return 0.0 if term.op in LEAF_OPERATORS else OPERATOR_COSTS.get(term.op, 1.0)
 
 
 class _BranchKey(NamedTuple):
@@ -184,7 +209,7 @@ class _BranchKey(NamedTuple):
 class _Region:
     """The place of a statement: the loop, or an arm of a branch inside another region."""
 
-    number: int = 0
+    region_number: int = 0
     parent: "_Region | None" = None
     depth: int = 0
     terms: list[Term] = field(default_factory=list)  # of the regions inside too
@@ -237,15 +262,15 @@ class _Branches:
         """Return the group of each choice in a branch; groups with fewer than `pays` operations are removed."""
         while True:
             groups = self.groups()
-            each = {group.key: group for group in groups.values()}  # many choices share a group
-            costs = {key: group.cost() for key, group in each.items()}
-            together: defaultdict[tuple[Term, int], float] = defaultdict(float)
+            group_of_key = {group.key: group for group in groups.values()}  # many choices share a group
+            costs = {key: group.cost() for key, group in group_of_key.items()}
+            total_cost: defaultdict[tuple[Term, int], float] = defaultdict(float)
             for key, operations in costs.items():
-                together[key.condition, key.level] += operations
-            small = {key for key, operations in costs.items() if operations < self.pays}
-            self.refused |= small
-            self.refused_everywhere |= {pair for pair, total in together.items() if total < self.pays}
-            if not small:
+                total_cost[key.condition, key.level] += operations
+            small_keys = {key for key, operations in costs.items() if operations < self.pays}
+            self.refused |= small_keys
+            self.refused_everywhere |= {pair for pair, total in total_cost.items() if total < self.pays}
+            if not small_keys:
                 levels = _levels(self.order, {key.condition for key in costs})
                 if levels == self.levels:
                     return groups
@@ -254,13 +279,13 @@ class _Branches:
     def groups(self) -> dict[Term, _BranchGroup]:
         """Return the group of each choice, with each term in the innermost region that contains all its uses."""
         loop = _Region()
-        places: dict[Term, _Region] = dict.fromkeys(self.roots, loop)
+        regions_of_terms: dict[Term, _Region] = dict.fromkeys(self.roots, loop)
         groups: dict[_BranchKey, _BranchGroup] = {}
         group_of: dict[Term, _BranchGroup] = {}
         for term in reversed(self.order):
-            own_region = places[term]
+            own_region = regions_of_terms[term]
             regions = [own_region] * len(term.args)
-            key = self.key(term, own_region) if term.op in CHOICES else None
+            key = self.key(term, own_region) if term.op in CHOICE_OPERATORS else None
             if key is not None:
                 if key not in groups:
                     groups[key] = _BranchGroup(
@@ -270,48 +295,50 @@ class _Branches:
                 group.choices.insert(0, term)
                 regions = [own_region, *group.arms]
             for a, region in zip(term.args, regions, strict=True):
-                places[a] = places[a].meet(region) if a in places else region
-        _settle(self.order, places, list(groups.values()))
+                regions_of_terms[a] = regions_of_terms[a].meet(region) if a in regions_of_terms else region
+        _settle(self.order, regions_of_terms, list(groups.values()))
         return group_of
 
     def key(self, term: Term, region: _Region) -> _BranchKey | None:
-        if region.depth == DEEPEST:
+        if region.depth == MAX_BRANCH_DEPTH:
             return None
-        key = _BranchKey(region.number, term.args[0], self.levels.get(term, 0))
+        key = _BranchKey(region.region_number, term.args[0], self.levels.get(term, 0))
         return None if key in self.refused or (key.condition, key.level) in self.refused_everywhere else key
 
-    def arm(self, key: _BranchKey, arm: int, outside: _Region) -> _Region:
+    def arm(self, key: _BranchKey, arm: int, outer_region: _Region) -> _Region:
         """Return the region of an arm; a region has the same number in each round."""
-        return _Region(self.numbers.setdefault((key, arm), len(self.numbers) + 1), outside, outside.depth + 1)
+        return _Region(
+            self.numbers.setdefault((key, arm), len(self.numbers) + 1), outer_region, outer_region.depth + 1
+        )
 
 
-def _settle(order: list[Term], places: dict[Term, _Region], groups: list[_BranchGroup]) -> None:
+def _settle(order: list[Term], regions_of_terms: dict[Term, _Region], groups: list[_BranchGroup]) -> None:
     """Set the terms of each region, and the terms outside of each branch that the branch needs."""
     for term in order:
-        for region in places[term].outwards():
+        for region in regions_of_terms[term].outwards():
             region.terms.append(term)
     for group in groups:
-        inside = {*group.arms[0].terms, *group.arms[1].terms}
+        inner_terms = {*group.arms[0].terms, *group.arms[1].terms}
         used_terms = [a for arm in group.arms for term in arm.terms for a in term.args]
         used_terms += [a for term in group.choices for a in term.args]
-        group.needs = [a for a in dict.fromkeys(used_terms) if a not in inside]
+        group.needs = [a for a in dict.fromkeys(used_terms) if a not in inner_terms]
 
 
 def _levels(order: list[Term], conditions: set[Term]) -> dict[Term, int]:
     """Return the number of nested choices of the same condition below each choice."""
     levels: dict[Term, int] = {}
     for condition in conditions:
-        below: dict[Term, int] = {}  # where it is not 0
+        levels_below: dict[Term, int] = {}  # where it is not 0
         for term in order:
             level = 0
             for a in term.args:
-                if a in below and below[a] > level:
-                    level = below[a]
-            if term.op in CHOICES and term.args[0] is condition:
+                if a in levels_below and levels_below[a] > level:
+                    level = levels_below[a]
+            if term.op in CHOICE_OPERATORS and term.args[0] is condition:
                 levels[term] = level
                 level += 1
             if level:
-                below[term] = level
+                levels_below[term] = level
     return levels
 
 
@@ -344,6 +371,6 @@ class _Scheduler:
         return statements
 
     def branch(self, group: _BranchGroup) -> EmittedBranch:
-        then, otherwise = (self.emit([t.args[i] for t in group.choices]) for i in (1, 2))
+        if_true, if_false = (self.emit([t.args[i] for t in group.choices]) for i in (1, 2))
         self.done.update(group.choices)
-        return EmittedBranch(group.key.condition, tuple(group.choices), then, otherwise)
+        return EmittedBranch(group.key.condition, tuple(group.choices), if_true, if_false)

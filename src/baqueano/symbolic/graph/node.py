@@ -88,15 +88,15 @@ class Graph:
         self.tables.append((np.array(xp, dtype=float), np.array(fp, dtype=float)))
         return len(self.tables) - 1
 
-    def substitute(self, roots: Iterable[Node], new: Mapping[Node, Node]) -> list[Node]:
-        """Return the roots after the replacement of nodes by `new`, simplified again."""
+    def substitute(self, roots: Iterable[Node], replacements: Mapping[Node, Node]) -> list[Node]:
+        """Return the roots after the replacement of nodes by `replacements`, simplified again."""
         roots = list(roots)
-        new_nodes = dict(new)
-        for node in below(roots):
+        new_nodes = dict(replacements)
+        for node in nodes_below(roots):
             if node not in new_nodes:
                 args = [new_nodes[a] for a in node.args]
-                same = all(a is b for a, b in zip(args, node.args, strict=True))
-                new_nodes[node] = node if same else self.make(node.op, *args, value=node.value)
+                is_unchanged = all(a is b for a, b in zip(args, node.args, strict=True))
+                new_nodes[node] = node if is_unchanged else self.make(node.op, *args, value=node.value)
         return [new_nodes[root] for root in roots]
 
     def _intern(self, key: tuple[Value, ...], op: str, args: tuple[Node, ...], value: Value) -> Node:
@@ -111,7 +111,7 @@ def _order(a: Node, b: Node) -> tuple[Node, Node]:
     return (b, a) if (b.op == "const", -b.index) > (a.op == "const", -a.index) else (a, b)
 
 
-def below(roots: Iterable[Node]) -> list[Node]:
+def nodes_below(roots: Iterable[Node]) -> list[Node]:
     """Return the roots and all nodes on which they depend, arguments before users."""
     nodes: set[Node] = set()
     stack = list(roots)

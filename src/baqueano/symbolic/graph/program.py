@@ -21,7 +21,7 @@ class Program(NamedTuple):
     inputs: tuple[Node, ...]  # q symbols
     next_carry: tuple[Node, ...]  # c expressions
     outputs: tuple[Node, ...]  # m expressions
-    hasty: bool = False  # True for a long program, which is compiled quickly instead of thoroughly
+    is_hasty: bool = False  # True for a long program, which is compiled quickly instead of thoroughly
     zeros: tuple[Node, ...] = ()  # inputs for which this graph was simplified: they have to be 0
 
     @property
@@ -76,9 +76,9 @@ class Kernel(Protocol):
         ...
 
     def total(
-        self, n: int, theta: Array, start: Array, inputs: Array, gradient: bool
+        self, n: int, theta: Array, start: Array, inputs: Array, with_gradient: bool
     ) -> tuple[float, Array | None]:
-        """Return the sum of the only output over the ticks, and its gradient (p,), or None if not `gradient`."""
+        """Return the sum of the only output over the ticks, and its gradient (p,), or None if not `with_gradient`."""
         ...
 
     def normal_equations(
@@ -94,7 +94,7 @@ class Kernel(Protocol):
         theta: Array,
         start: Array,
         shared: Array,
-        own: Array,
+        own_inputs: Array,
         is_shared: Sequence[bool],
         outputs: Array | None,
         final: Array,

@@ -58,20 +58,20 @@ def _mul(g: "Graph", a: "Node", b: "Node") -> "Node | None":
     for x, y in ((a, b), (b, a)):
         if x.op == "neg":
             return g.make("neg", g.make("mul", x.args[0], y))
-        size = _with_size(g, x, y)
+        size = _with_magnitude(g, x, y)
         if size is not None:
             return size
     return None
 
 
-def _with_size(g: "Graph", x: "Node", y: "Node") -> "Node | None":
+def _with_magnitude(g: "Graph", x: "Node", y: "Node") -> "Node | None":
     """Return |x| for x · y if sign(x) is among the factors of y, as in the derivative of d |x| x; else None."""
     if y.op == "sign" and y.args[0] is x:
         return g.make("abs", x)
     for a, b in (y.args, y.args[::-1]) if y.op == "mul" else ():
-        size = _with_size(g, x, a)
-        if size is not None:
-            return g.make("mul", b, size)
+        magnitude = _with_magnitude(g, x, a)
+        if magnitude is not None:
+            return g.make("mul", b, magnitude)
     return None
 
 
@@ -101,7 +101,7 @@ def _even_function(op: str) -> Callable[..., Value]:
     return lambda g, a: g.make(op, a.args[0]) if a.op == "neg" else None
 
 
-def _same(g: "Graph", a: "Node", b: "Node") -> "Node | None":
+def _simplify_same(g: "Graph", a: "Node", b: "Node") -> "Node | None":
     return a if a is b else None
 
 
@@ -126,16 +126,16 @@ def _where(g: "Graph", c: "Node", a: "Node", b: "Node") -> "Node | None":
 def _and(g: "Graph", a: "Node", b: "Node") -> "Node | None":
     if a.op == "const":
         return _truth(g, b) if a.value else g.const(0.0)
-    return _truth(g, a) if a is b else _of_truths(g, "and", a, b)
+    return _truth(g, a) if a is b else _simplify_truths(g, "and", a, b)
 
 
 def _or(g: "Graph", a: "Node", b: "Node") -> "Node | None":
     if a.op == "const":
         return g.const(1.0) if a.value else _truth(g, b)
-    return _truth(g, a) if a is b else _of_truths(g, "or", a, b)
+    return _truth(g, a) if a is b else _simplify_truths(g, "or", a, b)
 
 
-def _of_truths(g: "Graph", op: str, a: "Node", b: "Node") -> "Node | None":
+def _simplify_truths(g: "Graph", op: str, a: "Node", b: "Node") -> "Node | None":
     if a.op in LOGICAL and b.op in LOGICAL:
         return None
     return g.make(op, _truth(g, a), _truth(g, b))
@@ -170,11 +170,11 @@ def _floor(g: "Graph", a: "Node") -> "Node | None":
 
 
 def _min(g: "Graph", a: "Node", b: "Node") -> "Node | None":
-    return b if _is(a, math.inf) else _same(g, a, b)
+    return b if _is(a, math.inf) else _simplify_same(g, a, b)
 
 
 def _max(g: "Graph", a: "Node", b: "Node") -> "Node | None":
-    return b if _is(a, -math.inf) else _same(g, a, b)
+    return b if _is(a, -math.inf) else _simplify_same(g, a, b)
 
 
 RULES: dict[str, Callable[..., "Node | None"]] = {

@@ -43,7 +43,7 @@ def trace_function(f: Callable[..., Tree], shapes: Iterable[Shape]) -> Trace:
         arguments = [_symbols(graph, shape, kinds) for shape in shapes]
         result = f(*(tree for tree, _ in arguments))
     inputs = [node for _, nodes in arguments for node in nodes]
-    shape, outputs = _flat(graph, result, "output", kinds)
+    shape, outputs = _flat_nodes(graph, result, "output", kinds)
     return Trace(graph, [], inputs, None, [], [], outputs, shape, None)
 
 
@@ -79,19 +79,19 @@ def _traced_step(
         theta = [graph.symbol(f"theta[{k}]") for k in range(parameters or 0)]
         theta_of = () if parameters is None else (_freeze(np.array(theta, dtype=object).view(TracedArray)),)
         if carry is not None:
-            initial = _matching(graph, carry(*theta_of), carry_shape, "carry(theta)")
+            initial = _matching_nodes(graph, carry(*theta_of), carry_shape, "carry(theta)")
         state, symbols = _symbols(graph, carry_shape, kinds, symmetric)
         x, entering = _symbols(graph, inputs, kinds)
         result = step(*theta_of, state, x)
         if type(result) is not tuple or len(result) != 2:
             raise TraceError(fault("trace.pair", function=_name(step), kind=type(result).__name__))
-    next_carry = _matching(graph, result[0], carry_shape, "the step")
+    next_carry = _matching_nodes(graph, result[0], carry_shape, "the step")
     carry_kinds = _stable_kinds(carry_shape, symbols, next_carry, kinds)
-    shape, outputs = _flat(graph, result[1], "output", kinds)
+    shape, outputs = _flat_nodes(graph, result[1], "output", kinds)
     return Trace(graph, theta, entering, initial, symbols, next_carry, outputs, shape, carry_kinds)
 
 
-def _stable_kinds(shape: Shape, symbols: list[Node], after: list[Node], kinds: dict[Node, str]) -> Shape:
+def _stable_kinds(shape: Shape, symbols: list[Node], next_carry: list[Node], kinds: dict[Node, str]) -> Shape:
     """Return the shape of a carry with stable kinds, and update `kinds`.
 
     An integer or truth value that becomes a float in a step is a float from the start.
@@ -99,15 +99,15 @@ def _stable_kinds(shape: Shape, symbols: list[Node], after: list[Node], kinds: d
     changed_symbols = symbols
     while changed_symbols:
         kind_of = kind_finder(kinds)
-        pairs = [(x, y) for x, y in zip(symbols, after, strict=True) if kinds.get(x, "f") != "f"]
+        pairs = [(x, y) for x, y in zip(symbols, next_carry, strict=True) if kinds.get(x, "f") != "f"]
         changed_symbols = [x for x, y in pairs if kinds[x] != (_const_kind(y, kinds[x]) or kind_of(y))]
         for x in changed_symbols:
             del kinds[x]
-    own_kinds, at = [], 0
+    own_kinds, offset = [], 0
     for leaf in leaves(shape):
-        own = {kinds.get(x, "f") for x in symbols[at : at + leaf.size]}
-        own_kinds.append(own.pop() if len(own) == 1 else "f")
-        at += leaf.size
+        kinds_of_leaf = {kinds.get(x, "f") for x in symbols[offset : offset + leaf.size]}
+        own_kinds.append(kinds_of_leaf.pop() if len(kinds_of_leaf) == 1 else "f")
+        offset += leaf.size
     return with_kinds(shape, iter(own_kinds))
 
 
@@ -124,13 +124,13 @@ def _symbols(
     nodes: list[Node] = []
     arguments: list[Tree] = []
     for leaf in leaves(shape):
-        own = [graph.symbol(name) for name in leaf.names]
+        leaf_symbols = [graph.symbol(name) for name in leaf.names]
         if leaf.path in symmetric:
-            square = np.array(own, dtype=object).reshape(leaf.shape)
-            own = np.where(np.tri(len(square), dtype=bool).T, square, square.T).ravel().tolist()
-        kinds |= dict.fromkeys(own, leaf.kind)
-        nodes += own
-        arguments.append(_argument(leaf, own))
+            square = np.array(leaf_symbols, dtype=object).reshape(leaf.shape)
+            leaf_symbols = np.where(np.tri(len(square), dtype=bool).T, square, square.T).ravel().tolist()
+        kinds |= dict.fromkeys(leaf_symbols, leaf.kind)
+        nodes += leaf_symbols
+        arguments.append(_argument(leaf, leaf_symbols))
     return build(shape, iter(arguments)), nodes
 
 
@@ -147,20 +147,20 @@ def _freeze(array: TracedArray) -> TracedArray:
     return array
 
 
-def _flat(graph: Graph, tree: Tree, path: str, kinds: dict[Node, str]) -> tuple[Shape, list[Node]]:
+def _flat_nodes(graph: Graph, tree: Tree, path: str, kinds: dict[Node, str]) -> tuple[Shape, list[Node]]:
     shape = shape_of(tree, path, kind_finder(kinds))
     return shape, [graph.node(x) for v in values(shape, tree) for x in as_array(v).ravel().tolist()]
 
 
-def _matching(graph: Graph, tree: Tree, shape: Shape, owner: str) -> list[Node]:
+def _matching_nodes(graph: Graph, tree: Tree, shape: Shape, owner: str) -> list[Node]:
     """Return the numbers of a tree as nodes. TraceError if it does not have this shape."""
     try:
-        flat = values(shape, tree)
+        entries = values(shape, tree)
     except Invalid as error:
         reason = fault("trace.another-carry", whose=owner, cause=error.diagnostic)
         raise TraceError(reason) from None
     nodes = []
-    for leaf, value in zip(leaves(shape), flat, strict=True):
+    for leaf, value in zip(leaves(shape), entries, strict=True):
         if not isinstance(value, np.ndarray) and shape_of(value, leaf.path).__class__ is not Leaf:
             raise TraceError(
                 fault("trace.value", whose=owner, found=repr(value), path=leaf.path, shape=str(leaf.shape))
@@ -181,17 +181,17 @@ def _matching(graph: Graph, tree: Tree, shape: Shape, owner: str) -> list[Node]:
 
 
 def _stays_symmetric(trace: Trace, carry_shape: Shape, path: str) -> bool:
-    at = 0
+    offset = 0
     for leaf in leaves(carry_shape):
         if leaf.path == path:
             lists = (trace.next_carry, trace.initial or trace.next_carry)
-            cut = (as_array(nodes[at : at + leaf.size]).reshape(leaf.shape) for nodes in lists)
-            return all(map(is_symmetric, cut))
-        at += leaf.size
+            matrices = (as_array(nodes[offset : offset + leaf.size]).reshape(leaf.shape) for nodes in lists)
+            return all(map(is_symmetric, matrices))
+        offset += leaf.size
     return False
 
 
 def _name(f: Callable[..., Tree]) -> str:
     code = getattr(f, "__code__", None) or getattr(getattr(f, "__func__", None), "__code__", None)
-    place = f" ({code.co_filename}:{code.co_firstlineno})" if code else ""
-    return f"{getattr(f, '__qualname__', type(f).__name__)}{place}"
+    place_text = f" ({code.co_filename}:{code.co_firstlineno})" if code else ""
+    return f"{getattr(f, '__qualname__', type(f).__name__)}{place_text}"

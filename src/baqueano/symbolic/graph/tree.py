@@ -14,7 +14,7 @@ import numpy as np
 from baqueano.contracts.values import Tree
 from baqueano.diagnostics import fault
 from baqueano.errors import Invalid, Misuse
-from baqueano.symbolic.arrays.scalar import NUMBERS, Scalar
+from baqueano.symbolic.arrays.scalar import NUMBER_TYPES, Scalar
 from baqueano.symbolic.graph.node import Node
 from baqueano.symbolic.ieee import LOGICAL
 
@@ -56,7 +56,7 @@ class ConstantLeaf(NamedTuple):
     value: Tree
 
 
-_WHOLE = ("add", "sub", "mul", "neg", "abs", "min", "max", "where")  # integers of integers
+_INTEGER_OPERATORS = ("add", "sub", "mul", "neg", "abs", "min", "max", "where")  # integers of integers
 Shape: TypeAlias = Leaf | Branch | ConstantLeaf
 
 
@@ -66,7 +66,7 @@ def shape_of(tree: Tree, path: str, kind_of: Callable[[Tree], str] = lambda _: "
         return _array_leaf(tree, path, kind_of)
     if isinstance(tree, Scalar):
         return Leaf(path, (), kind_of(tree), False)
-    if isinstance(tree, NUMBERS):
+    if isinstance(tree, NUMBER_TYPES):
         return Leaf(path, (), np.asarray(tree).dtype.kind.replace("u", "i"), False)
     items = _items(tree)
     if items is None:
@@ -104,14 +104,18 @@ def values(shape: Shape, tree: Tree) -> list[Tree]:
     if isinstance(shape, Leaf):
         return [tree]
     if isinstance(shape, ConstantLeaf):
-        if tree is not shape.value and not _equal(tree, shape.value):
+        if tree is not shape.value and not _are_equal(tree, shape.value):
             raise Invalid(
-                fault("tree.value", path=shape.path, found=_short(tree), expected=_short(shape.value))
+                fault(
+                    "tree.value", path=shape.path, found=_short_text(tree), expected=_short_text(shape.value)
+                )
             )
         return []
     items = _items(tree)
     if items is None or type(tree) is not shape.kind or tuple(key for key, _ in items) != shape.keys:
-        raise Invalid(fault("tree.branch", path=shape.path, found=_short(tree), expected=_description(shape)))
+        raise Invalid(
+            fault("tree.branch", path=shape.path, found=_short_text(tree), expected=_description(shape))
+        )
     return [v for child, (_, x) in zip(shape.children, items, strict=True) for v in values(child, x)]
 
 
@@ -124,31 +128,31 @@ def build(shape: Shape, leaves: Iterator[Tree]) -> Tree:
     return make(shape.kind, shape.keys, [build(child, leaves) for child in shape.children])
 
 
-def make(kind: type, keys: Sequence[Tree], children: Sequence[Tree]) -> Tree:
+def make(container: type, keys: Sequence[Tree], children: Sequence[Tree]) -> Tree:
     """Return an object of this kind without a call of __post_init__, whose checks would be `if`s on scalars."""
-    if kind is dict:
+    if container is dict:
         return dict(zip(keys, children, strict=True))
-    if kind in (tuple, list):
-        return kind(children)
-    if issubclass(kind, tuple):
-        return tuple.__new__(kind, children)
-    block = object.__new__(kind)
+    if container in (tuple, list):
+        return container(children)
+    if issubclass(container, tuple):
+        return tuple.__new__(container, children)
+    block = object.__new__(container)
     for key, child in zip(keys, children, strict=True):
         object.__setattr__(block, key, child)
     return block
 
 
-def as_floats(leaf: Leaf, value: Tree, lead: tuple[int, ...] = ()) -> np.ndarray:
-    """Return the value of a leaf as floats, with the axes `lead` in front; ValueError for another shape."""
+def as_floats(leaf: Leaf, value: Tree, leading_shape: tuple[int, ...] = ()) -> np.ndarray:
+    """Return the value of a leaf as floats, with the axes `leading_shape` in front; ValueError for another shape."""
     array = np.asarray(value)
-    if array.shape != lead + leaf.shape or array.dtype.kind not in "fiub":
+    if array.shape != leading_shape + leaf.shape or array.dtype.kind not in "fiub":
         raise Invalid(
             fault(
                 "tree.numbers",
                 path=leaf.path,
                 found=str(array.shape),
                 dtype=array.dtype,
-                expected=str(lead + leaf.shape),
+                expected=str(leading_shape + leaf.shape),
             )
         )
     return array.astype(float, copy=False)
@@ -173,18 +177,20 @@ def kind_finder(symbols: dict[Node, str]) -> Callable[[Tree], str]:
             return "f"
         stack = [node]
         while stack:
-            part = stack[-1]
-            unknown_parts = [a for a in part.args if a not in kinds] if part.op in _WHOLE else []
+            pending = stack[-1]
+            unknown_parts = (
+                [a for a in pending.args if a not in kinds] if pending.op in _INTEGER_OPERATORS else []
+            )
             stack += unknown_parts
             if not unknown_parts:
-                kinds.setdefault(stack.pop(), _kind(part, kinds))
+                kinds.setdefault(stack.pop(), _kind_of_node(pending, kinds))
         return kinds[node]
 
     return kind_of
 
 
-def _kind(node: Node, kinds_of: dict[Node, str]) -> str:
-    if node.op not in _WHOLE:
+def _kind_of_node(node: Node, kinds_of: dict[Node, str]) -> str:
+    if node.op not in _INTEGER_OPERATORS:
         return "b" if node.op in LOGICAL else "f"
     args = node.args[1:] if node.op == "where" else node.args
     kinds = {kinds_of[a] for a in args if a.op != "const"}
@@ -221,7 +227,7 @@ def _has_names(tree: Tree) -> bool:
     return dataclasses.is_dataclass(tree) or hasattr(tree, "_fields")
 
 
-def _equal(a: Tree, b: Tree) -> bool:
+def _are_equal(a: Tree, b: Tree) -> bool:
     return type(a) is type(b) and bool(np.all(a == b))
 
 
@@ -231,7 +237,7 @@ def _description(shape: Branch) -> str:
     return f"{shape.kind.__name__}({', '.join(map(str, shape.keys))})"
 
 
-def _short(value: Tree) -> str:
+def _short_text(value: Tree) -> str:
     text = repr(value)
     return text if len(text) < 60 else f"{text[:57]}…"
 
@@ -248,7 +254,7 @@ def tree_of(shape: Shape, rows: np.ndarray) -> Tree:
 
 
 def _columns(shape: Shape, rows: np.ndarray) -> Iterator[Tree]:
-    at = 0
+    offset = 0
     for leaf in leaves(shape):
-        yield restore(leaf, rows[..., at : at + leaf.size].reshape(rows.shape[:-1] + leaf.shape))
-        at += leaf.size
+        yield restore(leaf, rows[..., offset : offset + leaf.size].reshape(rows.shape[:-1] + leaf.shape))
+        offset += leaf.size

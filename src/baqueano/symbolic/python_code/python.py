@@ -17,16 +17,23 @@ from baqueano.contracts.values import Value
 from baqueano.symbolic import ieee
 from baqueano.symbolic.derivatives.derive import jacobian_rows
 from baqueano.symbolic.derivatives.residuals import normal_equations
-from baqueano.symbolic.graph.node import Node, below
+from baqueano.symbolic.graph.node import Node, nodes_below
 from baqueano.symbolic.graph.program import Array, Program
-from baqueano.symbolic.python_code.python_text import ARRAYS, CAREFUL, FLOATS, Formats, kernel_text, tick_text
+from baqueano.symbolic.python_code.python_text import (
+    ARRAY_FORMATS,
+    CAREFUL_FORMATS,
+    FLOAT_FORMATS,
+    Formats,
+    kernel_text,
+    tick_text,
+)
 
-_FAST = ieee.OPERATORS | {
+_FAST_OPERATORS = ieee.OPERATORS | {
     "sin": math.sin, "cos": math.cos, "tan": math.tan, "asin": math.asin, "acos": math.acos,
     "sinh": math.sinh, "cosh": math.cosh, "exp": math.exp, "log": math.log, "sqrt": math.sqrt,
     "pow": math.pow, "floor": math.floor,
 }  # fmt: skip
-_LANES = {
+_LANE_OPERATORS = {
     "sin": np.sin, "cos": np.cos, "tan": np.tan, "asin": np.arcsin, "acos": np.arccos, "atan": np.arctan,
     "atan2": np.arctan2, "sinh": np.sinh, "cosh": np.cosh, "tanh": np.tanh, "exp": np.exp, "log": np.log,
     "sqrt": np.sqrt, "hypot": np.hypot, "abs": np.abs, "sign": np.sign, "min": np.minimum, "max": np.maximum,
@@ -39,7 +46,7 @@ _LANES = {
 class TangentCode(NamedTuple):
     """The entries of a Jacobian that are not 0: their places in the matrix, and their nodes."""
 
-    places: list[int]
+    indices: list[int]
     nodes: list[Node]
 
 
@@ -60,7 +67,7 @@ class PythonKernel:
     @property
     def source(self) -> str:
         """Return the code of `run`."""
-        return kernel_text(self.program, FLOATS, [self.program.outputs])
+        return kernel_text(self.program, FLOAT_FORMATS, [self.program.outputs])
 
     def run(self, n: int, theta: Array, start: Array, inputs: Array, outputs: Array, final: Array) -> None:
         """Run n ticks: fill outputs, and final, the carry after the last tick."""
@@ -82,23 +89,23 @@ class PythonKernel:
         """Fill outputs and their derivatives by theta."""
         program = self.program
         c, m, p = len(program.carry), len(program.outputs), len(program.theta)
-        at_start, each = self._slopes()
-        begin, rows, _ = self._call(at_start.nodes, [program.outputs, each.nodes], theta, start, inputs)
+        at_start, tick_code = self._tangent_codes()
+        begin, rows, _ = self._call(at_start.nodes, [program.outputs, tick_code.nodes], theta, start, inputs)
         tangents, tick = np.zeros((c, p)), np.zeros((m + c, c + p))
-        tangents.put(at_start.places, begin)
+        tangents.put(at_start.indices, begin)
         for k, (y, slopes) in enumerate(rows):
-            tick.put(each.places, slopes)
+            tick.put(tick_code.indices, slopes)
             row = tick[:, :c] @ tangents + tick[:, c:]
             outputs[k], d_outputs[k], tangents = y, row[:m], row[m:]
 
     def total(
-        self, n: int, theta: Array, start: Array, inputs: Array, gradient: bool
+        self, n: int, theta: Array, start: Array, inputs: Array, with_gradient: bool
     ) -> tuple[float, Array | None]:
-        """Return the sum of the only output over the ticks, and its gradient (p,), or None if not `gradient`."""
-        outputs, slopes = np.empty((n, 1)), np.empty((n, 1, len(theta)))
-        if gradient:
-            self.sensitivities(n, theta, start, inputs, outputs, slopes)
-            return float(outputs.sum()), slopes.sum((0, 1))
+        """Return the sum of the only output over the ticks, and its gradient (p,), or None if not `with_gradient`."""
+        outputs, jacobians = np.empty((n, 1)), np.empty((n, 1, len(theta)))
+        if with_gradient:
+            self.sensitivities(n, theta, start, inputs, outputs, jacobians)
+            return float(outputs.sum()), jacobians.sum((0, 1))
         self.run(n, theta, start, inputs, outputs, np.empty(len(self.program.carry)))
         return float(outputs.sum()), None
 
@@ -107,9 +114,9 @@ class PythonKernel:
     ) -> tuple[float, Array, Array]:
         """Return cost, gradient (p,) and hessian (p, p) of the outputs as residuals."""
         outputs = np.empty((n, len(self.program.outputs)))
-        slopes = np.empty((*outputs.shape, len(theta)))
-        self.sensitivities(n, theta, start, inputs, outputs, slopes)
-        return normal_equations(outputs, slopes, huber)
+        jacobians = np.empty((*outputs.shape, len(theta)))
+        self.sensitivities(n, theta, start, inputs, outputs, jacobians)
+        return normal_equations(outputs, jacobians, huber)
 
     def batch(
         self,
@@ -118,16 +125,16 @@ class PythonKernel:
         theta: Array,
         start: Array,
         shared: Array,
-        own: Array,
+        own_inputs: Array,
         is_shared: Sequence[bool],
         outputs: Array | None,
         final: Array,
     ) -> None:
         """Run all lanes in parallel, tick by tick; arguments as in program.Kernel."""
         order = np.argsort(np.argsort([not x for x in is_shared], kind="stable"), kind="stable")
-        ticks = ([[*shared[k], *own[:, k].T][i] for i in order] for k in range(n))
+        ticks = ([[*shared[k], *own_inputs[:, k].T][i] for i in order] for k in range(n))
         groups = [] if outputs is None else [self.program.outputs]
-        kernel = self._function(ARRAYS, _LANES, (), groups)
+        kernel = self._function(ARRAY_FORMATS, _LANE_OPERATORS, (), groups)
         with np.errstate(all="ignore"):
             _, rows, last = kernel(theta.T, start.T, ticks)
         for column, value in enumerate(last):
@@ -139,39 +146,39 @@ class PythonKernel:
 
     def _tick(self, inputs: Array, outputs: Array) -> Callable[[], object]:
         """Return a function that runs a tick: it converts only the inputs in use, and writes each output once."""
-        program, place = self.program, {node: k for k, node in enumerate(self.program.inputs)}
+        program, index_of = self.program, {node: k for k, node in enumerate(self.program.inputs)}
         nodes = list(dict.fromkeys(program.outputs))
-        used_inputs = sorted(place[node] for node in below(nodes) if node in place)
-        zeros, which = (
-            np.array(x, dtype=np.intp) for x in ([place[node] for node in program.zeros], used_inputs)
+        used_inputs = sorted(index_of[node] for node in nodes_below(nodes) if node in index_of)
+        zeros, nonzero = (
+            np.array(x, dtype=np.intp) for x in ([index_of[node] for node in program.zeros], used_inputs)
         )
-        nothing, outputs_ = bytes(8 * len(zeros)), np.empty(len(nodes))
-        number = {node: k for k, node in enumerate(nodes)}
-        spread = np.array([number[node] for node in program.outputs], dtype=np.intp)
+        zero_bytes, outputs_ = bytes(8 * len(zeros)), np.empty(len(nodes))
+        index_of_node = {node: k for k, node in enumerate(nodes)}
+        output_indices = np.array([index_of_node[node] for node in program.outputs], dtype=np.intp)
         write, to = struct.Struct(f"={len(nodes)}d").pack_into, outputs_.data.cast("B")
 
         def make_tick(formats: Formats, operators: dict[str, Callable[..., Value]]) -> Callable[..., Value]:
             text = tick_text(formats, [program.inputs[k] for k in used_inputs], nodes)
             return self._execute(text, operators)["tick"]
 
-        ticks = [make_tick(FLOATS, _FAST)]
+        ticks = [make_tick(FLOAT_FORMATS, _FAST_OPERATORS)]
 
         def call() -> bool:
-            if nothing and inputs.take(zeros).tobytes() != nothing:
+            if zero_bytes and inputs.take(zeros).tobytes() != zero_bytes:
                 return True
-            row = inputs.take(which).tolist()
+            row = inputs.take(nonzero).tolist()
             try:
                 values = ticks[-1](row)
             except (ArithmeticError, ValueError):
-                ticks.append(make_tick(CAREFUL, ieee.OPERATORS))
+                ticks.append(make_tick(CAREFUL_FORMATS, ieee.OPERATORS))
                 values = ticks[-1](row)
             write(to, 0, *values)
-            outputs_.take(spread, out=outputs)
+            outputs_.take(output_indices, out=outputs)
             return False
 
         return call
 
-    def _slopes(self) -> tuple[TangentCode, TangentCode]:
+    def _tangent_codes(self) -> tuple[TangentCode, TangentCode]:
         """Return the nonzero entries of ∂carry₀/∂θ, and of ∂(outputs, next carry)/∂(carry, θ)."""
         if self.slopes is None:
             p, m = self.program, len(self.program.outputs)
@@ -193,10 +200,10 @@ class PythonKernel:
         lists = theta.tolist(), start.tolist(), inputs.tolist()
         if not self.careful:
             try:
-                return self._function(FLOATS, _FAST, first, groups)(*lists)
+                return self._function(FLOAT_FORMATS, _FAST_OPERATORS, first, groups)(*lists)
             except (ArithmeticError, ValueError):
                 self.careful = True
-        return self._function(CAREFUL, ieee.OPERATORS, first, groups)(*lists)
+        return self._function(CAREFUL_FORMATS, ieee.OPERATORS, first, groups)(*lists)
 
     def _function(
         self,
@@ -219,18 +226,20 @@ class PythonKernel:
         return space
 
 
-def _dependent(program: Program, begin: list[dict[Node, Node]], after: list[dict[Node, Node]]) -> set[Node]:
+def _dependent(
+    program: Program, begin: list[dict[Node, Node]], next_values: list[dict[Node, Node]]
+) -> set[Node]:
     """Return θ and the entries of the carry that depend on it; derivatives by other entries are not needed."""
     dependent, size = set(program.theta), -1
     while size != len(dependent):
         size = len(dependent)
         dependent |= {
-            x for x, a, b in zip(program.carry, begin, after, strict=True) if a or dependent & b.keys()
+            x for x, a, b in zip(program.carry, begin, next_values, strict=True) if a or dependent & b.keys()
         }
     return dependent
 
 
 def _pattern(rows: list[dict[Node, Node]], sources: Sequence[Node]) -> TangentCode:
     column = {source: k for k, source in enumerate(sources)}
-    places = [i * len(sources) + column[source] for i, row in enumerate(rows) for source in row]
-    return TangentCode(places, [d for row in rows for d in row.values()])
+    indices = [i * len(sources) + column[source] for i, row in enumerate(rows) for source in row]
+    return TangentCode(indices, [d for row in rows for d in row.values()])

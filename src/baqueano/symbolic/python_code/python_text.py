@@ -6,13 +6,13 @@ Without a carry, a tick is tick(inputs) → values.
 from collections.abc import Iterable, Sequence
 from typing import NamedTuple
 
-from baqueano.symbolic.graph.emit import LEAVES, EmittedBranch, Statement, schedule
-from baqueano.symbolic.graph.node import Node, below
+from baqueano.symbolic.graph.emit import LEAF_OPERATORS, EmittedBranch, Statement, scheduled_statements
+from baqueano.symbolic.graph.node import Node, nodes_below
 from baqueano.symbolic.graph.program import Program
 from baqueano.symbolic.ieee import LOGICAL
 
-DEEPEST = 20  # nested parentheses; Python's parser fails at 200
-BRANCH_PAYS = 4.0  # operations: a branch costs Python little more than one of them
+MAX_PARENTHESES = 20  # nested parentheses; Python's parser fails at 200
+MIN_BRANCH_OPERATIONS = 4.0  # operations: a branch costs Python little more than one of them
 
 
 class Formats(NamedTuple):
@@ -23,53 +23,53 @@ class Formats(NamedTuple):
     truths_are_numbers: bool = True  # True + True is 2, but not in NumPy
 
 
-_COMMON = {
+_COMMON_TEXTS = {
     "add": "({} + {})", "sub": "({} - {})", "mul": "({} * {})", "neg": "(-{})",
     "lt": "({} < {})", "le": "({} <= {})", "eq": "({} == {})", "ne": "({} != {})",
 }  # fmt: skip
-_CONDITIONS = {
+_CONDITION_TEXTS = {
     "and": "({} and {})", "or": "({} or {})", "not": "(not {})", "where": "({1} if {0} else {2})",
     "min": "({0} if {0} < {1} or {0} != {0} else {1})", "max": "({0} if {0} > {1} or {0} != {0} else {1})",
     "isnan": "({0} != {0})",
 }  # fmt: skip
-_BOUNDS = {
+_BOUND_TEXTS = {
     "min": "({0} if {0} < {1} else {1})",
     "max": "({0} if {0} > {1} else {1})",
 }  # {0} is known, and no NaN
-_OF_TRUTHS = ("and", "or", "not")
-_REPEATED = ("min", "max", "isnan")  # whose arguments are written more than once
-CAREFUL = Formats("careful", _COMMON | _CONDITIONS)
-FLOATS = Formats("floats", CAREFUL.texts | {"div": "({} / {})"})
-ARRAYS = Formats("arrays", _COMMON, truths_are_numbers=False)
+_TRUTH_OPERATORS = ("and", "or", "not")
+_REPEATED_OPERATORS = ("min", "max", "isnan")  # whose arguments are written more than once
+CAREFUL_FORMATS = Formats("careful", _COMMON_TEXTS | _CONDITION_TEXTS)
+FLOAT_FORMATS = Formats("floats", CAREFUL_FORMATS.texts | {"div": "({} / {})"})
+ARRAY_FORMATS = Formats("arrays", _COMMON_TEXTS, truths_are_numbers=False)
 
 
 def kernel_text(
     program: Program, formats: Formats, groups: Sequence[Sequence[Node]], first: Sequence[Node] = ()
 ) -> str:
     """Return the code of the kernel: it computes `first` before the loop, and per tick a tuple for each of `groups`."""
-    each = [*program.next_carry, *(node for group in groups for node in group)]
-    once = [*program.initial, *first]
-    text = _PythonText(formats, [*each, *once])
+    tick_nodes = [*program.next_carry, *(node for group in groups for node in group)]
+    first_nodes = [*program.initial, *first]
+    text = _PythonText(formats, [*tick_nodes, *first_nodes])
     head = [
         "def kernel(theta, start, rows):",
         f"    {text.leaves('p', program.theta)} = theta",
         f"    {text.leaves('s', program.start)} = start",
     ]
     carry, inputs = text.leaves("x", program.carry), text.leaves("i", program.inputs)
-    moving = _moving(program, each)
-    fixed_nodes = [node for node in below([*each, *once]) if node not in moving]
-    head += text.statements(fixed_nodes, "    ", name_all=True)
-    loop = text.statements([node for node in below(each) if node in moving], "        ")
-    row = "".join(f"{text.all(group)}, " for group in groups)
+    moving_nodes = _moving_nodes(program, tick_nodes)
+    fixed_nodes = [node for node in nodes_below([*tick_nodes, *first_nodes]) if node not in moving_nodes]
+    head += text.statements(fixed_nodes, "    ", with_all_names=True)
+    loop = text.statements([node for node in nodes_below(tick_nodes) if node in moving_nodes], "        ")
+    row = "".join(f"{text.tuple_text(group)}, " for group in groups)
     return "\n".join([
         *head,
-        f"    first = {text.all(first)}",
-        f"    {carry} = {text.all(program.initial)}",
+        f"    first = {text.tuple_text(first)}",
+        f"    {carry} = {text.tuple_text(program.initial)}",
         "    out = []",
         f"    for {inputs} in rows:",
         *loop,
         *([f"        out.append(({row}))"] if groups else []),
-        f"        {carry} = {text.all(program.next_carry)}",
+        f"        {carry} = {text.tuple_text(program.next_carry)}",
         f"    return first, out, {carry}",
     ])  # fmt: skip
 
@@ -78,16 +78,18 @@ def tick_text(formats: Formats, inputs: Sequence[Node], nodes: Sequence[Node]) -
     """Return the code of a tick without parameters and carry; terms of only one arm of a choice are in a branch."""
     text = _PythonText(formats, nodes)
     leaves = text.leaves("i", inputs)
-    text.statements([node for node in below(nodes) if node.op == "const"], "")
-    loop = schedule(nodes, lambda node: node.op in LEAVES, pays=BRANCH_PAYS)
+    text.statements([node for node in nodes_below(nodes) if node.op == "const"], "")
+    loop = scheduled_statements(nodes, lambda node: node.op in LEAF_OPERATORS, pays=MIN_BRANCH_OPERATIONS)
     lines = text.statements(loop, "    ")
-    return "\n".join(["def tick(row):", f"    {leaves} = row", *lines, f"    return {text.all(nodes)}"])
+    return "\n".join(
+        ["def tick(row):", f"    {leaves} = row", *lines, f"    return {text.tuple_text(nodes)}"]
+    )
 
 
-def _moving(program: Program, roots: Sequence[Node]) -> set[Node]:
+def _moving_nodes(program: Program, roots: Sequence[Node]) -> set[Node]:
     """Return the nodes that change from tick to tick."""
     terms = {*program.carry, *program.inputs}
-    for node in below(roots):
+    for node in nodes_below(roots):
         if any(a in terms for a in node.args):
             terms.add(node)
     return terms
@@ -95,7 +97,7 @@ def _moving(program: Program, roots: Sequence[Node]) -> set[Node]:
 
 def _truths(node: Node) -> int:
     """Return the number of arguments of a node that are conditions; they are the first arguments."""
-    return len(node.args) if node.op in _OF_TRUTHS else 1 if node.op == "where" else 0
+    return len(node.args) if node.op in _TRUTH_OPERATORS else 1 if node.op == "where" else 0
 
 
 class _PythonText:
@@ -105,14 +107,14 @@ class _PythonText:
         self.formats = formats
         self.names: dict[Node, str] = {}
         self.depth: dict[Node, int] = {}
-        self.uses = dict.fromkeys(below(roots), 0)
+        self.uses = dict.fromkeys(nodes_below(roots), 0)
         for node in roots:
             self.uses[node] += 1
         self.numbers: set[Node] = set()  # truth values that are used as numbers; float × bool is slow
         for node in self.uses:
             truths = _truths(node)
             for k, a in enumerate(node.args):
-                self.uses[a] += 2 if node.op in _REPEATED else 1
+                self.uses[a] += 2 if node.op in _REPEATED_OPERATORS else 1
                 if k >= truths and a.op in LOGICAL:
                     self.numbers.add(a)
 
@@ -122,7 +124,7 @@ class _PythonText:
         self.names |= zip(nodes, names, strict=True)
         return f"({', '.join(names)},)" if names else "()"
 
-    def statements(self, nodes: Iterable[Statement], indent: str, name_all: bool = False) -> list[str]:
+    def statements(self, nodes: Iterable[Statement], indent: str, with_all_names: bool = False) -> list[str]:
         """Return the statements of the nodes, in order; a node that is used once is written into its user."""
         lines = []
         for node in nodes:
@@ -135,7 +137,7 @@ class _PythonText:
             depth = 1 + max((self.depth.get(a, 0) for a in node.args), default=0)
             if node in self.numbers and self.formats.truths_are_numbers:
                 text, depth = f"(1.0 if {text} else 0.0)", depth + 1
-            if node.op != "const" and (name_all or self.uses[node] > 1 or depth > DEEPEST):
+            if node.op != "const" and (with_all_names or self.uses[node] > 1 or depth > MAX_PARENTHESES):
                 lines.append(f"{indent}t{node.index} = {text}")
                 text, depth = f"t{node.index}", 0
             self.names[node], self.depth[node] = text, depth
@@ -143,12 +145,12 @@ class _PythonText:
 
     def branch(self, branch: EmittedBranch, indent: str) -> list[str]:
         """Return the code of an if and an else that assign the values of the choices."""
-        lines, inside = [], indent + "    "
+        lines, inner_indent = [], indent + "    "
         for k, (head, arm) in enumerate(
-            ((f"if {self.names[branch.condition]}:", branch.then), ("else:", branch.otherwise))
+            ((f"if {self.names[branch.condition]}:", branch.if_true), ("else:", branch.if_false))
         ):
-            lines += [indent + head, *self.statements(arm, inside)]
-            lines += [f"{inside}t{c.index} = {self.number(c.args[k + 1])}" for c in branch.choices]
+            lines += [indent + head, *self.statements(arm, inner_indent)]
+            lines += [f"{inner_indent}t{c.index} = {self.number_text(c.args[k + 1])}" for c in branch.choices]
         for choice in branch.choices:
             self.names[choice], self.depth[choice] = f"t{choice.index}", 0
         return lines
@@ -158,20 +160,20 @@ class _PythonText:
         if node.op == "const":
             return repr(node.value)
         truths = _truths(node)
-        args = [self.names[a] if k < truths else self.number(a) for k, a in enumerate(node.args)]
+        args = [self.names[a] if k < truths else self.number_text(a) for k, a in enumerate(node.args)]
         is_number = node.args[0].op == "const" and node.args[0].value == node.args[0].value
-        if is_number and node.op in _BOUNDS and node.op in self.formats.texts:
-            return _BOUNDS[node.op].format(*args)
+        if is_number and node.op in _BOUND_TEXTS and node.op in self.formats.texts:
+            return _BOUND_TEXTS[node.op].format(*args)
         if node.op in self.formats.texts:
             return self.formats.texts[node.op].format(*args)
         table = [] if node.value is None else [f"table{node.value}"]
         return f"{node.op}_({', '.join(args + table)})"
 
-    def number(self, node: Node) -> str:
+    def number_text(self, node: Node) -> str:
         """Return the code of a node as a number; a truth value is converted to 0.0 or 1.0."""
         is_truth = node.op in LOGICAL and not self.formats.truths_are_numbers
         return f"(1.0 * {self.names[node]})" if is_truth else self.names[node]
 
-    def all(self, nodes: Sequence[Node]) -> str:
+    def tuple_text(self, nodes: Sequence[Node]) -> str:
         """Return the code of a tuple of values."""
-        return "(" + "".join(f"{self.number(node)}, " for node in nodes) + ")"
+        return "(" + "".join(f"{self.number_text(node)}, " for node in nodes) + ")"

@@ -14,10 +14,10 @@ def dump(document: Any) -> str:
 
 
 def _lines(table: Mapping[str, object], path: tuple[str, ...]) -> list[str]:
-    own = {k: v for k, v in table.items() if not isinstance(v, Mapping)}
+    own_values = {k: v for k, v in table.items() if not isinstance(v, Mapping)}
     inner = {k: v for k, v in table.items() if isinstance(v, Mapping)}
-    lines = ["", f"[{'.'.join(map(_key, path))}]"] if path and (own or not inner) else []
-    lines += [f"{_key(k)} = {_value(v)}" for k, v in own.items()]
+    lines = ["", f"[{'.'.join(map(_key, path))}]"] if path and (own_values or not inner) else []
+    lines += [f"{_key(k)} = {_value(v)}" for k, v in own_values.items()]
     for name, value in inner.items():
         lines += _lines(value, (*path, name))
     return lines
@@ -35,6 +35,6 @@ def _value(value: object) -> str:
         return json.dumps(value, ensure_ascii=False)
     if isinstance(value, list):
         rows = any(isinstance(v, list) for v in value)
-        inside = [_value(v) for v in value]
-        return "[\n" + "".join(f"  {v},\n" for v in inside) + "]" if rows else "[" + ", ".join(inside) + "]"
+        texts = [_value(v) for v in value]
+        return "[\n" + "".join(f"  {v},\n" for v in texts) + "]" if rows else "[" + ", ".join(texts) + "]"
     return value.isoformat() if isinstance(value, date) else repr(value)

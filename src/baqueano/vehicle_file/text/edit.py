@@ -15,12 +15,12 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from baqueano.blocks import read
+from baqueano.blocks import read_module
 from baqueano.diagnostics import fault
 from baqueano.errors import FileError, UsageError
 from baqueano.vehicle_file.file import VehicleFile, parse
 from baqueano.vehicle_file.history import ParameterCov, Provenance
-from baqueano.vehicle_file.paths import known_paths, no_such_key, split, value_in_force
+from baqueano.vehicle_file.paths import known_paths, no_such_key, split_key, value_in_force
 from baqueano.vehicle_file.text.dump import dump
 from baqueano.vehicle_file.text.toml_text import read_text
 
@@ -29,16 +29,16 @@ if TYPE_CHECKING:
     from baqueano.vehicle_file.envelope import Envelope
 
 RANGE_DIGITS = 4  # of an end of the envelope
-KINDS = tuple(f"{room}.kind" for room in ("estimator", "guide", "controller", "supervisor"))
+KIND_KEYS = tuple(f"{room}.kind" for room in ("estimator", "guide", "controller", "supervisor"))
 SD_DIGITS = 3  # of a standard deviation; a value is written to a thousandth of its own
 
 
-def override(file: VehicleFile, settings: Iterable[str]) -> VehicleFile:
+def override(vehicle_file: VehicleFile, settings: Iterable[str]) -> VehicleFile:
     """Return the file with values from the command line, which override the values of the file.
 
     Parameters
     ----------
-    file : VehicleFile
+    vehicle_file : VehicleFile
         The file.
     settings : iterable of str
         Settings such as "model.mass_kg=0.7".
@@ -70,59 +70,67 @@ def override(file: VehicleFile, settings: Iterable[str]) -> VehicleFile:
             value = value_text.strip()  # a word needs no quotes on the command line
         try:
             if isinstance(value, str) and ".py:" in value:
-                read(value.rpartition(":")[0], file.folder)  # the user names it here, not the file
-            text = _with(file, {key.strip(): value}, keep_comments=_has_tomlkit())
-            file = parse(text, file.label, file.path, (*file.layers, f"--set {setting}"), file.on_disk)
+                read_module(
+                    value.rpartition(":")[0], vehicle_file.folder
+                )  # the user names it here, not the file
+            text = _text_with(vehicle_file, {key.strip(): value}, keep_comments=_has_tomlkit())
+            vehicle_file = parse(
+                text,
+                vehicle_file.label,
+                vehicle_file.path,
+                (*vehicle_file.layers, f"--set {setting}"),
+                vehicle_file.on_disk,
+            )
         except FileError as error:
             raise UsageError(fault("vehicle.set", setting=setting, cause=error.diagnostic)) from error
-    return file
+    return vehicle_file
 
 
 def edit_text(
-    file: VehicleFile,
+    vehicle_file: VehicleFile,
     values: "JsonObject",
     provenance: Mapping[str, Any],
     parameter_cov: ParameterCov | None,
     envelope: "Envelope | None" = None,
 ) -> str:
-    """Return the text of `file` with other values, their provenance, and the covariance and envelope of a fit.
+    """Return the text of `vehicle_file` with other values, their provenance, and the covariance and envelope of a fit.
     Raise UsageError for an unknown key, or without tomlkit.
     """
     if not _has_tomlkit():
         raise UsageError(fault("vehicle.no-tomlkit", "pip install tomlkit"))
     origins = {key: p if isinstance(p, Provenance) else Provenance(**p) for key, p in provenance.items()}
     rounded_values = {k: _round(v, origins[k].sd if k in origins else None) for k, v in values.items()}
-    paths = known_paths(_with_kinds(file.data, values), file.folder)
+    paths = known_paths(_data_with_kinds(vehicle_file.data, values), vehicle_file.folder)
     for key in origins:
-        if ".".join(split(key)[0]) not in paths:
-            raise no_such_key(file.name, key, paths)
-    return _with(file, rounded_values, True, origins, parameter_cov, envelope)
+        if ".".join(split_key(key)[0]) not in paths:
+            raise no_such_key(vehicle_file.name, key, paths)
+    return _text_with(vehicle_file, rounded_values, True, origins, parameter_cov, envelope)
 
 
-def write_whole(file: VehicleFile, path: str | Path | None = None) -> Path:
+def write_whole(vehicle_file: VehicleFile, path: str | Path | None = None) -> Path:
     """Write the text to a new file, which then replaces the old file; return the path.
     After an interruption the old file is unchanged. Raise FileError if another program changed the old file or the disk
     refuses, UsageError for a file of the garage without `path`.
     """
-    target = Path(path).expanduser() if path is not None else file.path
+    target = Path(path).expanduser() if path is not None else vehicle_file.path
     if target is None:
-        raise UsageError(fault("vehicle.of-garage", name=file.name))
+        raise UsageError(fault("vehicle.of-garage", name=vehicle_file.name))
     target = target.resolve()  # a link stays a link
     if (
-        target == file.path
-        and file.on_disk is not None
+        target == vehicle_file.path
+        and vehicle_file.on_disk is not None
         and target.exists()
-        and read_text(target) != file.on_disk
+        and read_text(target) != vehicle_file.on_disk
     ):
         raise FileError(fault("vehicle.changed-since", file=target.name))
     try:
-        _replace(target, file.text.encode("utf-8"))
+        _replace_file(target, vehicle_file.text.encode("utf-8"))
     except OSError as error:
         raise FileError(fault("vehicle.not-written", path=target, error=error.strerror or error)) from error
     return target
 
 
-def _replace(target: Path, content: bytes) -> None:
+def _replace_file(target: Path, content: bytes) -> None:
     handle, temporary = tempfile.mkstemp(prefix=f".{target.name}.", dir=target.parent)
     try:
         with os.fdopen(handle, "wb") as stream:
@@ -144,8 +152,8 @@ def _has_tomlkit() -> bool:
     return True
 
 
-def _with(
-    file: VehicleFile,
+def _text_with(
+    vehicle_file: VehicleFile,
     values: Mapping[str, object],
     keep_comments: bool,
     origins: Mapping[str, Provenance] | None = None,
@@ -153,23 +161,25 @@ def _with(
     envelope: "Envelope | None" = None,
 ) -> str:
     """Return the text with the new values: edited by tomlkit with its comments, else written again without comments."""
-    paths = known_paths(_with_kinds(file.data, values), file.folder)
+    paths = known_paths(_data_with_kinds(vehicle_file.data, values), vehicle_file.folder)
     if keep_comments:
         import tomlkit
 
-        document: Any = tomlkit.parse(file.text)
+        document: Any = tomlkit.parse(vehicle_file.text)
     else:
-        document = tomllib.loads(file.text)
-    whole: dict[tuple[str, ...], Any] = {}
+        document = tomllib.loads(vehicle_file.text)
+    new_values: dict[tuple[str, ...], Any] = {}
     for dotted_key, value in values.items():
-        path, entry = split(dotted_key)
+        path, entry = split_key(dotted_key)
         if ".".join(path) not in paths:
-            raise no_such_key(file.name, dotted_key, paths)
-        whole[path] = _with_entry(file, path, whole.get(path), entry, value) if entry else value
-    for path, value in whole.items():
+            raise no_such_key(vehicle_file.name, dotted_key, paths)
+        new_values[path] = (
+            _array_with_entry(vehicle_file, path, new_values.get(path), entry, value) if entry else value
+        )
+    for path, value in new_values.items():
         _set_value(document, path, value)
-        _forget(document, ".".join(path))
-    _drop_unknown(document, [split(key)[0] for key in values], paths)
+        _delete_origin(document, ".".join(path))
+    _drop_unknown(document, [split_key(key)[0] for key in values], paths)
     for dotted_key, origin in (origins or {}).items():
         _set_value(document, ("provenance", dotted_key), _origin_table(origin))
     if parameter_cov is not None:
@@ -177,31 +187,35 @@ def _with(
     if envelope is not None:
         low, high = (_digits(side, RANGE_DIGITS) for side in (envelope.low, envelope.high))
         table = envelope._replace(names=list(envelope.names), low=low, high=high)._asdict()
-        _set_value(document, ("envelope",), _plain(table))
+        _set_value(document, ("envelope",), _plain_value(table))
     return dump(document)
 
 
-def _with_kinds(data: "JsonObject", values: Mapping[str, object]) -> "JsonObject":
+def _data_with_kinds(data: "JsonObject", values: Mapping[str, object]) -> "JsonObject":
     """Return the tables in which the rooms have the kinds that `values` contain."""
-    kinds = {key.removesuffix(".kind"): value for key, value in values.items() if key in KINDS}
-    return data | {room: {**data.get(room, {}), "kind": kind} for room, kind in kinds.items()}
+    kinds = {key.removesuffix(".kind"): value for key, value in values.items() if key in KIND_KEYS}
+    return data | {role: {**data.get(role, {}), "kind": kind} for role, kind in kinds.items()}
 
 
 def _drop_unknown(document: Any, changed_paths: Iterable[tuple[str, ...]], paths: list[str]) -> None:
     """Delete the keys that the block of a new kind does not have, and their provenance."""
-    for room, *rest in changed_paths:
-        if rest == ["kind"] and f"{room}.kind" in KINDS:
-            for key in [k for k in document[room] if f"{room}.{k}" not in paths]:
-                del document[room][key]
-                _forget(document, f"{room}.{key}")
+    for role, *names in changed_paths:
+        if names == ["kind"] and f"{role}.kind" in KIND_KEYS:
+            for key in [k for k in document[role] if f"{role}.{k}" not in paths]:
+                del document[role][key]
+                _delete_origin(document, f"{role}.{key}")
 
 
-def _with_entry(
-    file: VehicleFile, path: tuple[str, ...], array_value: object, entry: tuple[int, ...], value: object
+def _array_with_entry(
+    vehicle_file: VehicleFile,
+    path: tuple[str, ...],
+    array_value: object,
+    entry: tuple[int, ...],
+    value: object,
 ) -> np.ndarray:
     """Return the whole array of a key with one entry replaced. UsageError if the array lacks this entry."""
     array = np.array(
-        value_in_force(file, ".".join(path)) if array_value is None else array_value, dtype=float
+        value_in_force(vehicle_file, ".".join(path)) if array_value is None else array_value, dtype=float
     )
     if len(entry) != array.ndim or any(i >= n for i, n in zip(entry, array.shape, strict=True)):
         raise UsageError(
@@ -218,57 +232,58 @@ def _set_value(document: Any, path: tuple[str, ...], value: Any) -> None:
         if part not in table:
             table[part] = {}
         table = table[part]
-    value = _plain(value)
-    old = table.get(path[-1])
-    if isinstance(old, list) and isinstance(value, list) and _same_shape(old, value):
-        _put_entries(old, value)  # line breaks and comments of the rows stay
-    elif isinstance(old, dict) and isinstance(value, dict):
-        for name in [n for n in old if n not in value]:
-            del old[name]
+    value = _plain_value(value)
+    old_value = table.get(path[-1])
+    if isinstance(old_value, list) and isinstance(value, list) and _have_same_shape(old_value, value):
+        _put_entries(old_value, value)  # line breaks and comments of the rows stay
+    elif isinstance(old_value, dict) and isinstance(value, dict):
+        for name in [n for n in old_value if n not in value]:
+            del old_value[name]
         for name, inner in value.items():
-            old[name] = inner
-    elif _plain(old) != value or old is None:
+            old_value[name] = inner
+    elif _plain_value(old_value) != value or old_value is None:
         table[path[-1]] = value
 
 
-def _put_entries(old: list[Any], new: list[Any]) -> None:
-    for i, value in enumerate(new):
+def _put_entries(old_rows: list[Any], new_rows: list[Any]) -> None:
+    for i, value in enumerate(new_rows):
         if isinstance(value, list):
-            _put_entries(old[i], value)
-        elif old[i] != value:
-            old[i] = value
+            _put_entries(old_rows[i], value)
+        elif old_rows[i] != value:
+            old_rows[i] = value
 
 
-def _forget(document: Any, dotted_key: str) -> None:
+def _delete_origin(document: Any, dotted_key: str) -> None:
     """Delete the provenance of a value that is replaced."""
     origins = document.get("provenance", {})
-    for key in [k for k in origins if ".".join(split(k)[0]) == dotted_key]:
+    for key in [k for k in origins if ".".join(split_key(k)[0]) == dotted_key]:
         del origins[key]
     if "provenance" in document and not origins:
         del document["provenance"]
 
 
-def _same_shape(old: Any, new: Any) -> bool:
-    if isinstance(old, list) != isinstance(new, list):
+def _have_same_shape(old_value: Any, new_value: Any) -> bool:
+    if isinstance(old_value, list) != isinstance(new_value, list):
         return False
-    return not isinstance(new, list) or (
-        len(old) == len(new) and all(_same_shape(a, b) for a, b in zip(old, new, strict=True))
+    return not isinstance(new_value, list) or (
+        len(old_value) == len(new_value)
+        and all(_have_same_shape(a, b) for a, b in zip(old_value, new_value, strict=True))
     )
 
 
-def _plain(value: object) -> Any:
+def _plain_value(value: object) -> Any:
     """Return a value as numbers and lists of Python, as TOML requires."""
     if isinstance(value, np.ndarray | np.generic):
         return value.tolist()
     if isinstance(value, dict):
-        return {k: _plain(v) for k, v in value.items()}
-    return [_plain(v) for v in value] if isinstance(value, list | tuple) else value
+        return {k: _plain_value(v) for k, v in value.items()}
+    return [_plain_value(v) for v in value] if isinstance(value, list | tuple) else value
 
 
 def _origin_table(origin: Provenance) -> "JsonObject":
     table: JsonObject = {"run": origin.run, "date": origin.date or date.today()}
     if origin.sd is not None:
-        table["sd"] = _plain(_digits(np.asarray(origin.sd, dtype=float), SD_DIGITS))
+        table["sd"] = _plain_value(_digits(np.asarray(origin.sd, dtype=float), SD_DIGITS))
     return table | ({"verdict": origin.verdict} if origin.verdict else {})
 
 
@@ -292,11 +307,11 @@ def _round(value: Any, sd: Any) -> Any:
     if sd is None or isinstance(value, str | bool):
         return value
     array, sd = np.asarray(value, dtype=float), np.broadcast_to(np.asarray(sd, dtype=float), np.shape(value))
-    flat = [
+    rounded = [
         round(float(v), SD_DIGITS - floor(log10(s))) if isfinite(s) and s > 0.0 else float(v)
         for v, s in zip(array.ravel(), sd.ravel(), strict=True)
     ]
-    return np.array(flat).reshape(array.shape)
+    return np.array(rounded).reshape(array.shape)
 
 
 def _digits(array: np.ndarray, digits: int) -> np.ndarray:

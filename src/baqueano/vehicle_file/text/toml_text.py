@@ -15,8 +15,8 @@ from baqueano.errors import FileError
 if TYPE_CHECKING:
     from baqueano.contracts.values import JsonObject
 
-LARGEST = 64 * 1024  # bytes
-DEEPEST = 16  # nested tables
+MAX_BYTES = 64 * 1024  # bytes
+MAX_DEPTH = 16  # nested tables
 _DOTS = re.compile(r"""[\w"'.\- \t]+""")
 _HEADER = re.compile(r"^\s*\[\[?\s*([^\[\]]+?)\s*\]\]?\s*(#.*)?$")
 _KEY = re.compile(r"""^\s*((?:[\w-]+|"[^"]*"|'[^']*')(?:\s*\.\s*(?:[\w-]+|"[^"]*"|'[^']*'))*)\s*=""")
@@ -27,11 +27,11 @@ def read_text(path: Path) -> str:
     """Return the text of the file at `path`. FileError if it cannot be read or is too large."""
     try:
         size = path.stat().st_size
-        content = path.read_bytes() if size <= LARGEST else b""
+        content = path.read_bytes() if size <= MAX_BYTES else b""
     except OSError as error:
         raise FileError(fault("toml.not-read", path=path, error=error.strerror or error)) from error
-    if size > LARGEST:
-        raise FileError(fault("toml.too-large", file=path.name, size=size, largest=LARGEST))
+    if size > MAX_BYTES:
+        raise FileError(fault("toml.too-large", file=path.name, size=size, largest=MAX_BYTES))
     return decode(content, path.name)
 
 
@@ -68,24 +68,24 @@ def parse_toml(text: str, name: str) -> "JsonObject":
     except tomllib.TOMLDecodeError:
         raise
     except (RecursionError, MemoryError) as error:
-        raise FileError(fault("toml.too-deep", file=name, most=DEEPEST)) from error
+        raise FileError(fault("toml.too-deep", file=name, most=MAX_DEPTH)) from error
     except ValueError as error:  # a number of thousands of digits
         raise FileError(fault("toml.number", file=name, error=error)) from error
-    if _depth(data) > DEEPEST:
-        raise FileError(fault("toml.too-deep", file=name, most=DEEPEST))
+    if _depth(data) > MAX_DEPTH:
+        raise FileError(fault("toml.too-deep", file=name, most=MAX_DEPTH))
     return data
 
 
 def line_of(text: str, path: tuple[str, ...]) -> int | None:
     """Return the line number, from 1, of the key or table `path`; None if it is not found."""
     table: tuple[str, ...] = ()
-    for number, line in enumerate(text.splitlines(), 1):
+    for line_number, line in enumerate(text.splitlines(), 1):
         if header := _HEADER.match(line):
             table = _parts(header[1])
             if table == path:
-                return number
+                return line_number
         elif (key := _KEY.match(line)) and table + _parts(key[1]) == path:
-            return number
+            return line_number
     return None
 
 
@@ -95,10 +95,10 @@ def _parts(dotted_key: str) -> tuple[str, ...]:
 
 def _refuse_long_keys(text: str, name: str) -> None:
     """Raise FileError for a key with many parts, because a key with thousands of parts takes seconds to read."""
-    for number, line in enumerate(text.splitlines(), 1):
-        runs = _DOTS.findall(line.split("#")[0]) if line.count(".") > 2 * DEEPEST else []
-        if any(run.count(".") > 2 * DEEPEST for run in runs):
-            raise FileError(fault("toml.long-key", file=name, line=number, most=2 * DEEPEST))
+    for line_number, line in enumerate(text.splitlines(), 1):
+        runs = _DOTS.findall(line.split("#")[0]) if line.count(".") > 2 * MAX_DEPTH else []
+        if any(run.count(".") > 2 * MAX_DEPTH for run in runs):
+            raise FileError(fault("toml.long-key", file=name, line=line_number, most=2 * MAX_DEPTH))
 
 
 def _depth(value: object) -> int:
@@ -106,8 +106,8 @@ def _depth(value: object) -> int:
     deepest, level = 0, [value]
     while level:
         deepest += 1
-        inside = [v.values() if isinstance(v, dict) else v for v in level if isinstance(v, dict | list)]
-        level = [x for values in inside for x in values if isinstance(x, dict | list)]
+        children = [v.values() if isinstance(v, dict) else v for v in level if isinstance(v, dict | list)]
+        level = [x for values in children for x in values if isinstance(x, dict | list)]
     return deepest
 
 
@@ -115,17 +115,17 @@ def _syntax(cause: str, text: str, name: str) -> Diagnostic:
     """Return the error of tomllib, with the line and the usual remedy."""
     match = re.search(r"\(at line (\d+), column \d+\)", cause)
     lines = text.splitlines()
-    number = int(match[1]) if match else len(lines)
-    line = lines[number - 1].strip() if 0 < number <= len(lines) else ""
+    line_number = int(match[1]) if match else len(lines)
+    line = lines[line_number - 1].strip() if 0 < line_number <= len(lines) else ""
     problem = re.sub(r"\s*\(at .*\)$", "", cause)
-    at: dict[str, Any] = {"file": name, "line": number, "found": repr(line[:80])}
+    figures: dict[str, Any] = {"file": name, "line": line_number, "found": repr(line[:80])}
     if re.search(r"=\s*[-+]?\d+,\d", line):
         with_point = re.sub(r"(\d),(\d)", r"\1.\2", line)
-        return fault("toml.decimal-comma", with_point=with_point, **at)
+        return fault("toml.decimal-comma", with_point=with_point, **figures)
     if re.search(r"=\s*\[.*\d,\d", line):
-        return fault("toml.decimal-commas", error=problem[:1].lower() + problem[1:], **at)
+        return fault("toml.decimal-commas", error=problem[:1].lower() + problem[1:], **figures)
     if "overwrite" in problem or "twice" in problem or "mutate" in problem or "already" in problem:
-        return fault("toml.twice", **at)
+        return fault("toml.twice", **figures)
     if re.search(r"=\s*[A-Za-z]", line):
-        return fault("toml.no-quotes", **at)
-    return fault("toml.syntax", error=problem[:1].lower() + problem[1:], **at)
+        return fault("toml.no-quotes", **figures)
+    return fault("toml.syntax", error=problem[:1].lower() + problem[1:], **figures)

@@ -26,11 +26,11 @@ from baqueano.web.visitor import Visitor, binary_frame, encode_json
 if TYPE_CHECKING:
     from baqueano.contracts.values import JsonObject
 
-NAMES = ("foxglove.sdk.v1", "foxglove.websocket.v1")  # names of the subprotocol
-MESSAGE = struct.Struct("<BIQ")  # opcode 1, subscription, time [ns]
+SUBPROTOCOLS = ("foxglove.sdk.v1", "foxglove.websocket.v1")  # names of the subprotocol
+MESSAGE_LAYOUT = struct.Struct("<BIQ")  # opcode 1, subscription, time [ns]
 DATA, ERROR, SECOND = 1, 2, 10**9
-MOST = 256  # most subscriptions of a client
-FAMILIES = {  # first part of a column's name → topic
+MAX_SUBSCRIPTIONS = 256  # most subscriptions of a client
+TOPIC_OF_PREFIX = {  # first part of a column's name → topic
     "eta": "/estimate/pose", "P": "/estimate/covariance", "nu": "/estimate/velocity", "ref": "/guide/reference",
     "truth": "/world/truth", "u": "/command/applied", "asked": "/controller/command", "z": "/sensors",
     "model": "/estimate/measurement", "innov": "/estimate/innovation", "S": "/estimate/innovation_std",
@@ -46,7 +46,7 @@ WRITES = {
     "world": ("/sensors", "/world/", DRIVE, EVENTS),
 }  # fmt: skip
 LEVELS = {"info": 2, "warning": 3, "error": 4, "fatal": 5}  # levels of foxglove.Log
-REFUSED = {
+REFUSAL_TEXTS = {
     "setParameters": "web.foxglove-set", "advertise": "web.foxglove-publish",
     "subscribeParameterUpdates": "web.foxglove-updates",
 }  # fmt: skip
@@ -86,26 +86,26 @@ class Foxglove:
         """Remove a client that has disconnected."""
         self._clients.pop(line, None)
 
-    async def receive(self, line: Visitor, word: "JsonObject") -> None:
+    async def receive(self, line: Visitor, request: "JsonObject") -> None:
         """Carry out a message of a client; answer a message that would change something by an error status."""
-        client, op = self._clients[line], word["op"]
+        client, op = self._clients[line], request["op"]
         try:
             match op:
                 case "subscribe":
-                    self._subscribe(client, word["subscriptions"])
+                    self._subscribe(client, request["subscriptions"])
                 case "unsubscribe":
-                    for number in word["subscriptionIds"]:
-                        client.subscriptions.pop(int(number), None)
+                    for subscription_id in request["subscriptionIds"]:
+                        client.subscriptions.pop(int(subscription_id), None)
                 case "getParameters":
-                    line.send(self._parameters(word["parameterNames"], word.get("id")))
+                    line.send(self._parameters(request["parameterNames"], request.get("id")))
                 case "subscribeConnectionGraph":
                     line.send(self._graph())
                 case "unsubscribeConnectionGraph" | "unsubscribeParameterUpdates" | "unadvertise":
                     pass
                 case _:
-                    line.send(_status(REFUSED.get(op, "web.unknown-word"), op))
+                    line.send(_status(REFUSAL_TEXTS.get(op, "web.unknown-word"), op))
                     if op == "setParameters":  # send the present values
-                        line.send(self._parameters([], word.get("id")))
+                        line.send(self._parameters([], request.get("id")))
         except (KeyError, TypeError, ValueError, OverflowError) as error:
             line.send(_status("web.not-understood", type(error).__name__))
 
@@ -118,13 +118,13 @@ class Foxglove:
         bodies: dict[str, list[tuple[int, bytes]]] = {}
         for client in self._clients.values():
             messages = []
-            for number, topic in client.subscriptions.items():
+            for subscription_id, topic in client.subscriptions.items():
                 if topic not in bodies:
                     bodies[topic] = [(self._stamp(row), _body(topic, fields, row)) for row in rows]
                 messages += [
-                    binary_frame(MESSAGE.pack(DATA, number, t_ns) + body)
-                    for t_ns, body in bodies[topic]
-                    if body
+                    binary_frame(MESSAGE_LAYOUT.pack(DATA, subscription_id, t_ns) + content)
+                    for t_ns, content in bodies[topic]
+                    if content
                 ]
             if messages:
                 client.line.show(b"".join(messages))
@@ -138,22 +138,22 @@ class Foxglove:
 
     def _subscribe(self, client: Client, requests: "list[JsonObject]") -> None:
         for request in requests:
-            number, channel = int(request["id"]), int(request["channelId"])
-            if not 0 < channel <= len(self._topics) or not 0 <= number < 1 << 32:
+            subscription_id, channel = int(request["id"]), int(request["channelId"])
+            if not 0 < channel <= len(self._topics) or not 0 <= subscription_id < 1 << 32:
                 client.line.send(_status("web.foxglove-channel", str(channel)))
-            elif len(client.subscriptions) >= MOST:
-                client.line.send(_status("web.foxglove-most", str(MOST)))
+            elif len(client.subscriptions) >= MAX_SUBSCRIPTIONS:
+                client.line.send(_status("web.foxglove-most", str(MAX_SUBSCRIPTIONS)))
             else:
-                client.subscriptions[number] = self._topics[channel - 1]
+                client.subscriptions[subscription_id] = self._topics[channel - 1]
                 if self._topics[channel - 1] == ROUTE:
                     self._send(ROUTE, self._route())
 
     def _channels(self) -> "list[JsonObject]":
         fields = self._about()["fields"]
         families = [
-            FAMILIES[family]
+            TOPIC_OF_PREFIX[family]
             for family in dict.fromkeys(_family(f["name"]) for f in fields)
-            if family in FAMILIES
+            if family in TOPIC_OF_PREFIX
         ]
         self._topics = [*families, DRIVE, EVENTS, ROUTE]
         kinds = {EVENTS: "foxglove.Log", ROUTE: "foxglove.PosesInFrame"}
@@ -168,13 +168,13 @@ class Foxglove:
 
     def _renew_channels(self) -> None:
         """Advertise the channels again if the topics have changed, as they do with other columns of another vehicle."""
-        before = self._topics
+        old_topics = self._topics
         channels = self._channels()
-        if before == self._topics:
+        if old_topics == self._topics:
             return
         for client in self._clients.values():
             client.subscriptions.clear()
-            client.line.send({"op": "unadvertise", "channelIds": [*range(1, len(before) + 1)]})
+            client.line.send({"op": "unadvertise", "channelIds": [*range(1, len(old_topics) + 1)]})
             client.line.send({"op": "advertise", "channels": channels})
 
     def _parameters(self, names: list[str], request_id: object) -> "JsonObject":
@@ -183,7 +183,7 @@ class Foxglove:
             f"vehicle.{k}": vehicle[k] for k in ("name", "world", "rate_hz") if k in vehicle
         }
         values_of |= {
-            f"block.{room}": str(kind) for room, kind in (self._about().get("blocks") or {}).items()
+            f"block.{role}": str(kind) for role, kind in (self._about().get("blocks") or {}).items()
         }
         values_of |= dict(vehicle.get("gains") or {})
         for command in vehicle.get("command", []):
@@ -196,7 +196,7 @@ class Foxglove:
 
     def _graph(self) -> "JsonObject":
         def blocks(topic: str) -> list[str]:
-            return [block for block, own in WRITES.items() if topic.startswith(own)]
+            return [block for block, topics in WRITES.items() if topic.startswith(topics)]
 
         return {
             "op": "connectionGraphUpdate", "advertisedServices": [], "removedTopics": [], "removedServices": [],
@@ -209,19 +209,21 @@ class Foxglove:
 
     def _route(self) -> "JsonObject":
         route = self._about().get("route") or {"x": [], "y": []}
-        at = {"orientation": {"x": 0.0, "y": 0.0, "z": 0.0, "w": 1.0}}
+        pose = {"orientation": {"x": 0.0, "y": 0.0, "z": 0.0, "w": 1.0}}
         poses = [
-            {"position": {"x": x, "y": y, "z": 0.0}} | at
+            {"position": {"x": x, "y": y, "z": 0.0}} | pose
             for x, y in zip(route["x"], route["y"], strict=False)
         ]
         return {"timestamp": _time(self._now_ns()), "frame_id": "map", "poses": poses}
 
     def _send(self, topic: str, message: "JsonObject") -> None:
-        body = encode_json(message)
+        content = encode_json(message)
         for client in self._clients.values():
-            for number, channel_topic in client.subscriptions.items():
+            for subscription_id, channel_topic in client.subscriptions.items():
                 if channel_topic == topic:
-                    client.line.show(binary_frame(MESSAGE.pack(DATA, number, self._now_ns()) + body))
+                    client.line.show(
+                        binary_frame(MESSAGE_LAYOUT.pack(DATA, subscription_id, self._now_ns()) + content)
+                    )
 
     def _stamp(self, row: list[float]) -> int:
         """Return the wall-clock time [ns] of a row: the start of its drive plus its drive time."""
@@ -237,7 +239,7 @@ def _family(name: str) -> str:
 
 
 def _topic(name: str) -> str:
-    return FAMILIES.get(_family(name), DRIVE)
+    return TOPIC_OF_PREFIX.get(_family(name), DRIVE)
 
 
 def _key(name: str) -> str:
@@ -266,6 +268,6 @@ def _time(t_ns: int) -> "JsonObject":
     return {"sec": t_ns // SECOND, "nsec": t_ns % SECOND}
 
 
-def _status(code: str, word: str = "") -> "JsonObject":
-    short_word = one_line(word)[:40]
+def _status(code: str, detail: str = "") -> "JsonObject":
+    short_word = one_line(detail)[:40]
     return {"op": "status", "level": ERROR, "message": text(note(code, word=short_word, error=short_word))}

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from baqueano.blocks import ROOMS, kinds, resolve
+from baqueano.blocks import BLOCK_TARGETS, kinds, resolve
 from baqueano.contracts.values import Tree
 from baqueano.diagnostics import fault
 from baqueano.errors import UsageError
@@ -20,59 +20,64 @@ if TYPE_CHECKING:
     from baqueano.contracts.values import JsonObject
     from baqueano.vehicle_file.file import VehicleFile
 
-ROOMS_BY_INPUTS = {
+ROLES_BY_INPUTS = {
     ("tick",): "estimator", ("estimate",): "guide", ("reference", "estimate"): "controller",
     ("command", "tick", "estimate"): "supervisor",
 }  # fmt: skip
-LOOP = ("estimator", "guide", "controller", "supervisor")
-SWAPPED = ("estimator", "guide", "controller")
-LONGEST_TEXT = 60_000  # most letters of a file that are shown
+LOOP_ROLES = ("estimator", "guide", "controller", "supervisor")
+SWAPPABLE_ROLES = ("estimator", "guide", "controller")
+MAX_TEXT_LETTERS = 60_000  # most letters of a file that are shown
 FILES, LARGEST = 50, 200_000  # most files of the user's folder, and most bytes of each
 CALLS, ROUNDS = 50, 5  # calls in a round, and rounds, to time a step
-MOST_NUMBERS = 9  # most numbers of an array that are shown
+MAX_SHOWN_NUMBERS = 9  # most numbers of an array that are shown
 
 
-def block_description(word: "JsonObject", file: "VehicleFile") -> "JsonObject":
+def block_description(request: "JsonObject", vehicle_file: "VehicleFile") -> "JsonObject":
     """Return all that the page shows about the block of a room, or about a block of another `kind` in its place.
 
     Raise UsageError if the kind is not in the list of the room.
     """
-    room, kind = word["room"], word["kind"]
-    of_file = _kind_in_file(room, file)
-    alternatives = listed_kinds(room, file) if room in SWAPPED else []
+    role, kind = request["room"], request["kind"]
+    of_file = _kind_in_file(role, vehicle_file)
+    alternatives = listed_kinds(role, vehicle_file) if role in SWAPPABLE_ROLES else []
     if kind and kind not in alternatives and kind != of_file:
-        raise UsageError(fault("web.no-kind", room=room, found=repr(kind), known=alternatives))
-    block = block_of(room, kind or of_file, file)
+        raise UsageError(fault("web.no-kind", room=role, found=repr(kind), known=alternatives))
+    block = block_of(role, kind or of_file, vehicle_file)
     cls = type(block)
     return {
-        "room": room, "kind": kind or of_file, "of_file": of_file, "kinds": alternatives, "name": cls.__name__,
-        "ours": _is_own(cls), "parameters": _parameters(room, block), **_text(cls),
-        "step_us": step_us(room, kind or of_file, file) if room in LOOP else None, "tick_us": 1e6 / file.rate_hz,
+        "room": role, "kind": kind or of_file, "of_file": of_file, "kinds": alternatives, "name": cls.__name__,
+        "ours": _is_own(cls), "parameters": _parameters(role, block), **_text(cls),
+        "step_us": step_us(role, kind or of_file, vehicle_file) if role in LOOP_ROLES else None,
+        "tick_us": 1e6 / vehicle_file.rate_hz,
     }  # fmt: skip
 
 
-def check_block(word: "JsonObject", file: "VehicleFile") -> "JsonObject":
+def check_block(request: "JsonObject", vehicle_file: "VehicleFile") -> "JsonObject":
     """Return the findings of `blocks check` about the block of a room, or of another `kind`."""
     from baqueano.vehicle_file.checked import check
 
-    block_description(word | {"kind": word["kind"]}, file)  # refuses a kind that is not in the list
-    room = word["room"]
-    report = check(block_of(room, word["kind"] or _kind_in_file(room, file), file), file, room)
+    block_description(
+        request | {"kind": request["kind"]}, vehicle_file
+    )  # refuses a kind that is not in the list
+    role = request["room"]
+    report = check(
+        block_of(role, request["kind"] or _kind_in_file(role, vehicle_file), vehicle_file), vehicle_file, role
+    )
     return {"findings": [finding.to_json() for finding in report.findings]}
 
 
-def listed_kinds(room: str, file: "VehicleFile") -> list[str]:
+def listed_kinds(role: str, vehicle_file: "VehicleFile") -> list[str]:
     """Return the kinds that fit a room: the built-in kinds and the classes of the user's folder."""
-    return [*kinds(room), *own_kinds(room, file)]
+    return [*kinds(role), *own_kinds(role, vehicle_file)]
 
 
-def own_kinds(room: str, file: "VehicleFile") -> list[str]:
+def own_kinds(role: str, vehicle_file: "VehicleFile") -> list[str]:
     """Return "file.py:Class" for each class in the user's folder that fits the room by its source text.
 
     At most FILES files are read. Symbolic links and files over LARGEST bytes are ignored.
     """
     kinds = []
-    for path in sorted(Path(file.folder or ".").glob("*.py"))[:FILES]:
+    for path in sorted(Path(vehicle_file.folder or ".").glob("*.py"))[:FILES]:
         if path.is_symlink() or path.stat().st_size > LARGEST:
             continue
         try:
@@ -80,43 +85,49 @@ def own_kinds(room: str, file: "VehicleFile") -> list[str]:
         except (OSError, ValueError, SyntaxError):
             continue
         classes = [class_ for class_ in tree.body if isinstance(class_, ast.ClassDef)]
-        kinds += [f"{path.name}:{class_.name}" for class_ in classes if _room(class_) == room]
+        kinds += [f"{path.name}:{class_.name}" for class_ in classes if _role_of(class_) == role]
     return kinds
 
 
-def _room(cls: ast.ClassDef) -> str:
+def _role_of(cls: ast.ClassDef) -> str:
     """Return the room of a class, by the inputs of its `step` or by its base class; "" if it does not fit a room."""
     steps = [
         function for function in cls.body if isinstance(function, ast.FunctionDef) and function.name == "step"
     ]
     if steps:
-        return ROOMS_BY_INPUTS.get(tuple(a.arg.lstrip("_") for a in steps[0].args.args[2:]), "")
+        return ROLES_BY_INPUTS.get(tuple(a.arg.lstrip("_") for a in steps[0].args.args[2:]), "")
     bases = {getattr(base, "attr", getattr(base, "id", "")) for base in cls.bases}
-    room_of_base = {target.partition(":")[2]: room for room in LOOP for target in ROOMS[room].values()}
+    room_of_base = {
+        target.partition(":")[2]: room for room in LOOP_ROLES for target in BLOCK_TARGETS[room].values()
+    }
     return next((room for name, room in room_of_base.items() if name in bases), "")
 
 
-def block_of(room: str, kind: str, file: "VehicleFile") -> Tree:
+def block_of(role: str, kind: str, vehicle_file: "VehicleFile") -> Tree:
     """Return the block of this kind for a room, built with the values of the vehicle file."""
     from baqueano.guides.shapes import circle
 
-    if room == "vehicle":
-        return file.vehicle
-    if room == "sensors":
-        return next(iter(file.sensors), None)
-    resolve(room, kind, file.folder)
-    own_kind = None if kind == _kind_in_file(room, file) else kind
-    return file.guide(circle(1.0, 0.25), own_kind) if room == "guide" else getattr(file, room)(own_kind)
+    if role == "vehicle":
+        return vehicle_file.vehicle
+    if role == "sensors":
+        return next(iter(vehicle_file.sensors), None)
+    resolve(role, kind, vehicle_file.folder)
+    own_kind = None if kind == _kind_in_file(role, vehicle_file) else kind
+    return (
+        vehicle_file.guide(circle(1.0, 0.25), own_kind)
+        if role == "guide"
+        else getattr(vehicle_file, role)(own_kind)
+    )
 
 
-def _kind_in_file(room: str, file: "VehicleFile") -> str:
-    from baqueano.vehicle_file.build import DEFAULT_KIND
+def _kind_in_file(role: str, vehicle_file: "VehicleFile") -> str:
+    from baqueano.vehicle_file.build import DEFAULT_KINDS
 
-    table = file.data.get({"vehicle": "model"}.get(room, room), {})
-    return str(table.get("kind", DEFAULT_KIND.get(room, "")) if isinstance(table, dict) else "")
+    table = vehicle_file.data.get({"vehicle": "model"}.get(role, role), {})
+    return str(table.get("kind", DEFAULT_KINDS.get(role, "")) if isinstance(table, dict) else "")
 
 
-def step_us(room: str, kind: str, file: "VehicleFile") -> float | None:
+def step_us(role: str, kind: str, vehicle_file: "VehicleFile") -> float | None:
     """Return the time [µs] of one step of this block, compiled as in a drive and measured on this machine.
 
     Return None if a block of the loop raises an error.
@@ -125,9 +136,12 @@ def step_us(room: str, kind: str, file: "VehicleFile") -> float | None:
     from baqueano.drive.session import compile_blocks, example_tick
     from baqueano.loop import Blocks
 
-    own = {part: block_of(part, kind if part == room else _kind_in_file(part, file), file) for part in LOOP}
-    tick = example_tick(file)
-    quick, _ = compile_blocks(Blocks(**own), tick, "auto")
+    blocks_by_role = {
+        part: block_of(part, kind if part == role else _kind_in_file(part, vehicle_file), vehicle_file)
+        for part in LOOP_ROLES
+    }
+    tick = example_tick(vehicle_file)
+    quick, _ = compile_blocks(Blocks(**blocks_by_role), tick, "auto")
     states = loop.init(quick)
     try:
         _, estimate = quick.estimator.step(states.estimator, tick)
@@ -136,8 +150,8 @@ def step_us(room: str, kind: str, file: "VehicleFile") -> float | None:
     except Exception:  # an error in a user's block, which `blocks check` reports
         return None
     inputs = {"estimator": (tick,), "guide": (estimate,), "controller": (reference, estimate),
-              "supervisor": (command, tick, estimate)}[room]  # fmt: skip
-    step, state = getattr(quick, room).step, getattr(states, room)
+              "supervisor": (command, tick, estimate)}[role]  # fmt: skip
+    step, state = getattr(quick, role).step, getattr(states, role)
     rounds = []
     for _ in range(ROUNDS):
         began = time.perf_counter()
@@ -154,12 +168,12 @@ def _is_own(cls: type) -> bool:
 
 
 def _text(cls: type) -> "JsonObject":
-    """Return file name, source text (cut to LONGEST_TEXT letters) and first line of a class."""
+    """Return file name, source text (cut to MAX_TEXT_LETTERS letters) and first line of a class."""
     from baqueano.block_checks.source_text import source_text
 
     text = source_text(cls)
     module = cls.__module__.removeprefix("baqueano.").replace(".", "/")
-    return {"file": f"{module}.py" if _is_own(cls) else f"{cls.__name__}", "text": text[:LONGEST_TEXT],
+    return {"file": f"{module}.py" if _is_own(cls) else f"{cls.__name__}", "text": text[:MAX_TEXT_LETTERS],
             "line": _line(text, cls.__name__)}  # fmt: skip
 
 
@@ -168,16 +182,16 @@ def _line(text: str, name: str) -> int:
     return next((k for k, line in enumerate(text.splitlines()) if line.startswith(f"class {name}")), 0)
 
 
-def _parameters(room: str, block: object) -> "list[JsonObject]":
+def _parameters(role: str, block: object) -> "list[JsonObject]":
     from baqueano.parameter import all_parameters
 
     rows = []
-    for path, entry in all_parameters(block, room):
+    for path, entry in all_parameters(block, role):
         value: Tree = block
         for name in path.split(".")[1:]:
             value = getattr(value, name)
         array = np.asarray(value, dtype=float) if value is not None else np.zeros(0)
-        numbers = array.ravel().tolist() if array.size <= MOST_NUMBERS else None
+        numbers = array.ravel().tolist() if array.size <= MAX_SHOWN_NUMBERS else None
         rows.append({
             "name": path.partition(".")[2], "unit": "" if entry.unit == "1" else entry.unit, "meaning": entry.meaning,
             "value": numbers, "shape": " × ".join(map(str, array.shape)),

@@ -8,7 +8,7 @@ if TYPE_CHECKING:
     from baqueano.vehicle_file.file import VehicleFile
     from baqueano.web.lab.identification import DriveIdentification
 
-KEPT = 8  # stored answers about runs
+MAX_ANSWERS = 8  # stored answers about runs
 
 
 class Drives:
@@ -20,34 +20,34 @@ class Drives:
         self._drive: DriveIdentification | None = None
         self._answers: dict[tuple[str, int], JsonObject] = {}
 
-    def answer(self, word: "JsonObject") -> tuple["JsonObject", bytes]:
+    def answer(self, request: "JsonObject") -> tuple["JsonObject", bytes]:
         """Add rows to the drive number `drive` of a vehicle, and return the state of its identification."""
         from baqueano.web.lab.identification import DriveIdentification
 
-        anew = word["drive"] != self._number
-        if self._drive is None or (anew and _version(word["vehicle"]) != self._vehicle):
+        anew = request["drive"] != self._number
+        if self._drive is None or (anew and _version(request["vehicle"]) != self._vehicle):
             if self._drive is not None:
                 self._drive.close()
             self._vehicle, self._drive = (
-                _version(word["vehicle"]),
-                DriveIdentification(_file(word["vehicle"])),
+                _version(request["vehicle"]),
+                DriveIdentification(_file(request["vehicle"])),
             )
             self._drive.warm()
         elif anew:
             self._drive.restart()
-        self._number = word["drive"]
-        if word["rows"]:
-            self._drive.rows(word["names"], word["rows"])
+        self._number = request["drive"]
+        if request["rows"]:
+            self._drive.rows(request["names"], request["rows"])
         return self._drive.state(), b""
 
-    def answer_run(self, word: "JsonObject") -> tuple["JsonObject", bytes]:
+    def answer_run(self, request: "JsonObject") -> tuple["JsonObject", bytes]:
         """Return the identification of a run."""
         from baqueano.drive.verbs import vehicle_of
         from baqueano.runs import read_run
         from baqueano.web.lab.identification import DriveIdentification
         from baqueano.web.lab.recorded import pack_run
 
-        path = Path(word["path"])
+        path = Path(request["path"])
         key = str(path), path.stat().st_mtime_ns
         if key not in self._answers:
             run = read_run(path)
@@ -55,7 +55,7 @@ class Drives:
             drive.rows([field["name"] for field in packed_run.fields], packed_run.x.tolist())
             self._answers[key] = drive.whole(run)
             drive.close()
-            while len(self._answers) > KEPT:
+            while len(self._answers) > MAX_ANSWERS:
                 del self._answers[next(iter(self._answers))]
         return self._answers[key], b""
 

@@ -7,13 +7,13 @@ from contextlib import suppress
 from typing import TYPE_CHECKING
 
 from baqueano.diagnostics import Diagnostic, fault
-from baqueano.errors import of_code
+from baqueano.errors import error_of_exit_code
 
 if TYPE_CHECKING:
     from baqueano.contracts.values import JsonObject
 
-LONGEST = 64 << 20  # bytes of an answer
-LINE = 16 << 20
+MAX_ANSWER_BYTES = 64 << 20  # bytes of an answer
+MAX_LINE_BYTES = 16 << 20
 
 
 class Lab:
@@ -32,21 +32,21 @@ class Lab:
         task = asyncio.create_task(self._exchange({"do": do, **words}))
         self._tasks.add(task)
         task.add_done_callback(self._tasks.discard)
-        reply, behind = await asyncio.shield(task)
+        reply, payload = await asyncio.shield(task)
         if "no" in reply:
-            raise of_code(reply["code"], Diagnostic.of_json(reply["no"]))
-        return reply, behind
+            raise error_of_exit_code(reply["code"], Diagnostic.of_json(reply["no"]))
+        return reply, payload
 
-    async def _exchange(self, word: "JsonObject") -> tuple["JsonObject", bytes]:
+    async def _exchange(self, request: "JsonObject") -> tuple["JsonObject", bytes]:
         async with self._turn:
             try:
                 program = await self._running()
                 assert program.stdin is not None
                 assert program.stdout is not None
-                program.stdin.write(json.dumps(word).encode() + b"\n")
+                program.stdin.write(json.dumps(request).encode() + b"\n")
                 await program.stdin.drain()
                 reply = json.loads(await program.stdout.readline())
-                return reply, await program.stdout.readexactly(min(reply["bytes"], LONGEST))
+                return reply, await program.stdout.readexactly(min(reply["bytes"], MAX_ANSWER_BYTES))
             except (OSError, ValueError, asyncio.IncompleteReadError):
                 await self._end()
                 return {"no": fault("web.lab-ended").to_json(), "code": 1}, b""
@@ -62,7 +62,7 @@ class Lab:
         if self._program is None or self._program.returncode is not None:
             self._program = await asyncio.create_subprocess_exec(
                 sys.executable, "-m", "baqueano.web.lab.worker",
-                stdin=asyncio.subprocess.PIPE, stdout=asyncio.subprocess.PIPE, limit=LINE,
+                stdin=asyncio.subprocess.PIPE, stdout=asyncio.subprocess.PIPE, limit=MAX_LINE_BYTES,
             )  # fmt: skip
         return self._program
 

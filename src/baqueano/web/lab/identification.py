@@ -1,9 +1,9 @@
 """Identify the parameters of a vehicle during a drive, in a lab worker, from the rows that the page receives.
 
-The information of each window is exact (identify/design/live.py). A complete fit over all rows runs in a thread, first
-after FIRST_S of driving, then each second or less often: it uses at most SHARE of the time. The expected errors follow
-from the information: at the values of the vehicle file before the first fit, at the fitted values afterwards. The fit
-determines the values, their standard errors and the verdict.
+The information of each window is exact (identify/design/live.py). A complete fit over all rows runs in a thread,
+first after FIRST_FIT_S of driving, then each second or less often: it uses at most MAX_FIT_SHARE of the time. The
+expected errors follow from the information: at the values of the vehicle file before the first fit, at the fitted
+values afterwards. The fit determines the values, their standard errors and the verdict.
 """
 
 import time
@@ -16,7 +16,7 @@ from baqueano.diagnostics import Diagnostic, Verdict, note
 from baqueano.errors import BaqueanoError
 from baqueano.identify.data.record import FittedBlocks
 from baqueano.identify.design.information import Informant
-from baqueano.identify.design.live import WINDOW, RecursiveInformation, bits
+from baqueano.identify.design.live import WINDOW_TICKS, RecursiveInformation, bits
 from baqueano.identify.design.next_motion import MotionAdvisor
 from baqueano.identify.fit import identify
 from baqueano.identify.parameters.free import Free, free_parameter
@@ -29,16 +29,16 @@ if TYPE_CHECKING:
     from baqueano.identify.result.fit_result import Fit
     from baqueano.vehicle_file.file import VehicleFile
 
-FIRST_S = 8.0  # drive time before the first fit
+FIRST_FIT_S = 8.0  # drive time before the first fit
 PERIOD_S, SLOW_PERIOD_S = 1.0, 15.0  # between fits, with a compiler and without one
-SHARE = 0.5  # largest share of the time for fits
+MAX_FIT_SHARE = 0.5  # largest share of the time for fits
 BUDGET_S = 0.3  # time for windows in one question; the others wait
-AGO_S = 2.5  # drive time between the pale bars and now
-POINTS = 300  # points of the information curve
-STAGES = 6  # number of fits of a finished run
-UNSEEN = 0.3  # relative standard error above which a motion is missing
-LEAST = 0.05  # of the size in the file; the error of a smaller value is relative to that size
-LONGEST_GAP_S = 5.0
+PREVIOUS_BARS_S = 2.5  # drive time between the pale bars and now
+MAX_CURVE_POINTS = 300  # points of the information curve
+FIT_COUNT = 6  # number of fits of a finished run
+MAX_RELATIVE_STD = 0.3  # relative standard error above which a motion is missing
+MIN_SIZE_SHARE = 0.05  # of the size in the file; the error of a smaller value is relative to that size
+MAX_GAP_S = 5.0
 
 
 class FitOfDrive(NamedTuple):
@@ -52,16 +52,18 @@ class FitOfDrive(NamedTuple):
 class DriveIdentification:
     """The identification of one drive of a vehicle at a time. The same thread must call `rows` and `state`."""
 
-    def __init__(self, file: "VehicleFile", backend: str = "auto") -> None:
-        self.file = file
-        self._informant = Informant(file, backend)
+    def __init__(self, vehicle_file: "VehicleFile", backend: str = "auto") -> None:
+        self.vehicle_file = vehicle_file
+        self._informant = Informant(vehicle_file, backend)
         self._live = RecursiveInformation(self._informant)
         self._advisor = MotionAdvisor(
-            self._informant, np.asarray(file.command.limit, dtype=float), file.rate_hz
+            self._informant, np.asarray(vehicle_file.command.limit, dtype=float), vehicle_file.rate_hz
         )
-        blocks = FittedBlocks(file.vehicle, file.sensors)
-        self._free = [free_parameter(blocks, path, {}) for path in self._informant.of.names]
-        self._sizes = {name: int(getattr(file.sensors, name).size) for name in file.sensors._fields}
+        blocks = FittedBlocks(vehicle_file.vehicle, vehicle_file.sensors)
+        self._free = [free_parameter(blocks, path, {}) for path in self._informant.unknowns.names]
+        self._sizes = {
+            name: int(getattr(vehicle_file.sensors, name).size) for name in vehicle_file.sensors._fields
+        }
         self.compiled = self._informant.kernel.backend == "c"
         self._thread = ThreadPoolExecutor(1)
         self.restart()
@@ -73,12 +75,12 @@ class DriveIdentification:
         self._reason: Diagnostic | None = None  # why the last fit failed
         self._last_fit: FitOfDrive | None = None
         self._fit_ticks = 0  # number of ticks of the last fit
-        self._theta, self._size = self._informant.nominal, self._informant.of.size
+        self._theta, self._size = self._informant.nominal, self._informant.unknowns.size
         self._wider = np.ones(len(self._free))  # errors of the last fit, relative to the expected errors
         self._begin()
 
     def _begin(self) -> None:
-        n, m = len(self.file.command.names), sum(self._sizes.values())
+        n, m = len(self.vehicle_file.command.names), sum(self._sizes.values())
         self._ticks = np.zeros(0, dtype=np.int64)
         self._u, self._z = np.zeros((0, n)), np.zeros((0, m))
         self._information = self._live.begin(self._theta)
@@ -88,47 +90,51 @@ class DriveIdentification:
     def warm(self) -> None:
         """Compile the code for a window before the first window arrives."""
         if self.compiled:
-            rest_command = np.zeros((WINDOW, self._u.shape[1]))
+            rest_command = np.zeros((WINDOW_TICKS, self._u.shape[1]))
             self._live.add(self._information, rest_command)
             self._informant.information(rest_command)
 
     @property
     def seconds(self) -> float:
         """Return the duration [s] of the drive so far."""
-        return len(self._ticks) / self.file.rate_hz
+        return len(self._ticks) / self.vehicle_file.rate_hz
 
     @property
     def busy(self) -> bool:
         """Return True while a fit runs, or while rows wait for their window or fit."""
-        waiting = self.seconds >= FIRST_S and self._fit_ticks < len(self._ticks)
-        return self._job is not None or waiting or len(self._sd) < len(self._ticks) // WINDOW
+        is_due = self.seconds >= FIRST_FIT_S and self._fit_ticks < len(self._ticks)
+        return self._job is not None or is_due or len(self._sd) < len(self._ticks) // WINDOW_TICKS
 
     def rows(self, names: list[str], rows: list[list[float | None]]) -> None:
         """Add the ticks that follow the ticks added before.
 
         A missing tick is filled with the last command and without measurements, an older tick is ignored. After a gap
-        over LONGEST_GAP_S the drive begins again.
+        over MAX_GAP_S the drive begins again.
         """
         x = np.array(rows, dtype=float).reshape(len(rows), len(names))
-        at = {name: k for k, name in enumerate(names)}
+        columns = {name: k for k, name in enumerate(names)}
         n, nothing = self._u.shape[1], np.full(len(x), np.nan)
-        ticks = np.rint(x[:, at["t"]] * self.file.rate_hz).astype(np.int64)
-        u = np.column_stack([x[:, at[f"u.{k}"]] for k in range(n)])
+        ticks = np.rint(x[:, columns["t"]] * self.vehicle_file.rate_hz).astype(np.int64)
+        u = np.column_stack([x[:, columns[f"u.{k}"]] for k in range(n)])
         channels = [f"z.{name}[{k}]" for name, size in self._sizes.items() for k in range(size)]
-        z = np.column_stack([x[:, at[channel]] if channel in at else nothing for channel in channels])
-        last = self._ticks[-1] if len(self._ticks) else ticks[0] - 1
-        fresh = ticks > np.maximum.accumulate(np.concatenate([[last], ticks]))[:-1]
-        fresh &= np.isfinite(u).all(axis=1)
-        ticks, u, z = ticks[fresh], u[fresh], z[fresh]
+        z = np.column_stack(
+            [x[:, columns[channel]] if channel in columns else nothing for channel in channels]
+        )
+        last_tick = self._ticks[-1] if len(self._ticks) else ticks[0] - 1
+        is_new = ticks > np.maximum.accumulate(np.concatenate([[last_tick], ticks]))[:-1]
+        is_new &= np.isfinite(u).all(axis=1)
+        ticks, u, z = ticks[is_new], u[is_new], z[is_new]
         if not len(ticks):
             return
-        if np.max(np.diff(ticks, prepend=last)) > LONGEST_GAP_S * self.file.rate_hz:
+        if np.max(np.diff(ticks, prepend=last_tick)) > MAX_GAP_S * self.vehicle_file.rate_hz:
             self._begin()
-            last = ticks[0] - 1
-        whole = np.arange(last + 1, ticks[-1] + 1)
-        place = np.searchsorted(ticks, whole, side="right") - 1
-        in_force = np.concatenate([self._u[-1:] if len(self._u) else u[:1], u])[place + 1]
-        z_on_ticks = np.where((place >= 0)[:, None] & (ticks[place] == whole)[:, None], z[place], np.nan)
+            last_tick = ticks[0] - 1
+        whole = np.arange(last_tick + 1, ticks[-1] + 1)
+        indices = np.searchsorted(ticks, whole, side="right") - 1
+        in_force = np.concatenate([self._u[-1:] if len(self._u) else u[:1], u])[indices + 1]
+        z_on_ticks = np.where(
+            (indices >= 0)[:, None] & (ticks[indices] == whole)[:, None], z[indices], np.nan
+        )
         self._ticks = np.concatenate([self._ticks, whole])
         self._u, self._z = np.concatenate([self._u, in_force]), np.concatenate([self._z, z_on_ticks])
 
@@ -137,8 +143,8 @@ class DriveIdentification:
         self._take_fit()
         self._advance(time.monotonic() + BUDGET_S)
         now_s = time.monotonic()
-        fresh = self.seconds >= FIRST_S and self._fit_ticks < len(self._ticks)
-        if self._job is None and fresh and now_s >= self._next_s:
+        is_due = self.seconds >= FIRST_FIT_S and self._fit_ticks < len(self._ticks)
+        if self._job is None and is_due and now_s >= self._next_s:
             self._fit_ticks = len(self._ticks)
             self._next_s = now_s + (PERIOD_S if self.compiled else SLOW_PERIOD_S)
             self._job = self._thread.submit(self._fit, self.run())
@@ -146,9 +152,11 @@ class DriveIdentification:
 
     def whole(self, run: Run) -> "JsonObject":
         """Return the state for a finished run, with fits of growing parts of it; all its rows must have been added."""
-        ends = np.geomspace(FIRST_S, max(FIRST_S, run.duration_s), STAGES if self.compiled else 1)
+        end_times_s = np.geomspace(
+            FIRST_FIT_S, max(FIRST_FIT_S, run.duration_s), FIT_COUNT if self.compiled else 1
+        )
         fits: list[FitOfDrive] = []
-        for t_s in [*ends[:-1].tolist(), run.duration_s]:
+        for t_s in [*end_times_s[:-1].tolist(), run.duration_s]:
             result = self._fit(run.cut(0.0, t_s) if t_s < run.duration_s else run)
             if isinstance(result, Diagnostic):
                 self._reason = result
@@ -156,9 +164,9 @@ class DriveIdentification:
                 fits.append(result)
                 self._reason = None
         if fits:
-            self._use(fits[-1])
+            self._use_fit(fits[-1])
         self._advance(float("inf"))
-        step = max(1, len(self._sd) // POINTS)
+        step = max(1, len(self._sd) // MAX_CURVE_POINTS)
         return self._description() | {
             "fits": [self._fit_words(fit) for fit in fits], "step_s": step * self._window_s,
             "expected": [_round(sd) for sd in self._sd[step - 1 :: step]],
@@ -166,14 +174,14 @@ class DriveIdentification:
 
     def run(self) -> Run:
         """Return the rows added so far as a run."""
-        t_ns = (self._ticks * round(NANOSECONDS / self.file.rate_hz)).astype(np.int64)
-        sensors, at = {}, 0
+        t_ns = (self._ticks * round(NANOSECONDS / self.vehicle_file.rate_hz)).astype(np.int64)
+        sensors, offset = {}, 0
         for name, size in self._sizes.items():
-            z, at = self._z[:, at : at + size], at + size
-            has = np.isfinite(z).all(axis=1)
-            if has.any():
-                sensors[name] = Channel(t_ns[has], t_ns[has], z[has])
-        return Run("live", None, t_ns, self._u, sensors=sensors, vehicle_text=self.file.text)
+            z, offset = self._z[:, offset : offset + size], offset + size
+            is_valid = np.isfinite(z).all(axis=1)
+            if is_valid.any():
+                sensors[name] = Channel(t_ns[is_valid], t_ns[is_valid], z[is_valid])
+        return Run("live", None, t_ns, self._u, sensors=sensors, vehicle_text=self.vehicle_file.text)
 
     def close(self) -> None:
         """End the thread and cancel the fits that have not begun."""
@@ -181,16 +189,16 @@ class DriveIdentification:
 
     @property
     def _window_s(self) -> float:
-        return WINDOW / self.file.rate_hz
+        return WINDOW_TICKS / self.vehicle_file.rate_hz
 
     def _fit(self, run: Run) -> FitOfDrive | Diagnostic:
         """Return a fit of a run, or the diagnostic of its failure."""
         began_s = time.monotonic()
         try:
-            fit = identify(run, self.file)
+            fit = identify(run, self.vehicle_file)
         except BaqueanoError as error:
             return error.diagnostic
-        return FitOfDrive(fit, len(run.t_ns) / self.file.rate_hz, time.monotonic() - began_s)
+        return FitOfDrive(fit, len(run.t_ns) / self.vehicle_file.rate_hz, time.monotonic() - began_s)
 
     def _take_fit(self) -> None:
         """Use a fit that has finished for the expected errors, and plan the time of the next fit."""
@@ -201,11 +209,11 @@ class DriveIdentification:
             self._reason = result
             return
         self._reason, began_s = None, time.monotonic()
-        self._use(result)
+        self._use_fit(result)
         took_s = result.took_s + time.monotonic() - began_s
-        self._next_s = max(self._next_s, time.monotonic() + took_s * (1.0 / SHARE - 1.0))
+        self._next_s = max(self._next_s, time.monotonic() + took_s * (1.0 / MAX_FIT_SHARE - 1.0))
 
-    def _use(self, drive_fit: FitOfDrive) -> None:
+    def _use_fit(self, drive_fit: FitOfDrive) -> None:
         """Compute the expected errors at the values of this fit; a refused fit does not change them."""
         self._last_fit = drive_fit
         if drive_fit.fit.verdict == Verdict.REFUSED:
@@ -213,72 +221,78 @@ class DriveIdentification:
         identifiable = np.isfinite(drive_fit.fit.estimate)
         names = [name for name, is_known in zip(drive_fit.fit.names, identifiable, strict=True) if is_known]
         self._theta = self._informant.theta(names, drive_fit.fit.estimate[identifiable])
-        size = self._informant.of.size
-        own = np.concatenate(
-            [np.abs(self._theta[: self._informant.of.interest]), size[self._informant.of.interest :]]
+        parameter_sizes = self._informant.unknowns.size
+        own_indices = np.concatenate(
+            [
+                np.abs(self._theta[: self._informant.unknowns.interest_count]),
+                parameter_sizes[self._informant.unknowns.interest_count :],
+            ]
         )
-        self._size = np.where(own > LEAST * size, own, size)
+        self._size = np.where(own_indices > MIN_SIZE_SHARE * parameter_sizes, own_indices, parameter_sizes)
         self._information, self._sd = self._live.begin(self._theta), []
         self._advance(float("inf"))
-        at = min(len(self._sd), round(drive_fit.t_s / self._window_s)) - 1
-        if at >= 0:
-            errors = [np.nan if sd is None else sd for sd in self._fit_words(drive_fit)["sd"]]
-            self._wider = np.fmax(np.array(errors, dtype=float) / self._sd[at], 1.0)
+        window_index = min(len(self._sd), round(drive_fit.t_s / self._window_s)) - 1
+        if window_index >= 0:
+            errors = [np.nan if std is None else std for std in self._fit_words(drive_fit)["sd"]]
+            self._wider = np.fmax(np.array(errors, dtype=float) / self._sd[window_index], 1.0)
 
     def _advance(self, until_s: float) -> None:
         """Add the information of the complete windows that have arrived, at most until the time `until_s`."""
-        has = np.isfinite(self._z).astype(float)
-        for at in range(len(self._sd) * WINDOW, len(self._ticks) - WINDOW + 1, WINDOW):
-            part = slice(at, at + WINDOW)
-            self._information = self._live.add(self._information, self._u[part], has[part])
-            self._sd.append(self._live.relative_sd(self._information, self._size))
+        is_valid = np.isfinite(self._z).astype(float)
+        for start in range(len(self._sd) * WINDOW_TICKS, len(self._ticks) - WINDOW_TICKS + 1, WINDOW_TICKS):
+            rows = slice(start, start + WINDOW_TICKS)
+            self._information = self._live.add(self._information, self._u[rows], is_valid[rows])
+            self._sd.append(self._live.relative_std(self._information, self._size))
             if time.monotonic() > until_s:
                 return
 
     def _description(self) -> "JsonObject":
         sd = np.array(self._sd) if self._sd else np.ones((1, len(self._free)))
-        ago = max(0, len(sd) - 1 - round(AGO_S / self._window_s))
-        each = max(1, -(-len(sd) // POINTS))  # windows per point of the curve
-        total = -np.sum(np.log2(sd[each - 1 :: each]), axis=1)
-        rate = np.maximum(np.diff(total, prepend=0.0), 0.0) / (each * self._window_s)
+        ago = max(0, len(sd) - 1 - round(PREVIOUS_BARS_S / self._window_s))
+        windows_per_point = max(1, -(-len(sd) // MAX_CURVE_POINTS))  # windows per point of the curve
+        total = -np.sum(np.log2(sd[windows_per_point - 1 :: windows_per_point]), axis=1)
+        rate = np.maximum(np.diff(total, prepend=0.0), 0.0) / (windows_per_point * self._window_s)
         value = (
             [None] * len(self._free) if self._last_fit is None else self._fit_words(self._last_fit)["value"]
         )
         return {
-            "t": self.seconds, "start": self._start_s, "dt": each * self._window_s, "rate": rate.round(2).tolist(),
+            "t": self.seconds, "start": self._start_s, "dt": windows_per_point * self._window_s,
+            "rate": rate.round(2).tolist(),
             "bits": bits(sd[-1]) + 0.0, "now": _round(sd[-1]), "before": _round(sd[ago]), "compiled": self.compiled,
             "parameters": [self._parameter(free, sd[-1, k], value[k]) for k, free in enumerate(self._free)],
             "fit": None if self._last_fit is None else self._fit_words(self._last_fit), "next": self._next(),
-            "why": None if self._reason is None else self._reason.to_json(), "busy": self.busy, "first": FIRST_S,
+            "why": None if self._reason is None else self._reason.to_json(), "busy": self.busy, "first": FIRST_FIT_S,
         }  # fmt: skip
 
     @property
     def _start_s(self) -> float:
-        return float(self._ticks[0]) / self.file.rate_hz if len(self._ticks) else 0.0
+        return float(self._ticks[0]) / self.vehicle_file.rate_hz if len(self._ticks) else 0.0
 
     def _parameter(self, free: Free, sd: float, value: float | None) -> "JsonObject":
-        missing = free.shown_by and (sd > UNSEEN or (self._last_fit is not None and value is None))
+        is_missing = free.shown_by and (
+            sd > MAX_RELATIVE_STD or (self._last_fit is not None and value is None)
+        )
         return {
             "path": free.short, "label": label_of(free).to_json(),
             "unit": "" if free.unit == "1" else free.unit.replace(" per unit of u", "/u").replace("unit of u", "u"),
-            "guess": float(self._informant.nominal[self._informant.of.names.index(free.path)]),
-            "needs": note("known.needs", motion=free.shown_by).to_json() if missing else None,
+            "guess": float(self._informant.nominal[self._informant.unknowns.names.index(free.path)]),
+            "needs": note("known.needs", motion=free.shown_by).to_json() if is_missing else None,
         }  # fmt: skip
 
     def _fit_words(self, drive_fit: FitOfDrive) -> "JsonObject":
         """Return a fit as data for JSON: values, relative standard errors up to 10 (None: unknown), and verdict."""
         fit, value, sd = drive_fit.fit, [], []
-        for path in self._informant.of.names:
+        for path in self._informant.unknowns.names:
             k = fit.names.index(path) if path in fit.names else None
             x = float("nan") if k is None else float(fit.estimate[k])
             identifiable = np.isfinite(x) and k is not None
             value.append(x if identifiable else None)
-            part = float(fit.sd[k]) / abs(x) if identifiable and x != 0.0 else float("inf")
-            sd.append(min(part, 10.0) if np.isfinite(part) else None)
-        reason = fit.reasons[0].to_json() if fit.reasons and fit.verdict != Verdict.USABLE else None
+            relative_std = float(fit.sd[k]) / abs(x) if identifiable and x != 0.0 else float("inf")
+            sd.append(min(relative_std, 10.0) if np.isfinite(relative_std) else None)
+        reason_json = fit.reasons[0].to_json() if fit.reasons and fit.verdict != Verdict.USABLE else None
         return {
             "t": drive_fit.t_s, "took_s": drive_fit.took_s, "value": value, "sd": sd, "verdict": str(fit.verdict),
-            "verdict_is": str(fit.verdict), "why": reason,
+            "verdict_is": str(fit.verdict), "why": reason_json,
         }  # fmt: skip
 
     def _next(self) -> "JsonObject | None":

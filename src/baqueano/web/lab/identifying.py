@@ -6,7 +6,7 @@ Results arrive each second, and are sent to each browser that watches, in its la
   page      identify {of: "live", …}  the state of each parameter, each second while a browser watches
   browser   ask {what: "identify", run}   page   answer {to: "ask", …}: the same for a run, for all its times
 
-The worker starts when the first browser watches. Until then the newest KEPT frames are stored.
+The worker starts when the first browser watches. Until then the newest MAX_FRAMES frames are stored.
 """
 
 import asyncio
@@ -28,10 +28,10 @@ from baqueano.web.visitor import Visitor
 if TYPE_CHECKING:
     from baqueano.contracts.values import JsonObject
 
-EACH_S = 1.0
+REQUEST_PERIOD_S = 1.0
 FRAMES_HZ = 20.0
-KEPT = 2_400  # frames of a drive that no browser watches: two minutes
-PORTION = 2_000  # approximate number of rows in a request
+MAX_FRAMES = 2_400  # frames of a drive that no browser watches: two minutes
+ROWS_PER_REQUEST = 2_000  # approximate number of rows in a request
 NAN = float("nan")
 
 
@@ -44,7 +44,7 @@ class Identifying:
         self._looking: set[Visitor] = set()
         self._names: list[str] = []
         self._at: list[int] = []
-        self._frames: deque[array[float]] = deque(maxlen=KEPT)  # rows not yet sent to the worker
+        self._frames: deque[array[float]] = deque(maxlen=MAX_FRAMES)  # rows not yet sent to the worker
         self._last_s = 0.0
         self._drive = 0
         self._warm = ""  # the vehicle for which the worker is prepared
@@ -69,8 +69,8 @@ class Identifying:
             return
         if (rows[0][self._at[0]] or 0.0) < self._last_s:
             self._forget()
-        numbers = (row[k] for row in rows for k in self._at)
-        self._frames.append(array("f", [NAN if x is None else x for x in numbers]))
+        values = (row[k] for row in rows for k in self._at)
+        self._frames.append(array("f", [NAN if x is None else x for x in values]))
         self._last_s = rows[-1][self._at[0]] or 0.0
 
     def look(self, visitor: Visitor, on: bool) -> None:
@@ -112,18 +112,20 @@ class Identifying:
             if self.vehicle and (self._frames or self._busy or self._warm != self.vehicle):
                 self._warm = self.vehicle
                 await self._once()
-            await asyncio.sleep(0.0 if len(self._frames) > EACH_S * FRAMES_HZ * 2 else EACH_S)
+            await asyncio.sleep(
+                0.0 if len(self._frames) > REQUEST_PERIOD_S * FRAMES_HZ * 2 else REQUEST_PERIOD_S
+            )
 
     @property
     def _busy(self) -> bool:
         return self._reply is not None and bool(self._reply.get("busy"))
 
     async def _once(self) -> None:
-        drive, wide = self._drive, len(self._names)
+        drive, width = self._drive, len(self._names)
         rows: list[list[float]] = []
-        while self._frames and len(rows) < PORTION:
+        while self._frames and len(rows) < ROWS_PER_REQUEST:
             flat = self._frames.popleft().tolist()
-            rows += [flat[k : k + wide] for k in range(0, len(flat), wide)]
+            rows += [flat[k : k + width] for k in range(0, len(flat), width)]
         try:
             reply, _ = await self._lab.request(
                 "identify", vehicle=self.vehicle, drive=drive, names=self._names, rows=rows

@@ -21,7 +21,7 @@ from typing import TYPE_CHECKING, BinaryIO
 from baqueano.diagnostics import Diagnostic, fault
 from baqueano.errors import UsageError
 from baqueano.messages import text
-from baqueano.web.feed import HEAD
+from baqueano.web.feed import HEAD_LAYOUT
 from baqueano.web.lab.handle import Lab
 
 if TYPE_CHECKING:
@@ -29,13 +29,13 @@ if TYPE_CHECKING:
 
 PACE = 4.0
 SLOWEST, FASTEST = 0.05, 50.0
-STEP_S = 0.05  # between frames
-TELL_S = 0.2
-ROWS = 4096  # rows requested at once
-COMES_S = 10.0  # time for an opened browser to connect
-LOOKS_S = 4.0  # time of an experiment before its parameters are shown
-STAYS_S = 4.0  # time to show the parameters after an experiment
-TUNED_S = 7.0  # time to show the gains
+FRAME_PERIOD_S = 0.05  # between frames
+STATE_PERIOD_S = 0.2
+ROWS_PER_REQUEST = 4096  # rows requested at once
+CONNECT_TIMEOUT_S = 10.0  # time for an opened browser to connect
+BEFORE_FIT_S = 4.0  # time of an experiment before its parameters are shown
+FIT_SHOWN_S = 4.0  # time to show the parameters after an experiment
+GAINS_SHOWN_S = 7.0  # time to show the gains
 
 
 class RunPlayer:
@@ -44,7 +44,7 @@ class RunPlayer:
     def __init__(self, lab: Lab, pace: float = PACE) -> None:
         self._lab, self._pace = lab, pace
         self._waiting: asyncio.Queue[Path | Diagnostic | JsonObject | None] = asyncio.Queue()
-        self._on_word: Callable[[JsonObject], None] = lambda word: None
+        self._on_message: Callable[[JsonObject], None] = lambda word: None
         self._paused, self._stop_reason = False, None
         self.viewers: Callable[[], int] = lambda: 1
         self._mission: JsonObject = {}
@@ -72,13 +72,13 @@ class RunPlayer:
 
     async def receive(self, on_word: "Callable[[JsonObject], None]") -> None:
         """Play the queued entries one after the other until the entry None."""
-        self._on_word = on_word
+        self._on_message = on_word
         self._tell()
         while (entry := await self._waiting.get()) is not None:
             if isinstance(entry, Path):
                 await self._play(entry)
             elif isinstance(entry, dict):
-                await self._show({"screen": "tuned", **entry}, TUNED_S)
+                await self._show({"screen": "tuned", **entry}, GAINS_SHOWN_S)
             else:
                 on_word({"is": "event", "level": str(entry.severity), "said": entry})
 
@@ -86,79 +86,85 @@ class RunPlayer:
         """Do nothing, as a player does not own resources."""
 
     async def _play(self, path: Path) -> None:
-        about, _ = await self._lab.request("open", path=str(path))
-        names = [field["name"] for field in about["fields"]]
-        around = {"world": "simulated", "blocks": about["blocks"], "file": str(path)}
-        self._on_word({"is": "vehicle", **about["vehicle"], **around})
-        self._on_word({"is": "fields", "names": names, "units": [field["unit"] for field in about["fields"]]})
-        self._on_word({"is": "route", "x": [], "y": []} | (about["route"] or {}))
+        description, _ = await self._lab.request("open", path=str(path))
+        names = [field["name"] for field in description["fields"]]
+        context = {"world": "simulated", "blocks": description["blocks"], "file": str(path)}
+        self._on_message({"is": "vehicle", **description["vehicle"], **context})
+        self._on_message(
+            {"is": "fields", "names": names, "units": [field["unit"] for field in description["fields"]]}
+        )
+        self._on_message({"is": "route", "x": [], "y": []} | (description["route"] or {}))
         if not await self._somebody():
             return
-        events, first_row, done_s, published_s = about["events"], 0, 0.0, float("-inf")
+        events, first_row, done_s, published_s = description["events"], 0, 0.0, float("-inf")
         before_s = begun_s = time.monotonic()
-        is_experiment = about["kind"] == "experiment"
+        is_experiment = description["kind"] == "experiment"
         await self._show({"screen": "drive"})
-        while first_row < about["rows"]:
-            frame = (await self._lab.request("frame", path=str(path), number=0, first=first_row, count=ROWS))[
-                1
-            ]
+        while first_row < description["rows"]:
+            frame = (
+                await self._lab.request(
+                    "frame", path=str(path), number=0, first=first_row, count=ROWS_PER_REQUEST
+                )
+            )[1]
             rows = list(rows_of(frame, len(names)))
-            at = 0
-            while at < len(rows):
-                await asyncio.sleep(STEP_S)
+            row_index = 0
+            while row_index < len(rows):
+                await asyncio.sleep(FRAME_PERIOD_S)
                 if not self.viewers():
                     return
                 now_s = time.monotonic()
                 paused = self._paused or self._stop_reason is not None
                 done_s += 0.0 if paused else (now_s - before_s) * self._pace
                 before_s = now_s
-                due = at
+                due = row_index
                 while due < len(rows) and rows[due][0] <= done_s:
                     due += 1
-                if due > at:
-                    self._on_word({"is": "frame", "x": rows[at:due]})
-                at = due
+                if due > row_index:
+                    self._on_message({"is": "frame", "x": rows[row_index:due]})
+                row_index = due
                 while events and events[0]["t"] <= done_s:
                     self._event(events.pop(0))
-                if is_experiment and now_s - begun_s > LOOKS_S:
+                if is_experiment and now_s - begun_s > BEFORE_FIT_S:
                     is_experiment = False
                     await self._show({"screen": "identify"})
-                if now_s - published_s >= TELL_S:
+                if now_s - published_s >= STATE_PERIOD_S:
                     published_s = now_s
                     self._mission = {
-                        "mission": about["kind"], "laps": None, "t_s": done_s, "left_s": about["seconds"] - done_s,
+                        "mission": description["kind"], "laps": None, "t_s": done_s,
+                        "left_s": description["seconds"] - done_s,
                     }  # fmt: skip
                     self._tell()
             first_row += len(rows)
         self._mission = {}
         self._tell()
-        if about["kind"] == "experiment":
-            await self._show({"screen": "identify"}, STAYS_S)
+        if description["kind"] == "experiment":
+            await self._show({"screen": "identify"}, FIT_SHOWN_S)
 
     async def _show(self, scene: "JsonObject", stays_s: float = 0.0) -> None:
         """Show a screen, and wait `stays_s` seconds while a browser watches; a pause of the player does not count."""
         self._scene = scene
         self._tell()
         while stays_s > 0.0 and self.viewers():
-            await asyncio.sleep(STEP_S)
-            stays_s -= 0.0 if self._paused else STEP_S
+            await asyncio.sleep(FRAME_PERIOD_S)
+            stays_s -= 0.0 if self._paused else FRAME_PERIOD_S
 
     async def _somebody(self) -> bool:
-        """Wait for a browser; return True once a browser watches, or False if none has connected within COMES_S."""
-        self._patience_s = self._patience_s or time.monotonic() + COMES_S
+        """Wait for a browser; return True once a browser watches, or False if none has connected within
+        CONNECT_TIMEOUT_S."""
+        self._patience_s = self._patience_s or time.monotonic() + CONNECT_TIMEOUT_S
         while not self.viewers() and time.monotonic() < self._patience_s:
-            await asyncio.sleep(STEP_S)
+            await asyncio.sleep(FRAME_PERIOD_S)
         return bool(self.viewers())
 
     def _event(self, event: "JsonObject") -> None:
         if isinstance(event["text"], dict):
-            self._on_word(
+            self._on_message(
                 {"is": "event", "level": event["severity"], "said": Diagnostic.of_json(event["text"])}
             )
 
     def _tell(self) -> None:
         state = "STOPPED" if self._stop_reason is not None else "MISSION" if self._mission else "READY"
-        self._on_word(
+        self._on_message(
             {
                 "is": "state",
                 "state": state,
@@ -173,11 +179,11 @@ class RunPlayer:
 
 def rows_of(frame: bytes, columns: int) -> Iterator[list[float]]:
     """Yield the rows of a frame as lists of numbers."""
-    numbers = array("f", frame[HEAD.size :])
+    values = array("f", frame[HEAD_LAYOUT.size :])
     if sys.byteorder == "big":
-        numbers.byteswap()
-    for k in range(0, len(numbers), columns):
-        yield numbers[k : k + columns].tolist()
+        values.byteswap()
+    for k in range(0, len(values), columns):
+        yield values[k : k + columns].tolist()
 
 
 async def play(folder: Path, pace: float, browser: bool) -> None:
@@ -215,11 +221,11 @@ def read(coming: BinaryIO, put: "Callable[[Path | Diagnostic | JsonObject | None
     """Pass the entry in each line of stdin to `put`, and None at its end; skip malformed lines."""
     for line in coming:
         try:
-            word = json.loads(line)
-            if "tuned" in word:
-                put(dict(word["tuned"]))
+            message = json.loads(line)
+            if "tuned" in message:
+                put(dict(message["tuned"]))
             else:
-                put(Path(word["play"]) if "play" in word else Diagnostic.of_json(word["say"]))
+                put(Path(message["play"]) if "play" in message else Diagnostic.of_json(message["say"]))
         except (ValueError, KeyError, TypeError):
             continue
     put(None)

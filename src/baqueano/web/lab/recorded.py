@@ -21,9 +21,13 @@ if TYPE_CHECKING:
     from baqueano.contracts.values import JsonObject
 
 Log: TypeAlias = EstimateLog | ReferenceLog | TruthLog
-ROUTE_POINTS = 2000  # most points of a drawn path
-CLOSED_M = 0.3  # largest gap between the ends of a closed path
-ROUND = {"kind": "round", "length_m": 0.14, "width_m": 0.14}  # default if the file does not have a body
+MAX_ROUTE_POINTS = 2000  # most points of a drawn path
+MAX_CLOSED_GAP_M = 0.3  # largest gap between the ends of a closed path
+DEFAULT_FOOTPRINT = {
+    "kind": "round",
+    "length_m": 0.14,
+    "width_m": 0.14,
+}  # default if the file does not have a body
 ETA, NU, P = ("x", "y", "psi"), ("u", "v", "r"), {"xx": (0, 0), "xy": (0, 1), "yy": (1, 1), "psi": (2, 2)}
 UNITS = {
     "eta.x": "m", "eta.y": "m", "eta.psi": "rad", "nu.u": "m/s", "nu.v": "m/s", "nu.r": "rad/s",
@@ -53,15 +57,16 @@ def pack_run(run: Run, kinds: dict[str, str] | None = None) -> PackedRun:
     columns = _columns(run)
     data = _tables(run.vehicle_text)
     names, unit = _command(data, run.applied.shape[1])
-    fields = [{"name": name, **_about(name, names, unit)} for name in columns]
+    fields = [{"name": name, **_field_description(name, names, unit)} for name in columns]
     events = [
         {"t": (e.t_ns - int(run.t_ns[0])) / NANOSECONDS, "severity": e.level, "source": e.source,
          "text": e.text if e.diagnostic is None else e.diagnostic.to_json()}
         for e in run.events if e.source != "refused"
     ]  # fmt: skip
-    around = {
+    context = {
         "name": run.name, "kind": run.metadata.get("kind", ""), "rows": len(run.t_ns), "seconds": run.duration_s,
-        "vehicle": vehicle_of(data, len(names)), "blocks": _blocks(data, kinds or {}), "route": route_of(run),
+        "vehicle": vehicle_description(data, len(names)), "blocks": _blocks(data, kinds or {}),
+        "route": route_description(run),
         "events": events,
     }  # fmt: skip
     x = (
@@ -69,7 +74,7 @@ def pack_run(run: Run, kinds: dict[str, str] | None = None) -> PackedRun:
         if len(run.t_ns)
         else np.zeros((0, len(fields)))
     )
-    return PackedRun(fields, run.t_s, np.ascontiguousarray(x, np.float32), around)
+    return PackedRun(fields, run.t_s, np.ascontiguousarray(x, np.float32), context)
 
 
 def _columns(run: Run) -> dict[str, np.ndarray]:
@@ -93,8 +98,8 @@ def _columns(run: Run) -> dict[str, np.ndarray]:
         columns[f"u.{k}"] = run.applied[:, k]
         columns[f"asked.{k}"] = silent if run.requested is None else run.requested[:, k]
     columns |= _readings(run)
-    off = eta[:, :2] - ref[:, :2]
-    columns["cross"] = -off[:, 0] * np.sin(ref[:, 2]) + off[:, 1] * np.cos(ref[:, 2])  # (1)
+    offset = eta[:, :2] - ref[:, :2]
+    columns["cross"] = -offset[:, 0] * np.sin(ref[:, 2]) + offset[:, 1] * np.cos(ref[:, 2])  # (1)
     steps = np.hypot(*np.diff(ref[:, :2], axis=0, prepend=ref[:1, :2]).T)
     columns["progress"] = np.where(np.isnan(ref[:, 0]), np.nan, np.nancumsum(steps))  # (2)
     return columns
@@ -118,13 +123,13 @@ def _readings(run: Run) -> dict[str, np.ndarray]:
     n = len(run.t_ns)
     names = [f"{name}[{k}]" for name, channel in run.sensors.items() for k in range(channel.z.shape[1])]
     z = np.full((n, len(names)), np.nan)
-    at = 0
+    offset = 0
     for channel in run.sensors.values():
         newest = np.searchsorted(channel.arrival_ns, run.t_ns, side="right") - 1
-        fresh = np.diff(newest, prepend=-1) > 0
+        is_new = np.diff(newest, prepend=-1) > 0
         m = channel.z.shape[1]
-        z[fresh, at : at + m] = channel.z[newest[fresh]]
-        at += m
+        z[is_new, offset : offset + m] = channel.z[newest[is_new]]
+        offset += m
     columns = {f"z.{name}": z[:, k] for k, name in enumerate(names)}
     log = run.estimate
     if log is None or log.innovation is None or log.innovation.shape[1] != len(names) or len(log.t_ns) != n:
@@ -140,16 +145,16 @@ def _readings(run: Run) -> dict[str, np.ndarray]:
     return columns | {"nis": normalised_squared_error(w) / np.maximum(count, 1)}  # (3)
 
 
-def _about(name: str, commands: list[str], unit: str) -> "JsonObject":
+def _field_description(name: str, commands: list[str], unit: str) -> "JsonObject":
     """Return {unit, group} of a column; columns of one group share a plot."""
-    first, _, rest = name.partition(".")
-    if first in ("u", "asked"):
-        return {"unit": unit, "group": commands[int(rest)]}
-    if first in ("z", "model", "innov", "S"):
-        return {"unit": _unit_of_reading(rest), "group": rest.partition("[")[0]}
+    prefix, _, remainder = name.partition(".")
+    if prefix in ("u", "asked"):
+        return {"unit": unit, "group": commands[int(remainder)]}
+    if prefix in ("z", "model", "innov", "S"):
+        return {"unit": _unit_of_reading(remainder), "group": remainder.partition("[")[0]}
     like = name.replace("truth.", "eta.").replace("ref.", "eta.") if name != "ref.u" else name
     units = {"progress": "m", "cross": "m"}
-    return {"unit": UNITS.get(like, units.get(name, "")), "group": "route" if name in units else first}
+    return {"unit": UNITS.get(like, units.get(name, "")), "group": "route" if name in units else prefix}
 
 
 def _unit_of_reading(channel: str) -> str:
@@ -178,7 +183,7 @@ def _command(data: "JsonObject", n: int) -> tuple[list[str], str]:
     return [f"u[{k}]" for k in range(n)], unit
 
 
-def vehicle_of(data: "JsonObject", n: int, world: str = "recorded") -> "JsonObject":
+def vehicle_description(data: "JsonObject", n: int, world: str = "recorded") -> "JsonObject":
     """Return the description of a vehicle with `n` commands for the page, from the tables of its file."""
     names, unit = _command(data, n)
     limit = _table(data, "command").get("limit")
@@ -195,13 +200,13 @@ def vehicle_of(data: "JsonObject", n: int, world: str = "recorded") -> "JsonObje
 
 def _footprint(geometry: "JsonObject") -> "JsonObject":
     if "radius_m" in geometry:
-        across = 2.0 * _number(geometry["radius_m"])
-        return {"kind": "round", "length_m": across, "width_m": across}
+        diameter_m = 2.0 * _number(geometry["radius_m"])
+        return {"kind": "round", "length_m": diameter_m, "width_m": diameter_m}
     if "length_m" in geometry and "width_m" in geometry:
         return {
             "kind": "car", "length_m": _number(geometry["length_m"]), "width_m": _number(geometry["width_m"]),
         }  # fmt: skip
-    return ROUND
+    return DEFAULT_FOOTPRINT
 
 
 def _number(value: object) -> float:
@@ -210,13 +215,13 @@ def _number(value: object) -> float:
 
 def _blocks(data: "JsonObject", kinds: dict[str, str]) -> "JsonObject":
     """Return the kinds of the blocks by room, with the model."""
-    kind_of = {room: _table(data, room).get("kind", kind) for room, kind in kinds.items()}
-    return {room: str(kind) for room, kind in kind_of.items()} | {
+    kind_of = {role: _table(data, role).get("kind", kind) for role, kind in kinds.items()}
+    return {role: str(kind) for role, kind in kind_of.items()} | {
         "model": str(_table(data, "model").get("kind", ""))
     }
 
 
-def route_of(run: Run) -> "JsonObject | None":
+def route_description(run: Run) -> "JsonObject | None":
     """Return the path of the reference for the page, or None for a run without a moving reference."""
     target = run.guide_reference
     if target is None:
@@ -224,15 +229,15 @@ def route_of(run: Run) -> "JsonObject | None":
     xy = target.eta[np.isfinite(target.eta).all(axis=1), :2]
     if len(xy) < 2 or not np.ptp(xy, axis=0).any():
         return None
-    closed = bool(np.hypot(*(xy[-1] - xy[0])) < CLOSED_M)
-    xy = xy[:: max(1, -(-len(xy) // ROUTE_POINTS))]
-    return {"name": "", "closed": closed, "x": xy[:, 0].round(4).tolist(), "y": xy[:, 1].round(4).tolist()}
+    is_closed = bool(np.hypot(*(xy[-1] - xy[0])) < MAX_CLOSED_GAP_M)
+    xy = xy[:: max(1, -(-len(xy) // MAX_ROUTE_POINTS))]
+    return {"name": "", "closed": is_closed, "x": xy[:, 0].round(4).tolist(), "y": xy[:, 1].round(4).tolist()}
 
 
 def run_entry(run: Run, modified_s: float) -> "JsonObject":
     """Return the entry of a run in the list of runs."""
-    when = datetime.fromtimestamp(modified_s, UTC).isoformat(timespec="seconds")
+    modified = datetime.fromtimestamp(modified_s, UTC).isoformat(timespec="seconds")
     return {
-        "kind": run.metadata.get("kind", ""), "seconds": run.duration_s, "when": when, "laps": None,
+        "kind": run.metadata.get("kind", ""), "seconds": run.duration_s, "when": modified, "laps": None,
         "verdict": run.metadata.get("verdict", ""),
     }  # fmt: skip

@@ -10,13 +10,13 @@ from tempfile import TemporaryDirectory
 from typing import TYPE_CHECKING
 
 from baqueano.errors import BaqueanoError
-from baqueano.web.http import REPORT_POLICY, TYPES, Content
+from baqueano.web.http import CONTENT_TYPES, REPORT_POLICY, Content
 from baqueano.web.lab.handle import Lab
 
 if TYPE_CHECKING:
     from baqueano.contracts.values import JsonObject
 
-NEWEST = 200  # most runs in a list
+MAX_LISTED_RUNS = 200  # most runs in a list
 
 
 class Shelf:
@@ -40,12 +40,12 @@ class Shelf:
     def paths(self) -> dict[str, Path]:
         """Return the paths of the existing runs by key: the extra runs, then the runs of the folder, newest first.
 
-        The folder counts with its NEWEST newest runs, without symbolic links and hidden files.
+        The folder counts with its MAX_LISTED_RUNS newest runs, without symbolic links and hidden files.
         """
         candidates = [p for p in self.folder.glob("*.mcap") if p.is_file() and not p.is_symlink()]
         candidates = [p.resolve() for p in candidates if not p.name.startswith(".")]
         candidates.sort(key=lambda path: path.stat().st_mtime, reverse=True)
-        files = dict.fromkeys([*self._extra_runs, *candidates[:NEWEST]])
+        files = dict.fromkeys([*self._extra_runs, *candidates[:MAX_LISTED_RUNS]])
         return {self.word(path): path for path in files if path.is_file()}
 
     def runs(self) -> "list[JsonObject]":
@@ -55,8 +55,8 @@ class Shelf:
     def line(self, path: Path) -> "JsonObject":
         """Return the list entry of a run, with None for fields not yet read."""
         unread = {"kind": None, "when": None, "seconds": None, "laps": None, "report": True}
-        word = self.word(path)
-        return {"id": word, "name": path.stem} | unread | self._lines.get(word, {})
+        name = self.word(path)
+        return {"id": name, "name": path.stem} | unread | self._lines.get(name, {})
 
     async def read(self) -> "list[JsonObject]":
         """Let the worker read all runs, and return their list entries."""
@@ -72,17 +72,17 @@ class Shelf:
         if run_path is None:
             return None
         if kind == "run":
-            plain = (
+            text_content = (
                 "".join(c for c in run_path.name if c.isascii() and (c.isalnum() or c in "._-")) or "run.mcap"
             )
-            return Content(TYPES[".mcap"], run_path, download=plain)
+            return Content(CONTENT_TYPES[".mcap"], run_path, download=text_content)
         page = Path(self._pages.name) / f"{word}-{run_path.stat().st_mtime_ns}.html"
         if not page.exists():
             try:
                 await self._press.request("report", path=str(run_path), to=str(page))
             except BaqueanoError:
                 return None
-        return Content(TYPES[".html"], page, REPORT_POLICY)
+        return Content(CONTENT_TYPES[".html"], page, REPORT_POLICY)
 
     async def close(self) -> None:
         """End the worker, and remove the reports."""

@@ -13,11 +13,11 @@ import numpy as np
 
 from baqueano.diagnostics import fault
 from baqueano.errors import FileError, UsageError
-from baqueano.guides.shapes import SHAPES, shape
+from baqueano.guides.shapes import SHAPE_NAMES, shape
 from baqueano.runs.route_file import read_route
 from baqueano.tune.laps import SimulatedLaps, simulated_laps
 from baqueano.tune.rehearsal import JERK_M2
-from baqueano.tune.search import UNUSABLE, descend, gains, place
+from baqueano.tune.search import DIVERGED_COST, coordinates, descend, gains
 from baqueano.tune.search_space import file_values
 
 if TYPE_CHECKING:
@@ -27,10 +27,10 @@ if TYPE_CHECKING:
     from baqueano.vehicle_file.file import VehicleFile
 
 SIZE_M, SPEED_M_S = 1.0, 0.25  # defaults of a shape, as in a service
-POINTS = 500  # most points of a drawn path
-KEPT = 4  # stored kernels
-MOST = 200  # most laps of one question
-OF_RUN = "run"
+MAX_POINTS = 500  # most points of a drawn path
+MAX_KERNELS = 4  # stored kernels
+MAX_LAPS = 200  # most laps of one question
+ROUTE_OF_RUN = "run"
 
 
 class TuningBench:
@@ -41,75 +41,75 @@ class TuningBench:
             OrderedDict()
         )
 
-    def begin(self, word: "JsonObject") -> "JsonObject":
+    def begin(self, request: "JsonObject") -> "JsonObject":
         """Return the gains with their ranges and start values, the routes, and the path of the chosen route.
 
         The request is {vehicle | path, routes, route, kind}.
         """
-        names = route_names(word)
-        name = word.get("route") or names[0]
-        file, route, laps = self._laps(word | {"route": name})
+        names = route_names(request)
+        name = request.get("route") or names[0]
+        vehicle_file, route, laps = self._laps(request | {"route": name})
         search = laps.space
         block = search.block
         meanings = dict(_meanings(block))
-        complete = bool(np.all(np.isfinite(search.before)))
+        complete = bool(np.all(np.isfinite(search.file_gains)))
         rows = [
             {"name": n, "unit": "" if unit == "1" else unit, "meaning": meanings[n.partition("[")[0]],
              "low": low, "high": high, "file": before if complete else None, "value": first}
             for n, unit, low, high, before, first in zip(
-                search.names, search.units, search.low.tolist(), search.high.tolist(), search.before.tolist(),
+                search.names, search.units, search.low.tolist(), search.high.tolist(), search.file_gains.tolist(),
                 search.first.values(), strict=True)
         ]  # fmt: skip
         return {
             "gains": rows, "controller": type(block).__name__, "routes": names, "route": name, "price": JERK_M2,
-            "seconds": laps.seconds, "whole": laps.whole, "ticks": round(laps.seconds * file.rate_hz),
+            "seconds": laps.seconds, "whole": laps.whole, "ticks": round(laps.seconds * vehicle_file.rate_hz),
             "path": {
                 "x": np.round(route.eta[:, 0], 4).tolist()[:: 1 + len(route.eta) // 1500],
                 "y": np.round(route.eta[:, 1], 4).tolist()[:: 1 + len(route.eta) // 1500],
                 "closed": bool(route.closed),
             },
-            "file": None if file.path is None else file.path.name,
+            "file": None if vehicle_file.path is None else vehicle_file.path.name,
         }  # fmt: skip
 
-    def lap(self, word: "JsonObject") -> "JsonObject":
+    def lap(self, request: "JsonObject") -> "JsonObject":
         """Return path, cost and figures of a simulated lap with `gains`, and its computing time."""
-        _, _, laps = self._laps(word)
+        _, _, laps = self._laps(request)
         began = time.perf_counter()
-        lap = laps.lap(_values(word["gains"], laps))
+        lap = laps.lap(_values(request["gains"], laps))
         return lap_picture(lap) | {"ms": 1e3 * (time.perf_counter() - began)}
 
-    def costs(self, word: "JsonObject") -> "JsonObject":
+    def costs(self, request: "JsonObject") -> "JsonObject":
         """Return both terms of the cost of laps for the request {gains, a, b, at: [[x, y], …]}.
 
         Only the gains a and b vary: x and y are their positions in [0, 1] within their ranges (search.py).
         """
-        _, _, laps = self._laps(word)
-        search, base = laps.space, _values(word["gains"], laps)
-        a, b = (search.names.index(word[axis]) for axis in "ab")
-        at = np.clip(np.array(word["at"], dtype=float).reshape(-1, 2)[:MOST], 0.0, 1.0)
-        each = np.tile(base, (len(at), 1))
+        _, _, laps = self._laps(request)
+        search, base = laps.space, _values(request["gains"], laps)
+        a, b = (search.names.index(request[axis]) for axis in "ab")
+        positions = np.clip(np.array(request["at"], dtype=float).reshape(-1, 2)[:MAX_LAPS], 0.0, 1.0)
+        gains_of_lap = np.tile(base, (len(positions), 1))
         for axis, k in ((0, a), (1, b)):
-            each[:, k] = gains(at[:, axis], search.low[k], search.high[k])
-        return {"costs": _finite(laps.costs(each))}
+            gains_of_lap[:, k] = gains(positions[:, axis], search.low[k], search.high[k])
+        return {"costs": _finite(laps.costs(gains_of_lap))}
 
-    def downhill(self, word: "JsonObject") -> "JsonObject":
+    def downhill(self, request: "JsonObject") -> "JsonObject":
         """Return the steps of a descent of the cost from `gains`: gains, positions in [0, 1], and costs.
 
         `price` weights the jerk.
         """
-        _, _, laps = self._laps(word)
-        price, search = max(0.0, float(word["price"])), laps.space
+        _, _, laps = self._laps(request)
+        price, search = max(0.0, float(request["price"])), laps.space
         began = time.perf_counter()
-        start = np.clip(_values(word["gains"], laps), search.low, search.high)
-        descent = descend(lambda g: laps.cost_and_gradient(g, price), start, search.low, search.high)
-        way = [*descent.way, descent.gains]
+        start_gains = np.clip(_values(request["gains"], laps), search.low, search.high)
+        descent = descend(lambda g: laps.cost_and_gradient(g, price), start_gains, search.low, search.high)
+        descent_path = [*descent.path, descent.gains]
         return {
-            "way": [each.tolist() for each in way], "cost": descent.cost, "before": float(descent.costs[0]),
+            "way": [each.tolist() for each in descent_path], "cost": descent.cost, "before": float(descent.costs[0]),
             "laps": len(descent.costs), "seconds": time.perf_counter() - began,
-            "places": [place(each, search.low, search.high).tolist() for each in way],
+            "places": [coordinates(each, search.low, search.high).tolist() for each in descent_path],
         }  # fmt: skip
 
-    def write(self, word: "JsonObject") -> "JsonObject":
+    def write(self, request: "JsonObject") -> "JsonObject":
         """Write all gains into the vehicle file, and return its file name.
 
         Raise UsageError for a vehicle of the garage, which does not have a file of the user.
@@ -117,84 +117,92 @@ class TuningBench:
         from baqueano.diagnostics import Verdict
         from baqueano.vehicle_file.history import Provenance
 
-        file, _, laps = self._laps(word)
-        if file.path is None:
-            raise UsageError(fault("web.tune-garage", "baqueano new NAME", vehicle=file.name))
-        block = laps.space.with_gains(_values(word["gains"], laps))
-        values = file_values(block, laps.space.names, word.get("kind") or None)
+        vehicle_file, _, laps = self._laps(request)
+        if vehicle_file.path is None:
+            raise UsageError(fault("web.tune-garage", "baqueano new NAME", vehicle=vehicle_file.name))
+        block = laps.space.with_gains(_values(request["gains"], laps))
+        values = file_values(block, laps.space.names, request.get("kind") or None)
         origin = Provenance(run="tune, page", verdict=Verdict.USABLE)
-        file.with_values(values, dict.fromkeys(values, origin)).save()
+        vehicle_file.with_values(values, dict.fromkeys(values, origin)).save()
         self._laps_cache.clear()
-        return {"file": file.path.name}
+        return {"file": vehicle_file.path.name}
 
-    def _laps(self, word: "JsonObject") -> "tuple[VehicleFile, Route, SimulatedLaps]":
-        key = (_stamp(word), word.get("route", ""), word.get("kind") or "")
+    def _laps(self, request: "JsonObject") -> "tuple[VehicleFile, Route, SimulatedLaps]":
+        key = (_stamp(request), request.get("route", ""), request.get("kind") or "")
         if key not in self._laps_cache:
-            file = file_of(word)
-            route = _route(word)
-            self._laps_cache[key] = file, route, simulated_laps(file, route, word.get("kind") or None)
-            while len(self._laps_cache) > KEPT:
+            vehicle_file = file_of(request)
+            route = _route(request)
+            self._laps_cache[key] = (
+                vehicle_file,
+                route,
+                simulated_laps(vehicle_file, route, request.get("kind") or None),
+            )
+            while len(self._laps_cache) > MAX_KERNELS:
                 self._laps_cache.popitem(last=False)
         self._laps_cache.move_to_end(key)
         return self._laps_cache[key]
 
 
-def file_of(word: "JsonObject") -> "VehicleFile":
+def file_of(request: "JsonObject") -> "VehicleFile":
     """Return the vehicle file of a question: the file named `vehicle`, or the file in the run at `path`."""
     from baqueano.drive.verbs import vehicle_of
     from baqueano.runs import read_run
     from baqueano.vehicle_file import load
 
-    return load(word["vehicle"]) if "vehicle" in word else vehicle_of(read_run(Path(word["path"])))
+    return load(request["vehicle"]) if "vehicle" in request else vehicle_of(read_run(Path(request["path"])))
 
 
-def route_names(word: "JsonObject") -> list[str]:
+def route_names(request: "JsonObject") -> list[str]:
     """Return the names of the possible routes: the run's route, the stored routes, and the shapes."""
-    names = sorted(_route_files(word))
-    return [*([OF_RUN] if "path" in word and _of_run(word) is not None else []), *names, *SHAPES]
+    names = sorted(_route_files(request))
+    return [
+        *([ROUTE_OF_RUN] if "path" in request and _route_of_run(request) is not None else []),
+        *names,
+        *SHAPE_NAMES,
+    ]
 
 
-def _route_files(word: "JsonObject") -> dict[str, Path]:
-    folder = word.get("routes")
+def _route_files(request: "JsonObject") -> dict[str, Path]:
+    folder = request.get("routes")
     return {} if not folder else {path.stem: path for path in Path(folder).glob("*.csv")}
 
 
-def _route(word: "JsonObject") -> "Route":
-    name = word["route"]
-    if name in SHAPES:
+def _route(request: "JsonObject") -> "Route":
+    name = request["route"]
+    if name in SHAPE_NAMES:
         return shape(name, SIZE_M, SPEED_M_S)
-    if name == OF_RUN and "path" in word and (route := _of_run(word)) is not None:
+    if name == ROUTE_OF_RUN and "path" in request and (route := _route_of_run(request)) is not None:
         return route
-    route_files = _route_files(word)
+    route_files = _route_files(request)
     if name not in route_files:
-        raise FileError(fault("door.no-route", found=repr(name)[:80], known=route_names(word)))
+        raise FileError(fault("door.no-route", found=repr(name)[:80], known=route_names(request)))
     return read_route(route_files[name])
 
 
-def _of_run(word: "JsonObject") -> "Route | None":
+def _route_of_run(request: "JsonObject") -> "Route | None":
     """Return the references of a run as a route; None if they are missing or do not move."""
     from baqueano.guides.route import Route
     from baqueano.runs import read_run
     from baqueano.signals import seconds
 
-    ref = read_run(Path(word["path"])).reference
+    ref = read_run(Path(request["path"])).reference
     if ref is None:
         return None
-    good = np.isfinite(ref.eta).all(axis=1)
-    if good.sum() < 2 or not np.ptp(ref.eta[good, :2], axis=0).any():
+    is_finite = np.isfinite(ref.eta).all(axis=1)
+    if is_finite.sum() < 2 or not np.ptp(ref.eta[is_finite, :2], axis=0).any():
         return None
-    t_ns = ref.t_ns[good]
-    return Route(seconds(t_ns, t_ns[0]), ref.eta[good], ref.nu[good], False)
+    t_ns = ref.t_ns[is_finite]
+    return Route(seconds(t_ns, t_ns[0]), ref.eta[is_finite], ref.nu[is_finite], False)
 
 
 def lap_picture(lap: "SimulatedLap") -> "JsonObject":
     """Return a lap as data for the page: its path, its costs, and its figures."""
-    every = 1 + len(lap.x) // POINTS
-    figures = [lap.path_cost, lap.jerk_cost, lap.distance_rms_m, lap.distance_max_m, lap.saturated]
-    path, jerk, rms, most, full = (x if np.isfinite(x) else None for x in figures)
+    stride = 1 + len(lap.x) // MAX_POINTS
+    values = [lap.path_cost, lap.jerk_cost, lap.distance_rms_m, lap.distance_max_m, lap.saturated]
+    path, jerk, rms, max_m, saturated = (x if np.isfinite(x) else None for x in values)
     return {
-        "x": np.round(lap.x[::every], 4).tolist(), "y": np.round(lap.y[::every], 4).tolist(),
-        "cost": path, "jerk": jerk, "rms": rms, "most": most, "full": full,
+        "x": np.round(lap.x[::stride], 4).tolist(), "y": np.round(lap.y[::stride], 4).tolist(),
+        "cost": path, "jerk": jerk, "rms": rms, "most": max_m, "full": saturated,
     }  # fmt: skip
 
 
@@ -219,11 +227,11 @@ def _values(numbers: object, laps: SimulatedLaps) -> np.ndarray:
 
 
 def _finite(costs: np.ndarray) -> "list[list[float | None]]":
-    return [[float(x) if np.isfinite(x) and x < UNUSABLE else None for x in row] for row in costs]
+    return [[float(x) if np.isfinite(x) and x < DIVERGED_COST else None for x in row] for row in costs]
 
 
-def _stamp(word: "JsonObject") -> tuple[object, ...]:
+def _stamp(request: "JsonObject") -> tuple[object, ...]:
     """Return a key that changes if the file of the vehicle, the run or the route changes."""
-    paths = [Path(str(word[name])) for name in ("vehicle", "path") if name in word]
-    paths += [path for name, path in _route_files(word).items() if name == word.get("route")]
+    paths = [Path(str(request[name])) for name in ("vehicle", "path") if name in request]
+    paths += [path for name, path in _route_files(request).items() if name == request.get("route")]
     return tuple((str(path), path.stat().st_mtime_ns if path.is_file() else 0) for path in paths)

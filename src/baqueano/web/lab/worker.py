@@ -28,8 +28,8 @@ if TYPE_CHECKING:
     from baqueano.web.lab.tuning import TuningBench
 
 NICE = 10  # the vehicle's service and the page have priority
-LONGEST_S = 3600.0  # longest experiment
-KEPT = 4  # runs that stay open
+MAX_EXPERIMENT_S = 3600.0  # longest experiment
+MAX_OPEN_RUNS = 4  # runs that stay open
 
 
 class Worker:
@@ -41,67 +41,67 @@ class Worker:
         self._drives = Drives()
         self._bench: TuningBench | None = None
 
-    def answer(self, word: "JsonObject") -> tuple["JsonObject", bytes]:
+    def answer(self, request: "JsonObject") -> tuple["JsonObject", bytes]:
         """Return the answer to a request, and the bytes that follow it."""
-        words: dict[str, Callable[[JsonObject], tuple[JsonObject, bytes]]] = {
+        handlers: dict[str, Callable[[JsonObject], tuple[JsonObject, bytes]]] = {
             "find": self._find, "open": self._begin, "frame": self._frame, "runs": self._runs, "report": self._report,
             "vehicle": _vehicle, "mission": _mission, "fetch": _fetch, "compare": _compare, "block": _block,
             "check": _block,
             **dict.fromkeys(("tune", "lap", "costs", "downhill", "write"), self._tune),
             "identify": self._drives.answer, "identify run": self._drives.answer_run,
         }  # fmt: skip
-        return words[word["do"]](word)
+        return handlers[request["do"]](request)
 
-    def _tune(self, word: "JsonObject") -> tuple["JsonObject", bytes]:
+    def _tune(self, request: "JsonObject") -> tuple["JsonObject", bytes]:
         from baqueano.web.lab.tuning import TuningBench
 
         self._bench = self._bench or TuningBench()
         bench = self._bench
-        words = {
+        handlers = {
             "tune": bench.begin, "lap": bench.lap, "costs": bench.costs, "downhill": bench.downhill,
             "write": bench.write,
         }  # fmt: skip
-        return words[word["do"]](word), b""
+        return handlers[request["do"]](request), b""
 
-    def _find(self, word: "JsonObject") -> tuple["JsonObject", bytes]:
+    def _find(self, request: "JsonObject") -> tuple["JsonObject", bytes]:
         """Return the paths of the runs with these names, after reading each run."""
         from baqueano.runs.folder import find
 
-        paths = [find(name, word["folder"]) for name in word["names"]]
+        paths = [find(name, request["folder"]) for name in request["names"]]
         for path in paths:
             self._recording(path)
         return {"paths": [str(path.resolve()) for path in paths]}, b""
 
-    def _begin(self, word: "JsonObject") -> tuple["JsonObject", bytes]:
-        run = self._recording(Path(word["path"]), word.get("filter") or "")
+    def _begin(self, request: "JsonObject") -> tuple["JsonObject", bytes]:
+        run = self._recording(Path(request["path"]), request.get("filter") or "")
         return run.around | {"fields": run.fields}, b""
 
-    def _frame(self, word: "JsonObject") -> tuple["JsonObject", bytes]:
-        run = self._recording(Path(word["path"]), word.get("filter") or "")
-        return {}, run.frame(word["number"], word["first"], word["count"])
+    def _frame(self, request: "JsonObject") -> tuple["JsonObject", bytes]:
+        run = self._recording(Path(request["path"]), request.get("filter") or "")
+        return {}, run.frame(request["number"], request["first"], request["count"])
 
     def _recording(self, path: Path, estimator: str = "") -> "PackedRun":
         """Return a run, read again if it has changed; if `estimator` is given, replayed through it."""
         from baqueano.runs import read_run
-        from baqueano.vehicle_file.build import DEFAULT_KIND
+        from baqueano.vehicle_file.build import DEFAULT_KINDS
         from baqueano.web.lab.recorded import pack_run
 
         key = (*_version(path), estimator)
         if key not in self._open:
             run = read_run(path)
-            self._open[key] = pack_run(_refilter(run, estimator) if estimator else run, DEFAULT_KIND)
+            self._open[key] = pack_run(_refilter(run, estimator) if estimator else run, DEFAULT_KINDS)
         self._open.move_to_end(key)
-        while len(self._open) > KEPT:
+        while len(self._open) > MAX_OPEN_RUNS:
             self._open.popitem(last=False)
         return self._open[key]
 
-    def _runs(self, word: "JsonObject") -> tuple["JsonObject", bytes]:
+    def _runs(self, request: "JsonObject") -> tuple["JsonObject", bytes]:
         """Return the list entry of each of these files; a file that cannot be read has the verdict UNREADABLE."""
         from baqueano.runs import read_run
         from baqueano.web.lab.recorded import run_entry
 
         lines: list[JsonObject] = []
-        for path in map(Path, word["paths"]):
+        for path in map(Path, request["paths"]):
             try:
                 key = _version(path)
                 if key not in self._lines:
@@ -113,11 +113,11 @@ class Worker:
                 )
         return {"runs": lines}, b""
 
-    def _report(self, word: "JsonObject") -> tuple["JsonObject", bytes]:
+    def _report(self, request: "JsonObject") -> tuple["JsonObject", bytes]:
         from baqueano.report import report
         from baqueano.runs import read_run
 
-        report(read_run(Path(word["path"])), Path(word["to"]))
+        report(read_run(Path(request["path"])), Path(request["to"]))
         return {}, b""
 
 
@@ -129,22 +129,22 @@ def _refilter(run: "Run", estimator: str) -> "Run":
     from baqueano.drive.verbs import vehicle_of
     from baqueano.web.lab.described_blocks import listed_kinds
 
-    file = vehicle_of(run)
-    kinds = listed_kinds("estimator", file)
+    vehicle_file = vehicle_of(run)
+    kinds = listed_kinds("estimator", vehicle_file)
     if estimator not in kinds:
         raise UsageError(fault("web.no-kind", room="estimator", found=repr(estimator), known=kinds))
-    replayed = replay(run, file, estimator=estimator, backend="auto")
+    replayed = replay(run, vehicle_file, estimator=estimator, backend="auto")
     return replace(replayed, name=estimator, metadata=run.metadata | replayed.metadata | {"kind": "replay"})
 
 
-def _block(word: "JsonObject") -> tuple["JsonObject", bytes]:
+def _block(request: "JsonObject") -> tuple["JsonObject", bytes]:
     from baqueano.web.lab.described_blocks import block_description, check_block
     from baqueano.web.lab.tuning import file_of
 
-    return (block_description if word["do"] == "block" else check_block)(word, file_of(word)), b""
+    return (block_description if request["do"] == "block" else check_block)(request, file_of(request)), b""
 
 
-def _compare(word: "JsonObject") -> tuple["JsonObject", bytes]:
+def _compare(request: "JsonObject") -> tuple["JsonObject", bytes]:
     """Return the comparison of these runs, with sentences in the requested language."""
     from baqueano.compare import compare
     from baqueano.compare.table import sections_of
@@ -152,8 +152,8 @@ def _compare(word: "JsonObject") -> tuple["JsonObject", bytes]:
     from baqueano.messages.language import within
     from baqueano.runs import read_run
 
-    comparison = compare([read_run(Path(path)) for path in word["paths"]])
-    with within(word["language"]):
+    comparison = compare([read_run(Path(path)) for path in request["paths"]])
+    with within(request["language"]):
         return {
             "names": [run.name for run in comparison.runs], "sections": sections_of(comparison),
             "sentences": [list(run.sentences) for run in comparison.runs],
@@ -161,44 +161,47 @@ def _compare(word: "JsonObject") -> tuple["JsonObject", bytes]:
         }, b""  # fmt: skip
 
 
-def _vehicle(word: "JsonObject") -> tuple["JsonObject", bytes]:
+def _vehicle(request: "JsonObject") -> tuple["JsonObject", bytes]:
     """Return the description of a real vehicle, from its local file before its first drive, and the local routes."""
-    from baqueano.door.frames.descriptions import vehicle_words
+    from baqueano.door.frames.descriptions import vehicle_description
     from baqueano.vehicle_file import load
 
-    return {"vehicle": vehicle_words(load(word["vehicle"]), "real"), "routes": _routes(word).rows()}, b""
+    return {
+        "vehicle": vehicle_description(load(request["vehicle"]), "real"),
+        "routes": _routes(request).rows(),
+    }, b""
 
 
-def _routes(word: "JsonObject") -> "StoredRoutes":
+def _routes(request: "JsonObject") -> "StoredRoutes":
     from baqueano.door.simulated.missions import StoredRoutes
 
-    return StoredRoutes(Path(word["routes"]))
+    return StoredRoutes(Path(request["routes"]))
 
 
-def _mission(word: "JsonObject") -> tuple["JsonObject", bytes]:
+def _mission(request: "JsonObject") -> tuple["JsonObject", bytes]:
     """Return a whole mission in JSON, with the texts of the vehicle file and of the blocks that it names."""
     from baqueano.drive.mission import Mission, pack
     from baqueano.identify.design.signals import excitation
     from baqueano.vehicle_file import load
 
-    file, order, kind = load(word["vehicle"]), word["order"], word["kind"]
+    vehicle_file, order, kind = load(request["vehicle"]), request["order"], request["kind"]
     route = u = None
     if kind == "teach":
-        _routes(word).path(order.get("name", ""))  # an invalid name is refused before the vehicle moves
+        _routes(request).path(order.get("name", ""))  # an invalid name is refused before the vehicle moves
     if kind == "repeat":
-        route = _routes(word).read(order.get("route", ""))
+        route = _routes(request).read(order.get("route", ""))
     if kind == "experiment":
         signal, long_s = (
             str(order.get("signal", "random_steps")),
-            min(float(order.get("seconds", 60.0)), LONGEST_S),
+            min(float(order.get("seconds", 60.0)), MAX_EXPERIMENT_S),
         )
-        u = excitation(signal, file.command.limit, long_s, file.rate_hz, 0)
+        u = excitation(signal, vehicle_file.command.limit, long_s, vehicle_file.rate_hz, 0)
     blocks = order.get("blocks", {}) if kind == "repeat" else {}
     mission = Mission(kind, u=u, route=route, laps=max(0, round(order.get("laps", 1))), blocks=blocks)
-    return {"mission": pack(mission, file).json()}, b""
+    return {"mission": pack(mission, vehicle_file).json()}, b""
 
 
-def _fetch(word: "JsonObject") -> tuple["JsonObject", bytes]:
+def _fetch(request: "JsonObject") -> tuple["JsonObject", bytes]:
     """Copy a run of a robot into the folder of runs, and store the route of a lesson; return all routes."""
     from baqueano.door.remote import connect
     from baqueano.drive.verbs import route_of
@@ -206,15 +209,15 @@ def _fetch(word: "JsonObject") -> tuple["JsonObject", bytes]:
     from baqueano.runs.folder import claim, release
     from baqueano.runs.route_file import write_route
 
-    path = claim(word["folder"], word["kind"])
+    path = claim(request["folder"], request["kind"])
     try:
-        with connect(word["host"]) as robot:
-            robot.fetch(word["run"], path)
+        with connect(request["host"]) as robot:
+            robot.fetch(request["run"], path)
     finally:
         release(path)
-    routes = _routes(word)
-    if word["route"]:
-        write_route(route_of(read_run(path), closed=None), routes.path(word["route"]))
+    routes = _routes(request)
+    if request["route"]:
+        write_route(route_of(read_run(path), closed=None), routes.path(request["route"]))
     return {"routes": routes.rows(), "run": path.stem}, b""
 
 
@@ -229,16 +232,16 @@ def serve(coming: BinaryIO, going: BinaryIO) -> None:
     """Read requests from `coming`, and write their answers to `going`, until the input ends."""
     worker = Worker()
     for line in coming:
-        word = json.loads(line)
-        behind = b""
+        request = json.loads(line)
+        payload = b""
         try:
-            reply, behind = worker.answer(word)
+            reply, payload = worker.answer(request)
         except BaqueanoError as error:
             reply = {"no": error.diagnostic.to_json(), "code": error.exit_code}
         except Exception as error:  # a damaged run must not end the page
             reply = {"no": fault("web.lab-failed", error=error_text(error)).to_json(), "code": 1}
-        reply |= {"bytes": len(behind)}
-        going.write(json.dumps(reply).encode() + b"\n" + behind)
+        reply |= {"bytes": len(payload)}
+        going.write(json.dumps(reply).encode() + b"\n" + payload)
         going.flush()
 
 

@@ -16,10 +16,10 @@ from baqueano.contracts.values import Value
 from baqueano.diagnostics import fault
 from baqueano.errors import UsageError
 from baqueano.vehicles.state import Vehicle
-from baqueano.worlds.faults.fault import AHEAD, DRIFT_S, OF_CHANNEL, OF_SENSOR, Fault
+from baqueano.worlds.faults.fault import CHANNEL_KINDS, DRIFT_S, SENSOR_KINDS, SLIP_FACTOR, Fault
 from baqueano.worlds.noise import stream
 
-BATCH = 256  # rows of random numbers drawn at a time
+BATCH_ROWS = 256  # rows of random numbers drawn at a time
 WHEEL_SENSORS = ("wheels", "encoders")
 
 
@@ -42,7 +42,7 @@ class Disturbance(NamedTuple):
     sensors: tuple[SensorDisturbance, ...]
 
 
-class Calm(NamedTuple):
+class ZeroDisturbance(NamedTuple):
     """The sizes of the arrays of a disturbance; it builds the disturbance of an undisturbed tick."""
 
     channels: int
@@ -60,7 +60,7 @@ class Shaking:
     def __init__(self, vehicle: Vehicle, sensors: SensorBlocks, rate_hz: float, seed: int) -> None:
         self.names, self._sensors, self._rate_hz = sensors._fields, sensors, rate_hz
         drivetrain = vehicle.drivetrain
-        self.calm = Calm(drivetrain.channels, tuple(s.size for s in sensors))
+        self.calm = ZeroDisturbance(drivetrain.channels, tuple(s.size for s in sensors))
         self._motors = drivetrain.channels - drivetrain.servos
         self._mass_kg = float(getattr(vehicle, "mass_kg", 0.0)) if has_field(vehicle, "mass_kg") else 0.0
         self._moves = is_dynamic(vehicle)
@@ -68,22 +68,26 @@ class Shaking:
         self._spikes = [stream(seed, f"shake.spikes.{name}") for name in self.names]
         self._draws: list[np.ndarray] = []
 
-    def check(self, one: Fault) -> Fault:
+    def check(self, fault_: Fault) -> Fault:
         """Return the fault unchanged. Raise UsageError if this vehicle cannot have it."""
-        if one.kind in ("push", "tilt") and not self._moves:
-            raise UsageError(fault("shake.no-inertia", kind=one.kind))
-        if one.kind == "push" and not self._mass_kg:
-            raise UsageError(fault("shake.no-mass", found=f"{hypot(one.x, one.y):g} N s"))
-        places: list[str] = []
-        if one.kind in OF_SENSOR:
-            places = list(self.names)
-        if one.kind in OF_CHANNEL:
-            places = [f"{n}[{c}]" for n, m in zip(self.names, self.calm.sizes, strict=True) for c in range(m)]
-        if (one.kind in OF_SENSOR or one.kind in OF_CHANNEL) and one.of not in places:
-            raise UsageError(fault("shake.of", kind=one.kind, found=repr(one.of)[:40], known=places))
-        if one.kind == "slip" and self._motors < 2 and one.of != "all":
-            raise UsageError(fault("shake.of", kind=one.kind, found=repr(one.of)[:40], known="all"))
-        return one
+        if fault_.kind in ("push", "tilt") and not self._moves:
+            raise UsageError(fault("shake.no-inertia", kind=fault_.kind))
+        if fault_.kind == "push" and not self._mass_kg:
+            raise UsageError(fault("shake.no-mass", found=f"{hypot(fault_.x, fault_.y):g} N s"))
+        known_names: list[str] = []
+        if fault_.kind in SENSOR_KINDS:
+            known_names = list(self.names)
+        if fault_.kind in CHANNEL_KINDS:
+            known_names = [
+                f"{n}[{c}]" for n, m in zip(self.names, self.calm.sizes, strict=True) for c in range(m)
+            ]
+        if (fault_.kind in SENSOR_KINDS or fault_.kind in CHANNEL_KINDS) and fault_.of not in known_names:
+            raise UsageError(
+                fault("shake.of", kind=fault_.kind, found=repr(fault_.of)[:40], known=known_names)
+            )
+        if fault_.kind == "slip" and self._motors < 2 and fault_.of != "all":
+            raise UsageError(fault("shake.of", kind=fault_.kind, found=repr(fault_.of)[:40], known="all"))
+        return fault_
 
     def first(self, fault: Fault) -> int:
         """Return the number of the first tick that the fault affects."""
@@ -102,7 +106,7 @@ class Shaking:
         if not active:
             return self.calm.disturbance(), True
         d = self.calm.disturbance()
-        keep, arrives, supply = [1.0] * len(self.names), True, 1.0
+        kept_readings, command_arrives, supply = [1.0] * len(self.names), True, 1.0
         for fault_ in active:
             match fault_.kind:
                 case "push":
@@ -110,48 +114,52 @@ class Shaking:
                     force = np.array([fault_.x, fault_.y]) * (self._rate_hz / (ticks * self._mass_kg))
                     (d.push_map if fault_.frame == "map" else d.push_body)[:] += force
                 case "tilt":
-                    rise = hypot(fault_.x, fault_.y)
-                    d.slope[:] += np.array([fault_.x, fault_.y]) * (sin(rise) / rise if rise > 0.0 else 0.0)
+                    slope_rad = hypot(fault_.x, fault_.y)
+                    d.slope[:] += np.array([fault_.x, fault_.y]) * (
+                        sin(slope_rad) / slope_rad if slope_rad > 0.0 else 0.0
+                    )
                 case "cut":
-                    keep[self.names.index(fault_.of)] = 0.0
+                    kept_readings[self.names.index(fault_.of)] = 0.0
                 case "drift":
                     s, c = self._channel(fault_)
                     age_s = (k - self.first(fault_)) / self._rate_hz
                     d.sensors[s].offset[c] += fault_.size * min(1.0, age_s / DRIFT_S)
                 case "spikes":
                     s, c = self._channel(fault_)
-                    hit, side = spikes[s][c]
-                    d.sensors[s].offset[c] += (fault_.size if side < 0.5 else -fault_.size) * (
-                        hit < fault_.part
+                    uniform, sign_draw = spikes[s][c]
+                    d.sensors[s].offset[c] += (fault_.size if sign_draw < 0.5 else -fault_.size) * (
+                        uniform < fault_.part
                     )
                 case "slip":
                     self._slip(d, fault_)
                 case "sag":
                     supply *= fault_.part
                 case "lose":
-                    arrives = arrives and bool(chance[0] >= fault_.part)
-                    keep = [0.0 if chance[1 + s] < fault_.part else x for s, x in enumerate(keep)]
-        sensors = tuple(sensor._replace(keep=x) for sensor, x in zip(d.sensors, keep, strict=True))
-        return d._replace(supply=supply, sensors=sensors), arrives
+                    command_arrives = command_arrives and bool(chance[0] >= fault_.part)
+                    kept_readings = [
+                        0.0 if chance[1 + s] < fault_.part else x for s, x in enumerate(kept_readings)
+                    ]
+        sensors = tuple(sensor._replace(keep=x) for sensor, x in zip(d.sensors, kept_readings, strict=True))
+        return d._replace(supply=supply, sensors=sensors), command_arrives
 
     def _slip(self, d: Disturbance, fault_: Fault) -> None:
         wheels = {"all": slice(None), "left": slice(0, 1), "right": slice(1, 2)}[fault_.of]
         d.grip[: self._motors][wheels] *= fault_.part
         for sensor, block in zip(d.sensors, self._sensors, strict=True):
             if of(block, "reads") in WHEEL_SENSORS:
-                sensor.factor[wheels] *= AHEAD
+                sensor.factor[wheels] *= SLIP_FACTOR
             elif of(block, "reads") == "odometer":
-                sensor.factor[:] *= AHEAD
+                sensor.factor[:] *= SLIP_FACTOR
 
     def _channel(self, fault_: Fault) -> tuple[int, int]:
-        name, _, rest = fault_.of.partition("[")
-        return self.names.index(name), int(rest[:-1])
+        name, _, index_text = fault_.of.partition("[")
+        return self.names.index(name), int(index_text[:-1])
 
     def _random(self, k: int) -> tuple[np.ndarray, list[np.ndarray]]:
         """Return the uniform random numbers of tick k: (1 + sensors,) for lost frames, (m, 2) per sensor for spikes."""
-        if k % BATCH == 0:
-            self._draws = [self._line.random((BATCH, 1 + len(self.names)))]
+        if k % BATCH_ROWS == 0:
+            self._draws = [self._line.random((BATCH_ROWS, 1 + len(self.names)))]
             pairs = zip(self._spikes, self.calm.sizes, strict=True)
-            self._draws += [generator.random((BATCH, m, 2)) for generator, m in pairs]
-        row = k % BATCH
+            self._draws += [generator.random((BATCH_ROWS, m, 2)) for generator, m in pairs]
+        row = k % BATCH_ROWS
         return self._draws[0][row], [draw[row] for draw in self._draws[1:]]

@@ -6,7 +6,7 @@
   drift    of, size     a channel, "imu[2]", whose zero moves by `size` [unit of the channel], linearly in DRIFT_S
   spikes   of, size     a channel, in which the share `part` of the samples is wrong by ± `size`
   slip     of, part     a wheel, left, right or all, that pushes with this part of its force; its sensor measures
-                         AHEAD times the speed
+                         SLIP_FACTOR times the speed
   sag      part         the battery has this part of its voltage
   lose     part         share of the frames that are lost on the line: incoming readings, outgoing commands
 
@@ -23,13 +23,13 @@ from baqueano.diagnostics import Diagnostic, fault, note
 from baqueano.errors import UsageError
 
 PUSH_S, DRIFT_S = 0.05, 1.0
-AHEAD = 1.5  # of the reading of a wheel that slips
+SLIP_FACTOR = 1.5  # of the reading of a wheel that slips
 SOURCE = "shake"  # of its events in a run
 WHEELS = ("left", "right", "all")
-WAYS = ("ahead", "left", "back", "right")
+DIRECTION_NAMES = ("ahead", "left", "back", "right")
 Usual: TypeAlias = tuple[float, float]  # least and most of a field
 
-RANGES: dict[str, dict[str, Usual]] = {  # fields that count for a kind, beside `of`
+FIELD_RANGES: dict[str, dict[str, Usual]] = {  # fields that count for a kind, beside `of`
     "push": {"x": (-100.0, 100.0), "y": (-100.0, 100.0)},
     "tilt": {"x": (-0.5, 0.5), "y": (-0.5, 0.5)},
     "cut": {},
@@ -39,7 +39,7 @@ RANGES: dict[str, dict[str, Usual]] = {  # fields that count for a kind, beside 
     "sag": {"part": (0.1, 1.0)},
     "lose": {"part": (0.0, 1.0)},
 }
-OF_CHANNEL, OF_SENSOR, OF_WHEEL = ("drift", "spikes"), ("cut",), ("slip",)
+CHANNEL_KINDS, SENSOR_KINDS, WHEEL_KINDS = ("drift", "spikes"), ("cut",), ("slip",)
 FaultLike: TypeAlias = "Fault | str | JsonObject"
 
 
@@ -83,16 +83,16 @@ class Fault:
     frame: str = "body"
 
     def __post_init__(self) -> None:
-        if self.kind not in RANGES:
-            raise UsageError(fault("shake.kind", found=str(self.kind), known=RANGES))
-        times = {"at_s": (0.0, 1e6)} | ({} if self.for_s is None else {"for_s": (0.0, 1e6)})
-        for name, (low, high) in (times | RANGES[self.kind]).items():
+        if self.kind not in FIELD_RANGES:
+            raise UsageError(fault("shake.kind", found=str(self.kind), known=FIELD_RANGES))
+        time_ranges = {"at_s": (0.0, 1e6)} | ({} if self.for_s is None else {"for_s": (0.0, 1e6)})
+        for name, (low, high) in (time_ranges | FIELD_RANGES[self.kind]).items():
             value = getattr(self, name)
-            right = isinstance(value, int | float) and not isinstance(value, bool) and isfinite(value)
-            if not (right and low <= value <= high):
+            is_number = isinstance(value, int | float) and not isinstance(value, bool) and isfinite(value)
+            if not (is_number and low <= value <= high):
                 limits = {"kind": self.kind, "name": name, "low": low, "high": high}
                 raise UsageError(fault("shake.number", found=repr(value)[:40], **limits))
-        if self.kind in OF_WHEEL and self.of not in WHEELS:
+        if self.kind in WHEEL_KINDS and self.of not in WHEELS:
             raise UsageError(fault("shake.of", kind=self.kind, found=repr(self.of)[:40], known=WHEELS))
         if self.frame not in ("body", "map"):
             raise UsageError(fault("shake.of", kind="frame", found=repr(self.frame)[:40], known="body, map"))
@@ -110,20 +110,20 @@ class Fault:
 
     def message(self, number: int, psi_rad: float = 0.0) -> Diagnostic:
         """Return the message of the fault, with all its numbers; `psi_rad` is the heading of the vehicle."""
-        much, toward = hypot(self.x, self.y), atan2(self.y, self.x)
+        magnitude, direction_rad = hypot(self.x, self.y), atan2(self.y, self.x)
         if self.kind == "push" and self.frame == "map":
-            toward -= psi_rad
-        way = WAYS[round(toward / (pi / 2.0)) % 4]
-        more: JsonObject = {
-            "much": degrees(much) if self.kind == "tilt" else much,
-            "toward_deg": degrees(toward),
+            direction_rad -= psi_rad
+        direction_name = DIRECTION_NAMES[round(direction_rad / (pi / 2.0)) % 4]
+        figures: JsonObject = {
+            "much": degrees(magnitude) if self.kind == "tilt" else magnitude,
+            "toward_deg": degrees(direction_rad),
         }
         if self.kind == "push":
-            more["way"] = note(f"shake.way-{way}")
+            figures["way"] = note(f"shake.way-{direction_name}")
         if self.kind == "slip":
-            more["wheel"] = note(f"shake.wheel-{self.of}")
-        more["percent"] = 100.0 * self.part
-        return note(f"shake.{self.kind}", subject=SOURCE, number=number, **self.to_json(), **more)
+            figures["wheel"] = note(f"shake.wheel-{self.of}")
+        figures["percent"] = 100.0 * self.part
+        return note(f"shake.{self.kind}", subject=SOURCE, number=number, **self.to_json(), **figures)
 
     @classmethod
     def of_diagnostic(cls, message: Diagnostic) -> Self:
@@ -131,23 +131,27 @@ class Fault:
         return cls(**{field.name: message.figures[field.name] for field in fields(cls)})
 
     @classmethod
-    def of_words(cls, words: FaultLike) -> Self:
+    def of_words(cls, description: FaultLike) -> Self:
         """Return the fault of a text, or of a mapping of its fields. Raise UsageError if it is invalid."""
         from baqueano.worlds.faults.text import fields_of
 
-        if isinstance(words, cls):
-            return words
-        if isinstance(words, str):
-            return cls(**fields_of(words))
+        if isinstance(description, cls):
+            return description
+        if isinstance(description, str):
+            return cls(**fields_of(description))
         names = [field.name for field in fields(cls)]
-        if not isinstance(words, Mapping) or "kind" not in words or not set(words) <= set(names):
-            raise UsageError(fault("shake.fields", found=repr(words)[:120], known=names))
-        values: JsonObject = dict(words)
-        for name, value in words.items():
+        if (
+            not isinstance(description, Mapping)
+            or "kind" not in description
+            or not set(description) <= set(names)
+        ):
+            raise UsageError(fault("shake.fields", found=repr(description)[:120], known=names))
+        values: JsonObject = dict(description)
+        for name, value in description.items():
             if isinstance(value, int) and not isinstance(value, bool):
                 values[name] = float(value)
         for name in ("kind", "of", "frame"):
-            values[name] = str(words.get(name, "body" if name == "frame" else ""))
+            values[name] = str(description.get(name, "body" if name == "frame" else ""))
         return cls(**values)
 
 

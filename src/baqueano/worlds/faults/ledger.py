@@ -3,12 +3,12 @@
   monitor      reports a sensor that disagrees (monitor/)
   model        the model does not fit any more, over 5 s (drive/health.py)
   supervisor   stops the vehicle
-  gate         the weight of GATED innovations within WINDOW_S was below one half
+  gate         the weight of MIN_REFUSALS innovations within WINDOW_S was below one half
   nis          Σ yᵀS⁻¹y over WINDOW_S exceeds the value that k correct innovations exceed once in 10⁴ windows:
-               k (1 − 2/9k + Z √(2/9k))³ (Wilson and Hilferty), and RATIO times its mean before the fault (1)
+               k (1 − 2/9k + Z √(2/9k))³ (Wilson and Hilferty), and MIN_NIS_RATIO times its mean before the fault (1)
 
 A notice belongs to the last fault that began, or to the fault of the sensor that the monitor names. After its end, a
-fault is watched for AFTER_S more.
+fault is watched for COVER_AFTER_S more.
 """
 
 from collections import deque
@@ -23,7 +23,7 @@ from baqueano.diagnostics import Diagnostic, note
 from baqueano.monitor.watching import innovations_of
 from baqueano.sensors.sampling import measures_pose
 from baqueano.signals import seconds
-from baqueano.worlds.faults.fault import OF_CHANNEL, OF_SENSOR, SOURCE, Fault
+from baqueano.worlds.faults.fault import CHANNEL_KINDS, SENSOR_KINDS, SOURCE, Fault
 
 if TYPE_CHECKING:
     from baqueano.contracts.blocks import Estimator
@@ -31,11 +31,11 @@ if TYPE_CHECKING:
     from baqueano.vehicle_file.file import VehicleFile
 
 WITNESSES = ("monitor", "model", "supervisor", "gate", "nis")
-OF_SOURCE = {"sensors": "monitor", "model": "model", "loop": "supervisor"}
-AFTER_S, WINDOW_S, BEFORE_S = 2.0, 1.0, 5.0
-GATED, Z, RATIO = 3, 3.72, 1.3
-FEWEST = 6  # numbers in a window
-SOON_S = 1.0  # of a fault: earlier, a missing notice proves nothing
+WITNESS_OF_SOURCE = {"sensors": "monitor", "model": "model", "loop": "supervisor"}
+COVER_AFTER_S, WINDOW_S, KEEP_BEFORE_S = 2.0, 1.0, 5.0
+MIN_REFUSALS, Z, MIN_NIS_RATIO = 3, 3.72, 1.3
+MIN_INNOVATIONS = 6  # numbers in a window
+MIN_LASTED_S = 1.0  # of a fault: earlier, a missing notice proves nothing
 WHEELS = ("wheels", "encoders", "odometer")
 
 
@@ -62,9 +62,9 @@ class LedgerRow:
 
     def covers(self, t_s: float) -> bool:
         """Return True while a notice may belong to this fault."""
-        return self.fault.at_s <= t_s <= self.until_s + AFTER_S
+        return self.fault.at_s <= t_s <= self.until_s + COVER_AFTER_S
 
-    def silent(self) -> tuple[str, ...]:
+    def silent_witnesses(self) -> tuple[str, ...]:
         """Return the names of the checks that did not detect the fault."""
         return tuple(
             witness for witness in WITNESSES if witness not in [notice.witness for notice in self.noticed]
@@ -91,8 +91,8 @@ class Ledger:
     [('cut', ['supervisor'])]
     """
 
-    def __init__(self, file: "VehicleFile", estimator: "Estimator | None" = None) -> None:
-        sensors, self._estimator = file.sensors, estimator or file.estimator()
+    def __init__(self, vehicle_file: "VehicleFile", estimator: "Estimator | None" = None) -> None:
+        sensors, self._estimator = vehicle_file.sensors, estimator or vehicle_file.estimator()
         self._sensors = sensors
         self._reads = {name: optional.of(getattr(sensors, name), "reads") for name in sensors._fields}
         self._sees_pose = any(measures_pose(sensor) for sensor in sensors)
@@ -111,10 +111,10 @@ class Ledger:
         t_s = seconds(t_ns)
         if source == SOURCE:
             self._take_fault(event)
-        elif (witness := OF_SOURCE.get(source)) is not None and event.code != "sensor.agrees-again":
+        elif (witness := WITNESS_OF_SOURCE.get(source)) is not None and event.code != "sensor.agrees-again":
             self._add_notice(witness, t_s, event)
 
-    def look(
+    def record_tick(
         self, t_ns: int, y: np.ndarray | None, S: np.ndarray | None, weight: np.ndarray | None,
         eta: np.ndarray, cov: np.ndarray, truth: np.ndarray | None,
     ) -> None:  # fmt: skip
@@ -131,15 +131,15 @@ class Ledger:
                     row.error_m = float(np.hypot(*(eta[:2] - truth[:2])))
                 row.bound_m = 1.96 * sqrt(max(float(np.linalg.eigvalsh(cov[:2, :2])[-1]), 0.0))
 
-    def nobody(self, row: LedgerRow) -> Diagnostic | None:
-        """Return a message with the reason why no check detected a fault; None if one did, or before SOON_S."""
-        lasted_s = min(self.now_s, row.until_s + AFTER_S) - row.fault.at_s
-        if row.noticed or lasted_s < SOON_S:
+    def unnoticed_diagnostic(self, row: LedgerRow) -> Diagnostic | None:
+        """Return a message with the reason why no check detected a fault; None if one did, or before MIN_LASTED_S."""
+        lasted_s = min(self.now_s, row.until_s + COVER_AFTER_S) - row.fault.at_s
+        if row.noticed or lasted_s < MIN_LASTED_S:
             return None
         figures = {"after_s": lasted_s, "nis": row.worst_nis, "why": self.reason_unnoticed(row.fault)}
         if isfinite(row.error_m) and isfinite(row.bound_m):
-            off = note("ledger.off", off_cm=100.0 * row.error_m, believed_cm=100.0 * row.bound_m)
-            return note("ledger.nobody-and-off", subject="nobody", off=off, **figures)
+            error_diagnostic = note("ledger.off", off_cm=100.0 * row.error_m, believed_cm=100.0 * row.bound_m)
+            return note("ledger.nobody-and-off", subject="nobody", off=error_diagnostic, **figures)
         return note("ledger.nobody", subject="nobody", **figures)
 
     def reason_unnoticed(self, fault: Fault) -> Diagnostic:
@@ -148,7 +148,7 @@ class Ledger:
         code = fault.kind
         if (
             self._used_channels is not None
-            and fault.kind in OF_CHANNEL
+            and fault.kind in CHANNEL_KINDS
             and fault.of not in self._used_channels
         ):
             return note("ledger.why-unused", subject=fault.of)
@@ -161,54 +161,54 @@ class Ledger:
             code = "drift-others" if other_sensors else "drift"
         return note(f"ledger.why-{code}", subject=fault.of or fault.kind)
 
-    def _take_fault(self, message: Diagnostic) -> None:
-        number = int(message.figures["number"])
-        if message.code == "shake.over":
+    def _take_fault(self, diagnostic: Diagnostic) -> None:
+        number = int(diagnostic.figures["number"])
+        if diagnostic.code == "shake.over":
             row = next(row for row in self.rows if row.number == number)
-            row.until_s = row.fault.at_s + float(message.figures["for_s"])
+            row.until_s = row.fault.at_s + float(diagnostic.figures["for_s"])
             return
-        fault_ = Fault.of_diagnostic(message)
-        self._before = deque(pair for pair in self._before if pair[0] >= fault_.at_s - BEFORE_S)
-        self.rows.append(LedgerRow(number, fault_, message, fault_.until_s))
+        fault_ = Fault.of_diagnostic(diagnostic)
+        self._before = deque(pair for pair in self._before if pair[0] >= fault_.at_s - KEEP_BEFORE_S)
+        self.rows.append(LedgerRow(number, fault_, diagnostic, fault_.until_s))
         self._window.clear()  # the entries of an earlier fault do not belong to this one
         self._refusals_s.clear()
         self._sum, self._count = 0.0, 0
 
-    def _add_notice(self, witness: str, t_s: float, message: Diagnostic) -> None:
+    def _add_notice(self, witness: str, t_s: float, diagnostic: Diagnostic) -> None:
         watched_rows = [row for row in self.rows if row.covers(t_s)]
         if not watched_rows:
             return
-        name = message.subject.partition("[")[0]
-        own = [row for row in watched_rows if row.fault.kind in (*OF_CHANNEL, *OF_SENSOR)
+        name = diagnostic.subject.partition("[")[0]
+        sensor_rows = [row for row in watched_rows if row.fault.kind in (*CHANNEL_KINDS, *SENSOR_KINDS)
                and row.fault.of.partition("[")[0] == name]  # fmt: skip
-        row = (own if witness == "monitor" and own else watched_rows)[-1]
+        row = (sensor_rows if witness == "monitor" and sensor_rows else watched_rows)[-1]
         if witness not in [notice.witness for notice in row.noticed]:
-            row.noticed.append(LedgerNotice(witness, t_s - row.fault.at_s, message))
+            row.noticed.append(LedgerNotice(witness, t_s - row.fault.at_s, diagnostic))
 
     def _gate(self, t_s: float, weight: np.ndarray) -> None:
         refusals = int(np.sum(weight < 0.5))
         self._refusals_s.extend([t_s] * refusals)
         while self._refusals_s and t_s - self._refusals_s[0] > WINDOW_S:
             self._refusals_s.popleft()
-        if refusals and len(self._refusals_s) >= GATED:
+        if refusals and len(self._refusals_s) >= MIN_REFUSALS:
             self._add_notice(
                 "gate", t_s, note("ledger.gate", refused=len(self._refusals_s), within_s=WINDOW_S)
             )
 
     def _channels(self, m: int) -> set[str] | None:
         """Return the names of the channels of m innovations, as "imu[2]"; None if they are unknown."""
-        at = innovations_of(self._estimator, self._sensors, m)
+        channel_indices = innovations_of(self._estimator, self._sensors, m)
         names = [f"{n}[{c}]" for n, s in self._sensors._asdict().items() for c in range(s.size)]
-        return None if at is None else {names[c] for c in at}
+        return None if channel_indices is None else {names[c] for c in channel_indices}
 
     def _square(self, t_s: float, y: np.ndarray | None, S: np.ndarray | None) -> None:
         """Add the innovations of a tick to the window, and test the sum over the window.  (1)"""
         if y is not None and self._used_channels is None and self._count == 0:
             self._used_channels = self._channels(len(y))
         if y is not None and S is not None and (finite := np.isfinite(y)).any():
-            part = y[finite]
+            innovation = y[finite]
             try:
-                square = float(part @ np.linalg.solve(S[np.ix_(finite, finite)], part))
+                square = float(innovation @ np.linalg.solve(S[np.ix_(finite, finite)], innovation))
             except np.linalg.LinAlgError:
                 return
             self._window.append((t_s, square, int(finite.sum())))
@@ -216,22 +216,22 @@ class Ledger:
         while self._window and t_s - self._window[0][0] > WINDOW_S:
             _, square, m = self._window.popleft()
             self._sum, self._count = self._sum - square, self._count - m
-        if self._count < FEWEST:
+        if self._count < MIN_INNOVATIONS:
             return
         mean, k = self._sum / self._count, self._count
-        whole = bool(self._window) and t_s - self._window[0][0] > 0.9 * WINDOW_S
-        if whole and (not self._before or t_s - self._before[-1][0] >= WINDOW_S):
+        is_window_full = bool(self._window) and t_s - self._window[0][0] > 0.9 * WINDOW_S
+        if is_window_full and (not self._before or t_s - self._before[-1][0] >= WINDOW_S):
             self._before.append((t_s, mean))
         for row in [row for row in self.rows if row.covers(t_s)][-1:]:
             row.worst_nis = mean if not isfinite(row.worst_nis) else max(mean, row.worst_nis)
-            usual = [nis for at_s, nis in self._before if at_s < row.fault.at_s]
+            earlier_means = [nis for at_s, nis in self._before if at_s < row.fault.at_s]
             by_chance = (1.0 - 2.0 / (9.0 * k) + Z * sqrt(2.0 / (9.0 * k))) ** 3
-            most = max(by_chance, RATIO * float(np.mean(usual)) if usual else 0.0)
-            if mean > most:
-                self._add_notice("nis", t_s, note("ledger.nis", nis=mean, most=most, window_s=WINDOW_S))
+            limit = max(by_chance, MIN_NIS_RATIO * float(np.mean(earlier_means)) if earlier_means else 0.0)
+            if mean > limit:
+                self._add_notice("nis", t_s, note("ledger.nis", nis=mean, most=limit, window_s=WINDOW_S))
 
 
-def ledger_of(run: "Run", file: "VehicleFile") -> Ledger:
+def ledger_of(run: "Run", vehicle_file: "VehicleFile") -> Ledger:
     """Return the ledger of a recorded run.
 
     A run does not contain the weights of its innovations, so only a ledger that is made during the drive contains
@@ -241,7 +241,7 @@ def ledger_of(run: "Run", file: "VehicleFile") -> Ledger:
     ----------
     run : Run
         A drive with faults.
-    file : VehicleFile
+    vehicle_file : VehicleFile
         The vehicle that drove.
 
     Returns
@@ -255,18 +255,20 @@ def ledger_of(run: "Run", file: "VehicleFile") -> Ledger:
     >>> ledger_of(still, bq.load("small")).rows
     []
     """
-    ledger, log, truth = Ledger(file), run.estimate, run.truth
+    ledger, log, truth = Ledger(vehicle_file), run.estimate, run.truth
     events = sorted(run.events, key=lambda event: event.t_ns)
-    at = 0
+    event_index = 0
     for k, t_ns in enumerate([] if log is None else log.t_ns):
-        while at < len(events) and events[at].t_ns <= t_ns:
-            ledger.on_event(events[at].t_ns, events[at].source, events[at].diagnostic or "")
-            at += 1
+        while event_index < len(events) and events[event_index].t_ns <= t_ns:
+            ledger.on_event(
+                events[event_index].t_ns, events[event_index].source, events[event_index].diagnostic or ""
+            )
+            event_index += 1
         assert log is not None
         y = None if log.innovation is None else log.innovation[k]
         S = None if log.innovation_cov is None else log.innovation_cov[k]
         true_pose = None if truth is None or k >= len(truth.eta) else truth.eta[k]
-        ledger.look(int(t_ns), y, S, None, log.eta[k], log.cov[k], true_pose)
-    for event in events[at:]:
+        ledger.record_tick(int(t_ns), y, S, None, log.eta[k], log.cov[k], true_pose)
+    for event in events[event_index:]:
         ledger.on_event(event.t_ns, event.source, event.diagnostic or "")
     return ledger

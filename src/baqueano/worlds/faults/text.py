@@ -19,45 +19,45 @@ from baqueano.contracts.values import JsonObject
 from baqueano.diagnostics import fault
 from baqueano.errors import UsageError
 
-N = r"([+-]?\d+(?:\.\d*)?(?:e[+-]?\d+)?)"
-WHEN = re.compile(rf"\s*{N}(?:\s*-\s*{N})?\s*s\s*:\s*(\w+)\s*(.*?)\s*")
-WAYS = {"ahead": (1.0, 0.0), "back": (-1.0, 0.0), "left": (0.0, 1.0), "right": (0.0, -1.0)}
+NUMBER = r"([+-]?\d+(?:\.\d*)?(?:e[+-]?\d+)?)"
+FAULT_TEXT = re.compile(rf"\s*{NUMBER}(?:\s*-\s*{NUMBER})?\s*s\s*:\s*(\w+)\s*(.*?)\s*")
+DIRECTIONS = {"ahead": (1.0, 0.0), "back": (-1.0, 0.0), "left": (0.0, 1.0), "right": (0.0, -1.0)}
 FORMS = {
-    "push": (re.compile(rf"{N}\s*N\s*s\s+(ahead|back|left|right)"), "0.3 N s left"),
-    "tilt": (re.compile(rf"{N}\s*deg(?:\s+towards\s+{N}\s*deg)?"), "2 deg towards 90 deg"),
+    "push": (re.compile(rf"{NUMBER}\s*N\s*s\s+(ahead|back|left|right)"), "0.3 N s left"),
+    "tilt": (re.compile(rf"{NUMBER}\s*deg(?:\s+towards\s+{NUMBER}\s*deg)?"), "2 deg towards 90 deg"),
     "cut": (re.compile(r"(\w+)"), "imu"),
-    "drift": (re.compile(rf"(\w+\[\d+\])\s+{N}"), "imu[2] 0.05"),
-    "spikes": (re.compile(rf"(\w+\[\d+\])\s+{N}\s*,\s*{N}\s*%"), "imu[0] 50, 1 %"),
-    "slip": (re.compile(rf"(left|right|all)\s+{N}\s*%"), "left 30 %"),
-    "sag": (re.compile(rf"{N}\s*%"), "84 %"),
-    "lose": (re.compile(rf"{N}\s*%"), "30 %"),
+    "drift": (re.compile(rf"(\w+\[\d+\])\s+{NUMBER}"), "imu[2] 0.05"),
+    "spikes": (re.compile(rf"(\w+\[\d+\])\s+{NUMBER}\s*,\s*{NUMBER}\s*%"), "imu[0] 50, 1 %"),
+    "slip": (re.compile(rf"(left|right|all)\s+{NUMBER}\s*%"), "left 30 %"),
+    "sag": (re.compile(rf"{NUMBER}\s*%"), "84 %"),
+    "lose": (re.compile(rf"{NUMBER}\s*%"), "30 %"),
 }
 
 
-def fields_of(words: str) -> JsonObject:
+def fields_of(text: str) -> JsonObject:
     """Return the fields of the fault that a text describes. Raise UsageError for any other text."""
-    when = WHEN.fullmatch(words)
-    form, example = FORMS.get(when[3] if when else "", (None, ""))
-    if when is None or form is None:
+    match = FAULT_TEXT.fullmatch(text)
+    form, example = FORMS.get(match[3] if match else "", (None, ""))
+    if match is None or form is None:
         forms = ", ".join(f'"{kind} {form}"' for kind, (_, form) in FORMS.items())
-        raise UsageError(fault("shake.words", found=repr(words)[:80], known=forms))
-    match = form.fullmatch(when[4])
-    if match is None:
-        raise UsageError(fault("shake.form", found=repr(words)[:80], kind=when[3], example=example))
-    begin, end = float(when[1]), None if when[2] is None else float(when[2])
-    more = _of_kind(when[3], match.groups())
-    for_s = None if end is None or when[3] == "push" else end - begin
-    return {"kind": when[3], "at_s": begin, "for_s": for_s, **more}
+        raise UsageError(fault("shake.words", found=repr(text)[:80], known=forms))
+    form_match = form.fullmatch(match[4])
+    if form_match is None:
+        raise UsageError(fault("shake.form", found=repr(text)[:80], kind=match[3], example=example))
+    begin, end = float(match[1]), None if match[2] is None else float(match[2])
+    kind_fields = _kind_fields(match[3], form_match.groups())
+    for_s = None if end is None or match[3] == "push" else end - begin
+    return {"kind": match[3], "at_s": begin, "for_s": for_s, **kind_fields}
 
 
-def _of_kind(kind: str, groups: tuple[str, ...]) -> JsonObject:
+def _kind_fields(kind: str, groups: tuple[str, ...]) -> JsonObject:
     match kind:
         case "push":
-            x, y = WAYS[groups[1]]
+            x, y = DIRECTIONS[groups[1]]
             return {"x": x * float(groups[0]), "y": y * float(groups[0])}
         case "tilt":
-            rise, toward = radians(float(groups[0])), radians(float(groups[1] or 0.0))
-            return {"x": rise * cos(toward), "y": rise * sin(toward)}
+            slope_rad, direction_rad = radians(float(groups[0])), radians(float(groups[1] or 0.0))
+            return {"x": slope_rad * cos(direction_rad), "y": slope_rad * sin(direction_rad)}
         case "cut":
             return {"of": groups[0]}
         case "drift":
