@@ -28,7 +28,7 @@ class Pins(NamedTuple):
 
 
 class Bridge(NamedTuple):
-    """What is printed beside the pins of a module."""
+    """The texts beside the pins of a module."""
 
     file: str
     title: str
@@ -88,12 +88,12 @@ PLUS_Y, GROUND_Y = 850.0, 950.0
 
 
 def right_y(pin: str) -> float:
-    """Where a pin of the right edge of the Uno is."""
+    """Return the height of a pin of the right edge of the Uno."""
     return 130.0 + 24.0 * RIGHT_EDGE.index(pin)
 
 
 def left_y(pin: str) -> float:
-    """Where a pin of the left edge is; the second one of two."""
+    """Return the height of a pin of the left edge; of two equal names, the second pin."""
     return 154.0 + 24.0 * (len(LEFT_EDGE) - 1 - LEFT_EDGE[::-1].index(pin))
 
 

@@ -13,7 +13,7 @@ Point = tuple[float, float]
 
 
 class Kind(NamedTuple):
-    """How a wire is drawn."""
+    """The style of a wire."""
 
     colour: str
     width: float

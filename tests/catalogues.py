@@ -1,8 +1,8 @@
 """The catalogues of other languages, for gettext: the texts to translate, and a check that all are translated.
 
-`make catalogues` reads the templates of messages, the help of the command line, the texts of click, and the texts in
-`_(…)` and `N_(…)` of the source. It updates src/baqueano/locale/*/LC_MESSAGES/baqueano.po and compiles it. An entry is
-fuzzy if its English text changed: translate it again and remove the mark.
+`make catalogues` reads the templates of messages, the help of the command line, and the texts of click. It also reads
+the texts in `_(…)` and `N_(…)` of the source. It updates src/baqueano/locale/*/LC_MESSAGES/baqueano.po and compiles it.
+An entry is fuzzy if its English text changed: translate it again and remove the mark.
 """
 
 import ast
@@ -79,7 +79,7 @@ def words_in(path: Path) -> Iterator[str]:
 
 
 def words_in_braces(words: str) -> list[str]:
-    """Return words of a parameter for each of its entries: `{nth}` and `{axis}` stand for their names.
+    """Return words of a parameter for each of its entries: `{nth}` and `{axis}` are replaced by their names.
 
     >>> words_in_braces("the {nth} motor")
     ['the first motor', 'the second motor']
@@ -133,10 +133,10 @@ def update(language: str) -> Catalog:
     return catalogue
 
 
-def faults(catalogue: Catalog) -> list[str]:
+def faults(catalogue: Catalog, required: Catalog | None = None) -> list[str]:
     """Return the entries that are missing, fuzzy, or have other placeholders than the English text."""
     failures = []
-    for message in required_catalogue():
+    for message in required_catalogue() if required is None else required:
         if not message.id:
             continue
         entry = catalogue.get(message.id, message.context)
@@ -163,7 +163,7 @@ def differs(english: str | tuple[str, ...], translation: str | tuple[str, ...]) 
 
 
 def code(words: str) -> set[str]:
-    """Return what is typed as it stands: spans in backticks, options, verbs, tables of a file.
+    """Return the parts that a user types: spans in backticks, options, verbs, tables of a file.
 
     >>> sorted(code("Fit it: baqueano identify RUNS --update, and write [simulation] and `truth`."))
     ['--update', '[simulation]', '`truth`', 'baqueano identify']

@@ -257,6 +257,12 @@ def test_the_public_workflow_tests_three_systems_and_two_python_versions():
     assert all(job["strategy"]["matrix"]["python"] == ends for job in (fast, file["jobs"]["all"]))
 
 
+def test_the_public_workflow_tests_the_first_hour_of_a_user_on_each_system():
+    commands = " ".join(step.get("run", "") for step in workflow()["jobs"]["fast"]["steps"]).split()
+    hour = {"tests/test_any_laptop.py", "tests/test_wheel.py", "tests/test_notebooks.py", "tests/report"}
+    assert hour <= set(commands)
+
+
 def test_each_command_of_the_public_workflow_exists_in_this_repository():
     file = workflow()
     targets = set(re.findall(r"^([\w-]+):", (ROOT / "Makefile").read_text(encoding="utf-8"), re.MULTILINE))

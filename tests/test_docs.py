@@ -194,3 +194,59 @@ def test_the_glossary_is_sorted_and_links_to_existing_pages():
     for row in rows:
         assert all(cell.strip() for cell in row), row
         assert (ROOT / "docs" / re.findall(r"\((.*?)\)", row[3])[0]).exists(), row
+
+
+@pytest.mark.parametrize("page", ["estimators.md", "es/estimators.md"])
+def test_the_page_on_estimators_refers_to_the_page_of_measured_figures(page):
+    text = (ROOT / "docs" / page).read_text(encoding="utf-8")
+    rows = [line for line in text.splitlines() if line.startswith("|")]
+    assert [row for row in rows if len(re.findall(r"(?<![\w.])\d+[.,]\d", row)) > 2] == []
+    assert len(re.findall(r"\]\(benchmarks\.md#", text)) == 4
+
+
+PLAIN = str.maketrans("áéíóú", "aeiou")
+LESS = {"the", "con", "del"}
+
+
+def uses(term, page):
+    """Return if a page uses each word of a term, in any form: the first five letters of each word count."""
+    text = page.read_text(encoding="utf-8").lower().translate(PLAIN)
+    words = set(re.findall(r"[\w-]{3,}", term.lower().translate(PLAIN))) - LESS
+    return all(word[:5] in text for word in words)
+
+
+@pytest.mark.parametrize("page", ["glossary.md", "es/glossary.md"])
+def test_a_term_of_the_glossary_is_used_on_the_page_that_its_row_names(page):
+    glossary = ROOT / "docs" / page
+    rows = [
+        line.split("|")[1:5] for line in glossary.read_text(encoding="utf-8").splitlines() if "](" in line
+    ]
+    assert len(rows) > 80
+    for term, translation, _meaning, link in rows:
+        target = (glossary.parent / re.findall(r"\((.*?)\)", link)[0]).resolve()
+        own = uses(term, target)
+        assert own or ("es/" in page and uses(translation, target)), f"{term}: not on {target.name}"
+
+
+TERMS = {  # of the pages, which are not in a first-year textbook
+    "ate", "augmented", "autocorrelat", "backlash", "brown-out", "clock offset", "clothoid", "collinear", "cornering",
+    "corridor", "coulomb", "covariance", "cramér-rao", "cross-track", "curvature", "d-optimal", "dead man",
+    "dead reckoning", "dead zone", "ekf", "encoder", "estimator", "excitation", "feed-forward", "gauss-newton",
+    "held-out", "huber", "innovation", "jackknife", "kalman", "kinematic", "latched", "lever arm", "likelihood",
+    "lqr", "mark", "multiple shooting", "nees", "nis", "odometer", "pose gate", "prior", "process noise", "pwm",
+    "residual", "rpe", "runge-kutta", "sandwich", "score test", "sensitivit", "skid-steered", "slew", "slip",
+    "smooth", "student", "tag", "unscented", "watchdog", "white noise",
+}  # fmt: skip
+
+
+def test_a_term_that_the_pages_use_is_in_the_glossary():
+    sources = [path for path in (*(ROOT / "docs").glob("*.md"), *(ROOT / "docs/derivations").glob("*.md"))]
+    pages = "\n".join(path.read_text(encoding="utf-8") for path in sources if path.stem != "glossary").lower()
+    text = (ROOT / "docs/glossary.md").read_text(encoding="utf-8")
+    terms = "\n".join(line.split("|")[1].lower() for line in text.splitlines() if line.startswith("| "))
+
+    def begins_a_word(term, text):
+        return re.search(rf"(?<!\w){re.escape(term)}", text) is not None
+
+    assert {term for term in TERMS if not begins_a_word(term, pages)} == set(), "a term that no page uses"
+    assert {term for term in TERMS if not begins_a_word(term, terms)} == set(), "add it to both glossaries"

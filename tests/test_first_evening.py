@@ -1,4 +1,4 @@
-"""The code of the tutorial runs completely, and the page shows the output of the programs."""
+"""The code of the tutorial runs completely, and the page of each language shows the output of the programs."""
 
 import os
 import re
@@ -10,8 +10,9 @@ import pytest
 
 pytestmark = pytest.mark.long
 
-PAGE = Path(__file__).parents[1] / "docs" / "first-evening.md"
-NUMBER = re.compile(r"[-+]?\d+(?:\.\d+)?(?:e[-+]?\d+)?")
+DOCS = Path(__file__).parents[1] / "docs"
+PAGES = {"en": DOCS / "first-evening.md", "es": DOCS / "es" / "first-evening.md"}
+NUMBER = re.compile(r"[-+]?\d+(?:[.,]\d+)?(?:e[-+]?\d+)?")
 
 
 def shape(line):
@@ -19,12 +20,19 @@ def shape(line):
     return " ".join(NUMBER.sub("0", line).split())
 
 
-@pytest.fixture(scope="module")
-def evening(tmp_path_factory):
-    """Type all commands of the page in their order; return the folder, and (printed text, text on the page)."""
+@pytest.fixture(scope="module", params=sorted(PAGES))
+def evening(request, tmp_path_factory):
+    """Type the commands of the page in their order; return the folder, and (printed text, text on the page).
+
+    Those of the Spanish page are the same, so it is enough to type them until the last output on the page.
+    """
     folder, printed, pairs = tmp_path_factory.mktemp("evening"), "", []
-    fences = re.findall(r"^```(\w+)\n(.*?)^```$", PAGE.read_text(encoding="utf-8"), re.MULTILINE | re.DOTALL)
-    environment = {**os.environ, "PYTHONIOENCODING": "utf-8"}
+    page = PAGES[request.param].read_text(encoding="utf-8")
+    fences = re.findall(r"^```(\w+)\n(.*?)^```$", page, re.MULTILINE | re.DOTALL)
+    if request.param == "es":
+        last = max(k for k, (kind, _) in enumerate(fences) if kind == "text")
+        fences = fences[: last + 1]
+    environment = {**os.environ, "PYTHONIOENCODING": "utf-8", "BAQUEANO_LANG": request.param}
     for kind, text in fences:
         if kind == "text":
             pairs.append((printed, text))
@@ -47,6 +55,7 @@ def evening(tmp_path_factory):
     return folder, pairs
 
 
+@pytest.mark.parametrize("evening", ["en"], indirect=True)
 def test_every_command_of_the_first_evening_page_runs_and_writes_its_files(evening):
     folder, _ = evening
     assert len(list((folder / "runs").glob("*.mcap"))) == 6

@@ -5,6 +5,7 @@ import subprocess
 import sys
 
 import pytest
+from babel.messages import Catalog
 
 from baqueano.diagnostics import Diagnostic, fault
 from baqueano.messages import language, text
@@ -27,6 +28,27 @@ def test_a_catalogue_is_complete_and_compiled(language):
     catalogue = read_catalogue(language)
     assert not faults(catalogue), "type: make catalogues, and translate what it lists"
     assert places(language)[1].read_bytes() == compiled(catalogue), "type: make catalogues"
+
+
+@pytest.mark.parametrize(
+    ("translation", "flags", "fault_name"),
+    [
+        (None, (), "missing"),
+        ("", (), "missing"),
+        ("{laps} vueltas", ("fuzzy",), "fuzzy"),
+        ("{vueltas} vueltas", (), "placeholders"),
+    ],
+)
+def test_a_missing_fuzzy_or_different_entry_is_a_fault(translation, flags, fault_name):
+    required, catalogue = Catalog(), Catalog(locale="es")
+    required.add("{laps} laps", context="lap.count")
+    if translation is not None:
+        catalogue.add("{laps} laps", translation, context="lap.count", flags=flags)
+    (failure,) = faults(catalogue, required)
+    assert failure.startswith(f"{fault_name}: lap.count '{{laps}} laps'")
+    complete = Catalog(locale="es")
+    complete.add("{laps} laps", "{laps} vueltas", context="lap.count")
+    assert faults(complete, required) == []
 
 
 @pytest.mark.parametrize(

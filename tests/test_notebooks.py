@@ -7,6 +7,7 @@ from nbclient import NotebookClient
 from baqueano import new
 from baqueano.runs import read_run
 
+pytestmark = pytest.mark.filterwarnings("ignore:Proactor event loop:RuntimeWarning")  # of zmq, on Windows
 SAVED = '\nmine = bq.repeat(robot, route, controller=Mine, duration_s=0.5, path="mine.mcap")\n'
 
 

@@ -1,5 +1,6 @@
 """One wheel that pip installs without other files, with all its data, and that works."""
 
+import os
 import subprocess
 import sys
 import venv
@@ -30,7 +31,7 @@ def test_the_wheel_contains_every_data_file_and_no_test(wheel):
 
 def test_su4_the_wheel_installs_offline_and_works_outside_the_repository(wheel, tmp_path):
     """The test has only the dependencies of this environment, not a network; the package comes from the wheel."""
-    venv.create(tmp_path / "env", system_site_packages=False, with_pip=False)
+    venv.create(tmp_path / "env", system_site_packages=False, with_pip=False, symlinks=os.name != "nt")
     scripts = tmp_path / "env" / ("Scripts" if sys.platform == "win32" else "bin")
     python = next(scripts.glob("python*"))
     target = tmp_path / "site"

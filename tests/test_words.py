@@ -2,18 +2,29 @@
 
 import ast
 import re
+from collections.abc import Iterator
+from functools import cache
 from pathlib import Path
+from typing import NamedTuple
 
 import pytest
 
 from baqueano.messages import templates
+from baqueano.messages.language import LANGUAGES
+from tests.catalogues import read_catalogue
 
 SOURCE = Path(__file__).parents[1] / "src" / "baqueano"
 WORDS = 25  # of a sentence; a figure counts as one
 NEGATION = re.compile(r"\b(is|are|was|were|has|have|had) (no|none|neither|nobody)\b(?! longer| more| effect)")
 SAYING = re.compile(r"\b(told|foretells?|coloured|whoever|whatever|cannot be (told|seen))\b")
+OLD = re.compile(  # words of an earlier style, in place of terms of the field
+    r"\b(told|(?<!cannot )tells?|says?|said|believed?|heard|whoever|whatever|nobody|stands?|comes? right|"
+    r"without a word|one's own|who noticed)\b",
+    re.IGNORECASE,
+)
 RIDDLE = re.compile(r"(What|Whether|That|How|Where|Who|Those|Whose)\b")
 DEFINED = ast.Module, ast.ClassDef, ast.FunctionDef, ast.AsyncFunctionDef
+AROUND = "docs/", "tests/", "benchmarks/", "examples/"  # code that is not in the package
 
 
 def test_a_message_is_in_plain_language():
@@ -30,14 +41,13 @@ def test_a_message_is_in_plain_language():
 DOCS = Path(__file__).parents[1]
 PAGES = (  # except those that the code writes
     "README.md",
+    "CHANGELOG.md",
+    "CONTRIBUTING.md",
+    "firmware/uno/README.md",
     *(
         path.relative_to(DOCS).as_posix()
-        for path in sorted((DOCS / "docs").glob("*.md"))
-        if path.stem != "vehicle-file"
-    ),
-    *(
-        path.relative_to(DOCS).as_posix()
-        for path in sorted((DOCS / "docs" / "es").glob("*.md"))
+        for folder in ("docs", "docs/derivations", "docs/es")
+        for path in sorted((DOCS / folder).glob("*.md"))
         if path.stem != "vehicle-file"
     ),
 )
@@ -45,12 +55,13 @@ SINGLE = re.compile(r"[^\W_]+(?:['’.,-][^\W_]+)*")
 
 
 def sentences_of(page: str) -> list[str]:
-    """Return the sentences of a page, with x in the place of code and of what a link says.
+    """Return the sentences of a page, with x in the place of code, links and equations.
 
-    >>> sentences_of("One is [here](a.md), `two` there. Three | four")
-    ['One is x, x there.', 'Three', 'four']
+    >>> sentences_of("One is [here](a.md), `two` there. Three | four is $a + b$.")
+    ['One is x, x there.', 'Three', 'four is x.']
     """
-    text = re.sub(r"^```.*?^```$", "", page, flags=re.MULTILINE | re.DOTALL)
+    text = re.sub(r"^```.*?^```$|^\$\$.*?\$\$", "", page, flags=re.MULTILINE | re.DOTALL)
+    text = re.sub(r"\$[^$\n]+\$", "x", text)
     text = re.sub(r"!?\[[^\]]*\]\([^)]*\)|`[^`\n]*`", "x", text)
     parts = re.split(r"\n\s*\n|\n(?=\s*[-*#\d]+[. ])|\||^#.*$", text, flags=re.MULTILINE)
     pieces = [
@@ -69,23 +80,74 @@ def test_a_page_is_in_plain_language(page):
     assert not [sentence for sentence in sentences if NEGATION.search(sentence)], (
         'say "is not a", "does not exist"'
     )
+    assert not [sentence for sentence in sentences if OLD.search(sentence)], "use a term of the field"
 
 
-def nodes(*folders: Path):
-    """Return the nodes of all packages, or of these folders, with their file."""
-    for folder in folders or (SOURCE,):
-        for path in sorted(folder.rglob("*.py")):
-            file = path.relative_to(SOURCE if folder == SOURCE else DOCS).as_posix()
-            for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
-                yield file, node
+def test_texts_of_the_reference_and_of_the_promises_are_in_plain_language():
+    from docs.site.reference import ROOMS
+    from tests.promises import WHY_NOT, promises
+
+    for name, text in (*ROOMS.items(), *promises().items(), *WHY_NOT.items()):
+        long = [part for part in re.split(r"[.;:!?] ", text) if len(part.split()) > WORDS]
+        assert not long, f"{name}: over {WORDS} words: {long}"
+        assert not NEGATION.search(text), f"{name}: {text}"
+        assert not OLD.search(text), f"{name}: {text}"
+
+
+@pytest.mark.parametrize("language", [language for language in LANGUAGES if language != "en"])
+def test_a_text_of_the_catalogue_is_in_short_sentences(language):
+    long = [
+        sentence
+        for entry in read_catalogue(language)
+        for texts in (entry.id, entry.string)
+        for text in ((texts,) if isinstance(texts, str) else texts)
+        for sentence in sentences_of(re.sub(r"\{(?:[^{}]|\{[^{}]*\})*\}|%\([^)]*\)[a-z]|%[sd]", "x", text))
+        if len(SINGLE.findall(sentence)) > WORDS and not EQUATION.search(sentence)
+    ]
+    assert not long, f"over {WORDS} words: {long}"
+
+
+class Contents(NamedTuple):
+    """The docstrings and the defined names of a folder, each with its file."""
+
+    docstrings: list[tuple[str, str]]
+    names: list[tuple[str, type[ast.AST], str]]
+
+
+@cache
+def contents_of(folder: Path) -> Contents:
+    """Return the docstrings and names of all modules of a folder; each module is parsed once."""
+    contents = Contents([], [])
+    for path in sorted(folder.rglob("*.py")):
+        file = path.relative_to(SOURCE if folder == SOURCE else DOCS).as_posix()
+        for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+            if isinstance(node, DEFINED) and (docstring := ast.get_docstring(node)):
+                contents.docstrings.append((file, docstring))
+            contents.names.extend((file, type(node), name) for name in defined_names(node))
+    return contents
+
+
+def defined_names(node: ast.AST) -> list[str]:
+    """Return the names that a node defines: a variable or attribute that is set, an argument, a function, a class."""
+    if isinstance(node, ast.keyword | ast.alias):
+        return []
+    if isinstance(node, ast.Name):
+        return [node.id] if isinstance(node.ctx, ast.Store) else []
+    if isinstance(node, ast.Attribute):
+        return [node.attr] if isinstance(node.ctx, ast.Store) else []
+    return [
+        name for name in (getattr(node, "arg", None), getattr(node, "name", None)) if isinstance(name, str)
+    ]
+
+
+def docstrings() -> Iterator[tuple[str, str]]:
+    """Yield file and docstring of each module, class and function of the package, and of the code around it."""
+    for folder in (SOURCE, *(DOCS / name for name in AROUND)):
+        yield from contents_of(folder).docstrings
 
 
 def test_no_docstring_begins_with_a_question_word():
-    riddles = [
-        f"{file}: {text}"
-        for file, node in nodes()
-        if isinstance(node, DEFINED) and RIDDLE.match(text := ast.get_docstring(node) or "")
-    ]
+    riddles = [f"{file}: {text}" for file, text in docstrings() if RIDDLE.match(text)]
     assert not riddles, f'"Return …", or the noun itself: {riddles}'
 
 
@@ -110,17 +172,18 @@ def sentences(docstring: str) -> list[str]:
 
 
 def test_a_docstring_is_in_plain_language():
-    long, negated = [], []
-    for file, node in nodes():
-        if not isinstance(node, DEFINED):
-            continue
-        for sentence in sentences(ast.get_docstring(node) or ""):
+    long, negated, old = [], [], []
+    for file, text in docstrings():
+        for sentence in sentences(text):
+            if file.startswith(AROUND) and OLD.search(re.sub(r"`[^`]*`", "", sentence)):
+                old.append(f"{file}: {sentence}")
             if NO_SUBJECT.search(sentence):
                 negated.append(f"{file}: {sentence}")
             if len(sentence.split()) > WORDS and not EQUATION.search(sentence):
                 long.append(f"{file}: {sentence}")
     assert not long, f"over {WORDS} words: {long}"
     assert not negated, f"a subject and a verb: {negated}"
+    assert not old, f"a term of the field: {old}"
 
 
 @pytest.mark.parametrize(
@@ -140,25 +203,15 @@ VERBS = {
     "spoken", "sought", "wanted", "meant", "wished", "so_far", "what_is",
 }  # fmt: skip
 NAMED = SOURCE, DOCS / "tests", DOCS / "benchmarks", DOCS / "examples"
-
-
-def defined_names(node: ast.AST) -> list[str]:
-    """Return the names that a node defines: a variable or attribute that is set, an argument, a function, a class."""
-    if isinstance(node, ast.Name):
-        return [node.id] if isinstance(node.ctx, ast.Store) else []
-    if isinstance(node, ast.Attribute):
-        return [node.attr] if isinstance(node.ctx, ast.Store) else []
-    return [
-        name for name in (getattr(node, "arg", None), getattr(node, "name", None)) if isinstance(name, str)
-    ]
+FUNCTIONS = ast.FunctionDef, ast.AsyncFunctionDef
 
 
 def test_no_name_in_the_code_is_a_verb_of_saying():
     names = {
         f"{file}: {name}"
-        for file, node in nodes(*NAMED)
-        for name in defined_names(node)
-        if name.lstrip("_") in VERBS and not isinstance(node, ast.keyword | ast.alias)
+        for folder in NAMED
+        for file, _, name in contents_of(folder).names
+        if name.lstrip("_") in VERBS
     }
     assert not names, f"name what it holds: {sorted(names)}"
 
@@ -169,10 +222,8 @@ SPEECH = {"say", "tell", "ask", "hear", "want", "know", "believe", "feel"}  # of
 def test_no_function_or_argument_is_a_verb_of_saying():
     names = {
         f"{file}: {name}"
-        for file, node in nodes()
-        if isinstance(node, ast.FunctionDef | ast.AsyncFunctionDef | ast.arg)
-        for name in defined_names(node)
-        if name in SPEECH
+        for file, kind, name in contents_of(SOURCE).names
+        if issubclass(kind, (*FUNCTIONS, ast.arg)) and name in SPEECH
     }
     assert not names, f"name what it does: {sorted(names)}"
 
@@ -183,11 +234,9 @@ VERBS_IN_ED = {"feed", "speed", "embed", "exceed"}
 
 def test_a_function_name_is_not_a_participle():
     participles = {
-        f"{file}: {node.name}"
-        for file, node in nodes()
-        if isinstance(node, ast.FunctionDef | ast.AsyncFunctionDef)
-        and PAST.fullmatch(node.name)
-        and node.name not in VERBS_IN_ED
+        f"{file}: {name}"
+        for file, kind, name in contents_of(SOURCE).names
+        if issubclass(kind, FUNCTIONS) and PAST.fullmatch(name) and name not in VERBS_IN_ED
     }
     assert not participles, f"a verb, or the quantity that is returned: {participles}"
 
@@ -198,10 +247,8 @@ TERMS = {"Unscented", "Field", "Feed", "Screen"}  # of the field, and nouns that
 
 def test_a_class_name_is_a_noun():
     participles = {
-        f"{file}: {node.name}"
-        for file, node in nodes()
-        if isinstance(node, ast.ClassDef)
-        and PARTICIPLE.fullmatch(node.name)
-        and node.name.lstrip("_") not in TERMS
+        f"{file}: {name}"
+        for file, kind, name in contents_of(SOURCE).names
+        if kind is ast.ClassDef and PARTICIPLE.fullmatch(name) and name.lstrip("_") not in TERMS
     }
     assert not participles, f"a participle is not a noun: {participles}"

@@ -1,1 +1,1 @@
-"""The site of the documents: `python -m docs.site` builds it, in two languages, without a network."""
+"""The site of the documents in two languages: `python -m docs.site` builds it without a network."""

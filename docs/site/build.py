@@ -1,4 +1,4 @@
-"""Build the site: gather the pages of each language, and let Sphinx write them. Nothing is fetched."""
+"""Build the site: collect the pages of each language, and convert them with Sphinx, without a network."""
 
 import os
 import shutil
@@ -13,7 +13,7 @@ NAMES = {"en": "English", "es": "Español"}
 
 
 def build(out: Path) -> bool:
-    """Write the site into `out`; what stands there is replaced when the new one is whole. False after a warning."""
+    """Write the site into `out` and return True; after a warning keep the old site and return False."""
     from docs.site.reference import reference
 
     out = out.resolve()
@@ -36,7 +36,7 @@ def build(out: Path) -> bool:
 
 
 def _sphinx(source: Path, out: Path, language: str) -> bool:
-    """Return True where Sphinx had no warning."""
+    """Convert the pages of a language; return False after a warning of Sphinx."""
     from sphinx.application import Sphinx
     from sphinx.util.console import nocolor
     from sphinx.util.docutils import docutils_namespace, patch_docutils
@@ -77,7 +77,7 @@ def settings(language: str) -> dict[str, Any]:
         "html_show_sphinx": False,
         "html_show_copyright": False,
         "html_search_language": language,
-        "html_show_search_summary": False,  # a page that is opened as a file may not read others
+        "html_show_search_summary": False,  # a page that is opened as a file cannot read other files
         "html_theme_options": {"light_css_variables": {"color-brand-primary": "#1f5f8b",
                                                        "color-brand-content": "#1f5f8b"},
                                "dark_css_variables": {"color-brand-primary": "#7db8e0",
@@ -88,7 +88,7 @@ def settings(language: str) -> dict[str, Any]:
 
 
 def _languages(app: Any, page: str, _template: str, context: dict[str, Any], _tree: Any) -> None:
-    """Put the way to the same page of the other language above each page; to its first page, where it has none."""
+    """Add a link to the other language above each page: to the same page, or to the first page if it is missing."""
     language = app.config.language
     second = "es" if language == "en" else "en"
     target_page = page if page in {*Edition(second).sources, "search", "genindex"} else "index"

@@ -1,4 +1,4 @@
-"""A docstring as Markdown: paragraphs, sections as numpydoc has them, examples, equations that are set in."""
+"""Convert a docstring to Markdown: paragraphs, sections of numpydoc, examples, and indented equations."""
 
 import re
 from collections.abc import Iterator
@@ -21,7 +21,7 @@ def markdown(docstring: str) -> str:
 
 
 def _sections(lines: list[str]) -> Iterator[tuple[str, list[str]]]:
-    """Return (heading, lines), the first without a heading."""
+    """Yield (heading, lines) of each section; the first section does not have a heading."""
     heading, entries = "", list[str]()
     for k, line in enumerate(lines):
         if k + 1 < len(lines) and RULE.fullmatch(lines[k + 1]) and line.strip() and line[0] != " ":
@@ -33,7 +33,7 @@ def _sections(lines: list[str]) -> Iterator[tuple[str, list[str]]]:
 
 
 def _entries(lines: list[str]) -> Iterator[str]:
-    """Return a list of what a section names: `name : type`, then its description, set in."""
+    """Yield a list of the entries of a section: `name : type`, and an indented description."""
     name, content = "", list[str]()
 
     def entry() -> Iterator[str]:
@@ -54,7 +54,7 @@ def _entries(lines: list[str]) -> Iterator[str]:
 
 
 def _blocks(lines: list[str]) -> Iterator[str]:
-    """Return paragraphs, examples as they are typed, and what is set in as it stands."""
+    """Yield paragraphs, examples, and indented blocks without changes."""
     for part in _paragraphs(lines):
         if part.lstrip().startswith(">>>"):
             yield f"```pycon\n{dedent(part)}\n```\n"
@@ -67,7 +67,7 @@ def _blocks(lines: list[str]) -> Iterator[str]:
 
 
 def _paragraphs(lines: list[str]) -> list[str]:
-    """Return what empty lines part; paragraphs that are set in, one after the other, are one."""
+    """Return the paragraphs, which empty lines separate; successive indented paragraphs are joined."""
     parts = list[str]()
     for part in re.split(r"\n\s*\n", "\n".join(lines).strip("\n")):
         if parts and part.startswith(SET_IN) and parts[-1].startswith(SET_IN):
@@ -85,7 +85,7 @@ def _item(line: str) -> str:
 
 
 def _mixed_lines(lines: list[str]) -> Iterator[str]:
-    """Return a paragraph whose last lines may be set in: an equation after its sentence."""
+    """Yield a paragraph whose last lines may be indented: an equation after its sentence."""
     cut = next((k for k, line in enumerate(lines) if line.startswith(SET_IN)), len(lines))
     if cut:
         yield escaped("\n".join(lines[:cut])) + "\n"
@@ -97,7 +97,7 @@ def _mixed_lines(lines: list[str]) -> Iterator[str]:
 
 
 def escaped(text: str) -> str:
-    """Return the text with nothing that Markdown takes for its own, but for what stands between backticks."""
+    """Return the text with the special characters of Markdown escaped, except inside backticks."""
     parts = re.split(r"(`[^`\n]*`)", text)
     out = "".join(part if k % 2 else SPECIAL.sub(r"\\\1", part) for k, part in enumerate(parts))
     return re.sub(r"^(\s*)([-+]|\d+\.)(\s)", r"\1\\\2\3", out, flags=re.MULTILINE)

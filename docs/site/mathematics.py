@@ -1,4 +1,4 @@
-"""Equations as MathML, which a browser draws without a network, a script or LaTeX: docutils converts them."""
+"""Convert equations to MathML with docutils; a browser draws it without a network, a script or LaTeX."""
 
 import html
 import re
@@ -10,7 +10,7 @@ from sphinx.application import Sphinx
 from sphinx.util import logging
 
 TAG = re.compile(r"\\tag\{([^}]*)\}")
-SAME = (  # what the converter does not know, and what means the same to it
+SAME = (  # commands that the converter does not support, and their equivalents
     (re.compile(r"\\math(?:rel|bin|ord)(?=\{)"), ""),
     (re.compile(r"\\dots(?![a-z])"), r"\\ldots"),
     (re.compile(r"\\([td]?frac)\s*(\d)\s*(\d)"), r"\\\1{\2}{\3}"),
@@ -19,7 +19,7 @@ log = logging.getLogger(__name__)
 
 
 def mathml(tex: str, block: bool, place: Any = None) -> str:
-    """Return the MathML of `tex`; of an equation with \\tag{n}, its number beside it. A warning where it is wrong."""
+    """Return the MathML of `tex`, with the number of an equation with \\tag{n}; log a warning for an invalid one."""
     number = TAG.search(tex)
     rest = TAG.sub("", tex)
     for pattern, same in SAME:

@@ -1,7 +1,7 @@
-"""The pages of the site: files of this repository, gathered into a folder for each language, and their links.
+"""Collect the pages of the site from the files of this repository, in a folder for each language.
 
-The files stay what a repository shows: plain Markdown with links from file to file. Here a link to a page of the site
-becomes one of the site, and a link to any other file brings that file along.
+The files are plain Markdown with links from file to file. A link to a page of the site becomes a link inside the site.
+If a link leads to another file, this file is copied into the site.
 """
 
 import re
@@ -19,7 +19,7 @@ ELSEWHERE = {  # page of the site → file outside docs/
     "contributing": ROOT / "CONTRIBUTING.md",
     "firmware": ROOT / "firmware" / "uno" / "README.md",
 }
-ORDER = {  # heading of the menu → its pages; a page of docs/ that is named nowhere joins the second
+ORDER = {  # heading of the menu → its pages; the second also lists each page of docs/ that is not named here
     "Begin": ("first-evening", "architecture", "python"),
     "How to": (
         "identification", "controllers", "routes", "estimators", "sweep", "importing", "own-vehicle", "driving",
@@ -32,7 +32,7 @@ SPANISH = {
     "Begin": "Para empezar",
     "How to": "Cómo se hace",
     "The vehicle": "El vehículo",
-    "Derivations": "Derivaciones",
+    "Derivations": "Deducciones",
     "Reference": "Referencia",
 }
 
@@ -45,7 +45,7 @@ class Edition:
 
     @cached_property
     def sources(self) -> dict[str, Path]:
-        """Return the file of each page of this language, by the page's name."""
+        """Return the file of each page of this language, by the name of the page."""
         if self.language == "es":
             return {_name(path.stem): path for path in sorted((DOCS / "es").glob("*.md"))}
         own = [*sorted(DOCS.glob("*.md")), *sorted((DOCS / "derivations").glob("*.md"))]
@@ -53,7 +53,7 @@ class Edition:
         return pages | ELSEWHERE
 
     def menu(self, more: tuple[str, ...] = ()) -> dict[str, list[str]]:
-        """Return the pages below each heading; `more` are those that no file stands for."""
+        """Return the pages below each heading; `more` are names of generated pages."""
         have = {*self.sources, *more} - {"index"}
         page_names = {name for names in ORDER.values() for name in names}
         out = {}
@@ -69,7 +69,7 @@ class Edition:
         return out
 
     def write(self, folder: Path, more: dict[str, str] | None = None) -> None:
-        """Write all pages into `folder`, with `more` of them as text by name, and the files that they link to."""
+        """Write all pages and the files that they link to into `folder`; `more` are generated pages, by name."""
         more = more or {}
         for name, path in self.sources.items():
             text = self._linked(path, folder)
@@ -80,7 +80,7 @@ class Edition:
             _write_page(folder / f"{name}.md", text)
 
     def _linked(self, path: Path, folder: Path) -> str:
-        """Return the text of a page with the links of the site; code stays as it is."""
+        """Return the text of a page with the links of the site; code is not changed."""
         text = re.sub(r"^```math$", "```{math}", path.read_text(encoding="utf-8"), flags=re.MULTILINE)
         parts = FENCED.split(text)
         return "".join(
@@ -89,7 +89,7 @@ class Edition:
         )
 
     def _link(self, match: re.Match[str], path: Path, folder: Path) -> str:
-        """Return one link as the site has it."""
+        """Return a link in the form of the site."""
         image, label, target = match.groups()
         if re.match(r"[a-z]+:|#", target):
             return match.group()
@@ -105,7 +105,7 @@ class Edition:
         if target_file.is_dir():
             return label
         if not target_file.is_file():
-            return match.group()  # Sphinx names it
+            return match.group()  # Sphinx reports it
         copy = target_file.relative_to(ROOT).as_posix()
         (folder / "files" / copy).parent.mkdir(parents=True, exist_ok=True)
         shutil.copy(target_file, folder / "files" / copy)
@@ -116,7 +116,7 @@ class Edition:
 
 
 def _name(stem: str) -> str:
-    """Return the page of a file; README is what a repository shows of a folder."""
+    """Return the name of the page of a file; README becomes the index of its folder."""
     return "index" if stem == "README" else stem
 
 

@@ -1,4 +1,4 @@
-"""The API reference: pages made from signatures and docstrings of all public names, a page for each room."""
+"""Generate the API reference from signatures and docstrings of all public names, a page for each module."""
 
 import dataclasses
 import importlib
@@ -10,39 +10,39 @@ from typing import Any
 
 from docs.site.docstring import markdown
 
-ROOMS = {  # module → what it is for; the front door first, so that its names stand there and nowhere else
-    "baqueano": "the verbs, as functions",
+ROOMS = {  # module → its purpose; the first one that offers a name describes it
+    "baqueano": "the commands of the command line, as functions",
     "baqueano.vehicle_file": "the file that describes a vehicle",
     "baqueano.vehicles": "models of motion",
     "baqueano.sensors": "models of measurement",
     "baqueano.estimators": "blocks that estimate pose and velocity",
-    "baqueano.guides": "blocks that say where the vehicle should be now",
+    "baqueano.guides": "blocks that give the pose where the vehicle should be now",
     "baqueano.guides.shapes": "paths of a known shape",
-    "baqueano.routes": "routes made ready and checked before they are driven",
-    "baqueano.controllers": "blocks that make the command",
-    "baqueano.blocks": "blocks of one's own, by name",
-    "baqueano.block_checks": "checks of the promises of blocks",
-    "baqueano.worlds": "where a loop runs: simulated, replayed, real",
-    "baqueano.worlds.faults": "faults of a simulated world, and who noticed them",
-    "baqueano.signals": "what blocks pass to each other",
+    "baqueano.routes": "preparation and checks of routes before a drive",
+    "baqueano.controllers": "blocks that compute the command",
+    "baqueano.blocks": "loading of blocks by name, also of your own",
+    "baqueano.block_checks": "checks of the rules of blocks",
+    "baqueano.worlds": "worlds of a loop: a simulation, a recorded run, a real vehicle",
+    "baqueano.worlds.faults": "faults of a simulated world, and the monitors that detect them",
+    "baqueano.signals": "the values that blocks exchange",
     "baqueano.contracts": "the protocols of a loop",
     "baqueano.contracts.blocks": "the protocols of the blocks",
     "baqueano.parameter": "parameters of a block, with unit and bounds",
     "baqueano.geometry": "poses, frames, angles",
-    "baqueano.symbolic": "plain NumPy, compiled and differentiated",
+    "baqueano.symbolic": "compilation and derivatives of plain NumPy",
     "baqueano.drive": "drives",
-    "baqueano.monitor": "messages on a drive while it runs",
-    "baqueano.simulate": "simulations, one or many",
-    "baqueano.identify": "fits",
-    "baqueano.compare": "errors and consistency",
-    "baqueano.sweep": "blocks compared on the same drives",
-    "baqueano.tune": "gains",
+    "baqueano.monitor": "messages during a drive",
+    "baqueano.simulate": "simulation of one drive or of many",
+    "baqueano.identify": "identification of models",
+    "baqueano.compare": "errors of runs, and consistency of filters",
+    "baqueano.sweep": "comparison of blocks on the same drives",
+    "baqueano.tune": "tuning of gains",
     "baqueano.report": "pages and figures",
     "baqueano.runs": "runs and routes as files",
     "baqueano.diagnostics": "messages as data, and verdicts",
 }
 MODULES = re.compile(r"\b(?:[a-z_]\w*\.)+(?=\w)")
-LONG = 24  # letters of a default value that is still shown
+LONG = 24  # letters of the longest default value that is shown
 
 
 def reference() -> dict[str, str]:
@@ -52,8 +52,9 @@ def reference() -> dict[str, str]:
     rows = "".join(f"| [{name}]({_file(name)}.md) | {about} |\n" for name, about in ROOMS.items())
     tree = "\n".join(_file(name) for name in ROOMS)
     pages["reference/index"] = (
-        "# Reference of the Python names\n\nMade from the code. `help(bq.repeat)` shows the same text.\n\n"
-        f"| module | what it holds |\n|---|---|\n{rows}\n```{{toctree}}\n:hidden:\n\n{tree}\n```\n"
+        "# Reference of the Python names\n\nThese pages are generated from the code. "
+        "`help(bq.repeat)` shows the same text.\n\n"
+        f"| module | content |\n|---|---|\n{rows}\n```{{toctree}}\n:hidden:\n\n{tree}\n```\n"
     )
     return pages
 
@@ -79,7 +80,7 @@ def _page(name: str, about: str, described: dict[int, str]) -> str:
 
 
 def public(module: ModuleType) -> list[str]:
-    """Return the names of `__all__`; without one, the classes and functions that the module defines without a _."""
+    """Return the names of `__all__`, or the public classes and functions that the module defines."""
     if names := getattr(module, "__all__", None):
         return sorted(names, key=str.lower)
     return [
@@ -112,7 +113,7 @@ def _directive(kind: str, head: str, body: str, ticks: int = 4) -> str:
 
 
 def signature(thing: Any, method: bool = False) -> str:
-    """Return arguments with their types, without modules; a default only where it is short."""
+    """Return arguments with their types, without modules; a long default is omitted."""
     try:
         signature_of = inspect.signature(thing)
     except (TypeError, ValueError):
@@ -149,7 +150,7 @@ def _default(value: Any) -> str:
 
 
 def _parameters(thing: Any) -> Iterator[str]:
-    """Return the table of the fields of a block, by the metadata that the loader of vehicle files reads."""
+    """Yield the table of the fields of a block, from the metadata that the loader of vehicle files reads."""
     if not dataclasses.is_dataclass(thing):
         return
     rows = [
@@ -162,7 +163,7 @@ def _parameters(thing: Any) -> Iterator[str]:
 
 
 def _methods(thing: type) -> Iterator[tuple[str, Any, str]]:
-    """Return the public methods with a docstring of their own or of a base of ours."""
+    """Yield the public methods that have a docstring, also an inherited one."""
     for word in dir(thing):
         method = inspect.getattr_static(thing, word)
         method = getattr(method, "__func__", method)

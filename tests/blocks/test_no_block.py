@@ -1,4 +1,4 @@
-"""An object that is not a block, or a name that is neither a kind nor a file, is refused."""
+"""An object that is not a block is refused, and so is an unknown name."""
 
 from baqueano.block_checks import check
 from baqueano.blocks import resolve, role_of

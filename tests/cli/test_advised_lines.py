@@ -41,7 +41,7 @@ def verb_of(node):
 
 
 def advised():
-    """Each advised line as the ways to read its words, with where it stands."""
+    """Yield each advised command line, in each way to read its words, with its file and line."""
     for path in sorted(SOURCE.rglob("*.py")):
         place = path.relative_to(SOURCE)
         for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
@@ -59,7 +59,7 @@ def advised():
 
 
 def parse_line(words):
-    """The context of a command, None of one that shows a help; click's error or KeyError where it is none."""
+    """Return the context of a command, or None if it shows a help; raise click's error or KeyError for a wrong one."""
     words = [OPEN if word.startswith("{") else word for word in words]
     command, rest = command_of(words[0]), words[1:]
     while isinstance(command, click.Group):

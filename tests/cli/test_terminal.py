@@ -188,7 +188,7 @@ def test_ctrl_c_ends_work_at_once_or_at_its_next_progress_report():
 
 
 def progress_lines(capsys, pattern, times=1):
-    """What stderr has shown by when it shows this so often."""
+    """Return the text of stderr when it contains the pattern `times` times."""
     err, until = "", time.monotonic() + 60
     while len(re.findall(pattern, err)) < times:
         assert time.monotonic() < until, err

@@ -122,7 +122,7 @@ def test_commands_are_invariant_under_motions_of_the_world(law, move, x, y, psi,
 @pytest.mark.parametrize("shape", SHAPES)
 @pytest.mark.parametrize("perfect", [True, False])
 def test_the_garage_vehicle_drives_evenly(shape, perfect):
-    """The PD of the paper with its old gains had 51 to 124 % of speed error and 1 to 3 changes of sign a second."""
+    """The PD of the paper with its old gains had a speed error of 51 to 124 %, and changed its sign often."""
     run = simulate_loop(SMALL, SHAPES[shape](0.2), perfect=perfect)
     evenness = pace(run.t_ns, run.truth.nu[:, 0], run.reference.nu[:, 0])
     assert evenness.error < 0.05

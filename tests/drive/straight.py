@@ -85,7 +85,7 @@ def straight(file, truth, ahead, speed_m_s, hold, seed=0):
 
 
 def measured(run, way_m=WAY_M):
-    """What its first `way_m` left."""
+    """Return the errors of the first `way_m` of a run."""
     eta = run.truth.eta
     way = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(eta[:, :2], axis=0), axis=1))])
     assert way[-1] > way_m, f"only {way[-1]:.2f} m"

@@ -79,7 +79,7 @@ def drive_with(**blocks):
 
 
 def in_a_cell(name="<cell 1>"):
-    """The class of CELL as a notebook defines it: its module has no file, and linecache contains the cell."""
+    """Return the class of CELL as a notebook defines it: its module is not a file, and linecache contains the cell."""
     linecache.cache[name] = (len(CELL), None, CELL.splitlines(keepends=True), name)
     cell = {"__name__": "__main__"}
     exec(compile(CELL, name, "exec"), cell)

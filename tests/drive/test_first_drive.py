@@ -196,7 +196,7 @@ def test_inertial_motion_is_the_integral_of_the_unbiased_imu():
 
 
 def test_inertial_distance_error_matches_its_covariance():
-    """Of a vehicle that stands, with and without a speed that is known to be noise afterwards."""
+    """The vehicle is at rest, with and without the later knowledge that its speed was noise."""
     slots, ends = sensor_slots(("imu",)), {False: [], True: []}
     for seed in range(300):
         rng, estimator = np.random.default_rng(seed), Inertial()

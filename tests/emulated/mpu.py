@@ -349,7 +349,7 @@ class EmulatedBus:
         self.faults.extend([code] * times)
 
     def transfer(self, address: int, messages: list[tuple[bool, bytes | int]]) -> list[bytes]:
-        """One combined transfer; what was read.  OSError as the kernel would say it."""
+        """Return the bytes that one combined transfer reads; raise OSError like the kernel."""
         self.transfers += 1
         if any(reads for reads, _ in messages[:-1]):
             raise OSError(errno.EOPNOTSUPP, "i2c-bcm2835: only one read message, and that one last")

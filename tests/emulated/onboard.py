@@ -81,7 +81,7 @@ def running(
     unheard: int = 0,
     body: bool = False,
 ) -> Iterator[Running]:
-    """The service after READY=1; its output goes to the file said.txt of `folder`. The IMU does not answer the first
+    """The service after READY=1; its output goes to the file output.txt of `folder`. The IMU does not answer the first
     `unheard` transfers. With `body` the motors move a body whose motion the IMU measures; else it stays at rest."""
     machine = Machine() if imu else None
     try:
@@ -113,7 +113,7 @@ def _spawned(
     listener = socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM)
     listener.bind(str(notify))
     listener.settimeout(0.2)
-    with (folder / "said.txt").open("wb") as out, listener:
+    with (folder / "output.txt").open("wb") as out, listener:
         start_s = time.monotonic()
         process = subprocess.Popen(
             [*python, "-m", "baqueano", "robot", "run", "--vehicle", str(file.path), "--door", str(door),
@@ -124,8 +124,8 @@ def _spawned(
         service = Running(process, door, file, live, [])
         try:
             while "READY=1" not in service.notifications:
-                assert process.poll() is None, (folder / "said.txt").read_text()
-                assert time.monotonic() < start_s + PATIENCE_S, (folder / "said.txt").read_text()
+                assert process.poll() is None, (folder / "output.txt").read_text()
+                assert time.monotonic() < start_s + PATIENCE_S, (folder / "output.txt").read_text()
                 with suppress(TimeoutError):
                     service.notifications.append(listener.recv(4096).decode())
             service.start_s, service.cpu_s = time.monotonic() - start_s, service.used_s()

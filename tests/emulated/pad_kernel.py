@@ -1,5 +1,7 @@
-"""What the kernel does for one /dev/input/eventN: answers ioctl calls, hands out events, drops them when its buffer is
-full. Bytes as in include/uapi/linux/input.h. Uses nothing of the package, so the system's Python can run it.
+"""The kernel's part of one /dev/input/eventN: it answers ioctl calls, and sends events or drops them.
+
+The bytes are those of include/uapi/linux/input.h. Events are dropped if the buffer is full. The module does not use the
+package, so the system's Python can run it.
 """
 
 import errno

@@ -5,7 +5,7 @@ a JSON list of devices by their names in pad_kernel.py. It prints the root of th
 executes lines of its input, each a JSON list, and answers each with a line of JSON:
 
     ["change", number, [kind, code, value], …]  ["plug", number, name]  ["unplug", number]  ["quit"]
-    ["waiting", number]     how many events nobody has read yet
+    ["waiting", number]     number of events that were not read yet
 
 A client sees the devices when it is started with UMOCKDEV_DIR=<root> and LD_PRELOAD=libumockdev-preload.so.0.
 """
@@ -44,7 +44,7 @@ class Machine:
         self.handlers.append(handler)
 
     def unplug(self, number):
-        """It goes; whoever has it open gets ENODEV."""
+        """Unplug a device; a process that has it open receives ENODEV."""
         self.devices.pop(number).unplug()
         self.bed.detach_ioctl(f"/dev/input/event{number}")
         self.bed.remove_device(f"/sys/devices/virtual/input/input{number}/event{number}")

@@ -12,7 +12,7 @@ from tests.emulated.uno import hex_chunks
 
 
 def reset_when_opened(live: OnPty) -> None:
-    """Opening the port pulls DTR, which resets an Uno. A pty has no DTR, so its first byte causes the reset."""
+    """Opening the port pulls DTR, which resets an Uno. A pty does not have DTR, so its first byte causes the reset."""
     take = live.uno.write
 
     def first(data: bytes) -> float:

@@ -50,8 +50,8 @@ def of_motion(nu, nu_dot):
 
 
 def test_fast_speed_changes_follow_the_model_and_fade_with_the_blend_time():
-    """The estimate responds to the model with T s / (T s + 1). Wheels that stay at rest while the command says 0.5
-    m/s dominate after T."""
+    """The estimate responds to the model with T s / (T s + 1). If the wheels stay at rest with a command of
+    0.5 m/s, they dominate after T."""
     n, time_s, lag_s = 400, 0.5, 0.61 / 1.2
     u = np.tile([0.4, 0.0, 0.0], (n, 1))
     z = {"imu": of_motion(np.zeros((n, 3)), np.zeros((n, 3))), "odometer": np.zeros((n, 1))}

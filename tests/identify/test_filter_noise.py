@@ -31,7 +31,7 @@ def test_few_readings_identify_the_misfit_but_not_the_sensor_noise(tags, free):
 
 
 def test_the_noise_of_a_counted_speed_is_at_least_its_step():
-    """Readings that never repeat have no step; a tag, which repeats its position, is not treated as counted."""
+    """Readings that never repeat do not show a step. A tag, which repeats its position, is not treated as counted."""
     text = load("small").text + TAGS + '\n[sensors.odometer]\nkind = "odometer"\n'
     its = layout(parse(text, "small").estimator(use=("imu", "odometer", "tags")))
     rng = np.random.default_rng(3)

@@ -17,8 +17,8 @@ SECONDS, SEED, HZ = 10.0, 5, 44.0
 @pytest.fixture(scope="module")
 def logs():
     """Return a robot with quiet sensors, its file, and its logs. One log has the counts of the timer, one has the
-    requested commands. The others have the counts and an IMU behind a low-pass, or behind a low-pass and a delay,
-    which looks like a delay of the motors."""
+    requested commands. The others have the counts and an IMU behind a low-pass, or behind a low-pass and a delay.
+    This delay looks like a delay of the motors."""
     plain = robot(SEED)
     plain = plain.with_parameters(imu=plain.imu.with_parameters(noise=0.2 * plain.imu.noise))
     behind = plain.with_parameters(imu=plain.imu.with_parameters(low_pass_s=np.full(1, 0.5 / np.pi / HZ)))

@@ -161,7 +161,7 @@ def test_a_pwm_motor_that_can_coast_brakes_only_during_its_pulses():
 
 
 def test_a_kinematic_vehicle_slides_outward_in_a_curve():
-    """2 m/s and 0.5 rad/s to the left with 0.3 s give 0.3 m/s to the right, and zero on a straight line or in place."""
+    """2 m/s and 0.5 rad/s to the left with 0.3 s give 0.3 m/s to the right; without a curve they give 0."""
     vehicle = Kinematic(np.diag([1.0, 0.0, 1.0]), slide_s=0.3)
     assert vehicle.velocity(np.array([2.0, 0.0, 0.5])) == pytest.approx([2.0, -0.3, 0.5])
     assert vehicle.velocity(np.array([-2.0, 0.0, 0.5])) == pytest.approx([-2.0, 0.3, 0.5])

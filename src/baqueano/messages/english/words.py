@@ -30,4 +30,7 @@ COLUMNS = (
     N_("no"), N_("notes"), N_("duration"), N_("vehicle"),
 )  # fmt: skip
 GROUPS = N_("group dialout"), N_("group i2c"), N_("group gpio")
+RESETS = (
+    N_("power"), N_("external"), N_("brown-out"), N_("watchdog"), N_("hung"), N_("warm"), N_("cause unknown"),
+)  # fmt: skip
 TOPICS = N_("command applied"), N_("command requested"), N_("command sent")

@@ -162,7 +162,7 @@ def start(info: "Info") -> Check:
         _(
             "number {boots}, by {causes}",
             boots=info.boots,
-            causes=causes(cause) or _("a cause that its boot-loader hides"),
+            causes=" ".join(map(_, causes(cause).split())) or _("a cause that its boot-loader hides"),
         ),
         _("Its firmware hung. Type: baqueano robot flash")
         if hung

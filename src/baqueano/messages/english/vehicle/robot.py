@@ -15,7 +15,7 @@ OTHERWISE = (
 TEMPLATES: dict[str, str] = {
     S.UNO_LATCHED: "the emergency stop of the Uno is latched. Look at the vehicle, then type: {fix}",
     S.UNO_BATTERY: "the battery is at {battery_v:.2f} V, less than least_battery_v",
-    S.UNO_RESET: "the Uno was reset ({cause}): the motors are off until it is armed again",
+    S.UNO_RESET: "the Uno was reset ({cause:word}): the motors are off until it is armed again",
     S.UNO_DEAD_MAN: "the Uno received no command for {silent_ms:g} ms and stopped the motors",
     S.UNO_DISARMED: "the Uno is no longer armed",
     S.UNO_DEAF: (
