@@ -42,10 +42,10 @@ def vehicle():
 def judge_gains(file, gains, count, **options):
     """Return cost (count,) and distance from the reference (count,), rms [mm], of `count` other vehicles."""
     drives = rehearse(file, ROUTE, draws=1, **options)
-    vehicles = drawn_vehicles(file, drives.legs[0].system, count, OTHER)[1][1:]
+    vehicles = drawn_vehicles(file, drives.cases[0].system, count, OTHER)[1][1:]
     drives = replace(drives, vehicles=vehicles)
-    leg = drives.legs[0]
-    far = [leg.shown.run(leg.inputs[0], np.concatenate([gains, v]), carry=leg.start)[1][0] for v in vehicles]
+    case = drives.cases[0]
+    far = [case.shown.run(case.inputs[0], np.concatenate([gains, v]), carry=case.start)[1][0] for v in vehicles]
     return drives.of_vehicles(gains[None])[0], np.array([1e3 * rms(d) for d in far])
 
 

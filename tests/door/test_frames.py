@@ -112,12 +112,12 @@ def test_progress_grows_over_all_laps_and_across_the_crossing_of_an_eight():
         along, places = AlongRoute(route), []
         for _ in range(laps):
             for x, y in route.eta[::10, :2]:
-                places.append(along.where([x, y + 0.0]))
+                places.append(along.progress([x, y + 0.0]))
         s, cross = np.array(places).T
         assert np.all(np.diff(s) > -1e-9)
         assert s[-1] == pytest.approx(laps * along.length_m, rel=0.02)
         np.testing.assert_allclose(cross, 0.0, atol=1e-6)
-    deviation = AlongRoute(shapes.circle(0.5, 0.3)).where([0.0, 0.02])
+    deviation = AlongRoute(shapes.circle(0.5, 0.3)).progress([0.0, 0.02])
     assert deviation[1] == pytest.approx(0.02, rel=0.01)
 
 

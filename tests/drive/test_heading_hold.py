@@ -244,7 +244,7 @@ def test_heading_control_uses_a_gyro_that_the_estimator_ignores():
         assert drive.tick(innovation=[0.0, 0.0, 0.1])[2] == 0.0, "a spike is not a turn"
     for _ in range(50):
         turn = drive.tick(innovation=[0.0, 0.0, 0.1])[2]
-    assert drive.state.left_out_rad == pytest.approx(50 * 0.01 * 0.2, abs=0.005)
+    assert drive.state.missing_angle == pytest.approx(50 * 0.01 * 0.2, abs=0.005)
     assert turn < -0.05 * GAINS.psi
     drive.tick(innovation=[0.0, 0.0, 0.001])
     assert drive.state.out_s == 0.0

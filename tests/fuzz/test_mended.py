@@ -71,7 +71,7 @@ def test_an_extremely_distant_pose_uses_no_extra_memory():
     eta[:, 0] = 0.01 * np.arange(50)
     eta[20, 0] = 1e15
     truth = TruthLog(20_000_000 * np.arange(50), eta, eta, eta)
-    assert [finding.kind for finding in course_and_heading(truth)] in ([], ["unit"])
+    assert [finding.code for finding in course_and_heading(truth)] in ([], ["unit"])
 
 
 @pytest.mark.parametrize(

@@ -62,9 +62,9 @@ def test_the_blocks_equal_the_parts_of_the_whole_matrix(runs):
     np.testing.assert_allclose(arrow.diagonal(), whole.diagonal(), rtol=1e-13)
     index = np.array([0, 3, 20])
     np.testing.assert_allclose(rows_times(arrow, index, g), rows_times(whole, index, g), rtol=1e-10)
-    assert arrow.finite
+    assert arrow.is_finite
     arrow.border[3, 1, 2] = np.nan
-    assert not arrow.finite
+    assert not arrow.is_finite
 
 
 def test_blocks_and_whole_matrix_give_the_same_bounded_step():

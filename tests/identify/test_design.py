@@ -211,11 +211,11 @@ def test_a_gentler_segment_has_smaller_turns_at_the_same_speed():
     shape = PieceShape(20, 4, np.array([1.0, 0.0, 0.5]))
     piece = MotionPiece(np.tile([1.0, 0.0, -0.6], (16, 1)), 0)
     np.testing.assert_allclose(
-        gentler_piece(piece, shape).out, np.tile([1.0, 0.0, -0.6 * GENTLE_FACTOR], (16, 1))
+        gentler_piece(piece, shape).outbound, np.tile([1.0, 0.0, -0.6 * GENTLE_FACTOR], (16, 1))
     )
     plain_shape = PieceShape(20, 4, np.array([1.0]))
     np.testing.assert_allclose(
-        gentler_piece(MotionPiece(np.ones((16, 1)), 0), plain_shape).out, GENTLE_FACTOR
+        gentler_piece(MotionPiece(np.ones((16, 1)), 0), plain_shape).outbound, GENTLE_FACTOR
     )
 
 

@@ -289,7 +289,7 @@ def test_a_handwritten_measurement_line_is_parsed(line, kind, z, sd):
     run, (place,) = read_line(line, [Ten("monday")])
     assert (run, place.kind, place.t_ns) == (0, kind, 5 + 4_000_000_000)
     assert place.z == pytest.approx(z, abs=1e-12)
-    assert place.sd == pytest.approx(sd)
+    assert place.std == pytest.approx(sd)
 
 
 def test_a_line_may_contain_a_length_and_an_angle():

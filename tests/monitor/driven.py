@@ -35,7 +35,7 @@ class Kind(NamedTuple):
 def kind_of(kind: str, wrong: tuple[tuple[str, float], ...] = ()) -> Kind:
     """Return "robot", "wheels" (a robot with encoders) or "car" (with an odometer). `wrong` contains factors of
     values of its file, which is then wrong."""
-    file = subject("robot" if kind == "wheels" else kind, 0).file.with_values(IDENTIFIED)
+    file = subject("robot" if kind == "wheels" else kind, 0).vehicle_file.with_values(IDENTIFIED)
     if kind == "wheels":
         file = parse(file.text + WHEELS, file.name).with_values({"estimator.use": ["imu", "wheels"]})
     elif kind == "car":

@@ -253,7 +253,7 @@ def test_rt16_a_full_disk_is_reported_only_at_the_end(tmp_path, monkeypatch):
     record_one(run_writer, 5)
     while run_writer._queue and time.monotonic() < deadline:
         time.sleep(0.01)
-    run_writer._file.keep()
+    run_writer._file.close_chunk()
     monkeypatch.setattr(RunFile, "close_chunk", raising(OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))))
     while run_writer.failure is None and time.monotonic() < deadline:
         time.sleep(0.01)
@@ -325,7 +325,7 @@ def test_a_system_without_fdatasync_writes_runs_too(run, tmp_path, monkeypatch):
     path = tmp_path / "x.mcap"
     with RunWriter(path) as run_writer:
         record_one(run_writer, 5)
-        run_writer._file.keep()
+        run_writer._file.close_chunk()
     assert read_run(path).t_ns.tolist() == [5]
     assert read_run(write_run(run, tmp_path / "y.mcap")) == run
 
@@ -340,5 +340,5 @@ def test_a_crash_while_a_whole_run_is_written_leaves_no_file(run, tmp_path, monk
 def test_a_record_longer_than_the_file_ends_the_reading():
     data = mcap_records.MAGIC + struct.pack("<BQ", 6, 2**60) + bytes(100)
     scan = mcap_records.scan(data)
-    assert not scan.complete
+    assert not scan.is_complete
     assert scan.messages == {}

@@ -26,7 +26,7 @@ def test_swapped_or_inverted_channels_and_their_units_are_identified(is_swapped,
     )
     channels = signal_map(z, h, [MappedChannel(0.4, 2.5, UNITS)] * 2)
     for i, channel in enumerate(channels):
-        assert channel.of == (1 - i if is_swapped else i)
+        assert channel.prediction_index == (1 - i if is_swapped else i)
         assert np.sign(channel.relation.slope) == sign
         assert channel.ratio == ratio
 
