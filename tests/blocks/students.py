@@ -113,7 +113,7 @@ SENSOR = (
 )
 
 VEHICLE = (
-    HEAD.replace("Slot\n", "Slot\nfrom baqueano.vehicles import Drivetrain, VehicleState, steady\n")
+    HEAD.replace("Slot\n", "Slot\nfrom baqueano.vehicles import Drivetrain, VehicleState, constant_effort\n")
     + FROZEN
     + """class Block:
     commands = 2
@@ -134,7 +134,7 @@ VEHICLE = (
         return np.array([eta[0], eta[1], wrap(eta[2])]), nu, nu_dot
 
     def step(self, state, u, dt_s, noise):
-        eta, nu, nu_dot = self.advance(state.eta, state.nu, steady(u), dt_s)
+        eta, nu, nu_dot = self.advance(state.eta, state.nu, constant_effort(u), dt_s)
         return VehicleState(eta, nu, nu_dot, None), Motion(eta, nu, nu_dot, np.zeros(2))
 """
 )

@@ -221,7 +221,7 @@ def test_only_blocks_with_equal_parameters_share_a_compiled_step(kept_traces):
         block = Filter(np.array([1.0, 2.0 + k]))
         belief, _ = compile_block(block, "python").step(block.init(), np.ones(2))
         assert belief.mean.tolist() == [1.0, 2.0 + k]
-    assert len(kept_traces) == sys.modules["baqueano.symbolic.function"].KEPT
+    assert len(kept_traces) == sys.modules["baqueano.symbolic.function"].MAX_CACHED
 
 
 def test_a_block_with_additional_attributes_is_traced_at_each_compilation(kept_traces):

@@ -221,9 +221,7 @@ def test_partial_derivatives_equal_to_zero_are_omitted():
 def test_forward_derivatives_of_random_expressions_equal_casadi(seed):
     from .random_programs import in_casadi, in_numpy, random_program
 
-    program = random_program(seed, p=3, operations=30)._replace(
-        carry=(), next_carry=(), initial=(), start_axes=()
-    )
+    program = random_program(seed, p=3, operations=30)._replace(carry=(), next_carry=(), initial=(), start=())
     from baqueano.symbolic.python_code.python import PythonKernel
 
     draw = np.random.default_rng(seed)

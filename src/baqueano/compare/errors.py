@@ -97,8 +97,8 @@ def cross_track(
 
 def rms(x: np.ndarray) -> float:
     """Return the root mean square of the finite values; NaN if all are NaN or x is empty."""
-    known = x[np.isfinite(x)]
-    return float(np.sqrt(np.mean(known**2))) if known.size else float("nan")
+    finite_values = x[np.isfinite(x)]
+    return float(np.sqrt(np.mean(finite_values**2))) if finite_values.size else float("nan")
 
 
 def _signed_distance(xy: np.ndarray, corners: np.ndarray) -> np.ndarray:

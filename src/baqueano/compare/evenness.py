@@ -106,8 +106,8 @@ def share_at_limit(u: np.ndarray, limits: Limits | None) -> float:
     if limits is None or u.shape[1] != len(limits.command):
         return float("nan")
     at_limit_values = at_limit(u, limits)
-    known = at_limit_values[np.isfinite(at_limit_values)]
-    return float(np.mean(known)) if known.size else float("nan")
+    finite_values = at_limit_values[np.isfinite(at_limit_values)]
+    return float(np.mean(finite_values)) if finite_values.size else float("nan")
 
 
 def limits_of(vehicle_text: str) -> Limits | None:

@@ -9,8 +9,7 @@ x̂, P: state and covariance of the model, from the commands only (an estimator 
 it). h, H: measurement function and Jacobian. Q: noise. b, p: bias at rest and its variance. y, S: innovation of the
 estimator and its covariance. Readings change the doubt in [0, DEGRADED_S]. δ: time, s: expected signal, σ: root in (1):
 
-    doubt ← doubt + δ while it disagrees
-    doubt ← doubt − δ (SLOW_RATE + (FAST_RATE − SLOW_RATE) i) while it agrees                             (3)
+    doubt ← doubt + δ while it disagrees;  doubt − δ (SLOW_RATE + (FAST_RATE − SLOW_RATE) i) while it agrees   (3)
     i = s²/(s² + (GATE_SIGMA σ)²),   s = h(x̂) − h(rest)                                                   (4)
 
 For i = 0 a stuck sensor also agrees. Method: Gertler 1998 (analytical redundancy). witness.py decides which is wrong.

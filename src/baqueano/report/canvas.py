@@ -51,7 +51,7 @@ class Canvas(Figure):
         return buffer.getvalue()
 
 
-def resized(figure: Figure, width: str | float | None) -> Figure:
+def at_width(figure: Figure, width: str | float | None) -> Figure:
     """Resize a figure to `width`, "column", "page" or millimetres, with legible text, and return it.
 
     Raise UsageError for another width.

@@ -167,14 +167,14 @@ class Page:
             raise UsageError(
                 fault("front.format-unknown", found=file_format, near=nearest(file_format, FORMATS))
             )
-        from baqueano.report.canvas import resized
+        from baqueano.report.canvas import at_width
 
         folder = Path(folder)
         folder.mkdir(parents=True, exist_ok=True)
         paths = []
         for name, drawing in self.drawings().items():
             paths.append(folder / f"{name}.{file_format}")
-            resized(drawing.figure, width).savefig(paths[-1], dpi=DPI)
+            at_width(drawing.figure, width).savefig(paths[-1], dpi=DPI)
         return paths
 
     def save(self, path: str | Path) -> Path:

@@ -57,9 +57,9 @@ def plot(
         for draw in [drawings[kind]] if kind else drawings.values():
             figure = draw()
             if figure is not None:
-                from baqueano.report.canvas import resized
+                from baqueano.report.canvas import at_width
 
-                return resized(figure, width)
+                return at_width(figure, width)
     raise UsageError(fault("front.nothing-to-draw", result=name, kind=f": {kind}" if kind else ""))
 
 

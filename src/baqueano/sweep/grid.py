@@ -129,7 +129,7 @@ def _checked_settings(settings: dict) -> SweepSettings:
         raise UsageError(fault("compare.alignment", found=conditions.alignment, known=ALIGNMENTS))
     if not (conditions.laps >= 1 and conditions.over_s > 0.0):
         raise UsageError(fault("sweep.numbers", laps=conditions.laps, over_s=conditions.over_s))
-    return conditions._replace(start_axes=tuple(float(x) for x in conditions.start))
+    return conditions._replace(start=tuple(float(x) for x in conditions.start))
 
 
 def _by_name(routes: Tree) -> dict[str, Route]:

@@ -145,9 +145,7 @@ class Rehearsal:
     def begun_with(self, gains: np.ndarray) -> "Rehearsal":
         """Return the same drives; each starts with the initial state of a controller with these gains."""
         block = self.space.with_gains(gains)
-        cases = tuple(
-            case._replace(start_axes=_with_initial_controller(case.start, block)) for case in self.cases
-        )
+        cases = tuple(case._replace(start=_with_initial_controller(case.start, block)) for case in self.cases)
         return replace(self, cases=cases)
 
     def initial_memory_depends_on(self, gains: np.ndarray) -> bool:

@@ -335,7 +335,7 @@ def _first_allowed_piece(
     """Return the first allowed index of `indices`, and the cloud after this piece, or None."""
     for offset in range(0, len(indices), TRIED_PIECES):
         options = [commands(k) for k in indices[offset : offset + TRIED_PIECES]]
-        found = first_allowed(cloud, room, state, options, tick)
-        if found:
-            return indices[offset + found[0]], found[1]
+        allowed = first_allowed(cloud, room, state, options, tick)
+        if allowed:
+            return indices[offset + allowed[0]], allowed[1]
     return None

@@ -239,7 +239,7 @@ def _first_allowed(
     """Return index, cloud afterwards and poses (L, T, 3) of the first option of (C, T, n) that is allowed, else of
     the last one."""
     for begin, end in ((0, 1), (1, len(options))):  # mostly the requested chunk is allowed
-        found = first_allowed(cloud, room, state, list(options[begin:end]), tick)
-        if found is not None:
-            return begin + found[0], *found[1:]
+        allowed = first_allowed(cloud, room, state, list(options[begin:end]), tick)
+        if allowed is not None:
+            return begin + allowed[0], *allowed[1:]
     return len(options) - 1, *cloud.drive(state, options[-1], tick)

@@ -392,5 +392,7 @@ class _Parser:
     def error(self, place_text: str, value: object, expected: Diagnostic | str) -> FileError:
         """Return the error to raise, with the place, the value in the map, and the expected value."""
         code = "map.missing" if value is None else "map.wrong"
-        found = repr(value)[:200]
-        return FileError(fault(code, map=self.path.name, place=place_text, found=found, expected=expected))
+        text_of_value = repr(value)[:200]
+        return FileError(
+            fault(code, map=self.path.name, place=place_text, found=text_of_value, expected=expected)
+        )

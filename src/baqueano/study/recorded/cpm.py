@@ -76,7 +76,7 @@ def with_raw_clock(name: str) -> "Run":
     """Return run "a" or "b" with the camera on its own clock."""
     column_map = load_map(MAPS[name])
     camera = column_map.files["camera"]._replace(shift_s=0.0)
-    return import_run(column_map._replace(vehicle_files={**column_map.files, "camera": camera})).run
+    return import_run(column_map._replace(files={**column_map.files, "camera": camera})).run
 
 
 def choice_rows(choice: "Choice", other_run: "Run", name: str, other_name: str) -> list["TableRow"]:

@@ -221,11 +221,11 @@ def read(coming: BinaryIO, put: "Callable[[Path | Diagnostic | JsonObject | None
     """Pass the entry in each line of stdin to `put`, and None at its end; skip malformed lines."""
     for line in coming:
         try:
-            message = json.loads(line)
-            if "tuned" in message:
-                put(dict(message["tuned"]))
+            entry = json.loads(line)
+            if "tuned" in entry:
+                put(dict(entry["tuned"]))
             else:
-                put(Path(message["play"]) if "play" in message else Diagnostic.of_json(message["say"]))
+                put(Path(entry["play"]) if "play" in entry else Diagnostic.of_json(entry["say"]))
         except (ValueError, KeyError, TypeError):
             continue
     put(None)

@@ -76,7 +76,7 @@ class Ledger:
 
     Parameters
     ----------
-    file : VehicleFile
+    vehicle_file : VehicleFile
         The vehicle that drives.
     estimator : Estimator, optional
         The estimator of the drive; by default the estimator of the file.
