@@ -8,6 +8,7 @@ from pathlib import Path
 import click
 
 from baqueano.cli import options
+from baqueano.cli.report_files import ReportFiles, figure_options
 from baqueano.cli.terminal import answer, busy, print_message, steps
 from baqueano.diagnostics import note
 
@@ -49,6 +50,7 @@ def free_folder() -> Path:
     metavar="FILE.svg",
     help="Also write the fit and the drive as an animated picture.",
 )
+@figure_options
 @options.seed
 @options.backend
 @options.as_json
@@ -57,6 +59,7 @@ def command(
     shown: bool | None,
     pace: float,
     animation: Path | None,
+    report: ReportFiles,
     seed: int,
     backend: str,
     as_json: bool,
@@ -72,9 +75,9 @@ def command(
         with steps() as begin:
             result = demo(out, seed, backend, begin, motion.show, motion.show_tuning)
         answer(result, as_json)
-        with busy(note("cli.drawing")):
-            page = result.page().save(out / "report.html")
-            if moves is not None:
+        report.write(result.page, out / "report.html")
+        if moves is not None:
+            with busy(note("cli.drawing")):
                 save_text(moves, result.animation(backend))
         motion.show_event(note("web.demo-done", verdict=str(result.verdict)))
-    print_message(note("cli.demo", page=page, program=typed_here()))
+    print_message(note("cli.demo", program=typed_here()))

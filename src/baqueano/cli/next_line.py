@@ -33,6 +33,8 @@ def next_line(message: Diagnostic, code: int, args: list[str]) -> Diagnostic | N
     for cause in causes:
         if (corrected_args := _put_right(cause, args)) is not None:
             return fault("next.put-right", baqueano_command(*corrected_args))
+    if any(cause.code == "cli.figures-absent" for cause in causes):
+        return fault("next.put-right", baqueano_command(*args, "--figures", "figures"))
     if any(cause.code in TO_ALLOW for cause in causes):
         return fault("next.allow-blocks", baqueano_command(*args, "--allow-blocks"))
     missing = [Path(str(cause.figures["missing"])) for cause in causes if "missing" in cause.figures]
