@@ -157,7 +157,7 @@ def test_the_width_option_is_refused_without_the_figures_option(baqueano, lab):
     run = str(next((lab / "runs").glob("0001*")))
     assert baqueano("report", run, "--width", "nine").reason.code == "front.width-unknown"
     end = baqueano("report", run, "--width", "column")
-    assert (end.code, end.reason.code) == (2, "cli.width-unused")
+    assert (end.code, end.reason.code) == (2, "cli.figures-absent")
     assert parse_line(shlex.split(end.fix)[1:]).params["figures"] == Path("figures")
 
 

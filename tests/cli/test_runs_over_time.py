@@ -7,6 +7,9 @@ from baqueano.identify import random_steps
 from baqueano.runs import write_run
 from baqueano.simulate import simulate
 from baqueano.vehicle_file import load
+from tests.figure_files import width_mm
+
+FIGURES = ("--figures", "f", "--format", "pdf", "--width", "column")
 
 
 @pytest.fixture(scope="module")
@@ -30,6 +33,7 @@ def test_a_run_at_rest_gives_the_noise_and_updates_the_file(baqueano, folder, tm
         "--json",
         "--report",
         "rest.html",
+        *FIGURES,
     )
     assert end.code == 0
     rows = end.reply["rows"]
@@ -37,6 +41,7 @@ def test_a_run_at_rest_gives_the_noise_and_updates_the_file(baqueano, folder, tm
     assert all(row["allan_1s"] > 0.0 for row in rows)
     assert "Allan deviation: imu" in (tmp_path / "rest.html").read_text(encoding="utf-8")
     assert "add --update" in end.err
+    assert width_mm(tmp_path / "f" / "01-allan-deviation-imu.pdf") == pytest.approx(88.0, abs=0.1)
 
 
 def test_a_run_that_never_rests_is_refused(baqueano, folder):
@@ -47,11 +52,12 @@ def test_a_run_that_never_rests_is_refused(baqueano, folder):
 
 def test_the_wear_command_lists_changed_parameters(baqueano, folder, tmp_path):
     runs = [str(folder / f"drive{k}.mcap") for k in range(3)]
-    end = baqueano("runs", "wear", *runs, "--vehicle", "small", "--json", "--report", "wear.html")
+    end = baqueano("runs", "wear", *runs, "--vehicle", "small", "--json", "--report", "wear.html", *FIGURES)
     assert end.code == 0
     assert end.reply["verdict"] in ("USABLE", "WARN")
     assert len(end.reply["rows"]) <= 1
     assert "Run by run" in (tmp_path / "wear.html").read_text(encoding="utf-8")
+    assert width_mm(tmp_path / "f" / "01-run-by-run.pdf") == pytest.approx(88.0, abs=0.1)
 
 
 def test_the_wear_command_refuses_a_single_run(baqueano, folder):

@@ -3,6 +3,7 @@
 import re
 import sys
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -11,20 +12,28 @@ from matplotlib.figure import Figure
 import baqueano as bq
 from baqueano.contracts.result import MAX_LINES, Result
 from baqueano.diagnostics import Severity, note
-from baqueano.drive import FirstDrive
+from baqueano.drive import FirstDrive, TeachResult
 from baqueano.drive.closure import Closure
 from baqueano.errors import UsageError
 from baqueano.guides.shapes import circle
 from baqueano.identify import forecast
+from baqueano.identify.noise.at_rest import at_rest
 from baqueano.identify.parameter_drift import ParameterChange, ParameterHistory
 from baqueano.identify.sensor_calibration import CalibratedNumber, Calibration
 from baqueano.identify.validation import validate
+from baqueano.report import figures
+from baqueano.report.canvas import at_width, with_width
 from baqueano.report.fit_report import page_of_fit, sections_of_fit
-from baqueano.report.page import Page, Section, Table
+from baqueano.report.page import Drawing, Page, Section, Table
+from baqueano.report.pages.result_page import page_of
+from baqueano.report.plots import drawings_of
 from baqueano.runs.importing.recordings import ImportedRun
 from baqueano.simulate import simulate_many
+from tests.figure_files import width_mm
+from tests.study.test_controllers import result as compared_controllers
 
 MM = 1.0 / 25.4
+ROOT = Path(__file__).parents[2]
 
 
 @pytest.fixture(scope="module")
@@ -62,6 +71,9 @@ def results():
             {},
         ),
         "history": history(fit),
+        "examined route": bq.routes.examine(circle(0.3, 0.2), small),
+        "controllers": compared_controllers(0.5),
+        "at rest": at_rest(bq.simulate(small, np.zeros((1000, 3)))),
         "closure": Closure("imu", 1, 6.3, 1.003, 0.004, {"sensors.imu.gyro_scale": 1.003}, {}, None),
     }
 
@@ -75,8 +87,9 @@ def history(fit) -> ParameterHistory:
 
 
 NAMES = ("run", "fit", "comparison", "tuning", "forecast", "corridor", "many", "first drive", "validation",
-         "calibration", "history", "closure", "check", "noise")  # fmt: skip
-DRAWN = (*NAMES[:12], "lesson", "route", "import")
+         "calibration", "history", "closure", "noise", "examined route", "controllers", "at rest", "check")  # fmt: skip
+DRAWN = (*NAMES[:-1], "lesson", "route", "import")
+REPORTS = ("fit", "comparison", "corridor", "history", "at rest", "lesson")
 CARDS = (*NAMES, "lesson", "route", "import", "vehicle")
 
 
@@ -151,6 +164,41 @@ def test_a_result_without_a_plot_is_refused(results):
     assert error_info.value.diagnostic.code == "front.nothing-to-draw"
 
 
+def test_a_comparison_without_estimates_is_not_drawn():
+    still = bq.compare(bq.simulate(bq.load("small"), np.zeros((20, 3))))
+    with pytest.raises(UsageError) as error_info:
+        still.plot()
+    assert error_info.value.diagnostic.code == "front.nothing-to-draw"
+    assert bq.report(still).drawings() == {}
+
+
+def test_the_figure_of_a_route_shows_the_limits_of_its_vehicle(results):
+    slow = results["examined route"]
+    speed, turn, command = slow.plot().axes
+    (driven, limit), (_, left, right) = speed.lines, turn.lines
+    assert np.all(driven.get_ydata() < limit.get_ydata())
+    np.testing.assert_array_equal(left.get_ydata(), -right.get_ydata())
+    assert max(command.lines[0].get_ydata()) == pytest.approx(100.0 * slow.share)
+    fast = bq.routes.examine(circle(0.3, 2.0), bq.load("small"))
+    driven, limit = fast.plot().axes[0].lines
+    assert np.all(driven.get_ydata() > limit.get_ydata())
+    assert [len(axes.lines) for axes in bq.routes.examine(circle(0.3, 0.2)).plot().axes] == [1, 1]
+
+
+def test_the_figure_of_the_noise_has_a_row_per_standard_deviation(results):
+    axes = results["noise"].plot().axes[0]
+    rows = [row for row in results["noise"].rows() if row["unit"] != "s"]
+    np.testing.assert_array_equal(axes.lines[0].get_xdata(), [row["sd"] for row in rows])
+    assert axes.get_yticklabels()[0].get_text() == "imu[0] [m/s²]"
+
+
+def test_the_figure_of_the_controllers_has_a_panel_per_evaluation(results):
+    for kind, expected in (("errors", 10.0), ("ratios", 0.5)):
+        figure = results["controllers"].plot(kind)
+        assert [axes.get_title(loc="left") for axes in figure.axes] == ["pose", "estimate", "truth"]
+        assert figure.axes[0].lines[0].get_xdata()[1] == pytest.approx(expected, rel=0.05)
+
+
 @pytest.mark.parametrize("name", NAMES)
 def test_a_result_is_converted_to_a_data_frame(results, name):
     frame = results[name].to_pandas()
@@ -177,12 +225,87 @@ def test_the_figures_of_a_report_are_written_to_files(results, tmp_path):
     assert (tmp_path / "run.html").is_file()
     files = page.save_figures(tmp_path / "figures", "pdf", "column")
     assert [path.name for path in files[:2]] == ["01-path.pdf", "02-speed.pdf"]
-    assert all(path.read_bytes().startswith(b"%PDF") for path in files)
+    assert [width_mm(path) for path in files] == pytest.approx([88.0] * len(files), abs=0.1)
     assert "<iframe" in page._repr_html_()
     assert repr(bq.report(results["fit"])).startswith("Page('Fit of small'")
     with pytest.raises(UsageError) as error_info:
         page.save_figures(tmp_path, "gif")
     assert error_info.value.diagnostic.code == "front.format-unknown"
+
+
+@pytest.mark.parametrize("name", REPORTS)
+def test_the_figures_of_every_report_have_the_requested_format_and_width(results, name, tmp_path):
+    file_format, width, mm = (("svg", "column", 88.0), ("pdf", 60, 60.0), ("png", "page", 181.0))[
+        REPORTS.index(name) % 3
+    ]
+    page = bq.report(results[name], figures=tmp_path, file_format=file_format, width=width)
+    files = sorted(tmp_path.iterdir())
+    assert [path.name for path in files] == [f"{drawing}.{file_format}" for drawing in page.drawings()]
+    assert len(files) >= 1
+    assert [width_mm(path) for path in files] == pytest.approx([mm] * len(files), abs=0.1)
+
+
+def test_the_report_of_an_import_or_a_first_drive_is_the_report_of_its_run():
+    assert page_of.dispatch(ImportedRun) is page_of.dispatch(FirstDrive) is page_of.dispatch(TeachResult)
+
+
+@pytest.mark.parametrize("page", ["docs/python.md", "docs/es/python.md"])
+def test_the_page_on_python_names_each_drawing(results, page):
+    text = (ROOT / page).read_text(encoding="utf-8")
+    kinds = {kind for result in results.values() for kind in drawings_of(result)}
+    assert {kind for kind in kinds if f"`{kind}`" not in text} == set()
+
+
+NAMES_OF_CURVES = ("estimate", "truth", "0002-replay-0001-experiment")
+
+
+@pytest.fixture
+def figure_over_time():
+    t = np.arange(5.0)
+    return figures.over_time([("a [m]", dict.fromkeys(NAMES_OF_CURVES, (t, t)))])
+
+
+@pytest.mark.parametrize("width", ["column", 60])
+def test_the_legend_of_a_narrow_figure_is_inside_the_figure(figure_over_time, width):
+    figure = at_width(figure_over_time, width)
+    figure.draw_without_rendering()
+    legend = figure.axes[0].get_legend()
+    assert [text.get_text() for text in legend.get_texts()] == [*NAMES_OF_CURVES]
+    assert legend.get_window_extent().x1 <= figure.get_figwidth() * figure.dpi
+
+
+def test_a_figure_has_its_former_size_and_letters_after_it_was_written(figure_over_time, tmp_path):
+    page = Page("t", "", "", [], [Section("s", "", [Drawing(figure_over_time, "c")])])
+    sizes = sizes_of(figure_over_time, 9)
+    (path,) = page.save_figures(tmp_path, "svg", "column")
+    assert width_mm(path) == pytest.approx(88.0, abs=0.1)
+    assert sizes_of(figure_over_time, 9) == sizes
+    with with_width(figure_over_time, "column") as figure:
+        width, letters = sizes_of(figure, 21)  # new ticks too
+        assert width < sizes[0]
+        assert max(letters) < min(sizes[1])
+    assert sizes_of(figure_over_time, 21) == sizes
+
+
+def sizes_of(figure, ticks: int) -> tuple[float, set[float]]:
+    """Return the width of a figure, and the sizes of its letters if the axis has this number of ticks."""
+    (axes,) = figure.axes
+    axes.set_xticks(np.linspace(0.0, 4.0, ticks))
+    texts = [axes.yaxis.label, *axes.get_xticklabels(), *axes.get_legend().get_texts()]
+    return figure.get_figwidth(), {text.get_fontsize() for text in texts}
+
+
+@pytest.mark.parametrize(
+    ("options", "code"),
+    [({"file_format": "gif"}, "front.format-unknown"), ({"width": "colum"}, "front.width-unknown")],
+)
+def test_figures_of_an_unknown_format_or_width_are_refused_before_the_page_is_written(
+    results, tmp_path, options, code
+):
+    with pytest.raises(UsageError) as error_info:
+        bq.report(results["run"], tmp_path / "run.html", figures=tmp_path, **options)
+    assert error_info.value.diagnostic.code == code
+    assert not list(tmp_path.iterdir())
 
 
 def test_a_report_of_an_unsupported_result_is_refused(results):

@@ -230,7 +230,7 @@ def test_ctrl_c_leaves_the_table_of_completed_seeds(tmp_path):
         "        time.sleep(30)\n"
         "    return [TrialOutcome('clean', s, ('a',), one, one, one, none, 'USABLE', (), True) for s in job.seeds]\n"
         "result.work, workers.processors = slow, lambda: 1\n"
-        "main(['study', 'identification', '--seeds', '400', '--json'])\n"
+        "main(['study', 'identification', '--seeds', '400', '--json', '--figures', 'f'])\n"
     )
     process = subprocess.Popen(
         [sys.executable, "-c", code], cwd=tmp_path, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
@@ -246,3 +246,4 @@ def test_ctrl_c_leaves_the_table_of_completed_seeds(tmp_path):
     assert "the table covers" in err
     assert "of 400." in err
     assert (tmp_path / "study-identification.html").exists()
+    assert [path.suffix for path in (tmp_path / "f").iterdir()] == [".svg"] * 3

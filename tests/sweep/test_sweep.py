@@ -10,13 +10,13 @@ from baqueano.errors import UsageError
 from baqueano.guides.shapes import circle
 from baqueano.runs.run import EstimateLog, Run, TruthLog
 from baqueano.sweep.cell import SweepBlocks
-from baqueano.sweep.drawing import page_of_sweep
 from baqueano.sweep.figures import figures_of, joining_distance
 from baqueano.sweep.grid import sweep as one_process
 from baqueano.sweep.result import SweepResult
 from baqueano.sweep.stored_drives import digest
 from tests.codes import refused
 from tests.compare.test_errors_of_paths import trajectories
+from tests.figure_files import width_mm
 
 ROUTE = circle(0.3, 0.2)
 MINE = '''
@@ -179,13 +179,11 @@ def test_a_sweep_is_printed_briefly_and_as_data_frame_and_page(result, tmp_path)
     assert (len(frame), set(frame["cell"])) == (4, {"kanayama", "lqr"})
     assert "lqr" in result._repr_html_()
     assert result.plot("differences").axes
-    page = (
-        page_of_sweep(result, reproduce="baqueano sweep")
-        .save(tmp_path / "sweep.html")
-        .read_text(encoding="utf-8")
-    )
+    bq.report(result, tmp_path / "sweep.html", figures=tmp_path, file_format="pdf", width="column")
+    page = (tmp_path / "sweep.html").read_text(encoding="utf-8")
     assert "lqr" in page
     assert page.count("<svg") >= 2
+    assert [width_mm(path) for path in tmp_path.glob("*.pdf")] == pytest.approx([88.0, 88.0], abs=0.1)
 
 
 def test_the_sweep_command_prints_one_json_object_with_drives_and_cells(capsys, tmp_path, monkeypatch):

@@ -8,6 +8,7 @@ from pathlib import Path
 import click
 
 from baqueano.cli import options
+from baqueano.cli.report_files import ReportFiles, figure_options
 from baqueano.cli.terminal import answer, print_message, show_activity, steps
 from baqueano.diagnostics import note
 
@@ -49,6 +50,7 @@ def unused_folder() -> Path:
     metavar="FILE.svg",
     help="Also write the fit and the drive as an animated picture.",
 )
+@figure_options
 @options.seed
 @options.backend
 @options.as_json
@@ -57,6 +59,7 @@ def command(
     shown: bool | None,
     pace: float,
     animation: Path | None,
+    report: ReportFiles,
     seed: int,
     backend: str,
     as_json: bool,
@@ -72,9 +75,9 @@ def command(
         with steps() as begin:
             result = demo(out, seed, backend, begin, motion.show, motion.show_tuning)
         answer(result, as_json)
-        with show_activity(note("cli.drawing")):
-            page = result.page().save(out / "report.html")
-            if picture_path is not None:
+        report.write(result.page, out / "report.html")
+        if picture_path is not None:
+            with show_activity(note("cli.drawing")):
                 save_text(picture_path, result.animation(backend))
         motion.show_event(note("web.demo-done", verdict=str(result.verdict)))
-    print_message(note("cli.demo", page=page, program=program_name()))
+    print_message(note("cli.demo", program=program_name()))

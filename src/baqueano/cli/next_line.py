@@ -33,6 +33,8 @@ def next_line(diagnostic: Diagnostic, code: int, args: list[str]) -> Diagnostic 
     for cause in causes:
         if (corrected_args := _corrected_args(cause, args)) is not None:
             return fault("next.put-right", baqueano_command(*corrected_args))
+    if any(cause.code == "cli.figures-absent" for cause in causes):
+        return fault("next.put-right", baqueano_command(*args, "--figures", "figures"))
     if any(cause.code in ALLOWABLE_CODES for cause in causes):
         return fault("next.allow-blocks", baqueano_command(*args, "--allow-blocks"))
     missing_paths = [Path(str(cause.figures["missing"])) for cause in causes if "missing" in cause.figures]

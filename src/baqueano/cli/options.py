@@ -49,7 +49,6 @@ shake = click.option(
         "option for more faults."
     ),
 )
-page = click.option("--report", "page", type=click.Path(path_type=Path), help="Also write an HTML report.")
 update = click.option("--update", is_flag=True, help="Write the result into the vehicle file.")
 
 

@@ -1,4 +1,4 @@
-"""Write runs and fits as one self-contained HTML page with figures."""
+"""Write runs, fits and other results as one self-contained HTML page with figures."""
 
 from typing import TYPE_CHECKING
 
@@ -6,8 +6,8 @@ from baqueano.on_demand import on_demand
 from baqueano.report.page import Drawing, Headline, Page, Section, Table, draw
 
 if TYPE_CHECKING:
-    from baqueano.report.fit_report import report
+    from baqueano.report.pages.result_page import report
 
 __all__ = ["Page", "report"]
 
-__getattr__ = on_demand(__name__, {"fit_report": ("report",)})
+__getattr__ = on_demand(__name__, {"pages.result_page": ("report",)})

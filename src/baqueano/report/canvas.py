@@ -4,24 +4,31 @@ This module is imported only when a figure is drawn, because it loads matplotlib
 """
 
 import io
+from collections.abc import Iterator
+from contextlib import contextmanager
 from textwrap import fill
 from typing import Any
 
 from matplotlib import rc_context, rcParams
+from matplotlib.axes import Axes
+from matplotlib.axis import Axis
 from matplotlib.figure import Figure
+from matplotlib.legend import Legend
 from matplotlib.lines import Line2D
 from matplotlib.text import Text
 from matplotlib.ticker import ScalarFormatter
 
 from baqueano.diagnostics import fault, nearest
 from baqueano.errors import UsageError
+from baqueano.report.figures import LEGEND_ABOVE
 
 WIDTHS_MM = {"column": 88.0, "page": 181.0}  # of a journal of two columns
 MM = 1.0 / 25.4
 NARROW_FACTOR = 0.7  # of the width that a figure was drawn for: below it letters and lines are smaller
-TEXT_FACTOR = 0.8
+TEXT_FACTOR = 0.8  # of text and lines at the width of a column; in proportion if a figure is narrower
 HEIGHT_EXPONENT = 0.5  # a narrow figure over time keeps more of its height than of its width
 MAX_LABEL_LETTERS = 28  # letters of a title or a label of a narrow figure
+MAX_LEGEND_SHARE = 0.75  # of the width of a narrow figure, for a legend
 
 
 class CommaFormatter(ScalarFormatter):
@@ -63,8 +70,32 @@ def at_width(figure: Figure, width: str | float | None) -> Figure:
     square = any(axes.get_aspect() != "auto" for axes in figure.axes)
     figure.set_size_inches(factor * width_in, height_in * (factor if square else factor**HEIGHT_EXPONENT))
     if factor < NARROW_FACTOR:
-        _shrink_text(figure)
+        _shrink_text(figure, TEXT_FACTOR * min(1.0, width_mm(width) / WIDTHS_MM["column"]))
     return figure
+
+
+@contextmanager
+def with_width(figure: Figure, width: str | float | None) -> Iterator[Figure]:
+    """Resize a figure as `at_width` does, and restore its size, text and lines afterwards."""
+    wide_in, high_in = figure.get_size_inches()
+    artists = figure.findobj()
+    texts = [(text, text.get_text(), text.get_fontsize()) for text in artists if isinstance(text, Text)]
+    lines = [(line, line.get_linewidth()) for line in artists if isinstance(line, Line2D)]
+    legends = [(place, _legend_of(place)) for place in (figure, *figure.axes)]
+    ticks = [(axis, _tick_size(axis)) for axes in figure.axes for axis in (axes.xaxis, axes.yaxis)]
+    try:
+        yield at_width(figure, width)
+    finally:
+        figure.set_size_inches(wide_in, high_in)
+        for place, legend in legends:
+            _set_legend(place, legend)
+        for text, words, letters in texts:
+            text.set_text(words)
+            text.set_fontsize(letters)
+        for line, thickness in lines:
+            line.set_linewidth(thickness)
+        for axis, letters in ticks:
+            axis.set_tick_params(labelsize=letters)
 
 
 def width_mm(width: str | float) -> float:
@@ -78,19 +109,58 @@ def width_mm(width: str | float) -> float:
     return float(width)
 
 
-def _shrink_text(figure: Figure) -> None:
-    """Reduce text and lines, and break long labels."""
+def _shrink_text(figure: Figure, scale: float) -> None:
+    """Reduce text and lines to `scale`, and break long labels."""
     specs = [axes.get_subplotspec() for axes in figure.axes]
     columns = max((spec.get_gridspec().ncols for spec in specs if spec is not None), default=1)
     for text in figure.findobj(Text):
         assert isinstance(text, Text)
-        text.set_fontsize(TEXT_FACTOR * float(text.get_fontsize()))
+        text.set_fontsize(scale * float(text.get_fontsize()))
         if text.get_rotation() == 0.0:
             text.set_text(fill(text.get_text(), MAX_LABEL_LETTERS // columns + 4))
     for line in figure.findobj(Line2D):
         assert isinstance(line, Line2D)
-        line.set_linewidth(TEXT_FACTOR * line.get_linewidth())
+        line.set_linewidth(scale * line.get_linewidth())
     for axes in figure.axes:
         for axis in (axes.xaxis, axes.yaxis):
-            size = min((float(label.get_fontsize()) for label in axis.get_ticklabels()), default=8.0)
-            axis.set_tick_params(labelsize=size)
+            axis.set_tick_params(labelsize=_tick_size(axis))
+    for place in (figure, *figure.axes):
+        _fit_legend(place, MAX_LEGEND_SHARE * figure.get_figwidth() * figure.dpi)
+
+
+def _fit_legend(place: Figure | Axes, room: float) -> None:
+    """Replace a legend that is wider than `room` [pixels] by a legend with fewer columns."""
+    legend = _legend_of(place)
+    if legend is None or legend.get_window_extent().width <= room:
+        return
+    entries = zip(legend.legend_handles, legend.get_texts(), strict=True)
+    handles, texts = zip(*((handle, text) for handle, text in entries if handle is not None), strict=True)
+    words = [fill(text.get_text(), MAX_LABEL_LETTERS) for text in texts]
+    position = {"loc": "outside upper left"} if isinstance(place, Figure) else LEGEND_ABOVE
+    letters = min(float(text.get_fontsize()) for text in texts)
+    for columns in (3, 2, 1):
+        _set_legend(place, None)
+        options = position | {"ncols": columns, "fontsize": letters, "frameon": legend.get_frame_on()}
+        new = place.legend(handles, words, **options)
+        if new.get_window_extent().width <= room:
+            return
+
+
+def _legend_of(place: Figure | Axes) -> Legend | None:
+    """Return the legend of a figure or of axes; None without one."""
+    if isinstance(place, Figure):
+        return next(iter(place.legends), None)
+    return place.get_legend()
+
+
+def _set_legend(place: Figure | Axes, legend: Legend | None) -> None:
+    """Replace the legend of a figure or of axes."""
+    if isinstance(place, Figure):
+        place.legends[:] = [] if legend is None else [legend]
+    else:
+        place.legend_ = legend
+
+
+def _tick_size(axis: Axis) -> float:
+    """Return the smallest size of the letters at an axis [pt]."""
+    return min((float(label.get_fontsize()) for label in axis.get_ticklabels()), default=8.0)

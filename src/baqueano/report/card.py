@@ -22,6 +22,7 @@ from baqueano.messages.language import shown_unit
 from baqueano.messages.language import translate as _
 from baqueano.report.fit_report import row_of
 from baqueano.report.page import TONES, cell
+from baqueano.routes.examine import RouteReport
 from baqueano.runs import Run
 from baqueano.runs.importing.recordings import ImportedRun
 from baqueano.tune import TuneResult
@@ -176,6 +177,11 @@ def _corridor_card(result: CorridorAhead) -> Card:
 @card_of.register(Route)
 def _route_card(result: Route) -> Card:
     return Card(text(note("front.card-route")), "", (), (repr(result),))
+
+
+@card_of.register(RouteReport)
+def _examined_route_card(result: RouteReport) -> Card:
+    return Card(text(note("front.card-route")), result.verdict, (), result.table().splitlines())
 
 
 @card_of.register(TeachResult)

@@ -1,12 +1,10 @@
 """Write the sections about a fit: the estimates, the agreement of the model with the data, the residuals."""
 
-from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from baqueano.diagnostics import Verdict, fault, most_severe_first
-from baqueano.errors import UsageError
+from baqueano.diagnostics import Verdict, most_severe_first
 from baqueano.identify.result.fit_result import Fit, round_to_error, row_remarks
 from baqueano.identify.result.ratios import percent
 from baqueano.messages import texts, with_full_stop
@@ -15,9 +13,7 @@ from baqueano.messages.language import number, shown_unit
 from baqueano.messages.language import translate as _
 from baqueano.messages.printable import baqueano_command
 from baqueano.report import figures
-from baqueano.report.of_run import page_of_run
 from baqueano.report.page import Drawing, Headline, Page, Section, Table, draw
-from baqueano.runs import Run
 
 if TYPE_CHECKING:
     from baqueano.contracts.values import JsonObject, TableRow
@@ -284,44 +280,3 @@ def label(channel: Any) -> str:
 def without_model_prefix(name: str) -> str:
     """Return a dotted path without the prefix "model."."""
     return name.removeprefix("model.")
-
-
-def report(result: Run | Fit, path: str | Path | None = None, alignment: str = "none") -> Page:
-    """Return the page about a run or a fit.
-
-    Parameters
-    ----------
-    result : Run or Fit
-        The subject of the page.
-    path : path, optional
-        File to which the page is written, as self-contained HTML.
-    alignment : str
-        Alignment of the estimate with the truth, as in `compare`.
-
-    Returns
-    -------
-    Page
-        The page with its tables and drawings.
-
-    Raises
-    ------
-    UsageError
-        For another type of result, or if matplotlib or jinja2 is missing.
-
-    Examples
-    --------
-    >>> from baqueano.simulate import simulate
-    >>> from baqueano.vehicle_file import load
-    >>> page = report(simulate(load("small"), [[0.5, 0.0, 0.1]] * 100))
-    >>> [section.title for section in page.sections]
-    ['Path', 'Speed', 'Commands', 'Measurements', 'Content of the run']
-    """
-    if isinstance(result, Run):
-        page = page_of_run(result, alignment)
-    elif isinstance(result, Fit):
-        page = page_of_fit(result)
-    else:
-        raise UsageError(fault("front.no-page", found=type(result).__name__))
-    if path is not None:
-        page.save(path)
-    return page

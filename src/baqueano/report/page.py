@@ -163,18 +163,16 @@ class Page:
 
         `file_format` is svg, pdf or png, `width` "column", "page" or millimetres. Raise UsageError for other values.
         """
-        if file_format not in FORMATS:
-            raise UsageError(
-                fault("front.format-unknown", found=file_format, near=nearest(file_format, FORMATS))
-            )
-        from baqueano.report.canvas import at_width
+        check_format(file_format, width)
+        from baqueano.report.canvas import with_width
 
         folder = Path(folder)
         folder.mkdir(parents=True, exist_ok=True)
         paths = []
         for name, drawing in self.drawings().items():
             paths.append(folder / f"{name}.{file_format}")
-            at_width(drawing.figure, width).savefig(paths[-1], dpi=DPI)
+            with with_width(drawing.figure, width) as figure:
+                figure.savefig(paths[-1], dpi=DPI)
         return paths
 
     def save(self, path: str | Path) -> Path:
@@ -183,6 +181,19 @@ class Page:
         The file is replaced at once, so that a reader never receives an incomplete page.
         """
         return save_text(path, self.html())
+
+
+def check_format(file_format: str, width: str | float | None = None) -> None:
+    """Raise UsageError for figures that cannot be written in this format, or at this width."""
+    if file_format not in FORMATS:
+        raise UsageError(fault("front.format-unknown", found=file_format, near=nearest(file_format, FORMATS)))
+    if width is not None:
+        from baqueano.report.lab import matplotlib
+
+        matplotlib()
+        from baqueano.report.canvas import width_mm
+
+        width_mm(width)
 
 
 def save_text(path: str | Path, text: str) -> Path:

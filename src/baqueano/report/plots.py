@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from baqueano.compare import Comparison
+from baqueano.compare.comparison import RunComparison
 from baqueano.compare.corridor_ahead import CorridorAhead
 from baqueano.contracts.result import Tabular
 from baqueano.diagnostics import fault, nearest
@@ -15,18 +16,22 @@ from baqueano.drive.closure import Closure
 from baqueano.errors import UsageError
 from baqueano.guides.route import Route
 from baqueano.identify import Fit, Forecast
+from baqueano.identify.noise.at_rest import AtRest
+from baqueano.identify.noise.covariances import Noise
 from baqueano.identify.parameter_drift import ParameterHistory
 from baqueano.identify.sensor_calibration import Calibration
 from baqueano.identify.validation import Validation
-from baqueano.messages.language import number
+from baqueano.messages.language import number, shown_unit
 from baqueano.messages.language import translate as _
 from baqueano.report import figures
-from baqueano.report.drift_report import curves, with_curves
 from baqueano.report.figures import MEASURED, MODEL, REFERENCE, TRUTH
 from baqueano.report.fit_report import draw_most_motion, label, without_model_prefix
 from baqueano.report.lab import draw_onto, panel, panels, with_style
 from baqueano.report.of_run import commands_section, errors, paths, sensors_of, speed_drawing
 from baqueano.report.page import Drawing, Table
+from baqueano.report.pages.at_rest import allan_curves, by_sensor
+from baqueano.report.pages.parameter_drift import curves, with_curves
+from baqueano.routes.examine import RouteReport
 from baqueano.runs import Run
 from baqueano.runs.importing.recordings import ImportedRun
 from baqueano.simulate import Ensemble
@@ -142,6 +147,21 @@ def _route_drawings(result: Route) -> dict[str, Draw]:
     return {"path": lambda: plot_route(result)}
 
 
+@drawings_of.register(RouteReport)
+def _examined_route_drawings(result: RouteReport) -> dict[str, Draw]:
+    return {"demand": lambda: plot_demand(result), "path": lambda: plot_route(result.route)}
+
+
+@drawings_of.register(Noise)
+def _noise_drawings(result: Noise) -> dict[str, Draw]:
+    return {"deviations": lambda: plot_deviations(result)}
+
+
+@drawings_of.register(AtRest)
+def _rest_drawings(result: AtRest) -> dict[str, Draw]:
+    return {sensor: partial(allan_curves, channels) for sensor, channels in by_sensor(result).items()}
+
+
 @drawings_of.register(Calibration)
 def _calibration_drawings(result: Calibration) -> dict[str, Draw]:
     finite = [value for value in result.numbers if np.isfinite(value.half_width) and value.value != 0.0]
@@ -193,9 +213,14 @@ def _ensemble_drawings(result: Ensemble) -> dict[str, Draw]:
 
 
 @with_style
-def plot_comparison(result: Comparison) -> "Figure":
-    """Draw the errors of each run, and the consistency of its estimator: 1 is ideal, the bar is the expected range."""
+def plot_comparison(result: Comparison) -> "Figure | None":
+    """Draw the errors of each run, and the consistency of its estimator: 1 is ideal, the bar is the expected range.
+
+    Return None without any of these figures.
+    """
     runs = result.runs
+    if not np.isfinite([_errors_of(run) for run in runs]).any():
+        return None
     figure, axes = panels(2, 1, (7.2, 0.7 * len(runs) + 2.6))
     upper, lower = axes[:, 0]
     rows = np.arange(len(runs))[::-1]
@@ -223,8 +248,15 @@ def plot_comparison(result: Comparison) -> "Figure":
     for ax in (upper, lower):
         ax.set_yticks(rows, [run.name for run in runs])
         ax.set_ylim(-0.6, len(runs) - 0.4)
-        ax.legend(**(figures.LEGEND_ABOVE | {"ncols": 2}))
+        if ax.get_legend_handles_labels()[0]:
+            ax.legend(**(figures.LEGEND_ABOVE | {"ncols": 2}))
     return figure
+
+
+def _errors_of(run: RunComparison) -> list[float]:
+    """Return the figures of a run that `plot_comparison` draws."""
+    means = [run.consistency.nees_velocity.mean, run.consistency.nis.mean]
+    return [run.across_true.rms_m, run.across_estimate.rms_m, run.ate_m, *means]
 
 
 @with_style
@@ -285,6 +317,50 @@ def plot_route(result: Route) -> "Figure":
     axes.set_xlabel("x [m]")
     axes.set_ylabel("y [m]")
     axes.legend()
+    return figure
+
+
+@with_style
+def plot_demand(result: RouteReport) -> "Figure":
+    """Draw speed, yaw rate and command along a route; dashed: the largest values that the vehicle can drive."""
+    motion, (fastest, turn) = result.demand(), result.limits()
+    curves = [
+        (_("speed [m/s]"), motion.speed_m_s, (fastest,)),
+        (_("yaw rate [rad/s]"), motion.yaw_rate_rad_s, (turn, -turn)),
+    ]
+    if result.capability is not None:
+        curves.append((_("command [%]"), 100.0 * motion.share, (np.full(len(motion.share), 100.0),)))
+    figure, axes = panels(len(curves), 1, (7.2, 1.75 * len(curves) + 0.5), sharex=True)
+    for axis, (label_, values, limits) in zip(axes[:, 0], curves, strict=True):
+        axis.plot(motion.s_m, values, color=REFERENCE, lw=2.0, label=_("route"))
+        for k, limit in enumerate(limits if result.capability is not None else ()):
+            name = "" if k else _("limit of the vehicle")
+            axis.plot(motion.s_m, limit, color=figures.ALARM, lw=0.9, ls=(0, (5, 4)), label=name)
+        axis.set_ylabel(label_)
+        if len(limits) == 1:  # speed and command are not negative
+            axis.set_ylim(bottom=0.0)
+    axes[0, 0].legend(**figures.LEGEND_ABOVE)
+    axes[-1, 0].set_xlabel(_("distance [m]"))
+    return figure
+
+
+@with_style
+def plot_deviations(result: Noise) -> "Figure":
+    """Draw the standard deviation of each channel and state, in motion and at rest."""
+    rows = [row for row in result.rows() if row["unit"] != "s"]  # a fade time is not a deviation
+    figure, axes = panel((7.2, 0.32 * len(rows) + 1.4))
+    at = np.arange(len(rows))[::-1]
+    for key, name, colour, marker in (
+        ("sd", _("in motion"), MODEL, "o"), ("sd_at_rest", _("at rest"), MEASURED, "D")
+    ):  # fmt: skip
+        values = np.array([np.nan if row[key] is None else row[key] for row in rows], dtype=float)
+        if np.isfinite(values).any():
+            axes.plot(values, at, marker, ms=5, color=colour, label=name)
+    units = [shown_unit(row["unit"]) for row in rows]
+    axes.set_yticks(at, [f"{row['name']} [{unit}]" for row, unit in zip(rows, units, strict=True)])
+    axes.set_xscale("log")
+    axes.set_xlabel(_("standard deviation"))
+    axes.legend(**figures.LEGEND_ABOVE)
     return figure
 
 

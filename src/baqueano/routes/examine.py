@@ -10,7 +10,7 @@ A vehicle with too little speed remains behind: the route is refused.
 """
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Protocol
+from typing import TYPE_CHECKING, NamedTuple, Protocol
 
 import numpy as np
 
@@ -21,7 +21,7 @@ from baqueano.messages import verdict_line
 from baqueano.messages.language import number
 from baqueano.messages.language import translate as _
 from baqueano.messages.printable import baqueano_command, in_lines
-from baqueano.routes.capability import MAX_SPEED_M_S, Capability
+from baqueano.routes.capability import MAX_SPEED_M_S, MAX_YAW_RATE_RAD_S, Capability
 from baqueano.routes.gaps import route_gaps
 from baqueano.routes.path import NAME_PLACEHOLDER, distances_along
 
@@ -33,6 +33,7 @@ MEAN_WINDOW_S = 0.3  # time over which an acceleration is averaged
 MAX_POSES = 600  # number of poses of a route that are judged
 MAX_SHARE = 1.05  # share of the command up to which a route passes
 MIN_LACK_S = 0.3  # the controller compensates a shorter lack of command
+MIN_SPEED_M_S = 1e-3  # below it a curvature is not defined
 
 
 class Walls(Protocol):
@@ -49,6 +50,19 @@ class Walls(Protocol):
     def start(self) -> tuple[float, float, float]:
         """Return the pose at the start of the route, relative to the middle of the room: x, y [m], ψ [rad]."""
         ...
+
+
+class Demand(NamedTuple):
+    """Motion of a route at the distances `s_m` (m,), and the part of the command that it needs.
+
+    The parts are NaN without a vehicle.
+    """
+
+    s_m: np.ndarray
+    speed_m_s: np.ndarray
+    yaw_rate_rad_s: np.ndarray
+    steady: np.ndarray  # part of the command for the velocity
+    share: np.ndarray  # part for velocity and acceleration: the least in MIN_LACK_S
 
 
 @dataclass(frozen=True, slots=True, eq=False, repr=False)
@@ -71,6 +85,8 @@ class RouteReport(Result):
         Least distance between the body and a wall; NaN without a room.
     findings : tuple of Diagnostic
         Codes, figures and commands to type.
+    capability : Capability, optional
+        Limits of the vehicle, for the figure; None without a vehicle, or if samples are missing.
 
     Examples
     --------
@@ -90,6 +106,7 @@ class RouteReport(Result):
     share: float
     free_m: float
     findings: tuple[Diagnostic, ...]
+    capability: Capability | None = None
 
     @property
     def verdict(self) -> Verdict:
@@ -124,6 +141,28 @@ class RouteReport(Result):
         if np.isfinite(self.free_m):
             lines.append(_("stays {m:.2f} m from the walls", m=self.free_m))
         return in_lines([*lines, verdict_line(self.verdict, self.findings)])
+
+    def demand(self) -> Demand:
+        """Return the motion along the route, and the part of the command that it needs."""
+        return _demand(self.route, distances_along(self.route.eta[:, :2]), self.capability)
+
+    def limits(self) -> tuple[np.ndarray, np.ndarray]:
+        """Return the largest steady speed (m,) [m/s] and yaw rate (m,) [rad/s] at the distances of `demand`.
+
+        NaN without a vehicle, without a limit, and for the speed of a turn on the spot.
+        """
+        motion = self.demand()
+        unknown = np.full(len(motion.s_m), np.nan)
+        if self.capability is None:
+            return unknown, unknown
+        moves = motion.speed_m_s > MIN_SPEED_M_S
+        curvature = motion.yaw_rate_rad_s / np.where(moves, motion.speed_m_s, 1.0)
+        speed = self.capability.fastest_speed(curvature, np.full(len(moves), MAX_SPEED_M_S))
+        turn = self.capability.fastest_turn(motion.speed_m_s)
+        return (
+            np.where(moves & (speed < MAX_SPEED_M_S), speed, np.nan),
+            np.where(turn < MAX_YAW_RATE_RAD_S, turn, np.nan),
+        )
 
 
 def examine(
@@ -165,10 +204,10 @@ def examine(
     speed, turn = np.abs(route.nu[:, 0]), np.abs(route.nu[:, 2])
     with np.errstate(divide="ignore", invalid="ignore"):
         radius = np.where(turn > 1e-9, speed / turn, np.inf)
-    findings, share = route_gaps(route, s), float("nan")
+    findings, share, capability = route_gaps(route, s), float("nan"), None
     if vehicle_file is not None and not findings:
-        share, share_findings = _share_findings(route, s, Capability(vehicle_file, backend))
-        findings = share_findings
+        capability = Capability(vehicle_file, backend)
+        share, findings = _share_findings(route, s, capability)
     free_m = float("nan")
     if room is not None and np.isfinite(s[-1]):
         xy = move_route(route._replace(eta=from_start(route.eta)), np.array(room.start)).eta[:, :2]
@@ -186,22 +225,20 @@ def examine(
             ]
     return RouteReport(
         route, float(s[-1]), float(route.t_s[-1]), float(np.max(speed)), float(np.max(turn)),
-        float(np.max(speed * turn)), float(np.min(radius)), share, free_m, tuple(findings),
+        float(np.max(speed * turn)), float(np.min(radius)), share, free_m, tuple(findings), capability,
     )  # fmt: skip
 
 
 def _share_findings(route: Route, s: np.ndarray, capability: Capability) -> tuple[float, list[Diagnostic]]:
     """Return the largest share of the command, and a finding if the vehicle cannot follow the route.  (1), (2)"""
-    t_s = np.linspace(0.0, route.t_s[-1], min(MAX_POSES, max(len(route.t_s), 2)))
-    v, r = (_moving_mean(t_s, np.interp(t_s, route.t_s, route.nu[:, k])) for k in (0, 2))
-    steady_share = capability.share(v, r)
-    lasting_share = _least_over(capability.share(v, r, np.gradient(v, t_s), np.gradient(r, t_s)), t_s)
+    at_m, v, r, steady_share, lasting_share = _demand(route, s, capability)
+    t_s = _times(route)
     share, advice = float(np.max(lasting_share)), baqueano_command("route", "faster", NAME_PLACEHOLDER)
     is_too_fast = bool(np.any(_least_over(steady_share, t_s) > MAX_SHARE))
     if not is_too_fast and share <= MAX_SHARE:
         return share, []
     k = int(np.argmax(steady_share if is_too_fast else lasting_share))
-    figures: JsonObject = {"at_m": float(np.interp(t_s[k], route.t_s, s)), "share": share}
+    figures: JsonObject = {"at_m": float(at_m[k]), "share": share}
     if not is_too_fast:
         return share, [note("route.accelerates-too-fast", Severity.WARNING, advice, **figures)]
     max_speed = float(capability.fastest_speed(np.zeros(1), np.full(1, MAX_SPEED_M_S))[0])
@@ -211,6 +248,21 @@ def _share_findings(route: Route, s: np.ndarray, capability: Capability) -> tupl
     max_turn = float(capability.fastest_turn(v[k : k + 1])[0])
     limits = {"needs_rad_s": float(abs(r[k])), "has_rad_s": max_turn, "speed_m_s": float(v[k])}
     return share, [fault("route.turns-too-fast", advice, **limits, **figures)]
+
+
+def _demand(route: Route, s: np.ndarray, capability: Capability | None) -> Demand:
+    """Return motion and share of the command at the distances s (n,) of the route, at most MAX_POSES.  (2)"""
+    t_s = _times(route)
+    v, r = (_moving_mean(t_s, np.interp(t_s, route.t_s, route.nu[:, k])) for k in (0, 2))
+    steady_share = lasting_share = np.full(len(t_s), np.nan)
+    if capability is not None:
+        steady_share = capability.share(v, r)
+        lasting_share = _least_over(capability.share(v, r, np.gradient(v, t_s), np.gradient(r, t_s)), t_s)
+    return Demand(np.interp(t_s, route.t_s, s), v, r, steady_share, lasting_share)
+
+
+def _times(route: Route) -> np.ndarray:
+    return np.linspace(0.0, route.t_s[-1], min(MAX_POSES, max(len(route.t_s), 2)))
 
 
 def _moving_mean(t_s: np.ndarray, x: np.ndarray) -> np.ndarray:

@@ -14,6 +14,7 @@ from baqueano.report.card import Card, card_of
 from baqueano.report.figures import MEASURED, MODEL, REFERENCE
 from baqueano.report.lab import panel, with_style
 from baqueano.report.page import Drawing, Headline, Page, Section, Table, draw
+from baqueano.report.pages.result_page import page_of
 from baqueano.report.plots import drawings_of
 from baqueano.sweep.result import ALL_FIGURES, SUMMED, SweepResult
 
@@ -25,11 +26,12 @@ if TYPE_CHECKING:
 
 @cache
 def register() -> None:
-    """Register `.plot()` and a notebook card for the results of sweeps."""
+    """Register `.plot()`, a notebook card and a page for the results of sweeps."""
     drawings_of.register(
         SweepResult, lambda result: {"drives": lambda: spread(result), "differences": lambda: ratios(result)}
     )
     card_of.register(SweepResult, _card)
+    page_of.register(SweepResult, lambda result, alignment="none": page_of_sweep(result))
 
 
 def _card(result: Result) -> Card:
@@ -43,7 +45,7 @@ def _card(result: Result) -> Card:
     return Card(title, result.verdict, rows, [text(reason) for reason in result.reasons])
 
 
-def page_of_sweep(result: SweepResult, title: str = "", reproduce: str = "") -> Page:
+def page_of_sweep(result: SweepResult) -> Page:
     """Return a page with the table, the spread over the drives and the differences."""
     main, rows = result.main_figure(), result.cells()
     finite = [row for row in rows if np.isfinite(row[main])]
@@ -60,7 +62,7 @@ def page_of_sweep(result: SweepResult, title: str = "", reproduce: str = "") -> 
     **{_head(name): _plain_text(row[name] * ALL_FIGURES[name].scale) for name in names}}
                for row in rows]  # fmt: skip
     return Page(
-        title or _("Sweep"),
+        _("Sweep"),
         text(note("sweep.head", drives=max((row["drives"] for row in rows), default=0))),
         result.verdict,
         headlines,
@@ -69,7 +71,6 @@ def page_of_sweep(result: SweepResult, title: str = "", reproduce: str = "") -> 
             Section(_("Figures"), "", page_parts),
             Section(_("Differences"), text(note("sweep.interval")), [Table(_differences(result, rows))]),
         ],
-        reproduce,
     )
 
 

@@ -15,6 +15,7 @@ from baqueano.cli.driving.route import (
 )
 from baqueano.cli.driving.targets import open_target, print_ledger
 from baqueano.cli.page import live
+from baqueano.cli.report_files import ReportFiles, report_options
 from baqueano.cli.terminal import answer, print_message, time_progress
 from baqueano.diagnostics import note
 
@@ -82,14 +83,14 @@ from baqueano.diagnostics import note
 @options.backend
 @options.runs_folder
 @options.out
-@options.page
+@report_options
 @live.page
 @options.as_json
 def command(
     route: str, vehicle: str | None, settings: tuple[str, ...], robot: str, laps: int, room: str | None,
     start: str | None, anyway: bool, faster: bool, stand: str | None, lead_in: bool, way_back: bool, caution: bool,
     patience_s: float, estimator: str | None, controller: str | None, guide: str | None, seed: int,
-    shake: tuple[str, ...], backend: str, folder: str, out: Path | None, page: Path | None, shown: bool, pace: float,
+    shake: tuple[str, ...], backend: str, folder: str, out: Path | None, report: ReportFiles, shown: bool, pace: float,
     as_json: bool,
 ) -> None:  # fmt: skip
     from baqueano.compare import compare
@@ -122,8 +123,8 @@ def command(
     comparison = compare(run)
     answer(comparison, as_json, laps=comparison.laps())
     options.advise_to_fit(comparison, [run], options.naming_options(vehicle_file, folder), folder)
-    if page is not None:
+    if report:
         from baqueano.report.of_run import page_of_run
 
-        print_message(note("cli.report", page=page_of_run(run).save(page)))
+        report.write(lambda: page_of_run(run))
     options.raise_stop(run, path)

@@ -7,6 +7,7 @@ import click
 
 from baqueano.cli import options
 from baqueano.cli.page import live
+from baqueano.cli.report_files import ReportFiles, report_options
 from baqueano.cli.terminal import answer, print_message, time_progress
 from baqueano.diagnostics import note
 
@@ -30,12 +31,12 @@ if TYPE_CHECKING:
 @options.backend
 @options.runs_folder
 @options.out
-@options.page
+@report_options
 @live.shown
 @options.as_json
 def command(
     run: str, vehicle: str | None, settings: tuple[str, ...], estimator: str | None, align: str, smooth: bool,
-    backend: str, folder: str, out: Path | None, page: Path | None, shown: bool, as_json: bool,
+    backend: str, folder: str, out: Path | None, report: ReportFiles, shown: bool, as_json: bool,
 ) -> None:  # fmt: skip
     from dataclasses import replace
 
@@ -79,11 +80,11 @@ def command(
     comparison = compare(several, alignment=align)
     answer(comparison, as_json)
     options.advise_to_fit(comparison, [recorded_run] * len(several), vehicle_options, folder)
-    if page is not None:
+    if report:
         from baqueano.report.of_run import page_of_run
 
         original = recorded_run if recorded_run.estimate is not None else None
-        print_message(note("cli.report", page=page_of_run(replayed, align, original).save(page)))
+        report.write(lambda: page_of_run(replayed, align, original))
     if shown:
         live.show_both(path, recorded_run.path, folder)
     # a stop that was recorded is replayed with the rest

@@ -3,6 +3,7 @@
 import click
 
 from baqueano.cli import numbers, options
+from baqueano.cli.report_files import ReportFiles, report_options
 from baqueano.cli.terminal import answer, print_message
 from baqueano.diagnostics import note
 from baqueano.messages.printable import baqueano_command
@@ -16,8 +17,11 @@ from baqueano.messages.printable import baqueano_command
     "--skip", "skip_s", type=numbers.moment, default=0.0, help=("Time to exclude at the start [s].")
 )
 @options.runs_folder
+@report_options
 @options.as_json
-def command(runs: tuple[str, ...], align: str, skip_s: float, folder: str, as_json: bool) -> None:
+def command(
+    runs: tuple[str, ...], align: str, skip_s: float, folder: str, report: ReportFiles, as_json: bool
+) -> None:
     from baqueano.compare import compare
 
     loaded_runs = options.find_runs(runs, folder)
@@ -37,3 +41,7 @@ def command(runs: tuple[str, ...], align: str, skip_s: float, folder: str, as_js
                 run=unestimated_runs[0].name,
             )
         )
+    if report:
+        from baqueano.report.pages.result_page import page_of_comparison
+
+        report.write(lambda: page_of_comparison(comparison), reproducible=True)

@@ -1,11 +1,10 @@
 """Define `baqueano forecast`: predict the uncertainty of the position along a route."""
 
-from pathlib import Path
-
 import click
 
 from baqueano.cli import numbers, options
-from baqueano.cli.terminal import answer, print_message, show_activity
+from baqueano.cli.report_files import ReportFiles, report_options
+from baqueano.cli.terminal import answer, show_activity
 from baqueano.diagnostics import note
 
 
@@ -16,10 +15,10 @@ from baqueano.diagnostics import note
     "--laps", type=numbers.count, default=1, show_default=True, help=("Number of laps of a closed route.")
 )
 @options.backend
-@options.page
+@report_options
 @options.as_json
 def command(
-    route: str, vehicle: str | None, settings: tuple[str, ...], laps: int, backend: str, page: Path | None,
+    route: str, vehicle: str | None, settings: tuple[str, ...], laps: int, backend: str, report: ReportFiles,
     as_json: bool,
 ) -> None:  # fmt: skip
     from baqueano.compare.corridor_ahead import corridor_ahead
@@ -30,7 +29,7 @@ def command(
     with show_activity(note("cli.driving-ahead", laps=laps)):
         corridor = corridor_ahead(vehicle_file, taught_route, laps, backend)
     answer(corridor, as_json)
-    if page is not None:
+    if report:
         from baqueano.report.of_run import page_of_run
 
-        print_message(note("cli.report", page=page_of_run(corridor.run).save(page)))
+        report.write(lambda: page_of_run(corridor.run), reproducible=True)

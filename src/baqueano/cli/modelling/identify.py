@@ -1,14 +1,13 @@
 """Define `baqueano identify`: fit the model and the noise to runs."""
 
-import sys
 from collections.abc import Callable
-from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import click
 
 from baqueano.cli import numbers, options
+from baqueano.cli.report_files import ReportFiles, report_options
 from baqueano.cli.terminal import answer, print_message, print_result, show_activity, steps
 from baqueano.diagnostics import Diagnostic, Verdict, fault, note
 from baqueano.messages import row_of, text
@@ -25,7 +24,7 @@ GROUPS = {
     "Data": ("use", "segment", "clock", "measured", "tolerance"),
     "Method": ("cost", "speed_noise", "choose", "parameter_history"),
     "Judgement": ("held_out", "route"),
-    "Results": ("update", "no_noise", "table", "page", "as_json"),
+    "Results": ("update", "no_noise", "table", "page", "figures", "file_format", "width", "as_json"),
 }
 
 
@@ -111,12 +110,12 @@ GROUPS = {
 @options.backend
 @options.runs_folder
 @options.update
-@options.page
+@report_options
 @options.as_json
 def command(
     runs: tuple[str, ...], vehicle: str | None, settings: tuple[str, ...], choose: bool,
     parameter_history: bool, held_out: tuple[str, ...], no_noise: bool, table: Path | None, folder: str, update: bool,
-    page: Path | None, as_json: bool, backend: str, **how: Any,
+    report: ReportFiles, as_json: bool, backend: str, **how: Any,
 ) -> None:  # fmt: skip
     from baqueano.cli.errors import Interruption
     from baqueano.errors import AnswerNo
@@ -135,7 +134,7 @@ def command(
         for diagnostic in unused_sensors(fit_runs, vehicle_file):
             print_message(diagnostic)
     if parameter_history:
-        return _fit_over_time(fit_runs, vehicle_file, settings_of_fit, table, page, update, as_json)
+        return _fit_over_time(fit_runs, vehicle_file, settings_of_fit, table, report, update, as_json)
     span_s = sum(r.duration_s for r in fit_runs)
     with steps() as begin:
         progress_line = begin(note("cli.fitting-span", runs=len(fit_runs), span_s=span_s))
@@ -154,7 +153,7 @@ def command(
             refit = by_other_cost(fit_runs, vehicle_file, **settings_of_fit)
             fit = result = with_cost_advice(fit, validation_runs, validation, refit)
     drive_forecast = _forecast_drive(fit, fit_runs, lap, how["route"])
-    if as_json or page is None:
+    if as_json or report.page is None:
         answer(
             result, as_json, _extra_rows(fit, validation), forecast=drive_forecast.rows() if drive_forecast else [],
             findings=list(map(row_of, fit.findings)),
@@ -164,20 +163,16 @@ def command(
     for result_part in filter(None, (validation, drive_forecast) if not as_json else ()):
         print_result(result_part.table())
     _save_table(fit, vehicle_file, table, f"{vehicle_file.name}, from {', '.join(fit.runs)}")
-    if page is not None:
-        from baqueano.messages.printable import baqueano_command
+    if report:
         from baqueano.report.fit_report import page_of_fit
 
-        with show_activity(note("cli.drawing")):
-            report_page = page_of_fit(fit, held_out=validation, ahead=drive_forecast)
-            report_page = replace(report_page, reproduce=baqueano_command(*sys.argv[1:]))
-        print_message(note("cli.report", page=report_page.save(page)))
+        report.write(lambda: page_of_fit(fit, held_out=validation, ahead=drive_forecast), reproducible=True)
     if progress_line.stopped:
         raise Interruption(fault("cli.fit-interrupted"))
     if fit.verdict == Verdict.REFUSED:
-        raise AnswerNo(_refusal(fit.reasons, page))
+        raise AnswerNo(_refusal(fit.reasons, report.page))
     if validation is not None and validation.verdict == Verdict.REFUSED:
-        raise AnswerNo(_refusal(validation.reasons, page, held_out=True))
+        raise AnswerNo(_refusal(validation.reasons, report.page, held_out=True))
     output = fit.vehicle_file
     if not no_noise:
         noise = _noise_of_fit(fit, fit_runs, validation_runs, backend)
@@ -363,8 +358,8 @@ def _noise_of_fit(fit: "Fit", runs: "list[Run]", validation_runs: "list[Run]", b
 
 
 def _fit_over_time(
-    runs: "list[Run]", vehicle_file: "VehicleFile", arguments: "JsonObject", table: Path | None, page: Path | None,
-    update: bool, as_json: bool,
+    runs: "list[Run]", vehicle_file: "VehicleFile", arguments: "JsonObject", table: Path | None,
+    report: ReportFiles, update: bool, as_json: bool,
 ) -> None:  # fmt: skip
     from baqueano.identify.parameter_drift import parameter_history
 
@@ -372,10 +367,10 @@ def _fit_over_time(
         drift = parameter_history(runs, vehicle_file, progress=begin, **arguments)
     answer(drift, as_json)
     _save_table(drift, vehicle_file, table, f"{vehicle_file.name} over {len(runs)} runs")
-    if page is not None:
-        from baqueano.report.drift_report import page_of_drift
+    if report:
+        from baqueano.report.pages.parameter_drift import page_of_drift
 
-        print_message(note("cli.report", page=page_of_drift(drift).save(page)))
+        report.write(lambda: page_of_drift(drift), reproducible=True)
     options.save_update(drift.vehicle_file, update)
 
 

@@ -7,6 +7,7 @@ import click
 
 from baqueano.cli import Verbs, numbers, options
 from baqueano.cli.blocks import RowsResult
+from baqueano.cli.report_files import ReportFiles, report_options
 from baqueano.cli.terminal import answer, print_message, print_result, show_activity, steps
 from baqueano.diagnostics import fault, note
 from baqueano.messages.language import translate as _
@@ -343,19 +344,16 @@ def export(run: str, to: str, which: str, decimal: str, folder: str, out: Path |
     help="Start of the part that is kept [s].",
 )
 @click.option(
-    "--to",
-    "to_s",
-    type=numbers.Number("s"),
-    help=("End of the part that is kept; default: the end of the whole."),
-)
+    "--to", "to_s", type=numbers.Number("s"), help="End of the part that is kept; default: the end of the whole."
+)  # fmt: skip
 @options.vehicle
 @options.runs_folder
 @options.update
-@options.page
+@report_options
 @options.as_json
 def noise(
     run: str, from_s: float, to_s: float | None, vehicle: str | None, settings: tuple[str, ...], folder: str,
-    update: bool, page: Path | None, as_json: bool,
+    update: bool, report: ReportFiles, as_json: bool,
 ) -> None:  # fmt: skip
     from baqueano.identify.noise.at_rest import at_rest
 
@@ -363,10 +361,10 @@ def noise(
     with show_activity(note("cli.averaging")):
         rest_result = at_rest(recorded_run, from_s, float("inf") if to_s is None else to_s)
     answer(rest_result, as_json)
-    if page is not None:
-        from baqueano.report.rest_report import page_of_rest
+    if report:
+        from baqueano.report.pages.at_rest import page_of_rest
 
-        print_message(note("cli.report", page=page_of_rest(rest_result).save(page)))
+        report.write(lambda: page_of_rest(rest_result), reproducible=True)
     if vehicle or update:
         options.save_update(rest_result.updated_file(options.load_vehicle(vehicle, settings)), update)
 
@@ -378,11 +376,11 @@ def noise(
 @options.vehicle
 @options.backend
 @options.runs_folder
-@options.page
+@report_options
 @options.as_json
 def wear(
     runs: tuple[str, ...], vehicle: str | None, settings: tuple[str, ...], backend: str, folder: str,
-    page: Path | None, as_json: bool,
+    report: ReportFiles, as_json: bool,
 ) -> None:  # fmt: skip
     from baqueano.identify import FitOptions
     from baqueano.identify.parameter_drift import Drift, parameter_history
@@ -393,7 +391,7 @@ def wear(
             recorded_runs, options.load_vehicle(vehicle, settings), options=fit_options, progress=begin
         )
     answer(Drift(history), as_json)
-    if page is not None:
-        from baqueano.report.drift_report import page_of_drift
+    if report:
+        from baqueano.report.pages.parameter_drift import page_of_drift
 
-        print_message(note("cli.report", page=page_of_drift(history).save(page)))
+        report.write(lambda: page_of_drift(history), reproducible=True)

@@ -1,15 +1,13 @@
 """Define `baqueano study`: reproduce the case studies."""
 
-import sys
-from dataclasses import replace
 from pathlib import Path
 
 import click
 
 from baqueano.cli import Verbs, numbers, options
-from baqueano.cli.terminal import answer, print_message, print_result, progress, show_activity, steps
+from baqueano.cli.report_files import ReportFiles, report_options
+from baqueano.cli.terminal import answer, print_result, progress, show_activity, steps
 from baqueano.diagnostics import Verdict, fault, nearest, note
-from baqueano.messages.printable import baqueano_command
 
 
 @click.group(cls=Verbs, help="Reproduce the paper's case studies; test with recordings.")
@@ -26,9 +24,9 @@ def command() -> None: ...
     help="Number of seeds to fit, counted from --seed.",
 )  # fmt: skip
 @options.backend
-@options.page
+@report_options
 @options.as_json
-def paper(seed: int, seed_count: int, backend: str, page: Path | None, as_json: bool) -> None:
+def paper(seed: int, seed_count: int, backend: str, report: ReportFiles, as_json: bool) -> None:
     from baqueano.study.paper import dynamic_vs_kinematic
     from baqueano.study.paper.case_study import ImpliedParameters, case_study, simulate_seed
     from baqueano.study.paper.page import page_of_paper
@@ -41,9 +39,7 @@ def paper(seed: int, seed_count: int, backend: str, page: Path | None, as_json: 
         models = dynamic_vs_kinematic.compare_models(result.fits[0], run, validation_run, backend)
     if not as_json:
         print_result(f"\n{dynamic_vs_kinematic.table(models)}\n\n{ImpliedParameters().table()}")
-    with show_activity(note("cli.drawing")):
-        report_path = page_of_paper(result, models, backend).save(page or Path("study-paper.html"))
-    print_message(note("cli.report", page=report_path))
+    report.write(lambda: page_of_paper(result, models, backend), Path("study-paper.html"))
 
 
 @command.command(
@@ -70,10 +66,10 @@ def paper(seed: int, seed_count: int, backend: str, page: Path | None, as_json: 
     ),
 )
 @options.backend
-@options.page
+@report_options
 @options.as_json
 def identification(
-    seed: int, seed_count: int, cases: tuple[str, ...], keep: Path | None, backend: str, page: Path | None,
+    seed: int, seed_count: int, cases: tuple[str, ...], keep: Path | None, backend: str, report: ReportFiles,
     as_json: bool,
 ) -> None:  # fmt: skip
     from baqueano.cli.errors import Interruption
@@ -92,10 +88,7 @@ def identification(
             seed_count, seed, backend, processors(), advance, cases=cases or CASES, keep=keep
         )
     answer(result, as_json)
-    with show_activity(note("cli.drawing")):
-        report_page = replace(page_of_identification(result), reproduce=baqueano_command(*sys.argv[1:]))
-        report_path = report_page.save(page or Path("study-identification.html"))
-    print_message(note("cli.report", page=report_path))
+    report.write(lambda: page_of_identification(result), Path("study-identification.html"), reproducible=True)
     if result.seeds < seed_count:
         raise Interruption(fault("cli.study-interrupted", done=result.seeds, asked=seed_count))
 
@@ -239,9 +232,9 @@ def laps(
     help=("Fit models of real vehicles to one part of a recording, and test them on another part."),
 )
 @options.backend
-@options.page
+@report_options
 @options.as_json
-def recordings(backend: str, page: Path | None, as_json: bool) -> None:
+def recordings(backend: str, report: ReportFiles, as_json: bool) -> None:
     from baqueano.cli.errors import Interruption
     from baqueano.study.cross_validation_cpm import cross_validate
     from baqueano.study.recordings import MAPS, files_of, missing_of, recordings
@@ -254,9 +247,7 @@ def recordings(backend: str, page: Path | None, as_json: bool) -> None:
         raise Interruption(fault("cli.recordings-interrupted"))
     with steps() as begin:
         study = None if missing_of(files_of(MAPS)) else cross_validate(backend, begin)
-    with show_activity(note("cli.drawing")):
-        report_path = page_of_recordings(result, study).save(page or Path("study-recordings.html"))
-    print_message(note("cli.report", page=report_path))
+    report.write(lambda: page_of_recordings(result, study), Path("study-recordings.html"))
 
 
 @command.command(

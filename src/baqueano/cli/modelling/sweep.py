@@ -1,15 +1,14 @@
 """Define `baqueano sweep`: compare blocks on the same drives or runs."""
 
-import sys
 from functools import partial
 from pathlib import Path
 
 import click
 
 from baqueano.cli import numbers, options
-from baqueano.cli.terminal import answer, print_message, progress, show_activity
+from baqueano.cli.report_files import ReportFiles, report_options
+from baqueano.cli.terminal import answer, progress
 from baqueano.diagnostics import fault, note
-from baqueano.messages.printable import baqueano_command
 
 keep = click.option(
     "--keep",
@@ -76,13 +75,13 @@ BLOCK_OPTIONS = [
 @cluster
 @options.backend
 @options.runs_folder
-@options.page
+@report_options
 @options.as_json
 def command(
     runs: tuple[str, ...], vehicle: str | None, settings: tuple[str, ...], estimators: tuple[str, ...],
     controllers: tuple[str, ...], guides: tuple[str, ...], routes: tuple[str, ...], speed_m_s: float, size_m: float,
     seed: int, seeds: int, laps: int, aside_m: float, align: str, reference: str | None, keep: Path | None,
-    cluster: str | None, backend: str, folder: str, page: Path | None, as_json: bool,
+    cluster: str | None, backend: str, folder: str, report: ReportFiles, as_json: bool,
 ) -> None:  # fmt: skip
     from baqueano.cli.driving.teach import shape_or_route
     from baqueano.cli.errors import Interruption
@@ -126,9 +125,7 @@ def command(
     with progress(note("cli.sweep", drives=count), count) as advance:
         result = run_sweep(advance=advance)
     answer(result, as_json, cells=result.cells())
-    if page is not None:
-        with show_activity(note("cli.drawing")):
-            report_path = page_of_sweep(result, reproduce=baqueano_command(*sys.argv[1:])).save(page)
-        print_message(note("cli.report", page=report_path))
+    if report:
+        report.write(lambda: page_of_sweep(result), reproducible=True)
     if len(result.drives) < result.requested:
         raise Interruption(fault("cli.study-interrupted", done=len(result.drives), asked=result.requested))

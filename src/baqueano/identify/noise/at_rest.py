@@ -15,6 +15,7 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 
 from baqueano.contracts.optional import has_field
+from baqueano.contracts.result import Result
 from baqueano.diagnostics import Diagnostic, Severity, Verdict, fault, note
 from baqueano.errors import UsageError
 from baqueano.identify.data.rest import REST_S
@@ -55,8 +56,8 @@ class ChannelAtRest(NamedTuple):
     slope_std: float | None
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class AtRest:
+@dataclass(frozen=True, slots=True, eq=False, repr=False)
+class AtRest(Result):
     """All channels of a run at rest."""
 
     run: str

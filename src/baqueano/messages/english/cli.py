@@ -195,6 +195,7 @@ TEMPLATES: dict[str, str] = {
     ),
     "cli.stop-latched": "The stop is latched. Look at the vehicle, then type: {fix}",
     "cli.report": "report: {page}",
+    "cli.figures": "figures: {count} in {folder}",
     "cli.repeat": "repeat",
     "cli.vehicle-of-run": "vehicle: the file stored in the run (--vehicle names another)",
     "cli.replay": "replay",
@@ -248,11 +249,10 @@ TEMPLATES: dict[str, str] = {
     "cli.page-replayed": "the page shows both runs until its last tab is closed; Ctrl-C ends it",
     "cli.motion": "the page shows the other drives; Ctrl-C ends it",
     "cli.demo": (
-        "\n"
-        "report: {page}   the runs, the route and the vehicle file are in the same folder\n"
-        "next:   {program} new mylab"
+        "The runs, the route and the vehicle file are in the same folder as the report.\n"
+        "next: {program} new mylab"
     ),
-    "cli.width-unused": "--width {width} is the width of figures: give a folder for them. Type: {fix}",
+    "cli.figures-absent": "{option} {value} is only used with --figures FOLDER.",
     "cli.next-new": "next: {cd}\nthen: {fix}",
     "cli.guesses": (
         "the values of its model are guesses, until a fit to runs of your vehicle has estimated them"

@@ -36,7 +36,10 @@ TEMPLATES: dict[str, str] = {
     "report.nothing-moves": (
         "Run {name} contains neither an estimate nor a truth, so it cannot be animated. Type: {fix}"
     ),
-    "front.no-page": "A report needs a run or a fit. Found: {found}.",
+    "front.no-page": (
+        "A report needs a run, a fit, a comparison, a forecast, a sweep, sensors at rest, or parameters over "
+        "several runs. Found: {found}."
+    ),
     "front.format-unknown": "Figures cannot be written as {found}. {near}.",
     "front.missing": "{package} is not installed, and {what:word} needs it. Type: {fix}",
     "front.several-panels": (

@@ -14,6 +14,7 @@ from collections.abc import Callable, Sequence
 from functools import partial
 from typing import TYPE_CHECKING
 
+from baqueano.study.controllers import drawing as drawing  # it adds `.plot()` and the card
 from baqueano.study.controllers.drives import Contestant, contestant, drive_robot
 from baqueano.study.controllers.result import JUDGED_BY, Controllers
 from baqueano.sweep.result import SweepResult

@@ -1,9 +1,11 @@
 """Write a page about a sensor at rest: the table, and the Allan deviation of each sensor."""
 
-from typing import Any
+from collections.abc import Sequence
+from typing import TYPE_CHECKING
 
 import numpy as np
 
+from baqueano.identify.noise.at_rest import AtRest, ChannelAtRest
 from baqueano.messages import texts
 from baqueano.messages.language import number
 from baqueano.messages.language import translate as _
@@ -11,21 +13,22 @@ from baqueano.messages.printable import baqueano_command
 from baqueano.report.lab import panel, with_style
 from baqueano.report.page import Headline, Page, Section, Table, draw
 
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
 COLOURS = ("#3b6fb6", "#238b45", "#c2410c", "#7c3aed", "#a16207", "#0e7490")
 
 
-def page_of_rest(result: Any) -> Page:
+def page_of_rest(result: AtRest) -> Page:
     """Return the page of `at_rest`."""
-    sensors = list(dict.fromkeys(c.sensor for c in result.channels))
     sections = [Section(_("Figures"), "\n".join(texts(result.findings)), [Table(result.rows())])]
-    for sensor in sensors:
-        channels = [c for c in result.channels if c.sensor == sensor]
+    for sensor, channels in by_sensor(result).items():
         caption = _(
             "Overlapping Allan deviation with its 95 % interval; dashed: the coefficients that explain it."
         )
         sections.append(
             Section(
-                _("Allan deviation: {sensor}", sensor=sensor), "", [draw(_allan_figure(channels), caption)]
+                _("Allan deviation: {sensor}", sensor=sensor), "", [draw(allan_curves(channels), caption)]
             )
         )
     return Page(
@@ -45,8 +48,15 @@ def page_of_rest(result: Any) -> Page:
     )
 
 
+def by_sensor(rest: AtRest) -> dict[str, list[ChannelAtRest]]:
+    """Return the channels of each sensor."""
+    sensors = dict.fromkeys(c.sensor for c in rest.channels)
+    return {sensor: [c for c in rest.channels if c.sensor == sensor] for sensor in sensors}
+
+
 @with_style
-def _allan_figure(channels: list[Any]) -> Any:
+def allan_curves(channels: Sequence[ChannelAtRest]) -> "Figure":
+    """Draw the Allan deviation of each channel, and the coefficients that explain it."""
     figure, axis = panel((9.2, 4.2))
     for c, colour in zip(channels, COLOURS * len(channels), strict=False):
         tau = c.curve.tau_s

@@ -1,0 +1,128 @@
+"""Define the options for the files of a report, the same for every command: a page, and its figures one by one."""
+
+import sys
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from functools import wraps
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import click
+from click.core import ParameterSource
+
+from baqueano.cli import options
+from baqueano.cli.terminal import print_message, show_activity
+from baqueano.diagnostics import fault, note
+from baqueano.messages.printable import baqueano_command
+
+if TYPE_CHECKING:
+    from baqueano.report import Page
+
+Command = Callable[..., object]
+
+
+@dataclass(frozen=True)
+class ReportFiles:
+    """The files of a report that a user requests: `page`, and each figure in the folder `figures`."""
+
+    page: Path | None
+    figures: Path | None
+    file_format: str
+    width: str | float | None  # of the figures: "column", "page" or millimetres
+
+    def __bool__(self) -> bool:
+        return self.page is not None or self.figures is not None
+
+    def save(self, page: "Page", path: Path | None = None) -> list[Path]:
+        """Write the requested files, and return their paths. `path` is the page if none is requested."""
+        path = self.page or path
+        files = [] if path is None else [page.save(path)]
+        if self.figures is not None:
+            files += page.save_figures(self.figures, self.file_format, self.width)
+        return files
+
+    def write(
+        self, make_page: Callable[[], "Page"], path: Path | None = None, *, reproducible: bool = False
+    ) -> None:
+        """Write the requested files of the page that `make_page` returns, and print their places.
+
+        `path` is the page if none is requested. With `reproducible`, the page contains the command line of the user.
+        """
+        with show_activity(note("cli.drawing")):
+            page = make_page()
+            if reproducible:
+                page = replace(page, reproduce=baqueano_command(*sys.argv[1:]))
+            files = self.save(page, path)
+        if self.page or path:
+            print_message(note("cli.report", page=files.pop(0)))
+        if self.figures is not None:
+            print_message(note("cli.figures", count=len(files), folder=self.figures))
+
+
+def _collect(*page_options: Callable[[Command], Command]) -> Callable[[Command], Command]:
+    """Return a decorator that adds the options; the command receives them as the argument `report`."""
+
+    def decorate(command: Command) -> Command:
+        @wraps(command)
+        def wrapper(
+            *args: object,
+            figures: Path | None,
+            file_format: str,
+            width: str | None,
+            page: Path | None = None,
+            **others: object,
+        ) -> object:
+            report = ReportFiles(page, figures, file_format, _width(width))
+            _check_folder(report, width)
+            return command(*args, report=report, **others)
+
+        return options.combine_options(*page_options, *_FIGURES)(wrapper)
+
+    return decorate
+
+
+_FIGURES = (
+    click.option(
+        "--figures",
+        type=click.Path(path_type=Path, file_okay=False),
+        help="Folder: also write each figure as a separate file.",
+    ),
+    click.option(
+        "--format", "file_format", type=click.Choice(["svg", "pdf", "png"]), default="svg", show_default=True,
+        help="Format of these figures.",
+    ),
+    click.option(
+        "--width", metavar="column|page|MM", help="Width of these figures: column, page, or millimetres."
+    ),
+)  # fmt: skip
+figure_options = _collect()
+report_options = _collect(
+    click.option("--report", "page", type=click.Path(path_type=Path), help="Also write an HTML report.")
+)
+
+
+def _width(argument: str | None) -> str | float | None:
+    """Return a width as a name or as a number of millimetres. Raise UsageError for an invalid width."""
+    if argument is None:
+        return None
+    from baqueano.report.page import check_format
+
+    try:
+        width: str | float = float(argument)
+    except ValueError:
+        width = argument
+    check_format("svg", width)
+    return width
+
+
+def _check_folder(report: ReportFiles, width: str | None) -> None:
+    """Raise UsageError if a format or a width is given without a folder for the figures."""
+    from baqueano.errors import UsageError
+
+    if report.figures is not None:
+        return
+    source = click.get_current_context().get_parameter_source("file_format")
+    if width is not None:
+        raise UsageError(fault("cli.figures-absent", option="--width", value=width))
+    if source is ParameterSource.COMMANDLINE:
+        raise UsageError(fault("cli.figures-absent", option="--format", value=report.file_format))

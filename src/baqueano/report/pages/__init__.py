@@ -1,0 +1,1 @@
+"""Write the page about each kind of result."""

@@ -1,0 +1,149 @@
+"""Write the page about a result, and its figures as files, with `report` and `page_of`."""
+
+from functools import singledispatch
+from pathlib import Path
+
+import numpy as np
+
+from baqueano.compare import Comparison
+from baqueano.compare.corridor_ahead import CorridorAhead
+from baqueano.contracts.result import Tabular
+from baqueano.diagnostics import fault
+from baqueano.drive import FirstDrive, TeachResult
+from baqueano.errors import UsageError
+from baqueano.identify import Fit
+from baqueano.identify.noise.at_rest import AtRest
+from baqueano.identify.parameter_drift import ParameterHistory
+from baqueano.messages import texts
+from baqueano.messages.language import number
+from baqueano.messages.language import translate as _
+from baqueano.messages.printable import baqueano_command
+from baqueano.report.card import card_of
+from baqueano.report.fit_report import page_of_fit
+from baqueano.report.of_run import page_of_run
+from baqueano.report.page import Headline, Page, Section, Table, check_format, draw
+from baqueano.report.pages.at_rest import page_of_rest
+from baqueano.report.pages.parameter_drift import page_of_drift
+from baqueano.report.plots import plot_comparison
+from baqueano.runs import Run
+from baqueano.runs.importing.recordings import ImportedRun
+
+MAX_HEADLINES = 4  # runs: more do not fit into one row
+
+
+def report(
+    result: Tabular,
+    path: str | Path | None = None,
+    alignment: str = "none",
+    *,
+    figures: str | Path | None = None,
+    file_format: str = "svg",
+    width: str | float | None = None,
+) -> Page:
+    """Return the page about a result; write the page and its figures on request.
+
+    Parameters
+    ----------
+    result : Run, Fit, Comparison, CorridorAhead, SweepResult, AtRest or ParameterHistory
+        The subject of the page. A lesson, an import and a first drive have the page of their run.
+    path : path, optional
+        File to which the page is written, as self-contained HTML.
+    alignment : str
+        Alignment of the estimate of a run with the truth, as in `compare`.
+    figures : path, optional
+        Folder to which each figure of the page is written, such as "01-path.svg".
+    file_format : str
+        Format of these figures: "svg", "pdf" or "png".
+    width : str or float [mm], optional
+        Width of these figures: "column", "page" or a number; by default as on the page.
+
+    Returns
+    -------
+    Page
+        The page with its tables and drawings.
+
+    Raises
+    ------
+    UsageError
+        For another type of result, format or width, or if matplotlib or jinja2 is missing.
+
+    Examples
+    --------
+    >>> from baqueano.simulate import simulate
+    >>> from baqueano.vehicle_file import load
+    >>> page = report(simulate(load("small"), [[0.5, 0.0, 0.1]] * 100))
+    >>> [section.title for section in page.sections]
+    ['Path', 'Speed', 'Commands', 'Measurements', 'Content of the run']
+    """
+    check_format(file_format, width)
+    page = page_of(result, alignment)
+    if path is not None:
+        page.save(path)
+    if figures is not None:
+        page.save_figures(figures, file_format, width)
+    return page
+
+
+@singledispatch
+def page_of(result: Tabular, alignment: str = "none") -> Page:
+    """Return the page about a result. Raise UsageError for a type of result without a page."""
+    raise UsageError(fault("front.no-page", found=type(result).__name__))
+
+
+@page_of.register(Run)
+def _run_page(result: Run, alignment: str = "none") -> Page:
+    return page_of_run(result, alignment)
+
+
+@page_of.register(TeachResult)
+@page_of.register(ImportedRun)
+@page_of.register(FirstDrive)
+def _page_of_its_run(result: TeachResult | ImportedRun | FirstDrive, alignment: str = "none") -> Page:
+    return page_of_run(result.run, alignment)
+
+
+@page_of.register(CorridorAhead)
+def _corridor_page(result: CorridorAhead, alignment: str = "none") -> Page:
+    return page_of_run(result.run)
+
+
+@page_of.register(Fit)
+def _fit_page(result: Fit, alignment: str = "none") -> Page:
+    return page_of_fit(result)
+
+
+@page_of.register(AtRest)
+def _rest_page(result: AtRest, alignment: str = "none") -> Page:
+    return page_of_rest(result)
+
+
+@page_of.register(ParameterHistory)
+def _history_page(result: ParameterHistory, alignment: str = "none") -> Page:
+    return page_of_drift(result)
+
+
+@page_of.register(Comparison)
+def page_of_comparison(result: Comparison, alignment: str = "none") -> Page:
+    """Return the page about a comparison: the errors of each run, and the consistency of its estimator."""
+    card = card_of(result)
+    caption = _("Errors of each run; the bar is the range of a consistent filter in 95 % of runs.")
+    sentences = [f"{run.name}: {sentence}" for run in result.runs for sentence in run.sentences]
+    figure = plot_comparison(result)
+    driven = [run for run in result.runs if np.isfinite(run.across_true.rms_m)]
+    return Page(
+        title=card.title,
+        subtitle=", ".join(run.name for run in result.runs),
+        verdict=result.verdict,
+        headlines=[
+            Headline(run.name, f"{number(100.0 * run.across_true.rms_m):.2g} cm", _("across its path"))
+            for run in driven[:MAX_HEADLINES]
+        ],
+        sections=[
+            Section(
+                _("Errors and consistency"),
+                "\n".join([*texts(result.reasons), *sentences]),
+                [Table(list(card.rows)), *([] if figure is None else [draw(figure, caption)])],
+            )
+        ],
+        reproduce=baqueano_command("compare", *(run.name for run in result.runs)),
+    )
