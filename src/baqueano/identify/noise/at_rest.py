@@ -136,12 +136,12 @@ class AtRest(Result):
 def at_rest(run: "Run", from_s: float = 0.0, to_s: float = float("inf")) -> AtRest:
     """Return the sensors of `run` at rest, between two times [s] from its first tick.
 
-    Raise UsageError if the run is never at rest, or if no sensor has FEWEST samples then.
+    Raise UsageError if the run is never at rest, or if no sensor has MIN_SAMPLES samples then.
 
     >>> from baqueano.simulate import simulate
     >>> from baqueano.vehicle_file import load
     >>> gyro = at_rest(simulate(load("small"), np.zeros((6000, 3)))).channels[2]
-    >>> print(f"bias {gyro.mean:.4f} ± {gyro.mean_sd:.4f} rad/s, noise {gyro.sd:.4f} rad/s")
+    >>> print(f"bias {gyro.mean:.4f} ± {gyro.mean_std:.4f} rad/s, noise {gyro.sd:.4f} rad/s")
     bias 0.0150 ± 0.0002 rad/s, noise 0.0042 rad/s
     """
     first_ns, last_ns = _rest_span(run.cut(from_s, to_s))
