@@ -18,11 +18,12 @@ from baqueano.door.wire import encode
 if TYPE_CHECKING:
     from baqueano.contracts.values import JsonObject
 
-LONG = 64 << 10  # bytes; a longer line can only be a mission
+LONG = 64 << 10  # bytes; a longer line can only be a mission, and contains `do` in these bytes
 LONGEST = 64 << 20  # largest number of bytes of a line: an hour of commands
 PENDING = 1 << 20  # bytes that wait for a guest that does not read
 PIECE = 16 << 10  # bytes that are read at once
 BACKLOG = 256  # most lines that wait
+MISSION = re.compile(rb'"do"\s*:\s*"mission"')  # the begin of each mission contains this
 STOP = re.compile(rb'"do"\s*:\s*"stop"')  # each stop contains this; a line that contains it is read at once
 
 
@@ -49,6 +50,11 @@ class Guest:
     def coming(self) -> int:
         """Return the number of bytes of the last line, which is not complete yet."""
         return len(self._coming)
+
+    @property
+    def may_be_a_mission(self) -> bool:
+        """Return False if the last line, longer than LONG, cannot become a mission."""
+        return MISSION.search(self._coming, 0, LONG) is not None
 
     @property
     def is_overloaded(self) -> bool:
