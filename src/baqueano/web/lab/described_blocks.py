@@ -14,7 +14,7 @@ import numpy as np
 from baqueano.blocks import ROOMS, kinds, resolve
 from baqueano.contracts.values import Tree
 from baqueano.diagnostics import fault
-from baqueano.errors import UsageError
+from baqueano.errors import FileError, UsageError
 
 if TYPE_CHECKING:
     from baqueano.contracts.values import JsonObject
@@ -104,8 +104,9 @@ def block_of(room: str, kind: str, file: "VehicleFile") -> Tree:
         return file.vehicle
     if room == "sensors":
         return next(iter(file.sensors), None)
-    resolve(room, kind, file.folder)
     own_kind = None if kind == _kind_in_file(room, file) else kind
+    if own_kind is not None:  # the visitor chose it; that of the file needs the permission of the user
+        resolve(room, own_kind, file.folder)
     return file.guide(circle(1.0, 0.25), own_kind) if room == "guide" else getattr(file, room)(own_kind)
 
 
@@ -119,13 +120,18 @@ def _kind_in_file(room: str, file: "VehicleFile") -> str:
 def step_us(room: str, kind: str, file: "VehicleFile") -> float | None:
     """Return the time [µs] of one step of this block, compiled as in a drive and measured on this machine.
 
-    Return None if a block of the loop raises an error.
+    Return None if a block of the loop raises an error, or may not be executed.
     """
     from baqueano import loop
     from baqueano.drive.session import compile_blocks, example_tick
     from baqueano.loop import Blocks
 
-    own = {part: block_of(part, kind if part == room else _kind_in_file(part, file), file) for part in LOOP}
+    try:
+        own = {
+            part: block_of(part, kind if part == room else _kind_in_file(part, file), file) for part in LOOP
+        }
+    except FileError:
+        return None
     tick = example_tick(file)
     quick, _ = compile_blocks(Blocks(**own), tick, "auto")
     states = loop.init(quick)
