@@ -200,11 +200,14 @@ LONG_LINES = [
 
 
 @pytest.mark.parametrize("line", LONG_LINES, ids=["just too long", "far too long", "hand", "nested"])
-def test_a_long_line_that_is_not_a_mission_is_refused_at_rest(door, person, line):
+def test_a_long_line_that_is_not_a_mission_is_refused_at_rest(door, person, monkeypatch, line):
     door.operator.hold(next(iter(until_guest(door))))  # a mission would be accepted
+    decoded, loads = [], json.loads
+    monkeypatch.setattr(json, "loads", lambda text: decoded.append(len(text)) or loads(text))
     with suppress(OSError):  # disconnected before the end of the line
         person.line.sendall(line)
-    assert person.receive()["about"]["code"] == "door.too-long"
+    assert loads(person.file.readline())["about"]["code"] == "door.too-long"
+    assert all(n < 2 * LONG for n in decoded)  # a far longer line is refused before its end
     assert not door.operator.command(2 * LONG).any()
 
 

@@ -13,6 +13,7 @@ import pytest
 from click.testing import CliRunner
 from websockets.sync.client import connect
 
+from baqueano.cli.page import options as page_options
 from baqueano.cli.page.serve import command as serve
 from baqueano.errors import UsageError
 from baqueano.web import SUBPROTOCOL
@@ -186,7 +187,8 @@ def test_a_run_is_served_without_numpy_and_in_little_memory(folder, verb):
 
 
 @pytest.mark.parametrize("other", [("--vehicle", "small"), ("--robot", "pilot@rover")])
-def test_serve_refuses_a_run_together_with_a_vehicle(folder, other):
+def test_serve_refuses_a_run_together_with_a_vehicle(folder, monkeypatch, other):
+    monkeypatch.setattr(page_options, "run", lambda job: job.close())  # it would serve until a signal comes
     done = CliRunner().invoke(serve, ["circle", *other, "--runs", str(folder), "--no-browser"])
     assert isinstance(done.exception, UsageError)
     assert done.exception.diagnostic.code == "web.one-of"
