@@ -65,8 +65,8 @@ def painted(tab: Tab, canvas: str) -> list[dict[str, Any]]:
 
 def only(marks: list[dict[str, Any]], **look: object) -> dict[str, Any]:
     """Return the only line or area with this look."""
-    (found,) = (mark for mark in marks if look.items() <= mark.items())
-    return found
+    (single,) = (mark for mark in marks if look.items() <= mark.items())
+    return single
 
 
 def check_trace(

@@ -51,11 +51,11 @@ def folder(tmp_path, driven_folder, monkeypatch):
 
 def inodes_of(pid, *tables):
     """Return the inodes of the sockets in these tables of the system."""
-    found = set()
+    inodes = set()
     for table in tables:
         rows = [line.split() for line in Path(f"/proc/{pid}/net/{table}").read_text().splitlines()[1:]]
-        found |= {row[6] for row in rows if len(row) > 7} if table == "unix" else {row[9] for row in rows}
-    return found
+        inodes |= {row[6] for row in rows if len(row) > 7} if table == "unix" else {row[9] for row in rows}
+    return inodes
 
 
 @pytest.mark.skipif(not sys.platform.startswith("linux"), reason="/proc")
