@@ -43,7 +43,8 @@ def test_the_map_shows_route_path_corridor_ellipses_and_truth(tab, live):
     assert far(estimate[::50] + half[::50], corridor).max() < 0.03  # along all of the path, on both sides
     assert far(estimate[::50] - half[::50], corridor).max() < 0.03
     ellipses = [mark["path"][0] for mark in marks if mark["path"] and mark["path"][0][0] == "ellipse"]
-    ticks = [k for k, t_s in enumerate(x["t"]) if round(100 * t_s) % 400 == 0]  # each 4 s
+    each_4_s = np.arange(np.ceil(x["t"][0] / 4.0), x["t"][-1] / 4.0 + 1e-9) * 4.0
+    ticks = np.searchsorted(x["t"], each_4_s + 1e-6) - 1
     assert len(ellipses) == len(ticks) >= 5
     for (_, px, py, a, b, angle, *_), k in zip(ellipses, ticks, strict=True):
         np.testing.assert_allclose([(px - left) / scale, (top - py) / scale], estimate[k], atol=1e-5)
