@@ -10,16 +10,21 @@ Hypothesis checks no time limits, because a busy machine is slow. A stalled mach
 browsers. So a failed test of REAL_TIME is repeated up to twice while the other processes wait (tests/turns.py). The
 summary lists each (RERUN): a test that is often listed has a fault. A limit in milliseconds has the mark `alone`:
 the others wait from the first attempt on.
+
+With BAQUEANO_NO_SKIPS=1, as in the public workflow, a skipped test fails; MAY_LACK lists the exceptions. Otherwise a
+test that is left out silently would test nothing.
 """
 
 import builtins
 import gc
 import os
+import re
 import signal
 import sys
 import threading
 from collections.abc import Callable, Generator
 from pathlib import Path
+from typing import TypeVar
 
 import pytest
 from hypothesis import HealthCheck, settings
@@ -52,6 +57,12 @@ REAL_TIME = {  # sockets, processes, firmware and browsers whose time is that of
     "test_wheel.py",
 }  # fmt: skip
 
+NO_SKIPS = bool(os.environ.get("BAQUEANO_NO_SKIPS")) and sys.platform == "linux"  # a skipped test fails
+MAY_LACK = re.compile(  # reasons of skips in CI
+    r"\brecordings\b|(is long|left out)\. Type|real-time priority|aarch64|avr-gcc .* other bytes"
+)
+
+Report = TypeVar("Report", pytest.TestReport, pytest.CollectReport)
 ALONE = pytest.StashKey[Callable[[], None]]()  # of a test: from its call on, the other processes wait
 
 SHIPPED = compile.MAX_THOROUGH_OPERATIONS, compile.MAX_SCHEDULED_OPERATIONS, compile.HASTY_LEVEL
@@ -115,6 +126,24 @@ def pytest_runtest_protocol(item: pytest.Item) -> Generator[None, object, object
     with turn(item.get_closest_marker("alone") is not None) as alone:
         item.stash[ALONE] = alone
         return (yield)
+
+
+@pytest.hookimpl(wrapper=True, tryfirst=True)
+def pytest_runtest_makereport() -> Generator[None, pytest.TestReport, pytest.TestReport]:
+    return not_skipped((yield))
+
+
+@pytest.hookimpl(wrapper=True, tryfirst=True)
+def pytest_make_collect_report() -> Generator[None, pytest.CollectReport, pytest.CollectReport]:
+    return not_skipped((yield))
+
+
+def not_skipped(report: Report) -> Report:
+    """Let a skipped test fail in CI, except for a reason of MAY_LACK."""
+    reason = report.longrepr[2] if isinstance(report.longrepr, tuple) else ""
+    if NO_SKIPS and report.skipped and not hasattr(report, "wasxfail") and not MAY_LACK.search(reason):
+        report.outcome, report.longrepr = "failed", f"skipped, but BAQUEANO_NO_SKIPS is set: {reason}"
+    return report
 
 
 @pytest.hookimpl(tryfirst=True)

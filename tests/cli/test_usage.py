@@ -110,8 +110,8 @@ def test_help_imports_no_command_module_and_no_numpy():
     code = (
         "import sys\nfrom baqueano.cli import main\n"
         "try: main(['--help'])\nexcept SystemExit: pass\n"
-        "from baqueano.cli import ROOMS\n"
-        "rooms = ('numpy', 'scipy', 'mcap', *(f'baqueano.cli.{room}' for room in ROOMS))\n"
+        "from baqueano.cli import VERBS_BY_SUBPACKAGE\n"
+        "rooms = ('numpy', 'scipy', 'mcap', *(f'baqueano.cli.{room}' for room in VERBS_BY_SUBPACKAGE))\n"
         "print([m for m in sys.modules if m.startswith(rooms)])"
     )
     process = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)

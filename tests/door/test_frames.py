@@ -2,6 +2,7 @@
 
 import json
 import socket
+import threading
 
 import numpy as np
 import pytest
@@ -208,14 +209,19 @@ def test_a_watcher_receives_the_vehicle_the_columns_and_then_every_tick(door, dr
 @pytest.mark.skipif(not hasattr(socket, "AF_UNIX"), reason="this system has no sockets in files")
 def test_a_message_wakes_the_door_and_is_encoded_once(door, monkeypatch):
     encodings, encoded = [], sockets.encode
-    monkeypatch.setattr(sockets, "encode", lambda message: encodings.append(message) or encoded(message))
+
+    def encode(message):
+        encodings.append(threading.current_thread().name)
+        return encoded(message)
+
+    monkeypatch.setattr(sockets, "encode", encode)
     monkeypatch.setattr(sockets, "LOOK_S", 1e6)  # without a wake-up nothing arrives
     people = [Person(door.path) for _ in range(5)]
     until(lambda: len(door._guests) == 5)
     for k in range(20):
         door.broadcast({"is": "event", "said": k})
         assert [person.receive()["said"] for person in people] == [k] * 5
-    assert len(encodings) == 20
+    assert encodings == ["door"] * 20  # and not in the thread of the loop
     for person in people:
         person.close()
 

@@ -134,14 +134,34 @@ def test_silence_of_a_page_stops_the_vehicle_until_cleared(child):
     child.until(lambda m: m["is"] == "state" and m["state"] == "READY")
 
 
+def times_in(messages):
+    """Return the time [s] of each row of the frames in these messages."""
+    return [t_s for m in messages if m["is"] == "frame" for (t_s,) in m["x"]]
+
+
+def new_times(child):
+    """Return the times [s] of the ticks of a paused drive that have not been received yet."""
+    times, silences = [], 0
+    while silences < 2:
+        time.sleep(0.1)  # of five frames
+        child.send(do="ping")
+        new = times_in(child.until(lambda m: m["is"] == "pong"))
+        times, silences = times + new, 0 if new else silences + 1
+    return times
+
+
 def test_paused_time_advances_by_single_ticks_and_accepts_a_stop(child):
+    child.send(do="watch", hz=50, fields=["t"])
     child.send(do="mission", door=VERSION, id="one", kind="experiment", seconds=60.0, attended=False)
-    child.until(lambda m: m["is"] == "state" and (m["t_s"] or 0.0) > 0.0)
+    messages = child.until(lambda m: m["is"] == "state" and (m["t_s"] or 0.0) > 0.0)
     child.send(do="pause")
-    before = child.until(lambda m: m["is"] == "state" and m["paused"])[-1]["t_s"]
-    before = max(before, *(m["t_s"] for m in child.until(lambda m: m["is"] == "state", {"do": "ping"})
-                           if m["is"] == "state"))  # fmt: skip
-    child.send(do="go", ticks=5)
+    messages += child.until(lambda m: m["is"] == "state" and m["paused"])
+    t_s = (times_in(messages) + new_times(child))[-1]
+    for ticks in (1, 1, 5, 1):
+        child.send(do="go", ticks=ticks)
+        later = new_times(child)
+        assert later == pytest.approx([t_s + 0.01 * k for k in range(1, ticks + 1)], abs=1e-6)
+        t_s = later[-1]
     child.send(do="stop", why="the teacher stops it")
     done = child.until(lambda m: m["is"] == "done")[-1]
     assert done["why"]["code"] == StopReason.STOPPED_BY
@@ -273,6 +293,15 @@ def test_a_fault_acts_at_once_but_not_in_the_fault_free_simulation(child, folder
     assert row["until_s"] > row["t_s"]
     done = child.until(lambda m: m["is"] == "done")[-1]
     shaken_run = read_run(folder / "runs" / done["run"])
+    child.send(do="again", from_s=8.0, without=[])  # with the same faults
+    done = child.until(lambda m: m["is"] == "done")[-1]
+    again = read_run(folder / "runs" / done["run"])
+    assert len(again.t_ns) == len(shaken_run.t_ns)
+    for column in (
+        lambda run: run.truth.eta, lambda run: run.truth.nu, lambda run: run.applied, lambda run: run.sensors["imu"].z,
+        lambda run: run.estimate.eta, lambda run: run.estimate.cov,
+    ):  # fmt: skip
+        np.testing.assert_array_equal(column(again), column(shaken_run))  # bit for bit
     child.send(do="again", from_s=push["t_s"], without=[2])
     messages = child.until(lambda m: m["is"] == "done")
     assert (messages[-1]["id"], messages[-1]["code"]) == ("again", 0)

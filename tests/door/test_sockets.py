@@ -6,6 +6,7 @@ import base64
 import json
 import socket
 import time
+from contextlib import suppress
 
 import numpy as np
 import pytest
@@ -171,7 +172,7 @@ def test_rt14_a_mission_of_a_disconnected_guest_is_not_given_to_the_next(door, p
         b'{"do": "fetch", "run": "../x"}',
         b"\xff\xfe",
         b'{"do": "hand", "u": [' + b"1" * 400 + b"]}",  # beyond the range of a double
-        b"[" * 100_000,
+        b"[" * 50_000,
         b'{"do": "fetch", "run": "' + b"x" * 300 + b'"}',  # longer than a file name may be
     ],
 )
@@ -188,6 +189,26 @@ def test_a_new_guest_receives_the_last_state_at_once(door, people):
     door.broadcast({"is": "state", "state": "MISSION"})
     door.broadcast({"is": "event", "text": "nothing more is sent while a mission is prepared"})
     assert people().receive() == {"is": "state", "state": "MISSION", "door": VERSION}
+
+
+LONG_LINES = [
+    b'{"do": "ping", "token": "' + b"x" * LONG_BYTES + b'"}\n',
+    b'{"do": "ping", "token": "' + b"x" * (20 * LONG_BYTES) + b'"}\n',  # refused before its end is received
+    b'{"do": "hand", "u": [' + b"0, " * LONG_BYTES + b"0]}\n",
+    b'{"do": "ping", "token": {"do": "mission", "x": "' + b"x" * LONG_BYTES + b'"}}\n',
+]
+
+
+@pytest.mark.parametrize("line", LONG_LINES, ids=["just too long", "far too long", "hand", "nested"])
+def test_a_long_line_that_is_not_a_mission_is_refused_at_rest(door, person, monkeypatch, line):
+    door.operator.hold(next(iter(until_guest(door))))  # a mission would be accepted
+    decoded, loads = [], json.loads
+    monkeypatch.setattr(json, "loads", lambda text: decoded.append(len(text)) or loads(text))
+    with suppress(OSError):  # disconnected before the end of the line
+        person.line.sendall(line)
+    assert loads(person.file.readline())["about"]["code"] == "door.too-long"
+    assert all(n < 2 * LONG_BYTES for n in decoded)  # a far longer line is refused before its end
+    assert not door.operator.command(2 * LONG_BYTES).any()
 
 
 def test_a_stop_is_acknowledged_after_the_operator_received_the_stop(door, person):

@@ -21,7 +21,7 @@ from tests.emulated.test_imu_process import SYSTEM_PYTHON, _installed, lacking  
 SERVER = Path(__file__).parent / "pad_umockdev.py"
 FRONT, SOUTH = 0x136, 0x130
 AHEAD, MIDDLE, PRESS, RELEASE = [3, 1, -32768], [3, 1, 0], [1, FRONT, 1], [1, FRONT, 0]
-ASK = "from baqueano.drive.by_hand.pad import find; print(find().name)"
+ASK = "from baqueano.drive.by_hand.pad import find_pad; print(find_pad().name)"
 
 
 class Machine:

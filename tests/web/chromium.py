@@ -131,6 +131,11 @@ class Tab:
     def mouse(self, kind: str, x: float, y: float) -> None:
         self.do("Input.dispatchMouseEvent", type=kind, x=x, y=y, button="left", buttons=1, clickCount=1)
 
+    def touch(self, kind: str, *fingers: tuple[float, float]) -> None:
+        """Put fingers on these points ("touchStart"), move them, or lift all fingers ("touchEnd", "touchCancel")."""
+        points = [{"x": x, "y": y, "id": k} for k, (x, y) in enumerate(fingers)]
+        self.do("Input.dispatchTouchEvent", type=kind, touchPoints=points)
+
     def middle(self, selector: str) -> tuple[float, float]:
         box = self.js(
             f"(() => {{ const b = document.querySelector({selector!r}).getBoundingClientRect();"

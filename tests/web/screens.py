@@ -6,8 +6,10 @@ from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from tests.web.chromium import SIZES, Chromium, Tab
-from tests.web.scripted import ScriptedServer
+from tests.web.scripted import RATE, ScriptedServer, fields, row
 
 LIVE = ("drive", "identify", "replay", "tune", "runs", "blocks", "faults")
 RECORDED = ("identify", "replay", "tune", "runs", "blocks")
@@ -15,6 +17,7 @@ GHOST = ("replay",)
 SEEN = {"live": LIVE, "recorded": RECORDED, "ghost": GHOST}
 THEMES, LANGUAGES = ("light", "dark"), ("en", "es")
 BOXES = (Path(__file__).parent / "boxes.js").read_text(encoding="utf-8")
+PAINTED = (Path(__file__).parent / "painted.js").read_text(encoding="utf-8")
 SHOTS = os.environ.get("BAQUEANO_SHOTS")  # a folder for pictures of the tested screens
 PAGE = "baqueano.page"
 READY = f"Boolean(globalThis.baqueano?.page?.screen) && {PAGE}.link.up"
@@ -40,6 +43,45 @@ def until(true: Callable[[], Any], seconds: float = 10.0) -> Any:
         assert time.monotonic() < end, "still not true"
         time.sleep(0.02)
     return result
+
+
+def still_page(tab: Tab, server: ScriptedServer, *where: str) -> dict[str, np.ndarray]:
+    """Open a live page, stop its vehicle, and return the columns of all ticks that the page shows."""
+    tab.media(prefers_reduced_motion="reduce")  # the map does not move gradually
+    open_page(tab, server, *where)
+    server.frozen = True
+    tab.js(f"{PAGE}.link.socket.onmessage = null")  # of ticks that are on their way
+    time.sleep(REST_S)
+    tab.js(DRAWN)
+    tab.js("globalThis.requestAnimationFrame = () => 0")  # from now on only `painted` draws
+    times_s = tab.js(f"Array.from({PAGE}.record.t.subarray(0, {PAGE}.record.length))")
+    assert len(times_s) > 1990
+    rows = np.array([row(round(t_s * RATE)) for t_s in times_s])
+    return {field["name"]: rows[:, k] for k, field in enumerate(fields())}
+
+
+def painted(tab: Tab, canvas: str) -> list[dict[str, Any]]:
+    """Return the lines and areas that the next picture of the screen draws on a canvas."""
+    return tab.js(f"({PAINTED})({canvas}, () => {PAGE}.screen.draw(performance.now()))")
+
+
+def only(marks: list[dict[str, Any]], **look: object) -> dict[str, Any]:
+    """Return the only line or area with this look."""
+    (single,) = (mark for mark in marks if look.items() <= mark.items())
+    return single
+
+
+def check_trace(
+    mark: dict[str, Any], scale: list[float], x: dict[str, np.ndarray], name: str, span_s: float
+) -> None:
+    """Check that a line of a strip with this scale [least, greatest, height] shows a column over the last seconds."""
+    low, high, height = scale
+    values = [low + (height - 3 - point[2]) / (height - 6) * (high - low) for point in mark["path"]]
+    since_s = x["t"] - x["t"][-1] + span_s
+    long, short = x[name][since_s > -0.025], x[name][(since_s > 0.025) & (since_s < span_s - 0.025)]
+    slack = 1e-4 * (high - low)
+    assert long.min() - slack <= min(values) <= short.min() + slack, name
+    assert short.max() - slack <= max(values) <= long.max() + slack, name
 
 
 def each_screen(browser: Chromium, kind: str, language: str) -> Iterator[tuple[str, Tab]]:

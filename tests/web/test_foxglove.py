@@ -42,7 +42,8 @@ async def next_word(line, *ops):
 
 
 @needs_client
-def test_the_public_client_receives_all_data_and_changes_nothing(tmp_path):
+@pytest.mark.parametrize("name", ["foxglove.sdk.v1", "foxglove.websocket.v1"])
+def test_the_public_client_receives_all_data_and_changes_nothing(tmp_path, name):
     async def job():
         async with live_page(tmp_path) as (server, link, live):
             link.on_word({
@@ -51,7 +52,7 @@ def test_the_public_client_receives_all_data_and_changes_nothing(tmp_path):
             })  # fmt: skip
             link.on_word(ROUTE)
             program = await asyncio.create_subprocess_exec(
-                str(NODE), "look.mjs", address_of(server), "4", cwd=HERE, stdout=subprocess.PIPE
+                str(NODE), "look.mjs", address_of(server), "3", name, cwd=HERE, stdout=subprocess.PIPE
             )
             looking = asyncio.create_task(program.communicate())
             await until(lambda: len(live.foxglove) == 1)
@@ -63,6 +64,7 @@ def test_the_public_client_receives_all_data_and_changes_nothing(tmp_path):
                     link.on_word({"is": "event", "said": note("web.begins", Severity.WARNING)})
                 await asyncio.sleep(0.1)
             message = json.loads((await looking)[0])
+        assert message["name"] == name
         assert message["info"]["capabilities"] == ["parameters", "connectionGraph"]
         topics = {channel["topic"]: channel for channel in message["channels"]}
         assert {"/estimate/pose", "/command/applied", "/sensors", "/drive", "/events", "/guide/route"} <= {

@@ -7,14 +7,19 @@ import re
 import socket
 
 import pytest
+from websockets.asyncio.client import connect
 from websockets.exceptions import ConnectionClosed, InvalidStatus
 
+from baqueano.web import SUBPROTOCOL
 from baqueano.web import guard as guarding
+from baqueano.web import run as running
 from baqueano.web import server as serving
 from baqueano.web.guard import MAX_FAILURES, TOKEN_LIFETIME_S, Guard, Role
 from baqueano.web.http import REPORT_POLICY, RefusedRequest, head_of, static
+from baqueano.web.run import PageOptions, show_runs
 from baqueano.web.share import own_names, qr_code, url
 from tests.web.page_client import (
+    Browser,
     address,
     browser,
     drive,
@@ -66,6 +71,30 @@ def test_ne1_the_page_listens_on_loopback_and_on_its_shared_address(folder):
             assert listening == {("127.0.0.1", server.port), ("127.0.0.2", server.port)}
 
     run_page(job)
+
+
+def test_ne3_a_shared_page_prints_a_qr_code_and_an_address_for_each_role(folder, monkeypatch):
+    notes, roles = [], []
+
+    async def visit():
+        for code in ("web.at", "web.to-stop", "web.to-view"):
+            (printed,) = (note.figures["url"] for note in notes[1:] if note.code == code)
+            host, token = re.fullmatch(r"http://(127\.0\.0\.2:\d+)/#token=(\S+)", printed).groups()
+            async with connect(
+                f"ws://{host}/ws", origin=f"http://{host}", subprotocols=[SUBPROTOCOL]
+            ) as line:
+                visitor = Browser(line)
+                await visitor.send("hello", lang="en", token=token)
+                roles.append((await visitor.next("hello"))["role"])
+
+    monkeypatch.setattr(running, "wait_for_end", visit)
+    monkeypatch.setattr(running, "own_address", lambda: "127.0.0.2")  # of this machine in its network
+    options = PageOptions(folder, share=True, browser=False)
+    run_page(lambda: show_runs(("circle",), options, notes.append))
+    assert roles == ["drive", "stop", "view"]
+    assert notes[0] == qr_code(next(note.figures["url"] for note in notes[1:] if note.code == "web.at"))
+    assert len(notes[0].splitlines()) > 10
+    assert "web.plain" in [note.code for note in notes[1:]]  # the risk of an unencrypted connection
 
 
 def test_ne1_the_printed_address_contains_its_token_in_the_url_fragment():

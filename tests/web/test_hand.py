@@ -1,8 +1,10 @@
 """Manual control on the page: a game pad, the buttons of a drive, its pace, and each fault button."""
 
+import time
+
 import pytest
 
-from tests.web.chromium import CHROMIUM
+from tests.web.chromium import CHROMIUM, SIZES
 from tests.web.screens import PAGE, open_page, until
 from tests.web.scripted import ScriptedServer
 
@@ -22,6 +24,10 @@ FAULTS = [  # kind, choice of its list, fields that the ledger must hold
     ("sag", 1, {"part": 0.7}),
     ("lose", 1, {"part": 0.6}),
 ]
+LATEST = {
+    "number": 1, "t_s": 60.0, "until_s": None, "over": False, "fault": {"kind": "sag"}, "what": "sag",
+    "noticed": [], "silent": ["NIS", "monitor"], "nobody": None,
+}  # fmt: skip
 LAST = f"{PAGE}.ledger.at(-1)"
 
 
@@ -64,6 +70,55 @@ def test_a_game_pad_drives_beyond_its_dead_zone_until_it_is_unplugged(driver, li
     driver.js("gamePad.connected = false; dispatchEvent(new Event('gamepaddisconnected'))")
     until(lambda: live.words("give"))
     assert command(live) == [0, 0, 0]
+
+
+def test_a_frame_that_is_not_drawn_is_not_named_by_a_heartbeat(driver, live):
+    until(lambda: live.words("beat"))
+    driver.js("globalThis.requestAnimationFrame = () => 0")  # nothing is drawn, but frames arrive
+    time.sleep(0.1)
+    drawn, beats = driver.js(f"{PAGE}.link.seen"), len(live.words("beat"))
+    driver.wait(f"{PAGE}.link.number > {drawn} + 5")
+    assert len(live.words("beat")) == beats
+    driver.js("dispatchEvent(new Event('pagehide'))")
+    until(lambda: live.words("give"))
+    assert [beat["seen"] for beat in live.words("beat")[beats:]] == [drawn]
+
+
+def test_a_finger_on_the_touch_pad_drives_until_it_is_lifted_or_interrupted(tab, live):
+    tab.size(*SIZES["phone"])
+    tab.do("Emulation.setTouchEmulationEnabled", enabled=True)
+    open_page(tab, live)
+    tab.click("#lease")
+    tab.wait(f"{PAGE}.hand.mine")
+    tab.js("document.querySelector('.pad').scrollIntoView({ block: 'nearest' })")
+    x, y = tab.middle(".pad")
+    for end in ("touchEnd", "touchCancel"):
+        tab.touch("touchStart", (x, y))
+        tab.touch("touchMove", (x, y - 20))
+        tab.touch("touchMove", (x, y - 40))
+        until(lambda: command(live)[0] > 0.3 and abs(command(live)[2]) < 0.05)
+        tab.touch("touchMove", (x - 40, y))
+        until(lambda: abs(command(live)[0]) < 0.05 and command(live)[2] > 0.3)
+        assert not live.words("give")
+        tab.touch(end)
+        until(lambda: command(live) == [0, 0, 0])
+    until(lambda: live.words("give"))  # the system took the finger away
+
+
+def test_a_second_finger_stops_while_the_first_one_drives(tab, live):
+    tab.size(*SIZES["phone"])
+    tab.do("Emulation.setTouchEmulationEnabled", enabled=True)
+    open_page(tab, live)
+    tab.click("#lease")
+    tab.wait(f"{PAGE}.hand.mine")
+    tab.js("document.querySelector('.pad').scrollIntoView({ block: 'nearest' })")
+    x, y = tab.middle(".pad")
+    tab.touch("touchStart", (x, y))
+    tab.touch("touchMove", (x, y - 40))
+    until(lambda: command(live)[0] > 0.3)
+    tab.touch("touchStart", (x, y - 40), tab.middle("#stop"))
+    until(lambda: live.words("stop"))
+    until(lambda: command(live) == [0, 0, 0])  # and the first finger drives no more
 
 
 def test_the_second_game_pad_button_stops_without_the_lease(tab, live):
@@ -153,6 +208,36 @@ def test_keys_and_buttons_send_a_push_a_single_tick_and_a_pace(breaking, live):
     breaking.js("document.querySelector('.fault-bar .again').click()")
     until(lambda: live.words("again"))
     assert live.words("again")[0]["without"] == [1]
+
+
+LEDGER = """[...document.querySelectorAll('.ledger li')].map((one) =>
+  ['.what b', '.noticed', '.nobody', '.silent'].map((part) => one.querySelector(part)?.textContent ?? null))"""
+
+
+@pytest.mark.parametrize(
+    ("language", "drift", "push", "noticed", "nobody", "silent"),
+    [
+        ("en", "zero of imu[2] drifts by 0.15", "push of 0.12 N s to the left", "NIS after 0.02 s: 2.63 over 1 s",
+         "not detected for 5.0 s: NIS at most 1.05.", "not detected by: monitor, supervisor"),
+        ("es", "el cero de imu[2] deriva 0,15", "empujón de 0,12 N s hacia la izquierda", "NIS a los 0,02 s: 2,63 en",
+         "sin detectar durante 5,0 s: NIS a lo sumo 1,05.", "no la detectaron: monitor, supervisor"),
+    ],
+    ids=["en", "es"],
+)  # fmt: skip
+def test_the_ledger_shows_what_detected_a_fault_and_what_did_not(
+    tab, live, language, drift, push, noticed, nobody, silent
+):
+    open_page(tab, live, language, "faults")
+    rows = tab.js(LEDGER)
+    assert [row[0] for row in rows[:2]] == [drift, push]  # the newest first
+    assert rows[0][1] is None
+    assert rows[0][2].startswith(nobody)
+    assert rows[0][3] is None
+    assert rows[1][1].startswith(noticed)
+    assert rows[1][2:] == [None, silent]
+    live.put({"is": "ledger", "rows": [LATEST]})
+    waits = {"en": "not detected so far", "es": "sin detectar hasta ahora"}[language]
+    until(lambda: [row[1:] for row in tab.js(LEDGER)] == [[None, None, waits]])
 
 
 def test_a_fault_button_has_no_effect_without_the_lease(tab, live):

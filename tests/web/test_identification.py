@@ -8,10 +8,12 @@ import os
 import sys
 import time
 from dataclasses import dataclass
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
+from baqueano.diagnostics import fault
 from baqueano.identify import excitation
 from baqueano.identify.data.record import FittedBlocks
 from baqueano.identify.design.information import Informant
@@ -22,8 +24,10 @@ from baqueano.simulate import simulate
 from baqueano.vehicle_file import load
 from baqueano.vehicles import FromAcceleration
 from baqueano.web.lab import identification as module
+from baqueano.web.lab import identifying as identifying_module
 from baqueano.web.lab.drives import Drives
 from baqueano.web.lab.identification import DriveIdentification, label_of
+from baqueano.web.lab.identifying import Identifying
 from baqueano.web.lab.recorded import pack_run
 from tests.web.fake_vehicle import live_page, until
 from tests.web.page_client import browser, recorded_page, run_page
@@ -118,18 +122,69 @@ def test_the_next_fit_waits_longer_after_a_slow_fit(driven_runs, monkeypatch):
     drive.close()
 
 
-def test_without_a_compiler_the_period_of_fits_is_15_s(driven_runs):
-    guess, _, run = driven_runs
-    names, rows = rows_of(run)
-    drive = DriveIdentification(guess, "python")
-    assert not drive.compiled
-    drive.rows(names, rows[:60])
-    while (state := drive.state())["busy"]:
-        pass
-    assert state["fit"] is None
-    assert not state["compiled"]
-    assert module.SLOW_PERIOD_S == 15.0
+@pytest.mark.parametrize(("backend", "period_s"), [("auto", 1.0), ("python", 15.0)])
+def test_after_8_s_a_fit_begins_each_second_or_without_a_compiler_each_15_s(
+    driven_runs, monkeypatch, backend, period_s
+):
+    guess, _, _ = driven_runs
+    drive, fitted_s, clock = DriveIdentification(guess, backend), [], SimpleNamespace(now_s=100.0)
+    assert drive.compiled == (period_s == 1.0)
+
+    def fit(run):
+        fitted_s.append((clock.now_s - 100.0, len(run.t_ns) / guess.rate_hz))
+        return fault("fit.explains-nothing")
+
+    monkeypatch.setattr(module, "time", SimpleNamespace(monotonic=lambda: clock.now_s))
+    monkeypatch.setattr(drive, "_fit", fit)
+    monkeypatch.setattr(drive, "_advance", lambda until_s: None)  # the information is not part of this test
+    names = ["t", "u.0", "u.1", "u.2", "z.imu[0]", "z.imu[1]", "z.imu[2]"]
+    for k in range(160):  # 40 s in quarters, the drive and the clock at the same pace
+        clock.now_s += 0.25
+        drive.rows(names, [[0.01 * (25 * k + j), *[0.1] * 6] for j in range(25)])
+        assert drive.state()["compiled"] == drive.compiled
+        if drive._job is not None:
+            drive._job.result()
     drive.close()
+    expected = np.arange(8.0, 40.01, period_s)
+    np.testing.assert_allclose([began_s for began_s, _ in fitted_s], expected)
+    np.testing.assert_allclose([data_s for _, data_s in fitted_s], expected)  # each time all data
+
+
+class Viewer:
+    language = "en"
+
+    def send(self, word):
+        pass
+
+
+def test_the_rows_of_a_drive_are_sent_to_the_worker_each_second(monkeypatch):
+    async def job():
+        sent, waits, visitor = [], [], Viewer()
+        identifying = Identifying(lambda: [visitor])
+
+        async def request(do, **words):
+            sent.append(len(words["rows"]))
+            return {"busy": False}, b""
+
+        async def wait(seconds):
+            waits.append(seconds)
+            identifying.take([[0.01 * len(waits), 0.0]])
+            if len(waits) == 5:
+                identifying.look(visitor, False)
+
+        monkeypatch.setattr(identifying._lab, "request", request)
+        patched = {name: getattr(asyncio, name) for name in ("create_task", "CancelledError")}
+        monkeypatch.setattr(identifying_module, "asyncio", SimpleNamespace(**patched, sleep=wait))
+        identifying.vehicle = "small"
+        identifying.begin(["t", "u.0"])
+        identifying.take([[0.0, 0.0]])
+        identifying.look(visitor, True)
+        await identifying._asking
+        assert waits == [1.0] * 5
+        assert sent == [1] * 5
+        await identifying.close()
+
+    run_page(job)
 
 
 def test_missing_ticks_are_simulated_without_measurements(driven_runs):

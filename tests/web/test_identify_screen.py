@@ -28,6 +28,9 @@ def test_error_bars_are_hollow_until_a_fit_and_shrink_while_driving(tab, live):
     until(lambda: kinds(tab) == {"hollow"})
     assert "8 s of driving" in tab.js("document.querySelector('.about').textContent")
     before = tab.js(WIDTHS)
+    live.put(word | {"fit": None, "compiled": False})
+    tab.wait("document.querySelector('.about').textContent.includes('a fit comes every 15 s')")
+    assert kinds(tab) == {"hollow"}
     live.put(word | {"now": [sd / 3 for sd in word["now"]]})
     until(lambda: kinds(tab) == {"hollow", "filled"})  # one of them is unobservable
     assert all(

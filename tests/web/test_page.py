@@ -99,6 +99,24 @@ def test_leaving_the_page_with_a_pressed_key_stops_and_releases(tab, live, leave
     tab.up("w", "KeyW")
 
 
+def test_a_tab_behind_another_tab_stops_and_releases(browser, tab, live):
+    open_page(tab, live)
+    tab.press("l", "KeyL", "l")
+    until(lambda: live.words("beat"))
+    x, y = tab.middle(".pad")
+    tab.mouse("mousePressed", x, y)
+    tab.mouse("mouseMoved", x, y - 40)
+    until(lambda: live.words("beat")[-1]["u"][0] > 0.3)
+    front = browser.tab()
+    front.do("Page.bringToFront")
+    until(lambda: live.words("give"))
+    assert live.words("beat")[-1]["u"] == [0, 0, 0]
+    count = len(live.words("beat"))
+    time.sleep(0.3)
+    assert len(live.words("beat")) == count
+    front.close()
+
+
 def test_dragging_the_pad_drives_and_releasing_the_pad_commands_zero(tab, live):
     open_page(tab, live)
     tab.press("l", "KeyL", "l")
@@ -201,7 +219,15 @@ def test_the_ghost_run_is_aligned_by_distance_or_by_time(tab):
         tab.wait(f"Boolean({PAGE}.ghost)")
         tab.wait("document.querySelectorAll('.compare tbody tr').length === 4")
         assert tab.js("document.querySelector('.compare tbody td.better').textContent").startswith("2.")
-        tab.wait(f"{PAGE}.screens.replay.pairs.map[2000] === 2000")
+        replay = f"{PAGE}.screens.replay"
+        tab.wait(f"{replay}.pairs.map[2000] === 2000")
+        tab.js(  # as if the ghost were twice as fast
+            f"{PAGE}.ghost.record.column('progress').forEach((s, k, all) => {{ all[k] = 2 * s; }});"
+            f"{replay}.pairs = null"
+        )
+        for k, place in ((0, 1000), (1, 2000), (0, 1000)):  # by distance, by time
+            tab.js(f"{replay}.ways.children[{k}].click()")
+            tab.wait(f"{replay}.pairs?.map[2000] === {place}")
 
 
 def test_names_from_other_programs_are_shown_as_text(tab):

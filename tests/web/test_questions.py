@@ -2,6 +2,10 @@
 
 import asyncio
 import json
+import os
+import sys
+from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -11,8 +15,9 @@ from baqueano.errors import UsageError
 from baqueano.guides.shapes import circle
 from baqueano.runs import write_run
 from baqueano.vehicle_file import load
+from baqueano.web.lab.handle import Lab
 from baqueano.web.lab.tuning import TuningBench
-from tests.web.page_client import browser, folder_of, recorded_page, run_page
+from tests.web.page_client import WAIT_S, browser, folder_of, recorded_page, run_page
 
 EKF = '''from baqueano.estimators import AugmentedEkf
 
@@ -42,6 +47,61 @@ def folder(tmp_path, driven_folder, monkeypatch):
     folder_of(tmp_path / "runs")
     write_run(driven_folder, tmp_path / "runs" / "round.mcap")
     return tmp_path / "runs"
+
+
+def inodes_of(pid, *tables):
+    """Return the inodes of the sockets in these tables of the system."""
+    inodes = set()
+    for table in tables:
+        rows = [line.split() for line in Path(f"/proc/{pid}/net/{table}").read_text().splitlines()[1:]]
+        inodes |= {row[6] for row in rows if len(row) > 7} if table == "unix" else {row[9] for row in rows}
+    return inodes
+
+
+@pytest.mark.skipif(not sys.platform.startswith("linux"), reason="/proc")
+def test_the_lab_worker_has_no_socket(folder):
+    async def job():
+        lab = Lab()
+        async with asyncio.timeout(WAIT_S):
+            listener = await asyncio.start_server(lambda *_: None, "127.0.0.1", 0)  # of the page
+            for do, words in (("runs", {"paths": []}), ("open", {"path": str(folder / "round.mcap")})):
+                await lab.request(do, **words)
+            pid = lab._program.pid
+            links = [os.readlink(link) for link in Path(f"/proc/{pid}/fd").iterdir()]
+            own = {link[8:-1] for link in links if link.startswith("socket:")}
+            assert not own & inodes_of(pid, "tcp", "tcp6", "udp", "udp6", "raw", "unix")  # a pipe is nameless
+            listener.close()
+            await lab.close()
+
+    run_page(job)
+
+
+def test_a_block_named_by_an_opened_run_is_not_executed(tmp_path, driven_folder, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "theirs.py").write_text(f"open({str(tmp_path / 'executed')!r}, 'w')\n{EKF}")
+    text = driven_folder.vehicle_text.replace('kind = "pd_feedforward"', 'kind = "theirs.py:MyLaw"')
+    assert "theirs.py" in text
+    runs = folder_of(tmp_path / "runs", sent=replace(driven_folder, vehicle_text=text))
+
+    async def job():
+        async with recorded_page(runs, "sent") as server, browser(server) as visitor:
+            await visitor.send("open", **visitor.hello["open"])
+            await visitor.next("answer", where=lambda word: word["done"])
+            run = visitor.hello["open"]["run"]
+            for what in ("block", "check"):
+                answer = await visitor.request(what, room="controller", run=run)
+                assert answer["code"] == "vehicle.kind", what
+            assert (await visitor.request("tune", run=run))["code"] == "vehicle.kind"
+            answer = await visitor.request("block", room="estimator", run=run)
+            assert (answer["kind"], answer["step_us"]) == (
+                "augmented_ekf",
+                None,
+            )  # the others are still shown
+            await visitor.send("open", run=run, filter="ekf")
+            assert "theirs.py" in (await visitor.next("no"))["why"]
+
+    run_page(job)
+    assert not (tmp_path / "executed").exists()
 
 
 def serve_job(folder, job):

@@ -15,7 +15,7 @@ from tests.web.page_client import WAIT_S, browser, run_page
 
 VEHICLES = 20
 EACH = 12  # beats of a driver
-NAMESPACE = ["unshare", "--net", "--"]
+NAMESPACE = ["unshare", "--map-root-user", "--net", "--"]
 SCAN = """
 import fcntl, json, os, re, socket, struct, subprocess, sys, urllib.request
 
@@ -53,7 +53,7 @@ def has_namespaces():
 
 
 needs_namespace = pytest.mark.skipif(
-    not has_namespaces(), reason="this system makes no network of its own (unshare --net)"
+    not has_namespaces(), reason="this system makes no network of its own (unshare --map-root-user --net)"
 )
 
 

@@ -9,7 +9,7 @@ import socket
 import subprocess
 import sys
 import time
-from contextlib import contextmanager
+from contextlib import AsyncExitStack, contextmanager
 
 import pytest
 
@@ -17,7 +17,8 @@ from baqueano.diagnostics import StopReason
 from baqueano.drive import stop_of
 from baqueano.runs import read_run
 from baqueano.web.feed import HEAD_LAYOUT
-from benchmarks.processes import before_others
+from benchmarks.page import MOST_MB, VIEWERS
+from benchmarks.processes import before_others, resident_mb
 from tests.web.page_client import WAIT_S, Browser, run_page
 from tests.web.vanishing import vanishing
 
@@ -123,7 +124,7 @@ async def driving(port, moves, via=None):
 @pytest.mark.parametrize("signal_number", [signal.SIGKILL, signal.SIGSTOP], ids=["killed", "frozen"])
 def test_rt13_a_page_that_is_killed_or_frozen_stops_the_vehicle(tmp_path, signal_number):
     path = tmp_path / "door"
-    with program(
+    with before_others(), program(
         "baqueano.door.simulated", "small", "--socket", str(path), "--runs", str(tmp_path), "--backend", "python",
         "--routes", str(tmp_path),
     ):  # fmt: skip
@@ -143,8 +144,9 @@ def test_rt13_a_page_that_is_killed_or_frozen_stops_the_vehicle(tmp_path, signal
                 os.kill(page.pid, signal_number)
                 start_s = time.monotonic()
                 state, came = await asyncio.to_thread(watcher.state, "STOPPED")
-                assert came - start_s < 2.0  # 0.3 s and the door; the machine may be busy
+                assert came - start_s < 2.0  # on a busy machine the message may arrive late
                 assert state["why"]["code"] == "operator.silent"
+                assert 300.0 <= state["why"]["figures"]["silent_ms"] <= 500.0
                 drives.cancel()
                 await asyncio.gather(drives, return_exceptions=True)
 
@@ -235,12 +237,20 @@ def test_a_route_is_taught_repeated_and_stopped_from_the_browser(tmp_path):
             from websockets.asyncio.client import connect
 
             host = f"127.0.0.1:{port}"
-            async with connect(
-                f"ws://{host}/ws", origin=f"http://{host}", subprotocols=["baqueano.1"], compression=None
-            ) as line:
-                visitor = Browser(line)
-                await visitor.send("hello", lang="en")
-                await visitor.next("hello")
+            async with AsyncExitStack() as room:
+                lines = [
+                    await room.enter_async_context(
+                        connect(
+                            f"ws://{host}/ws", origin=f"http://{host}", subprotocols=["baqueano.1"], compression=None
+                        )
+                    )
+                    for _ in range(VIEWERS)
+                ]  # fmt: skip
+                visitor, *others = map(Browser, lines)
+                for one in (visitor, *others):
+                    await one.send("hello", lang="en")
+                    await one.next("hello")
+                looking = [asyncio.create_task(pictures(one)) for one in others]
                 beating = asyncio.create_task(beats(visitor))
                 for tries_left in reversed(range(TRIES)):
                     try:
@@ -256,9 +266,19 @@ def test_a_route_is_taught_repeated_and_stopped_from_the_browser(tmp_path):
                 runs = await visitor.next("runs", where=lambda word: word["runs"][0]["kind"] == "repeat")
                 assert {run["kind"] for run in runs["runs"]} == {"teach", "repeat"}
                 await ready_again(visitor)
-                beating.cancel()
+                if sys.platform == "linux":
+                    assert resident_mb(page.pid) <= MOST_MB
+                assert all(one.frames for one in others)
+                for task in (beating, *looking):
+                    task.cancel()
 
         run_page(job)
+
+
+async def pictures(visitor):
+    """Receive the pictures, as a browser of a viewer does."""
+    while True:
+        await visitor.next("frame")  # no message has this name: each picture is stored
 
 
 async def beats(visitor):

@@ -1,5 +1,6 @@
 """A recorded run in a browser: the data, the language, and the memory of the page."""
 
+import json
 import re
 import signal
 import subprocess
@@ -9,8 +10,16 @@ import urllib.request
 
 import numpy as np
 import pytest
+from click.testing import CliRunner
+from websockets.sync.client import connect
 
+from baqueano.cli.page import options as page_options
+from baqueano.cli.page.serve import command as serve
+from baqueano.errors import UsageError
+from baqueano.web import SUBPROTOCOL
 from baqueano.web.lab.recorded import pack_run
+from benchmarks.page import MOST_MB
+from benchmarks.processes import resident_mb
 from tests.web.page_client import WAIT_S, browser, drive, folder_of, recorded_page, request, run_page
 
 
@@ -146,9 +155,10 @@ def test_the_list_of_runs_describes_each_run(folder):
 
 
 @pytest.mark.skipif(not sys.platform.startswith("linux"), reason="/proc")
-def test_view_serves_a_run_without_numpy_and_in_little_memory(folder):
+@pytest.mark.parametrize("verb", ["view", "serve"])
+def test_a_run_is_served_without_numpy_and_in_little_memory(folder, verb):
     program = subprocess.Popen(
-        [sys.executable, "-m", "baqueano", "view", "circle", "--runs", str(folder), "--no-browser"],
+        [sys.executable, "-m", "baqueano", verb, "circle", "--runs", str(folder), "--no-browser"],
         stderr=subprocess.PIPE, text=True,
     )  # fmt: skip
     assert program.stderr is not None
@@ -159,15 +169,30 @@ def test_view_serves_a_run_without_numpy_and_in_little_memory(folder):
         with pytest.raises(urllib.error.HTTPError, match="404") as none:
             urllib.request.urlopen(url[0] + "run/none", timeout=WAIT_S)
         none.value.close()
+        with connect(
+            url[0].replace("http", "ws") + "ws", origin=url[0].rstrip("/"), subprotocols=[SUBPROTOCOL]
+        ) as visitor:
+            visitor.send(json.dumps({"is": "hello", "lang": "en"}))
+            hello = json.loads(visitor.recv(WAIT_S))
+        assert (hello["mode"], hello["open"]["ghost"]) == ("replay", None)
+        names = {run["id"]: run["name"] for run in hello["runs"]}
+        assert names[hello["open"]["run"]] == "circle"
         with open(f"/proc/{program.pid}/maps") as maps:
             assert "numpy" not in maps.read()
-        with open(f"/proc/{program.pid}/status") as status:
-            memory_kb = int(re.search(r"VmRSS:\s+(\d+)", status.read())[1])
-        assert memory_kb < 45_000
+        assert resident_mb(program.pid) <= MOST_MB
     finally:
         program.send_signal(signal.SIGINT)
         assert program.wait(WAIT_S) == 0
         program.stderr.close()
+
+
+@pytest.mark.parametrize("other", [("--vehicle", "small"), ("--robot", "pilot@rover")])
+def test_serve_refuses_a_run_together_with_a_vehicle(folder, monkeypatch, other):
+    monkeypatch.setattr(page_options, "run", lambda job: job.close())  # it would serve until a signal comes
+    done = CliRunner().invoke(serve, ["circle", *other, "--runs", str(folder), "--no-browser"])
+    assert isinstance(done.exception, UsageError)
+    assert done.exception.diagnostic.code == "web.one-of"
+    assert done.exception.diagnostic.figures["several"] == f"RUN, {other[0]}"
 
 
 def test_view_reports_a_missing_run_by_name(folder):

@@ -3,7 +3,7 @@
 import pytest
 
 from tests.web.chromium import CHROMIUM
-from tests.web.screens import PAGE, open_page, until
+from tests.web.screens import PAGE, check_trace, open_page, painted, still_page, until
 from tests.web.scripted import ScriptedServer
 
 TUNE = f"{PAGE}.screens.tune"
@@ -94,6 +94,63 @@ def test_a_block_shows_its_source_and_can_be_checked_and_replaced(tab, live):
         "one.dispatchEvent(new Event('change')); })()"
     )
     until(lambda: live.words("swap") == [{"is": "swap", "room": "estimator", "kind": "ekf"}])
+
+
+WIRES = [  # of the diagram in README.md
+    ("vehicle", "sensors"), ("sensors", "estimator"), ("estimator", "guide"), ("guide", "controller"),
+    ("estimator", "controller"), ("controller", "supervisor"), ("supervisor", "vehicle"),
+]  # fmt: skip
+SPARKS = {  # title of a wire: its signals
+    "measured": ["z.imu[0]", "z.imu[1]", "z.imu[2]"], "estimate": ["eta.x", "eta.y"],
+    "reference": ["ref.x", "ref.y"], "requested": ["asked.0", "asked.2"], "command": ["u.0", "u.2"],
+}  # fmt: skip
+BOX = """((name) => {
+  const canvas = document.querySelector('.wires').getBoundingClientRect();
+  const box = document.querySelector(`.block.at-${name}`).getBoundingClientRect();
+  return [box.left - canvas.left, box.top - canvas.top, box.right - canvas.left, box.bottom - canvas.top];
+})"""
+
+
+def is_on_border(box, point):
+    left, top, right, bottom = box
+    _, x, y = point
+    inside = left - 2 <= x <= right + 2 and top - 2 <= y <= bottom + 2
+    return inside and min(abs(x - left), abs(x - right), abs(y - top), abs(y - bottom)) <= 2
+
+
+def test_each_wire_of_the_diagram_joins_its_blocks_and_shows_its_signals(tab, live):
+    x = still_page(tab, live, "en", "blocks")
+    marks = painted(tab, "document.querySelector('.wires')")
+    starts = [mark["path"][0] for mark in marks if mark["kind"] == "line"]
+    tips = [mark["path"][0] for mark in marks if mark["kind"] == "area"]
+    boxes = {name: tab.js(f"{BOX}({name!r})") for wire in WIRES for name in wire}
+    joined = [
+        tuple(next(name for name, box in boxes.items() if is_on_border(box, point)) for point in ends)
+        for ends in zip(starts, tips, strict=True)
+    ]
+    assert joined == WIRES
+    sparks = f"{PAGE}.screen.sparks"
+    titles = tab.js(f"{sparks}.map((one) => one.node.querySelector('b').textContent)")
+    assert titles == list(SPARKS)
+    for k, names in enumerate(SPARKS.values()):
+        marks = painted(tab, f"{sparks}[{k}].canvas")
+        assert [mark["colour"] for mark in marks] == ["measured", "model", "ghost"][: len(names)]
+        scale = tab.js(f"(({{ low, high, canvas }}) => [low, high, canvas.h])({sparks}[{k}])")
+        shown = tab.js(f"{sparks}[{k}].values.map((one) => one.textContent)")
+        for name, mark, text in zip(names, marks, shown, strict=True):
+            check_trace(mark, scale, x, name, 10.0)
+            assert float(text.replace("−", "-")) == pytest.approx(x[name][-1], rel=0.006, abs=6e-4)
+
+
+def test_a_click_on_a_block_of_the_diagram_shows_the_block_and_the_time_of_its_step(tab, live):
+    open_page(tab, live, screen="blocks")
+    tab.wait("document.querySelector('.block.at-controller i').textContent === '21.4 µs'")
+    for name, strips in (("controller", 2), ("sensors", 3)):
+        tab.click(f".block.at-{name}")
+        assert tab.js("document.querySelector('.side h2').textContent") == name
+        assert tab.js(f"document.querySelector('.block.at-{name}').ariaPressed") == "true"
+        assert tab.js("document.querySelectorAll('.content .strip').length") == strips
+    assert {word["room"] for word in requests_of(live, "block")} >= {"controller", "sensors"}
 
 
 def test_the_ghost_run_is_aligned_with_the_run_by_marks(tab):

@@ -23,6 +23,7 @@ MAX_BYTES = 64 << 20  # largest number of bytes of a line: an hour of commands
 MAX_PENDING_BYTES = 1 << 20  # bytes that wait for a guest that does not read
 READ_BYTES = 16 << 10  # bytes that are read at once
 MAX_BACKLOG = 256  # most lines that wait
+MISSION_PATTERN = re.compile(rb'"do"\s*:\s*"mission"')  # in the begin of each mission
 STOP_PATTERN = re.compile(rb'"do"\s*:\s*"stop"')  # in each stop; a line that contains it is read at once
 
 
@@ -51,6 +52,11 @@ class Guest:
     def coming(self) -> int:
         """Return the number of bytes of the last line, which is not complete yet."""
         return len(self._coming)
+
+    @property
+    def may_be_a_mission(self) -> bool:
+        """Return False if the last line, longer than LONG_BYTES, cannot become a mission."""
+        return MISSION_PATTERN.search(self._coming, 0, LONG_BYTES) is not None
 
     @property
     def is_overloaded(self) -> bool:

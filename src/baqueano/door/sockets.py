@@ -204,7 +204,7 @@ class Door:
         try:
             self.operator.check_admission(guest)
             is_busy = any(peer.coming > LONG_BYTES for peer in self._guests if peer is not guest)
-            if is_busy or guest.coming > MAX_BYTES:
+            if is_busy or guest.coming > MAX_BYTES or not guest.may_be_a_mission:
                 raise Invalid(fault("door.too-long", most_kb=LONG_BYTES >> 10))
         except (BaqueanoError, Invalid) as error:
             self._refuse(guest, error.diagnostic, getattr(error, "exit_code", 2))
@@ -232,11 +232,11 @@ class Door:
             if len(line) > LONG_BYTES:  # decoding blocks every thread, so check first if it would be refused
                 self.operator.check_admission(guest)
             request = json.loads(line)
+            if len(line) > LONG_BYTES and request["do"] not in ("mission", "stop"):
+                raise Invalid(fault("door.too-long", most_kb=LONG_BYTES >> 10))
             self._do(guest, request, request["do"])
-        except BaqueanoError as error:
-            self._refuse(guest, error.diagnostic, error.exit_code)
-        except Invalid as error:
-            self._refuse(guest, error.diagnostic, UsageError.exit_code)
+        except (BaqueanoError, Invalid) as error:
+            self._refuse(guest, error.diagnostic, getattr(error, "exit_code", UsageError.exit_code))
         except Exception as error:  # a line may contain any error, and this thread is the only reader
             self._refuse(guest, note("door.not-understood", Severity.ERROR, error=error_text(error)), 2)
 

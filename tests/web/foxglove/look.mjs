@@ -3,12 +3,12 @@ import protocol from "@foxglove/ws-protocol";
 import WebSocket from "ws";
 
 const { FoxgloveClient } = protocol;
-const [url, seconds] = process.argv.slice(2);
-const seen = { info: null, channels: [], messages: {}, parameters: {}, statuses: [], graph: null, closed: null };
-const line = new WebSocket(url, [FoxgloveClient.SUPPORTED_SUBPROTOCOL]);
+const [url, seconds, name = FoxgloveClient.SUPPORTED_SUBPROTOCOL] = process.argv.slice(2);
+const seen = { name: null, info: null, channels: [], messages: {}, parameters: {}, statuses: [], graph: null, closed: null };
+const line = new WebSocket(url, [name]);
 const client = new FoxgloveClient({ ws: line });
 const topics = new Map();
-client.on("serverInfo", (info) => { seen.info = info; });
+client.on("serverInfo", (info) => { seen.info = info; seen.name = line.protocol; });
 client.on("status", (status) => seen.statuses.push(status.message));
 client.on("advertise", (channels) => {
   for (const channel of channels) {

@@ -271,7 +271,7 @@ def by_channel(
 def sum_of_runs(runs: Sequence[ChannelOfRun]) -> ChannelOfRun:
     """Return the sums over all runs of a channel."""
     squares, moved2, samples = (
-        sum(getattr(channel, name) for channel in runs) for name in ("squares", "moved", "samples")
+        sum(getattr(channel, name) for channel in runs) for name in ("squares", "signal_squares", "samples")
     )
     return ChannelOfRun("", squares, moved2, samples)
 

@@ -93,16 +93,11 @@ class TermTrial(NamedTuple):
 
 
 def choose(
-    runs: Run | Sequence[Run],
-    vehicle_file: "VehicleFile",
-    candidates: Sequence[str | Term] | None = None,
-    *,
-    use: Sequence[str] | None = None,
-    free: Sequence[str] | None = None,
+    runs: Run | Sequence[Run], vehicle_file: "VehicleFile", candidates: Sequence[str | Term] | None = None, *,
+    use: Sequence[str] | None = None, free: Sequence[str] | None = None,
     options: FitOptions = FitOptions(),  # noqa: B008  it is frozen
-    held_out: Sequence[Run] = (),
-    progress: Callable[[str], object] | None = None,
-) -> Choice:
+    held_out: Sequence[Run] = (), progress: Callable[[str], object] | None = None,
+) -> Choice:  # fmt: skip
     """Return the model of the kind of `vehicle_file` with the terms that the runs support, and its fit.
 
     `candidates` are names of terms (terms.py) or paths; default: all terms of the kind. `free` and `use` are as
@@ -393,9 +388,9 @@ class _ModelSelection:
 def _simplest_of_the_best(trials: list[TermTrial]) -> TermTrial:
     """Return the trial of the first term that is not significantly worse than the best."""
     best_trial = max(trials, key=lambda trial: trial.judged.gain)
-    assert best_trial.score is not None
     for trial in trials:
         assert trial.score is not None
+        assert best_trial.score is not None
         behind = paired_comparison(trial.score, best_trial.score)
         if trial is best_trial or not behind.errors > behind.critical_value(ALPHA):
             return trial

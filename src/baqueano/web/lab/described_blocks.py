@@ -14,7 +14,7 @@ import numpy as np
 from baqueano.blocks import BLOCK_TARGETS, kinds, resolve
 from baqueano.contracts.values import Tree
 from baqueano.diagnostics import fault
-from baqueano.errors import UsageError
+from baqueano.errors import FileError, UsageError
 
 if TYPE_CHECKING:
     from baqueano.contracts.values import JsonObject
@@ -111,8 +111,9 @@ def block_of(role: str, kind: str, vehicle_file: "VehicleFile") -> Tree:
         return vehicle_file.vehicle
     if role == "sensors":
         return next(iter(vehicle_file.sensors), None)
-    resolve(role, kind, vehicle_file.folder)
     own_kind = None if kind == _kind_in_file(role, vehicle_file) else kind
+    if own_kind is not None:  # the visitor chose it; that of the file needs the permission of the user
+        resolve(role, own_kind, vehicle_file.folder)
     return (
         vehicle_file.guide(circle(1.0, 0.25), own_kind)
         if role == "guide"
@@ -130,16 +131,19 @@ def _kind_in_file(role: str, vehicle_file: "VehicleFile") -> str:
 def step_us(role: str, kind: str, vehicle_file: "VehicleFile") -> float | None:
     """Return the time [µs] of one step of this block, compiled as in a drive and measured on this machine.
 
-    Return None if a block of the loop raises an error.
+    Return None if a block of the loop raises an error, or may not be executed.
     """
     from baqueano import loop
     from baqueano.drive.session import compile_blocks, example_tick
     from baqueano.loop import Blocks
 
-    blocks_by_role = {
-        part: block_of(part, kind if part == role else _kind_in_file(part, vehicle_file), vehicle_file)
-        for part in LOOP_ROLES
-    }
+    try:
+        blocks_by_role = {
+            part: block_of(part, kind if part == role else _kind_in_file(part, vehicle_file), vehicle_file)
+            for part in LOOP_ROLES
+        }
+    except FileError:
+        return None
     tick = example_tick(vehicle_file)
     quick, _ = compile_blocks(Blocks(**blocks_by_role), tick, "auto")
     states = loop.init(quick)
