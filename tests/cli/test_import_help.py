@@ -57,7 +57,7 @@ def test_a_recording_does_not_hide_a_built_in_map(tmp_path, monkeypatch, rows):
 
 
 def test_map_detection_reads_only_the_start_of_a_long_recording(tmp_path, monkeypatch):
-    monkeypatch.setattr("baqueano.runs.maps.column_map.LONGEST", 1000)
+    monkeypatch.setattr("baqueano.runs.maps.column_map.MAX_MAP_LETTERS", 1000)
     (tmp_path / "log.csv").write_bytes(b"t,ax\n" + b"0.0,0.1\n" * 2000 + b"\xff")
     with refused("map.recording-or-wrong", FileError, line=1, column=2):
         load_map(tmp_path / "log.csv")

@@ -33,7 +33,7 @@ def test_id12_a_diverged_segment_adds_no_information(far):
     def of(*slopes):
         problem = SimpleNamespace(
             size=3,
-            layout=SimpleNamespace(starts=0, runs=list(range(len(slopes)))),
+            layout=SimpleNamespace(first_start=0, runs=list(range(len(slopes)))),
             sigma=np.ones(2),
             has=[np.ones((100, 2)) for _ in slopes],
             records=[SimpleNamespace(dt_s=np.full(100, 0.01)) for _ in slopes],

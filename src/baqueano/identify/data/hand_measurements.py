@@ -117,7 +117,7 @@ def with_tape(
         run_index, measurements = read_line(line, runs)
         for measurement in measurements:
             block = KINDS[measurement.kind](
-                sd=float(np.hypot(measurement.std, drift_std(blocks.model, runs[run_index], measurement)))
+                std=float(np.hypot(measurement.std, drift_std(blocks.model, runs[run_index], measurement)))
             )
             name = measurement.kind
             while name in sensors:
