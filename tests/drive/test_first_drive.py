@@ -94,7 +94,7 @@ def test_an_immobile_vehicle_is_reported_after_full_command(small, monkeypatch):
 
 
 def test_a_first_drive_that_ends_early_reports_no_motor_fault(first, small):
-    estimate = estimate_first_drive(first.run.is_cut(0.0, 10.0), small)
+    estimate = estimate_first_drive(first.run.cut(0.0, 10.0), small)
     assert estimate.still
     assert {finding.code for finding in estimate.still} == {"first-drive.ended-early"}
     assert estimate.still[0].figures["command"] == "the left wheel forward"

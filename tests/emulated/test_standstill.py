@@ -39,7 +39,7 @@ class Freeze:
             "before read": (robot.uno, "receive"),
             "after read": (robot.imu, "events"),
             "before write": (robot.uno, "drive"),
-            "between write and log": (service.operator, "marks"),
+            "between write and log": (service.operator, "pop_mark_count"),
             "after log": (service, "healthy"),
             "in a block": (service.health, "during"),
         }[phase]

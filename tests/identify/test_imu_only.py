@@ -101,7 +101,7 @@ def test_an_uncertain_gyro_bias_widens_the_errors_by_its_effect(fitted):
     narrow, higher, lower = (
         fit_imu_only(
             run,
-            file.with_values({path: x}, {path: origin._replace(std=0.0)}),
+            file.with_values({path: x}, {path: origin._replace(sd=0.0)}),
             LONGITUDINAL + YAW,
             tolerance=EXACT,
         )

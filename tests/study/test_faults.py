@@ -74,7 +74,7 @@ def test_more_than_two_per_cent_of_sound_runs_refused_fail_the_study():
 
 def test_a_fit_without_parameters_is_excluded_from_the_ratio():
     none = outcome_of("stuck", "REFUSED", False)._replace(clean=1.0)
-    some = none._replace(error_by_path=3.0, clean=2.0)
+    some = none._replace(off=3.0, clean=2.0)
     assert Faults((none, some), 2, 2).rows()[0]["over_clean"] == 1.5
     assert Faults((none,), 1, 1).rows()[0]["over_clean"] is None
 

@@ -243,7 +243,7 @@ def _eliminate_start(derivatives: InnovationDerivatives, problem: Residuals) -> 
     return derivatives._replace(
         e_derivatives=derivatives_without_start(derivatives.e_derivatives, w, start),
         s_derivatives=derivatives.s_derivatives[..., ~start],
-        place_count=derivatives.indices[~start],
+        indices=derivatives.indices[~start],
     )
 
 

@@ -112,9 +112,7 @@ def _outcome(job: FaultJob, inputs: FaultInputs, undamaged_fit: "_Before") -> Fa
     if inputs.clean is None:
         return outcome
     clean = undamaged_fit.fit(inputs.clean)
-    outcome = outcome._replace(
-        error_by_path=_rms(fit, clean, inputs.truth), clean=_rms(clean, clean, inputs.truth)
-    )
+    outcome = outcome._replace(off=_rms(fit, clean, inputs.truth), clean=_rms(clean, clean, inputs.truth))
     undamaged = undamaged_run(inputs.clean, inputs.run, inputs.vehicle_file)
     if undamaged is None:
         return outcome

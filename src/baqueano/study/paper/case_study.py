@@ -84,7 +84,7 @@ class CaseStudy:
 
     def _values(self, fit: Fit) -> Iterator[tuple[str, float, float | None, float | None]]:
         for name, path, sign in names():
-            truth = sign * float(fit.vehicle_file.value(path)) + 0.0
+            truth = sign * float(fit.file.value(path)) + 0.0
             k = fit.names.index(path)
             identifiable = bool(np.isfinite(fit.estimate[k]) and np.isfinite(fit.sd[k]))
             yield (
