@@ -57,7 +57,7 @@ class Complementary:
     sensors : NamedTuple of Sensor
         The sensors, by name.
     readings : tuple of Reading
-        Computed from the sensors; not an argument.
+        The velocities that the sensors measure; computed from the sensors, not an argument.
 
     Notes
     -----

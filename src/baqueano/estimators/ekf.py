@@ -161,7 +161,7 @@ class Ekf:
         return Belief(-1, mean, np.diag(self.initial_std**2), effort, self.vehicle.drivetrain.init())
 
     def step(self, belief: Belief, tick: Tick) -> tuple[Belief, Estimate]:
-        """Predict, then correct with the measurements that arrived.
+        """Return belief and estimate after a tick: predict, then correct with the measurements that arrived.
 
         A tick that is not newer than the last tick is ignored. A tick after a pause is split into rows.
         """

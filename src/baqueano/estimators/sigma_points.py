@@ -22,7 +22,7 @@ from baqueano.estimators.kalman import Gaussian, boxplus
 
 
 class SigmaSpread(NamedTuple):
-    """The moments of a function at the sigma points."""
+    """Mean, odd part and even part of a function at the sigma points, and the root L of the covariance."""
 
     mean: np.ndarray  # m (m,)
     odd_part: np.ndarray  # o (m, n)

@@ -62,7 +62,7 @@ def smooth(
 
 
 def run_forward(estimator: Estimator, belief: Tree, ticks: Tick, backend: str = "auto") -> ForwardPass:
-    """Run the filter and return the state and the prediction of each row."""
+    """Run the filter over `ticks`, and return the state and the prediction of each row."""
     row = optional.of(estimator, "row") or estimator.step
 
     def step(belief: Tree, tick: Tick) -> tuple[Tree, ForwardPass]:
