@@ -12,7 +12,7 @@ QUANTILE_95 = 1.959963984540054  # standard deviations within which 95 % of a no
 
 
 def student_quantile(probability: float, freedom: float) -> float:
-    """Return the quantile of Student's t with `freedom` degrees of freedom, which must be a whole number below 5."""
+    """Return the quantile of Student's t with `freedom` degrees of freedom (below 5: a whole number)."""
     if freedom < 5:
         return _exact_student_quantile(probability, int(freedom))
     z, n = NormalDist().inv_cdf(probability), float(freedom)
