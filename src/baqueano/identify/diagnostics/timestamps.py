@@ -4,11 +4,11 @@
 
 A step longer than 1 s and 20 usual steps is a pause, or a clock that was set. The run is split there and is not
 integrated across the step. Parts below 2 s are dropped. The first 0.5 s after a split is also dropped, because motors
-still follow unknown commands. If more than a fifth of the steps are shorter than a fifth of the mean, samples got
-their timestamps in bursts, when they were read. They are spread evenly from the end of the previous burst to the end
-of this burst. For a regular sensor, the error is at most one sample. A usual step that is 20 times off the file's
-rate means a clock in another unit. A sample whose delay from timestamp to arrival differs by more than 0.25 s from
-the usual delay is removed, because its timestamp is not the time of measurement.
+still follow unknown commands. Samples have their timestamps in bursts if more than a fifth of the steps are shorter
+than a fifth of the mean. They are spread evenly from the end of the previous burst to the end of this burst. For a
+regular sensor, the error is at most one sample. A usual step that is 20 times off the file's rate means a clock in
+another unit. A sample is removed if its delay from timestamp to arrival differs by more than 0.25 s from the usual
+delay. Its timestamp is not the time of measurement.
 """
 
 from dataclasses import replace

@@ -3,9 +3,9 @@
     σ ← spread of the residuals at θ,   θ ← arg min C(θ; σ),   until σ is constant                            (1)
 
 The search begins with the σ of a model that is still wrong, which makes the Huber cost almost quadratic. It ends with
-the σ of the noise. If the residuals are autocorrelated and large, or the search did not converge, it is repeated from
-other starts until two searches end at the same θ. The new starts are vehicles without motor force, with less and with
-more friction. The best result is returned.
+the σ of the noise. If the residuals are autocorrelated and large, or the search did not converge, it is repeated. It
+ends when two searches from different starts agree. The new starts are vehicles without motor force, with less and
+with more friction. The best result is returned.
 """
 
 from collections.abc import Callable

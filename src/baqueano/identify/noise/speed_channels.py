@@ -1,9 +1,9 @@
-"""Choose the accelerometers that may correct the speed: those that improve it on held-out runs.
+"""Choose the accelerometers that correct the speed: those that improve it on held-out runs.
 
-An accelerometer measures ν̇ and ν_x ν_ψ. A filter that corrects its speed by it is better than the model if both terms
-are right for the vehicle. It is worse if the tilt, the misalignment or the tyres make them wrong; no sensor on board
-shows which case applies. So each channel, and all together, are tested on held-out runs in which a reference shows the
-speed:
+An accelerometer measures ν̇ and ν_x ν_ψ. A filter that corrects its speed by it is better than the model if both
+terms are correct for the vehicle. It is worse if the tilt, the misalignment or the tyres make them wrong. The sensors
+on board do not show which case applies. So each channel, and all channels together, are tested on held-out runs in
+which a reference shows the speed:
 
     r = √(Σ_b e_b² / Σ_b ẽ_b²),   e with the channel, ẽ without, b blocks of BLOCK_S                       (1)
 
@@ -82,8 +82,11 @@ def speed_channels(
 
 
 def ratio_of_blocks(ours: np.ndarray, reference: np.ndarray) -> tuple[float, float, float]:
-    """Return the ratio of two root mean square errors, and its 95 % interval. `ours` and `reference` (B,) are sums
-    of squares in B blocks. The interval is NaN with fewer blocks than FEWEST.  (1)"""
+    """Return the ratio of two root mean square errors, and its 95 % interval.
+
+    `ours` and `reference` (B,) are sums of squares in B blocks. The interval is NaN with fewer than MIN_BLOCKS
+    blocks.  (1)
+    """
     ratio = float(np.sqrt(ours.sum() / reference.sum()))
     if len(ours) < MIN_BLOCKS:
         return ratio, float("nan"), float("nan")
