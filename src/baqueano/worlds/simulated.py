@@ -23,8 +23,8 @@ from baqueano.vehicles.rk4 import row_counts
 from baqueano.vehicles.state import Vehicle, VehicleState
 from baqueano.worlds.noise import PROCESS_STREAM, sensor_stream, stream
 
-BATCH_ROWS = 256  # rows of noise drawn at a time
-MAX_KEPT_TRUTHS = 10_000  # truths that are kept if new_truths is not called
+BATCH_ROWS = 256  # rows of noise that are drawn at a time
+MAX_KEPT_TRUTHS = 10_000  # number of truths that are stored if new_truths is not called
 
 
 class WorldState(NamedTuple):
@@ -113,7 +113,7 @@ def rows_of_tick(dt_s: float) -> int:
 
 
 def with_rows(vehicle: Vehicle, sensors: SensorBlocks, rate_hz: float) -> tuple[Vehicle, SensorBlocks]:
-    """Return the blocks with delay slots for rows: one slot per row instead of one per tick."""
+    """Return the blocks with one delay slot per row, instead of one per tick."""
     rows = rows_of_tick(1.0 / rate_hz)
     if rows == 1:
         return vehicle, sensors
@@ -156,7 +156,7 @@ class SimulatedWorld(World):
     sensors : NamedTuple of Sensor
         The sensors of the vehicle, by name.
     rate_hz : float
-        Ticks a second.
+        Ticks per second.
     seed : int
         Seed of the noise.
     eta0 : ndarray (3,), optional [m, m, rad]
