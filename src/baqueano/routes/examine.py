@@ -4,9 +4,9 @@
     share = max |u| / limit of the command that the model needs for ν and ν̇ of the route                   (2)
     free = half a side of the room − radius of the body − the largest |x| or |y| of the route             (3)
 
-u is the command, ν the velocity. The route's acceleration is averaged over MEAN_WINDOW_S, because at a corner of a
-drawn route the yaw rate jumps. A vehicle with too little acceleration is behind its reference for a moment: a warning.
-A vehicle with too little speed remains behind: the route is refused.
+u is the command, ν the velocity. The route's acceleration is averaged over MEAN_WINDOW_S, because the yaw rate jumps at
+a corner of a drawn route. A vehicle with too little acceleration is behind its reference for a moment: a warning. A
+vehicle with too little speed remains behind: the route is refused.
 """
 
 from dataclasses import dataclass
@@ -30,15 +30,13 @@ if TYPE_CHECKING:
     from baqueano.vehicle_file import VehicleFile
 
 MEAN_WINDOW_S = 0.3  # time over which an acceleration is averaged
-MAX_POSES = 600  # number of poses of a route that are judged
+MAX_POSES = 600  # largest number of poses of a route that are evaluated
 MAX_SHARE = 1.05  # share of the command up to which a route passes
 MIN_LACK_S = 0.3  # the controller compensates a shorter lack of command
 
 
 class Walls(Protocol):
-    """Protocol of a room: the `free_half_width_m` distances from the middle of the room, and the pose `start` in the
-    room.
-    """
+    """Protocol of a room: the free space around its middle, and the pose at which a route starts."""
 
     @property
     def free_half_width_m(self) -> np.ndarray:
@@ -53,7 +51,7 @@ class Walls(Protocol):
 
 @dataclass(frozen=True, slots=True, eq=False, repr=False)
 class RouteReport(Result):
-    """Figures of a route, and the reasons against driving it.
+    """Length, speeds and demands of a route, and the reasons against driving it.
 
     Attributes
     ----------
@@ -70,7 +68,7 @@ class RouteReport(Result):
     free_m : float [m]
         Least distance between the body and a wall; NaN without a room.
     findings : tuple of Diagnostic
-        Codes, figures and commands to type.
+        Codes, values and commands to type.
 
     Examples
     --------
@@ -98,7 +96,7 @@ class RouteReport(Result):
         return Verdict.REFUSED if has_error else Verdict.USABLE
 
     def rows(self) -> list["TableRow"]:
-        """Return one flat dict with all figures."""
+        """Return a list with one flat dict of all values."""
         names = (
             "length_m",
             "duration_s",
@@ -112,7 +110,7 @@ class RouteReport(Result):
         return [{"poses": len(self.route.t_s), "closed": self.route.closed, **figures}]
 
     def table(self) -> str:
-        """Return a text with the figures and the findings."""
+        """Return a text with the values and the findings."""
         lines = [
             _("length {m:.2f} m, {s:.1f} s a lap", m=self.length_m, s=self.duration_s) if self.route.closed
             else _("length {m:.2f} m, {s:.1f} s", m=self.length_m, s=self.duration_s),
@@ -133,14 +131,14 @@ def examine(
     *,
     backend: str = "auto",
 ) -> RouteReport:
-    """Check a route: its figures alone, for an identified vehicle, and in a room.
+    """Check a route: its geometry and speeds, its demands on an identified vehicle, and its distance to walls.
 
     Parameters
     ----------
     route : Route
         The route.
     vehicle_file : VehicleFile, optional
-        The vehicle that will drive it.
+        The vehicle that will drive the route.
     room : Room, optional
         Walls, as `identify.design.room.room_of` returns them; the route begins at the start of the room.
     backend : str
@@ -191,7 +189,7 @@ def examine(
 
 
 def _share_findings(route: Route, s: np.ndarray, capability: Capability) -> tuple[float, list[Diagnostic]]:
-    """Return the largest share of the command, and a finding if the vehicle cannot follow the route.  (1), (2)"""
+    """Return the largest share of the command, and a list with a finding if the vehicle cannot follow.  (1), (2)"""
     t_s = np.linspace(0.0, route.t_s[-1], min(MAX_POSES, max(len(route.t_s), 2)))
     v, r = (_moving_mean(t_s, np.interp(t_s, route.t_s, route.nu[:, k])) for k in (0, 2))
     steady_share = capability.share(v, r)
@@ -214,13 +212,13 @@ def _share_findings(route: Route, s: np.ndarray, capability: Capability) -> tupl
 
 
 def _moving_mean(t_s: np.ndarray, x: np.ndarray) -> np.ndarray:
-    """Return the moving mean (m,) of x (m,) over MEAN_WINDOW_S."""
+    """Return the moving mean (m,) of x (m,) over MEAN_WINDOW_S; the times `t_s` (m,) are evenly spaced."""
     n = max(1, round(MEAN_WINDOW_S / max(t_s[1] - t_s[0], 1e-9)))
     return np.convolve(np.pad(x, (n // 2, n - 1 - n // 2), mode="edge"), np.ones(n) / n, mode="valid")
 
 
 def _least_over(share: np.ndarray, t_s: np.ndarray) -> np.ndarray:
-    """Return the least share (m,) in the MIN_LACK_S after each time: the share that lasts at least MIN_LACK_S."""
+    """Return the least share (m,) in the MIN_LACK_S after each time: the share that is required for this long."""
     n = max(1, round(MIN_LACK_S / max(t_s[1] - t_s[0], 1e-9)))
     padded_share = np.pad(share, (0, n - 1), mode="edge")
     return np.min(np.lib.stride_tricks.sliding_window_view(padded_share, n), axis=1)
