@@ -7,7 +7,7 @@ from typing import Any
 
 from baqueano.diagnostics import Diagnostic, fault, note
 
-OUTSIDE_MODULES = {  # module → what to do instead
+OUTSIDE_MODULES = {  # forbidden module → replacement
     "time": note("outside.time"), "datetime": note("outside.time"),
     "random": note("outside.random"), "secrets": note("outside.random"),
     "os": note("outside.machine"), "io": note("outside.files"), "pathlib": note("outside.files"),
