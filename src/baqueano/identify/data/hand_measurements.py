@@ -135,9 +135,7 @@ def with_tape(
 
 def drift_std(vehicle: Tree, run: Run, measurement: HandMeasurement) -> float:
     """Return the standard deviation that process noise adds to the measurement, in the unit of the measurement.
-
-    (2)
-    """
+    (2)"""
     if not np.any(getattr(vehicle, "process_noise_std", 0.0)):
         return 0.0
     tick_count = int(np.searchsorted(run.t_ns, measurement.t_ns)) + 1
