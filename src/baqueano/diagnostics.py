@@ -232,7 +232,7 @@ def _figure(value: object) -> "str | float | Diagnostic | None":
 
 
 def nearest(name: str, allowed: Iterable[str], cutoff: float = 0.6) -> Diagnostic:
-    """Return a message with the known names, at most MAX_LISTED_NAMES, and with the names similar to `name`."""
+    """Return a message with the known names, at most MAX_LISTED_NAMES, and the name most similar to `name`, if any."""
     import difflib
 
     names = list(allowed)

@@ -145,7 +145,7 @@ class PlainScan(Scan):
 
 
 def _shape_of_all(outputs: list[Tree]) -> Shape:
-    """Return the common shape of all outputs; a number that is an integer only at some ticks is a float."""
+    """Return the common shape of all outputs; a value that is an integer only at some ticks is a float."""
     shape = shape_of(outputs[0], "output")
     kinds = zip(*([leaf.kind for leaf in leaves(shape_of(y, "output"))] for y in outputs), strict=True)
     return with_kinds(shape, iter([min(set(kinds_of_entry), key="fib".index) for kinds_of_entry in kinds]))

@@ -1,8 +1,8 @@
-"""Compute linear algebra of small matrices of scalars: products and triangular factors, with the use of symmetry.
+"""Compute linear algebra of small matrices of scalars: products and triangular factors, which exploit symmetry.
 
 A product stores its factors. A P Aᵀ with P symmetric is symmetric: only one triangle is computed, and the other has the
-same scalars. With A = I − K H the product A B is B − K (H B), which needs fewer operations. The user need not declare a
-symmetry: two entries are equal if they are the same node.
+same scalars. With A = I − K H the product A B is B − K (H B), which needs fewer operations. The user does not need to
+declare a symmetry: two entries are equal if they are the same node.
 """
 
 from typing import NamedTuple
@@ -28,7 +28,7 @@ class Origin(NamedTuple):
 
 
 def matmul(a: Value, b: Value) -> Value:
-    """Return a @ b for vectors and matrices; for a plain number, the product a b as np.dot does."""
+    """Return a @ b for vectors and matrices; if one is a plain number, the product a b, as np.dot does."""
     from baqueano.symbolic.arrays.array import as_array, as_traced
 
     x, y = as_array(a), as_array(b)
@@ -169,7 +169,10 @@ def _solve(A: np.ndarray, x: np.ndarray) -> np.ndarray:
 
 
 def _pivot(A: np.ndarray, k: int) -> int:
-    """Move a good pivot to row k and return its former row: the largest number, or the first scalar."""
+    """Move a pivot to row k and return its former row: the first scalar, or the largest known number.
+
+    Raise TraceError if the column is zero.
+    """
     column = A[k:, k].tolist()
     if isinstance(column[0], Scalar):
         return k
