@@ -25,7 +25,7 @@ if TYPE_CHECKING:
 
 @cache
 def register() -> None:
-    """Register `.plot()` and a notebook card for the results of sweeps."""
+    """Register `.plot()` and the HTML summary of a notebook for the results of sweeps."""
     drawings_of.register(
         SweepResult, lambda result: {"drives": lambda: spread(result), "differences": lambda: ratios(result)}
     )
@@ -99,7 +99,7 @@ def _plain_text(value: float) -> float | None:
 
 @with_style
 def spread(result: SweepResult) -> "Figure":
-    """Draw the main figure of each drive, and the median of each cell."""
+    """Draw the main result of each drive, and the median of each cell."""
     main, rows = result.main_figure(), result.cells()
     figure, axes = panel((7.2, 0.45 * len(rows) + 1.2))
     for k, row in enumerate(reversed(rows)):
@@ -118,7 +118,7 @@ def spread(result: SweepResult) -> "Figure":
 
 @with_style
 def ratios(result: SweepResult) -> "Figure":
-    """Draw the main figure of each cell divided by the reference's, with its interval."""
+    """Draw the ratio of the main result of each cell to that of the reference, with its interval."""
     main, rows = result.main_figure(), [row for row in result.cells() if row["cell"] != result.reference]
     figure, axes = panel((7.2, 0.45 * max(len(rows), 1) + 1.2))
     for k, row in enumerate(reversed(rows)):
