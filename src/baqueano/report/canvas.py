@@ -18,10 +18,10 @@ from baqueano.errors import UsageError
 
 WIDTHS_MM = {"column": 88.0, "page": 181.0}  # of a journal of two columns
 MM = 1.0 / 25.4
-NARROW_FACTOR = 0.7  # of the width that a figure was drawn for: below it letters and lines are smaller
+NARROW_FACTOR = 0.7  # of the width for which a figure was drawn: below it text and lines are smaller
 TEXT_FACTOR = 0.8
 HEIGHT_EXPONENT = 0.5  # a narrow figure over time keeps more of its height than of its width
-MAX_LABEL_LETTERS = 28  # letters of a title or a label of a narrow figure
+MAX_LABEL_LETTERS = 28  # characters of a title or a label of a narrow figure
 
 
 class CommaFormatter(ScalarFormatter):

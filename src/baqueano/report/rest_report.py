@@ -15,7 +15,7 @@ COLOURS = ("#3b6fb6", "#238b45", "#c2410c", "#7c3aed", "#a16207", "#0e7490")
 
 
 def page_of_rest(result: Any) -> Page:
-    """Return the page of `at_rest`."""
+    """Return the report page on the noise of a run at rest (the result of `at_rest`)."""
     sensors = list(dict.fromkeys(c.sensor for c in result.channels))
     sections = [Section(_("Figures"), "\n".join(texts(result.findings)), [Table(result.rows())])]
     for sensor in sensors:
