@@ -69,7 +69,10 @@ class FromAcceleration:
             object.__setattr__(self, "drivetrain", replace(self.drivetrain, commands=self.commands))
 
     def nu_dot(self, nu: np.ndarray, effort: np.ndarray, psi: float = 0.0) -> np.ndarray:
-        """Return ν̇ (3,) [m/s², m/s², rad/s²], body frame, at ν (3,) with an effort (n,) at the heading ψ."""
+        """Return ν̇ (3,) [m/s², m/s², rad/s²] in the body frame, at ν (3,), with an effort (n,), at the heading `psi`.
+
+        A subclass defines this method; the base class raises MissingMethod.
+        """
         raise MissingMethod(fault("vehicle.no-equation", vehicle=type(self).__name__))
 
     def gravity(self, psi: float) -> np.ndarray:

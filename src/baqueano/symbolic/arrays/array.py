@@ -250,7 +250,10 @@ def _interp(
 
 
 def _hats(x: Value, xp: Value, fp: Value) -> Value:
-    """Return the interpolation in a table known only at run time, as a sum of ramps: for tables of a few points."""
+    """Return the interpolation in a table known only at run time, as a sum of ramps.
+
+    Raise TraceError for a table of more than 100 points.
+    """
     if len(xp) > 100:
         raise untraceable("trace.interp-points", points=len(xp))
     y = fp[0]

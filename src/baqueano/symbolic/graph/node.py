@@ -51,7 +51,7 @@ class Graph:
         self.tables: list[tuple[np.ndarray, np.ndarray]] = []
 
     def node(self, value: Value) -> Node:
-        """Return a number as a constant node, and a node of this trace unchanged."""
+        """Return a number as a constant node, or a node of this trace unchanged. Raise TraceError for another trace."""
         if not isinstance(value, Node):
             return self.const(value)
         if value.graph is not self:
