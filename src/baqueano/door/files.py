@@ -19,7 +19,7 @@ WAIT_S = 0.01
 
 
 class RunFiles:
-    """A sender of the runs in `folder`. Only the door's thread is allowed to call its methods; `ring` wakes the thread."""
+    """A sender of the runs in `folder`. Only the door's thread is allowed to call the methods; `ring` wakes it."""
 
     def __init__(self, folder: Path, ring: Callable[[], object]) -> None:
         self.folder, self._ring = folder, ring

@@ -1,4 +1,4 @@
-"""Store the requests of the operator. Only one client, the holder, has the right to drive; its silence stops the vehicle.
+"""Store the requests of the operator. One client, the holder, has the right to drive; its silence stops the vehicle.
 
   SILENCE_S without a message of the holder   the vehicle stops, unless the mission is unattended             (1)
   a command older than SILENCE_S              is ignored                                                      (2)

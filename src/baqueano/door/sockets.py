@@ -229,9 +229,7 @@ class Door:
 
     def _answer(self, guest: Guest, line: bytes) -> None:
         try:
-            if (
-                len(line) > LONG_BYTES
-            ):  # decoding blocks every thread, so check first if the mission would be refused
+            if len(line) > LONG_BYTES:  # decoding blocks every thread, so check first if it is allowed
                 self.operator.check_admission(guest)
             request = json.loads(line)
             if len(line) > LONG_BYTES and request["do"] not in ("mission", "stop"):

@@ -173,7 +173,7 @@ def start(info: "Info") -> Check:
 
 
 def memory(info: "Info") -> Check:
-    """Return the check of the RAM that the Uno's stack has never used. A stack that is too large overwrites variables."""
+    """Return the check of the RAM that the Uno's stack has never used. Too large a stack overwrites variables."""
     free = info.least_free_ram
     return Check(
         N_("Uno's memory"),
