@@ -118,7 +118,7 @@ def error_text(error: BaseException) -> str:
 
 
 def user_code_place(error: BaseException) -> str:
-    """Return file and line of the last traceback frame in the user's code, "mine.py line 12"; "" without such a frame.
+    """Return the file and line of the last frame in the user's code, such as "mine.py line 12", or "" without one.
 
     >>> user_code_place(ValueError("raised by nobody"))
     ''

@@ -21,7 +21,7 @@ OUTSIDE_CALLS = {
 
 
 def place(code_object: Any) -> str:
-    """Return file and line of a class or function, as "my_controller.py line 12"."""
+    """Return the file and the line of a class or function, as "my_controller.py line 12"."""
     try:
         return f"{Path(inspect.getfile(code_object)).name} line {inspect.getsourcelines(code_object)[1]}"
     except (OSError, TypeError):

@@ -117,7 +117,7 @@ class RunComparison:
 
     @property
     def sentences(self) -> tuple[str, ...]:
-        """Return sentences on laps, corridor at the end and consistency.
+        """Return sentences on the laps, the corridor at the end and consistency.
         If the estimate diverged or a covariance is not valid, return only a sentence about this.
         """
         if np.isfinite(self.diverged_s):

@@ -201,13 +201,14 @@ class World(Protocol):
         ...
 
     def new_truths(self) -> list[tuple[int, Motion]]:
-        """Return time [ns] and true motion of each tick since the last call; empty if this is not available."""
+        """Return the time [ns] and the true motion of each tick since the last call; empty if this is not available."""
         return []
 
     def new_channels(self) -> list[tuple[str, int, np.ndarray]]:
-        """Return name, time [ns] and value of quantities without a `Sensor`, such as a voltage, since the last call."""
+        """Return the name, time [ns] and value of quantities without a `Sensor`, such as a voltage, since the last
+        call."""
         return []
 
     def new_events(self) -> list[tuple[int, Diagnostic | str]]:
-        """Return time [ns] and message of the events of the hardware since the last call."""
+        """Return the time [ns] and the message of the events of the hardware since the last call."""
         return []

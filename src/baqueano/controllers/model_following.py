@@ -144,7 +144,7 @@ class ModelFollower:
             )
 
     def memory(self) -> np.ndarray:
-        """Return the memory of the law before the first tick; empty for most laws."""
+        """Return the memory (…,) of the law before the first tick; it is empty, (0,), for most laws."""
         return np.zeros(0)
 
     def velocity_law(self, memory: np.ndarray, tracking: Tracking) -> tuple[np.ndarray, Tree]:

@@ -157,7 +157,7 @@ class AugmentedEkf:
         )
 
     def step(self, belief: AugmentedBelief, tick: Tick) -> tuple[AugmentedBelief, Estimate]:
-        """Return belief and estimate after a tick: predict, then correct. A tick that is not newer is ignored."""
+        """Return the belief and the estimate after a tick: predict, then correct. Ignore a tick that is not newer."""
         return step_in_rows(self, belief, tick)
 
     def rows_before(self, belief: AugmentedBelief, tick: Tick) -> Sequence[Tick]:
@@ -165,7 +165,7 @@ class AugmentedEkf:
         return rows_before(belief.t_ns, tick, self.rate_hz)
 
     def row(self, belief: AugmentedBelief, tick: Tick) -> tuple[AugmentedBelief, Estimate]:
-        """Return belief and estimate after a row of any duration; they are finite and positive definite."""
+        """Return the belief and the estimate after a row of any duration; they are finite and positive definite."""
         row = row_of(belief.t_ns, tick, self.rate_hz)
         drivetrain, effort = effort_of(self.vehicle.drivetrain, belief, row)
         x = predict_row(self, Gaussian(belief.mean, belief.cov), belief.mean_disturbance, effort, row)

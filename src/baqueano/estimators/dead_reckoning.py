@@ -133,7 +133,7 @@ class DeadReckoning:
         )
 
     def step(self, belief: DeadReckoningBelief, tick: Tick) -> tuple[DeadReckoningBelief, Estimate]:
-        """Return belief and estimate after a tick: predict, then use readings. A tick that is not newer is ignored."""
+        """Return the belief and the estimate after a tick: predict, then use readings. Ignore an older tick."""
         return step_in_rows(self, belief, tick)
 
     def rows_before(self, belief: DeadReckoningBelief, tick: Tick) -> Sequence[Tick]:
@@ -141,7 +141,7 @@ class DeadReckoning:
         return rows_before(belief.t_ns, tick, self.rate_hz)
 
     def row(self, belief: DeadReckoningBelief, tick: Tick) -> tuple[DeadReckoningBelief, Estimate]:
-        """Return belief and estimate after a row. Beyond the longest row only the covariance is predicted."""
+        """Return the belief and the estimate after a row. Beyond the longest row only the covariance is predicted."""
         row = row_of(belief.t_ns, tick, self.rate_hz)
         drivetrain, effort = effort_of(self.vehicle.drivetrain, belief, row)
         noise = [self.process_noise_cov[:3, :3] * (row.dt_s * self.rate_hz)]

@@ -104,7 +104,7 @@ class FilterRow(NamedTuple):
 
 
 def row_of(since_ns: Value, tick: Tick, rate_hz: float) -> FilterRow:
-    """Return duration and command of the row that ends with this tick."""
+    """Return the duration and the command of the row that ends with this tick."""
     is_new = tick.t_ns > since_ns
     dt_s = np.where(is_new & (since_ns >= 0), seconds(tick.t_ns, since_ns), 1.0 / rate_hz)
     u = np.where(np.isfinite(tick.u), tick.u, 0.0)
@@ -142,7 +142,7 @@ def unmoved_cov(row: FilterRow, mean: np.ndarray, cov: np.ndarray) -> np.ndarray
 
 
 def step_in_rows(block: Tree, belief: Tree, tick: Tick) -> Tree:
-    """Return belief and estimate of `block.row` for a tick, after the silent rows that `block.rows_before` returns.
+    """Return the belief and the estimate of `block.row` for a tick, after the silent rows of `block.rows_before`.
 
     While a step is traced, the times are not known, and the tick is one row.
     """

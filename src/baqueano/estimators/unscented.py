@@ -122,7 +122,7 @@ class Unscented:
         return UnscentedBelief(-1, mean, np.diag(self.initial_std**2), effort, self.vehicle.drivetrain.init())
 
     def step(self, belief: UnscentedBelief, tick: Tick) -> tuple[UnscentedBelief, Estimate]:
-        """Return belief and estimate after a tick: predict, then correct. A tick that is not newer is ignored."""
+        """Return the belief and the estimate after a tick: predict, then correct. Ignore a tick that is not newer."""
         return step_in_rows(self, belief, tick)
 
     def rows_before(self, belief: UnscentedBelief, tick: Tick) -> Sequence[Tick]:
@@ -130,7 +130,7 @@ class Unscented:
         return rows_before(belief.t_ns, tick, self.rate_hz)
 
     def row(self, belief: UnscentedBelief, tick: Tick) -> tuple[UnscentedBelief, Estimate]:
-        """Return belief and estimate after a row. Beyond the longest row only the covariance is predicted."""
+        """Return the belief and the estimate after a row. Beyond the longest row only the covariance is predicted."""
         row = row_of(belief.t_ns, tick, self.rate_hz)
         drivetrain, effort = effort_of(self.vehicle.drivetrain, belief, row)
         x, y, s, w = self._predict(belief, effort, row), [], [], []
@@ -144,7 +144,7 @@ class Unscented:
         )
 
     def _predict(self, belief: UnscentedBelief, effort: Effort, row: FilterRow) -> Gaussian:
-        """Return mean and covariance of the state one row later.  (1, 2)"""
+        """Return the mean and the covariance of the state one row later.  (1, 2)"""
 
         def g(x: np.ndarray) -> np.ndarray:
             eta, nu, f = x[:3], x[3:6], self.vehicle.nu_dot

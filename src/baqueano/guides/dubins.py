@@ -60,7 +60,7 @@ def shorter_path(first: DubinsPath, second: DubinsPath) -> DubinsPath:
 
 
 def pose_at(start: Value, path: DubinsPath, sigma_m: Value, radius_m: float) -> tuple[Value, Value]:
-    """Return pose (3,) and curvature [1/m] after `sigma_m` of a path from `start`; the heading is continuous."""
+    """Return the pose (3,) and curvature [1/m] after `sigma_m` of a path from `start`; the heading is continuous."""
     x, y, psi = start[0], start[1], start[2]
     left_m, kappa = sigma_m, 0.0 * sigma_m
     for k, turn in enumerate((path.turns[0], 0.0, path.turns[1])):

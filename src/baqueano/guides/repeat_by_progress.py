@@ -122,7 +122,7 @@ class RepeatByProgress(Repeat):
         return np.concatenate([[0.0], np.cumsum(steps)])
 
     def _window(self) -> tuple[int, int]:
-        """Return the largest numbers of points within `reach_m` of a point: behind this point, and in front of it.
+        """Return the largest number of points within `reach_m` of a point: behind this point, and in front of it.
         The compiled step searches only these points.
         """
         s, reach_m = self._distances(), self.reach_m + 1e-9

@@ -93,7 +93,7 @@ def circle(radius_m: float, speed_m_s: float) -> Route:
 
 
 def eight(half_length_m: float, speed_m_s: float) -> Route:
-    """Return a figure eight without a net turn.
+    """Return a figure-of-eight route without a net turn.
 
     Parameters
     ----------

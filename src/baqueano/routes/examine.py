@@ -6,7 +6,7 @@
 
 u is the command, ν the velocity. The route's acceleration is averaged over MEAN_WINDOW_S, because the yaw rate jumps at
 a corner of a drawn route. A vehicle with too little acceleration is behind its reference for a moment: a warning. A
-vehicle with too little speed remains behind: the route is refused.
+vehicle with too little speed remains behind, and the verdict on the route is REFUSED.
 """
 
 from dataclasses import dataclass
@@ -147,7 +147,7 @@ def examine(
     Returns
     -------
     RouteReport
-        REFUSED if a number is not finite, a pose jumps or samples are missing. Also REFUSED if the vehicle is too slow,
+        REFUSED if a value is not finite, a pose jumps or samples are missing. Also REFUSED if the vehicle is too slow,
         or hits a wall.
 
     Notes

@@ -52,7 +52,7 @@ def distances_along(xy: np.ndarray) -> np.ndarray:
 
 
 def moving_indices(route: Route) -> np.ndarray:
-    """Return the indices of samples about STEP_M or more apart: without stops, but with the last sample.
+    """Return the indices (k,) of samples that are about STEP_M or more apart: without stops, with the last sample.
 
     Raise UsageError if fewer than four samples remain: the vehicle was at rest, or turned on the spot.
     """

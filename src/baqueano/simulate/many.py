@@ -320,7 +320,7 @@ def _drive(
     record_ends: list[int],
     rngs: "list[np.random.Generator]",
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Return poses and velocities (l, K, 3) of a batch of l vehicles after the ticks `record_ends`."""
+    """Return the poses and the velocities (l, K, 3) of a batch of l vehicles after the ticks `record_ends`."""
     eta, nu, state, begin = [], [], start, 0
     for end in record_ends:
         noise = np.stack([rng.standard_normal((end - begin, 3)) for rng in rngs]) if rngs else None

@@ -67,7 +67,7 @@ def begin(system: System, eta0: np.ndarray | None = None) -> SystemState:
 
 
 def advance(system: System, dt_s: float, state: SystemState, x: Input) -> tuple[SystemState, LoopOutput]:
-    """Return state and output after a tick: first the world moves under the command in force, then the loop runs."""
+    """Return the state and the output after a tick: the world moves under the command in force, then the loop runs."""
     noise = no_noise(system.sensors, rows_of_tick(dt_s)) if x.noise is None else x.noise
     world, truth, slots = world_step(system.model, system.sensors, state.world, state.u, dt_s, noise)
     states, record = loop.step(system.blocks, state.blocks, Tick(x.t_ns, state.u, slots))
@@ -80,7 +80,7 @@ def sizes(system: System, paths: Sequence[str]) -> list[int]:
 
 
 def value(system: System, path: str) -> np.ndarray:
-    """Return the value or array of the system at `path`. Raise UsageError for a path without a number."""
+    """Return the value or array of the system at `path`. Raise UsageError for a path without a numeric value."""
     try:
         array = np.asarray(get(system, path), dtype=float)
     except (AttributeError, KeyError, IndexError, TypeError, ValueError) as error:

@@ -111,7 +111,7 @@ class PlainScan(Scan):
         )
 
     def _lanes(self, batch: Batch) -> Iterator[tuple[Tree, Tree, Tree]]:
-        """Yield inputs, θ and start of each lane."""
+        """Yield the inputs, θ and the start of each lane."""
         shared_rows, own_inputs, is_shared = batch.inputs
         rows, mask = np.empty((batch.ticks, len(is_shared))), np.array(is_shared, dtype=bool)
         rows[:, mask] = shared_rows

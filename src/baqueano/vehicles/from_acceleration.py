@@ -103,7 +103,10 @@ class FromAcceleration:
     def step(
         self, state: VehicleState, u: np.ndarray, dt_s: float, noise: np.ndarray
     ) -> tuple[VehicleState, Motion]:
-        """Return state and Motion after a tick of `dt_s` with the command `u` (n,); `noise` (3,) is standard normal."""
+        """Return the state and the Motion after a tick with the command `u` (n,).
+
+        `noise` (3,) is standard normal, or zero for a simulation without process noise.
+        """
         drivetrain, effort = self.drivetrain.step(state.drivetrain, u, dt_s)
         eta, nu, _ = self.advance(state.eta, state.nu, effort, dt_s)
         nu = self._mask_axes(nu + self.process_noise_std * np.sqrt(dt_s) * noise)

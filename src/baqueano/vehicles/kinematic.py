@@ -107,7 +107,10 @@ class Kinematic:
     def step(
         self, state: VehicleState, u: np.ndarray, dt_s: float, noise: np.ndarray
     ) -> tuple[VehicleState, Motion]:
-        """Return state and Motion after a tick with the command `u` (3,); `noise` (3,) is standard normal or zero."""
+        """Return the state and the Motion after a tick with the command `u` (3,).
+
+        `noise` (3,) is standard normal, or zero for a simulation without process noise.
+        """
         drivetrain, effort = self.drivetrain.step(state.drivetrain, u, dt_s)
         scatter = self.process_noise_std * noise
         eta, nu, nu_dot = self._travel(state.eta, state.nu, effort, dt_s, scatter)

@@ -144,9 +144,10 @@ class Planar:
     def step(
         self, state: VehicleState, u: np.ndarray, dt_s: float, noise: np.ndarray
     ) -> tuple[VehicleState, Motion]:
-        """Return state and Motion after a tick with the command `u` (3,); `noise` (3,) is standard normal or zero.
+        """Return the state and the Motion after a tick with the command `u` (3,).
 
-        The noise changes ν at the end of the tick; ν̇ is the acceleration of the model at the changed ν.
+        `noise` (3,) is standard normal, or zero for a simulation without process noise. The noise changes ν at the end
+        of the tick; ν̇ is the acceleration of the model at the changed ν.
         """
         drivetrain, effort = self.drivetrain.step(state.drivetrain, u, dt_s)
         eta, nu, _ = self.advance(state.eta, state.nu, effort, dt_s)

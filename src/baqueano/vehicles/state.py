@@ -74,7 +74,7 @@ class Vehicle(Protocol):
     def step(
         self, state: VehicleState, u: np.ndarray, dt_s: float, noise: np.ndarray
     ) -> tuple[VehicleState, Motion]:
-        """Return state and Motion after a tick with the command `u` (n,); `noise` (3,) is standard normal."""
+        """Return the state and the Motion after a tick with the command `u` (n,); `noise` (3,) is standard normal."""
         ...
 
 

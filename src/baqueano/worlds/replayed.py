@@ -73,7 +73,7 @@ class ReplayedWorld(World):
         """Do nothing: a command cannot change a recorded run."""
 
     def new_truths(self) -> list[tuple[int, Motion]]:
-        """Return time [ns] and true motion of each tick since the last call; [] for a run without truth."""
+        """Return the time [ns] and the true motion of each tick since the last call; [] for a run without truth."""
         log, first = self._truth, self._truth_row
         if log is None or self._next == 0:
             return []

@@ -222,12 +222,12 @@ class Robot(World):
         return self._last.stopped
 
     def new_channels(self) -> list[tuple[str, int, np.ndarray]]:
-        """Return name, time [ns] and value of the readings that do not belong to a sensor: battery, IMU temperature."""
+        """Return the name, time [ns] and value of readings without a sensor (battery, chip) since the last call."""
         extras, self._extras = self._extras, []
         return extras
 
     def new_events(self) -> list[tuple[int, Diagnostic | str]]:
-        """Return time [ns] and message of each event of the hardware since the last call."""
+        """Return the time [ns] and the message of each event of the hardware since the last call."""
         events, self._events = self._events, []
         return events
 

@@ -44,7 +44,7 @@ def shaken_step(
     vehicle: Vehicle, sensors: SensorBlocks, state: WorldState, u: np.ndarray, dt_s: float, noise: DrawnNoise,
     shake: Disturbance,
 ) -> tuple[WorldState, Motion, ByName[Slot]]:  # fmt: skip
-    """Return state, true motion and readings after a tick with the command `u` (n,) and a disturbance.  (1)-(4)"""
+    """Return the state, the true motion and the readings after a disturbed tick with the command `u` (n,).  (1)-(4)"""
     vehicle = _weaken(vehicle, shake)
     previous_state = state.vehicle
     a, _ = _acceleration(vehicle, previous_state.eta, shake)
@@ -216,7 +216,7 @@ class ShakenWorld(SimulatedWorld):
         self._requested = np.array(command.u, dtype=float)
 
     def new_events(self) -> list[tuple[int, Diagnostic | str]]:
-        """Return time [ns] and message of each fault that began or was ended since the last call."""
+        """Return the time [ns] and the message of each fault that began or was ended since the last call."""
         events, self._pending = self._pending, []
         return events
 

@@ -58,7 +58,7 @@ def world_step(
     dt_s: float,
     noise: DrawnNoise,
 ) -> tuple[WorldState, Motion, ByName[Slot]]:
-    """Return state, true motion and readings after a tick with the command `u` (n,).  (1)"""
+    """Return the state, the true motion and the readings after a tick with the command `u` (n,).  (1)"""
     return step_in_rows(
         lambda state, row_s, unit: _advance_row(vehicle, sensors, state, u, row_s, unit), state, dt_s, noise
     )
@@ -72,7 +72,7 @@ def _advance_row(
     dt_s: float,
     noise: DrawnNoise,
 ) -> tuple[WorldState, Motion, ByName[Slot]]:
-    """Return state, true motion and readings after `dt_s`: an undivided tick, or one row of a divided tick."""
+    """Return the state, the true motion and the readings after `dt_s`: a tick, or one row of a divided tick."""
     vehicle_state, motion = vehicle.step(state.vehicle, u, dt_s, noise.vehicle)
     readings = [
         s.step(x, motion, dt_s, w) for s, x, w in zip(sensors, state.sensors, noise.sensors, strict=True)
@@ -87,7 +87,7 @@ Advance = Callable[[WorldState, float, DrawnNoise], tuple[WorldState, Motion, By
 def step_in_rows(
     advance: Advance, state: WorldState, dt_s: float, noise: DrawnNoise
 ) -> tuple[WorldState, Motion, Tree]:
-    """Return state, true motion and the last reading of each sensor after a tick, one row per row of `noise`."""
+    """Return the state, the true motion and the last readings after a tick, with one row per row of `noise`."""
     if noise.vehicle.ndim == 1:
         return advance(state, dt_s, noise)
     rows = noise.vehicle.shape[0]
@@ -223,7 +223,7 @@ class SimulatedWorld(World):
         self._u = np.array(command.u, dtype=float)
 
     def new_truths(self) -> list[tuple[int, Motion]]:
-        """Return time [ns] and true motion of every tick since the last call."""
+        """Return the time [ns] and the true motion of every tick since the last call."""
         truths = list(self._truths)
         self._truths.clear()
         return truths

@@ -42,7 +42,7 @@ MEAN_DISTURBANCE_S = 2.0  # time constant with which d̄ follows d: about one be
 def predict_row(
     estimator: "AugmentedEkf", x: Gaussian, mean_disturbance: np.ndarray, effort: Effort, row: FilterRow
 ) -> Gaussian:
-    """Return mean (n,) and covariance (n, n) of the state one row later; `mean_disturbance` (2,) is d̄.  (2)-(4)"""
+    """Return the mean (n,) and covariance (n, n) of the state one row later; `mean_disturbance` (2,) is d̄.  (2)-(4)"""
     n = len(x.mean)
     walks = [
         np.array([bias.value_at(estimator.sensors, bias.walk) ** 2 * row.dt_s])

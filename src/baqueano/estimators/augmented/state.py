@@ -55,14 +55,14 @@ class Layout(NamedTuple):
     gate_factors: np.ndarray  # (m,) factor on the model's part of the gate of each channel
     rest_jacobian: (
         np.ndarray
-    )  # (m, 2) derivative of each channel by speed and yaw rate; 0 if it may not correct them
+    )  # (m, 2) derivative of each channel by speed and yaw rate; 0 if it must not correct them
     pose_groups: tuple[
         tuple[int, ...], ...
     ]  # the channels of each sensor that measures the pose: place_gate.py
 
     @property
     def pose_error_mask(self) -> np.ndarray:
-        """Return a mask (n,): 1 for η, κ, β and b, the states that may be wrong if the pose is wrong."""
+        """Return a mask (n,): 1 for η, κ, β and b, the states that can be wrong if the pose is wrong."""
         mask = np.ones(self.size)
         mask[[*range(3, SCALE_INDEX), BEND_INDEX]] = 0.0
         return mask

@@ -48,8 +48,8 @@ def update_inconsistency(
 ) -> InconsistencyUpdate:
     """Return the inconsistency of speed and yaw rate after a row of `dt_s`, and its additions to the covariances.
 
-    `channel_jacobian` (m, 2) is the derivative of each channel with respect to speed and yaw rate; 0 if the channel may
-    not correct them. `innovations` contains y (m,), NaN for a channel without a measurement, and the weights (m,).
+    `channel_jacobian` (m, 2) is the derivative of each channel with respect to speed and yaw rate; 0 if the channel
+    must not correct them. `innovations` contains y (m,), NaN for a channel without a measurement, and the weights (m,).
     `model_error` (2,) is the absolute value of the correction against the model.
     """
     rejected_sizes, has_reading = [], []

@@ -72,7 +72,7 @@ def empty_memory(groups: tuple[tuple[int, ...], ...], m: int) -> PoseMemory:
 def gate_decision(
     groups: tuple[tuple[int, ...], ...], channels: PoseChannels, memory: PoseMemory, dt_s: Value, sigma: float
 ) -> GateDecision:
-    """Return weights, growth and memory; `groups` are the indices of the channels of each pose sensor.  (1)-(4)"""
+    """Return the decision of a tick; `groups` contains the indices of the channels of each pose sensor.  (1)-(4)"""
     if not groups:
         return GateDecision({}, 1.0, memory)
     weights: dict[int, Value] = {}

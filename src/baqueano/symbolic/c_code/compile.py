@@ -256,7 +256,7 @@ def _temporary_folder() -> Path:
 
 @cache
 def _processor() -> str:
-    """Return model and features of the processor, on which -march=native depends."""
+    """Return the model and the features of the processor, on which -march=native depends."""
     descriptions = [sys.platform, platform.machine(), os.environ.get("PROCESSOR_IDENTIFIER", "")]
     if sys.platform == "darwin":
         import subprocess

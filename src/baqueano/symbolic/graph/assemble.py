@@ -24,7 +24,7 @@ class Assembly(NamedTuple):
     unused_carry: tuple[int, ...]  # indices in the whole carry
 
     def whole_carry(self, final: np.ndarray, start: np.ndarray) -> np.ndarray:
-        """Return the whole carry after a run; its last axis is that of the entries."""
+        """Return the whole carry (…, c) after a run, from the final carry (…, k) and the start values (…, s)."""
         return np.concatenate([final, start], axis=-1)[..., self.whole_from_kept]
 
 

@@ -84,7 +84,7 @@ class Kernel(Protocol):
     def normal_equations(
         self, n: int, theta: Array, start: Array, inputs: Array, huber: float | None
     ) -> tuple[float, Array, Array]:
-        """Return cost, gradient (p,) and hessian (p, p) of the outputs as residuals."""
+        """Return the cost, the gradient (p,) and the hessian (p, p) of the outputs as residuals."""
         ...
 
     def batch(

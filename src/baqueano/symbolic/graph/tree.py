@@ -243,7 +243,7 @@ def _short_text(value: Tree) -> str:
 
 
 def flat_row(shape: Shape, tree: Tree) -> np.ndarray:
-    """Return the values of a tree as one row of floats."""
+    """Return the values of a tree as one row (size,) of floats."""
     pairs = zip(leaves(shape), values(shape, tree), strict=True)
     return np.concatenate([np.zeros(0), *(as_floats(leaf, value).ravel() for leaf, value in pairs)])
 

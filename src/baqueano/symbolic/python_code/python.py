@@ -112,7 +112,7 @@ class PythonKernel:
     def normal_equations(
         self, n: int, theta: Array, start: Array, inputs: Array, huber: float | None
     ) -> tuple[float, Array, Array]:
-        """Return cost, gradient (p,) and hessian (p, p) of the outputs as residuals."""
+        """Return the cost, the gradient (p,) and the hessian (p, p) of the outputs as residuals."""
         outputs = np.empty((n, len(self.program.outputs)))
         jacobians = np.empty((*outputs.shape, len(theta)))
         self.sensitivities(n, theta, start, inputs, outputs, jacobians)
