@@ -1,8 +1,8 @@
 """Compute the results of a drive, and the segments (pieces.py) of each rms value, by which two drives are compared.
-    effort          e_t = |u_t / limit| / √m,   m commands that have a limit                      (1)
+    effort          e_t = |u_t / limit| / √m,   m commands that have a limit                              (1)
     roughness       e_t = |u_t − u_{t−1}| / limit / (√m δ)   [1/s]                                         (2)
-    joined          the length of the reference after which the vehicle stays within JOINED_M of its path  (3)
-    laps            complete laps before it is LOST_M from its path, or stops                              (4)
+    joined          the length of the reference after which the vehicle stays within MAX_JOINED_M of its path (3)
+    laps            complete laps before it is MAX_LAP_DISTANCE_M from its path, or stops                  (4)
 
 Cross-track, speed, ATE and RPE are computed as in compare/. The motion of the vehicle is the truth if it is known, else
 the estimate. NEES and NIS are means per degree of freedom, 1 if consistent.
@@ -114,8 +114,8 @@ def _drive_errors(run: "Run", laps: int) -> tuple[dict[str, tuple[np.ndarray, np
 
 
 def joining_distance(way_m: np.ndarray, across_m: np.ndarray) -> float:
-    """Return the path length [m] after which all distances (N,) are within JOINED_M; NaN if the last distance is not.
-    (3)
+    """Return the path length [m] after which all distances (N,) are within MAX_JOINED_M, or NaN without such a
+    length.  (3)
     """
     outside_rows = np.flatnonzero(~(np.abs(across_m) <= MAX_JOINED_M))
     if not outside_rows.size:
@@ -126,8 +126,9 @@ def joining_distance(way_m: np.ndarray, across_m: np.ndarray) -> float:
 def _laps(
     run: "Run", t_ns: np.ndarray, cross_track: np.ndarray, path_fraction: np.ndarray, laps: int
 ) -> float:
-    """Return the complete laps, of `laps`, within LOST_M and before a stop; `path_fraction` (N,) is the fraction of
-    the route. (4)
+    """Return the complete laps, of `laps`, within MAX_LAP_DISTANCE_M and before a stop.
+
+    `path_fraction` (N,) is the fraction of the route.  (4)
     """
     stops = [event.t_ns for event in run.events if event.level == "error"]
     if not stops and np.all(np.abs(cross_track) <= MAX_LAP_DISTANCE_M):
