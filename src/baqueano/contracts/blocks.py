@@ -205,8 +205,7 @@ class World(Protocol):
         return []
 
     def new_channels(self) -> list[tuple[str, int, np.ndarray]]:
-        """Return the name, time [ns] and value of quantities without a `Sensor`, such as a voltage, since the last
-        call."""
+        """Return the name, time [ns] and value of quantities without a `Sensor` (a voltage) since the last call."""
         return []
 
     def new_events(self) -> list[tuple[int, Diagnostic | str]]:
