@@ -205,7 +205,7 @@ def main(args: list[str] | None = None) -> None:
 
 
 def _without_language(args: list[str]) -> tuple[list[str], str]:
-    """Return the arguments without `--lang`, and its value. The option may be at any position before `--`."""
+    """Return the arguments without `--lang`, and its value. The option can be at any position before `--`."""
     end = args.index("--") if "--" in args else len(args)
     for k, arg in enumerate(args[:end]):
         if arg == "--lang" and k + 1 < end:

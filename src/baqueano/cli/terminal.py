@@ -25,9 +25,7 @@ from baqueano.messages.printable import one_line, printable
 if TYPE_CHECKING:
     from baqueano.contracts.values import JsonObject, TableRow
 
-printed_objects: list[
-    str
-] = []  # JSON that this command printed; a later error then does not print a second object
+printed_objects: list[str] = []  # JSON that this command printed; it prints at most one object
 PROGRESS_PERIOD_S = 30.0  # seconds between the progress lines of work without a terminal
 _LETTERS = {
     "α": "alpha", "β": "beta", "γ": "gamma", "δ": "delta", "η": "eta", "μ": "mu", "ν": "nu", "π": "pi",

@@ -78,9 +78,7 @@ class Adjusting(Observer):
         blocks: "dict[str, str] | None" = None,
     ) -> None:
         self._operator, self._tell = operator, broadcast
-        self._blocks = dict(
-            blocks or {}
-        )  # role → kind of the blocks that replace the file's blocks and are not recorded yet
+        self._blocks = dict(blocks or {})  # role → kind that replaces the file's, not recorded yet
         self._controller = Adjustable(None)
         self._set_pace: Callable[[str, float], None] | None = None
         self._pace = 1.0

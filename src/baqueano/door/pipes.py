@@ -23,9 +23,7 @@ def attach(path: Path, source: BinaryIO, sink: BinaryIO) -> None:
     try:
         line.connect(str(path))
     except OSError as error:
-        from baqueano.door.remote import (
-            not_reachable,
-        )  # that module reads runs, which a page process does not
+        from baqueano.door.remote import not_reachable  # that module reads runs; a page does not
 
         raise RobotUnreachable(not_reachable(path, error)) from error
     join(line, source, sink)

@@ -31,10 +31,7 @@ from baqueano.vehicle_file.file import VehicleFile
 MARK_STD_RAD = np.radians(2.0)
 MAX_TURN_ERROR = 0.1
 MAX_TURNS = 4  # most turns between two marks
-REST_S, MIN_REST_S = (
-    1.0,
-    1.0,
-)  # time without a command after which the vehicle is at rest; least duration of rest
+REST_S, MIN_REST_S = 1.0, 1.0  # at rest after this time without a command; least duration of rest
 
 
 @dataclass(frozen=True, repr=False)

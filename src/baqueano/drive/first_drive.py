@@ -324,9 +324,7 @@ def _wiring(pulses: tuple[Pulse, ...], commands: np.ndarray) -> tuple[Diagnostic
             if p.significance > MIN_SIGMA and _is_parallel(p.u, forward):
                 side = (-1.0, 1.0)[wheel]
                 turn[wheel] += p.turn * np.sign(p.u @ forward) * side
-                speed_turn[wheel] += (
-                    p.v * p.turn * side
-                )  # v times turn: the large pulses have the largest weight
+                speed_turn[wheel] += p.v * p.turn * side  # large pulses have the largest weight
                 var[wheel] += (p.turn * p.v / max(p.v_significance, 1e-9)) ** 2
     if not np.all(turn != 0.0):
         return ()

@@ -29,7 +29,7 @@ class Observer:
         return blocks
 
     def stop_reason(self, t_ns: int) -> Diagnostic | None:
-        """Return the reason to stop the vehicle at `t_ns`, or None if it may continue."""
+        """Return the reason to stop the vehicle at `t_ns`, or None to continue."""
         return None
 
     def pop_mark_count(self) -> int:

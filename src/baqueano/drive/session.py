@@ -306,7 +306,7 @@ def compiled_or_unchanged(
 
 
 def _may_hang(block: object) -> bool:
-    """Return True for a block that runs as Python code and may contain code of the user."""
+    """Return True for a block that runs as Python code and can contain code of the user."""
     return not (optional.of(block, "as_written") or isinstance(block, CompiledBlock))
 
 

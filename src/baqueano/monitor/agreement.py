@@ -36,7 +36,7 @@ GATE_SIGMA = 4.0
 SLOW_RATE, FAST_RATE = 0.5, 2.0  # of (3)
 MAX_STEP_S = 0.1  # longest time assigned to one reading: five readings of a slow sensor make an event
 MIN_VARIANCE = 1e-300
-FILE_BIAS_FACTOR = 5.0  # factor on the std of a bias in the file, before a rest: the file may be old
+FILE_BIAS_FACTOR = 5.0  # factor on the std of a bias in the file, before a rest: the file can be old
 MAX_EVIDENCE = 20.0  # limit of the evidence
 MEMORY_S = 2.0  # time constant of the ratio and of the evidence
 

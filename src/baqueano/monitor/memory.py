@@ -26,9 +26,7 @@ class Memory(NamedTuple):
     bias: np.ndarray  # estimated at rest
     bias_var: np.ndarray
     expected: np.ndarray  # h(x̂) + b
-    ss: (
-        np.ndarray
-    )  # exponentially decaying sums of s², s s', s'²; s' is the measured signal, s the expected one
+    ss: np.ndarray  # decaying sums of s², s s', s'²; s' is the measured signal, s the expected one
     sz: np.ndarray
     zz: np.ndarray
 

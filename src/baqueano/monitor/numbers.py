@@ -26,9 +26,7 @@ class ChannelProperties(NamedTuple):
     measures_turn: np.ndarray  # (m,) bool: it measures the yaw rate
     measures_speed: np.ndarray  # (m,) bool: it measures the speed
     is_inertial: np.ndarray  # (m,) bool: it has a bias that walks
-    groups: tuple[
-        tuple[int, ...], ...
-    ]  # for each channel, the channels that fail together with it, itself first
+    groups: tuple[tuple[int, ...], ...]  # for each channel, those that fail with it, itself first
     bias_std: np.ndarray  # (m,) standard deviation of the bias in the file
     walk: np.ndarray  # (m,) random walk of the bias in 1 s
     rest: np.ndarray  # (m,) reading at rest

@@ -124,7 +124,7 @@ def find_all(name: str, folder: Path | str = "runs") -> list[Path]:
     """Return the runs that a name selects: a run as in `find`, all runs in a folder, or all runs that match a pattern.
     A pattern contains * or ?. `3-28` selects the runs with these numbers, `3-28:2` every second number. A recovered run
     replaces its original.
-    Raise FileError if the name selects no run.
+    Raise FileError if the name does not select a run.
     """
     path = Path(name)
     if path.is_dir() and not (path / "metadata.yaml").exists():

@@ -205,7 +205,7 @@ class Live:
         self._link.send(word["is"], **more)
 
     def _clear(self, visitor: Visitor, word: "JsonObject") -> None:
-        """Clear a stop, on request of the driver, or of a browser with the role DRIVE while nobody drives."""
+        """Clear a stop, on request of the driver, or of a browser with the role DRIVE without a driver."""
         self.may_change(visitor)
         self._link.send("clear")
 
@@ -216,7 +216,7 @@ class Live:
         self._link.send(word["is"], **{k: v for k, v in word.items() if k not in ("is", "do")})
 
     def _pace(self, visitor: Visitor, word: "JsonObject") -> None:
-        """Forward the pace from the driver, or from a browser with the role DRIVE while nobody drives."""
+        """Forward the pace from the driver, or from a browser with the role DRIVE without a driver."""
         self.may_change(visitor)
         self._last_sender = visitor
         self._link.send("pace", factor=float(word["factor"]))

@@ -26,9 +26,7 @@ STATE_TEXTS = {
 NIS_S = 10.0
 MIN_NIS_COUNT = 100  # least number of NIS values for a sentence
 COPIED_FIELDS = ("number", "t_s", "until_s", "over", "fault")  # copied fields of a row of `ledger`
-HALF_BAND = 1.96 * math.sqrt(
-    2.0
-)  # half the 95 % interval of the mean of N squared standard normal variables, times √N
+HALF_BAND = 1.96 * math.sqrt(2.0)  # 95 % half width of the mean of N squared normal variables, times √N
 
 
 def state_message(

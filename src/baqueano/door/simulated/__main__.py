@@ -37,9 +37,7 @@ def main(arguments: list[str] | None = None) -> int:
     )
     door = Door(options.socket, service.operator, options.runs, service.handlers())
     service.broadcast, service.frames = door.broadcast, door.frames
-    signal.signal(
-        signal.SIGINT, signal.SIG_IGN
-    )  # the parent process receives it, and ends this process by its stdin
+    signal.signal(signal.SIGINT, signal.SIG_IGN)  # the parent ends this process by its stdin
     signal.signal(signal.SIGTERM, lambda number, frame: service.end())
     if options.socket is None:
         _on_pipes(door, service)

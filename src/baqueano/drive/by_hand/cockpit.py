@@ -143,7 +143,7 @@ class Cockpit(Observer):
         self.status.reason = text(self._stop)
 
     def stop_reason(self, t_ns: int) -> Diagnostic | None:
-        """Return the reason to stop the vehicle, or None if it may continue."""
+        """Return the reason to stop the vehicle, or None to continue."""
         return self._stop
 
     def pop_mark_count(self) -> int:

@@ -65,7 +65,7 @@ def gains_of(vehicle_file: VehicleFile) -> Gains | None:
         or not is_turned_by_last_command(vehicle)
     ):
         return None
-    for share in (LINEARISATION_SHARE, 1.0):  # at half the limit a vehicle may be in its dead zone
+    for share in (LINEARISATION_SHARE, 1.0):  # at half the limit a vehicle can be in its dead zone
         speed, k, tau_s = _turn_response(vehicle, limit, share, vehicle_file.rate_hz)
         if abs(k) * limit[-1] > STEP_RAD_S:
             break

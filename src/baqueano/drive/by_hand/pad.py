@@ -95,9 +95,7 @@ class Pad:
             return self._resynchronise() if event_type == SYN and code == REPORT else []
         elif event_type == ABS and code in self._axes:
             self._axes[code] = self._axes[code]._replace(value=value)
-        elif (
-            event_type == KEY and value == 1 and code not in self._pressed
-        ):  # a code is already known if the whole state was read
+        elif event_type == KEY and value == 1 and code not in self._pressed:  # known if it was read
             self._pressed.add(code)
             return [code]
         elif event_type == KEY and value == 0:

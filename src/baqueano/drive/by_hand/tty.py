@@ -1,7 +1,7 @@
 """Use the terminal as a device: read single keys, write frames, and restore the settings of the terminal at the end.
 
-The terminal is opened a second time, so that the non-blocking mode does not affect other programs. A terminal with a
-lost network does not accept bytes and must not delay a vehicle: bytes that it does not accept are dropped.
+The terminal is opened again, so that the non-blocking mode does not affect other programs. A terminal with a lost
+network does not accept bytes and must not delay a vehicle: bytes that it does not accept are dropped.
 """
 
 import os
@@ -15,7 +15,7 @@ from baqueano.drive.by_hand.keys import PRESS, KeyDecoder, KeyEvent
 from baqueano.errors import UsageError
 
 CURSOR_OFF, CURSOR_ON = b"\x1b[?25l", b"\x1b[?25h"
-MAX_PENDING_BYTES = 4096  # bytes that may wait: half a second of frames
+MAX_PENDING_BYTES = 4096  # most bytes that wait: frames of half a second
 
 
 class TerminalLine(Protocol):

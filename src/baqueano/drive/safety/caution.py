@@ -57,7 +57,7 @@ class Caution(Observer):
         self._guide.set_pace(WHO, 1.0 if reason is None else 0.0 if is_standing else SLOW)
 
     def stop_reason(self, t_ns: int) -> Diagnostic | None:
-        """Return the reason to stop the vehicle, None if it may continue.  (3)"""
+        """Return the reason to stop the vehicle, or None to continue.  (3)"""
         if not self._is_grave or seconds(t_ns, self._since_ns) < WAIT_S + STAND_S:
             return None
         return stop(StopReason.ESTIMATE_DOUBTFUL, cause=self._reason)

@@ -36,7 +36,7 @@ class Patience(Observer):
             self._origin, self._since_ns = eta, record.tick.t_ns
 
     def stop_reason(self, t_ns: int) -> Diagnostic | None:
-        """Return the reason to end the drive, None if it may continue.  (1)"""
+        """Return the reason to end the drive, or None to continue.  (1)"""
         waited_s = seconds(t_ns, self._since_ns)
         if waited_s < self._patience_s:
             return None

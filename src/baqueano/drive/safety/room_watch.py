@@ -49,5 +49,5 @@ class RoomWatch(Observer):
             self._reason = stop(StopReason.ROOM, axis="xy"[i], **values)
 
     def stop_reason(self, t_ns: int) -> Diagnostic | None:
-        """Return the reason to stop the vehicle, None if it may continue."""
+        """Return the reason to stop the vehicle, or None to continue."""
         return self._reason

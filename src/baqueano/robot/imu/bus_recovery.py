@@ -66,7 +66,7 @@ class Recovery:
 
     @property
     def is_running(self) -> bool:
-        """Return True while a recovery runs: the pins may then not be in I2C mode, and no transfer may begin."""
+        """Return True while a recovery runs. The pins might then not be in I2C mode, so a transfer must not begin."""
         return self._thread is not None and self._thread.is_alive()
 
     def begin(self, now_ns: int) -> None:
@@ -223,7 +223,7 @@ class _Pins:
 def _pins(path: str) -> _Pins:
     """Return the pins of the bus at `path`.
 
-    Raise RobotUnreachable for another bus, without `pinctrl`, or if the pins have another function.
+    Raise RobotUnreachable for another bus, if `pinctrl` is not installed, or if the pins have another function.
     """
     if Path(path).name != BUS_NAME:
         raise RobotUnreachable(fault("bus.not-this", path=path, bus=BUS_NAME))

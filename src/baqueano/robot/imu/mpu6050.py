@@ -184,7 +184,7 @@ class Mpu6050:
         ]
 
     def _new_batch(self, now_ns: int) -> Batch:
-        """Return the new samples; try a second time after an error, but not if the bus is stuck."""
+        """Return the new samples; try once more after an error, but not if the bus is stuck."""
         try:
             return self._check_and_read(now_ns)
         except OSError as error:

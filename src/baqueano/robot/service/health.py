@@ -40,7 +40,7 @@ class ComputerHealth:
         return self.during(world)
 
     def during(self, world: "Robot") -> Diagnostic | None:
-        """Return the reason why a drive must end; None if it may continue."""
+        """Return the reason why a drive must end, or None to continue."""
         now_ns = self._now_ns()
         if now_ns - self._looked_ns >= READ_PERIOD_S * 1e9:
             self._looked_ns, self.temperature_c = now_ns, self._read()

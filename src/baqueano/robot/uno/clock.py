@@ -31,7 +31,7 @@ class UnoClock:
     """A converter of device times to host times, refined with every answer."""
 
     def __init__(self) -> None:
-        self.skew = 0.0  # ε: relative excess of a second of the device over a second of the host
+        self.skew = 0.0  # ε: one second of the device lasts 1 + ε seconds of the host
         self._answers: deque[PongTimes] = deque()
         self._reference = (0, 0)  # (d₀ [µs], h₀ [ns])
         self._last_us = -1

@@ -91,7 +91,7 @@ class SerialPort:
 def open_early(path: Path) -> Callable[[], object]:
     """Open the line that a vehicle file names, which resets its Uno, and return the function that closes it.
 
-    Open the line a second time before you call that function. Otherwise the close drops DTR, and the next opening
+    Open the line again before you call that function. Otherwise the close drops DTR, and the next opening
     resets the Uno again. If the file or the line is not found, nothing is opened; their later use reports the error.
     """
     try:

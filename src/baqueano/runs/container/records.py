@@ -144,7 +144,7 @@ class _Walk:
         self.repeated: dict[int, McapChannel] = {}  # channels as the summary after the messages repeats them
         self.sign = -1  # position of the next chunk, as far as the search went
         self.lost_to = -1  # end of the last damaged place
-        self.walked_twice = 0  # bytes of damaged records that are walked a second time
+        self.walked_twice = 0  # bytes of damaged records that are read again
         self.unpacked = 0  # bytes of all chunks
 
     def run(self) -> None:

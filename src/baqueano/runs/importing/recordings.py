@@ -266,7 +266,7 @@ def _values(signal: ColumnSignal, source: Source) -> np.ndarray:
 
 
 def _within_a_turn(angle: np.ndarray) -> bool:
-    """Return True if an angle wraps after each turn; the angle of a wheel may continue beyond one turn."""
+    """Return True if an angle wraps after each turn; the angle of a wheel can continue beyond one turn."""
     finite_values = angle[np.isfinite(angle)]
     return len(finite_values) > 0 and float(np.ptp(np.quantile(finite_values, (0.01, 0.99)))) < 2.01 * np.pi
 

@@ -243,7 +243,7 @@ def _sets(m: ColumnMap, files: Any) -> list[dict[str, Path]]:
 
 
 def _expand(path: Path) -> list[Path]:
-    """Return the files that match a path, which may contain *. Raise FileError if a pattern matches no file."""
+    """Return the files that match a path, which can contain *. Raise FileError if a pattern does not match a file."""
     if not glob.has_magic(str(path)) or path.exists():
         return [path]
     matches = sorted(glob.glob(str(path)))
@@ -285,7 +285,7 @@ def is_there(path: Path) -> bool:
 
 
 def _matching_paths(m: ColumnMap, spec: FileSpec) -> list[Path]:
-    """Return the files next to the map or in a data folder that match the path of `spec`, which may contain *.
+    """Return the files next to the map or in a data folder that match the path of `spec`, which can contain *.
     Raise FileError if none matches.
     """
     path = spec.path or ""

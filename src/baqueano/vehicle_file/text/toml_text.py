@@ -36,7 +36,7 @@ def read_text(path: Path) -> str:
 
 
 def decode(content: bytes, name: str) -> str:
-    """Return the text of UTF-8 bytes without a byte order mark. Raise FileError for another encoding or an empty file."""
+    """Return the text of UTF-8 bytes without a byte order mark. Raise FileError for other bytes or an empty file."""
     if content[:2] in (b"\xff\xfe", b"\xfe\xff"):
         raise FileError(fault("toml.utf-16", file=name))
     if b"\0" in content:

@@ -112,9 +112,7 @@ def block_of(role: str, kind: str, vehicle_file: "VehicleFile") -> Tree:
     if role == "sensors":
         return next(iter(vehicle_file.sensors), None)
     own_kind = None if kind == _kind_in_file(role, vehicle_file) else kind
-    if (
-        own_kind is not None
-    ):  # the browser selected it; the block of the file needs the permission of the user
+    if own_kind is not None:  # selected in a browser; the file's block needs the user's permission
         resolve(role, own_kind, vehicle_file.folder)
     return (
         vehicle_file.guide(circle(1.0, 0.25), own_kind)
