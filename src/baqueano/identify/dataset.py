@@ -224,9 +224,7 @@ def _channels_by_sensor(use: Sequence[str]) -> dict[str, list[int]]:
 
 
 def unused_sensors(runs: Sequence[Run], vehicle_file: "VehicleFile") -> list[Diagnostic]:
-    """Return a note for each motion sensor in the runs that the vehicle file lacks, with the likely kind of the
-    sensor.
-    """
+    """Return a note for each motion sensor of the runs that the vehicle file lacks, with its likely kind."""
     channels: dict[str, Channel] = {}
     for run in runs:
         channels |= {name: channel for name, channel in run.sensors.items() if len(channel.z)}
@@ -238,7 +236,5 @@ def unused_sensors(runs: Sequence[Run], vehicle_file: "VehicleFile") -> list[Dia
 
 
 def _kind(name: str, channel: Channel) -> str:
-    """Return the likely kind of a sensor: its name if that is a kind, else from its number of channels ("…" if
-    unknown).
-    """
+    """Return the likely kind of a sensor, from its name or its number of channels; "…" if unknown."""
     return name if name in KINDS else KIND_BY_SIZE.get(channel.z.shape[1], "…")

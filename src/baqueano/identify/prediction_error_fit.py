@@ -4,7 +4,7 @@ The second search starts from the result of the simulation, which has already fo
 the noise of the sensors. Parameters that were fixed stay fixed. Channels and verdict still come from a simulation
 with the new estimates, because a prediction over one step does not support a model. For a fit by simulation error the
 second search is a test. The errors of its parameters already contain the autocorrelation of the residuals
-(covariance/). Autocorrelation and size are findings, because a model that lacks an effect causes them too. They are
+(covariance/). Autocorrelation and size are findings, because a model that lacks an effect also causes them. They are
 dropped if process noise explains them (result/objective_choice.py).
 """
 
@@ -177,7 +177,7 @@ def _is_inside_bounds(likely: MaximumLikelihood) -> np.ndarray:
 def _informations(likely: MaximumLikelihood, first: FinishedFit) -> tuple[Information, Information]:
     """Return two information matrices: of (identifiable θ, noise parameters), and of the identifiable θ only. The
     initial states of the segments are eliminated from both. The second also eliminates the noise parameters, because
-    they are estimated too.
+    they are also estimated.
     """
     layout, count, info = first.task.problem.layout, len(first.identifiability.mask), likely.info
     n, noise = len(info.bread) - layout.size, layout.size + np.arange(len(info.bread) - layout.size)

@@ -29,7 +29,7 @@ MIN_BLOCKS, MAX_BLOCKS = 10, 60  # blocks
 MIN_SEGMENTS = 3  # fewer segments agree or disagree by chance
 SIGNIFICANT_SIGMA = 4.0  # times the scatter of white noise
 MIN_REMAINDER = 1e-3  # part of the information that remains without a block; an initial state would have 0
-MAX_BLOCK_SHARE = 0.9  # largest part of the information on any direction that one block may have
+MAX_BLOCK_SHARE = 0.9  # largest part of the information on a direction that is allowed for one block
 MAX_SEGMENT_SHARE = 0.99  # the same for one segment
 
 

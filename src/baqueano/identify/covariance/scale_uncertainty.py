@@ -108,9 +108,7 @@ def _measured_relative_std(vehicle_file: "VehicleFile", path: str, entry: int) -
 
 
 def zero_std(vehicle_file: "VehicleFile", imu: str) -> float:
-    """Return the standard deviation of a gyro's zero [rad/s]: from the file if it was measured, else from a data
-    sheet.
-    """
+    """Return the standard deviation of a gyro's zero [rad/s], from the file if measured, else from a data sheet."""
     std_rad_s = _measured_zero_std(vehicle_file, imu)
     return std_of_tolerance(ZERO_RATE_RAD_S) if std_rad_s is None else std_rad_s
 

@@ -7,7 +7,7 @@
     "end: 0 m, 720 deg"            back on its mark, turned twice to the left
     "monday 5 s: 1.2 ± 0.02 m"     of the run "monday", with a standard deviation; default 1 cm and 2 degrees
 
-A measurement describes the pose at its time. The run begins at x = y = ψ = 0 and is not cut into segments.
+A measurement describes the pose at its time. The run begins at x = y = ψ = 0 and is not split into segments.
 Measurements determine the scales of the speed and of the gyro, which the sensors on board do not show. An angle is
 used as a direction, so the model must predict it within half a turn. Process noise moves the vehicle away from its
 simulation, by the spread of DRAWN_VEHICLES vehicles with the `process_noise_std` of the file (2). If this value is 0,
@@ -134,8 +134,7 @@ def with_tape(
 
 
 def drift_std(vehicle: Tree, run: Run, measurement: HandMeasurement) -> float:
-    """Return the standard deviation that process noise adds to the measurement, in the unit of the measurement.
-    (2)"""
+    """Return the standard deviation that process noise adds to the measurement, in the unit of `z`.  (2)"""
     if not np.any(getattr(vehicle, "process_noise_std", 0.0)):
         return 0.0
     tick_count = int(np.searchsorted(run.t_ns, measurement.t_ns)) + 1

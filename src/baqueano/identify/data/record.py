@@ -2,7 +2,7 @@
 
     dt_k = t_k − t_{k−1},  u_k applied in dt_k,  z_k measured at its end,  has_k = 0 without a measurement   (1)
 
-Ticks may be irregular. A long tick is split into equal rows, so that the integrator stays accurate. A Runge-Kutta
+Ticks can be irregular. A long tick is split into equal rows, so that the integrator stays accurate. A Runge-Kutta
 step must be short compared with the fastest time constant of a small vehicle, 15 ms. Only the last of these rows has
 measurements. A measurement belongs to the tick that ends at its timestamp (not at its arrival), or to the first tick
 after it. If a tick contains several measurements, the last one is used. Entries that are not finite, entries that

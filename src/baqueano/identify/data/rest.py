@@ -73,7 +73,7 @@ def begins_at_rest(run: "Run", sensors: ByName["Tree"]) -> bool:
             first_speeds = np.abs(channel.z[:FIRST_READINGS, shows_speed(sensor)])
             return not np.any(
                 first_speeds > ZERO_SPEED_FACTOR * white_std[shows_speed(sensor)] + TOLERANCE
-            )  # NaN does not count as moving
+            )  # NaN is not treated as moving
         readings_before = np.where(finite, channel.z, 0.0)[channel.t_ns <= first_ns]
         is_quiet = (
             is_quiet

@@ -30,9 +30,7 @@ if TYPE_CHECKING:
 def clean(
     runs: list[Run], vehicle_file: "VehicleFile", sensors: dict[str, Tree]
 ) -> tuple[list[Run], tuple[Diagnostic, ...]]:
-    """Return the runs without impossible measurements, split at jumps of time, and messages on the faults of the
-    data.
-    """
+    """Return the runs without impossible measurements, split at jumps of time, and messages on the faults."""
 
     def clean_run(run: Run) -> tuple[list[Run], list[Diagnostic]]:
         segments, messages = timestamps.check_timestamps(run, vehicle_file.rate_hz)

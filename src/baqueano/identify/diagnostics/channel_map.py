@@ -139,9 +139,7 @@ def _has_wrong_axes(task: Task, name: str) -> bool:
 
 
 def _better_mount(end: "FinishedFit", name: str) -> tuple[MountHypothesis, Diagnostic] | None:
-    """Return the first mount with clearly smaller residuals whose gains agree with the file, and its diagnostic, or
-    None.
-    """
+    """Return a mount with clearly smaller residuals whose gains agree with the file, and its diagnostic, or None."""
     task, blocks = end.task, end.blocks
     records = [first_rows(record, MAX_ROWS) for record in task.problem.records]
     first_channel = sum(task.problem.sizes[: task.problem.names.index(name)])

@@ -127,9 +127,7 @@ class _FitEvidence:
         return tuple((path, float(x)) for path, x in zip(self.paths, errors, strict=True) if x > 0.0)
 
     def most_biased(self, test: ScoreTest) -> int | None:
-        """Return the index of the parameter with the largest shift in standard errors, or None if all shifts are
-        small.
-        """
+        """Return the index of the parameter with the largest shift in standard errors, or None if all are small."""
         relative_shift = np.abs(test.shift) / np.maximum(self.std, 1e-300)
         is_large = (relative_shift > MIN_SHIFT_STD) & (
             np.abs(test.shift) > MIN_RELATIVE_SHIFT * np.abs(self.theta)

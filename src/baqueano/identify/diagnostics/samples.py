@@ -32,7 +32,7 @@ CHANCE_FACTOR, EXTRA_SAMPLES = (
 )  # more samples than CHANCE_FACTOR times the expected number plus EXTRA_SAMPLES are significant
 MIN_SAMPLES = 20  # samples for a test
 MIN_END_SAMPLES, MIN_VISITS = 5, 3  # (2)
-MAX_LOST_FRACTION = 0.1  # part of the samples of a channel that may be lost without a warning
+MAX_LOST_FRACTION = 0.1  # part of the samples of a channel that can be lost without a warning
 MEDIAN_SAMPLES, MIN_CONSECUTIVE = 9, 3  # samples, (3)
 ROUNDING = 1e-12  # of the largest value: rounding difference between two ways to compute a reading
 ISOLATED_ZERO_SIGMA = 10.0  # standard deviations between an isolated zero and its neighbours

@@ -5,13 +5,13 @@
     Δθ = A⁻¹ dᵀ w D δ                             the change of θ if the effect were in the model                 (3)
     e_b = (S_b − δ P_b) / (1 − h_b),   h_b = P_b / Σ P,   z = Σ S_b / √Σ e_b²                              (4)
 
-r (N, m) are the residuals in standard deviations, and d = ∂r/∂θ. ψ(r) is the clipped residual of the Huber cost, and w
-= ψ'(r). −D is the change of r by a unit of the effect. (2) and (3) are one step of Gauss-Newton. (4) estimates the
-scatter of (2) from the run itself, over B blocks of time with scores S_b and P_b = D⊥ᵀ w D⊥. z is Student's t with 1/Σ
-h_b² − 1 degrees of freedom. B is 60 if the run is long enough. An effect may be a parameter that differs in a part of
-the run, D = 1_part d_j. Biases and starts are eliminated from d and D first. docs/derivations/robust_covariance.md
-gives the reasons.
-Sources: Rao 1948; Andrews 1993 for parts of a sample; batch means as in the analysis of simulations.
+r (N, m) are the residuals in standard deviations, and d = ∂r/∂θ. ψ(r) is the clipped residual of the Huber cost, and
+w = ψ'(r). −D is the change of r by a unit of the effect. (2) and (3) are one step of Gauss-Newton. (4) estimates the
+scatter of (2) from the run itself, over B blocks of time with scores S_b and P_b = D⊥ᵀ w D⊥. z is Student's t with
+1/Σ h_b² − 1 degrees of freedom. B is 60 if the run is long enough. An effect can be a parameter that differs in a
+part of the run, D = 1_part d_j. Biases and starts are eliminated from d and D first.
+docs/derivations/robust_covariance.md gives the reasons. Sources: Rao 1948; Andrews 1993 for parts of a sample; batch
+means as in the analysis of simulations.
 """
 
 from collections.abc import Callable, Sequence

@@ -9,7 +9,7 @@ with C v ≈ 0 does not change any measurement. Then one of its parameters is fi
 or tape can measure. Of two starts, the start with less information is fixed. Parameters with an error above
 `BLIND_RATIO` s_i, or half the span of their bounds, are also fixed. A scale is fixed if its error is above
 `SCALE_STD`, the error in its data sheet. A parameter with an error above `WEAK_VALUE` of its value and `WEAK_SIGNAL`
-of (2) is weak. Its variance is Σ_j v_ij²/λ_j. It may be confused with parameters that have `MEMBER_LOADING` of the
+of (2) is weak. Its variance is Σ_j v_ij²/λ_j. It can be confused with parameters that have `MEMBER_LOADING` of the
 largest entry in the direction v_j of C with most of this variance. The messages are in identifiability/advice.py.
 """
 
@@ -151,7 +151,7 @@ def fix_unidentifiable(
             info = info._replace(
                 bread=A, meat=B, information_by_channel=info.information_by_channel[:, :count]
             )
-        if task.prior_sigma is not None:  # a hand measurement is without a signal to compare with
+        if task.prior_sigma is not None:  # a hand measurement does not have a signal to compare with
             info = info._replace(
                 information_by_channel=info.information_by_channel * (task.prior_sigma == 0.0)[:, None]
             )

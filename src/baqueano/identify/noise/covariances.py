@@ -77,7 +77,7 @@ class Noise(Result):
     fields : dict of str to ndarray (k,)
         Noise of the recommended filter (noise/filter_noise.py).
     speed : SpeedChannels, optional
-        Accelerometers that may correct the speed in the recommended filter.
+        Accelerometers that correct the speed in the recommended filter.
     accepted : Acceptance, optional
         Verdict of held-out runs on the recommended filter.
 

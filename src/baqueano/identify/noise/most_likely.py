@@ -211,7 +211,7 @@ def process_errors(fit: "Fit", runs: Sequence[Run], backend: str = "auto") -> tu
     for run in runs:
         rows, mu = _rows(run)
         g = np.asarray(kernel.run(rows)[1])
-        errors.append((mu[1:] - g)[2:])  # the first ones are without a previous effort
+        errors.append((mu[1:] - g)[2:])  # the first rows do not have a previous effort
         states.append(mu)
     return np.concatenate(errors), np.sqrt(np.mean(np.concatenate(states) ** 2, axis=0))
 
@@ -241,9 +241,7 @@ def predict(
 
 
 def prediction_of(fit: "Fit") -> tuple[str, float]:
-    """Return the mode of the file's estimator, and the time constant [s] with which an unexplained acceleration
-    decays.
-    """
+    """Return the mode of the file's estimator, and the time constant [s] of unexplained accelerations."""
     estimator = fit.file.estimator(process_noise_cov=np.eye(6))
     return getattr(estimator, "mode", "default"), float(getattr(estimator, "disturbance_time_s", 0.5))
 

@@ -34,7 +34,7 @@ FORWARD = 0  # the entry of ν
 
 
 class SpeedChannels(NamedTuple):
-    """The channels that may correct the speed, and the reason."""
+    """The channels that should correct the speed, and the reason."""
 
     names: tuple[str, ...]  # for `speed_from`: "imu[1]"; empty if no channel helps
     message: Diagnostic
@@ -47,7 +47,7 @@ def speed_channels(
     validation_runs: Sequence[Run],
     backend: str = "auto",
 ) -> SpeedChannels | None:
-    """Return the channels that may correct the speed, or None for a filter without accelerometers.  (1)
+    """Return the channels that should correct the speed, or None for a filter without accelerometers.  (1)
 
     `filters(channels)` returns the filter with `channels` in its field `speed_from`, and with its noise estimated
     again. `file_names` contains the channels in the vehicle file; they are returned if no run shows the speed.

@@ -3,8 +3,8 @@
 REFUSED   The search did not converge. The model explains nothing, or is far from a channel in use. Most parameters
           are not identifiable, or have a large error. A diagnostic found impossible data.
 WARN      A parameter is at its bound, poorly identified or not identifiable. Residuals are autocorrelated and large, or
-          far above the sensors' noise in the file. Outliers are many, or to one side. A diagnostic found an effect that
-          may have moved a parameter.
+          far above the sensors' noise in the file. Outliers are many, or to one side. A diagnostic found an effect
+          that might have changed a parameter.
 USABLE    None of these. Parameters that the vehicle can never show do not count. Notes report repairs to the data.
 
 Runs are compared by mean squares of residuals and of motion. ḡ and s are mean and standard deviation of g_r = log mean
@@ -29,8 +29,8 @@ if TYPE_CHECKING:
     from baqueano.identify.result.fit_result import ChannelFit
 
 MIN_EXPLAINED = 0.5  # least explained part of the variance of the best channel
-MAX_UNSEEN_SHARE = 0.5  # largest part of the parameters that may be unidentifiable
-ABOVE_NOISE = 3.0  # times the noise of the file that residuals may have
+MAX_UNSEEN_SHARE = 0.5  # largest allowed part of unidentifiable parameters
+ABOVE_NOISE = 3.0  # largest allowed ratio of the residuals to the noise in the file
 OUTLIER_SIGMA, MAX_OUTLIER_SHARE = (
     4.0,
     0.2,
@@ -125,7 +125,7 @@ def _refusals(e: Evidence) -> list[Diagnostic]:
             note("fit.far-channel", ERROR, "--use SENSOR", label, times=float(times))
             for label, times in error_ratios.items()
         ]
-        refusals += _findings_of(e, WARNING)  # one of them may be the reason
+        refusals += _findings_of(e, WARNING)  # one of them can be the reason
     return refusals + _identifiability(e)
 
 

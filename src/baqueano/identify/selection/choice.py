@@ -79,7 +79,7 @@ class TermResult(NamedTuple):
 
     term: Term
     verdict: Decision
-    reason: Diagnostic | None  # if not only the figures decided
+    reason: Diagnostic | None  # the reason, if not only the values decided
     channel: ChannelLabel
     without: float  # held-out error of that channel
     with_: float

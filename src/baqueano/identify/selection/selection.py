@@ -6,7 +6,7 @@
     until no term is good; then backward: a term stays if M without it is worse, t > t_{1 − α}            (3);
     if a term was dropped, forward and backward again without it
 
-held_out.py defines error, folds and t; α = 5 %. A term at its bound, or collinear with M, is refused.
+held_out.py defines error, folds and t; α = 5 %. A term at its bound, or collinear with M, is rejected.
 """
 
 from collections.abc import Callable, Mapping, Sequence

@@ -61,7 +61,7 @@ class Term(NamedTuple):
 
     name: str  # in words
     paths: tuple[str, ...]  # (q,) with entries
-    neutral: tuple[float, ...]  # (q,) values at which it is without effect
+    neutral: tuple[float, ...]  # (q,) values at which the term does not have an effect
     starts: tuple[tuple[float, ...], ...]  # (k, q) starts of the searches
 
 
