@@ -56,7 +56,7 @@ class SimulatedLap(NamedTuple):
     jerk_cost: float
     distance_rms_m: float
     distance_max_m: float
-    saturated: float  # share of the ticks at a limit of the command
+    saturated: float  # fraction of the ticks at a limit of the command
 
 
 @dataclass(frozen=True, slots=True, eq=False)

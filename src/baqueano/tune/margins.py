@@ -84,9 +84,7 @@ class Linear(NamedTuple):
 def loop_margins(
     vehicle_file: "VehicleFile", controller: Controller, speed_m_s: float
 ) -> tuple[LoopMargins, ...]:
-    """Return the margins of each channel with a limit above 0; an empty tuple at low speed or without a finite
-    linearisation.
-    """
+    """Return the margins of each channel with a limit above 0; () at low speed or without a finite linearisation."""
     if not speed_m_s > MIN_SPEED_M_S:
         return ()
     plant, steady = linearise(vehicle_file, controller, speed_m_s)

@@ -58,7 +58,7 @@ class TunedDrive(NamedTuple):
     distance_rms_m: float
     distance_max_m: float
     heading_rms_rad: float
-    saturated: float  # share of the ticks at a limit of the command
+    saturated: float  # fraction of the ticks at a limit of the command
 
 
 class RehearsalCase(NamedTuple):
