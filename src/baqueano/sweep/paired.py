@@ -85,7 +85,7 @@ def _blocks(a: Pieces, b: Pieces) -> np.ndarray:
     """Return S, n, S̃, ñ (B, 4) of the blocks of a drive, each about BLOCK_CORRELATION_TIMES correlation times or
     longer.
     """
-    rows = zip(a.squares, a.samples, b.squares, b.samples, strict=False)  # one of them may have been stopped
+    rows = zip(a.squares, a.samples, b.squares, b.samples, strict=False)  # one of them can have been stopped
     valid_rows = np.array([row for row in rows if row[1] and row[3]])
     block_size = max(
         1, int(np.ceil(BLOCK_CORRELATION_TIMES * max(a.correlation_s, b.correlation_s) / a.length_s))

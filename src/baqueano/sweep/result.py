@@ -152,9 +152,7 @@ class SweepResult(Result):
         return out
 
     def difference(self, label: str, figure: str) -> PairedDifference:
-        """Return the ratio of a result of the cell `label` to that of the reference, over the drives that both cells
-        have.
-        """
+        """Return the ratio of a result of the cell `label` to that of the reference, over the drives of both cells."""
         cells = self._by_cell()
         drives, references = ({d.name: d for d in cells.get(cell, ())} for cell in (label, self.reference))
         drive_pairs = [(drives[name], references[name]) for name in drives if name in references]

@@ -101,7 +101,7 @@ def _travels(jobs: Sequence[NumberedJob]) -> bool:
         return False
     try:
         ForkingPickler.dumps(list(blocks))
-    except Exception:  # a user's block may raise any error here
+    except Exception:  # a user's block can raise any error here
         return False
     return True
 
