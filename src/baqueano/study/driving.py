@@ -92,7 +92,7 @@ class EvenDrive(NamedTuple):
     seed: int
     speed_error: float  # of the reference speed, rms after the first second
     speed_ripple: float  # about the mean over 1 s
-    at_limit: float  # share of the ticks
+    at_limit: float  # fraction of the ticks
     sign_changes: float  # of the forward command, in the lap
     across_m: float  # rms
     stopped: float  # 1.0: the supervisor stopped the robot, or it drove less than half of its lap
@@ -237,7 +237,7 @@ def driving(
     """Return the laps of robots `first` … `first + seeds − 1`. `advance` receives the number of robots just finished.
     `controller` (a kind of the package or "file.py:Class") replaces the file's controller, with default gains.
     """
-    check_compilable(controller=guess().controller(controller))  # refuses before the first drive
+    check_compilable(controller=guess().controller(controller))  # raises an error before the first drive
     jobs = [
         range(k, min(k + ROBOTS_AT_ONCE, first + seeds)) for k in range(first, first + seeds, ROBOTS_AT_ONCE)
     ]

@@ -70,9 +70,7 @@ class Controllers(Result):
 
     @property
     def reasons(self) -> tuple[Diagnostic, ...]:
-        """Return a warning for a best ratio above MAX_RATIO_TO_PAPER, and for gains at a bound, stops and refused
-        fits.
-        """
+        """Return a warning for a best ratio above the limit, and for gains at a bound, stops and refused fits."""
         out, rows = [], self.rows()
         best_row = min(rows[1:], key=lambda row: row["pose_ratio"], default=None)
         if best_row is not None and not np.isfinite(best_row["pose_high"]):

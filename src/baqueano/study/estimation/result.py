@@ -43,7 +43,7 @@ class EstimationStudy:
     """The evaluated recordings, and the evaluated robots and cars of the independent truth."""
 
     judged: tuple["JudgedEstimate", ...]
-    simulated: tuple["JsonObject", ...] = ()  # rows: the share that is not worse
+    simulated: tuple["JsonObject", ...] = ()  # rows: the fraction of vehicles that are not worse
     vehicles: tuple["JsonObject", ...] = ()  # rows: one for each vehicle, only for machine use
     notes: tuple[str, ...] = ()  # sentences on what was not evaluated
 
@@ -61,9 +61,7 @@ class EstimationStudy:
         return [*case_rows, *self.pooled_ratios(), *self.simulated]
 
     def pooled_ratios(self) -> list["TableRow"]:
-        """Return the pooled and the typical ratio for each set of sensors, estimator and quantity, with the
-        requirement.
-        """
+        """Return the pooled and the typical ratio for each set of sensors, estimator and quantity, with the limit."""
         ratio_rows = []
         fitted = [estimate for estimate in self.judged if estimate.fit != REFUSED]
         groups = dict.fromkeys((estimate.sensors, estimate.estimator) for estimate in fitted)

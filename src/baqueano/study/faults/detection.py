@@ -306,9 +306,8 @@ class Faults:
 
     @property
     def verdict(self) -> Verdict:
-        """Return USABLE if undamaged runs were fitted and at most 2 % of them are REFUSED. Also, no fit may crash, and
-        no wrong fit may be USABLE.
-        Else return REFUSED.
+        """Return USABLE if undamaged runs were fitted and at most 2 % of them are REFUSED. Also, a fit must not
+        crash, and a wrong fit must not be USABLE. Else return REFUSED.
         """
         return Verdict.REFUSED if self.reasons else Verdict.USABLE
 

@@ -37,7 +37,7 @@ def _plan(subject: FaultSubject, effective: np.ndarray, **more: Any) -> FaultPla
 
 
 def _channels(subject: FaultSubject, u: np.ndarray) -> np.ndarray:
-    """Return the duties (N, 2) [left, right] of a two-wheeled vehicle, else the commands (N, m), as fractions of the
+    """Return the duties (N, 2) [left, right] of a two-wheeled vehicle, else the commands (N, m), relative to the
     limit.
     """
     limit = np.asarray(subject.vehicle_file.command.limit)

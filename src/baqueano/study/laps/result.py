@@ -46,7 +46,7 @@ class Lap(NamedTuple):
     whole: bool  # without a stop
     position_m: float  # worst error of the estimate
     across_m: float  # largest true distance from the route
-    within: float  # share (2); NaN if the heading is lost
+    within: float  # fraction (2); NaN if the heading is lost
     nees: float  # mean of (1) over the samples of (2)
 
 
