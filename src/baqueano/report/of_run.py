@@ -113,9 +113,7 @@ def headlines(row: dict, with_vehicle: bool = True) -> list[Headline]:
 
 
 def refused_section(counts: tuple[Refusals, ...]) -> list[Section]:
-    """Return the section with the rejected readings of each channel; [] if the estimator does not count rejected
-    readings.
-    """
+    """Return the section with the rejected readings of each channel; [] if the estimator does not count them."""
     rows = [
         {"number": count.name, "refused": count.refused, "arrived": count.arrived,
          _("refused [%]"): 100.0 * count.refused / max(count.arrived, 1)}
