@@ -113,7 +113,7 @@ class StoredRoutes:
         self.folder = folder
 
     def path(self, name: str) -> Path:
-        """Return the path of the route with this name. Raise FileError if the name contains other characters."""
+        """Return the path of the route with this name. Raise FileError for a name with forbidden characters."""
         if not name or plain_label(name) != name:
             raise FileError(fault("door.route-name", found=repr(name)))
         return self.folder / f"{name}.csv"

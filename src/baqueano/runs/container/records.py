@@ -89,7 +89,7 @@ class Damage(Invalid):
 
 
 class Cursor:
-    """A reader of strings, integers and maps from a part of the file, never beyond its end. Raise Damage if it ends."""
+    """A reader of strings, integers and maps from a part of the file. Its methods raise Damage beyond its end."""
 
     def __init__(self, data: bytes | memoryview) -> None:
         self.data, self.at = memoryview(data), 0

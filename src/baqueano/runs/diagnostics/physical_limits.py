@@ -98,7 +98,9 @@ def _means(channel: Channel) -> np.ndarray:
 
 
 def _at_rest(run: Run, channel: Channel) -> np.ndarray:
-    """Return a mask (M,): True for the samples before the first command. It is False for all if they are too few."""
+    """Return a mask (M,): True for the samples before the first command.
+    It is False everywhere if these samples are too few, or cover less than MIN_REST_S.
+    """
     in_motion = np.any(np.nan_to_num(run.applied) != 0.0, axis=1)
     first = run.t_ns[max(int(np.argmax(in_motion)) - 1, 0)] if in_motion.any() else run.t_ns[-1]
     at_rest = channel.t_ns < first
@@ -187,8 +189,8 @@ def commands(run: Run, m: "ColumnMap") -> Iterator[ImportFinding]:
 
 
 def _percent_line(u: np.ndarray, percents: list[np.ndarray]) -> Diagnostic | None:
-    """Return the map line for a small command `u` (N,) in percent, which was read as one of `percents`.
-    Return None if the command is really small.
+    """Return the map line for a small command `u` (N,), in the numbers of the file, that the map reads in percent.
+    `percents` are all commands that the map reads in percent. Return None if the command is really small.
     """
     candidates = percents if _largest_magnitude(percents) < 100.0 * MIN_COMMAND else [u]
     if _largest_magnitude(candidates) <= MAX_COMMAND_RATIO:

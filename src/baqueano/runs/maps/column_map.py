@@ -76,7 +76,7 @@ def load_map(name_or_path: Path | str) -> ColumnMap:
 
 def _tree(path: Path, text: str) -> dict[str, Any]:
     """Return the tables of a map.
-    Raise FileError for a file .toml that is not TOML, and ValueError for any other file, which may be a recording.
+    Raise ValueError if it is not TOML. For other faults, raise FileError if the suffix is .toml, else ValueError.
     """
     try:
         return parse_toml(text, path.name)

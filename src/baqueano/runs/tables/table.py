@@ -36,7 +36,7 @@ _COMMA = re.compile(r"[+-]?\d*,\d*([eE][+-]?\d+)?", re.ASCII)
 _THOUSANDS = re.compile(r"[+-]?\d{1,3}(,\d{3})+", re.ASCII)
 
 
-MAX_WHOLE_NUMBER = 1e308  # largest integer that a double can represent, about
+MAX_WHOLE_NUMBER = 1e308  # about the largest integer that a double can represent
 
 
 class LogTable(NamedTuple):
