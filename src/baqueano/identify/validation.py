@@ -4,15 +4,15 @@
     noise² = mean e_own² + max(0, w² − w_own²),   w² = ½ mean (e_{k+1} − e_k)²                            (2)
     g_b = log mean_{block b} e²,   ḡ − ḡ_own > t_{1−α} s √(1/B + 1/B_own)   and   error² > 2 noise²        (3)
     g_b − ḡ_own > t_{1−α/B} s_own √(1 + 1/B_own)   and   mean_{block b} e² > 2 noise²                      (4)
-    error² − s² > χ²_{1,1−α} n² / (T / SHORT_S),   s² = mean (z − z̄)²,
+    error² − s² > χ²_{1,1−α} n² / (T / SHORT_BLOCK_S),   s² = mean (z − z̄)²,
                   n² = min(noise², s²), or w² if the own runs are explained by less than 0 too            (5)
 
 Biases, clocks and the mount of a truth are estimated on each run, and also the start if the run does not begin at
 rest. The error is compared with noise (2). This noise contains the residual of the fit on its runs, and the excess of
 this run's white noise (von Neumann's w). WARN: the model's part of e² is significantly larger than the noise (3), or
-one block fulfils (4). Blocks have BLOCK_S, or SHORT_S if these are few. REFUSED: explained is significantly below 0
-(5). CANNOT TELL: the runs contain too few independent pieces of motion of a command that moved in the fit. α is half
-of FALSE_ALARM_RATE.
+one block fulfils (4). Blocks have BLOCK_S, or SHORT_BLOCK_S if these are few. REFUSED: explained is significantly
+below 0 (5). CANNOT TELL: the runs contain too few independent pieces of motion of a command that moved in the fit. α
+is half of FALSE_ALARM_RATE.
 """
 
 from collections.abc import Sequence
@@ -47,9 +47,9 @@ MAX_SQUARE_RATIO = 2.0  # of error² to noise²: above it more than half of the 
 FALSE_ALARM_RATE = 0.01  # probability of a warning on one channel of one run, for a correct model
 CLIP_RATIO = 10.0  # times the noise, at which an error is clipped: one spike is not an error of the model
 MIN_BLOCK_READINGS = 10  # least number of readings in a block that is used
-# Of 30 drives of SHORT_S * ENOUGH_PIECES, 7 had too few segments of motion. Drives of this duration had enough.
+# Of 30 drives of SHORT_BLOCK_S * ENOUGH_PIECES, 7 had too few segments of motion. Drives of this duration had enough.
 ADVISED_S = 1.5 * SHORT_BLOCK_S * ENOUGH_PIECES
-MIN_BLOCKS = 6  # blocks on both sides; with fewer blocks of BLOCK_S, they have SHORT_S
+MIN_BLOCKS = 6  # blocks on both sides; with fewer blocks of BLOCK_S, they have SHORT_BLOCK_S
 
 
 class ChannelMetrics(NamedTuple):
@@ -304,7 +304,7 @@ def _channel_errors(
 ) -> tuple[_ChannelError, list[_ChannelError]]:
     """Return the residuals of a channel and of its `own_channels` runs, in blocks of BLOCK_S.
 
-    If there are fewer than MIN_BLOCKS blocks, use blocks of SHORT_S if this gives more blocks.
+    If there are fewer than MIN_BLOCKS blocks, use blocks of SHORT_BLOCK_S if this gives more blocks.
     """
     own_residuals = np.concatenate([channel.measured - channel.predicted for channel in own_channels])
     spread, trials = float(np.sqrt(np.nanmean(own_residuals**2))), []
