@@ -5,8 +5,8 @@
 
 A vehicle is included while the standard deviation of its heading is at most MAX_HEADING_STD_RAD. The verdict accounts
 for chance with few vehicles. A requirement is missed only if the whole 95 % interval of a coverage (Wilson 1927) is
-outside the required range. By the same interval, a region is too wide if a clearly smaller region still covers more
-than 95 %.
+outside the required range. By the same interval, a region is too wide if a region MAX_WIDENING times smaller still
+covers more than 95 %.
 """
 
 from collections.abc import Sequence

@@ -4,7 +4,7 @@
     typical ratio    the geometric mean of the ratios of the recordings                                  (2)
 
 A large error has more weight in (1); all recordings have equal weight in (2). The requirements are for (1), and for
-single recordings: their ratio must not be significantly above a limit. A refused fit is not written, and its
+single recordings: their ratio must not be significantly above MAX_SINGLE_RATIO. A refused fit is not written, and its
 recording does not have a requirement.
 """
 

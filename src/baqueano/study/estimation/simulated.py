@@ -7,8 +7,8 @@
 
 Each effect is a parameter of the vehicle (study/truth), the same in both runs. A vehicle is fitted to 40 s of random
 steps, with the free parameters that a user would choose. It is evaluated on 40 s of other steps. An odometer measures
-the rotation of the wheels, with noise of 0.02 m/s. "Not worse" means that the ratio is within the limit for one
-recording (result.py). A refused fit is not written, and its vehicle is not evaluated.
+the rotation of the wheels, with noise of 0.02 m/s. "Not worse" means a ratio of at most ALONE. A refused fit is not
+written, and its vehicle is not evaluated.
 """
 
 from collections.abc import Callable, Sequence
