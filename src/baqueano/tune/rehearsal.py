@@ -7,8 +7,8 @@ the largest cost, and differentiable everywhere:
 
     ∂C = Σ_v (C_v / C)⁷ ∂C_v / V                                                                          (2)
 
-Vehicles are drawn from the covariance of the fit; a delay without a standard deviation is drawn from an interval
-around its value. Many drives run in parallel lanes (symbolic/). A few drives run one after the other, because lanes
+Vehicles are drawn from the covariance of the fit; a delay without a standard deviation is drawn within ±
+DELAY_SPREAD_S. Many drives run in parallel lanes (symbolic/). A few drives run one after the other, because lanes
 take longer to compile.
 """
 
